@@ -20,6 +20,8 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
 from firmware_py.common.record_class import dataclass
 from firmware_py.core.resume import from_text as resume_from_text
+from firmware_py.guidance import berth
+from firmware_py.guidance.tasks import TaskSettings
 from firmware_py.link.nmea.output import open_output
 from firmware_py.link.security.access import Gate, invites_anybody
 from firmware_py.link.security.key_record import KeyState, find_key
@@ -83,6 +85,18 @@ def look_at_parameters(vehicle: Vehicle, directory: Path) -> Iterator[Finding]:
     text = f"{counts['vehicle_file']} set by the vehicle file, {counts['stored']} kept over them, all valid"
     if not problems:
         yield Finding(Level.PASS, "parameters", text, counts)
+    yield from _look_at_watch_circle(parameters_in_force(vehicle, directory, lambda _text: None))
+
+
+def _look_at_watch_circle(parameters: ParameterSet) -> Iterator[Finding]:
+    """Warn of a watch circle that no boat with these model parameters stays in."""
+    settings = TaskSettings.of(parameters)
+    values = {"watch_circle_m": settings.station_radius_m, "held_m": round(berth.held_m(settings), 1)}
+    if settings.station_radius_m < berth.held_m(settings):
+        text = (
+            f"LOIT_RADIUS {settings.station_radius_m:g} m: she holds no less than {values['held_m']:.0f} m in a current"
+        )
+        yield Finding(Level.WARN, "parameters", text, values)
 
 
 def look_at_state(directory: Path) -> Iterator[Finding]:

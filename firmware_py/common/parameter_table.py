@@ -208,7 +208,8 @@ TABLE: tuple[Parameter, ...] = (
         10000.0,
         "m",
         "Radius of the watch circle in which she keeps station, and of circles that a mission gives none; an item of a "
-        "mission keeps that with which it began.",
+        "mission keeps that with which it began. In a current she leaves one smaller than 5 "
+        "turning radii (78 m as delivered) by some 3.5 of them; that is told. A fence nearer than those has it moved.",
     ),
     choice(
         "LOOP_LOCK",

@@ -84,6 +84,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     guidance_events = (
         *mission_events,
         *guidance_reports.fence_events(before.guidance, state.guidance, state.plans),
+        *guidance_reports.circle_events(settings.guidance.tasks, before.guidance, state.guidance),
         *guidance_reports.reckoning_events(
             before.guidance.follower, state.guidance.follower, begins=bool(lost and situation.reckoned_sd_m is not None)
         ),
@@ -137,6 +138,7 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         state.plans,
         state.home,
         position.utc_s(state.position, inputs.tick.t_s),
+        settings.fence_enabled,
     )
     output = guidance.update(settings.guidance, state.guidance, guidance_input)
     if output.state is state.guidance and output.home is None:

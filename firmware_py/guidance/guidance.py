@@ -68,7 +68,10 @@ class GuidanceState:
 
 @dataclass(frozen=True, slots=True)
 class GuidanceInput:
-    """What guidance looks at in a tick; `heading_rad` is None without a heading, `motion` without a position."""
+    """What guidance looks at in a tick; `heading_rad` is None without a heading, `motion` without a position.
+
+    `fence_enabled` is what FENCE_ENABLE says, where nobody has asked otherwise since.
+    """
 
     t_s: float
     heading_rad: float | None
@@ -78,6 +81,7 @@ class GuidanceInput:
     plans: Plans
     home: Home | None
     utc_s: float | None
+    fence_enabled: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +119,7 @@ def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInpu
         state = replace(state, fence=fence.update(state.fence, given.plans.fence, motion.place))
     if modes.mode is Mode.AUTO:
         return _update_mission(settings, state, given, step_s)
-    return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given), motion, step_s))
+    return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given), given, step_s))
 
 
 def take_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> GuidanceState:
@@ -147,9 +151,12 @@ def _enter_mode(state: GuidanceState, modes: ModeState) -> GuidanceState:
 
 
 def _carry_out(
-    settings: GuidanceSettings, state: GuidanceState, task: Task | None, motion: VesselMotion | None, step_s: float
+    settings: GuidanceSettings, state: GuidanceState, task: Task | None, given: GuidanceInput, step_s: float
 ) -> GuidanceState:
-    follower, status = task_follower.update(settings.tasks, state.follower, task, motion, step_s)
+    heeded = given.fence_enabled if state.fence_enabled is None else state.fence_enabled
+    follower, status = task_follower.update(
+        settings.tasks, state.follower, task, given.motion, step_s, given.plans.fence if heeded else None
+    )
     if status is None:
         return state  # without a position what was wanted last stands
     return replace(state, task=task, follower=follower, status=status)
@@ -226,7 +233,7 @@ def _update_mission(
     state = replace(state, mission=progress, reached=output.reached, fence_enabled=fence_enabled)
     task = progress.pause_task if progress.paused else progress.task
     if task is not None:  # None where it is not known yet where to stay: what was wanted last stands
-        state = _carry_out(settings, state, task, motion, step_s)
+        state = _carry_out(settings, state, task, given, step_s)
     return GuidanceOutput(state, home)
 
 

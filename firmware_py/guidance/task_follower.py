@@ -8,10 +8,12 @@ keeps station where she is reckoned to be.
 from __future__ import annotations
 
 from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import Activity
-from firmware_py.guidance import line, orbit, station_keeping
+from firmware_py.guidance import berth, line, orbit, station_keeping
+from firmware_py.guidance.berth import Berth
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.station_keeping import StationKeepingState
@@ -29,7 +31,10 @@ from firmware_py.guidance.tasks import (
 
 @dataclass(frozen=True, slots=True)
 class TaskFollowerState:
-    """How far the task has come: `arrived` at its place once, turns made round it, and where she waits for a fix."""
+    """How far the task has come: `arrived` at its place once, turns made round it, where she waits for a fix.
+
+    `berth`: where her watch circle lies, once she keeps station within a fence.
+    """
 
     task: Task | None = None
     arrived: bool = False
@@ -37,6 +42,7 @@ class TaskFollowerState:
     station: StationKeepingState = StationKeepingState()
     orbit: OrbitState = OrbitState()
     halt: Place | None = None
+    berth: Berth | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +59,14 @@ class TaskStatus:
 
 
 def update(
-    settings: TaskSettings, state: TaskFollowerState, task: Task | None, motion: VesselMotion | None, step_s: float
+    settings: TaskSettings,
+    state: TaskFollowerState,
+    task: Task | None,
+    motion: VesselMotion | None,
+    step_s: float,
+    fence: Plan | None = None,
 ) -> tuple[TaskFollowerState, TaskStatus | None]:
-    """Carry a task out for step_s; a new one begins from where the boat is.
+    """Carry a task out for step_s; a new one begins from where the boat is. `fence` is the one that is heeded.
 
     The status is None, and the state as it was, for a task that needs a position while there is none.
     """
@@ -71,13 +82,18 @@ def update(
     if isinstance(task, Orbit):
         return _orbit(settings, state, task, motion)
     if isinstance(task, GoTo) and not state.arrived:
-        return _go_to(settings, state, task, motion, step_s)
+        return _go_to(settings, state, task, motion, step_s, fence)
     station = task if isinstance(task, HoldStation) else HoldStation(task.place, task.station_radius_m)
-    return _hold_station(settings, state, station, motion)
+    return _hold_station(settings, state, station, motion, fence)
 
 
 def _go_to(
-    settings: TaskSettings, state: TaskFollowerState, task: GoTo, motion: VesselMotion, step_s: float
+    settings: TaskSettings,
+    state: TaskFollowerState,
+    task: GoTo,
+    motion: VesselMotion,
+    step_s: float,
+    fence: Plan | None,
 ) -> tuple[TaskFollowerState, TaskStatus]:
     line_state = state.line or LineState(task.start or motion.place)
     if motion.spread_m > task.acceptance_radius_m:
@@ -85,12 +101,12 @@ def _go_to(
         if motion.place.distance_and_bearing(task.place)[0] <= task.station_radius_m:
             halt = task.place
         if halt is not None:
-            state, waiting = _hold_station(settings, state, HoldStation(halt, task.station_radius_m), motion)
+            state, waiting = _hold_station(settings, state, HoldStation(halt, task.station_radius_m), motion, fence)
             return replace(state, line=line_state, halt=halt, arrived=False), waiting
     line_state, status = line.update(settings, line_state, task, motion, step_s)
     state = replace(state, line=line_state, arrived=status.arrived, halt=None)
     if status.arrived:
-        return _hold_station(settings, state, HoldStation(task.place, task.station_radius_m), motion)
+        return _hold_station(settings, state, HoldStation(task.place, task.station_radius_m), motion, fence)
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
     return state, TaskStatus(
         HeadingTarget(status.course_rad, over_ground=True),
@@ -104,12 +120,15 @@ def _go_to(
 
 
 def _hold_station(
-    settings: TaskSettings, state: TaskFollowerState, task: HoldStation, motion: VesselMotion
+    settings: TaskSettings, state: TaskFollowerState, task: HoldStation, motion: VesselMotion, fence: Plan | None
 ) -> tuple[TaskFollowerState, TaskStatus]:
+    place = berth.update(settings, state.berth, task, fence)
+    if place is not None and place.found:
+        task = place.circle
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
     station, target = station_keeping.update(settings, state.station, task, motion, distance_m)
     arrived = distance_m <= task.radius_m and motion.spread_m <= task.radius_m
-    state = replace(state, station=station, arrived=state.arrived or arrived)
+    state = replace(state, station=station, arrived=state.arrived or arrived, berth=place)
     return state, TaskStatus(target, Activity.STATION, task.centre, task.radius_m, bearing_rad, distance_m)
 
 

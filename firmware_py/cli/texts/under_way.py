@@ -73,6 +73,22 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "a DO_FENCE_ENABLE of the mission asks for a fence, and she has none",
         "send a fence; it is heeded as soon as it is there",
     ),
+    "Watch circle of <radius> m: in a current she holds no less than <radius> m": (
+        "she cannot stop: in a current she leaves so small a circle again and again, by some 3.5 of her turning radii",
+        "`LOIT_RADIUS`, or the radius of the item, no smaller than the second number, where that matters",
+    ),
+    "Circle of <radius> m: too tight, she goes round at <radius> m": (
+        "at full rudder she does not turn so tightly; she goes round on the tightest circle that she can keep",
+        "a larger radius of the item, if the circle matters",
+    ),
+    "Fence is near: watch circle of <radius> m, moved <distance> m inward": (
+        "she swings out of a watch circle by some 3.5 turning radii: it is moved, and made smaller if need be",
+        "choose a place farther from the fence, if it matters where she stays",
+    ),
+    "Fence leaves no room for her watch circle: she may swing over it": (
+        "nowhere near is the fence as wide as she needs to keep station; it may come to `FENCE_BREACHED`",
+        "choose a place where the fence is wider, or widen it",
+    ),
     "Mission complete: keeping station": (
         "the last item is done; she stays near it",
         "send another mission, or a mode",

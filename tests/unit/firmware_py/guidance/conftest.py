@@ -32,9 +32,9 @@ class Float:
         strong = math.hypot(*self.current) > self.speed_m_s
         return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, strong, self.leeway_rad)
 
-    def step(self, task, settings=SETTINGS):
+    def step(self, task, settings=SETTINGS, fence=None):
         motion = self.motion
-        self.follower, self.status = task_follower.update(settings, self.follower, task, motion, 1.0)
+        self.follower, self.status = task_follower.update(settings, self.follower, task, motion, 1.0, fence)
         target = self.status.heading_target
         steer_rad = target.angle_rad
         if target.over_ground:

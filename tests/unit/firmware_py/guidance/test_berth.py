@@ -1,0 +1,178 @@
+"""Where a watch circle lies within a fence, and what is told of one that is not what was asked for."""
+
+import math
+
+import pytest
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.records import Severity
+from firmware_py.common.reports import Activity
+from firmware_py.guidance import berth, fence
+from firmware_py.guidance.guidance import GuidanceState
+from firmware_py.guidance.guidance_reports import circle_events
+from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
+from firmware_py.guidance.tasks import HoldStation, Orbit
+
+INCLUDED, EXCLUDED_CIRCLE = 5001, 5004
+ORIGIN = Place(0.6, 2.0)
+SWING_M = 3.5 * 15.6
+HELD = "in a current she holds no less than 78 m"
+NO_ROOM = "Fence leaves no room for her watch circle: she may swing over it"
+
+
+def item(command, north_m, east_m, param):
+    place = ORIGIN.at_offset(north_m, east_m)
+    x, y = (round(math.degrees(angle) * 1e7) for angle in (place.latitude_rad, place.longitude_rad))
+    return PlanItem(command, 3, True, (float(param), 0.0, 0.0, 0.0), x, y)
+
+
+def polygon(*corners):
+    return tuple(item(INCLUDED, *corner, len(corners)) for corner in corners)
+
+
+def plan(*items):
+    return Plan.of(PlanKind.FENCE, items)
+
+
+def at(north_m, east_m, radius_m=100.0):
+    return HoldStation(ORIGIN.at_offset(north_m, east_m), radius_m)
+
+
+SQUARE = polygon((-500, -500), (500, -500), (500, 500), (-500, 500))
+REEF = item(EXCLUDED_CIRCLE, 0, 0, 20)
+STRAIT = polygon((-60, -2000), (60, -2000), (60, 2000), (-60, 2000))
+# The bight of a horseshoe: across the tongue of land there is water, too.
+HORSESHOE = polygon((-400, -400), (400, -400), (400, 400), (5, 400), (5, -200), (-5, -200), (-5, 400), (-400, 400))
+
+
+def found(settings, task, items):
+    """The berth that is settled upon."""
+    place = None
+    for _ in range(60):
+        place = berth.update(settings, place, task, plan(*items))
+        if place.found:
+            return place
+    raise AssertionError("looks for a place without end")
+
+
+def moved_m(place):
+    return math.hypot(*place.task.centre.offset_m(place.circle.centre))
+
+
+@pytest.mark.parametrize(
+    ("items", "task", "lacking_m"),
+    [
+        (SQUARE, at(0, 0), 0.0),
+        (SQUARE, at(0, 340), 0.0),
+        (SQUARE, at(0, 400), 55.0),
+        (SQUARE, at(20, 500), 155.0),
+        (SQUARE, at(20, 560), 215.0),  # blown out of the fence: back into it
+        (SQUARE, at(0, 450, 20.0), 25.0),  # a circle that is too small to be held
+        (polygon((-500, 0), (0, -500), (500, 0), (0, 500)), at(200, 200), 84.0),
+        ((*SQUARE, REEF), at(0, 60), 115.0),
+    ],
+)
+def test_a_circle_is_moved_inward_by_what_is_lacking(tight, items, task, lacking_m):
+    place = found(tight, task, items)
+    assert place.circle.radius_m == task.radius_m
+    assert fence.margin_m(plan(*items), place.circle.centre) >= task.radius_m + SWING_M
+    assert lacking_m <= moved_m(place) + 1.0 <= 1.03 * lacking_m + 2.0
+
+
+def test_in_a_corner_it_goes_out_of_the_corner(tight):
+    place = found(tight, at(450, 450), SQUARE)
+    assert place.margin_m >= 100.0 + SWING_M
+    assert moved_m(place) <= 160.0
+
+
+@pytest.mark.parametrize(
+    ("items", "task", "radius_m"),
+    [
+        (STRAIT, at(0, 0), 78.0),
+        (STRAIT, at(0, 0, 30.0), 30.0),
+        (SQUARE, at(0, 0, 1000.0), 500.0 - SWING_M),
+    ],
+)
+def test_where_there_is_no_room_it_is_made_smaller_but_not_smaller_than_she_can_hold(tight, items, task, radius_m):
+    place = found(tight, task, items)
+    assert place.circle.radius_m == pytest.approx(radius_m, abs=0.5)
+    assert moved_m(place) < 1.0
+
+
+@pytest.mark.parametrize(("north_m", "east_m"), [(100, 8), (100, 30), (300, 40), (-100, 25)])
+def test_it_is_not_moved_across_land(tight, north_m, east_m):
+    place = found(tight, at(north_m, east_m, 60.0), HORSESHOE)
+    assert place.margin_m > 60.0 + SWING_M
+    assert at(0, 0).centre.offset_m(place.circle.centre)[1] > 5.0
+
+
+def test_who_is_far_outside_stays_there_and_without_a_fence_nothing_moves(tight):
+    assert found(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
+    assert berth.update(tight, None, at(0, 480), None) is None
+    assert berth.update(tight, None, at(0, 480), plan()) is None
+
+
+def test_another_task_or_another_fence_is_looked_at_anew(tight):
+    place = found(tight, at(0, 480), SQUARE)
+    assert berth.update(tight, place, at(0, 480), plan(*SQUARE)) is place
+    assert berth.update(tight, place, at(0, 0), plan(*SQUARE)).circle == at(0, 0)
+    assert berth.update(tight, place, at(0, 480), plan(REEF)).circle == at(0, 480)
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "current"),
+    [(20.0, (0.0, 0.0)), (20.0, (0.0, 0.28)), (100.0, (0.2, -0.2)), (100.0, (0.0, -0.28))],
+)
+def test_near_a_fence_she_stays_within_it(afloat, radius_m, current):
+    margins_m = {}
+    for heeded in (None, plan(*SQUARE)):
+        boat = afloat(east_m=460.0, heading_rad=math.pi, current=current)
+        margins_m[heeded] = math.inf
+        for _ in range(3000):
+            boat.step(at(0, 460, radius_m), fence=heeded)
+            margins_m[heeded] = min(margins_m[heeded], fence.margin_m(plan(*SQUARE), boat.motion.place))
+    assert margins_m[None] < 0.0 < margins_m[plan(*SQUARE)]
+
+
+def told(settings, before, after):
+    return [(event.severity, event.text) for event in circle_events(settings, before, after)]
+
+
+def keeping(task, place=None, activity=Activity.STATION):
+    circle = task if place is None else place.circle
+    status = TaskStatus(activity=activity, target=circle.centre, radius_m=circle.radius_m)
+    return GuidanceState(task=task, follower=TaskFollowerState(berth=place), status=status)
+
+
+def test_a_circle_that_she_cannot_hold_is_told_once(tight):
+    small = keeping(at(0, 0, 20.0))
+    assert told(tight, GuidanceState(), small) == [(Severity.NOTICE, f"Watch circle of 20 m: {HELD}")]
+    assert told(tight, small, small) == []
+    assert told(tight, GuidanceState(), keeping(at(0, 0, 78.0))) == []
+    assert told(tight, GuidanceState(), keeping(at(0, 0, 20.0), activity=Activity.LINE)) == []
+
+
+def test_a_circle_that_is_moved_is_told_once(tight):
+    near = keeping(at(0, 400))
+    moved = keeping(at(0, 400), found(tight, at(0, 400), SQUARE))
+    text = "Fence is near: watch circle of 100 m, moved 56 m inward"
+    assert told(tight, near, moved) == [(Severity.NOTICE, text)]
+    assert told(tight, moved, moved) == []
+    middle = keeping(at(0, 0), found(tight, at(0, 0), SQUARE))
+    assert told(tight, GuidanceState(), middle) == []
+
+
+def test_a_fence_without_room_is_told(tight):
+    shrunk = keeping(at(0, 0), found(tight, at(0, 0), STRAIT))
+    text = "Fence is near: watch circle of 78 m, moved 0 m inward"
+    assert told(tight, keeping(at(0, 0)), shrunk) == [(Severity.NOTICE, text), (Severity.WARNING, NO_ROOM)]
+
+
+def test_a_round_that_is_too_tight_is_told_once(tight):
+    task = Orbit(at(0, 0).centre, 10.0, clockwise=True)
+    status = TaskStatus(activity=Activity.CIRCLE, target=task.centre, radius_m=23.4)
+    round_it = GuidanceState(task=task, status=status)
+    text = "Circle of 10 m: too tight, she goes round at 23 m"
+    assert told(tight, GuidanceState(), round_it) == [(Severity.NOTICE, text)]
+    assert told(tight, round_it, round_it) == []
