@@ -91,12 +91,10 @@ def look_at_parameters(vehicle: Vehicle, directory: Path) -> Iterator[Finding]:
 def _look_at_watch_circle(parameters: ParameterSet) -> Iterator[Finding]:
     """Warn of a watch circle that no boat with these model parameters stays in."""
     settings = TaskSettings.of(parameters)
-    values = {"watch_circle_m": settings.station_radius_m, "held_m": round(berth.held_m(settings), 1)}
-    if settings.station_radius_m < berth.held_m(settings):
-        text = (
-            f"LOIT_RADIUS {settings.station_radius_m:g} m: she holds no less than {values['held_m']:.0f} m in a current"
-        )
-        yield Finding(Level.WARN, "parameters", text, values)
+    circle_m, held_m = settings.station_radius_m, berth.held_m(settings)
+    if circle_m < held_m:
+        text = f"LOIT_RADIUS {circle_m:g} m: in a current she holds no less than {held_m:.0f} m"
+        yield Finding(Level.WARN, "parameters", text, {"radius_m": circle_m, "held_m": round(held_m, 1)})
 
 
 def look_at_state(directory: Path) -> Iterator[Finding]:

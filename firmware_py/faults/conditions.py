@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from firmware_py.common.records import DeviceState
 from firmware_py.faults.fault import Fault
 from firmware_py.faults.row import FaultInput, exceeds
 
@@ -22,6 +23,11 @@ def supply_is_low(tick: FaultInput) -> bool:
     """Whether the voltage at the servo is below its limit."""
     factor = FULLER if tick.is_set(Fault.SUPPLY_LOW) else 1.0
     return tick.supply_v is not None and tick.supply_v < tick.supply_low_v * factor
+
+
+def storage_is_full(tick: FaultInput) -> bool:
+    """Whether the disk has too little room; while it fails nobody knows, as before."""
+    return tick.storage is DeviceState.FULL or (tick.storage is DeviceState.FAULTY and tick.is_set(Fault.STORAGE_FULL))
 
 
 def battery_is_below(tick: FaultInput, fault: Fault, least_charge: float, least_v: float) -> bool:

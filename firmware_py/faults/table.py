@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from firmware_py.common.records import DeviceState, Severity
-from firmware_py.faults.conditions import servo_is_hot, supply_is_low
+from firmware_py.faults.conditions import servo_is_hot, storage_is_full, supply_is_low
 from firmware_py.faults.fault import Fault
 from firmware_py.faults.power_rows import POWER
 from firmware_py.faults.row import Action, FaultRow, exceeds, within
@@ -216,8 +216,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         arming="supply voltage is low",
     ),
     Fault.STORAGE_FULL: FaultRow(
-        condition="less than LOG_FREE_MB are free on the disk of the state directory",
-        stands=lambda tick: tick.storage is DeviceState.FULL,
+        condition="less than LOG_FREE_MB are free on the disk of the state directory; stays while that fails",
+        stands=storage_is_full,
         debounce_s=2.0,
         clear_s=10.0,
         severity=Severity.WARNING,

@@ -119,6 +119,13 @@ def test_what_is_stored_is_counted_and_what_is_damaged_or_of_no_use_is_warned_of
     assert any("resume.state left out" in text for text in texts)
 
 
+def test_a_watch_circle_that_she_cannot_hold_is_warned_of(check, state):
+    store(state, parameters_param="LOIT_RADIUS 20\n")
+    (valid, circle) = check()["parameters"]
+    assert (valid["level"], circle["level"], circle["held_m"]) == ("pass", "warn", 78.0)
+    assert circle["text"] == "LOIT_RADIUS 20 m: in a current she holds no less than 78 m"
+
+
 def test_a_key_that_was_lost_fails_and_one_that_others_read_is_warned_of(check, state):
     (state / "signing.key.0").write_text("spoiled")
     (state / "signing.key.0").chmod(0o644)

@@ -114,6 +114,13 @@ def test_a_limit_lies_further_back_once_its_fault_is_set(fault, kept, gone):
     assert standing(**gone, faults=1 << fault) == []
 
 
+def test_a_disk_that_was_full_and_then_fails_has_not_got_room_again():
+    both = sum(1 << fault for fault in (Fault.STORAGE_FULL, Fault.STORAGE_FAILING))
+    assert standing(storage=DeviceState.FAULTY) == [Fault.STORAGE_FAILING]
+    assert set(standing(storage=DeviceState.FAULTY, faults=both)) == {Fault.STORAGE_FULL, Fault.STORAGE_FAILING}
+    assert standing(storage=DeviceState.RUNNING, faults=both) == []
+
+
 LOW_AND_CRITICAL = [Fault.BATTERY_LOW, Fault.BATTERY_CRITICAL]
 
 
