@@ -139,8 +139,8 @@ def _run(words: list[str], wanted: str | None) -> int:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     try:
         if wanted == "run":
-            _want_memory()
             _take_dialect()
+            _want_memory()
         for name, (module_name, text) in COMMANDS.items():
             command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
             if name == wanted:
