@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -13,11 +15,16 @@ from typing import IO, Self
 TAIL_BYTES = 4096
 TAIL_LINES = 5
 SHUT_DOWN = 10  # its exit code when a station has told it to end (docs/reference/command-line.md)
+LOOK_S = 0.02
 GRACE_S = 4.0  # it brings the rudder amidships and writes out its log
 
 
 class AutopilotProcess:
-    """`rambler run` in the background, its words in a log file; a context that leaves no process behind."""
+    """`rambler run` in the background, its words in a log file; a context that leaves no process behind.
+
+    Its end is looked for without Popen.poll and Popen.wait: an interrupt that comes right after they have taken
+    their lock leaves it taken, and the next wait never ends.
+    """
 
     def __init__(self, arguments: Sequence[str], log_path: Path) -> None:
         """Start `rambler run` with these arguments, to end with this process however it ends."""
@@ -48,32 +55,46 @@ class AutopilotProcess:
         if not self.wait(GRACE_S):
             self.kill()
         self._log.close()
+        self._process.wait()  # it has ended: this only takes it off the list of processes
 
     def running(self) -> bool:
         """Whether the process is alive."""
-        return self._process.poll() is None
+        return self.exit_code() is None
 
     def exit_code(self) -> int | None:
-        """The exit code, or None while it runs."""
-        return self._process.poll()
+        """The exit code, less than 0 for the signal that has ended it, or None while it runs."""
+        return self._end(os.WNOHANG)
 
     def terminate(self) -> None:
         """Ask it to end in good order."""
-        if self.running():
-            self._process.terminate()
+        self._send(signal.SIGTERM)
 
     def kill(self) -> None:
         """End it as a power cut does."""
-        self._process.kill()
-        self._process.wait()
+        self._send(signal.SIGKILL)
+        self._end()
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for the end; False when it has not come in time."""
-        try:
-            self._process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            return False
+        give_up_s = time.monotonic() + timeout_s
+        while self.running():
+            if time.monotonic() > give_up_s:
+                return False
+            time.sleep(LOOK_S)
         return True
+
+    def _end(self, options: int = 0) -> int | None:
+        """Its exit code, as often as one asks for it; the process stays on the list until the context ends."""
+        if (code := self._process.returncode) is not None:
+            return code
+        ended = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT | options)
+        if ended is None:
+            return None
+        return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
+
+    def _send(self, number: signal.Signals) -> None:
+        if self._process.returncode is None:  # its number is still its own
+            os.kill(self._process.pid, number)
 
     def last_words(self) -> str:
         """The last lines it wrote, in one line."""

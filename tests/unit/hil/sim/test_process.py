@@ -44,3 +44,23 @@ def test_nothing_is_left_behind_even_when_it_will_not_go(script, monkeypatch):
         assert not process.wait(0.1)
     assert not process.running()
     assert process.exit_code() == -9
+
+
+def test_an_interrupt_while_one_looks_for_the_end_does_not_hang_the_end(script):
+    """Whoever is interrupted inside of Popen.poll may leave its lock taken: one run in thousands never ended."""
+    log = script("import time\ntime.sleep(60)")
+
+    def look_until_interrupted(frame, event, called):
+        if event == "c_return" and called.__name__ in {"acquire", "waitid"}:
+            sys.setprofile(None)
+            raise KeyboardInterrupt
+
+    with AutopilotProcess([], log) as process:
+        sys.setprofile(look_until_interrupted)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                process.running()
+        finally:
+            sys.setprofile(None)
+        process.kill()
+        assert process.exit_code() == -9
