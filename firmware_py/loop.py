@@ -91,18 +91,20 @@ class LoopParts:
 
 
 def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
-    """Turn the loop until stopped or asked to restart; whatever ends it, the rudder is made safe first."""
+    """Turn the loop until stopped or asked to restart; whatever ends it, the rudder is made safe first.
+
+    The tick after a stop is still done: its log, and who hears her, shall know an end in good order from a power cut.
+    """
     clock = parts.clock
     metronome = Metronome(clock.now_s(), parts.autopilot.parameters()["LOOP_RATE_HZ"])
     index = skipped = 0
-    link_busy = False
+    link_busy, ended = False, stopped()
     collect_s = clock.now_s() + COLLECT_INTERVAL_S
     parts.autopilot.keep_resume(clock.now_s(), clock.utc_s())
     try:
-        while not stopped() and parts.autopilot.restart is None:
+        while not ended and parts.autopilot.restart is None:
             link_busy = _serve_until_deadline(parts, metronome, link_busy)
-            if stopped():
-                break
+            ended = stopped()
             now_s, due_s = clock.now_s(), metronome.deadline_s
             tick = Tick(index, min(now_s, due_s), max(0.0, now_s - due_s), skipped, metronome.rate_hz)
             newest = _tick(parts, tick)

@@ -20,7 +20,7 @@ Handler = Callable[[int, FrameType | None], None] | signal.Handlers
 class Act(Enum):
     """What is done; the text is that of the reference page."""
 
-    STOP = "makes the rudder safe and ends, exit code 0"
+    STOP = "told and logged, makes the rudder safe and ends, exit code 0"
     SAIL_ON = "sails on, told once"
     IGNORE = "sails on"
 
@@ -71,7 +71,9 @@ class Signals:
         """Hand over what is to be told of the signals since the last call."""
         return tuple(_event(self._told.popleft()) for _ in range(len(self._told)))
 
-    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+    def _stop(self, number: int, _frame: FrameType | None) -> None:
+        if not self.stopping:  # the first is what ends her
+            self._told.append(number)
         self.stopping = True
 
     def _sail_on(self, number: int, _frame: FrameType | None) -> None:
@@ -84,5 +86,8 @@ def _event(number: int) -> Event:
         name = signal.Signals(number).name
     except ValueError:
         name = f"SIGRTMIN+{number - signal.SIGRTMIN}"
-    reason = REASONS.get(signal.Signals(number)) if number in TABLE else None
-    return Event(Severity.WARNING, f"{name}: {reason or 'it means nothing here'}, she sails on")
+    known = signal.Signals(number) if number in TABLE else None
+    if known is not None and TABLE[known] is Act.STOP:
+        return Event(Severity.WARNING, f"{name}: she ends, the rudder goes amidships")
+    reason = "it means nothing here" if known is None else REASONS.get(known, "it means nothing here")
+    return Event(Severity.WARNING, f"{name}: {reason}, she sails on")

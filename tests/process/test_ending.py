@@ -155,6 +155,21 @@ def test_signals_that_mean_nothing_do_not_end_or_halt_her(make_boat):
     boat.finish()
 
 
+def test_the_last_tick_says_what_has_ended_her_and_a_killed_one_has_no_such_line(make_boat):
+    text = "SIGTERM: she ends, the rudder goes amidships"
+    boat = make_boat()
+    boat.start()
+    boat.under_way(GUIDED)
+    boat.kill()
+    assert text.encode() not in boat.logs()[-1].read_bytes()
+    boat.start()
+    boat.run(3.0)
+    (*_, log) = boat.finish()
+    assert text.encode() in log.read_bytes()
+    assert text in boat.words()
+    assert boat.texts_since(0.0)[-1] == text
+
+
 def test_other_signals_that_end_her_make_the_rudder_safe_too(make_boat):
     boat = in_the_turn(make_boat(goals=TURN))
     for _ in range(2):

@@ -127,6 +127,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "an old receiver counts 1024 weeks and begins again; its date is mended here",
         "nothing; new firmware of the receiver cures it",
     ),
+    "<signal>: she ends, the rudder goes amidships": (
+        "somebody on the computer, or its service manager, ends her; a log whose last tick does not say so was cut off",
+        "to go on: `systemctl start rambler`; she takes her task up again",
+    ),
     "<signal>: <why>, she sails on": (
         "somebody on the computer has sent a signal that is not to end her",
         "to end her: `systemctl stop rambler`, or SIGTERM",

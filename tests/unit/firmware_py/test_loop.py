@@ -246,8 +246,9 @@ def boat():
 
 
 def turn(boat, seconds):
-    end_s = boat.clock.t_s + seconds
-    run(boat, lambda: boat.clock.t_s >= end_s - 1e-9)
+    # The tick after the stop is done.
+    last_s = boat.clock.t_s + seconds - 1.0 / boat.autopilot.parameters()["LOOP_RATE_HZ"]
+    run(boat, lambda: boat.clock.t_s >= last_s - 1e-9)
 
 
 def ticks(boat):

@@ -40,7 +40,10 @@ def test_no_signal_is_left_to_the_kernel_that_would_end_or_halt_her():
 
 @pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Act.STOP])
 def test_what_ends_her_in_good_order(number):
-    assert sent(number, number) == (True, [])
+    stopping, (told,) = sent(number, number)
+    assert stopping
+    assert told == f"{number.name}: she ends, the rudder goes amidships"
+    assert len(told) <= 50
     assert signal.getsignal(number) is signal.SIG_IGN  # one that comes late does not change the exit code
 
 
