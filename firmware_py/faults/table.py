@@ -75,6 +75,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         condition="the log or the store cannot be written",
         stands=lambda tick: tick.storage is DeviceState.FAULTY,
         debounce_s=2.0,
+        clear_s=5.0,  # what could not be written is tried again now and then, and is well in between
         severity=Severity.WARNING,
         text="Storage fails: log or settings are not kept",
         recovery="Storage works again",

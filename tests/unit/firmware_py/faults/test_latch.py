@@ -10,12 +10,12 @@ from firmware_py.faults.page import markdown
 from firmware_py.faults.table import TABLE, Fault
 
 
-def run(conditions_at):
-    """Yield (time, set faults, events) while the conditions of Fault.RUDDER_ERROR follow a script."""
+def run(conditions_at, fault=Fault.RUDDER_ERROR):
+    """Yield (time, whether it is set, events) while the condition of a fault follows a script."""
     state = LatchState()
     for t_s, stands in conditions_at:
-        state, events = update(state, [fault is Fault.RUDDER_ERROR and stands for fault in TABLE], t_s)
-        yield t_s, state.is_set(Fault.RUDDER_ERROR), events
+        state, events = update(state, [one is fault and stands for one in TABLE], t_s)
+        yield t_s, state.is_set(fault), events
 
 
 def test_a_fault_is_set_after_its_debounce_and_told_once():
@@ -24,6 +24,12 @@ def test_a_fault_is_set_after_its_debounce_and_told_once():
     told = [(t_s, event.severity, event.text) for t_s, _, events in seen for event in events]
     row = TABLE[Fault.RUDDER_ERROR]
     assert told == [(1.31, row.severity, row.text), (3.0, Severity.NOTICE, row.recovery)]
+
+
+def test_a_disk_that_fails_by_turns_fails_all_the_while():
+    falters = [(0.2 * tick, tick % 20 < 12) for tick in range(500)]  # 2.4 s of it, then 1.6 s well
+    told = [event.text for _, _, events in run(falters, Fault.STORAGE_FAILING) for event in events]
+    assert told == [TABLE[Fault.STORAGE_FAILING].text]
 
 
 def test_a_short_condition_is_not_a_fault():
