@@ -52,8 +52,9 @@ class PendingCommand:
     def begin(self, now_s: float, done: Callable[[Answer], None]) -> None:
         """Say who is to be told of the end, at once if it has come already."""
         self._begun_s, self._word_s = now_s, now_s + FIRST_WORD_S
-        self._done = done
-        if self._answer is not None:
+        if self._answer is None:
+            self._done = done
+        else:
             done(self._answer)
 
     @property
@@ -65,8 +66,11 @@ class PendingCommand:
         """End it; only the first end counts."""
         if self._answer is None:
             self._answer = answer
-            if self._done is not None:
-                self._done(answer)
+            # Who is told knows this command: kept, the two would hold each other until the next collection, and a
+            # flood of commands would fill the memory with them.
+            done, self._done = self._done, None
+            if done is not None:
+                done(answer)
 
     def cancel(self) -> bool:
         """CommandCall it off; False when that cannot be done any more."""

@@ -1,5 +1,7 @@
 """What is acknowledged is there after a restart: commands, waypoints and items wait for the disk, steering does not."""
 
+import gc
+
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -61,6 +63,24 @@ def test_a_disk_that_is_slow_does_not_keep_anybody_from_commanding(slow):
     for stored in slow.request_handler.waiting:
         stored(True)
     assert acks(slow.said()) == [(ACCEPTED, KEPT)] * 2
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_one_that_is_done_leaves_nothing_for_the_collector(slow, at_once):
+    """She collects once a minute: until then a flood of commands grew the memory by .8 MiB a second."""
+    slow.request_handler.orders_at_once = at_once
+    slow.command(ARM, 1.0)
+    gc.collect()
+    gc.disable()
+    try:
+        slow.command(ARM, 0.0)
+        while slow.request_handler.waiting:
+            slow.request_handler.waiting.pop()(True)
+        assert acks(slow.said()) or at_once
+        found = gc.collect()
+    finally:
+        gc.enable()
+    assert found == 0
 
 
 def test_one_that_waits_long_says_so_and_in_the_end_that_it_is_done_and_may_be_forgotten(slow, texts):
