@@ -107,7 +107,7 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
             ended = stopped()
             now_s, due_s = clock.now_s(), metronome.deadline_s
             tick = Tick(index, min(now_s, due_s), max(0.0, now_s - due_s), skipped, metronome.rate_hz)
-            newest = _tick(parts, tick)
+            newest = _tick(parts, tick, last=ended)
             now_s = clock.now_s()
             _show_life(parts, now_s)
             parameters = parameters_in_force(parts.autopilot.state)
@@ -126,8 +126,12 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
     parts.autopilot.keep_resume(clock.now_s(), clock.utc_s(), last=True)
 
 
-def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
-    """Do one tick, the rudder before all that can wait; return the newest heading sample, if any."""
+def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
+    """Do one tick, the rudder before all that can wait; return the newest heading sample, if any.
+
+    The last one takes up no port that was away: where that is a pty of a harness that ended first, its number may be
+    another's by now, who would find it in use.
+    """
     clock, now_s = parts.clock, tick.t_s + tick.late_s
     for device in parts.devices[1:] if parts.heard else parts.devices:
         device.receive(now_s)
@@ -163,7 +167,7 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
         parts.vessels.receive(now_s)
     for event in output.events:
         parts.show_event(event)
-    for line in parts.lines:
+    for line in () if last else parts.lines:
         line.reopen(now_s)
     parts.samples += len(inputs.headings) + len(inputs.positions) + len(inputs.rudder)
     parts.health.update(parts.reporting, (parts.store, parts.recorder), clock, parts.link, now_s)

@@ -38,6 +38,8 @@ def boat(tmp_path, boot, free_ports):
         os.utime(log_path(tmp_path, number), (1_700_000_000 + number, 1_700_000_000 + number))
     (port,) = free_ports(["udpout"])
     program = boot("boat", f"udpout:127.0.0.1:{port}")
+    # The thin log begins on the writer's own thread, on a slow computer after a client's first look.
+    program.wait_for((log_path(tmp_path, 1).parent / "thin").is_dir, "no thin log")
     yield port
     program.send_signal(signal.SIGTERM)
     assert program.exit_code() == 0

@@ -285,6 +285,26 @@ def test_a_stall_is_skipped_in_phase_and_reported(boat):
     assert ticks(boat)[-1].t_s == pytest.approx(round(ticks(boat)[-1].t_s, 1))
 
 
+class FakeLine:
+    """A port that is away: when it was tried again."""
+
+    written = 0
+
+    def __init__(self):
+        self.tried_s = []
+
+    def reopen(self, now_s):
+        self.tried_s.append(now_s)
+
+
+def test_the_tick_after_a_stop_takes_up_no_port(boat):
+    """A harness that is killed leaves paths of ptys, which are another's when her last tick comes."""
+    line = FakeLine()
+    boat.lines = [line]
+    turn(boat, 1.0)
+    assert line.tried_s == [tick.t_s + tick.late_s for tick in ticks(boat)[:-1]]
+
+
 @pytest.mark.parametrize("where", ["service", "publish", "store"])
 def test_a_mistake_in_the_link_does_not_end_the_loop_and_is_told(boat, where):
     explained, mistakes = [], iter([KeyError("inside")])
