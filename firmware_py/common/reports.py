@@ -104,15 +104,17 @@ class Navigation:
 class HeadingEstimate:
     """What the filter gives to steer by: heading and yaw rate without the yaw of the waves, and how the boat answers.
 
-    `bias_rad` is the rudder angle at which the boat runs straight, `speed_m_s` that through the water,
-    `turning_factor` by what the boat turns better than its model says, `correction_rad2_s` the variance in a second by
-    which measurements move the heading to and fro; `_sd_`: standard deviation.
+    `bias_rad` is the rudder angle at which the boat runs straight, `bias_mean_rad` the mean that it wanders about,
+    `speed_m_s` the speed through the water, `turning_factor` by what the boat turns better than its model says,
+    `correction_rad2_s` the variance in a second by which measurements move the heading to and fro; `_sd_`: standard
+    deviation.
     """
 
     heading_rad: float
     correction_rad2_s: float
     yaw_rate_rad_s: float
     bias_rad: float
+    bias_mean_rad: float
     speed_m_s: float
     speed_sd_m_s: float
     turning_factor: float

@@ -15,8 +15,8 @@ class HeadingControllerInput:
 
     `error_rad` is the goal less the heading, positive to starboard; on a turn the long way it stays at
     half a turn. `estimate` is None while the plain observer knows heading and yaw rate alone.
-    `command_rad` is the rudder command of the tick before. `softness`: by what factor the helm is to be softer than
-    as delivered, 1 or more.
+    `command_rad` is the rudder command of the tick before. `softness`: by what factor the helm's crossover is to
+    be bounded lower than as delivered, 1 or more.
     """
 
     error_rad: float

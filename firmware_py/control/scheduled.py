@@ -82,11 +82,15 @@ def update(
 
 
 def followed_bias(bias_rad: float | None, given: HeadingControllerInput) -> float | None:
-    """Return the rudder bias that a softened helm steers by, which follows the estimate; None: the estimate itself."""
+    """Return the rudder bias that a softened helm steers by, which follows the estimate; None: the estimate itself.
+
+    It begins with the mean: while she swings the estimate swings with her, by as much as 14 deg, and a soft helm that
+    began there would lie as far beside the goal, for ten minutes.
+    """
     if given.estimate is None or given.softness <= 1.0:
         return None
     if bias_rad is None:
-        return given.estimate.bias_rad
+        return given.estimate.bias_mean_rad
     part = -math.expm1(-given.step_s / (SLOWER_BIAS_S * (given.softness - 1.0)))
     return bias_rad + part * (given.estimate.bias_rad - bias_rad)
 
@@ -144,7 +148,7 @@ def scheduled_demand(
         left_rad = wrap_pi(left_rad)
     reference = reference_model.update(ship, reference, left_rad, estimate.heading_rad, step_s, softness)
     correction_rad2_s = estimate.correction_rad2_s
-    stiffness = stiffness_of(ship, correction_rad2_s, settings.price) / softness
+    stiffness = stiffness_of(ship, correction_rad2_s, settings.price, softness=softness)
     off_rad = wrap_pi(reference.heading_rad - estimate.heading_rad)
     feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, estimate.yaw_rate_rad_s - reference.yaw_rate_rad_s)
     demand_rad = ship.bias_rad + reference.feedforward_rad + feedback_rad

@@ -45,11 +45,14 @@ class HelmConstants:
 DELIVERED: Final = HelmConstants()
 
 
-def stiffness_of(ship: Ship, correction_rad2_s: float, price: float, constants: HelmConstants = DELIVERED) -> float:
-    """Return the rudder angle per angle of heading error."""
+def stiffness_of(
+    ship: Ship, correction_rad2_s: float, price: float, constants: HelmConstants = DELIVERED, softness: float = 1.0
+) -> float:
+    """Return the rudder angle per angle of heading error; of a softened helm the crossover is bounded so much lower."""
     walk_rad = math.sqrt(clamp(correction_rad2_s, SOFTEST_RAD2_S, CORRECTIONS_RAD2_S[1]) / price)
     by_ship = math.exp(3.0 / 7.0 * math.log1p(ship.turning_lag_s / ship.turning_ability_1_s - 1.0))
-    return min(constants.stiffness * walk_rad * by_ship, constants.crossover_rad_s / ship.turning_ability_1_s)
+    most = constants.crossover_rad_s / (ship.turning_ability_1_s * softness)
+    return min(constants.stiffness * walk_rad * by_ship, most)
 
 
 def band_of(correction_rad2_s: float, stiffness: float, price: float, constants: HelmConstants = DELIVERED) -> float:

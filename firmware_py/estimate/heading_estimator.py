@@ -232,6 +232,7 @@ def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimator
         correction_rad2_s=max(2.0 * waves.covariance(kalman.HEADING, kalman.RATE), 0.0),
         yaw_rate_rad_s=heading.yaw_rate_rad_s,
         bias_rad=waves.x[kalman.BIAS],
+        bias_mean_rad=waves.x[kalman.BIAS_MEAN],
         speed_m_s=waves.x[kalman.SPEED],
         speed_sd_m_s=waves.spread(kalman.SPEED),
         turning_factor=waves.x[kalman.FACTOR],

@@ -46,8 +46,8 @@ SOFTEST_RAD2_S = radians(0.08) ** 2
 
 # What the helm knows in a tick.
 (E_HEADING, E_CORRECTION, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR,
- M_K, M_T, M_ALPHA, M_SPEED, LIMIT, TRIM, E_HEADING_SD) = range(14)  # fmt: skip
-KNOWN = 14
+ M_K, M_T, M_ALPHA, M_SPEED, LIMIT, TRIM, E_HEADING_SD, E_BIAS_MEAN) = range(15)  # fmt: skip
+KNOWN = 15
 # What it remembers; NaN stands for None.
 REF_HEADING, REF_RATE, FEEDFORWARD, FOLLOWED_BIAS = range(4)
 HELM_STATES = 4
@@ -63,11 +63,11 @@ def walk_of(correction_rad2_s: Lanes) -> Lanes:
 
 
 @compiled
-def stiffness_of(law: Rows, ability_1_s: Lanes, lag_s: Lanes, correction_rad2_s: Lanes) -> Lanes:
+def stiffness_of(law: Rows, ability_1_s: Lanes, lag_s: Lanes, correction_rad2_s: Lanes, softness: Lanes) -> Lanes:
     """Return the rudder angle per angle of heading error (stiffness.py)."""
     walk_rad = math.sqrt(within(correction_rad2_s, SOFTEST_RAD2_S, CORRECTIONS_RAD2_S[1]) / law[PRICE])
     by_ship = math.exp(3.0 / 7.0 * math.log1p(lag_s / ability_1_s - 1.0))
-    return least(law[STIFFNESS] * walk_rad * by_ship, law[CROSSOVER_RAD_S] / ability_1_s)
+    return least(law[STIFFNESS] * walk_rad * by_ship, law[CROSSOVER_RAD_S] / (ability_1_s * softness))
 
 
 @compiled
@@ -146,14 +146,16 @@ def advance_reference(
 
 
 @compiled
-def follow_bias(law: Rows, state: Rows, bias_rad: Lanes, step_s: Lanes, softness: Lanes) -> Lanes:
-    """Return the bias that the helm counts with, which a soft one follows slowly."""
+def follow_bias(
+    law: Rows, state: Rows, bias_rad: Lanes, mean_rad: Lanes, step_s: Lanes, softness: Lanes
+) -> Lanes:
+    """Return the bias that the helm counts with, which a soft one follows slowly, from the mean on."""
     if not any_of(softness > 1.0):
         state[FOLLOWED_BIAS] = np.nan
         return bias_rad
     part = -math.expm1(-step_s / (law[SLOWER_BIAS_S] * (softness - 1.0)))
     before_rad = state[FOLLOWED_BIAS]
-    followed_rad = where(math.isnan(before_rad), bias_rad, before_rad + part * (bias_rad - before_rad))
+    followed_rad = where(math.isnan(before_rad), mean_rad, before_rad + part * (bias_rad - before_rad))
     state[FOLLOWED_BIAS] = where(softness <= 1.0, np.nan, followed_rad)
     return where(softness <= 1.0, bias_rad, followed_rad)
 
@@ -163,7 +165,7 @@ def steer(
     law: Rows, state: Rows, e: Rows, error_rad: Lanes, command_rad: Lanes, step_s: Lanes, softness: Lanes
 ) -> Lanes:
     """Return the rudder asked for (scheduled.update)."""
-    e[E_BIAS] = follow_bias(law, state, e[E_BIAS], step_s, softness)
+    e[E_BIAS] = follow_bias(law, state, e[E_BIAS], e[E_BIAS_MEAN], step_s, softness)
     stopped = (e[E_SPEED] + e[E_SPEED_SD] < law[WAY_MIN]) & (abs(error_rad) <= law[TURNING_RAD])
     anew = stopped | math.isnan(state[REF_HEADING])
     state[REF_HEADING] = where(anew, e[E_HEADING], state[REF_HEADING])
@@ -181,7 +183,7 @@ def steer(
     state[REF_HEADING] = where(stopped, state[REF_HEADING], reference[0])
     state[REF_RATE] = where(stopped, state[REF_RATE], reference[1])
     state[FEEDFORWARD] = where(stopped, state[FEEDFORWARD], reference[2])
-    stiffness = stiffness_of(law, ability, lag_s, e[E_CORRECTION]) / softness
+    stiffness = stiffness_of(law, ability, lag_s, e[E_CORRECTION], softness)
     off_rad = wrap_pi(state[REF_HEADING] - e[E_HEADING])
     rate_gain_s = (math.sqrt(1.0 + 2.0 * ability * lag_s * stiffness) - 1.0) / ability
     rate_max_rad_s = steady_yaw_rate(limit_rad, ability, norrbin)

@@ -126,7 +126,8 @@ def know(crew: Crew, on: Lanes) -> None:
     e[helm.E_HEADING], e[helm.E_RATE] = own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S]
     e[helm.E_CORRECTION] = most(2.0 * lanes_of(p, kalman.place(kalman.HEADING, kalman.RATE)), 0.0)
     e[helm.E_HEADING_SD] = math.sqrt(lanes_of(p, kalman.HEADING * COLUMNS + kalman.HEADING))
-    e[helm.E_BIAS], e[helm.E_SPEED] = x[kalman.BIAS], x[kalman.SPEED]
+    e[helm.E_BIAS], e[helm.E_BIAS_MEAN] = x[kalman.BIAS], x[kalman.BIAS_MEAN]
+    e[helm.E_SPEED] = x[kalman.SPEED]
     e[helm.E_SPEED_SD] = math.sqrt(lanes_of(p, kalman.SPEED * COLUMNS + kalman.SPEED))
     e[helm.E_FACTOR] = x[kalman.FACTOR]
 

@@ -48,6 +48,17 @@ def test_the_helm_bears_five_seconds_of_delay_at_any_speed_price_and_knowledge(t
     assert delay_margin_s(ship, stiffness) > 5.0
 
 
+@given(speeds, corrections, prices, st.floats(1.0, 8.0))
+def test_a_softened_helm_bears_as_many_times_the_delay_and_is_never_softer_than_that_takes(
+    times, correction, price, softness
+):
+    """Divided by the softness, the stiffness in a calm let each degree of trim cost four of heading."""
+    ship = at(times)
+    stiff, soft = (stiffness_of(ship, correction, price, softness=one) for one in (1.0, softness))
+    assert soft == min(stiff, DELIVERED.crossover_rad_s / (ship.turning_ability_1_s * softness))
+    assert delay_margin_s(ship, soft) > 5.0 * softness
+
+
 def test_the_helm_is_stiffer_where_the_ship_is_slower_and_more_is_seen_and_softer_where_travel_is_dear():
     stiffness = stiffness_of(SHIP, SEA, 1.0)
     assert stiffness_of(at(0.5), SEA, 1.0) == pytest.approx(2.0 ** (6.0 / 7.0) * stiffness)

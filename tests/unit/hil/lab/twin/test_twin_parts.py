@@ -127,16 +127,17 @@ spread, correction = st.floats(0.0005, 0.3), st.floats(0.0, 0.002)
 @given(
     st.floats(0.0, 6.28), correction, st.floats(-0.3, 0.3), st.floats(-0.5, 0.5), st.floats(0.05, 2.0), spread,
     st.floats(0.5, 2.0), st.floats(-3.2, 3.2), st.floats(-0.5, 0.5), st.floats(1.0, 8.0), st.floats(0.0, 6.28),
+    st.booleans(),
 )  # fmt: skip
 def test_the_helm_steers_as_the_firmware_does(
-    heading, shown, rate, bias, speed, speed_sd, factor, error, command, soft, ref
+    heading, shown, rate, bias, speed, speed_sd, factor, error, command, soft, ref, softened
 ):
     parameters = PARAMETERS.replaced("CTL_PRICE", 1.5).replaced("CTL_TRIM_DEG", 2.0)
-    known = HeadingEstimate(heading, shown, rate, bias, speed, speed_sd, factor)
-    state = HeadingControllerState(Reference(ref, 0.3 * rate, 0.1), 0.02 if soft > 1.0 else None)
+    known = HeadingEstimate(heading, shown, rate, bias, 0.6 * bias, speed, speed_sd, factor)
+    state = HeadingControllerState(Reference(ref, 0.3 * rate, 0.1), 0.02 if soft > 1.0 and softened else None)
     given_input = HeadingControllerInput(error, rate, known, command, 0.1, soft)
     after, wanted = scheduled.update(scheduled.ScheduledSettings.of(parameters), state, given_input)
-    ours, e = np.array([ref, 0.3 * rate, 0.1, 0.02 if soft > 1.0 else np.nan]), np.zeros(helm.KNOWN)
+    ours, e = np.array([ref, 0.3 * rate, 0.1, 0.02 if soft > 1.0 and softened else np.nan]), np.zeros(helm.KNOWN)
     boat = sailing.boat_of(parameters)
     e[: helm.E_HEADING_SD] = (
         heading,
@@ -150,6 +151,7 @@ def test_the_helm_steers_as_the_firmware_does(
         boat.limit_rad,
         boat.trim_rad,
     )
+    e[helm.E_BIAS_MEAN] = 0.6 * bias
     found = helm.steer(sailing.law_of(parameters), ours, e, error, command, 0.1, soft)
     assert found == (command if wanted is None else wanted)
     assert tuple(ours[:3]) == (
