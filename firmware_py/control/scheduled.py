@@ -28,12 +28,12 @@ from firmware_py.control import reference_model
 from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.control.reference_model import Reference, Ship
 from firmware_py.control.s_surface import Gains, rudder_demand
-from firmware_py.control.stiffness import band_of, stiffness_of
+from firmware_py.control.stiffness import band_of, softened, stiffness_of
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 
 TURNING_RAD: Final = radians(3.0)  # farther than this from the goal a turn is made, in a narrower band
 TURNING_SHARE: Final = 0.1
-SLOWER_BIAS_S: Final = 50.0  # the time in which the bias is followed, for each 1 that the softness is above 1
+SLOWER_BIAS_S: Final = 25.0  # the time in which the bias is followed, for each 1 that the softness is above 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,13 +84,13 @@ def update(
 def followed_bias(bias_rad: float | None, given: HeadingControllerInput) -> float | None:
     """Return the rudder bias that a softened helm steers by, which follows the estimate; None: the estimate itself.
 
-    It begins with the mean: while she swings the estimate swings with her, by as much as 14 deg, and a soft helm that
-    began there would lie as far beside the goal, for ten minutes.
+    It begins with the mean, if that is nearer amidships: while she swings the estimate swings with her, by as much as
+    14 deg, and a soft helm that began there would lie as far beside the goal, for ten minutes.
     """
     if given.estimate is None or given.softness <= 1.0:
         return None
     if bias_rad is None:
-        return given.estimate.bias_mean_rad
+        return min(given.estimate.bias_rad, given.estimate.bias_mean_rad, key=abs)
     part = -math.expm1(-given.step_s / (SLOWER_BIAS_S * (given.softness - 1.0)))
     return bias_rad + part * (given.estimate.bias_rad - bias_rad)
 
@@ -148,7 +148,9 @@ def scheduled_demand(
         left_rad = wrap_pi(left_rad)
     reference = reference_model.update(ship, reference, left_rad, estimate.heading_rad, step_s, softness)
     correction_rad2_s = estimate.correction_rad2_s
-    stiffness = stiffness_of(ship, correction_rad2_s, settings.price, softness=softness)
+    stiffness = stiffness_of(ship, correction_rad2_s, settings.price)
+    if softness > 1.0:
+        stiffness = softened(stiffness, softness, ship.turning_ability_1_s, settings.model.turning_ability_1_s)
     off_rad = wrap_pi(reference.heading_rad - estimate.heading_rad)
     feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, estimate.yaw_rate_rad_s - reference.yaw_rate_rad_s)
     demand_rad = ship.bias_rad + reference.feedforward_rad + feedback_rad

@@ -45,14 +45,22 @@ class HelmConstants:
 DELIVERED: Final = HelmConstants()
 
 
-def stiffness_of(
-    ship: Ship, correction_rad2_s: float, price: float, constants: HelmConstants = DELIVERED, softness: float = 1.0
-) -> float:
-    """Return the rudder angle per angle of heading error; of a softened helm the crossover is bounded so much lower."""
+def stiffness_of(ship: Ship, correction_rad2_s: float, price: float, constants: HelmConstants = DELIVERED) -> float:
+    """Return the rudder angle per angle of heading error."""
     walk_rad = math.sqrt(clamp(correction_rad2_s, SOFTEST_RAD2_S, CORRECTIONS_RAD2_S[1]) / price)
     by_ship = math.exp(3.0 / 7.0 * math.log1p(ship.turning_lag_s / ship.turning_ability_1_s - 1.0))
-    most = constants.crossover_rad_s / (ship.turning_ability_1_s * softness)
-    return min(constants.stiffness * walk_rad * by_ship, most)
+    return min(constants.stiffness * walk_rad * by_ship, constants.crossover_rad_s / ship.turning_ability_1_s)
+
+
+def softened(
+    stiffness: float, softness: float, found_1_s: float, told_1_s: float, constants: HelmConstants = DELIVERED
+) -> float:
+    """Return the stiffness of a helm whose crossover is bounded lower by the softness, and no softer than that takes.
+
+    A boat that swings is not as the estimate has it, which may have lost most of her speed meanwhile: of the turning
+    ability that was found and the one that was told the larger bounds it.
+    """
+    return min(stiffness, constants.crossover_rad_s / (softness * max(found_1_s, told_1_s)))
 
 
 def band_of(correction_rad2_s: float, stiffness: float, price: float, constants: HelmConstants = DELIVERED) -> float:

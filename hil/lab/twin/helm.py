@@ -33,7 +33,7 @@ DELIVERED = (
     1.94,
     radians(3.0),
     0.1,
-    50.0,
+    25.0,
     radians(5.6),
     0.8,
     0.55,
@@ -63,11 +63,20 @@ def walk_of(correction_rad2_s: Lanes) -> Lanes:
 
 
 @compiled
-def stiffness_of(law: Rows, ability_1_s: Lanes, lag_s: Lanes, correction_rad2_s: Lanes, softness: Lanes) -> Lanes:
+def stiffness_of(law: Rows, ability_1_s: Lanes, lag_s: Lanes, correction_rad2_s: Lanes) -> Lanes:
     """Return the rudder angle per angle of heading error (stiffness.py)."""
     walk_rad = math.sqrt(within(correction_rad2_s, SOFTEST_RAD2_S, CORRECTIONS_RAD2_S[1]) / law[PRICE])
     by_ship = math.exp(3.0 / 7.0 * math.log1p(lag_s / ability_1_s - 1.0))
-    return least(law[STIFFNESS] * walk_rad * by_ship, law[CROSSOVER_RAD_S] / (ability_1_s * softness))
+    return least(law[STIFFNESS] * walk_rad * by_ship, law[CROSSOVER_RAD_S] / ability_1_s)
+
+
+@compiled
+def softened(law: Rows, stiffness: Lanes, softness: Lanes, found_1_s: Lanes, told_1_s: Lanes) -> Lanes:
+    """Return the stiffness of helms whose crossover is bounded lower where they are softened (stiffness.py)."""
+    if not any_of(softness > 1.0):
+        return stiffness
+    soft = least(stiffness, law[CROSSOVER_RAD_S] / (softness * most(found_1_s, told_1_s)))
+    return where(softness > 1.0, soft, stiffness)
 
 
 @compiled
@@ -146,16 +155,15 @@ def advance_reference(
 
 
 @compiled
-def follow_bias(
-    law: Rows, state: Rows, bias_rad: Lanes, mean_rad: Lanes, step_s: Lanes, softness: Lanes
-) -> Lanes:
-    """Return the bias that the helm counts with, which a soft one follows slowly, from the mean on."""
+def follow_bias(law: Rows, state: Rows, bias_rad: Lanes, mean_rad: Lanes, step_s: Lanes, softness: Lanes) -> Lanes:
+    """Return the bias that the helm counts with, which a soft one follows slowly, from the mean on if that is less."""
     if not any_of(softness > 1.0):
         state[FOLLOWED_BIAS] = np.nan
         return bias_rad
     part = -math.expm1(-step_s / (law[SLOWER_BIAS_S] * (softness - 1.0)))
     before_rad = state[FOLLOWED_BIAS]
-    followed_rad = where(math.isnan(before_rad), mean_rad, before_rad + part * (bias_rad - before_rad))
+    first_rad = where(abs(mean_rad) < abs(bias_rad), mean_rad, bias_rad)
+    followed_rad = where(math.isnan(before_rad), first_rad, before_rad + part * (bias_rad - before_rad))
     state[FOLLOWED_BIAS] = where(softness <= 1.0, np.nan, followed_rad)
     return where(softness <= 1.0, bias_rad, followed_rad)
 
@@ -183,7 +191,7 @@ def steer(
     state[REF_HEADING] = where(stopped, state[REF_HEADING], reference[0])
     state[REF_RATE] = where(stopped, state[REF_RATE], reference[1])
     state[FEEDFORWARD] = where(stopped, state[FEEDFORWARD], reference[2])
-    stiffness = stiffness_of(law, ability, lag_s, e[E_CORRECTION], softness)
+    stiffness = softened(law, stiffness_of(law, ability, lag_s, e[E_CORRECTION]), softness, ability, e[M_K])
     off_rad = wrap_pi(state[REF_HEADING] - e[E_HEADING])
     rate_gain_s = (math.sqrt(1.0 + 2.0 * ability * lag_s * stiffness) - 1.0) / ability
     rate_max_rad_s = steady_yaw_rate(limit_rad, ability, norrbin)

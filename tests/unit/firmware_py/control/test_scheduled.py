@@ -11,6 +11,7 @@ from firmware_py.control.controller import HeadingControllerInput, HeadingContro
 from firmware_py.control.reference_model import Reference
 from firmware_py.control.s_surface import rudder_demand
 from firmware_py.control.scheduled import (
+    SLOWER_BIAS_S,
     RudderDemand,
     ScheduledSettings,
     apply_deadband,
@@ -99,7 +100,7 @@ def test_a_softer_helm_follows_the_bias_slowly_from_its_mean_on_and_a_stiff_one_
     other = replace(soft, estimate=replace(ESTIMATE, bias_rad=0.15))
     for _ in range(100):
         state, _ = update(SETTINGS, state, other)
-    assert state.bias_rad == pytest.approx(0.15 - 0.1 * math.exp(-1.0), abs=1e-3)
+    assert state.bias_rad == pytest.approx(0.15 - 0.1 * math.exp(-100.0 / (2.0 * SLOWER_BIAS_S)), abs=1e-3)
     assert update(SETTINGS, state, replace(other, softness=1.0))[0].bias_rad is None
 
 
