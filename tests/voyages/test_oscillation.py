@@ -1,7 +1,7 @@
 """A helm that oscillates, because the ship is not as told, is recognised and softened until it is gone."""
 
 import math
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
@@ -176,9 +176,12 @@ def test_no_sea_is_taken_for_an_oscillation(name):
 def test_a_ship_that_swings_whenever_the_helm_is_stiff_has_a_soft_one_for_longer_each_time():
     """In a calm, where only her turns make her swing: one each 20 min."""
     boat = rig.Sailing(rig.sea("calm"), 1, hull=ill(**CAUSES["ten times as late in turning"])).under_way(Mode.GUIDED)
+    soft = []
     for turn in range(15):
         boat.tick(SteerHeading(math.radians(100.0 * turn % 360.0)))
         boat.run(1200.0)
+        soft.append(boat.snapshot.helm_softness == SOFTEST)
     pauses_s = np.diff(boat.said(ROW.text))
     assert pauses_s[-1] > pauses_s[0] + 900.0
     assert boat.state.supervisor.oscillation.hold_s >= 8.0 * HOLD_S
+    assert [len(list(turns)) for held, turns in groupby(soft) if held] == [1, 2, 4]
