@@ -62,11 +62,14 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
     free = list(estimates.free)
     covariance = estimates.covariance
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    ln_gain_se, ln_lag_se = float(spread[0]), float(spread[1])
+    # Of a lag beyond the log's length only that is known: from there on the likelihood is level, and its curvature,
+    # which the spread comes from, says nothing.
+    endless = lag_s > fit.problem.data.duration_s
+    ln_gain_se, ln_lag_se = (math.inf, math.inf) if endless else (float(spread[0]), float(spread[1]))
     ratio_se = _ratio_spread(covariance)
     offset_se = float(spread[free.index(3)]) * scales.rudder_rad
     if alpha is None:
-        alpha = (cubic, float(spread[free.index(2)]) / scales.yaw_rate_rad_s**2)
+        alpha = (cubic, math.inf if endless else float(spread[free.index(2)]) / scales.yaw_rate_rad_s**2)
     explained = _explained(covariance)
     refusal = _refusal(fit, loop, explained=explained)
     # Disturbances that are answered look like an endless T, and the ratio to it is as wrong as K.
@@ -161,7 +164,7 @@ def _alpha(fit: Fit, value: float, se: float, *, explained: bool, known: bool) -
     share = abs(value) * rate**2
     bound = (max(value, 0.0) + 1.96 * se) * rate**2
     where = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
-    if explained and not known and value > 2.0 * se:
+    if explained and not known and (value > 2.0 * se or not math.isfinite(se)):
         return Estimate(value, _finite(se), NOT_IDENTIFIABLE, "it goes with K and T, which are not known by themselves")
     if explained and value > CERTAIN * se:
         return Estimate(value, _finite(se), IDENTIFIABLE, f"{where} {_percent(share)} of the yaw rate, and shows")

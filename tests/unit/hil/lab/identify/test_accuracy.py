@@ -273,6 +273,17 @@ def test_an_alpha_that_shows_at_95_percent_is_believed(yard):
     assert models == ["cubic", "cubic"]
 
 
+def test_an_alpha_that_shows_at_95_percent_by_one_side_is_believed(yard):
+    """Alpha cannot be below zero, so of boats without it one in twenty takes more than 2.71, not 3.84, off."""
+    models = []
+    for seed in (123, 194):
+        recording, true, _, certainty = ship(yard, seed)
+        assert true[2] > 0.0
+        assert 1.65 < certainty < 1.96
+        models.append(identify([recording]).choice.model)
+    assert models == ["cubic", "cubic"]
+
+
 def test_an_alpha_that_shows_in_the_heading_alone_is_believed(yard):
     """Both models were judged by the linear one's weights, which hardly trusts a heading that it does not explain.
 

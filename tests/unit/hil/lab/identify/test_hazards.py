@@ -18,6 +18,7 @@ from hil.lab.identify.recording import Recording, Source
 from hil.lab.identify.refine import refine
 from hil.lab.identify.stretch import Timing
 from hil.lab.identify.suggest import suggest
+from hil.lab.identify.verdict import LARGEST_ERROR
 from support.paths import DATA
 
 LONG = DATA / "manoeuvre" / "yacht_avnav_20160815.csv"
@@ -258,6 +259,22 @@ def test_a_k_beyond_any_ship_of_that_speed_is_refused(yard):
     recording = replace(yard.recorded(time, rudder, heading, rate), speed_m_s=np.full(time.size, 0.4))
     with pytest.raises(UsageError, match="beyond any ship of"):
         identify([recording])
+
+
+def test_of_a_lag_longer_than_the_log_nothing_but_that_is_claimed(yard):
+    """A tanker that hardly runs straight, 66 s of her zigzag: T was 55 h, known to 9 %, and K no ship's, so refused."""
+    time = np.arange(660) * 0.1
+    rudder = yard.zigzag(time, 0.35, 16.0)
+    boat = yard.boat(0.014 * 1e4, 1e4, 40.0 * 1e4)
+    heading, rate = boat.motion(time, rudder)
+    recording = replace(yard.recorded(time, rudder, heading, rate), speed_m_s=np.full(time.size, 1.1))
+    found = identify([recording], model="cubic")
+    estimates = found.judgement.estimates
+    assert estimates["T"].value > 66.0
+    assert all(estimates[name].se == LARGEST_ERROR for name in ("K", "T", "alpha"))
+    assert estimates["K"].verdict == "only the ratio K/T is identifiable"
+    assert found.judgement.ratio.value == pytest.approx(0.014, rel=0.1)
+    assert "longer than the log" in suggest(found.fit, found.judgement).text
 
 
 def test_what_is_printed_is_what_is_validated_and_written(tmp_path, capsys):
