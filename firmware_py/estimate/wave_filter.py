@@ -20,6 +20,7 @@ from firmware_py.estimate import kalman, learning, over_ground
 from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.wave_filter_state import (
     FLOAT_WANDERS,
+    MOST_BIAS_RAD,
     SPEEDS_M_S,
     WHITE,
     Heading,
@@ -145,12 +146,19 @@ class _Workspace:
 
 
 def _bound(x: Numbers) -> Numbers:
-    """Keep speed and turning factor within what a boat can have."""
-    speed_m_s, factor = x[kalman.SPEED], x[kalman.FACTOR]
-    if SPEEDS_M_S[0] <= speed_m_s <= SPEEDS_M_S[1] and FACTORS[0] <= factor <= FACTORS[1]:
+    """Keep speed, turning factor and rudder bias within what a boat can have."""
+    speed_m_s, factor, bias_rad, mean_rad = x[kalman.SPEED], x[kalman.FACTOR], x[kalman.BIAS], x[kalman.BIAS_MEAN]
+    if (
+        SPEEDS_M_S[0] <= speed_m_s <= SPEEDS_M_S[1]
+        and FACTORS[0] <= factor <= FACTORS[1]
+        and -MOST_BIAS_RAD <= bias_rad <= MOST_BIAS_RAD
+        and -MOST_BIAS_RAD <= mean_rad <= MOST_BIAS_RAD
+    ):
         return x
     bounded = list(x)
     bounded[kalman.SPEED], bounded[kalman.FACTOR] = clamp(speed_m_s, *SPEEDS_M_S), clamp(factor, *FACTORS)
+    bounded[kalman.BIAS] = clamp(bias_rad, -MOST_BIAS_RAD, MOST_BIAS_RAD)
+    bounded[kalman.BIAS_MEAN] = clamp(mean_rad, -MOST_BIAS_RAD, MOST_BIAS_RAD)
     return tuple(bounded)
 
 

@@ -16,6 +16,7 @@ from firmware_py.estimate.learning import NoiseModel, expecting_float
 from firmware_py.model.kt import KtModel
 
 SPEEDS_M_S: Final = (0.08, 2.5)
+MOST_BIAS_RAD: Final = radians(30.0)  # of the rudder, that nothing stands beyond (RUD_LIMIT_DEG as delivered)
 # Standard deviations at the start. The first heading lies anywhere on a wave: how far the heading itself is from it is
 # left open, so that the waves are found out of what follows.
 FIRST: Final = (

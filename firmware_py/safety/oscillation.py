@@ -11,9 +11,9 @@ smaller than the one before, are an oscillation; a turn that is overshot dies aw
 What her turns have told of how late she answers (late_answer.py) counts with them: of a boat that is late, one plain
 half swing is enough.
 
-Each time, the helm is softened by a step. Once it swings no more it stays so for a while, and then grows as stiff as
-it was over tens of minutes. If she swings again by that, or before long, it stays soft for twice as long as it was: a
-boat that is not as she was told will not be so in half an hour either.
+Each time, and while she swings on, the helm is softened by a step. Once it swings no more it stays so for a while, and
+then grows as stiff as it was over tens of minutes. If she swings again by that, or before long, it stays soft for twice
+as long as it was: a boat that is not as she was told will not be so in half an hour either.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ PLAIN_RUDDER_RAD: Final = radians(10.0)
 PLAIN_PUSH_RAD: Final = radians(3.0)
 MOST_COUNT, ENOUGH = 4.0, 7.0
 SOFTER: Final = 8.0
-SOFTEST: Final = 8.0
+SOFTEST: Final = 16.0  # where 8 was not enough; by more, a turn takes too long
 QUIET_HALVES: Final = ALIKE_LENGTH  # so many half swings without one that counts: one that is alike would be over
+PATIENT_HALVES: Final = 2.0  # so many of them a softened helm is given to end it, before it is softened more
 HOLD_S, MOST_HOLD_S = 600.0, 86_400.0
 AGAIN_HOLDS: Final = 8.0  # at the first hold that is half an hour as stiff as delivered
 RELAX_S: Final = 1200.0  # by a factor of e
@@ -98,7 +99,8 @@ class OscillationState:
     """The half swing under way, the last that counted with what those in a row count, and what came of them.
 
     `softness`: by what factor the helm is softer than as delivered, `hold_s`: how long it stays so after `swung_s`,
-    when the last one of an oscillation ended. `goal_rad` and `updated_s`: of the last tick.
+    when the last one of an oscillation ended. `softened_s`: when the last step was taken. `goal_rad` and `updated_s`:
+    of the last tick.
     """
 
     half: HalfSwing | None = None
@@ -110,6 +112,7 @@ class OscillationState:
     softness: float = 1.0
     hold_s: float = 0.0
     swung_s: float = 0.0
+    softened_s: float = -math.inf
     updated_s: float | None = None
     late: LateAnswerState = LateAnswerState()
 
@@ -176,14 +179,17 @@ def _counted(
         return state
     halves = state.halves + count if alike else count
     if halves + state.late.evidence >= ENOUGH:
-        once = state.swung_s < half.begun_s
-        softness, hold_s = state.softness, state.hold_s
-        if once and softness < SOFTEST:
-            again = now_s - state.swung_s < AGAIN_HOLDS * hold_s
-            softness, hold_s = min(softness * SOFTER, SOFTEST), min(2.0 * hold_s, MOST_HOLD_S) if again else HOLD_S
+        softness, hold_s, softened_s = state.softness, state.hold_s, state.softened_s
+        if softness < SOFTEST and half.begun_s - softened_s > PATIENT_HALVES * state.length_s:
+            softness, softened_s = min(softness * SOFTER, SOFTEST), now_s
+            if not state.oscillating:
+                again = now_s - state.swung_s < AGAIN_HOLDS * hold_s
+                hold_s = min(2.0 * hold_s, MOST_HOLD_S) if again else HOLD_S
         # What her turns had told has been heeded.
         late = replace(state.late, evidence=0.0)
-        state = replace(state, oscillating=True, swung_s=now_s, softness=softness, hold_s=hold_s, late=late)
+        state = replace(
+            state, oscillating=True, swung_s=now_s, softness=softness, hold_s=hold_s, softened_s=softened_s, late=late
+        )
     return state if lasts else replace(state, length_s=length_s, peak_rad=half.peak_rad, halves=halves)
 
 

@@ -9,7 +9,7 @@ import pytest
 from firmware_py.common.intents import SteerHeading
 from firmware_py.common.mode_table import Mode
 from firmware_py.faults.table import TABLE, Fault
-from firmware_py.safety.oscillation import HOLD_S, SOFTEST
+from firmware_py.safety.oscillation import HOLD_S, SOFTER
 from hil.lab.twin import loop
 from hil.report.figure_file import key_of
 from support import rig, voyage
@@ -25,6 +25,10 @@ CAUSES = {
     "a float that follows slowly, two seconds late": {"follows": (0.1, 0.4), "delay_s": 2.0},
     "ten times as late in turning": {"lag": 10.0},
 }
+# Within how many periods it is told: a half swing has to be seen, and a part of the next. The slow swing of a float the
+# estimate takes for waves at first, or she goes so far that the rudder leads it: to count such a half swing in full has
+# one sea of twelve taken for an oscillation, once a day.
+PERIODS = {"a float that follows slowly": 2.5, "a float that follows slowly, two seconds late": 1.25}
 
 
 def turned(how, seconds, name="calm", seed=1):
@@ -63,7 +67,7 @@ def test_a_ship_three_times_as_sluggish_and_late_swings_and_is_steered_softer_un
     assert swing(kept, first_s + 120.0, first_s + 180.0)[1] < 0.2 * swing(kept, first_s - 60.0, first_s)[1]
     # With the rudder bias that the swing had left she lay 12 deg beside her goal then, and for ten minutes.
     assert np.abs(kept[-100:, 0]).max() < 6.0
-    assert boat.snapshot.helm_softness == SOFTEST
+    assert boat.snapshot.helm_softness == SOFTER
 
 
 @pytest.mark.proof
@@ -77,8 +81,7 @@ def test_what_makes_the_helm_swing_is_found_and_ended(cause, figures):
     figures.keep(f"oscillation_period_{name}", period_s, "s")
     figures.keep(f"oscillation_recognised_{name}", first_s - begun_s, "s")
     figures.keep(f"oscillation_gone_{name}", gone_s, "s")
-    # A half swing has to be seen, and a part of the next.
-    assert first_s - begun_s <= max(60.0, 0.8 * period_s)
+    assert first_s - begun_s <= max(60.0, PERIODS.get(cause, 0.8) * period_s)
     assert gone_s <= 180.0
     assert not boat.snapshot.faults >> Fault.HELM_OSCILLATES & 1
     assert swing(kept, 1000.0, 1200.0)[1] < 0.5 * swing(kept, first_s - 90.0, first_s)[1]
@@ -180,7 +183,7 @@ def test_a_ship_that_swings_whenever_the_helm_is_stiff_has_a_soft_one_for_longer
     for turn in range(15):
         boat.tick(SteerHeading(math.radians(100.0 * turn % 360.0)))
         boat.run(1200.0)
-        soft.append(boat.snapshot.helm_softness == SOFTEST)
+        soft.append(boat.snapshot.helm_softness >= SOFTER)
     pauses_s = np.diff(boat.said(ROW.text))
     assert pauses_s[-1] > pauses_s[0] + 900.0
     assert boat.state.supervisor.oscillation.hold_s >= 8.0 * HOLD_S

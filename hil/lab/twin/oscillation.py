@@ -26,15 +26,15 @@ PLAIN_SPREADS = 2.5
 PLAIN_RUDDER_RAD = radians(10.0)
 PLAIN_PUSH_RAD = radians(3.0)
 MOST_COUNT, ENOUGH = 4.0, 7.0
-SOFTER, SOFTEST = 8.0, 8.0
-QUIET_HALVES = ALIKE_LENGTH
+SOFTER, SOFTEST = 8.0, 16.0
+QUIET_HALVES, PATIENT_HALVES = ALIKE_LENGTH, 2.0
 HOLD_S, MOST_HOLD_S, AGAIN_HOLDS = 600.0, 86_400.0, 8.0
 RELAX_S = 1200.0
 
 # What the watch over oscillation remembers; a half swing that has not begun has the side 0.
 (SIDE, BEGUN, GOAL, PEAK, BESIDE, PUSH, TURNED, LAST_GOAL, LENGTH, LAST_PEAK, HALVES, OSCILLATING, SOFTNESS, HOLD,
- SWUNG, UPDATED) = range(16)  # fmt: skip
-WATCH_STATES = 16
+ SWUNG, UPDATED, SOFTENED) = range(17)  # fmt: skip
+WATCH_STATES = 17
 Lanes = Any  # or a number
 Rows = Any  # side by side, or the numbers of one
 
@@ -51,7 +51,7 @@ def begin_half(s: Rows, begins: Lanes, now_s: Lanes, side: Lanes, goal_rad: Lane
 @compiled
 def begin_watch(s: Rows) -> None:
     """Be as before the first tick."""
-    s[SOFTNESS], s[UPDATED] = 1.0, np.nan
+    s[SOFTNESS], s[UPDATED], s[SOFTENED] = 1.0, np.nan, -math.inf
 
 
 @compiled
@@ -101,10 +101,12 @@ def count_half(s: Rows, late: Rows, over: Lanes, lasts: Lanes, now_s: Lanes, cou
     counts = (over | (lasts & alike)) & (count != 0.0)
     halves = where(alike, s[HALVES] + count, count)
     swings = counts & (halves + late[late_answer.EVIDENCE] >= ENOUGH)
-    softer = swings & (s[SWUNG] < s[BEGUN]) & (s[SOFTNESS] < SOFTEST)
+    softer = swings & (s[SOFTNESS] < SOFTEST) & (s[BEGUN] - s[SOFTENED] > PATIENT_HALVES * s[LENGTH])
     again = now_s - s[SWUNG] < AGAIN_HOLDS * s[HOLD]
-    s[HOLD] = where(softer, where(again, least(2.0 * s[HOLD], MOST_HOLD_S), HOLD_S), s[HOLD])
+    held_s = where(again, least(2.0 * s[HOLD], MOST_HOLD_S), HOLD_S)
+    s[HOLD] = where(softer & (s[OSCILLATING] == 0.0), held_s, s[HOLD])
     s[SOFTNESS] = where(softer, least(s[SOFTNESS] * SOFTER, SOFTEST), s[SOFTNESS])
+    s[SOFTENED] = where(softer, now_s, s[SOFTENED])
     s[OSCILLATING], s[SWUNG] = where(swings, 1.0, s[OSCILLATING]), where(swings, now_s, s[SWUNG])
     late[late_answer.EVIDENCE] = where(swings, 0.0, late[late_answer.EVIDENCE])
     s[HALVES] = where(over, where(counts, halves, 0.0), s[HALVES])

@@ -33,6 +33,7 @@ from hil.lab.twin.learning import NOISES
 FIRST_NOISES = learning.FIRST
 LOW_FACTOR, HIGH_FACTOR = 0.4, 2.5
 LOW_SPEED_M_S, HIGH_SPEED_M_S = 0.08, 2.5
+MOST_BIAS_RAD = radians(30.0)
 FIRST_COURSE_LAG_S, TOGETHER = 0.5, 0.98
 FIRST = np.array(
     (
@@ -131,6 +132,8 @@ def start(f: Filters, c: Covariances, on: Lanes, t_s: Lanes, heading_rad: Lanes)
 
 @compiled
 def bound(x: Rows) -> None:
-    """Keep speeds and turning factors within what a boat can have."""
+    """Keep speeds, turning factors and rudder biases within what a boat can have."""
     x[SPEED] = within(x[SPEED], LOW_SPEED_M_S, HIGH_SPEED_M_S)
     x[FACTOR] = within(x[FACTOR], LOW_FACTOR, HIGH_FACTOR)
+    x[BIAS] = within(x[BIAS], -MOST_BIAS_RAD, MOST_BIAS_RAD)
+    x[BIAS_MEAN] = within(x[BIAS_MEAN], -MOST_BIAS_RAD, MOST_BIAS_RAD)

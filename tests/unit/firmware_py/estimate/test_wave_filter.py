@@ -245,6 +245,15 @@ def test_what_a_float_has_shown_of_itself_is_kept_through_a_long_silence():
     assert correct_heading(SETTINGS, WaveFilterState(), 0.0, 1.0).noise_model.follow_rad_s == pytest.approx(0.8)
 
 
+def test_no_rudder_bias_is_larger_than_a_rudder_stands():
+    """Of a boat that goes round against her rudder: it was 70 deg, and swung a boat with a slow float for good."""
+    state, biases = WaveFilterState(), []
+    for tick in range(3000):
+        state = update(SETTINGS, state, [Heading(0.1 * tick, -0.0035 * tick % (2.0 * math.pi))], [], radians(30.0))
+        biases.append((state.x[kalman.BIAS], state.x[kalman.BIAS_MEAN]))
+    assert np.degrees(np.abs(biases)).max() == pytest.approx(30.0)
+
+
 def test_no_turn_is_taken_for_waves():
     """A boat that circles against its rudder, to and fro: the yaw of the waves made up for more than half a turn."""
     waves = WaveYaw(radians(20.0), 8.0, 0.1, NormalNumbers(np.random.default_rng(1)))
