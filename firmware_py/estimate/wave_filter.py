@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
@@ -33,7 +34,10 @@ from firmware_py.estimate.wave_filter_state import (
 LONGEST_STEP_S: Final = 1.0  # one step of the covariance; a longer one takes several
 LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
 LATEST_S: Final = 1.0  # a sample older than the filter by more than this is not taken
-FACTORS: Final = (0.4, 2.5)
+_LEAST_M_S, _MOST_M_S = SPEEDS_M_S
+_LEAST_FACTOR, _MOST_FACTOR = 0.4, 2.5
+_LEAST_BIAS_RAD: Final = -MOST_BIAS_RAD
+_bounded_of: Final = itemgetter(kalman.SPEED, kalman.FACTOR, kalman.BIAS, kalman.BIAS_MEAN)
 FASTEST_M_S: Final = 10.0  # a velocity over the ground beyond it is a receiver's error
 GATE_SIGMAS, GATE_RAD = 6.0, radians(20.0)
 HEADING_LIMIT: Final = 5.0  # a normalised innovation beyond it counts as this many
@@ -147,18 +151,19 @@ class _Workspace:
 
 def _bound(x: Numbers) -> Numbers:
     """Keep speed, turning factor and rudder bias within what a boat can have."""
-    speed_m_s, factor, bias_rad, mean_rad = x[kalman.SPEED], x[kalman.FACTOR], x[kalman.BIAS], x[kalman.BIAS_MEAN]
+    speed_m_s, factor, bias_rad, mean_rad = _bounded_of(x)
     if (
-        SPEEDS_M_S[0] <= speed_m_s <= SPEEDS_M_S[1]
-        and FACTORS[0] <= factor <= FACTORS[1]
-        and -MOST_BIAS_RAD <= bias_rad <= MOST_BIAS_RAD
-        and -MOST_BIAS_RAD <= mean_rad <= MOST_BIAS_RAD
+        _LEAST_M_S <= speed_m_s <= _MOST_M_S
+        and _LEAST_FACTOR <= factor <= _MOST_FACTOR
+        and _LEAST_BIAS_RAD <= bias_rad <= MOST_BIAS_RAD
+        and _LEAST_BIAS_RAD <= mean_rad <= MOST_BIAS_RAD
     ):
         return x
     bounded = list(x)
-    bounded[kalman.SPEED], bounded[kalman.FACTOR] = clamp(speed_m_s, *SPEEDS_M_S), clamp(factor, *FACTORS)
-    bounded[kalman.BIAS] = clamp(bias_rad, -MOST_BIAS_RAD, MOST_BIAS_RAD)
-    bounded[kalman.BIAS_MEAN] = clamp(mean_rad, -MOST_BIAS_RAD, MOST_BIAS_RAD)
+    bounded[kalman.SPEED] = clamp(speed_m_s, _LEAST_M_S, _MOST_M_S)
+    bounded[kalman.FACTOR] = clamp(factor, _LEAST_FACTOR, _MOST_FACTOR)
+    bounded[kalman.BIAS] = clamp(bias_rad, _LEAST_BIAS_RAD, MOST_BIAS_RAD)
+    bounded[kalman.BIAS_MEAN] = clamp(mean_rad, _LEAST_BIAS_RAD, MOST_BIAS_RAD)
     return tuple(bounded)
 
 
