@@ -30,13 +30,14 @@ def processes(count: int, start: str = "spawn") -> Iterator[Executor]:
     try:
         yield pool
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
         children = active_children()
         for child in children:
             child.terminate()
         for child in children:
             child.join(PATIENCE_S)
             child.kill()
+        # Waited for: a Python of 3.11 that ends meanwhile may wake its thread by a pipe that it has just closed.
+        pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
 

@@ -162,7 +162,8 @@ def move_parameters(home, client):
     assert int(loaded.group(1)) == len(settings)
     (home / "packed.param").write_text(format_file({**settings, "CTL_K1": 42.0, "EST_TAU_S": 1.9}))
     ask(client, "param ftpload packed.param", "Parameter upload done")
-    ask(client, "ftp get parameters.param now.param", "Wrote .* to now.param")
+    size = int(ask(client, "ftp get parameters.param now.param", r"Wrote (\d+) bytes to now.param").group(1))
+    client.wait_for(lambda: (home / "now.param").stat().st_size == size, "now.param is not whole")
     now = parse_file((home / "now.param").read_text(), "now.param")
     assert (now["CTL_K1"], now["EST_TAU_S"]) == (42.0, pytest.approx(1.9))
     assert re.search(r"takes effect", client.text()) is None
