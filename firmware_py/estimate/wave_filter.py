@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
@@ -18,26 +17,20 @@ import numpy as np
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman, learning, over_ground
-from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.wave_filter_state import (
     FLOAT_WANDERS,
-    MOST_BIAS_RAD,
-    SPEEDS_M_S,
     WHITE,
     Heading,
     Velocity,
     WaveFilterSettings,
     WaveFilterState,
+    bound,
     start,
 )
 
 LONGEST_STEP_S: Final = 1.0  # one step of the covariance; a longer one takes several
 LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
 LATEST_S: Final = 1.0  # a sample older than the filter by more than this is not taken
-_LEAST_M_S, _MOST_M_S = SPEEDS_M_S
-_LEAST_FACTOR, _MOST_FACTOR = 0.4, 2.5
-_LEAST_BIAS_RAD: Final = -MOST_BIAS_RAD
-_bounded_of: Final = itemgetter(kalman.SPEED, kalman.FACTOR, kalman.BIAS, kalman.BIAS_MEAN)
 FASTEST_M_S: Final = 10.0  # a velocity over the ground beyond it is a receiver's error
 GATE_SIGMAS, GATE_RAD = 6.0, radians(20.0)
 HEADING_LIMIT: Final = 5.0  # a normalised innovation beyond it counts as this many
@@ -84,7 +77,7 @@ class _Workspace:
         yaw = kalman.wave_noise(wave, omega_rad_s, math.exp(model.log_power))
         orbit = kalman.wave_noise(wave, omega_rad_s, model.orbit_power)
         self.columns = kalman.predict(self.columns, transition, noise, (yaw, orbit, orbit))
-        self.x = _bound(kalman.advance(x, transition))
+        self.x = bound(kalman.advance(x, transition))
         behind = x[kalman.FLOAT] - 0.5 * (x[kalman.HEADING] + turn.heading_rad)
         motions = range(kalman.WAVE, kalman.STATES, 2)
         swung = [(omega_rad_s, kalman.DAMPING, x[place], x[place + 1]) for place in motions]
@@ -94,7 +87,7 @@ class _Workspace:
     def correct(self, measured: kalman.Measured, innovation: float, variance: float) -> None:
         """Take a measurement in, that of `measure` and with its variance or a larger one."""
         x, self.columns = kalman.correct(self.x, self.columns, measured, innovation, variance)
-        self.x = _bound(x)
+        self.x = bound(x)
 
     def measure(self, parts: Sequence[tuple[int, float]], noise: float) -> kalman.Measured:
         """Return how a measurement shows the states; `parts` are the places of H that are not 0, and what is there.
@@ -147,24 +140,6 @@ class _Workspace:
         self.columns[kalman.RATE, kalman.RATE] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
         self.columns[_BIASES] += TURN_BIAS_RAD * TURN_BIAS_RAD
         return 0.0
-
-
-def _bound(x: Numbers) -> Numbers:
-    """Keep speed, turning factor and rudder bias within what a boat can have."""
-    speed_m_s, factor, bias_rad, mean_rad = _bounded_of(x)
-    if (
-        _LEAST_M_S <= speed_m_s <= _MOST_M_S
-        and _LEAST_FACTOR <= factor <= _MOST_FACTOR
-        and _LEAST_BIAS_RAD <= bias_rad <= MOST_BIAS_RAD
-        and _LEAST_BIAS_RAD <= mean_rad <= MOST_BIAS_RAD
-    ):
-        return x
-    bounded = list(x)
-    bounded[kalman.SPEED] = clamp(speed_m_s, _LEAST_M_S, _MOST_M_S)
-    bounded[kalman.FACTOR] = clamp(factor, _LEAST_FACTOR, _MOST_FACTOR)
-    bounded[kalman.BIAS] = clamp(bias_rad, _LEAST_BIAS_RAD, MOST_BIAS_RAD)
-    bounded[kalman.BIAS_MEAN] = clamp(mean_rad, _LEAST_BIAS_RAD, MOST_BIAS_RAD)
-    return tuple(bounded)
 
 
 def correct_heading(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from operator import itemgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,11 +13,15 @@ from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
 from firmware_py.estimate import kalman
+from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.learning import NoiseModel, expecting_float
 from firmware_py.model.kt import KtModel
 
-SPEEDS_M_S: Final = (0.08, 2.5)
-MOST_BIAS_RAD: Final = radians(30.0)  # of the rudder, that nothing stands beyond (RUD_LIMIT_DEG as delivered)
+# What a boat can have; no rudder stands to more than the bias (RUD_LIMIT_DEG as delivered).
+LEAST_SPEED_M_S, MOST_SPEED_M_S = 0.08, 2.5
+LEAST_FACTOR, MOST_FACTOR = 0.4, 2.5
+LEAST_BIAS_RAD, MOST_BIAS_RAD = radians(-30.0), radians(30.0)
+_bounded_of: Final = itemgetter(kalman.SPEED, kalman.FACTOR, kalman.BIAS, kalman.BIAS_MEAN)
 # Standard deviations at the start. The first heading lies anywhere on a wave: how far the heading itself is from it is
 # left open, so that the waves are found out of what follows.
 FIRST: Final = (
@@ -105,13 +110,31 @@ class WaveFilterState:
         return number
 
 
+def bound(x: Numbers) -> Numbers:
+    """Keep speed, turning factor and rudder bias within what a boat can have."""
+    speed_m_s, factor, bias_rad, mean_rad = _bounded_of(x)
+    if (
+        LEAST_SPEED_M_S <= speed_m_s <= MOST_SPEED_M_S
+        and LEAST_FACTOR <= factor <= MOST_FACTOR
+        and LEAST_BIAS_RAD <= bias_rad <= MOST_BIAS_RAD
+        and LEAST_BIAS_RAD <= mean_rad <= MOST_BIAS_RAD
+    ):
+        return x
+    bounded = list(x)
+    bounded[kalman.SPEED] = clamp(speed_m_s, LEAST_SPEED_M_S, MOST_SPEED_M_S)
+    bounded[kalman.FACTOR] = clamp(factor, LEAST_FACTOR, MOST_FACTOR)
+    bounded[kalman.BIAS] = clamp(bias_rad, LEAST_BIAS_RAD, MOST_BIAS_RAD)
+    bounded[kalman.BIAS_MEAN] = clamp(mean_rad, LEAST_BIAS_RAD, MOST_BIAS_RAD)
+    return tuple(bounded)
+
+
 def start(state: WaveFilterState, t_s: float, heading_rad: float, turning_ability_1_s: float = 0.0) -> WaveFilterState:
     """Return the filter at its first heading, with the sea and the water that the state has learned or expects."""
     north_m_s, east_m_s, speed_m_s = water_of(state)
     x = [0.0] * kalman.STATES
     x[kalman.HEADING] = x[kalman.FLOAT] = heading_rad
     x[kalman.NORTH], x[kalman.EAST] = north_m_s, east_m_s
-    x[kalman.SPEED], x[kalman.FACTOR] = clamp(speed_m_s, *SPEEDS_M_S), 1.0
+    x[kalman.SPEED], x[kalman.FACTOR] = clamp(speed_m_s, LEAST_SPEED_M_S, MOST_SPEED_M_S), 1.0
     x[kalman.COURSE_LAG] = FIRST_COURSE_LAG_S
     p = np.diag(np.square(FIRST))
     both = TOGETHER * FIRST[kalman.HEADING] * FIRST[kalman.FLOAT]

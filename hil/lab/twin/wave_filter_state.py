@@ -31,8 +31,8 @@ from hil.lab.twin.kalman import (
 from hil.lab.twin.learning import NOISES
 
 FIRST_NOISES = learning.FIRST
-LOW_FACTOR, HIGH_FACTOR = 0.4, 2.5
-LOW_SPEED_M_S, HIGH_SPEED_M_S = 0.08, 2.5
+LEAST_FACTOR, MOST_FACTOR = 0.4, 2.5
+LEAST_SPEED_M_S, MOST_SPEED_M_S = 0.08, 2.5
 MOST_BIAS_RAD = radians(30.0)
 FIRST_COURSE_LAG_S, TOGETHER = 0.5, 0.98
 FIRST = np.array(
@@ -116,7 +116,7 @@ def start(f: Filters, c: Covariances, on: Lanes, t_s: Lanes, heading_rad: Lanes)
         x[i] = 0.0
     x[HEADING] = x[FLOAT] = heading_rad
     x[NORTH], x[EAST] = w[WATER_NORTH], w[WATER_EAST]
-    x[SPEED], x[FACTOR] = within(w[WATER_SPEED], LOW_SPEED_M_S, HIGH_SPEED_M_S), 1.0
+    x[SPEED], x[FACTOR] = within(w[WATER_SPEED], LEAST_SPEED_M_S, MOST_SPEED_M_S), 1.0
     x[COURSE_LAG] = FIRST_COURSE_LAG_S
     for i in range(STATES):
         for k in range(COLUMNS):
@@ -133,7 +133,7 @@ def start(f: Filters, c: Covariances, on: Lanes, t_s: Lanes, heading_rad: Lanes)
 @compiled
 def bound(x: Rows) -> None:
     """Keep speeds, turning factors and rudder biases within what a boat can have."""
-    x[SPEED] = within(x[SPEED], LOW_SPEED_M_S, HIGH_SPEED_M_S)
-    x[FACTOR] = within(x[FACTOR], LOW_FACTOR, HIGH_FACTOR)
+    x[SPEED] = within(x[SPEED], LEAST_SPEED_M_S, MOST_SPEED_M_S)
+    x[FACTOR] = within(x[FACTOR], LEAST_FACTOR, MOST_FACTOR)
     x[BIAS] = within(x[BIAS], -MOST_BIAS_RAD, MOST_BIAS_RAD)
     x[BIAS_MEAN] = within(x[BIAS_MEAN], -MOST_BIAS_RAD, MOST_BIAS_RAD)
