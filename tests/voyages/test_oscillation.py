@@ -1,6 +1,7 @@
 """A helm that oscillates, because the ship is not as told, is recognised and softened until it is gone."""
 
 import math
+from functools import cache
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -25,10 +26,9 @@ CAUSES = {
     "a float that follows slowly, two seconds late": {"follows": (0.1, 0.4), "delay_s": 2.0},
     "ten times as late in turning": {"lag": 10.0},
 }
-# Within how many periods it is told: a half swing has to be seen, and a part of the next. The slow swing of a float the
-# estimate takes for waves at first, or she goes so far that the rudder leads it: to count such a half swing in full has
-# one sea of twelve taken for an oscillation, once a day.
-PERIODS = {"a float that follows slowly": 2.5, "a float that follows slowly, two seconds late": 1.25}
+# The estimate takes the slow swing of a float for waves at first, or she goes so far that the rudder leads it. To count
+# such a half swing in full has one sea of twelve taken for an oscillation, once a day.
+TOLD_LATE = ("a float that follows slowly", "a float that follows slowly, two seconds late")
 
 
 def turned(how, seconds, name="calm", seed=1):
@@ -41,6 +41,11 @@ def turned(how, seconds, name="calm", seed=1):
         boat.run(1.0)
         kept.append((math.degrees(boat.hull.plant.heading_rad) - 60.0, math.degrees(boat.rudder_rad)))
     return boat, np.array(kept)
+
+
+@cache
+def turned_by(cause):
+    return turned(CAUSES[cause], 1200.0)
 
 
 def swing(kept, from_s, to_s):
@@ -71,17 +76,31 @@ def test_a_ship_three_times_as_sluggish_and_late_swings_and_is_steered_softer_un
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("cause", CAUSES)
-def test_what_makes_the_helm_swing_is_found_and_ended(cause, figures):
-    boat, kept = turned(CAUSES[cause], 1200.0)
-    name = cause.replace(",", "").replace(" ", "_")
+@pytest.mark.parametrize(
+    "cause",
+    [
+        pytest.param(cause, marks=pytest.mark.xfail(strict=True, reason="136 and 177 s") if cause in TOLD_LATE else ())
+        for cause in CAUSES
+    ],
+)
+def test_what_makes_the_helm_swing_is_found_in_time(cause, figures):
+    boat, kept = turned_by(cause)
     (begun_s, period_s), first_s = plain_swing(kept), boat.said(ROW.text)[0]
+    print(cause, f"period {period_s:.0f} s, recognised after {first_s - begun_s:.0f} s")
+    figures.keep(key_of("oscillation", "period", cause), period_s, "s")
+    figures.keep(key_of("oscillation", "recognised", cause), first_s - begun_s, "s")
+    # A half swing has to be seen, and a part of the next.
+    assert first_s - begun_s <= max(60.0, 0.8 * period_s)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("cause", CAUSES)
+def test_what_makes_the_helm_swing_is_ended(cause, figures):
+    boat, kept = turned_by(cause)
+    first_s = boat.said(ROW.text)[0]
     gone_s = boat.said(ROW.recovery)[-1] - first_s
-    print(cause, f"period {period_s:.0f} s, recognised after {first_s - begun_s:.0f} s, gone after {gone_s:.0f} s")
-    figures.keep(f"oscillation_period_{name}", period_s, "s")
-    figures.keep(f"oscillation_recognised_{name}", first_s - begun_s, "s")
-    figures.keep(f"oscillation_gone_{name}", gone_s, "s")
-    assert first_s - begun_s <= max(60.0, PERIODS.get(cause, 0.8) * period_s)
+    print(cause, f"gone after {gone_s:.0f} s")
+    figures.keep(key_of("oscillation", "gone", cause), gone_s, "s")
     assert gone_s <= 180.0
     assert not boat.snapshot.faults >> Fault.HELM_OSCILLATES & 1
     assert swing(kept, 1000.0, 1200.0)[1] < 0.5 * swing(kept, first_s - 90.0, first_s)[1]

@@ -52,6 +52,11 @@ class Fit:
         return self.state.point.physical(self.problem.scales)
 
     @property
+    def outlasts_log(self) -> bool:
+        """Whether T is longer than the log: one such T fits it nearly as well as the next, with K/T and alpha/T."""
+        return float(self.physical[1]) > self.problem.data.duration_s
+
+    @property
     def effective_rows(self) -> float:
         """How many independent readings the coloured ones are worth."""
         return self.accuracy.effective_rows(self.problem.channel_weights())

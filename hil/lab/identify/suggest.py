@@ -51,7 +51,7 @@ def suggest(fit: Fit, judgement: Judgement, *, angular: bool = True) -> Suggesti
     largest = float(np.max(np.abs(rudder)))
     angle = max(largest, CIRCLE_RAD) if angular else largest
     shown = f"rudder {degrees(angle):.0f} deg" if angular else f"command {angle:.3g}"
-    if float(fit.physical[1]) > fit.problem.data.duration_s:
+    if fit.outlasts_log:
         return Suggestion(
             f"T is longer than the log: sail circles, {shown} to starboard, then to port, then a third of it to each "
             "side, each until she turns no faster",

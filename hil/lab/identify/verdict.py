@@ -62,9 +62,8 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
     free = list(estimates.free)
     covariance = estimates.covariance
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    # Of a lag beyond the log's length only that is known: from there on the likelihood is level, and its curvature,
-    # which the spread comes from, says nothing.
-    endless = lag_s > fit.problem.data.duration_s
+    # Where the likelihood is level, its curvature, which the spread comes from, says nothing.
+    endless = fit.outlasts_log
     ln_gain_se, ln_lag_se = (math.inf, math.inf) if endless else (float(spread[0]), float(spread[1]))
     ratio_se = _ratio_spread(covariance)
     offset_se = float(spread[free.index(3)]) * scales.rudder_rad

@@ -60,18 +60,18 @@ def swings(amplitude_deg, period_s):
 
 
 def test_a_whole_swing_that_is_plain_is_an_oscillation_and_softens_the_helm():
-    watch = Watch().see(45.0, swings(5.0, 30.0))
+    watch = Watch().see(200.0, swings(5.0, 30.0))
     assert [oscillates for _, oscillates in watch.told] == [True]
     assert 30.0 < watch.told[0][0] < 1.5 * 30.0  # in the second half swing that is whole
-    assert watch.state.softness == SOFTER
+    assert watch.state.softness == SOFTEST
 
 
-def test_a_helm_in_which_she_swings_on_is_softened_more_and_told_once():
+def test_a_helm_in_which_she_swings_on_is_softened_by_a_second_step():
     """With eight as the most she swung on by 10 to 40 deg for good, with a float that follows very slowly."""
+    assert SOFTER < SOFTEST
     assert Watch().see((2.4 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0)).state.softness == SOFTER
     watch = Watch().see((4.4 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0))
     assert watch.state.softness == SOFTEST
-    assert [oscillates for _, oscillates in watch.told] == [True]
 
 
 @pytest.mark.parametrize(("amplitude_deg", "sd_deg", "gain"), [(5.0, 0.5, 1.5), (2.9, 1.4, 4.0)])
