@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
@@ -86,6 +87,7 @@ _FILLED: Final = {"__setattr__": object.__setattr__, "__delattr__": object.__del
 _put_class = vars(object)["__class__"].__set__  # past the frozen class's own
 
 
+@cache
 def twin_of(kind: type) -> type:
     """Return a class of records that can be filled: with the very slots of this one, so that they change it quickly."""
     return type(f"{kind.__name__}Twin", (kind,), {"__slots__": (), **_FILLED})

@@ -2,7 +2,8 @@
 
 A tick makes some thirty. `dataclasses.replace` asks every field for what it is and runs the generated constructor,
 which sets each attribute of a frozen class by its name. This fills an object of a twin of the class, which has the same
-slots and is not frozen, so that Python copies slot by slot, and makes it one of the class itself at the end.
+slots and is not frozen, so that Python copies slot by slot, and makes it one of the class itself at the end. What does
+so is written for each set of fields that are changed together.
 """
 
 from __future__ import annotations
@@ -24,35 +25,36 @@ else:
 
         A record with a `__post_init__` is not for here: it is not called.
         """
-        kind = record.__class__
-        return (_COPIERS.get(kind) or _copier_of(kind))(record, changes)
+        kind, names = record.__class__, tuple(changes)
+        try:
+            copied = _COPIERS[kind][names]
+        except KeyError:
+            copied = _copier_of(kind, names)
+        return copied(record, changes)
 
 
 Record = TypeVar("Record")
 
-_COPIERS: dict[type, Callable[[Any, dict[str, Any]], Any]] = {}
+_Copier = Callable[[Any, dict[str, Any]], Any]
+_COPIERS: dict[type, dict[tuple[str, ...], _Copier]] = {}  # by the fields that are changed, in their order there
 
 
-def _copier_of(kind: type) -> Callable[[Any, dict[str, Any]], Any]:
-    """Write what copies the records of a class, and remember it."""
+def _copier_of(kind: type, changed: tuple[str, ...]) -> _Copier:
+    """Write what copies the records of a class with these fields changed, and remember it."""
     if hasattr(kind, "__post_init__"):
         raise TypeError(f"{kind.__name__} checks itself when it is made: copy it with dataclasses.replace")
     names = [field.name for field in fields(kind)]
-    known: dict[str, Any] = {
-        "kind": kind,
-        "twin": twin_of(kind),
-        "new": object.__new__,
-        "puts": {name: getattr(kind, name).__set__ for name in names},
-    }
+    if strange := [name for name in changed if name not in names]:
+        raise KeyError(*strange)
+    known: dict[str, Any] = {"kind": kind, "twin": twin_of(kind), "new": object.__new__}
     lines = [
         "def copied(record, changes):",
         " copy = new(twin)",
-        *(f" copy.{name} = record.{name}" for name in names),
+        *(f" copy.{name} = " + (f"changes['{name}']" if name in changed else f"record.{name}") for name in names),
         " copy.__class__ = kind",
-        " for name in changes: puts[name](copy, changes[name])",
         " return copy",
     ]
     exec("\n".join(lines), known)  # noqa: S102 - the names are those of fields
-    copier: Callable[[Any, dict[str, Any]], Any] = known["copied"]
-    _COPIERS[kind] = copier
+    copier: _Copier = known["copied"]
+    _COPIERS.setdefault(kind, {})[changed] = copier
     return copier

@@ -33,6 +33,7 @@ class Made:
     [
         (Tick(1, 2.0, 0.1, 0, 10.0), {"skipped": 3, "index": 2}),
         (Tick(1, 2.0, 0.1, 0, 10.0), {}),
+        (Tick(1, 2.0, 0.1, 0, 10.0), {"index": 2, "skipped": 3}),
         (One(), {"value": 7}),
         (State.at_start(ParameterSet()), {"greeting": "well", "home": None}),
     ],
