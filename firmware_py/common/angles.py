@@ -8,30 +8,26 @@ DEGREES_PER_RADIAN = 180.0 / math.pi
 RADIANS_PER_DEGREE = math.pi / 180.0
 KNOTS_PER_METRE_PER_SECOND = 3600.0 / 1852.0
 METRES_PER_SECOND_PER_KNOT = 1852.0 / 3600.0
+PI = math.pi
 TWO_PI = 2.0 * math.pi
 
 
 def wrap_pi(angle_rad: float) -> float:
     """Return the angle in [-pi, pi); NaN for an angle that is not finite."""
-    if not math.isfinite(angle_rad):
-        return math.nan
-    wrapped_rad = math.fmod(angle_rad + math.pi, TWO_PI)
-    if wrapped_rad < 0.0:
-        wrapped_rad += TWO_PI
+    result_rad = (angle_rad + PI) % TWO_PI - PI
+    if result_rad < PI:
+        return result_rad
     # The sum above may round up to a whole turn, and subtracting pi from a
     # value just below one must not reach +pi.
-    result_rad = wrapped_rad - math.pi
-    return -math.pi if result_rad >= math.pi else result_rad
+    return -PI if result_rad >= PI else math.nan
 
 
 def wrap_two_pi(angle_rad: float) -> float:
     """Return the angle in [0, 2 pi); NaN for an angle that is not finite."""
-    if not math.isfinite(angle_rad):
-        return math.nan
-    wrapped_rad = math.fmod(angle_rad, TWO_PI)
-    if wrapped_rad < 0.0:
-        wrapped_rad += TWO_PI
-    return 0.0 if wrapped_rad >= TWO_PI else wrapped_rad
+    wrapped_rad = angle_rad % TWO_PI
+    if wrapped_rad < TWO_PI:
+        return wrapped_rad
+    return 0.0 if wrapped_rad >= TWO_PI else math.nan
 
 
 def radians(angle_deg: float) -> float:
@@ -54,4 +50,4 @@ def clamp(value: float, low: float, high: float) -> float:
     """Limit a value to [low, high]; NaN stays NaN, where min and max would make a limit of it."""
     if value < low:
         return low
-    return high if value > high else value  # noqa: FURB136 - min and max swallow NaN
+    return high if value > high else value

@@ -24,16 +24,13 @@ def learn_interval_s(interval_s: float | None, step_s: float, shortest_s: float)
     if step_s <= 0.0:
         return before_s
     slowest_s, least_s = SLOWEST * shortest_s, (1.0 - FORGOTTEN) * before_s
-    counted_s = min(step_s, slowest_s)
-    return max(counted_s, least_s)
+    counted_s = step_s if step_s < slowest_s else slowest_s
+    return counted_s if counted_s > least_s else least_s
 
 
 def timeout_s(interval_s: float | None, shortest_s: float) -> float:
     """Return after what silence a source of this interval is lost, `shortest_s` at least and 5 times that at most."""
-    if interval_s is None:
-        known_s = shortest_s
-    else:
-        slowest_s = SLOWEST * shortest_s
-        known_s = min(interval_s, slowest_s)
+    slowest_s = SLOWEST * shortest_s
+    known_s = shortest_s if interval_s is None else interval_s if interval_s < slowest_s else slowest_s
     silent_s = MISSED * known_s
-    return max(shortest_s, silent_s)
+    return silent_s if silent_s > shortest_s else shortest_s

@@ -54,7 +54,7 @@ def clamp(value: float, low: float, high: float) -> float:
     """Limit a value to [low, high]."""
     if value < low:
         return low
-    return high if value > high else value  # noqa: FURB136 - the original's form
+    return high if value > high else value
 
 
 @compiled

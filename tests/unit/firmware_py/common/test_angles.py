@@ -35,6 +35,19 @@ def test_wrap_two_pi_is_half_open_or_nan(angle_rad):
         assert math.isnan(wrap_pi(angle_rad))
 
 
+@given(ANGLES)
+def test_wrapping_has_the_bits_of_the_c_library(angle_rad):
+    """Twin and firmware agree to the last bit, and logs of before are replayed."""
+
+    def remainder(number):
+        rest = math.fmod(number, 2.0 * math.pi)
+        return rest + 2.0 * math.pi if rest < 0.0 else rest
+
+    half, whole = remainder(angle_rad + math.pi) - math.pi, remainder(angle_rad)
+    assert wrap_pi(angle_rad) == (-math.pi if half >= math.pi else half)
+    assert wrap_two_pi(angle_rad) == (0.0 if whole >= 2.0 * math.pi else whole)
+
+
 def test_values_just_below_a_turn_do_not_reach_it():
     for angle_rad in (-1e-17, 2 * math.pi, math.nextafter(2 * math.pi, 0.0), -5e-324):
         assert 0.0 <= wrap_two_pi(angle_rad) < 2 * math.pi
