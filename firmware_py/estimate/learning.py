@@ -223,7 +223,8 @@ def learn_from_heading(
     """
     z = clamp(innovation_rad / math.sqrt(variance), -LARGEST_NORMALISED, LARGEST_NORMALISED)
     count = model.count + 1
-    gain = max(1.0 / (count + FIRST_SAMPLES), min(step_s, LONGEST_GAP_S) / STRENGTH_TIME_S)
+    near_s = min(step_s, LONGEST_GAP_S)
+    gain = max(1.0 / (count + FIRST_SAMPLES), near_s / STRENGTH_TIME_S)
     part = min(step_s / SLOW_TIME_S, 0.5)
     slow = model.slow_innovation + part * (z - model.slow_innovation)
     slow_excess = _slow_excess(slow, part)
@@ -232,7 +233,7 @@ def learn_from_heading(
     share = min(step_s / AVERAGE_S, 0.5)
     spread_rad = model.wave_spread_rad
     swing = min(swing_square / (spread_rad * spread_rad) - 1.0, LARGEST_NORMALISED)
-    swing_gain = min(step_s, LONGEST_GAP_S) / SWING_TIME_S
+    swing_gain = near_s / SWING_TIME_S
     # At first, when it has seen the waves swing but few times, it judges them by the correlation of the innovations.
     early = FIRST_SWINGS / (count + FIRST_SWINGS)
     excess = z * z - 1.0

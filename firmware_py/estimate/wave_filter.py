@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -39,6 +39,10 @@ SWING_PERIODS: Final = 4.0  # over so many the waves' own yaw has a mean of less
 LEAST_TURN_RAD, TURN_SPREADS = radians(15.0), 0.6
 TURN_RATE_RAD_S, TURN_BIAS_RAD = radians(2.0), radians(20.0)  # uncertain beside a turn that was not expected
 _NOTHING: Final = np.zeros(kalman.COLUMNS)
+# Where the numbers of covariance and slopes, one behind the other, stand beside each other, and back.
+_BEHIND: Final = np.arange(kalman.STATES * kalman.COLUMNS)
+_BESIDE: Final = np.hstack([part.reshape(kalman.STATES, -1) for part in np.split(_BEHIND, [kalman.STATES**2])])
+_APART: Final = _BESIDE.argsort(None)
 _BIASES: Final = np.ix_((kalman.BIAS, kalman.BIAS_MEAN), (kalman.BIAS, kalman.BIAS_MEAN))
 
 
@@ -51,8 +55,7 @@ class _Workspace:
         self.settings = settings
         self.t_s = state.t_s
         self.x = state.x
-        p, slopes = np.frombuffer(state.p), np.frombuffer(state.slopes)
-        self.columns = np.concatenate((p.reshape(kalman.STATES, -1), slopes.reshape(kalman.STATES, -1)), 1)
+        self.columns = np.frombuffer(state.p + state.slopes).take(_BESIDE)
         self.noise_model = state.noise_model
         self.rudder_rad = state.rudder_rad
 
@@ -164,7 +167,7 @@ def correct_heading(
     variance = measured.variance
     deviation_rad = math.sqrt(variance)
     if abs(innovation_rad) > max(GATE_SIGMAS * deviation_rad, GATE_RAD):
-        return _finish(work, state, refusals=state.refusals + 1, innovation_rad=innovation_rad)
+        return replace(_finish(work, state), refusals=state.refusals + 1, innovation_rad=innovation_rad)
     step_s, slow_wave_rad = 0.0 if state.sample_t_s is None else t_s - state.sample_t_s, state.slow_wave_rad
     limited_rad = innovation_rad / HEADING_LIMIT
     work.correct(measured, innovation_rad, max(variance, limited_rad * limited_rad))
@@ -172,9 +175,8 @@ def correct_heading(
         work.learn_frequencies(measured, innovation_rad, step_s)
         work.learn_from_heading(innovation_rad, variance, step_s)
         slow_wave_rad = work.give_turn_back(slow_wave_rad, step_s)
-    return _finish(
-        work,
-        state,
+    return replace(
+        _finish(work, state),
         sample_t_s=max(t_s, state.sample_t_s or t_s),
         refusals=0,
         innovation_rad=innovation_rad,
@@ -225,27 +227,25 @@ def correct_velocity(
         if mean is None:
             model = replace(model, coupling=learning.learn_coupling(model.coupling, swing_rad, moved_m_s, step_s))
         work.noise_model = model
-    return _finish(work, state, fix_t_s=t_s, leg_rad=leg_rad, leg_t_s=leg_t_s)
+    return replace(_finish(work, state), fix_t_s=t_s, leg_rad=leg_rad, leg_t_s=leg_t_s)
 
 
-def _finish(work: _Workspace, state: WaveFilterState, **told: Any) -> WaveFilterState:
-    """Return the state that the work has come to, with what it tells; numbers that are none start the filter anew."""
-    x, p = work.x, work.columns[:, : kalman.STATES]
-    sound = math.isfinite(sum(x)) and math.isfinite(np.add.reduce(p, None)) and min(p.diagonal().tolist()) > 0.0
-    if not sound:
-        fresh = WaveFilterState(rudder_rad=state.rudder_rad, expected_water=state.expected_water)
-        return replace(fresh, **told)
+def _finish(work: _Workspace, state: WaveFilterState) -> WaveFilterState:
+    """Return the state that the work has come to; numbers that are none start the filter anew."""
+    x, numbers = work.x, work.columns.take(_APART)
+    p = numbers[: kalman.STATES**2]
+    sound = math.isfinite(sum(x)) and math.isfinite(np.add.reduce(p))
+    if not sound or min(p[:: kalman.STATES + 1].tolist()) <= 0.0:
+        return WaveFilterState(rudder_rad=state.rudder_rad, expected_water=state.expected_water)
     heading_rad = wrap_two_pi(x[kalman.HEADING])
     turns_rad = heading_rad - x[kalman.HEADING]
-    x = (heading_rad, *x[1 : kalman.FLOAT], x[kalman.FLOAT] + turns_rad, *x[kalman.FLOAT + 1 :])
     return replace(
         state,
         t_s=work.t_s,
-        x=x,
+        x=(heading_rad, *x[1 : kalman.FLOAT], x[kalman.FLOAT] + turns_rad, *x[kalman.FLOAT + 1 :]),
         p=p.tobytes(),
-        slopes=work.columns[:, kalman.STATES :].tobytes(),
+        slopes=numbers[kalman.STATES**2 :].tobytes(),
         noise_model=work.noise_model,
-        **told,
     )
 
 

@@ -70,11 +70,16 @@ def test_it_turns_as_the_equation_does():
     assert x[1] == pytest.approx(rate, rel=1e-3)
 
 
+def derivative_of(transition):
+    """Return the derivative of a step as a matrix."""
+    return kalman.carry(np.eye(N, kalman.COLUMNS), kalman.derivative(transition))[:, :N]
+
+
 @pytest.mark.parametrize("step_s", [0.03, 0.1, 1.0])
 def test_the_columns_are_carried_as_the_states_are(step_s):
     """By central differences, but for the derivatives of the turn itself, which are judged above."""
     transition = transition_of(X, 0.2, step_s)
-    turn, f = transition.turn, kalman.carry(np.eye(N), kalman.derivative(transition))
+    turn, f = transition.turn, derivative_of(transition)
     for column in set(range(N)) - {kalman.RATE, kalman.BIAS, kalman.SPEED, kalman.FACTOR}:
         ends = []
         for sign in (1.0, -1.0):
@@ -97,7 +102,7 @@ def test_the_columns_are_carried_as_the_states_are(step_s):
 def test_the_covariance_is_carried_as_matrices_carry_it(step_s):
     p, slopes = covariance(), np.random.default_rng(3).standard_normal((N, 2))
     transition = transition_of(X, 0.2, step_s)
-    f = kalman.carry(np.eye(N), kalman.derivative(transition))
+    f = derivative_of(transition)
     noise = np.linspace(0.1, 1.1, kalman.WAVE)
     motions = ((0.3, 0.04, 0.5), (0.6, -0.1, 0.7), (0.8, 0.2, 0.9))
     q = np.diag([*noise, *(gain for angle, _, rate in motions for gain in (angle, rate))])
@@ -128,11 +133,8 @@ def test_the_sums_have_one_order_on_every_machine():
     """A library may add in any order: what is carried must be the plain sum from left to right, to the last bit."""
     p = covariance(5)
     transition = transition_of(X, 0.2, 0.1)
-    after, f = (
-        kalman.carry(p, kalman.derivative(transition)),
-        kalman.carry(np.eye(N), kalman.derivative(transition)),
-    )
-    turning = kalman.derivative(transition).turning[..., 0]
+    by, f = kalman.derivative(transition), derivative_of(transition)
+    after, turning = kalman.carry(np.concatenate((p, p[:, :2]), 1), by)[:, :N], by.turning[..., 0].T
     middles = []
     for column in range(N):
         for row in range(4):
