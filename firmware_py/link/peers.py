@@ -58,6 +58,8 @@ class Peers:
     ) -> None:
         """Take the transports, who judges their frames, who signs for each, and who speaks to a new peer."""
         self._transports = tuple(transports)
+        # Asked once: it takes Python longer than all else that a status tells.
+        self._satellites = tuple(each if isinstance(each, Satellite) else None for each in transports)
         self._gate = gate
         self._sealer = sealer
         self._host = host
@@ -103,10 +105,10 @@ class Peers:
                 transport.name,
                 usual_class(transport).value,
                 tuple(peer for index, peer in (*seated, *waiting) if index == number),
-                transport.satellite_status(now_s) if isinstance(transport, Satellite) else None,
+                None if satellite is None else satellite.satellite_status(now_s),
                 transport.hindrance,
             )
-            for number, transport in enumerate(self._transports)
+            for number, (transport, satellite) in enumerate(zip(self._transports, self._satellites, strict=True))
         )
 
     # ------------------------------------------------------------------ as time passes
