@@ -55,7 +55,7 @@ class _Workspace:
         self.settings = settings
         self.t_s = state.t_s
         self.x = state.x
-        self.columns = np.frombuffer(state.p + state.slopes).take(_BESIDE)
+        self.columns = np.frombuffer(state.p + state.slopes).reshape(_BEHIND.size).take(_BESIDE)
         self.noise_model = state.noise_model
         self.rudder_rad = state.rudder_rad
 

@@ -282,6 +282,14 @@ def test_what_is_no_number_changes_nothing(odd):
     assert correct_velocity(SETTINGS, WaveFilterState(), 0.1, 0.5, 0.5) == WaveFilterState()
 
 
+@pytest.mark.parametrize("size", [-8, 8, 144])
+def test_a_state_of_another_size_is_refused(size):
+    """As a log may hold one: it must not be read askew."""
+    state = start(WaveFilterState(), 0.0, 1.0)
+    with pytest.raises(ValueError, match="size"):
+        correct_heading(SETTINGS, replace(state, p=(state.p + bytes(144))[: len(state.p) + size]), 0.1, 1.0)
+
+
 @pytest.mark.parametrize(("ability", "lag", "norrbin"), [(4.0, 19.0, 1e3), (1.0, 0.05, 1e3), (20.0, 0.05, 1e6)])
 def test_a_model_far_too_lively_for_the_boat_starts_it_anew_and_ends_nothing(ability, lag, norrbin):
     chances = np.random.default_rng(1)
