@@ -54,7 +54,7 @@ _PULLED: Final = np.array(
     [COLUMNS * i + STATES for i in range(WAVE, STATES)] + [COLUMNS * i + STATES + 1 for i in (FLOAT, FLOAT_RATE)]
 )
 # Numbers for an array: so made it takes a third of the time that numpy takes to look at each.
-_pack_shares: Final = struct.Struct("40d").pack
+_pack_shares: Final = struct.Struct(f"{_DRIVING.size + _SWINGING.size}d").pack
 _pack_gains: Final = struct.Struct(f"{_NOISY.size}d").pack
 _pack_pulls: Final = struct.Struct(f"{_PULLED.size}d").pack
 

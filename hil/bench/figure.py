@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-COUNTED: Final = "instructions"  # the unit of what is counted: the same Python executes as many on any machine
 TIMES: Final = "times"  # the unit of what is a ratio to something measured in the same run
 
 

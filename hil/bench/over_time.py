@@ -15,10 +15,10 @@ from typing import Any, Final
 
 from scipy import stats
 
-from hil.bench.figure import COUNTED, Figure, Finding
+from hil.bench.figure import Figure, Finding
 from hil.bench.report import number
 from hil.errors import UsageError
-from hil.report.figure_file import key_of
+from hil.report.figure_file import COUNTED, key_of
 
 LEAST_REPEATS: Final = 5
 FALSE_ALARM: Final = 0.01

@@ -10,10 +10,11 @@ from types import FrameType
 from typing import Any, Final, TypeVar
 
 from firmware_py.log.disk import log_files
-from hil.bench.figure import COUNTED, Figure, Finding
+from hil.bench.figure import Figure, Finding
 from hil.bench.onboard import STATE
 from hil.bench.setting import Setting
 from hil.errors import HilError
+from hil.report.figure_file import COUNTED
 from hil.ship.scenarios import named
 from hil.sim.goals import Goal
 from hil.sim.logbook import RunOptions

@@ -23,6 +23,7 @@ UNKNOWN = "unknown"
 DIGITS = 6
 MOST_BYTES = 16 << 20
 MOST_REPEATS = 14
+COUNTED = "instructions"  # the unit of what is counted: the same Python executes as many on any machine
 
 
 def key_of(*words: str) -> str:
@@ -56,7 +57,8 @@ def merge(path: Path, entries: Entries) -> None:
 
     An entry with `cases`, the values of several runs by name, keeps those of the same commit that are there already and
     shows the largest. One with `repeats` adds them to those that are there, of which the latest MOST_REPEATS stay: what
-    a quantity scatters by from day to day is more than from minute to minute.
+    a quantity scatters by from day to day is more than from minute to minute. What is COUNTED scatters by nothing, and
+    those of before would tell of another program.
     """
     with _locked(path) as file:
         content = _content(path, file)
@@ -112,7 +114,7 @@ def _with_earlier(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, An
         kept = old.get("cases", {}) if old.get("commit") == fresh["commit"] else {}
         fresh["cases"] = dict(sorted({**kept, **fresh["cases"]}.items()))
         fresh["value"] = max(fresh["cases"].values())
-    if "repeats" in fresh:
+    if "repeats" in fresh and fresh["unit"] != COUNTED:
         fresh["repeats"] = [*old.get("repeats", []), *fresh["repeats"]][-MOST_REPEATS:]
     return fresh
 

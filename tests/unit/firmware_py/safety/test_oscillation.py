@@ -69,9 +69,11 @@ def test_a_whole_swing_that_is_plain_is_an_oscillation_and_softens_the_helm():
 def test_a_helm_in_which_she_swings_on_is_softened_by_a_second_step():
     """With eight as the most she swung on by 10 to 40 deg for good, with a float that follows very slowly."""
     assert SOFTER < SOFTEST
+    assert Watch().see(45.0, swings(5.0, 30.0)).state.softness == SOFTER
     assert Watch().see((2.4 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0)).state.softness == SOFTER
     watch = Watch().see((4.4 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0))
     assert watch.state.softness == SOFTEST
+    assert [oscillates for _, oscillates in watch.told] == [True]
 
 
 @pytest.mark.parametrize(("amplitude_deg", "sd_deg", "gain"), [(5.0, 0.5, 1.5), (2.9, 1.4, 4.0)])

@@ -7,7 +7,8 @@ import pytest
 from hil.__main__ import main
 from hil.bench import measurements
 from hil.bench.circumstances import circumstances, text_of
-from hil.bench.figure import COUNTED, Figure, Finding
+from hil.bench.figure import Figure, Finding
+from hil.report.figure_file import COUNTED
 
 
 @pytest.fixture

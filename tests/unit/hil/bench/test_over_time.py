@@ -7,10 +7,10 @@ import random
 import pytest
 
 from hil.bench import over_time
-from hil.bench.figure import COUNTED, TIMES, Figure, Finding
+from hil.bench.figure import TIMES, Figure, Finding
 from hil.bench.report import as_entries
 from hil.errors import UsageError
-from hil.report.figure_file import merge, origin, read
+from hil.report.figure_file import COUNTED, merge, origin, read
 
 REPEATS = (1.9, 2.1, 2.0, 2.05, 1.95, 2.0, 2.02)
 

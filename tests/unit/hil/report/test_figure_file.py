@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from hil.report.figure_file import entry, key_of, merge, origin
+from hil.report.figure_file import COUNTED, entry, key_of, merge, origin
 
 SOURCE = {"when": "2026-01-02", "commit": "abc1234", "machine": "a machine", "command": "a command"}
 
@@ -56,6 +56,15 @@ def test_cases_of_another_commit_are_forgotten(tmp_path):
     merge(path, {"worst": entry(0.4, "deg", {**SOURCE, "commit": "def5678"}, cases={"seed 2": 0.4})})
     assert read(path)["worst"]["cases"] == {"seed 2": 0.4}
     assert read(path)["worst"]["value"] == 0.4
+
+
+@pytest.mark.parametrize(("unit", "kept"), [("ms", [1.0, 1.2, 2.0]), (COUNTED, [2.0])])
+def test_repeats_are_added_but_for_those_of_what_is_counted(tmp_path, unit, kept):
+    """Those of before a change of the program left room for what it had gained."""
+    path = tmp_path / "figures.json"
+    merge(path, {"a": entry(1.1, unit, SOURCE, repeats=[1.0, 1.2])})
+    merge(path, {"a": entry(2.0, unit, SOURCE, repeats=[2.0])})
+    assert read(path)["a"]["repeats"] == kept
 
 
 def test_the_origin_names_day_commit_machine_and_command():
