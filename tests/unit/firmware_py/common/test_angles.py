@@ -52,6 +52,8 @@ def test_values_just_below_a_turn_do_not_reach_it():
     for angle_rad in (-1e-17, 2 * math.pi, math.nextafter(2 * math.pi, 0.0), -5e-324):
         assert 0.0 <= wrap_two_pi(angle_rad) < 2 * math.pi
         assert 0.0 <= compass_degrees(angle_rad) < 360.0
+    # Half a turn on, the sum rounds up to a whole one.
+    assert wrap_pi(math.nextafter(-math.pi, -math.inf)) == -math.pi
 
 
 def test_clamp():

@@ -23,6 +23,10 @@ def test_before_a_second_sample_a_source_is_taken_to_be_slow():
     assert timeout_s(None, 1.0) == 2.5
 
 
+def test_a_source_learned_as_slower_than_a_shorter_time_out_allows_is_lost_after_five_of_them():
+    assert timeout_s(30.0, 1.0) == 5.0
+
+
 def test_a_burst_of_several_sentences_is_not_a_fast_source():
     assert learned(*[0.98, 0.01, 0.01] * 9) > 1.5
 
