@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 
 from firmware_py.common import crc16
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
@@ -93,6 +93,9 @@ class StatusPacket:
         return self.error & ~ALERT_BIT
 
 
+_new_status_packet = maker(StatusPacket)
+
+
 class StatusParser:
     """Finds status packets in a stream of any bytes, and never raises.
 
@@ -158,5 +161,5 @@ class StatusParser:
             self.rejected += 1
             return 1
         body = packet[_HEAD_SIZE:-_CRC_SIZE].replace(STUFFED, UNSTUFFED)
-        packets.append(StatusPacket(packet[4], body[1], body[2:]))
+        packets.append(_new_status_packet(packet[4], body[1], body[2:]))
         return size

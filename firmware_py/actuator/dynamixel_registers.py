@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from firmware_py.common import record_class
 from firmware_py.common.angles import TWO_PI, clamp
+from firmware_py.common.record_class import maker
 
 RAM_BEGINS = 64
 
@@ -166,6 +167,9 @@ class Telemetry:
     impossible: int
 
 
+_new_telemetry = maker(Telemetry)
+
+
 def part_of(data: bytes, block: Block) -> bytes:
     """Return a block within the bytes of WHOLE."""
     begin = block.address - WHOLE.address
@@ -197,7 +201,7 @@ def decode_telemetry(data: bytes) -> Telemetry:
         voltage * VOLTS_PER_COUNT if voltage <= 400 else None,
         float(temperature) if -40 <= temperature <= 125 else None,
     )
-    return Telemetry(*values, values.count(None))
+    return _new_telemetry(*values, values.count(None))
 
 
 def hardware_error_text(bits: int) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.angles import clamp, wrap_two_pi
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 Vector = tuple[float, float, float]
@@ -75,14 +75,17 @@ class Place:
         if not (abs(latitude_rad) < math.pi / 2.0 and shrink > LEAST_SHRINK):
             return None
         longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
-        return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
+        return _new_place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
 
     def at_offset(self, north_m: float, east_m: float) -> Place:
         """Return the place that lies north and east of here; good for some kilometres."""
         latitude_rad = clamp(self.latitude_rad + north_m / EARTH_RADIUS_M, -0.5 * math.pi, 0.5 * math.pi)
         shrink = max(math.cos(latitude_rad), 1e-6)
         longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
-        return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
+        return _new_place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
+
+
+_new_place = maker(Place)
 
 
 @dataclass(frozen=True, slots=True)

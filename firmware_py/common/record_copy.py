@@ -46,10 +46,10 @@ def _copier_of(kind: type, changed: tuple[str, ...]) -> _Copier:
     names = [field.name for field in fields(kind)]
     if strange := [name for name in changed if name not in names]:
         raise KeyError(*strange)
-    known: dict[str, Any] = {"kind": kind, "twin": twin_of(kind), "new": object.__new__}
+    known: dict[str, Any] = {"kind": kind, "twin": twin_of(kind)}
     lines = [
         "def copied(record, changes):",
-        " copy = new(twin)",
+        " copy = twin()",
         *(f" copy.{name} = " + (f"changes['{name}']" if name in changed else f"record.{name}") for name in names),
         " copy.__class__ = kind",
         " return copy",

@@ -11,7 +11,7 @@ import math
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.model.kt import decay_over, exact_step
 
 EASING_RAD: Final = radians(5.6)  # the last of the way is made in proportion
@@ -40,6 +40,9 @@ class Reference:
     heading_rad: float
     yaw_rate_rad_s: float
     feedforward_rad: float = 0.0
+
+
+_new_reference = maker(Reference)
 
 
 def stopping_angle_rad(ship: Ship, yaw_rate_rad_s: float, brake_rad: float) -> float:
@@ -72,4 +75,4 @@ def update(
     turned_rad, rate_rad_s = exact_step(r, steady, decay, step_s, ship.turning_lag_s)
     most_rad = LEAD_RAD * softness
     lead_rad = clamp(wrap_pi(reference.heading_rad - heading_rad) + turned_rad, -most_rad, most_rad)
-    return Reference(wrap_two_pi(heading_rad + lead_rad), rate_rad_s, feedforward_rad)
+    return _new_reference(wrap_two_pi(heading_rad + lead_rad), rate_rad_s, feedforward_rad)

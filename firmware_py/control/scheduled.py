@@ -21,7 +21,7 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import reference_model
@@ -30,6 +30,11 @@ from firmware_py.control.reference_model import Reference, Ship
 from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.control.stiffness import band_of, softened, stiffness_of
 from firmware_py.model.kt import KtModel, steady_yaw_rate
+
+_new_ship = maker(Ship)
+_new_gains = maker(Gains)
+_new_heading_controller_state = maker(HeadingControllerState)
+_new_reference = maker(Reference)
 
 TURNING_RAD: Final = radians(3.0)  # farther than this from the goal a turn is made, in a narrower band
 TURNING_SHARE: Final = 0.1
@@ -66,19 +71,22 @@ class RudderDemand:
     band_rad: float
 
 
+_new_rudder_demand = maker(RudderDemand)
+
+
 def update(
     settings: ScheduledSettings, state: HeadingControllerState, given: HeadingControllerInput
 ) -> tuple[HeadingControllerState, float | None]:
     """Return the rudder demand [rad] with the reference of the turn; None without an estimate to steer by."""
     if given.estimate is None:
-        return HeadingControllerState(), None
+        return _new_heading_controller_state(), None
     bias_rad = followed_bias(state.bias_rad, given)
     estimate = given.estimate if bias_rad is None else replace(given.estimate, bias_rad=bias_rad)
     reference, demand = scheduled_demand(
         settings, state.reference, estimate, given.error_rad, given.step_s, given.softness
     )
     command_rad = given.command_rad if demand is None else apply_deadband(given.command_rad, demand)
-    return HeadingControllerState(reference, bias_rad), command_rad
+    return _new_heading_controller_state(reference, bias_rad), command_rad
 
 
 def followed_bias(bias_rad: float | None, given: HeadingControllerInput) -> float | None:
@@ -98,7 +106,7 @@ def followed_bias(bias_rad: float | None, given: HeadingControllerInput) -> floa
 def ship_at_speed(settings: ScheduledSettings, estimate: HeadingEstimate) -> Ship:
     """Return the model at the estimated speed (similarity, paper eq. 7), turning as well as the boat is found to."""
     ability_1_s, lag_s, norrbin_s2 = settings.model.scaled(estimate.speed_m_s / settings.model.speed_m_s)
-    return Ship(
+    return _new_ship(
         ability_1_s * estimate.turning_factor,
         lag_s,
         norrbin_s2,
@@ -113,7 +121,7 @@ def gains_of(ship: Ship, stiffness: float) -> Gains:
         ship.turning_ability_1_s
     )
     rate_max_rad_s = steady_yaw_rate(ship.limit_rad, ship.turning_ability_1_s, ship.norrbin_s2)
-    return Gains(
+    return _new_gains(
         2.0 * math.pi * stiffness / ship.limit_rad,
         2.0 * rate_gain_s * rate_max_rad_s / ship.limit_rad,
         ship.limit_rad,
@@ -137,10 +145,10 @@ def scheduled_demand(
     estimate of her speed swings about the least one travels more, and turns her later, than one kept hard over.
     """
     if reference is None:
-        reference = Reference(estimate.heading_rad, estimate.yaw_rate_rad_s)
+        reference = _new_reference(estimate.heading_rad, estimate.yaw_rate_rad_s)
     without_way = estimate.speed_m_s + estimate.speed_sd_m_s < settings.least_speed_m_s
     if without_way and abs(error_rad) <= TURNING_RAD:
-        return Reference(estimate.heading_rad, estimate.yaw_rate_rad_s), None
+        return _new_reference(estimate.heading_rad, estimate.yaw_rate_rad_s), None
     ship = ship_at_speed(settings, estimate)
     # An error of half a turn either way is a turn ordered the long way: it must not wrap.
     left_rad = error_rad - wrap_pi(reference.heading_rad - estimate.heading_rad)
@@ -157,7 +165,7 @@ def scheduled_demand(
     band_rad = band_of(correction_rad2_s, stiffness, settings.price)
     if abs(left_rad) > TURNING_RAD:
         band_rad *= TURNING_SHARE
-    return reference, RudderDemand(clamp(demand_rad, -settings.limit_rad, settings.limit_rad), band_rad)
+    return reference, _new_rudder_demand(clamp(demand_rad, -settings.limit_rad, settings.limit_rad), band_rad)
 
 
 def apply_deadband(command_rad: float, demand: RudderDemand) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Event, Inputs, Severity
 from firmware_py.common.silence import learn_interval_s
@@ -38,6 +38,9 @@ class DeviceReports:
     power_told_s: Times = (None, None)
 
 
+_new_device_reports = maker(DeviceReports)
+
+
 def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) -> DeviceReports:
     """Take the reports and samples of a tick in."""
     if not (inputs.headings or inputs.positions or inputs.rudder or inputs.devices):
@@ -62,7 +65,7 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
     rudder_s, rudder_interval_s = state.rudder_s, state.rudder_interval_s
     for feedback in inputs.rudder:
         rudder_s, rudder_interval_s = _spoken(rudder_s, rudder_interval_s, feedback.t_s, settings.rudder_timeout_s)
-    return DeviceReports(
+    return _new_device_reports(
         storage,
         clock,
         link,

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Request, Verdict
 from firmware_py.common.mode_table import MODES, RudderBy
+from firmware_py.common.record_class import maker
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Inputs, RudderCommand, RudderStatus, Severity
 from firmware_py.common.reports import Output
@@ -43,6 +44,13 @@ from firmware_py.safety import energy_meter, power_monitor, rudder_monitor, supe
 from firmware_py.safety.oscillation import OscillationInput
 from firmware_py.safety.steering_monitor import SteeringInput
 from firmware_py.safety.supervisor import SupervisorState
+
+_new_place = maker(Place)
+_new_guidance_input = maker(GuidanceInput)
+_new_steering_input = maker(SteeringInput)
+_new_oscillation_input = maker(OscillationInput)
+_new_rudder_command = maker(RudderCommand)
+_new_output = maker(Output)
 
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
@@ -98,7 +106,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
         *guidance_events,
         *vessel_events,
     )
-    return state, Output(command, snapshot_of(settings, state, situation, rudder, target, inputs), events)
+    return state, _new_output(command, snapshot_of(settings, state, situation, rudder, target, inputs), events)
 
 
 def _accept_requests(state: State, requests: Sequence[Request]) -> tuple[State, bool]:
@@ -125,11 +133,11 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
     """Carry mode, goal and mission on by a tick."""
     heading_rad, motion = situation.heading_rad, None
     if situation.place_known and situation.water is not None:
-        place = Place(state.position.latitude_rad, state.position.longitude_rad)
+        place = _new_place(state.position.latitude_rad, state.position.longitude_rad)
         # Where a heading is lost the last one, carried on, tells better how the boat moves than none.
         heading_rad = state.heading_estimator.heading.heading_rad
         motion = guidance.vessel_motion(place, heading_rad, situation.water, situation.reckoned_sd_m or 0.0)
-    guidance_input = GuidanceInput(
+    guidance_input = _new_guidance_input(
         inputs.tick.t_s,
         heading_rad,
         motion,
@@ -155,7 +163,7 @@ def _judge_steering(
     """
     armed, x, estimator = state.modes.armed, state.heading_estimator.wave_filter.x, state.heading_estimator
     heading_sd_rad = estimator.wave_filter.spread(kalman.HEADING)
-    shown = SteeringInput(
+    shown = _new_steering_input(
         rudder_rad=rudder.angle_rad,
         heading_rad=situation.heading_rad if armed and situation.rudder_ok else None,
         heading_sd_rad=heading_sd_rad,
@@ -164,7 +172,7 @@ def _judge_steering(
         shown_rad=estimator.sources.shown_rad,
     )
     steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
-    swinging = OscillationInput(
+    swinging = _new_oscillation_input(
         error_rad=target.error_rad if steered and x else None,
         goal_rad=target.heading_rad,
         heading_sd_rad=heading_sd_rad,
@@ -209,7 +217,7 @@ def _steer(
         torque_release=torque,
         rudder=replace(state.rudder, command_rad=command_rad),
     )
-    return state, RudderCommand(settings.rudder.linkage.to_shaft(command_rad), torque_on)
+    return state, _new_rudder_command(settings.rudder.linkage.to_shaft(command_rad), torque_on)
 
 
 def _rudder_held(settings: Settings, state: State, now_s: float) -> bool:

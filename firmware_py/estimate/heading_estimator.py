@@ -11,7 +11,7 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
 from firmware_py.common.reports import Estimate, HeadingEstimate
@@ -21,6 +21,11 @@ from firmware_py.estimate.observer import HeadingState, ObserverSettings
 from firmware_py.estimate.sources import Source, SourceSettings, SourceState, TrueHeadingSample
 from firmware_py.estimate.track_average import Stretch
 from firmware_py.estimate.wave_filter_state import Velocity, WaveFilterSettings, WaveFilterState, water_of
+
+_new_true_heading_sample = maker(TrueHeadingSample)
+_new_heading_state = maker(HeadingState)
+_new_estimate = maker(Estimate)
+_new_heading_estimate = maker(HeadingEstimate)
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
@@ -85,6 +90,9 @@ class HeadingEstimatorState:
         return expecting(cls(), (0.0, 0.0, parameters["CRUISE_SPEED"]))
 
 
+_new_heading_estimator_state = maker(HeadingEstimatorState)
+
+
 def expecting(state: HeadingEstimatorState, water: tuple[float, float, float]) -> HeadingEstimatorState:
     """Return a state before the first heading that expects this current, north and east, and speed [m/s]."""
     return replace(state, wave_filter=replace(state.wave_filter, expected_water=water))
@@ -107,7 +115,7 @@ def update(
         if state.declination.declination_rad is not None:
             observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
     true_headings = [
-        TrueHeadingSample(
+        _new_true_heading_sample(
             sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
         )
         for sample in headings
@@ -116,7 +124,7 @@ def update(
     events: tuple[Event, ...] = ()
     if sources.needs_restart(state.sources, now_s, timeouts.compass_s):
         fresh = WaveFilterState(expected_water=water_of(state.wave_filter))
-        state = HeadingEstimatorState(before, fresh, declination=state.declination)
+        state = _new_heading_estimator_state(before, fresh, declination=state.declination)
         events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
     state = _with_samples(settings, state, true_headings, before, now_s)
     source_state, source_events = _select_source(settings, state, timeouts, now_s)
@@ -130,17 +138,17 @@ def update(
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
         observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
         heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
-        return HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf), ()
+        return _new_heading_estimator_state(heading, waves, source_state, state.declination, stretch, deaf), ()
     if not waves.x:
-        state = HeadingEstimatorState(before, waves, source_state, state.declination, stretch, deaf)
+        state = _new_heading_estimator_state(before, waves, source_state, state.declination, stretch, deaf)
         return state, events + source_events
     heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.wave_filter, waves, now_s)
     # Fixes come rarely; whether they still come has been judged by their own timeout. A compass that comes back after
     # them may speak in the next tick only.
     sample_t_s = now_s if source_state.in_use is Source.COURSE else _later(before.sample_t_s, waves.sample_t_s)
     newest = headings[-1] if headings else before
-    heading = HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
-    state = HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf)
+    heading = _new_heading_state(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
+    state = _new_heading_estimator_state(heading, waves, source_state, state.declination, stretch, deaf)
     return state, events + source_events
 
 
@@ -227,7 +235,7 @@ def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimator
     heading, waves = state.heading, state.wave_filter
     if settings.observer_only or not waves.x:
         return None
-    return HeadingEstimate(
+    return _new_heading_estimate(
         heading_rad=heading.heading_rad,
         correction_rad2_s=max(2.0 * waves.covariance(kalman.HEADING, kalman.RATE), 0.0),
         yaw_rate_rad_s=heading.yaw_rate_rad_s,
@@ -259,14 +267,14 @@ def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> 
     if settings.observer_only or not waves.x:
         return None
     x, model = waves.x, waves.noise_model
-    return Estimate(
-        source=int(state.sources.in_use),
-        heading_rad=heading.heading_rad,
-        heading_sd_rad=waves.spread(kalman.HEADING),
-        yaw_rate_rad_s=heading.yaw_rate_rad_s,
-        yaw_rate_sd_rad_s=waves.spread(kalman.RATE),
-        bias_rad=x[kalman.BIAS],
-        bias_sd_rad=waves.spread(kalman.BIAS),
+    return _new_estimate(
+        int(state.sources.in_use),
+        heading.heading_rad,
+        waves.spread(kalman.HEADING),
+        heading.yaw_rate_rad_s,
+        waves.spread(kalman.RATE),
+        x[kalman.BIAS],
+        waves.spread(kalman.BIAS),
         wave_period_s=2.0 * math.pi / model.omega_rad_s,
         wave_sd_rad=model.wave_spread_rad,
         compass_noise_rad=math.exp(0.5 * model.log_noise),

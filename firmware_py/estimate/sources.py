@@ -15,7 +15,7 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.estimate.stay import SPIN_NOISE_RAD, SPIN_RAD_S, STAYED_S, Stay, stays
@@ -121,6 +121,9 @@ class CompassState:
         return self.t_s is not None and self.t_s - self.near_s > JUMP_S
 
 
+_new_compass_state = maker(CompassState)
+
+
 @dataclass(frozen=True, slots=True)
 class SourceState:
     """The compasses and the source in use."""
@@ -137,6 +140,9 @@ class SourceState:
         """Whether two compasses that measure differ by more than they should."""
         a, b = (compass.steady_rad for compass in self.compasses)
         return a is not None and b is not None and abs(wrap_pi(a - b)) > DISAGREEMENT_RAD
+
+
+_new_source_state = maker(SourceState)
 
 
 def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, float]) -> bool:
@@ -192,7 +198,7 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
     if changed and state.sound_since_s is not None:
         shown_s = sample.t_s - state.changed_s
         longest_s = max(shown_s, longest_s * math.exp(-shown_s / LONGEST_MEMORY_S))
-    return CompassState(
+    return _new_compass_state(
         sample.t_s,
         sample.raw_rad,
         sample.t_s if changed else state.changed_s,
@@ -213,8 +219,8 @@ def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: floa
     """Take a sample of either compass in."""
     a, b = state.compasses
     if sample.source == Source.COMPASS_B:
-        return SourceState((a, update_compass(b, sample, expected_rad)), state.in_use)
-    return SourceState((update_compass(a, sample, expected_rad), b), state.in_use)
+        return _new_source_state((a, update_compass(b, sample, expected_rad)), state.in_use)
+    return _new_source_state((update_compass(a, sample, expected_rad), b), state.in_use)
 
 
 def _judge(state: CompassState, now_s: float, settings: SourceSettings, timeout_s: float) -> CompassState:
@@ -245,13 +251,13 @@ def select(
     b = _judge(before_b, now_s, settings, b_timeout_s)
     in_use = _first_sound_source(state.in_use, (a, b), now_s, course_ok=course_ok)
     if in_use is state.in_use:
-        return state if a is before_a and b is before_b else SourceState((a, b), in_use), ()
+        return state if a is before_a and b is before_b else _new_source_state((a, b), in_use), ()
     if in_use in (Source.COMPASS_A, Source.COMPASS_B) and state.in_use is not Source.NONE:
         # It starts where the estimate is, and is drawn to its own heading slowly.
         entering = (a, b)[in_use]
         entering = replace(entering, offset_rad=wrap_pi(-entering.difference_rad), near_s=now_s)
         a, b = (entering, b) if in_use is Source.COMPASS_A else (a, entering)
-    return SourceState((a, b), in_use), (_change_event(state.in_use, in_use),)
+    return _new_source_state((a, b), in_use), (_change_event(state.in_use, in_use),)
 
 
 def _first_sound_source(

@@ -13,7 +13,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import Home, Water
 from firmware_py.guidance import fence, mission, mission_progress, task_follower
@@ -25,6 +25,8 @@ from firmware_py.guidance.return_point import places, return_task
 from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
+
+_new_vessel_motion = maker(VesselMotion)
 
 INTERVAL_S = 0.5
 LONGEST_STEP_S = 5.0
@@ -92,9 +94,12 @@ class GuidanceOutput:
     home: Home | None = None
 
 
+_new_guidance_output = maker(GuidanceOutput)
+
+
 def vessel_motion(place: Place, heading_rad: float, water: Water, spread_m: float = 0.0) -> VesselMotion:
     """Return how the boat moves, for guidance; spread_m as there."""
-    return VesselMotion(
+    return _new_vessel_motion(
         place=place,
         heading_rad=heading_rad,
         speed_m_s=water.speed_m_s,
@@ -112,14 +117,14 @@ def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInpu
     before, state = state, take_changes(state, modes, given.plans)
     is_new = state is not before or given.new_fix
     if not is_new and state.updated_s is not None and given.t_s - state.updated_s < INTERVAL_S:
-        return GuidanceOutput(state)
+        return _new_guidance_output(state)
     step_s = 0.0 if state.updated_s is None else min(max(0.0, given.t_s - state.updated_s), LONGEST_STEP_S)
     state = replace(state, updated_s=given.t_s)
     if motion is not None:
         state = replace(state, fence=fence.update(state.fence, given.plans.fence, motion.place))
     if modes.mode is Mode.AUTO:
         return _update_mission(settings, state, given, step_s)
-    return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given), given, step_s))
+    return _new_guidance_output(_carry_out(settings, state, _task(settings, state, given), given, step_s))
 
 
 def take_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> GuidanceState:
@@ -211,7 +216,7 @@ def _update_mission(
 ) -> GuidanceOutput:
     """Carry the mission on; disarmed the boat is where it is, and so is the mission."""
     if not given.modes.armed:
-        return GuidanceOutput(state)
+        return _new_guidance_output(state)
     motion = given.motion
     mission_input = MissionInput(
         settings=settings.tasks,
@@ -234,7 +239,7 @@ def _update_mission(
     task = progress.pause_task if progress.paused else progress.task
     if task is not None:  # None where it is not known yet where to stay: what was wanted last stands
         state = _carry_out(settings, state, task, given, step_s)
-    return GuidanceOutput(state, home)
+    return _new_guidance_output(state, home)
 
 
 def fence_margin_m(state: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:

@@ -6,7 +6,7 @@ import math
 
 from firmware_py.common.angles import wrap_pi, wrap_two_pi
 from firmware_py.common.mode_table import MODES, Mode
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.guidance.guidance import GuidanceSettings
 from firmware_py.guidance.task_follower import TaskStatus
@@ -27,6 +27,9 @@ class SteeringTarget:
 
     heading_rad: float | None = None
     error_rad: float | None = None
+
+
+_new_steering_target = maker(SteeringTarget)
 
 
 def update_goal(
@@ -56,13 +59,13 @@ def steering_target(modes: ModeState, status: TaskStatus, situation: Situation) 
     if isinstance(goal, HeadingGoal):
         steer_rad, turn = heading_to_steer(goal, situation.water), goal.turn
     elif (target := status.heading_target) is None:
-        return SteeringTarget()
+        return _new_steering_target()
     elif target.over_ground and (water := situation.water) is not None:
         steer_rad = heading_in_water(target.angle_rad, water)
     else:
         steer_rad = target.angle_rad
     if situation.heading_rad is None:
-        return SteeringTarget(steer_rad, None)
+        return _new_steering_target(steer_rad, None)
     # On a turn the long way the error stays at half a turn until the shorter way is the right one.
     error_rad = turn * math.pi if turn else wrap_pi(steer_rad - situation.heading_rad)
-    return SteeringTarget(steer_rad, error_rad)
+    return _new_steering_target(steer_rad, error_rad)

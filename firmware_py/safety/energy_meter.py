@@ -6,9 +6,11 @@ import math
 from typing import Final
 
 from firmware_py.common.angles import radians
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.records import RudderStatus
 from firmware_py.common.reports import Energy
+
+_new_energy = maker(Energy)
 
 WINDOW_S: Final = 3600.0  # what is reported per hour is that of about the last hour
 REVERSAL_RAD: Final = radians(0.5)  # less than this the other way is no reversal
@@ -36,6 +38,9 @@ class EnergyMeterState:
     power_s: float | None = None
 
 
+_new_energy_meter_state = maker(EnergyMeterState)
+
+
 def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> EnergyMeterState:
     """Take a tick's rudder angle and the power of a new feedback in."""
     angle_rad = rudder.angle_rad
@@ -48,7 +53,7 @@ def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> Ener
         if power_s is not None and 0.0 < rudder.feedback_s - power_s <= LONGEST_GAP_S:
             energy_j += rudder.power_w * (rudder.feedback_s - power_s)
         power_s, power_w = rudder.feedback_s, rudder.power_w
-    return EnergyMeterState(
+    return _new_energy_meter_state(
         state.travel_rad + moved_rad,
         state.reversals + reversed_now,
         energy_j,
@@ -78,7 +83,7 @@ def _turning_point(state: EnergyMeterState, angle_rad: float) -> tuple[float, in
 def report(state: EnergyMeterState, *, resting: bool) -> Energy:
     """Return what log and link show; `resting`: the servo's torque is released."""
     per_hour = WINDOW_S / state.recent_s if state.recent_s > 0.0 else 0.0
-    return Energy(
+    return _new_energy(
         state.travel_rad,
         state.reversals,
         state.energy_j,

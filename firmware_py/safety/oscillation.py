@@ -23,7 +23,7 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel
 from firmware_py.safety import late_answer
@@ -94,6 +94,9 @@ class HalfSwing:
     turned: bool = False  # the goal
 
 
+_new_half_swing = maker(HalfSwing)
+
+
 @dataclass(frozen=True, slots=True)
 class OscillationState:
     """The half swing under way, the last that counted with what those in a row count, and what came of them.
@@ -131,11 +134,11 @@ def update(
     heading_rad = goal_rad - error_rad
     late = late_answer.update(settings.model, state.late, heading_rad, rudder_rad, given.speed_m_s, now_s, turns=turns)
     if half is None:
-        begun = HalfSwing(now_s, 1 if error_rad >= 0.0 else -1, goal_rad, turned=True)
+        begun = _new_half_swing(now_s, 1 if error_rad >= 0.0 else -1, goal_rad, turned=True)
         return replace(state, goal_rad=goal_rad, late=late, half=begun)
     least_rad = max(LEAST_RAD, LEAST_SPREADS * given.heading_sd_rad)
     if error_rad * half.side > -RETURN_SHARE * least_rad:
-        half = HalfSwing(
+        half = _new_half_swing(
             half.begun_s,
             half.side,
             half.goal_rad,
@@ -151,7 +154,7 @@ def update(
     state = _counted(settings, replace(state, late=late), half, given, now_s, lasts=False)
     late = late_answer.turned(settings.model, state.late, given.heading_sd_rad)
     jumped = abs(wrap_pi(goal_rad - goal_before_rad)) > LEAST_RAD
-    begun = HalfSwing(now_s, -half.side, goal_rad, turned=jumped)
+    begun = _new_half_swing(now_s, -half.side, goal_rad, turned=jumped)
     return replace(state, goal_rad=goal_rad, late=late, half=begun)
 
 

@@ -22,7 +22,7 @@ import math
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel, decay_over
 
@@ -62,6 +62,9 @@ class Boat:
     lacks_rad: float = 0.0
     lacks_other_rad: float = 0.0
     evidence: float = 0.0
+
+
+_new_boat = maker(Boat)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +109,7 @@ class Seen:
 
 def interrupted(state: RudderAnswerState) -> RudderAnswerState:
     """Begin the sums anew, with the verdict and what has been learned: the heading has not been seen for a while."""
-    boats = tuple(Boat(boat.felt_rad, 0.0, boat.other_rad, boat.mean_rad) for boat in state.boats)
+    boats = tuple(_new_boat(boat.felt_rad, 0.0, boat.other_rad, boat.mean_rad) for boat in state.boats)
     return replace(state, heading_variance=None, covariance=0.0, boats=boats)
 
 
@@ -185,7 +188,9 @@ def _taken(
         if part < 0.0 and not state.missing:
             lacks_rad = (before[0].beyond_rad + before[0].lacks_rad - beyond_rad) / part
             lacks_other_rad = (other_rad - before[0].other_rad + before[0].lacks_other_rad) / part
-    return Boat(boat.felt_rad - over_rad * gone, beyond_rad, other_rad, mean_rad, lacks_rad, lacks_other_rad, evidence)
+    return _new_boat(
+        boat.felt_rad - over_rad * gone, beyond_rad, other_rad, mean_rad, lacks_rad, lacks_other_rad, evidence
+    )
 
 
 def _judged(state: RudderAnswerState) -> RudderAnswerState:
@@ -196,12 +201,12 @@ def _judged(state: RudderAnswerState) -> RudderAnswerState:
             return state
         first = state.boats[0]
         beyond_rad, other_rad = first.beyond_rad + first.lacks_rad, first.other_rad - first.lacks_other_rad
-        boats = tuple(Boat(boat.felt_rad, beyond_rad, other_rad, boat.mean_rad) for boat in state.boats)
+        boats = tuple(_new_boat(boat.felt_rad, beyond_rad, other_rad, boat.mean_rad) for boat in state.boats)
         return replace(state, missing=True, boats=boats)
     if max(boat.evidence for (_, _, part, _), boat in pairs if part > 0.0) <= AGAIN:
         return state
     boats = tuple(
-        Boat(
+        _new_boat(
             boat.felt_rad,
             boat.beyond_rad - part * boat.lacks_rad,
             boat.other_rad + part * boat.lacks_other_rad,

@@ -13,7 +13,7 @@ from typing import Final
 
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import RudderStatus
 
@@ -71,6 +71,9 @@ class RudderMonitorState:
         return self.relieved_s is not None and now_s - self.relieved_s >= RELIEF_S
 
 
+_new_rudder_monitor_state = maker(RudderMonitorState)
+
+
 def update(
     settings: RudderMonitorSettings, state: RudderMonitorState, rudder: RudderStatus, *, engaged: bool
 ) -> RudderMonitorState:
@@ -117,7 +120,7 @@ def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, engaged: b
         if overdue and still and jammed_rad is None:
             jammed_rad = angle_rad
         deviating = overdue and not still
-    return RudderMonitorState(
+    return _new_rudder_monitor_state(
         progress_rad,
         progress_s,
         motion_rad,

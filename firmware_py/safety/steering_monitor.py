@@ -11,7 +11,7 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel
 from firmware_py.safety import rudder_answer, wrong_way
@@ -63,6 +63,9 @@ class Block:
     shown_rad: float | None = None
 
 
+_new_block = maker(Block)
+
+
 @dataclass(frozen=True, slots=True)
 class SteeringMonitorState:
     """The block under way, the slow parts of rudder and speed, and the judges.
@@ -96,16 +99,16 @@ def update(
         return replace(state, block=None, answer=rudder_answer.interrupted(state.answer))
     block = state.block
     if block is None or now_s < block.t_s:
-        return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
+        return replace(state, block=_new_block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
     rudder_rad_s = block.rudder_rad_s + given.rudder_rad * (now_s - block.t_s)
     step_s = now_s - block.begun_s
     if step_s < BLOCK_S:
-        return replace(state, block=Block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad))
+        return replace(state, block=_new_block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad))
     turned_rad = wrap_pi(given.heading_rad - block.heading_rad)
     begun_rad = block.shown_rad
     shown_rad = 0.0 if begun_rad is None or given.shown_rad is None else wrap_pi(given.shown_rad - begun_rad)
     state = compare(settings.model, state, given, Turn(rudder_rad_s / step_s, turned_rad, shown_rad, step_s))
-    return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
+    return replace(state, block=_new_block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
 
 
 def compare(model: KtModel, state: SteeringMonitorState, given: SteeringInput, turn: Turn) -> SteeringMonitorState:

@@ -9,7 +9,7 @@ from firmware_py.common.angles import radians
 from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
 from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode, RudderBy
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, RudderStatus, Severity
 from firmware_py.faults.table import TABLE, Fault
@@ -20,6 +20,8 @@ from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
 from firmware_py.safety.oscillation import OscillationInput, OscillationSettings, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState
+
+_new_failsafe_input = maker(FailsafeInput)
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
@@ -130,7 +132,7 @@ def apply_failsafe(
     overruled: bool,
 ) -> tuple[SupervisorState, ModeState, tuple[Event, ...]]:
     """Let the failsafes decide about the mode."""
-    failsafe_input = FailsafeInput(
+    failsafe_input = _new_failsafe_input(
         active,
         modes.mode,
         modes.by_failsafe,

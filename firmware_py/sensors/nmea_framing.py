@@ -6,7 +6,7 @@ import functools
 import operator
 import re
 
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, NO_CHECKSUM
 
 # The standard says 82 bytes, u-blox's $PUBX,03 takes 500 and more.
@@ -40,6 +40,9 @@ class Sentence:
     def talker(self) -> str:
         """Who speaks, such as HC; P for every proprietary sentence."""
         return "P" if self.address[0] == "P" else self.address[:2]
+
+
+_new_sentence = maker(Sentence)
 
 
 class NmeaFramer:
@@ -91,7 +94,7 @@ class NmeaFramer:
         match = _ADDRESS.match(body)
         if match:
             address, *fields = body.decode("latin-1").split(",")
-            sentences.append(Sentence(self._line, address, tuple(fields), fault))
+            sentences.append(_new_sentence(self._line, address, tuple(fields), fault))
 
     def _judge(self, body: bytes, stop: int) -> tuple[str, int]:
         """Return the fault of a body that ends at `stop`, and where to read on."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.nmea_fields import (
     Fields,
@@ -38,6 +38,9 @@ class Decoded:
     topic: str
     numbers: Numbers
     letters: Mapping[str, str]
+
+
+_new_decoded = maker(Decoded)
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,4 +232,4 @@ def decode_sentence(sentence: Sentence) -> Decoded | None:
     for name, derive in layout.derived:
         numbers[name] = derive(numbers)
     letters = {name: fields[index] if index < len(fields) else "" for name, index in layout.letters}
-    return Decoded(layout.topic, numbers, letters)
+    return _new_decoded(layout.topic, numbers, letters)

@@ -108,6 +108,31 @@ def test_a_record_checks_itself():
         OURS[3](-1)
 
 
+@pytest.mark.parametrize(
+    ("which", "words", "more"), [(0, (1.0,), {}), (0, (), {"y": 1, "x": 2}), (1, ((),), {}), (2, (), {}), (3, (1,), {})]
+)
+def test_a_maker_makes_what_the_class_makes(which, words, more):
+    kind = OURS[which]
+    made = record_class.maker(kind)(*words, **more)
+    assert made == kind(*words, **more)
+    assert made.__class__ is kind
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        made.x = 2.0
+    if which == 0:
+        assert made.items is not record_class.maker(kind)(*words, **more).items
+
+
+def test_a_maker_has_a_record_check_itself():
+    with pytest.raises(ValueError, match="below 0"):
+        record_class.maker(OURS[3])(-1)
+
+
+@pytest.mark.parametrize(("words", "more"), [((), {}), ((1.0, 2.0, [], 4.0), {}), ((1.0,), {"z": 1})])
+def test_a_wrong_call_of_a_maker_is_a_type_error(words, more):
+    with pytest.raises(TypeError, match="make"):
+        record_class.maker(OURS[0])(*words, **more)
+
+
 def test_it_is_for_nothing_else():
     with pytest.raises(TypeError, match="frozen records"):
         record_class.dataclass(frozen=False, slots=True)
