@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.model.kt import KtModel, decay_over, settled_yaw_rate
 
 HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN = range(12)
@@ -39,8 +39,8 @@ Numbers = tuple[float, ...]
 Floats = NDArray[np.float64]
 Noise = tuple[float, float, float]  # what a motion gains in a step: angle, covariance of both, rate
 Response = tuple[float, float, float, float]  # of a second-order system over a step, row by row
-# What turns the glider, for each of the four that it makes.
-_DRIVING: Final = np.array((HEADING, RATE, BIAS, SPEED, FACTOR, BIAS_MEAN)).reshape(6, 1).repeat(4, 1)
+# What turns the glider, for each of the five that it makes.
+_DRIVING: Final = np.array((HEADING, RATE, BIAS, SPEED, FACTOR, BIAS_MEAN)).reshape(6, 1).repeat(5, 1)
 _TURNING: Final = _DRIVING.size * COLUMNS
 _MOTIONS: Final = range(WAVE, STATES, 2)
 # Angle, then rate, of what swings, for each of the two that they make of themselves.
@@ -49,11 +49,17 @@ _SWINGING: Final = np.array((FLOAT, FLOAT_RATE, *range(WAVE, STATES))).reshape(4
 _NOISY: Final = np.array([(COLUMNS + 1) * i for i in range(STATES)] + [COLUMNS * (i + 1) + i for i in _MOTIONS])
 # Of each number of a covariance, where it stands in the lower triangle, flat.
 _LOWER: Final = np.array([[COLUMNS * max(i, k) + min(i, k) for k in range(STATES)] for i in range(STATES)])
+# The same of its transpose, with the slopes still beside it, which nobody looks at.
+_ACROSS: Final = np.array(
+    [[COLUMNS * k + i if k < STATES else COLUMNS * i + k for k in range(COLUMNS)] for i in range(STATES)]
+)
 # Where what pulls the motions and the float back goes in the slopes beside a covariance, flat.
 _PULLED: Final = np.array(
     [COLUMNS * i + STATES for i in range(WAVE, STATES)] + [COLUMNS * i + STATES + 1 for i in (FLOAT, FLOAT_RATE)]
 )
 # Numbers for an array: so made it takes a third of the time that numpy takes to look at each.
+sum_of: Final = np.add.reduce  # to look a method of numpy's up costs as much as a row of a matrix
+_outer: Final = np.multiply.outer
 _pack_shares: Final = struct.Struct(f"{_DRIVING.size + _SWINGING.size}d").pack
 _pack_gains: Final = struct.Struct(f"{_NOISY.size}d").pack
 _pack_pulls: Final = struct.Struct(f"{_PULLED.size}d").pack
@@ -85,6 +91,9 @@ class Turn:
     by_factor: float
 
 
+_new_turn = maker(Turn)
+
+
 @dataclass(frozen=True, slots=True)
 class Transition:
     """A step of all states: the glider's turn, what float and waves do by themselves, and how much bias is kept."""
@@ -110,7 +119,7 @@ def turn(x: Numbers, rudder_rad: float, step_s: float, model: KtModel, bias_vari
     reach_s = lag_s * gone
     felt = push_rad * push_rad / (push_rad * push_rad + 25.0 * bias_variance) if bias_variance > 0.0 else 1.0
     by_speed = (factor * ability_1_s * push_rad + 2.0 * cubic) * gone + (steady - r) * decay * step_s / lag_s
-    return Turn(
+    return _new_turn(
         # kt.exact_step in another order of its sums, which logs of earlier versions hold to the last bit.
         x[HEADING] + steady * step_s + (r - steady) * reach_s,
         settled_yaw_rate(r, steady, decay),
@@ -149,53 +158,48 @@ class Measured(NamedTuple):
     variance: float
 
 
-class Derivative(NamedTuple):
-    """The derivative of `advance`.
+def derivative(transition: Transition) -> tuple[Floats, Floats]:
+    """Return the derivative of `advance`, by which `carry` carries columns on.
 
-    `turning` (6 x 4 x 20): by each of _DRIVING, of heading, yaw rate, bias and the middle of the glider's way;
-    `swinging` (2 x 8 x 20): by the angle, then by the rate of what swings, of angle and rate, the float beside this
-    middle. Each is there for every column: numpy multiplies arrays of the same shape in a third of the time.
+    What turns (6 x 5 x 20): by each of _DRIVING, of heading, yaw rate, bias and the middle of the glider's way, this
+    twice, in the places of the float. What swings (2 x 8 x 20): by the angle, then by the rate of what swings, of angle
+    and rate, the float beside this middle. Each is there for every column: numpy multiplies arrays of the same shape in
+    a third of the time.
     """
-
-    turning: Floats
-    swinging: Floats
-
-
-def derivative(transition: Transition) -> Derivative:
-    """Return what `carry` carries columns on by."""
     turned, keep = transition.turn, transition.keep
-    share, half = turned.share_s, 0.5 * turned.share_s
+    reach, share, half = turned.reach_s, turned.share_s, 0.5 * turned.share_s
     bias, speed, factor = turned.by_bias, turned.by_speed, turned.by_factor
     f00, f01, f10, f11 = transition.follow
     w00, w01, w10, w11 = transition.wave
     # fmt: off
     shares = np.frombuffer(_pack_shares(
-        1.0, 0.0, 0.0, 1.0,
-        turned.reach_s, turned.by_rate, 0.0, 0.5 * turned.reach_s,
-        share * bias, bias, keep, half * bias,
-        share * speed, speed, 0.0, half * speed,
-        share * factor, factor, 0.0, half * factor,
-        0.0, 0.0, 1.0 - keep, 0.0,
+        1.0, 0.0, 0.0, 1.0, 1.0,
+        reach, turned.by_rate, 0.0, 0.5 * reach, 0.5 * reach,
+        share * bias, bias, keep, half * bias, half * bias,
+        share * speed, speed, 0.0, half * speed, half * speed,
+        share * factor, factor, 0.0, half * factor, half * factor,
+        0.0, 0.0, 1.0 - keep, 0.0, 0.0,
         f00, f10, w00, w10, w00, w10, w00, w10,
         f01, f11, w01, w11, w01, w11, w01, w11,
     ))
     # fmt: on
     everywhere = shares.repeat(COLUMNS)
-    return Derivative(everywhere[:_TURNING].reshape(6, 4, COLUMNS), everywhere[_TURNING:].reshape(2, 8, COLUMNS))
+    return everywhere[:_TURNING].reshape(6, 5, COLUMNS), everywhere[_TURNING:].reshape(2, 8, COLUMNS)
 
 
-def carry(columns: Floats, by: Derivative) -> Floats:
-    """Return F M: the columns of M (18 x 20), carried on."""
-    turned = np.add.reduce(by.turning * columns.take(_DRIVING, 0), 0)
-    middle, swinging = turned[FLOAT], columns.take(_SWINGING, 0)
-    floating = swinging[0, :2]
+def carry(columns: Floats, by: tuple[Floats, Floats]) -> Floats:
+    """Return F M: the columns of M (18 x 20), carried on by what `derivative` says."""
+    turning, swinging = by
+    carried = columns.copy()
+    turned = carried[:NORTH]
+    sum_of(turning * columns.take(_DRIVING, 0), 0, out=turned)
+    middle, swing = turned[FLOAT:], columns.take(_SWINGING, 0)
+    floating = swing[0, :2]
     np.subtract(floating, middle, floating)
-    parts = by.swinging * swinging
+    parts = swinging * swing
     swung = parts[0] + parts[1]
     angle = swung[0]
-    np.add(angle, middle, angle)
-    carried = columns.copy()
-    carried[:FLOAT] = turned[:FLOAT]
+    np.add(angle, middle[0], angle)
     carried[FLOAT:NORTH] = swung[:2]
     carried[WAVE:] = swung[2:]
     return carried
@@ -205,9 +209,7 @@ def predict(columns: Floats, transition: Transition, noise: Sequence[float], mot
     """Return F P F' + Q beside F S; `noise`: what each state but the motions gains; `motions`: what those do."""
     by = derivative(transition)
     once = carry(columns, by)
-    across = once.copy()  # with the slopes still beside it, which nobody looks at
-    across[:, :STATES] = once[:, :STATES].T
-    numbers = carry(across, by).reshape(-1)
+    numbers = carry(once.take(_ACROSS), by).reshape(-1)
     own = [gain for angle, _, rate in motions for gain in (angle, rate)]
     gains = np.frombuffer(_pack_gains(*noise, *own, *[both for _, both, _ in motions]))
     numbers.put(_NOISY, numbers.take(_NOISY) + gains)
@@ -250,4 +252,4 @@ def correct(
     shown = share * measured.shown
     of_states = shown[:STATES]
     moved = of_states * (share * innovation)
-    return tuple(map(add, x, moved.tolist())), columns - np.multiply.outer(of_states, shown)
+    return tuple(map(add, x, moved.tolist())), columns - _outer(of_states, shown)

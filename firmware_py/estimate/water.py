@@ -13,10 +13,12 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.angles import clamp
-from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.reports import Water
 from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter_state import FIRST, FIRST_COURSE_LAG_S, WaveFilterState, water_of
+
+_new_water = maker(Water)
 
 # The current counts as stronger when it is by a standard deviation, for so long; and no longer when weaker.
 STRONG_AFTER_S, WEAK_AFTER_S = 120.0, 120.0
@@ -39,6 +41,9 @@ class WaterState:
     slow_m_s: tuple[float, float, float] | None = None
 
 
+_new_water_state = maker(WaterState)
+
+
 def report(state: WaterState, waves: WaveFilterState) -> Water:
     """Return the estimate for those who steer by it; before the first heading it is what was expected."""
     north_m_s, east_m_s, speed_m_s, leeway_rad = known(waves)
@@ -46,16 +51,15 @@ def report(state: WaterState, waves: WaveFilterState) -> Water:
         north_m_s, east_m_s, speed_m_s = state.slow_m_s
     x, model, course_lag_s = waves.x, waves.noise_model, FIRST_COURSE_LAG_S
     if x:
-        nn, ne = waves.covariance(kalman.NORTH, kalman.NORTH), waves.covariance(kalman.NORTH, kalman.EAST)
-        ee = waves.covariance(kalman.EAST, kalman.EAST)
+        nn, ne, _, ee, _, uu = waves.water_covariance()
         half, differ = 0.5 * (nn + ee), 0.5 * (nn - ee)
         worst = half + math.sqrt(differ * differ + ne * ne)
-        speed_sd_m_s, leeway_sd_rad = math.hypot(waves.spread(kalman.SPEED), CHANGES_M_S), waves.spread(kalman.LEEWAY)
+        speed_sd_m_s, leeway_sd_rad = math.hypot(math.sqrt(uu), CHANGES_M_S), waves.spread(kalman.LEEWAY)
         course_lag_s = x[kalman.COURSE_LAG]
     else:
         worst, speed_sd_m_s = FIRST[kalman.NORTH] ** 2, FIRST[kalman.SPEED]
         leeway_sd_rad = FIRST[kalman.LEEWAY]
-    return Water(
+    return _new_water(
         speed_m_s,
         speed_sd_m_s,
         north_m_s,
@@ -87,13 +91,16 @@ def over_ground_m_s(waves: WaveFilterState, heading_rad: float | None) -> tuple[
 def update(state: WaterState, waves: WaveFilterState, now_s: float) -> WaterState:
     """Judge, with patience both ways, whether the current is stronger than the boat, while a receiver tells of it."""
     if not waves.x or waves.fix_t_s is None or now_s - waves.fix_t_s > WEAK_AFTER_S:
-        return WaterState(None, 0.0, state.too_strong, state.slow_m_s)  # the last that was known
+        return _new_water_state(None, 0.0, state.too_strong, state.slow_m_s)  # the last that was known
     step_s = 0.0 if state.t_s is None else max(now_s - state.t_s, 0.0)
     north, east, speed, _ = known(waves)
     current = math.hypot(north, east)
     a, b = (north / current, east / current) if current > 1e-6 else (1.0, 0.0)
     strong_s = state.strong_s
-    if current > speed + math.sqrt(max(0.0, _variance(waves, a, b))):
+    nn, ne, nu, ee, eu, uu = waves.water_covariance()
+    # Of the current along (a, b) less the speed.
+    variance = a * a * nn + b * b * ee + 2.0 * a * b * ne + uu - 2.0 * (a * nu + b * eu)
+    if current > speed + math.sqrt(max(0.0, variance)):
         strong_s = max(0.0, strong_s) + step_s
     elif current < WEAK_PART * speed:
         strong_s = min(0.0, strong_s) - step_s
@@ -104,26 +111,14 @@ def update(state: WaterState, waves: WaveFilterState, now_s: float) -> WaterStat
         too_strong = True
     elif strong_s <= -WEAK_AFTER_S:
         too_strong = False
-    return WaterState(now_s, strong_s, too_strong, _slow_m_s(state, waves, step_s))
+    if state.slow_m_s is not None:
+        part, (slow_north, slow_east, slow_speed) = min(step_s / SLOW_S, 1.0), state.slow_m_s
+        north = _followed(slow_north, north, part, math.sqrt(nn))
+        east = _followed(slow_east, east, part, math.sqrt(ee))
+        speed = _followed(slow_speed, speed, part, math.sqrt(uu))
+    return _new_water_state(now_s, strong_s, too_strong, (north, east, speed))
 
 
-def _slow_m_s(state: WaterState, waves: WaveFilterState, step_s: float) -> tuple[float, float, float]:
-    """Return current north and east and the speed, followed slowly."""
-    part = min(step_s / SLOW_S, 1.0)
-    north, east, speed = (
-        now if before is None else clamp(before + part * (now - before), now - spread, now + spread)
-        for before, now, spread in zip(
-            state.slow_m_s or (None, None, None),
-            known(waves),
-            (waves.spread(kalman.NORTH), waves.spread(kalman.EAST), waves.spread(kalman.SPEED)),
-            strict=False,
-        )
-    )
-    return north, east, speed
-
-
-def _variance(waves: WaveFilterState, a: float, b: float) -> float:
-    """Return the variance of the current along (a, b) less the speed."""
-    n, e, u = kalman.NORTH, kalman.EAST, kalman.SPEED
-    current = a * a * waves.covariance(n, n) + b * b * waves.covariance(e, e) + 2.0 * a * b * waves.covariance(n, e)
-    return current + waves.covariance(u, u) - 2.0 * (a * waves.covariance(n, u) + b * waves.covariance(e, u))
+def _followed(before: float, now: float, part: float, spread: float) -> float:
+    """Return what follows slowly, and never further off than the spread."""
+    return clamp(before + part * (now - before), now - spread, now + spread)

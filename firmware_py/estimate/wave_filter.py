@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.record_class import maker
 from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman, learning, over_ground
 from firmware_py.estimate.wave_filter_state import (
@@ -27,6 +28,8 @@ from firmware_py.estimate.wave_filter_state import (
     bound,
     start,
 )
+
+_new_transition = maker(kalman.Transition)
 
 LONGEST_STEP_S: Final = 1.0  # one step of the covariance; a longer one takes several
 LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
@@ -73,7 +76,7 @@ class _Workspace:
         bias_variance = self.columns.item(kalman.BIAS, kalman.BIAS)
         turn = kalman.turn(x, self.rudder_rad, step_s, self.settings.model, bias_variance)
         follow = kalman.response(follow_rad_s, kalman.FLOAT_DAMPING, step_s)
-        transition = kalman.Transition(turn, follow, wave, math.exp(-step_s / kalman.BIAS_MEMORY_S))
+        transition = _new_transition(turn, follow, wave, math.exp(-step_s / kalman.BIAS_MEMORY_S))
         noise = [each * step_s for each in WHITE]
         noise[kalman.BIAS] = math.exp(model.log_bias_noise) * step_s
         noise[kalman.FLOAT_RATE] *= min(follow_rad_s * follow_rad_s, FLOAT_WANDERS)
@@ -167,7 +170,7 @@ def correct_heading(
     variance = measured.variance
     deviation_rad = math.sqrt(variance)
     if abs(innovation_rad) > max(GATE_SIGMAS * deviation_rad, GATE_RAD):
-        return replace(_finish(work, state), refusals=state.refusals + 1, innovation_rad=innovation_rad)
+        return _finish(work, state, refusals=state.refusals + 1, innovation_rad=innovation_rad)
     step_s, slow_wave_rad = 0.0 if state.sample_t_s is None else t_s - state.sample_t_s, state.slow_wave_rad
     limited_rad = innovation_rad / HEADING_LIMIT
     work.correct(measured, innovation_rad, max(variance, limited_rad * limited_rad))
@@ -175,8 +178,9 @@ def correct_heading(
         work.learn_frequencies(measured, innovation_rad, step_s)
         work.learn_from_heading(innovation_rad, variance, step_s)
         slow_wave_rad = work.give_turn_back(slow_wave_rad, step_s)
-    return replace(
-        _finish(work, state),
+    return _finish(
+        work,
+        state,
         sample_t_s=max(t_s, state.sample_t_s or t_s),
         refusals=0,
         innovation_rad=innovation_rad,
@@ -227,16 +231,19 @@ def correct_velocity(
         if mean is None:
             model = replace(model, coupling=learning.learn_coupling(model.coupling, swing_rad, moved_m_s, step_s))
         work.noise_model = model
-    return replace(_finish(work, state), fix_t_s=t_s, leg_rad=leg_rad, leg_t_s=leg_t_s)
+    return _finish(work, state, fix_t_s=t_s, leg_rad=leg_rad, leg_t_s=leg_t_s)
 
 
-def _finish(work: _Workspace, state: WaveFilterState) -> WaveFilterState:
-    """Return the state that the work has come to; numbers that are none start the filter anew."""
+def _finish(work: _Workspace, state: WaveFilterState, **taken: Any) -> WaveFilterState:
+    """Return the state that the work has come to, with what it has taken; numbers that are none start the filter anew.
+
+    `taken` are fields that a measurement changes besides.
+    """
     x, numbers = work.x, work.columns.take(_APART)
     p = numbers[: kalman.STATES**2]
-    sound = math.isfinite(sum(x)) and math.isfinite(np.add.reduce(p))
+    sound = math.isfinite(sum(x)) and math.isfinite(kalman.sum_of(p))
     if not sound or min(p[:: kalman.STATES + 1].tolist()) <= 0.0:
-        return WaveFilterState(rudder_rad=state.rudder_rad, expected_water=state.expected_water)
+        return WaveFilterState(rudder_rad=state.rudder_rad, expected_water=state.expected_water, **taken)
     heading_rad = wrap_two_pi(x[kalman.HEADING])
     turns_rad = heading_rad - x[kalman.HEADING]
     return replace(
@@ -246,6 +253,7 @@ def _finish(work: _Workspace, state: WaveFilterState) -> WaveFilterState:
         p=p.tobytes(),
         slopes=numbers[kalman.STATES**2 :].tobytes(),
         noise_model=work.noise_model,
+        **taken,
     )
 
 

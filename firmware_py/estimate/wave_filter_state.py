@@ -42,6 +42,9 @@ FIRST_COURSE_LAG_S: Final = 0.5
 _number_at: Final = struct.Struct("d").unpack_from
 _NUMBER_BYTES: Final = 8
 _ROW_BYTES: Final = kalman.STATES * _NUMBER_BYTES
+_BETWEEN: Final = _ROW_BYTES - 2 * _NUMBER_BYTES  # from the end of a row of the triangle below to the next, of one less
+# North, east and speed lie behind each other: the triangle of their covariances, row by row.
+_water_at: Final = struct.Struct(f"3d{_BETWEEN}x2d{_BETWEEN + _NUMBER_BYTES}xd").unpack_from
 
 
 class Velocity(NamedTuple):
@@ -103,6 +106,10 @@ class WaveFilterState:
     def spread(self, index: int) -> float:
         """Return the standard deviation of a state."""
         return math.sqrt(_number_at(self.p, (_ROW_BYTES + _NUMBER_BYTES) * index)[0]) if self.p else 0.0
+
+    def water_covariance(self) -> tuple[float, ...]:
+        """Return those of current north, east and the speed, for a filter that has started: nn, ne, nu, ee, eu, uu."""
+        return _water_at(self.p, (_ROW_BYTES + _NUMBER_BYTES) * kalman.NORTH)
 
     def covariance(self, row: int, column: int) -> float:
         """Return the covariance of two states of a filter that has started."""

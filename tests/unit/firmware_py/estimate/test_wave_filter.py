@@ -282,6 +282,15 @@ def test_what_is_no_number_changes_nothing(odd):
     assert correct_velocity(SETTINGS, WaveFilterState(), 0.1, 0.5, 0.5) == WaveFilterState()
 
 
+def test_what_is_known_of_the_water_is_read_in_one_piece():
+    numbers = np.arange(kalman.STATES**2, dtype=float).reshape(kalman.STATES, kalman.STATES)
+    state = WaveFilterState(p=numbers.tobytes())
+    n, e, u = kalman.NORTH, kalman.EAST, kalman.SPEED
+    pairs = ((n, n), (n, e), (n, u), (e, e), (e, u), (u, u))
+    assert state.water_covariance() == tuple(state.covariance(*pair) for pair in pairs)
+    assert state.water_covariance() == tuple(numbers[pair] for pair in pairs)
+
+
 @pytest.mark.parametrize("size", [-8, 8, 144])
 def test_a_state_of_another_size_is_refused(size):
     """As a log may hold one: it must not be read askew."""
