@@ -102,11 +102,11 @@ class ArduPilotState:
         return (before is None) is not (self._stick is None) or (self._stick or (0, 0))[1] != (before or (0, 0))[1]
 
     def _count_charge(self, boat: Snapshot) -> None:
-        step_s = 1.0 / max(boat.rate_hz, 0.1)
-        power, servo = boat.power, boat.servo
-        currents_a = (None if power is None else power.current_a, None if servo is None else servo.current_a)
-        for number, (current_a, sign) in enumerate(zip(currents_a, (-1.0, 1.0), strict=True)):
-            self._used_mah[number] += max(sign * _finite(current_a), 0.0) * step_s / _SECONDS_PER_MAH
+        step_s, power, servo = 1.0 / max(boat.rate_hz, 0.1), boat.power, boat.servo
+        if power is not None:
+            self._used_mah[0] += max(-_finite(power.current_a), 0.0) * step_s / _SECONDS_PER_MAH
+        if servo is not None:
+            self._used_mah[1] += max(_finite(servo.current_a), 0.0) * step_s / _SECONDS_PER_MAH
 
     def _inputs(self, boat: Snapshot, timeout_s: float) -> bytes:
         """Return the stick as a pulse on channel 1; nobody sends the others."""

@@ -47,6 +47,8 @@ class Streams:
     def due(self, now_s: float, tick_s: float) -> Sequence[int]:
         """Return the rows that are nearer to being due now than at the next tick, the longest due first."""
         limit_s = now_s + 0.5 * tick_s
+        if min(self._due_s) > limit_s:  # of three ticks two find none
+            return ()
         rows = [row for row, due_s in enumerate(self._due_s) if due_s <= limit_s]
         rows.sort(key=self._due_s.__getitem__)
         return rows

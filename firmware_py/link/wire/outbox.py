@@ -153,10 +153,7 @@ class Outbox:
 
     def flush(self, now_s: float) -> None:
         """Send what may be sent now; telemetry that does not fit is dropped, since newer will come."""
-        while True:
-            batch = self._batch(now_s)
-            if not batch:
-                break
+        while any(self._queues) and (batch := self._batch(now_s)):
             data, sequence = self._stamped(batch)
             if not self._send(data):
                 self._drop_when_blocked(now_s)
