@@ -15,7 +15,7 @@ READ_LIMIT = 4096
 UNSENT_LIMIT = 4096
 # So many reads without a byte, and the port is looked at: is it still there, and ours?
 EMPTY_READS_LIMIT = 16
-_NOTHING = bytes(4)  # a count of bytes, as the kernel gives it
+_NOTHING = bytes(4)
 
 
 class PortError(RuntimeError):
@@ -43,6 +43,8 @@ class SerialPort:
         self._unsent = b""
         self._retry_s = 0.0
         self._empty_reads = 0
+        # As the kernel gives it. Python tries to write it: to find that it cannot costs three times what it asks.
+        self._count = bytearray(4)
 
     @property
     def name(self) -> str:
@@ -107,8 +109,8 @@ class SerialPort:
         if self._fd < 0:
             return b""
         try:
-            there = fcntl.ioctl(self._fd, termios.FIONREAD, _NOTHING) != _NOTHING
-            data = os.read(self._fd, READ_LIMIT) if there else b""
+            fcntl.ioctl(self._fd, termios.FIONREAD, self._count)
+            data = os.read(self._fd, READ_LIMIT) if self._count != _NOTHING else b""
         except BlockingIOError:
             return b""
         except OSError:
