@@ -1,8 +1,9 @@
 """Frozen records as `dataclasses.dataclass(frozen=True, slots=True)` makes them, in a fifth of the time.
 
 The standard library writes and compiles six functions for each class, which was two fifths of a start. Here one is, the
-constructor; it makes a record in half the time, too. What else a record does is shared. Who makes a record in every
-tick asks for a `maker`: Python hands a class its keywords in a dictionary, and a function each in its place.
+constructor, and that when the first record is made; it makes one in half the time, too. What else a record does is
+shared. Who makes a record in every tick asks for a `maker`: Python hands a class its keywords in a dictionary, and a
+function each in its place.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def _record_of(source: type) -> type:
     parameters = kind.__dataclass_params__
     parameters.init = parameters.repr = parameters.eq = parameters.frozen = True
     values = _reader(names)
-    kind.__init__ = _constructor(kind)
+    kind.__init__ = _awaited_constructor(kind)
     kind.__repr__ = lambda record: _text(record, names, values)
     kind.__eq__ = lambda one, other: (
         values(one) == values(other) if other.__class__ is one.__class__ else NotImplemented
@@ -68,6 +69,16 @@ def maker(kind: Callable[Words, Record]) -> Callable[Words, Record]:
     exec("\n".join(code), known)  # noqa: S102 - as the standard library does
     make: Callable[Words, Record] = known["make"]
     return make
+
+
+def _awaited_constructor(kind: Any) -> Callable[..., None]:
+    """Return what puts the constructor in its place when the first record is made; many a class makes none for long."""
+
+    def __init__(self: object, *words: Any, **more: Any) -> None:  # noqa: N807 - it is one
+        kind.__init__ = _constructor(kind)
+        kind.__init__(self, *words, **more)
+
+    return __init__
 
 
 def _constructor(kind: type) -> Callable[..., None]:
