@@ -134,11 +134,11 @@ def turn(x: Numbers, rudder_rad: float, step_s: float, model: KtModel, bias_vari
 
 def advance(x: Numbers, transition: Transition) -> Numbers:
     """Return the states after a step; the float follows the middle of the glider's way."""
-    _, _, bias, floating, float_rate, north, east, speed, factor, leeway, course_lag, mean, *motions = x
+    _, _, bias, floating, float_rate, north, east, speed, factor, leeway, course_lag, mean = x[:WAVE]
+    a, a_rate, b, b_rate, c, c_rate = x[WAVE:]
     turned, (f00, f01, f10, f11), (w00, w01, w10, w11) = transition.turn, transition.follow, transition.wave
     middle = 0.5 * (x[HEADING] + turned.heading_rad)
     behind = floating - middle
-    a, a_rate, b, b_rate, c, c_rate = motions
     # fmt: off
     return (
         turned.heading_rad, turned.yaw_rate_rad_s, mean + transition.keep * (bias - mean),

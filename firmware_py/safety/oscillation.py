@@ -128,14 +128,14 @@ def update(
     error_rad, goal_rad = given.error_rad, given.goal_rad
     if error_rad is None or goal_rad is None or not math.isfinite(error_rad + goal_rad + given.rudder_rad):
         late = LateAnswerState(evidence=state.late.evidence)
-        return replace(state, half=None, halves=0.0, oscillating=False, late=late)
+        return replace(state, half=None, halves=0.0, oscillating=False, updated_s=now_s, late=late)
     half, rudder_rad, goal_before_rad = state.half, given.rudder_rad - given.trim_rad, state.goal_rad
     turns = half is not None and half.turned and abs(error_rad) >= late_answer.FAR_RAD
     heading_rad = goal_rad - error_rad
     late = late_answer.update(settings.model, state.late, heading_rad, rudder_rad, given.speed_m_s, now_s, turns=turns)
     if half is None:
         begun = _new_half_swing(now_s, 1 if error_rad >= 0.0 else -1, goal_rad, turned=True)
-        return replace(state, goal_rad=goal_rad, late=late, half=begun)
+        return replace(state, goal_rad=goal_rad, updated_s=now_s, late=late, half=begun)
     least_rad = max(LEAST_RAD, LEAST_SPREADS * given.heading_sd_rad)
     if error_rad * half.side > -RETURN_SHARE * least_rad:
         half = _new_half_swing(
@@ -147,7 +147,7 @@ def update(
             max(half.push_rad, given.push_rad * half.side),
             half.turned or abs(wrap_pi(goal_rad - half.goal_rad)) > 0.5 * LEAST_RAD,
         )
-        state = replace(state, goal_rad=goal_rad, late=late, half=half)
+        state = replace(state, goal_rad=goal_rad, updated_s=now_s, late=late, half=half)
         if state.halves == 0.0 or half.turned:
             return state
         return _counted(settings, state, half, given, now_s, lasts=True)
@@ -155,7 +155,7 @@ def update(
     late = late_answer.turned(settings.model, state.late, given.heading_sd_rad)
     jumped = abs(wrap_pi(goal_rad - goal_before_rad)) > LEAST_RAD
     begun = _new_half_swing(now_s, -half.side, goal_rad, turned=jumped)
-    return replace(state, goal_rad=goal_rad, late=late, half=begun)
+    return replace(state, goal_rad=goal_rad, updated_s=now_s, late=late, half=begun)
 
 
 def _counted(
@@ -213,10 +213,9 @@ def _count_of(settings: OscillationSettings, half: HalfSwing, given: Oscillation
 
 def _relaxed(state: OscillationState, now_s: float) -> OscillationState:
     """Return the state with an oscillation over that has not been seen for a while, and the helm stiffer after it."""
-    step_s = 0.0 if state.updated_s is None else clamp(now_s - state.updated_s, 0.0, 1.0)
-    state = replace(state, updated_s=now_s)
     if state.softness == 1.0 and not state.oscillating:
         return state
+    step_s = 0.0 if state.updated_s is None else clamp(now_s - state.updated_s, 0.0, 1.0)
     quiet_s = now_s - state.swung_s
     oscillating = state.oscillating and quiet_s < QUIET_HALVES * state.length_s
     softness = state.softness

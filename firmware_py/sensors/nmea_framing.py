@@ -93,8 +93,8 @@ class NmeaFramer:
     def _append(self, sentences: list[Sentence], body: bytes, fault: str) -> None:
         match = _ADDRESS.match(body)
         if match:
-            address, *fields = body.decode("latin-1").split(",")
-            sentences.append(_new_sentence(self._line, address, tuple(fields), fault))
+            words = body.decode("latin-1").split(",")
+            sentences.append(_new_sentence(self._line, words[0], tuple(words[1:]), fault))
 
     def _judge(self, body: bytes, stop: int) -> tuple[str, int]:
         """Return the fault of a body that ends at `stop`, and where to read on."""

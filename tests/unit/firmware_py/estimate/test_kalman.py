@@ -134,7 +134,8 @@ def test_the_sums_have_one_order_on_every_machine():
     p = covariance(5)
     transition = transition_of(X, 0.2, 0.1)
     by, f = kalman.derivative(transition), derivative_of(transition)
-    after, turning = kalman.carry(np.concatenate((p, p[:, :2]), 1), by)[:, :N], by.turning[..., 0].T
+    turning = by[0][..., 0].T
+    after = kalman.carry(np.concatenate((p, p[:, :2]), 1), by)[:, :N]
     middles = []
     for column in range(N):
         for row in range(4):
