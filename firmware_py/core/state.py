@@ -120,10 +120,10 @@ class State:
 
 def parameters_in_force(state: State) -> ParameterSet:
     """Return the parameters that hold now: those that were set, but for what she saves on."""
-    active = state.fault_latch.active
-    return (
-        power_saving.parameters_in_force(state.parameters, power_saving.saving(active)) if active else state.parameters
-    )
+    faults = state.fault_latch.active
+    if not faults:
+        return state.parameters
+    return power_saving.parameters_in_force(state.parameters, power_saving.saving(faults))
 
 
 def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTimeouts:

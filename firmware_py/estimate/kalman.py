@@ -49,7 +49,7 @@ _SWINGING: Final = np.array((FLOAT, FLOAT_RATE, *range(WAVE, STATES))).reshape(4
 _NOISY: Final = np.array([(COLUMNS + 1) * i for i in range(STATES)] + [COLUMNS * (i + 1) + i for i in _MOTIONS])
 # Of each number of a covariance, where it stands in the lower triangle, flat.
 _LOWER: Final = np.array([[COLUMNS * max(i, k) + min(i, k) for k in range(STATES)] for i in range(STATES)])
-# The same of its transpose, with the slopes still beside it, which nobody looks at.
+# Of each number of its transpose, where it stands in a covariance with the slopes beside it, flat; those stay there.
 _ACROSS: Final = np.array(
     [[COLUMNS * k + i if k < STATES else COLUMNS * i + k for k in range(COLUMNS)] for i in range(STATES)]
 )
@@ -57,9 +57,9 @@ _ACROSS: Final = np.array(
 _PULLED: Final = np.array(
     [COLUMNS * i + STATES for i in range(WAVE, STATES)] + [COLUMNS * i + STATES + 1 for i in (FLOAT, FLOAT_RATE)]
 )
-# Numbers for an array: so made it takes a third of the time that numpy takes to look at each.
-sum_of: Final = np.add.reduce  # to look a method of numpy's up costs as much as a row of a matrix
+sum_of: Final = np.add.reduce  # looked up once: that costs as much as to take a row of an array
 _outer: Final = np.multiply.outer
+# Numbers for an array: so made it takes a third of the time that numpy takes to look at each.
 _pack_shares: Final = struct.Struct(f"{_DRIVING.size + _SWINGING.size}d").pack
 _pack_gains: Final = struct.Struct(f"{_NOISY.size}d").pack
 _pack_pulls: Final = struct.Struct(f"{_PULLED.size}d").pack
