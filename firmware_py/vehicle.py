@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -14,6 +14,7 @@ from firmware_py.common.options import MISSING_TEXT, check, option, record_from
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import MOST_PROBLEMS, index_of, parse_file
+from firmware_py.common.record_class import dataclass
 from firmware_py.devices import SECTIONS
 from firmware_py.files.reading import read_text
 

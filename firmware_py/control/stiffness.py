@@ -17,10 +17,10 @@ The loop crosses over near K k [rad/s], whatever T is, because the yaw rate gain
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians
+from firmware_py.common.record_class import dataclass
 from firmware_py.control.reference_model import Ship
 
 CORRECTIONS_RAD2_S: Final = (radians(0.01) ** 2, radians(1.5) ** 2)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.reading_notes import shown
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.nmea.sentences import LONGEST, TABLE, Scene, sentences
 from firmware_py.link.wire.open_transport import NMEA, open_transport
 from firmware_py.link.wire.transport import LinkError, Transport

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
 from firmware_py.common.calendar import is_possible
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, Snapshot
 
