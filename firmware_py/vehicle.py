@@ -279,9 +279,8 @@ def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
             problems.append(f"{path}: [parameters] file {file} cannot be read: {error.strerror}")
         except ParameterError as error:
             problems.append(str(error))
-    for name, value in section.items():
-        if name == "file":
-            continue
+    stated = {name: value for name, value in section.items() if name != "file"}
+    for name, value in stated.items():
         try:
             values[name] = _parameter(name, value)
         except ParameterError as error:

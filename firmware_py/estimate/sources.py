@@ -142,9 +142,6 @@ class SourceState:
         return a is not None and b is not None and abs(wrap_pi(a - b)) > DISAGREEMENT_RAD
 
 
-_new_source_state = maker(SourceState)
-
-
 def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, float]) -> bool:
     """Whether no compass is in use, and one that speaks and varies contradicts the estimate and is worth more than it.
 
@@ -191,9 +188,8 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
     steady_rad = difference_rad
     if state.steady_rad is not None:
         steady_rad = wrap_pi(state.steady_rad + step_s / SMOOTHING_S * wrap_pi(difference_rad - state.steady_rad))
-    agreed = state.agreed
-    if near and expected_rad is not None:
-        agreed = abs(wrap_pi(steady_rad + state.offset_rad)) <= DISAGREEMENT_RAD
+    judged = near and expected_rad is not None
+    agreed = abs(wrap_pi(steady_rad + state.offset_rad)) <= DISAGREEMENT_RAD if judged else state.agreed
     longest_s = state.longest_s
     if changed and state.sound_since_s is not None:
         shown_s = sample.t_s - state.changed_s
@@ -219,8 +215,8 @@ def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: floa
     """Take a sample of either compass in."""
     a, b = state.compasses
     if sample.source == Source.COMPASS_B:
-        return _new_source_state((a, update_compass(b, sample, expected_rad)), state.in_use)
-    return _new_source_state((update_compass(a, sample, expected_rad), b), state.in_use)
+        return SourceState((a, update_compass(b, sample, expected_rad)), state.in_use)
+    return SourceState((update_compass(a, sample, expected_rad), b), state.in_use)
 
 
 def _judge(state: CompassState, now_s: float, settings: SourceSettings, timeout_s: float) -> CompassState:
@@ -251,13 +247,13 @@ def select(
     b = _judge(before_b, now_s, settings, b_timeout_s)
     in_use = _first_sound_source(state.in_use, (a, b), now_s, course_ok=course_ok)
     if in_use is state.in_use:
-        return state if a is before_a and b is before_b else _new_source_state((a, b), in_use), ()
+        return state if a is before_a and b is before_b else SourceState((a, b), in_use), ()
     if in_use in (Source.COMPASS_A, Source.COMPASS_B) and state.in_use is not Source.NONE:
         # It starts where the estimate is, and is drawn to its own heading slowly.
         entering = (a, b)[in_use]
         entering = replace(entering, offset_rad=wrap_pi(-entering.difference_rad), near_s=now_s)
         a, b = (entering, b) if in_use is Source.COMPASS_A else (a, entering)
-    return _new_source_state((a, b), in_use), (_change_event(state.in_use, in_use),)
+    return SourceState((a, b), in_use), (_change_event(state.in_use, in_use),)
 
 
 def _first_sound_source(
