@@ -108,6 +108,15 @@ def test_a_record_checks_itself():
         OURS[3](-1)
 
 
+def test_a_first_call_that_is_wrong_leaves_the_class_as_sound_as_before():
+    _, one, nothing, checked = of(record_class.dataclass)
+    with pytest.raises(TypeError, match="__init__"):
+        one(1, 2)
+    with pytest.raises(ValueError, match="below 0"):
+        checked(-1)
+    assert (one(3).value, checked(4).value, repr(nothing()).endswith("Nothing()")) == (3, 4, True)
+
+
 @pytest.mark.parametrize(
     ("which", "words", "more"), [(0, (1.0,), {}), (0, (), {"y": 1, "x": 2}), (1, ((),), {}), (2, (), {}), (3, (1,), {})]
 )
