@@ -19,14 +19,13 @@ ONBOARD_LOCK := .ci/requirements-onboard.txt
 SUPPLY_READY := $(VENV)/.ready-supply
 ONBOARD_VENV := build/onboard
 
-.PHONY: help sail test fuzz lint types house pages pages-check docs bench bench-kept bench-check proof lock bundle sbom audit clean
+.PHONY: help sail test fuzz lint types pages pages-check docs bench bench-kept bench-check proof lock bundle sbom audit clean
 
 help:
 	@echo "make sail   a heading run in the tank, live in the terminal and in a browser, MAVLink on udp 14550"
 	@echo "make test   the whole test suite"
 	@echo "make fuzz   ten minutes of hostile bytes for every reader: FUZZ_SECONDS, FUZZ=\"--seed 2 TARGET ...\""
 	@echo "make lint types pages-check   what CI checks besides"
-	@echo "make house  rooms, files, long functions, import arrows: how the code is built, counted"
 	@echo "make pages  write the generated pages anew"
 	@echo "make docs   the documentation, into docs/_build/html"
 	@echo "make bench  lateness, latency, load, memory, round trips and the speed of the tools on this machine"
@@ -76,13 +75,9 @@ lint: $(READY)
 	$(BIN)/ruff check firmware_py hil tests docs .ci
 	$(BIN)/ruff format --check firmware_py hil tests docs .ci
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/python .ci/house.py --check
 
 types: $(READY)
 	$(BIN)/mypy
-
-house: $(READY)
-	@$(BIN)/python .ci/house.py
 
 # page | command that prints it
 pages: $(READY)
