@@ -1,0 +1,236 @@
+"""Records are read by name; what cannot be used is reported with its path."""
+
+import math
+import struct
+from collections.abc import Mapping
+from enum import IntEnum
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common import record_codec
+from firmware_py.common.reading_notes import MOST_NOTES
+from firmware_py.common.record_codec import MOST_REPAIRS, decode, encode, from_plain, to_plain
+
+
+class Colour(IntEnum):
+    RED = 1
+    GREEN = 2
+
+
+class Near(msgspec.Struct, frozen=True, tag=True):
+    distance_m: float
+    colour: Colour = Colour.RED
+
+
+class Far(msgspec.Struct, frozen=True, tag=True):
+    bearings_rad: tuple[float, ...] = ()
+
+
+class Depth:
+    """A class that msgspec does not know."""
+
+    def __init__(self, fathoms):
+        self.fathoms = fathoms
+
+    def __eq__(self, other):
+        return self.fathoms == other.fathoms
+
+    __hash__ = None
+
+
+class Boat(msgspec.Struct, frozen=True):
+    name: str = ""
+    speed_m_s: float = 0.5
+    target: Near | Far | None = None
+    places: tuple[Near, ...] = ()
+    pair: tuple[Near | None, float] = (None, 0.0)
+    counts: Mapping[str, int] = {}
+    packed: bytes = b""
+    depth: Depth | None = None
+    tender: "Boat | None" = None
+
+
+def depth_to_plain(value):
+    assert isinstance(value, Depth)
+    return {"fathoms": value.fathoms}
+
+
+def depth_from_plain(_kind, plain):
+    if not isinstance(plain, dict) or not isinstance(plain.get("fathoms"), int):
+        raise ValueError("this is no depth")  # noqa: TRY004
+    return Depth(plain["fathoms"])
+
+
+numbers = st.floats()  # NaN, infinity and -0.0 among them
+nears = st.builds(Near, numbers, st.sampled_from(Colour))
+boats = st.builds(
+    Boat,
+    st.text(),
+    numbers,
+    st.none() | nears | st.builds(Far, st.lists(numbers).map(tuple)),
+    st.lists(nears, max_size=3).map(tuple),
+    st.tuples(st.none() | nears, numbers),
+    st.dictionaries(st.text(), st.integers(-(2**63), 2**64 - 1)),
+    st.binary(),
+    st.none() | st.builds(Depth, st.integers(0, 10)),
+    st.none() | st.builds(Boat, st.text()),
+)
+BOAT = Boat("Ada", 1.5, Near(3.0), (Near(1.0), Near(2.0)), (Near(4.0), 5.0), {"fish": 2}, b"\xff", Depth(7))
+
+
+def bits(value):
+    """A value with its floats as bits, so that NaN equals itself and -0.0 is not 0.0."""
+    if isinstance(value, float):
+        return struct.pack("<d", value)
+    if isinstance(value, msgspec.Struct):
+        return type(value), tuple(bits(getattr(value, name)) for name in value.__struct_fields__)
+    return tuple(map(bits, value)) if isinstance(value, tuple) else value
+
+
+@given(boats)
+def test_a_record_comes_back_to_the_bit(boat):
+    data = encode(boat, 3, depth_to_plain)
+    again, notes = decode(Boat, data, 3, depth_from_plain)
+    assert bits(again) == bits(boat)
+    assert notes == ()
+    again, notes = from_plain(Boat, {"version": 3, **to_plain(boat, depth_to_plain)}, 3, depth_from_plain)
+    assert bits(again) == bits(boat)
+    assert notes == ()
+
+
+def read(change, version=1):
+    plain = msgspec.msgpack.decode(encode(BOAT, 1, depth_to_plain))
+    change(plain)
+    return decode(Boat, msgspec.msgpack.encode(plain), version, depth_from_plain)
+
+
+def changed(*path_and_value):
+    *path, last, value = path_and_value
+
+    def change(plain):
+        for part in path:
+            plain = plain[part]
+        plain[last] = value
+
+    return change
+
+
+def test_a_missing_field_takes_its_default_without_a_word():
+    assert read(lambda plain: plain.pop("speed_m_s")) == (msgspec.structs.replace(BOAT, speed_m_s=0.5), ())
+
+
+@pytest.mark.parametrize(
+    ("path", "note"),
+    [
+        (("tide_m",), "Boat: field 'tide_m' is not known here, ignored"),
+        (("target", "tide_m"), "Boat.target: field 'tide_m' is not known here, ignored"),
+        (("places", 1, "tide_m"), "Boat.places: field 'tide_m' is not known here, ignored"),
+        (("pair", 0, "tide_m"), "Boat.pair: field 'tide_m' is not known here, ignored"),
+    ],
+)
+def test_an_unknown_field_is_ignored_and_reported(path, note):
+    assert read(changed(*path, 1.5)) == (BOAT, (note,))
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "fields", "notes"),
+    [
+        (("speed_m_s",), "fast", {"speed_m_s": 0.5}, ["Boat.speed_m_s: Expected `float`, got `str`, ignored"]),
+        (("speed_m_s",), True, {"speed_m_s": 0.5}, ["Boat.speed_m_s: Expected `float`, got `bool`, ignored"]),
+        (("target", "colour"), 7, {}, ["Boat.target.colour: Invalid enum value 7, ignored"]),
+        (("target", "type"), "Gone", {"target": None}, ["Boat.target.type: Invalid value 'Gone', ignored"]),
+        (("target",), 3, {"target": None}, ["Boat.target: Expected `object | null`, got `int`, ignored"]),
+        (("places", 1), 3, {"places": ()}, ["Boat.places: Expected `object`, got `int`, ignored"]),
+        (("counts", "fish"), "two", {"counts": {}}, ["Boat.counts: Expected `int`, got `str`, ignored"]),
+        (("depth",), 3, {"depth": None}, ["Boat.depth: this is no depth, ignored"]),
+        (
+            ("places", 1, "distance_m"),
+            None,
+            {"places": ()},
+            ["Boat.places[1].distance_m: Expected `float`, got `null`, ignored", "Boat.places: Object missing"],
+        ),
+    ],
+)
+def test_an_unusable_value_is_ignored_and_reported(path, value, fields, notes):
+    boat, said = read(changed(*path, value))
+    assert boat == msgspec.structs.replace(BOAT, **fields)
+    assert [note[: len(start)] for note, start in zip(said, notes, strict=False)] == notes
+
+
+def test_a_renamed_field_is_found_under_its_former_name(monkeypatch):
+    monkeypatch.setitem(record_codec.FORMER_NAMES, "Near", {"range_m": "distance_m"})
+
+    def change(plain):
+        for near in (plain["target"], *plain["places"], plain["pair"][0]):
+            near["range_m"] = near.pop("distance_m")
+
+    assert read(change) == (BOAT, ())
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda plain: plain.pop("version"), "Boat: no version number"),
+        (changed("version", "1"), "Boat: no version number"),
+        (changed("version", 0), "Boat: no version number"),
+    ],
+)
+def test_a_record_without_a_version_is_refused(change, reason):
+    with pytest.raises(ValueError, match=reason):
+        read(change)
+
+
+def test_a_record_of_a_later_version_is_read_by_name():
+    boat, notes = read(changed("version", 4))
+    assert boat == BOAT
+    assert notes == ("Boat: written by a later version (4, here 1), read by name",)
+
+
+def test_a_record_that_lacks_what_it_needs_is_refused():
+    with pytest.raises(ValueError, match="Near: Object missing required field `distance_m`"):
+        decode(Near, msgspec.msgpack.encode({"version": 1}), 1)
+
+
+@given(st.binary().filter(lambda data: not data.startswith(b"{")))
+def test_other_bytes_are_refused(data):
+    with pytest.raises(ValueError, match=r"this is no encoded record|expected a record of Boat|no version number"):
+        decode(Boat, data, 1)
+
+
+def test_a_record_cut_short_is_refused():
+    data = encode(BOAT, 1, depth_to_plain)
+    for end in range(len(data)):
+        with pytest.raises(ValueError, match="this is no encoded record"):
+            decode(Boat, data[:end], 1)
+
+
+def test_text_of_an_early_development_version_is_refused():
+    with pytest.raises(ValueError, match="written as text by an early development version"):
+        decode(Boat, b'{"version":6,"name":"Ada","$":"Boat"}', 7)
+
+
+def test_no_field_is_named_as_the_version():
+    class Odd(msgspec.Struct):
+        version: int = 1
+
+    with pytest.raises(TypeError, match="Odd: a field cannot be named 'version'"):
+        encode(Odd(), 1)
+
+
+def test_notes_and_repairs_are_bounded():
+    _, notes = read(lambda plain: plain.update({f"field_{number}": 1 for number in range(2 * MOST_NOTES)}))
+    assert len(notes) == MOST_NOTES + 1
+    tenders = {"version": 1}
+    inner = tenders
+    for _ in range(MOST_REPAIRS + 1):
+        inner["speed_m_s"] = "fast"
+        inner["tender"] = inner = {}
+    with pytest.raises(ValueError, match="more than 100 values cannot be used"):
+        decode(Boat, msgspec.msgpack.encode(tenders), 1)
+
+
+def test_a_nan_keeps_its_sign():
+    assert math.copysign(1.0, decode(Near, encode(Near(-math.nan), 1), 1)[0].distance_m) == -1.0
