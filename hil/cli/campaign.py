@@ -87,9 +87,13 @@ def _usage(name: str) -> str:
 def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
     """Sail a campaign."""
     crew = Crew(arguments.workers, arguments.scheduler)
+    path = Path(words[0])
+    spec = campaign.read_spec(path)
+    for note in spec.notes:
+        print(f"{path}: {note}", file=sys.stderr)
     try:
         with progress.line(sys.stderr, time.monotonic) as tell:
-            figures = campaign.run(Path(words[0]), arguments.out, crew, tell, resume=arguments.resume)
+            figures = campaign.run(spec, path.parent.resolve(), arguments.out, crew, tell, resume=arguments.resume)
     except KeyboardInterrupt:
         if (arguments.out / CAMPAIGN).exists():
             print("rambler-hil: interrupted; what is sailed is kept: go on with --resume", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Campaigns from outside: killed and gone on with, by the twin and by the autopilot, with the same results."""
+"""Campaigns from outside: killed and gone on with, compiled and by the autopilot itself, with the same results."""
 
 import contextlib
 import hashlib
@@ -15,11 +15,11 @@ from hil.lab.campaign import store
 from support.harness import INTERRUPTED, rambler_hil, start_rambler_hil
 from support.paths import ROOT
 
-pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minute of one processor
+pytestmark = pytest.mark.timeout(600)  # the loop is compiled first: half a minute of one processor
 
 PATIENCE_S = 300.0
-TWIN = """
-engine = "twin"
+COMPILED = """
+engine = "compiled"
 runs = 640
 seed = 3
 seconds = 60
@@ -95,9 +95,9 @@ def parts(out):
 
 
 def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path):
-    whole = sailed(TWIN, tmp_path / "whole", "--workers", "1")
+    whole = sailed(COMPILED, tmp_path / "whole", "--workers", "1")
     out = tmp_path / "killed"
-    campaign = started(TWIN, out, "--workers", "1")
+    campaign = started(COMPILED, out, "--workers", "1")
     until(lambda: parts(out) >= 2)
     os.kill(workers(campaign.pid)[0], signal.SIGKILL)
     until(lambda: parts(out) >= 5)
@@ -108,16 +108,18 @@ def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path
     assert not (out / store.RUNS).exists()
     code, _, errors = rambler_hil("campaign", out.with_suffix(".toml"), "--out", out)
     assert (code, "go on with --resume" in errors) == (2, True)
-    assert sailed(TWIN, out, "--workers", "2", "--resume") == whole
+    assert sailed(COMPILED, out, "--workers", "2", "--resume") == whole
 
 
 def test_a_campaign_that_is_told_to_end_says_how_to_go_on(tmp_path):
-    campaign = started(TWIN, tmp_path / "out", "--workers", "1")
+    old_name = COMPILED.replace('"compiled"', '"twin"')
+    campaign = started(old_name, tmp_path / "out", "--workers", "1")
     until(lambda: parts(tmp_path / "out") >= 1)
     crew = workers(campaign.pid)
     campaign.send_signal(signal.SIGTERM)
     _, errors = campaign.communicate()
     assert campaign.returncode == INTERRUPTED
+    assert 'engine: "twin" is the old name of "compiled"' in errors
     assert errors.endswith("rambler-hil: interrupted; what is sailed is kept: go on with --resume\n")
     assert "Traceback" not in errors
     until(lambda: not any(b"spawn_main" in command_line(one) for one in crew))
@@ -137,9 +139,9 @@ def test_the_autopilot_sails_a_campaign_to_the_same_bits_again_and_any_run_alone
 
 
 @pytest.mark.proof
-def test_a_run_of_the_twin_replays_as_the_autopilot_sails_it(tmp_path):
+def test_a_compiled_run_replays_as_the_autopilot_sails_it(tmp_path):
     out = tmp_path / "out"
-    sailed(TWIN.replace("runs = 640", "runs = 4"), out)
+    sailed(COMPILED.replace("runs = 640", "runs = 4"), out)
     for row in range(4):
         code, said, errors = rambler_hil("campaign", "replay", out, row, "--out", tmp_path / "run")
         assert (code, said.splitlines()[0]) == (0, f"run {row}: the same to the last bit"), errors
@@ -164,12 +166,12 @@ def cluster():
 
 @pytest.mark.proof
 def test_a_dask_cluster_comes_to_the_same_whoever_of_it_is_killed(tmp_path):
-    whole = sailed(TWIN, tmp_path / "whole", "--workers", "1")
+    whole = sailed(COMPILED, tmp_path / "whole", "--workers", "1")
     with cluster() as (_, address):
-        assert sailed(TWIN, tmp_path / "cluster", "--scheduler", address) == whole
+        assert sailed(COMPILED, tmp_path / "cluster", "--scheduler", address) == whole
     out = tmp_path / "killed"
     with cluster() as (process, address):
-        campaign = started(TWIN, out, "--scheduler", address)
+        campaign = started(COMPILED, out, "--scheduler", address)
         until(lambda: parts(out) >= 2)
         os.kill(next(one for one in children(process.pid) if b"spawn_main" in command_line(one)), signal.SIGKILL)
         until(lambda: parts(out) >= 10)
@@ -178,7 +180,7 @@ def test_a_dask_cluster_comes_to_the_same_whoever_of_it_is_killed(tmp_path):
         assert (campaign.returncode, "go on with --resume" in errors) == (1, True), errors
         assert "Traceback" not in errors
     with cluster() as (_, address):
-        assert sailed(TWIN, out, "--scheduler", address, "--resume") == whole
+        assert sailed(COMPILED, out, "--scheduler", address, "--resume") == whole
     code, _, errors = rambler_hil(
         "campaign", out.with_suffix(".toml"), "--out", tmp_path / "fish", "--scheduler", "fish"
     )

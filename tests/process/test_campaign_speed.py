@@ -25,8 +25,8 @@ receiver = {{lost = {{uniform = [0.0, 0.1]}}}}
 [set]
 CTL_PRICE = [0.7, 1.0, 1.4]
 """
-TWIN = """
-engine = "twin"
+COMPILED = """
+engine = "compiled"
 runs = {runs}
 seconds = 1200
 goals = "0:0,120:60,720:-30"
@@ -48,7 +48,7 @@ def sailed(directory, text, workers, *words):
     return json.loads((out / store.SUMMARY).read_text()), (out / store.RUNS).read_bytes()
 
 
-@pytest.mark.parametrize(("name", "text", "runs"), [("autopilot", FIRMWARE, 200), ("twin", TWIN, 4096)])
+@pytest.mark.parametrize(("name", "text", "runs"), [("autopilot", FIRMWARE, 200), ("twin", COMPILED, 4096)])
 def test_the_same_comes_of_one_worker_and_of_two(tmp_path, name, text, runs):
     alone, one = sailed(tmp_path, text.format(runs=runs), 1)
     beside, two = sailed(tmp_path, text.format(runs=runs), 2)

@@ -11,7 +11,7 @@ from hil.lab.campaign.campaign import read_spec
 from hil.lab.campaign.row import rows
 from hil.lab.campaign.spec import KEYS, SpecError
 from hil.ship.extras_table import BY_NAME
-from support.campaign import TWIN, read
+from support.campaign import COMPILED, read
 from support.paths import ROOT
 
 NUMBERS = st.integers() | st.floats() | st.sampled_from([10**400, -(10**400), 2**63, 2**63 + 1, 0, 1, True, False])
@@ -39,7 +39,7 @@ def judged(reader):
 @settings(max_examples=150)
 @given(st.dictionaries(st.sampled_from(KEYS) | TEXTS, VALUES | TABLES, max_size=5))
 def test_any_content_is_drawn_from_or_refused_by_name(more):
-    spec, problems = judged(lambda: read({**TWIN, "runs": 3, **more}))
+    spec, problems = judged(lambda: read({**COMPILED, "runs": 3, **more}))
     assert all(line.isprintable() and ": " in line for line in problems)
     if spec is None:
         assert problems

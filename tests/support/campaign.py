@@ -4,8 +4,8 @@ from hil.lab.campaign.engines import engine_of
 from hil.lab.campaign.faulted import FAULTS
 from hil.lab.campaign.spec import parse
 
-TWIN = {
-    "engine": "twin",
+COMPILED = {
+    "engine": "compiled",
     "runs": 8,
     "seed": 5,
     "seconds": 400,
@@ -20,6 +20,6 @@ TWIN = {
 
 def read(content=None, **more):
     """Return a specification with other keys in it; a key of None is left out."""
-    merged = {**(TWIN if content is None else content), **more}
+    merged = {**(COMPILED if content is None else content), **more}
     kept = {key: value for key, value in merged.items() if value is not None}
     return parse(kept, tuple(FAULTS), lambda spec: engine_of(spec).refusals(spec))

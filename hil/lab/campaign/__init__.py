@@ -1,1 +1,1 @@
-"""Campaigns: many runs drawn from one specification, sailed by the autopilot or by its twin, and what they came to."""
+"""Campaigns: many runs drawn from one specification, run by the autopilot itself or by its compiled loop."""

@@ -49,11 +49,10 @@ def read_spec(path: Path, beside: Path | None = None) -> Spec:
     return found
 
 
-def run(path: Path, out: Path, who: Crew, tell: Tell, *, resume: bool) -> dict[str, Any]:
-    """Sail what is left of a campaign; return the figures of summary.json."""
-    found = read_spec(path)
+def run(found: Spec, beside: Path, out: Path, who: Crew, tell: Tell, *, resume: bool) -> dict[str, Any]:
+    """Run what is left of a campaign, whose specification came from a directory; return the figures of summary.json."""
     with interruptible(), _cluster(who) as cluster, held(out):
-        kept = Store(out, found, versions(), path.parent.resolve())
+        kept = Store(out, found, versions(), beside)
         kept.begin(resume=resume)
         finished = kept.finished()
         begun = sum(last - first for first, last in finished)
@@ -66,7 +65,7 @@ def run(path: Path, out: Path, who: Crew, tell: Tell, *, resume: bool) -> dict[s
         known = table.read(out)
         figures = _figures(found, known.failures, done - begun, time.monotonic() - begun_s, who)
         store.put(out / store.SUMMARY, (json.dumps(figures, indent=2) + "\n").encode())
-        store.put(out / store.PAGE, page.text(known).encode())
+        store.put(out / store.PAGE, page.text(known, found.notes).encode())
     return figures
 
 

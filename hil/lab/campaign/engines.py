@@ -15,10 +15,10 @@ import firmware_py
 import hil
 from hil.lab.campaign.outcome import Outcome, Result
 from hil.lab.campaign.row import Row, rows
-from hil.lab.campaign.spec import FIRMWARE, TWIN, Spec
+from hil.lab.campaign.spec import COMPILED, FIRMWARE, Spec
 
-# Imported by name: the twin takes a while, and the autopilot's runs do without it.
-MODULES = {FIRMWARE: "hil.lab.campaign.firmware_engine", TWIN: "hil.lab.campaign.twin_engine"}
+# Imported by name: the compiled engine imports numba, which runs of the autopilot itself do not need.
+MODULES = {FIRMWARE: "hil.lab.campaign.firmware_engine", COMPILED: "hil.lab.campaign.twin_engine"}
 PACKAGES = ("rambler-autopilot", "numpy", "numba", "pymavlink", "pyarrow")
 
 

@@ -13,7 +13,7 @@ from hil.sim.run_file import FINISHED
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A run that is over; `digest` is of what happened: truth.csv by the autopilot, heading and rudder by the twin.
+    """A run that is over; `digest` is of truth.csv; with the compiled engine, of heading and rudder.
 
     `faults` are the warnings that she told, None where nobody could have told any; without scores she did not finish,
     or no goal lasted.

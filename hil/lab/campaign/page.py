@@ -39,12 +39,12 @@ NOTE = (
 )
 
 
-def text(results: Results) -> str:
-    """Return the page."""
-    return page.page(f"Campaign {results.directory.name}", _parts(results))
+def text(results: Results, notes: Sequence[str] = ()) -> str:
+    """Return the page, with notes on the specification below it."""
+    return page.page(f"Campaign {results.directory.name}", _parts(results, notes))
 
 
-def _parts(results: Results) -> Iterator[str]:
+def _parts(results: Results, notes: Sequence[str]) -> Iterator[str]:
     failed = statistics.share(results.failures, results.runs)
     yield page.paragraph(
         f"{results.runs} runs, {results.failures} failed: {_percent(failed.value)} "
@@ -59,6 +59,7 @@ def _parts(results: Results) -> Iterator[str]:
     yield from _failures(results)
     yield page.heading("Specification")
     yield page.verbatim(results.spec)
+    yield from (page.paragraph(note, "note") for note in notes)
     yield page.paragraph(
         ", ".join(f"{name} {version}" for name, version in results.identity.get("versions", {}).items()), "note"
     )

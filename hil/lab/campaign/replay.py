@@ -13,7 +13,7 @@ from hil.lab.campaign import firmware_engine, store
 from hil.lab.campaign.campaign import read_spec
 from hil.lab.campaign.engines import engine_of, versions
 from hil.lab.campaign.row import Row, rows
-from hil.lab.campaign.spec import TWIN, Spec
+from hil.lab.campaign.spec import COMPILED, Spec
 from hil.report import run_page
 from hil.sim.run_directory import TRUTH_FILE, held
 from hil.sim.signals import interruptible
@@ -59,18 +59,18 @@ def replay(directory: Path, index: int, out: Path) -> Replay:
     with held(out), interruptible():
         outcome = firmware_engine.sail_into(row, out, full=True)
         digest = outcome.digest
-        if spec.engine == TWIN:
-            (twin,) = engine_of(spec).sail([row])
-            digest = twin.digest
-            differences += _twin_differs(row, read(out / TRUTH_FILE))
+        if spec.engine == COMPILED:
+            (compiled,) = engine_of(spec).sail([row])
+            digest = compiled.digest
+            differences += _differences(row, read(out / TRUTH_FILE))
         _, page = run_page.make(out)
     if digest != result["digest"]:
         differences.insert(0, f"digest {digest} instead of {result['digest']}{_other(directory)}")
     return Replay(tuple(differences), page)
 
 
-def _twin_differs(row: Row, truth: Truth) -> list[str]:
-    """Say where the autopilot's run is not the twin's, to the nine digits of truth.csv."""
+def _differences(row: Row, truth: Truth) -> list[str]:
+    """Return where the two engines' runs differ first, compared with the nine digits of truth.csv."""
     from hil.lab.campaign import twin_engine  # noqa: PLC0415 - it takes a while
 
     (ours,) = twin_engine.sailed([row], twin_engine.new_rooms())
@@ -81,7 +81,7 @@ def _twin_differs(row: Row, truth: Truth) -> list[str]:
         rows_ = min(mine.size, theirs.size)
         if (wrong := np.flatnonzero(mine[:rows_] != theirs[:rows_])).size or mine.size != theirs.size:
             at_s = truth.time_s[wrong[0]] if wrong.size else truth.time_s[rows_ - 1]
-            lines.append(f"{name} of the autopilot is another than the twin's from {at_s:g} s")
+            lines.append(f"{name} of the autopilot differs from the compiled engine's from {at_s:g} s on")
     return lines
 
 

@@ -27,8 +27,9 @@ from hil.sim.vehicle_file import load, standard_vehicle
 MOST_BYTES = 1 << 20
 MOST_RUNS = 10_000_000
 LONGEST_S = 1e6
-FIRMWARE, TWIN = "firmware", "twin"
-ENGINES = (FIRMWARE, TWIN)
+FIRMWARE, COMPILED = "firmware", "compiled"
+ENGINES = (FIRMWARE, COMPILED)
+FORMER_ENGINES = {"twin": COMPILED}
 # Factors on the ship of the vehicle file, which the boat is not told of, and on the speed of the scenario.
 SHIP = ("K", "T", "alpha", "speed")
 SHIP_RANGE = (0.1, 10.0)
@@ -45,7 +46,7 @@ class Spec:
     """A campaign; `draws` has what each value of a run is drawn from, by a name like "with.leeway.body_deg".
 
     `options` are the `--with` options that every run has; `digest` is that of the content, comments apart, which
-    `text` has.
+    `text` has; `notes` are sentences for the operator.
     """
 
     engine: str
@@ -57,6 +58,7 @@ class Spec:
     limits: Mapping[str, float]
     vehicle: Vehicle
     digest: str
+    notes: tuple[str, ...] = ()
     text: str = ""
 
     @property
@@ -120,7 +122,7 @@ class _Reader:
 
     def spec(self) -> Spec:
         self._known("", self.content, KEYS)
-        engine = self.content.get("engine")
+        engine, notes = self._engine()
         if engine not in ENGINES:
             self._problem("engine", f"{str(engine)[:30]!r}; give {' or '.join(map(repr, ENGINES))}")
         seconds = self._number("seconds", 10.0, LONGEST_S)
@@ -148,7 +150,16 @@ class _Reader:
             limits,
             vehicle,
             hashlib.sha256(text.encode()).hexdigest(),
+            notes,
         )
+
+    def _engine(self) -> tuple[Any, tuple[str, ...]]:
+        """Return the engine by its present name, and a note where the specification uses a former name."""
+        name = self.content.get("engine")
+        present = FORMER_ENGINES.get(name) if isinstance(name, str) else None
+        if present is None:
+            return name, ()
+        return present, (f'engine: "{name}" is the old name of "{present}"; both select the same engine',)
 
     def _problem(self, where: str, text: object) -> None:
         line = " ".join(f"{where}: {text}".split())

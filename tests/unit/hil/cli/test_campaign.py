@@ -5,7 +5,7 @@ import pytest
 
 from hil.__main__ import main
 
-SPEC = 'engine = "twin"\nruns = 1\nseed = 1\nseconds = 60\nscenarios = ["tank"]\n'
+SPEC = 'engine = "compiled"\nruns = 1\nseed = 1\nseconds = 60\nscenarios = ["tank"]\n'
 
 
 @pytest.mark.parametrize(

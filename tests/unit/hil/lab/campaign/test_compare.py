@@ -136,7 +136,8 @@ def test_the_page_and_the_figures_of_a_comparison_can_be_read():
 
 def test_the_page_of_a_campaign_names_the_worst_runs_and_how_to_sail_them():
     results = campaign("a b", price=1.0, never=(17,))
-    text = page.text(results)
+    text = page.text(results, ["engine: a former name"])
+    assert "engine: a former name" in text
     worst = int(np.argmax(results.scores["rms_deg"]))
     assert f"rambler-hil campaign replay &#x27;a b&#x27; {worst} --out &#x27;a b/run-{worst}&#x27;" in text
     assert "never in 1 runs" in text

@@ -3,7 +3,7 @@ import pytest
 from hil.errors import UsageError
 from hil.lab.campaign import campaign
 from hil.lab.campaign.spec import SpecError
-from support.campaign import TWIN, read
+from support.campaign import COMPILED, read
 from support.paths import ROOT
 
 FAULT = {"what": ["none", "compass silent"], "at_s": {"uniform": [100, 200]}}
@@ -18,7 +18,7 @@ def test_a_specification_says_what_differs_from_run_to_run():
 @pytest.mark.parametrize(
     ("more", "problem"),
     [
-        ({"engine": "fish"}, "engine: 'fish'; give 'firmware' or 'twin'"),
+        ({"engine": "fish"}, "engine: 'fish'; give 'firmware' or 'compiled'"),
         ({"runs": 0}, "runs: 0 cannot be"),
         ({"runs": "400"}, "runs: '400' cannot be"),
         ({"runs": True}, "runs: True cannot be"),
@@ -75,13 +75,20 @@ def test_the_autopilot_sails_faults_but_not_with_every_device():
 
 
 def test_the_digest_is_of_what_is_said_and_not_of_how():
-    assert read().digest == read(dict(reversed(TWIN.items()))).digest
+    assert read().digest == read(dict(reversed(COMPILED.items()))).digest
     assert read().digest != read(seed=6).digest
+
+
+def test_the_old_name_of_the_compiled_engine_is_accepted_and_reported():
+    assert read().notes == ()
+    old = read(engine="twin")
+    assert old.engine == "compiled"
+    assert old.notes == ('engine: "twin" is the old name of "compiled"; both select the same engine',)
 
 
 def test_a_file_is_told_by_its_name_in_each_line(tmp_path):
     path = tmp_path / "spec.toml"
-    path.write_text('engine = "twin"\nruns = 0\nseconds = 100\nscenarios = "swel"\n')
+    path.write_text('engine = "compiled"\nruns = 0\nseconds = 100\nscenarios = "swel"\n')
     with pytest.raises(UsageError) as caught:
         campaign.read_spec(path)
     assert [line.split(": ")[:2] for line in str(caught.value).splitlines()] == [
@@ -92,7 +99,9 @@ def test_a_file_is_told_by_its_name_in_each_line(tmp_path):
 
 def test_what_only_together_makes_no_sea_is_refused(tmp_path):
     path = tmp_path / "spec.toml"
-    path.write_text('engine = "twin"\nruns = 1\nseconds = 100\nscenarios = ["swell", "calm"]\n[with]\norbital = 0.4\n')
+    path.write_text(
+        'engine = "compiled"\nruns = 1\nseconds = 100\nscenarios = ["swell", "calm"]\n[with]\norbital = 0.4\n'
+    )
     with pytest.raises(UsageError, match="calm has no waves"):
         campaign.read_spec(path)
 
