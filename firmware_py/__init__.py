@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-__version__ = "0.1.0.dev0"
+__version__ = "0.1.0"
 
 ROOT = Path(__file__).parents[1]
 # Only a built package holds this file: its commit, and when that was made; the build writes it (.ci/hatch_build.py).

@@ -59,13 +59,6 @@ def test_every_module_that_is_named_exists(page):
     assert lacking(name for name in names if not name.endswith(".py")) == []
 
 
-def test_every_new_name_of_the_changelog_exists():
-    rows = re.findall(r"^ +\|.*\|(.*)\|$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    names = {name for row in rows for name in re.findall(r"`((?:firmware_py|hil)[\w.]*)`", row)}
-    assert len(names) > 10
-    assert lacking(names) == []
-
-
 @cache
 def help_of(program, *words):
     main = importlib.import_module(PROGRAMS[program]).main
@@ -137,7 +130,7 @@ def test_every_link_of_the_front_pages_leads_somewhere(page):
 
 
 def test_the_readme_is_short():
-    assert len((ROOT / "README.md").read_text().splitlines()) <= 120
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 100
 
 
 def test_every_figure_says_where_it_comes_from():
