@@ -79,18 +79,12 @@ lint: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
-# page | command that prints it
+# The generated pages, and the generated parts of pages: figures, tables, help texts, excerpts of code.
 pages: $(READY)
-	$(BIN)/rambler params --markdown > params/REFERENCE.md
-	$(BIN)/rambler params --faults > params/FAULTS.md
-	$(BIN)/rambler params --messages > params/MESSAGES.md
-	$(BIN)/rambler params --texts > params/TEXTS.md
+	@$(BIN)/python docs/pages.py
 
 pages-check: $(READY)
-	$(BIN)/rambler params --markdown | diff -u params/REFERENCE.md -
-	$(BIN)/rambler params --faults | diff -u params/FAULTS.md -
-	$(BIN)/rambler params --messages | diff -u params/MESSAGES.md -
-	$(BIN)/rambler params --texts | diff -u params/TEXTS.md -
+	@$(BIN)/python docs/pages.py --check
 
 $(DOCS_READY): $(SAIL_READY)
 	@echo "adding what the documentation is built with, once: about 5 s, 70 MB (Sphinx, furo, MyST)"

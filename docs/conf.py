@@ -1,28 +1,22 @@
-"""Settings of the documentation; `make docs` builds it strictly into docs/_build/html."""
+"""Settings of the handbook, which `make docs` builds from the pages that a code-hosting site shows, too."""
 
+import re
 import sys
 from pathlib import Path
 
+from sphinx.application import Sphinx
+
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent), str(HERE / "extensions")]
+ROOT = HERE.parent
+sys.path[:0] = [str(ROOT), str(HERE / "extensions")]
 
-from figures import substitutions  # noqa: E402 - found by the path above
-
-from firmware_py import __version__  # noqa: E402
+from firmware_py import __version__  # noqa: E402 - found by the path above
 
 project = "Rambler"
 author = "The Rambler authors"
 project_copyright = "The Rambler authors, Apache-2.0"
 version = release = __version__
-extensions = [
-    "myst_parser",
-    "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
-    "mathml",
-    "command_help",
-    "driver_table",
-    "tables",
-]
+extensions = ["myst_parser", "mathml", "tables"]
 exclude_patterns = ["_build"]
 
 highlight_language = "none"
@@ -34,12 +28,23 @@ html_math_renderer = "mathml"
 html_copy_source = False
 html_show_sourcelink = False
 
-myst_enable_extensions = ["dollarmath", "substitution", "deflist", "colon_fence"]
+myst_enable_extensions = ["dollarmath"]
+myst_fence_as_directive = ["math"]
 myst_heading_anchors = 3
-myst_dmath_double_inline = True
-myst_substitutions = substitutions(HERE / "figures.json")
 
-autodoc_member_order = "bysource"
-autodoc_typehints = "description"
-napoleon_google_docstring = True
-napoleon_numpy_docstring = False
+GENERATED = re.compile(r"This page is \[.*?\]\((.*?)\)")
+LINK = re.compile(r"\]\((\w[\w-]*|[\w-]+/index)\.md\)")
+
+
+def complete(_app: Sphinx, page: str, source: list[str]) -> None:
+    """Replace a link to a page below params/ by that page; add the pages that an index page links to the sidebar."""
+    if found := GENERATED.search(source[0]):
+        source[0] = (HERE / page).parent.joinpath(found[1]).read_text(encoding="utf-8")
+    elif page.endswith("index"):
+        entries = "\n".join(dict.fromkeys(LINK.findall(source[0])))
+        source[0] += f"\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n"
+
+
+def setup(app: Sphinx) -> None:
+    """Complete each page as it is read."""
+    app.connect("source-read", complete)

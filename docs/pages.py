@@ -1,0 +1,265 @@
+"""Write the generated parts of the Markdown pages, or check that they are up to date.
+
+A generated part stands between two HTML comments, which Markdown viewers do not show:
+
+    <!-- figure: NAME -->12.3 ms<!-- end -->     a measured value of docs/figures.json, within a sentence or a table
+    <!-- table: bench PREFIX -->                 a table of all figures PREFIX_*; also `reproduce`, `sources`, `drivers`
+    <!-- help: rambler run -->                   the help of a command
+    <!-- output: rambler plan items -->          the Markdown that a command prints
+    <!-- code: PATH -->                          a file
+    <!-- code: PATH NAME -->                     one function, class, method or assignment of it
+    <!-- code: PATH /FIRST/ /LAST/ -->           from the first line that begins with FIRST to one that begins with LAST
+
+All but the first stand on a line of their own, and so does their end. The pages below params/ are generated as a whole.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import difflib
+import importlib
+import io
+import json
+import math
+import os
+import re
+import sys
+import textwrap
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+from firmware_py.common.options import OptionMeaning, meanings  # noqa: E402 - found by the path above
+from firmware_py.devices import SECTIONS  # noqa: E402
+
+PROGRAMS = {"rambler": "firmware_py.__main__", "rambler-hil": "hil.__main__"}
+WHOLE = {
+    "params/REFERENCE.md": "rambler params --markdown",
+    "params/FAULTS.md": "rambler params --faults",
+    "params/MESSAGES.md": "rambler params --messages",
+    "params/TEXTS.md": "rambler params --texts",
+}
+WIDTH = "88"
+NO_BREAK = "\u00a0"
+LANGUAGES = {".py": "python", ".toml": "toml"}
+FIGURE = re.compile(r"<!-- figure: (\w+) -->[^\n]*?<!-- end -->")
+BLOCK = re.compile(r"^( *)<!-- (table|help|output|code): (.*?) -->\n.*?^ *<!-- end -->$", re.MULTILINE | re.DOTALL)
+MARKER = re.compile(r"<!-- (?:figure|table|help|output|code): .*?-->")
+
+Entry = Mapping[str, Any]
+
+
+def number(value: float | str) -> str:
+    """Return a number with three significant digits and narrow spaces between thousands; return a text unchanged."""
+    if isinstance(value, str):
+        return value
+    digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+    whole, _, part = f"{value:,.{digits}f}".partition(".")
+    return ".".join(filter(None, (whole.replace(",", "\u202f"), part.rstrip("0"))))
+
+
+def shown(entry: Entry) -> str:
+    """Return a figure with its unit; a short unit stays on the line of the number."""
+    unit = entry["unit"]
+    return f"{number(entry['value'])}{' ' if ' ' in unit else NO_BREAK}{unit}".rstrip()
+
+
+def bench_table(entries: list[Entry]) -> str:
+    """Return the table of a group of measurements."""
+    verdicts = {True: ": met", False: ": **missed**", None: ""}
+    rows = [
+        (
+            entry.get("name", ""),
+            shown(entry),
+            "" if entry.get("bare") is None else f"{number(entry['bare'])} {entry['unit']}",
+            "" if entry.get("ratio") is None else number(entry["ratio"]),
+            entry.get("aim", "").replace("<=", "≤").replace(">=", "≥") + verdicts[entry.get("met")],
+            entry.get("others", ""),
+            entry.get("note", ""),
+        )
+        for entry in entries
+    ]
+    return table(("figure", "measured", "bare limit", "ratio", "aim", "others", "note"), rows)
+
+
+def paper_table(entries: list[Entry]) -> str:
+    """Return the table of the paper's values beside ours."""
+    return table(("quantity", "the paper", "Rambler"), [(one["name"], one["others"], shown(one)) for one in entries])
+
+
+def source_table(entries: Mapping[str, Entry]) -> str:
+    """Return the table of measurements: command, date, commit, machine and number of figures."""
+    counts: dict[tuple[str, ...], int] = {}
+    for entry in entries.values():
+        key = (f"`{entry['command']}`", entry["when"], entry["commit"], entry["machine"], entry.get("remark", ""))
+        counts[key] = counts.get(key, 0) + 1
+    rows = [(*key, str(count)) for key, count in counts.items()]
+    return table(("command", "date", "commit", "machine", "remark", "figures"), rows)
+
+
+def driver_table() -> str:
+    """Return the table of drivers and their options."""
+    return table(("section", "driver", "device", "option", "what it says", "default", "allowed"), list(_driver_rows()))
+
+
+def _driver_rows() -> Iterator[tuple[str, ...]]:
+    for section, drivers in SECTIONS.items():
+        if section.endswith("_b"):  # the same drivers as for the first device
+            continue
+        for name, driver in drivers.items():
+            place = (f"`[{section}]`", f"`{name}`", driver.device)
+            defaults, options = driver.options(), meanings(driver.options)
+            for option, meaning in options.items():
+                yield (*place, f"`{option}`", meaning.text, _default(getattr(defaults, option)), _allowed(meaning))
+                place = ("", "", "")
+            if not options:
+                yield (*place, "", "", "", "")
+
+
+def _default(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f"{value:g}" if isinstance(value, int | float) else ""
+
+
+def _allowed(meaning: OptionMeaning) -> str:
+    if meaning.choices:
+        return ", ".join(meaning.choices)
+    return f"{meaning.minimum:g} to {meaning.maximum:g}" if meaning.maximum < math.inf else ""
+
+
+def table(titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """Return a Markdown table without its empty columns."""
+    if not rows:
+        raise ValueError("no rows")
+    full = [place for place in range(len(titles)) if any(row[place] for row in rows)]
+    lines = [[line[place] for place in full] for line in (titles, ("---",) * len(titles), *rows)]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+@cache
+def printed_by(command: str) -> str:
+    """Return what a command line prints; ValueError when it prints nothing."""
+    program, *words = command.split()
+    main = importlib.import_module(PROGRAMS[program]).main
+    text = io.StringIO()
+    os.environ["COLUMNS"] = WIDTH
+    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
+        main(words)
+    if not text.getvalue():
+        raise ValueError(f"{command} prints nothing")
+    return text.getvalue()
+
+
+def excerpt(what: str) -> str:
+    """Return a fenced block with a file, or with the part of it that is named."""
+    path, _, part = what.partition(" ")
+    lines = (ROOT / path).read_text(encoding="utf-8").splitlines()
+    if found := re.fullmatch(r"/(.*)/ /(.*)/", part):
+        first = next(place for place, line in enumerate(lines) if line.strip().startswith(found[1]))
+        last = next(place for place, line in enumerate(lines[first:], first) if line.strip().startswith(found[2]))
+        lines = lines[first : last + 1]
+    elif part:
+        node: ast.AST = ast.parse("\n".join(lines))
+        for name in part.split("."):
+            node = next(child for child in ast.iter_child_nodes(node) if name in _names(child))
+        decorators = [one.lineno for one in getattr(node, "decorator_list", [])]
+        lines = lines[min([node.lineno, *decorators]) - 1 : node.end_lineno]  # type: ignore[attr-defined]
+    return fenced(textwrap.dedent("\n".join(lines)), LANGUAGES[Path(path).suffix])
+
+
+def _names(node: ast.AST) -> list[str]:
+    targets = getattr(node, "targets", [getattr(node, "target", None)])
+    return [getattr(node, "name", ""), *(one.id for one in targets if isinstance(one, ast.Name))]
+
+
+def fenced(text: str, language: str) -> str:
+    """Return a block of code."""
+    return f"```{language}\n{text.rstrip()}\n```"
+
+
+class Pages:
+    """Makes the generated parts from one set of figures."""
+
+    def __init__(self, figures: Mapping[str, Entry]) -> None:
+        """Take the entries of docs/figures.json by their names."""
+        self._figures = figures
+        self._makers: Mapping[str, Callable[[str], str]] = {
+            "table": self._table,
+            "help": lambda command: fenced(printed_by(f"{command} -h"), "text"),
+            "output": printed_by,
+            "code": excerpt,
+        }
+
+    def filled(self, text: str) -> str:
+        """Return a page with its generated parts made again; ValueError for a part that cannot be made."""
+        if wrong := re.search(r"^ *<!-- figure:.*", text, re.MULTILINE):
+            raise ValueError(f"Markdown takes a line that begins with a comment for HTML: {wrong[0]}")
+        filled, figures = FIGURE.subn(self._figure, text)
+        filled, blocks = BLOCK.subn(self._block, filled)
+        if figures + blocks != len(MARKER.findall(text)):
+            raise ValueError("a generated part has no end, or shares its line with text")
+        return filled
+
+    def _figure(self, found: re.Match[str]) -> str:
+        return f"<!-- figure: {found[1]} -->{shown(self._figures[found[1]])}<!-- end -->"
+
+    def _block(self, found: re.Match[str]) -> str:
+        indent, kind, what = found.groups()
+        text = f"<!-- {kind}: {what} -->\n\n{self._makers[kind](what).strip()}\n\n<!-- end -->"
+        return textwrap.indent(text, indent)
+
+    def _table(self, what: str) -> str:
+        kind, _, prefix = what.partition(" ")
+        if kind == "drivers":
+            return driver_table()
+        if kind == "sources":
+            return source_table(self._figures)
+        entries = [entry for name, entry in self._figures.items() if name.startswith(f"{prefix or kind}_")]
+        return {"bench": bench_table, "reproduce": paper_table}[kind](entries)
+
+
+def expected() -> Iterator[tuple[Path, str]]:
+    """Yield each page with its text as it must be."""
+    pages = Pages(json.loads((ROOT / "docs/figures.json").read_text(encoding="utf-8")))
+    for name, command in WHOLE.items():
+        yield ROOT / name, printed_by(command)
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
+        if "_build" in path.parts:
+            continue
+        try:
+            yield path, pages.filled(path.read_text(encoding="utf-8"))
+        except (KeyError, ValueError, OSError, StopIteration, ImportError) as error:
+            raise SystemExit(f"{path.relative_to(ROOT)}: {error!r}") from error
+
+
+def main() -> int:
+    """Write the pages, or show how they differ from what they must be."""
+    parser = argparse.ArgumentParser(description="write the generated parts of the Markdown pages")
+    parser.add_argument("--check", action="store_true", help="write nothing, exit with 1 if a page is out of date")
+    check = parser.parse_args().check
+    stale = []
+    for path, text in expected():
+        old = path.read_text(encoding="utf-8") if path.exists() else ""
+        if text == old or (check and text.split() == old.split()):  # argparse breaks lines as its Python does
+            continue
+        name = path.relative_to(ROOT).as_posix()
+        stale.append(name)
+        if check:
+            sys.stdout.writelines(difflib.unified_diff(old.splitlines(True), text.splitlines(True), name, name, n=1))
+        else:
+            path.write_text(text, encoding="utf-8")
+    if stale:
+        result = "out of date, run `make pages`" if check else "written"
+        sys.stdout.write(f"{result}: {', '.join(stale)}\n")
+    return int(check and bool(stale))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,100 @@
+"""The generated parts of Markdown pages (docs/pages.py)."""
+
+import importlib.util
+
+import pytest
+
+from support.paths import ROOT
+
+SOURCE = {"when": "2026-01-02", "commit": "abc1234", "machine": "a machine", "command": "a command"}
+
+
+@pytest.fixture(scope="module")
+def pages():
+    spec = importlib.util.spec_from_file_location("docs_pages", ROOT / "docs/pages.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def filled(pages):
+    """Fill a text from some figures."""
+
+    def make(text, **entries):
+        return pages.Pages({name: {**SOURCE, **entry} for name, entry in entries.items()}).filled(text)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (0.018, "0.018"),
+        (3.5, "3.5"),
+        (1.0, "1"),
+        (33.74, "33.7"),
+        (561.4, "561"),
+        (-2.3, "-2.3"),
+        (49500.0, "49\u202f500"),
+        (1221.0, "1\u202f221"),
+        ("2.7 to 3.7", "2.7 to 3.7"),
+    ],
+)
+def test_a_number_has_three_significant_digits(pages, value, text):
+    assert pages.number(value) == text
+
+
+def test_a_figure_is_replaced_with_its_unit(filled):
+    text = "It is <!-- figure: a -->old<!-- end -->, or <!-- figure: b --><!-- end -->."
+    new = "It is <!-- figure: a -->1.25\u00a0deg<!-- end -->, or <!-- figure: b -->3<!-- end -->."
+    assert filled(text, a={"value": 1.25, "unit": "deg"}, b={"value": 3.0, "unit": ""}) == new
+    assert filled(new, a={"value": 1.25, "unit": "deg"}, b={"value": 3.0, "unit": ""}) == new
+
+
+def test_an_unknown_figure_is_an_error(filled):
+    with pytest.raises(KeyError):
+        filled("It is <!-- figure: a --><!-- end -->.")
+
+
+@pytest.mark.parametrize(
+    "text", ["<!-- figure: a --><!-- end --> is it.", "Text <!-- figure: a -->", "Text <!-- help: rambler -->"]
+)
+def test_a_part_that_a_viewer_would_show_wrongly_or_that_has_no_end_is_an_error(filled, text):
+    with pytest.raises(ValueError, match=r"comment for HTML|has no end"):
+        filled(text, a={"value": 1.0, "unit": ""})
+
+
+def test_a_bench_table_shows_a_missed_aim_and_has_no_empty_columns(filled):
+    entry = {"name": "CPU", "value": 3.5, "unit": "%", "aim": "<= 1.5 %", "met": False}
+    table = filled("<!-- table: bench load -->\n<!-- end -->", load_cpu=entry).splitlines()
+    assert table[2] == "| figure | measured | aim |"
+    assert table[4] == "| CPU | 3.5\u00a0% | ≤ 1.5 %: **missed** |"
+
+
+def test_a_table_without_figures_is_an_error(filled):
+    with pytest.raises(ValueError, match="no rows"):
+        filled("<!-- table: bench load -->\n<!-- end -->")
+
+
+def test_the_table_of_sources_counts_what_was_measured_together(filled):
+    text = filled("<!-- table: sources -->\n<!-- end -->", a={"value": 1.0, "unit": "s"}, b={"value": 2.0, "unit": "s"})
+    assert text.splitlines()[4] == "| `a command` | 2026-01-02 | abc1234 | a machine | 2 |"
+
+
+def test_an_excerpt_stands_indented_in_a_list(filled):
+    text = "1. Code:\n\n   <!-- code: docs/extensions/tables.py setup -->\n   old\n   <!-- end -->\n"
+    lines = filled(text).splitlines()
+    assert lines[4:6] == ["   ```python", "   def setup(app: Sphinx) -> ExtensionMetadata:"]
+    assert lines[-3:] == ["   ```", "", "   <!-- end -->"]
+    assert filled("\n".join(lines)) == "\n".join(lines)
+
+
+def test_the_help_of_a_command_is_printed(filled):
+    text = filled("<!-- help: rambler replay -->\n<!-- end -->")
+    assert text.splitlines()[2:4] == ["```text", "usage: rambler replay [-h] [--json] LOG"]
+
+
+def test_every_generated_part_of_the_pages_can_be_made(pages):
+    assert {path.name for path, text in pages.expected() if text} > {"REFERENCE.md", "README.md", "command-line.md"}
