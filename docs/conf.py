@@ -28,7 +28,6 @@ html_math_renderer = "mathml"
 html_copy_source = False
 html_show_sourcelink = False
 
-myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 3
 
