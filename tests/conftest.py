@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.configuration import set_hypothesis_home_dir
 
-from hil.bench.circumstances import circumstances, text_of
+from hil.bench.machine import circumstances, text_of
 from hil.report.figure_file import entry, merge, origin
 
 PROOF_S = 3600.0

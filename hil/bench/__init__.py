@@ -1,1 +1,1 @@
-"""`rambler-hil bench`: what the autopilot costs and how fast it is, beside what the machine itself can do."""
+"""`rambler-hil bench`: what the autopilot costs, and how fast the tools are, on this machine."""

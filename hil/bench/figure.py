@@ -1,23 +1,25 @@
-"""One measured figure, beside its bare limit, its aim and its peers."""
+"""Measured figures: a value beside a bare limit, an aim and other autopilots; percentiles and pairs of runs."""
 
 from __future__ import annotations
 
+import math
+import statistics
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-TIMES: Final = "times"  # the unit of what is a ratio to something measured in the same run
+TIMES: Final = "times"  # the unit of a ratio to something measured in the same run
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
     """One line of the result.
 
-    `bare` is what the machine gives to a program that does nothing else. The aim is a
-    most or a least for the figure itself, or a most for its ratio to the bare limit. `peer` is
-    the same figure of other autopilots, in words. `paired_ratio` stands for the ratio of both
-    where they were measured in turns: the middle of the ratios of neighbours, which a load that
-    comes and goes does not shift. `repeats` are the steady quantities of all repeats, where it was measured more than
-    once.
+    `bare` is what the machine takes for a program that does nothing else. The aim is an upper (`most`) or a lower
+    (`least`) limit of the value, or an upper limit of its ratio to `bare`. `peer` is the same figure of other
+    autopilots, as text. `paired_ratio` replaces the ratio where both programs ran in turns: it is the median over
+    pairs of neighbouring runs, which a changing load does not shift. `repeats` holds the compared quantities of all
+    repeats of a measurement.
     """
 
     name: str
@@ -33,19 +35,19 @@ class Figure:
 
     @property
     def ratio(self) -> float | None:
-        """The figure by its bare limit; None without one, or where that is zero."""
+        """The value divided by the bare limit; None without one, or where that is zero."""
         if self.paired_ratio is not None:
             return self.paired_ratio
         return self.value / self.bare if self.bare else None
 
     @property
     def steady(self) -> float | None:
-        """What of it another machine, or a busy hour, changes least: its ratio, or itself where it is one already."""
+        """The quantity that depends least on machine and load: the ratio, or the value where it is a ratio already."""
         return self.value if self.unit == TIMES else self.ratio
 
     @property
     def more_is_better(self) -> bool:
-        """Whether it worsens by falling."""
+        """Whether the figure worsens by falling."""
         return self.unit == TIMES or self.least is not None
 
     @property
@@ -62,8 +64,31 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a measurement found: its figures, and in words how they were got."""
+    """The result of one measurement: its figures, and notes on how they were measured."""
 
     title: str
     figures: tuple[Figure, ...]
     notes: tuple[str, ...] = ()
+
+
+def percentile(samples: Sequence[float], percent: float) -> float:
+    """Return a percentile (0 to 100) of samples in any order, linear between neighbours; NaN without samples."""
+    if not samples:
+        return math.nan
+    ordered = sorted(samples)
+    place = (len(ordered) - 1) * percent / 100.0
+    below = math.floor(place)
+    above = min(below + 1, len(ordered) - 1)
+    return ordered[below] + (ordered[above] - ordered[below]) * (place - below)
+
+
+def paired_figure(
+    name: str, unit: str, ours: Callable[[], float], bare: Callable[[], float], pairs: int, scale: float = 1.0
+) -> Figure:
+    """Run a program and its bare limit in turns, and return the medians and the median ratio of neighbouring runs.
+
+    Each callable returns what its run took; `scale` converts that to the unit.
+    """
+    taken = [(ours(), bare()) for _ in range(pairs)]
+    value, limit = (scale * statistics.median(column) for column in zip(*taken, strict=True))
+    return Figure(name, unit, value, limit, paired_ratio=statistics.median(one / other for one, other in taken))

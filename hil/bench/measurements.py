@@ -5,46 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from hil.bench import (
-    first_use,
-    hour,
-    lateness,
-    load,
-    lockstep,
-    objective,
-    replay,
-    sense,
-    start,
-    swarm,
-    transfers,
-    trips,
-    twin,
-    work,
-)
+from hil.bench import latency, process, tick, tools, transfers
 from hil.bench.figure import Finding
 from hil.bench.setting import Setting
 
 
 class Measurement(NamedTuple):
-    """One measurement and what it tells, in a few words."""
+    """One measurement, and in a few words what it measures."""
 
     text: str
     measure: Callable[[Setting], Finding]
 
 
 TABLE: Mapping[str, Measurement] = {
-    "lateness": Measurement("how late the ticks begin, at 10 and 50 Hz", lateness.measure),
-    "sense": Measurement("from a compass sentence to the servo frame", sense.measure),
-    "replay": Measurement("an onboard log recomputed", replay.measure),
-    "work": Measurement("how much Python a tick executes", work.measure),
-    "load": Measurement("processor time and memory at 10 Hz", load.measure),
-    "start": Measurement("from exec to the first rudder frame", start.measure),
-    "lockstep": Measurement("how many times real time she sails in lockstep", lockstep.measure),
-    "trips": Measurement("PARAM_SET and COMMAND_LONG round trips", trips.measure),
-    "transfers": Measurement("parameters, missions and logs over a link", transfers.measure),
-    "objective": Measurement("the identification's objective beside C", objective.measure),
-    "hour": Measurement("an hour's log identified", hour.measure),
-    "swarm": Measurement("the fish swarm beside scikit-opt's", swarm.measure),
-    "twin": Measurement("the compiled twin beside its bare arithmetic", twin.measure),
-    "first-use": Measurement("the first use on a machine, which compiles", first_use.measure),
+    "sense": Measurement("latency from a compass sentence to the servo frame", latency.sense),
+    "replay": Measurement("processor time of a tick in rambler replay", tick.replay),
+    "work": Measurement("Python instructions of a tick", tick.work),
+    "load": Measurement("processor time and memory at 10 Hz", process.load),
+    "start": Measurement("time from exec to the first rudder frame", process.start),
+    "lockstep": Measurement("speed of a run in lockstep", process.lockstep),
+    "transfers": Measurement("parameters and missions over a link", transfers.measure),
+    "hour": Measurement("identification of an hour's log", tools.hour),
+    "swarm": Measurement("an evaluation of the fish swarm", tools.swarm),
+    "twin": Measurement("a control tick of the compiled loop", tools.loop),
 }

@@ -1,55 +1,149 @@
-"""A process looked at from outside (see proc(5) and clock_getcpuclockid(3))."""
+"""The autopilot as a process: load and memory, start, and the speed of a run in lockstep."""
 
 from __future__ import annotations
 
+import math
+import statistics
+import subprocess
+import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
-PROC = Path("/proc")
-KIB_PER_MIB = 1024.0
-_SCHEDULED_TIME = 2  # of the clocks of a process: all its threads, in nanoseconds
+from hil.bench.figure import Figure, Finding
+from hil.bench.machine import Memory, cpu_of, memory_of
+from hil.bench.rig import Rig
+from hil.bench.sea import Sea
+from hil.bench.setting import Setting
+from hil.bench.station import Station
+from hil.errors import HilError
+from hil.ship.scenarios import named
+from hil.sim import run_file
+from hil.sim.goals import Goal
+from hil.sim.logbook import RunOptions
+from hil.sim.runner import run
+
+WARM_UP_S = 2.0
+MOST_CPU_PERCENT, MOST_CPU_ONE_LINK_PERCENT = 2.0, 1.5
+MOST_RSS_MIB = 50.0
+SLEEPER = """
+import time
+print("ready", flush=True)
+deadline_s = time.monotonic()
+while True:
+    deadline_s += 0.1
+    time.sleep(max(0.0, deadline_s - time.monotonic()))
+"""
+
+START_TIMEOUT_S = 20.0
+MOST_START_S = 0.5
+BARE_START = (sys.executable, "-c", "pass")
+
+REAL_TIME = "x real time"
+LEAST_SPEED, LEAST_SPEED_WITH_STATION = 150.0, 100.0
+GOALS = (Goal(0.0, 0.0), Goal(60.0, math.radians(60.0)))
 
 
-@dataclass(frozen=True, slots=True)
-class Memory:
-    """Resident memory of a process, now and at most so far, in MiB."""
-
-    now_mib: float
-    most_mib: float
-
-
-def parent(stat: str) -> int:
-    """Return the parent's number from the text of /proc/PID/stat."""
-    # The name in brackets, which may hold anything, is the second field.
-    return int(stat.rpartition(")")[2].split()[1])
-
-
-def memory(status: str) -> Memory:
-    """Return VmRSS and VmHWM from the text of /proc/PID/status."""
-    rows = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
-    now_kib, most_kib = (int(rows[name].split()[0]) for name in ("VmRSS", "VmHWM"))
-    return Memory(now_kib / KIB_PER_MIB, most_kib / KIB_PER_MIB)
-
-
-def cpu_of(pid: int) -> float:
-    """Return the processor time of a process and its threads, in seconds; OSError when it has gone."""
-    # The number of the clock, as clock_getcpuclockid makes it; /proc/PID/stat has the same in steps of 10 ms.
-    return time.clock_gettime(~pid << 3 | _SCHEDULED_TIME)
-
-
-def memory_of(pid: int) -> Memory:
-    """Return the memory of a process; OSError when it has gone."""
-    return memory((PROC / str(pid) / "status").read_text())
-
-
-def children_of(pid: int) -> list[int]:
-    """Return the numbers of the processes that a process has started and that still are."""
-    processes = []
-    for path in PROC.glob("[0-9]*/stat"):
+def load(setting: Setting) -> Finding:
+    """Measure processor time and memory in the tank at 10 Hz, with a radio link, then with UDP as well."""
+    one_link, _ = _load(setting, "one-link", udp=False)
+    share, memory = _load(setting, "load", udp=True)
+    with subprocess.Popen([sys.executable, "-c", SLEEPER], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as bare:
         try:
-            if parent(path.read_text()) == pid:
-                processes.append(int(path.parent.name))
-        except OSError:
-            continue  # it has ended meanwhile
-    return processes
+            if bare.stdout is None or not bare.stdout.readline():
+                raise HilError("the Python process that the load is compared with does not start")
+            start_s, used_s = time.monotonic(), cpu_of(bare.pid)
+            time.sleep(setting.bare_load_s)
+            bare_share = (cpu_of(bare.pid) - used_s) / (time.monotonic() - start_s)
+            bare_memory = memory_of(bare.pid)
+        finally:
+            bare.kill()
+    notes = (
+        f"over {setting.load_s:g} s each, with log and all telemetry on UDP and a serial link, or on that alone",
+        "bare: a Python process that imports nothing and sleeps at 10 Hz",
+    )
+    return Finding("Load", load_figures((one_link, share), memory, bare_share, bare_memory), notes)
+
+
+def _load(setting: Setting, name: str, *, udp: bool) -> tuple[float, Memory]:
+    """Return the share of a core and the memory of the autopilot of a run."""
+    with Sea(setting.directory / name, udp=udp) as sea:
+        sea.listen(WARM_UP_S)
+        pid = sea.autopilot()
+        start_s, used_s = time.monotonic(), cpu_of(pid)
+        sea.listen(setting.load_s)
+        return (cpu_of(pid) - used_s) / (time.monotonic() - start_s), memory_of(pid)
+
+
+def load_figures(shares: tuple[float, float], memory: Memory, bare_share: float, bare: Memory) -> tuple[Figure, ...]:
+    """Return the figures of shares of one core, with one link and with two, and of memory."""
+    one_link, share = (share * 100.0 for share in shares)
+    return (
+        Figure("CPU at 10 Hz", "% of a core", share, bare_share * 100.0, most=MOST_CPU_PERCENT),
+        Figure(
+            "CPU at 10 Hz, one link", "% of a core", one_link, bare_share * 100.0,
+            most=MOST_CPU_ONE_LINK_PERCENT, peer="pypilot 1.5 at 20 Hz",
+        ),
+        Figure("memory (VmRSS)", "MiB", memory.now_mib, bare.now_mib, most=MOST_RSS_MIB, peer="pypilot 209"),
+        Figure("memory at most (VmHWM)", "MiB", memory.most_mib, bare.most_mib),
+    )  # fmt: skip
+
+
+def start(setting: Setting) -> Finding:
+    """Measure several starts of the autopilot, in turns with a Python that does nothing."""
+    frames_s, heartbeats_s, bare_s = [], [], []
+    for index in range(setting.starts):
+        with Rig(setting.directory / f"start-{index}") as rig:
+            frame_s, heartbeat_s = rig.serve_until_alive(START_TIMEOUT_S)
+        frames_s.append(frame_s)
+        heartbeats_s.append(heartbeat_s)
+        begin_s = time.monotonic()
+        subprocess.run(BARE_START, check=True)
+        bare_s.append(time.monotonic() - begin_s)
+    notes = (
+        f"median of {setting.starts} starts, from just before fork and exec",
+        "the servo is found and configured before its first goal, at 57600 baud",
+        "bare: python -c pass, from start to end",
+    )
+    return Finding("Start", start_figures(frames_s, heartbeats_s, bare_s), notes)
+
+
+def start_figures(frames_s: list[float], heartbeats_s: list[float], bare_s: list[float]) -> tuple[Figure, ...]:
+    """Return the medians as figures."""
+    bare = statistics.median(bare_s)
+    return (
+        Figure("first rudder frame", "s", statistics.median(frames_s), bare, most=MOST_START_S),
+        Figure("first heartbeat on UDP", "s", statistics.median(heartbeats_s), bare, peer="ArduRover 1.0"),
+    )
+
+
+def lockstep(setting: Setting) -> Finding:
+    """Measure runs in the tank at 10 Hz in lockstep, in turns without and with a UDP ground station."""
+    alone: list[float] = []
+    with_station: list[float] = []
+    for index in range(setting.starts):
+        alone.append(_speed(setting, setting.directory / f"alone-{index}"))
+        station = Station()
+        try:
+            with_station.append(_speed(setting, setting.directory / f"station-{index}", station.url))
+        finally:
+            station.close()
+    notes = (
+        f"median of {setting.starts} runs of {setting.lockstep_s:g} s, without the start",
+        "each process on a core of its own where two are free, otherwise both on one",
+        "without telemetry the simulated operator is still there, on a serial link",
+    )
+    return Finding("Lockstep", lockstep_figures(alone, with_station), notes)
+
+
+def _speed(setting: Setting, out: Path, *links: str) -> float:
+    run(RunOptions(named("tank"), setting.lockstep_s, out, math.inf, 1, GOALS, links=links, cores=2))
+    wall_s = run_file.read(out).wall_s
+    return setting.lockstep_s / wall_s if wall_s else math.nan
+
+
+def lockstep_figures(alone: list[float], with_station: list[float]) -> tuple[Figure, ...]:
+    """Return the medians of speeds as figures."""
+    return (
+        Figure("telemetry off", REAL_TIME, statistics.median(alone), least=LEAST_SPEED),
+        Figure("telemetry on", REAL_TIME, statistics.median(with_station), least=LEAST_SPEED_WITH_STATION),
+    )

@@ -9,8 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from hil.bench.onboard import STATE
 from hil.bench.station import Station
+from hil.bench.tick import STATE
 from hil.devices.dynamixel_frame import Instruction, PacketReader
 from hil.devices.dynamixel_table import Address
 from hil.devices.emulator import Emulator

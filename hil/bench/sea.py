@@ -13,9 +13,9 @@ from types import TracebackType
 from typing import Self
 
 from firmware_py.log.disk import log_files
-from hil.bench.onboard import STATE
-from hil.bench.process import children_of
+from hil.bench.machine import children_of
 from hil.bench.station import Station
+from hil.bench.tick import STATE
 from hil.errors import HilError
 
 START_S = 30.0

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hil.bench import over_time
-from hil.bench.circumstances import circumstances, same_machine, same_python, text_of
 from hil.bench.figure import Finding
+from hil.bench.machine import circumstances, same_machine, same_python, text_of
 from hil.bench.measurements import TABLE
 from hil.bench.over_time import Kept
 from hil.bench.report import as_entries, as_json, table
@@ -29,7 +29,7 @@ MOST_REPEATS = 1000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     names = "; ".join(f"{name}: {row.text}" for name, row in TABLE.items())
-    parser.add_argument("--quick", action="store_true", help="some four minutes instead of ten, and coarser")
+    parser.add_argument("--quick", action="store_true", help="about three minutes instead of six, and coarser")
     parser.add_argument(
         "--only",
         choices=tuple(TABLE),

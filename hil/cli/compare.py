@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.bench.circumstances import circumstances, text_of
+from hil.bench.machine import circumstances, text_of
 from hil.cli import outputs, progress
 from hil.errors import UsageError
 from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, can_sail, compare, priced

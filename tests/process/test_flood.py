@@ -13,11 +13,11 @@ from contextlib import ExitStack
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from hil.bench.helper import answer_of
-from hil.bench.onboard import logged
-from hil.bench.process import cpu_of, memory_of
+from hil.bench.machine import cpu_of, memory_of
 from hil.bench.sea import Sea
-from hil.bench.spread import spread
+from hil.bench.tick import logged
+from support import bare_sleep
+from support.bare_sleep import spread
 from support.paths import ROOT
 from support.program import unused_ports
 
@@ -204,12 +204,7 @@ def test_floods_of_every_link_and_of_the_disk_together_do_not_move_the_loop(tmp_
             used_s, start_s = cpu_of(pid), time.monotonic()
             windows["flooded"].append(window(ahead_s, poured, sea, lines, links, tmp_path, taken))
             busy = busy or min(MOST_BUSY, (cpu_of(pid) - used_s) / (time.monotonic() - start_s))
-            words = [
-                sys.executable,
-                "-m",
-                "hil.bench.bare_sleep",
-                *map(str, (TOGETHER_HZ, int(TURN_S * TOGETHER_HZ), busy)),
-            ]
+            words = bare_sleep.command(TOGETHER_HZ, int(TURN_S * TOGETHER_HZ), busy)
             with subprocess.Popen(words, stdout=subprocess.PIPE) as bare:
                 poured(sea, lines, sinks, tmp_path, [])
                 bare_s += json.loads(bare.communicate()[0])
@@ -293,8 +288,9 @@ def as_busy_and_bare(rate_hz):
         nobody.bind(("127.0.0.1", 0))
         words = [sys.executable, str(FLOOD), "udp", str(nobody.getsockname()[1]), str(SECONDS)]
         with subprocess.Popen(words, stdout=subprocess.DEVNULL):
-            ticks = str(round(SECONDS * rate_hz))
-            return spread(answer_of(["-m", "hil.bench.bare_sleep", str(rate_hz), ticks, "0.5"], SECONDS))
+            words = bare_sleep.command(rate_hz, round(SECONDS * rate_hz), 0.5)
+            done = subprocess.run(words, capture_output=True, check=True, timeout=SECONDS + 30.0)
+            return spread(json.loads(done.stdout))
 
 
 def boat_time(sea):

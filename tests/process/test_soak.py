@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.bench.process import children_of, memory_of
+from hil.bench.machine import children_of, memory_of
+from support import bare_sleep
 from support.program import Program
 
 DAY_S, HOUR_S = 86_400.0, 3600.0
@@ -112,7 +113,7 @@ def test_nothing_grows_in_a_simulated_day(tmp_path):
 def test_nothing_grows_in_a_real_hour_and_no_tick_is_lost(tmp_path):
     """With a station that listens; a tick may be lost where a process that only sleeps loses one, too."""
     seconds = float(os.environ.get("SOAK_REAL_S", HOUR_S))
-    sleeper = [sys.executable, "-m", "hil.bench.bare_sleep", str(RATE_HZ), str(int(seconds * RATE_HZ))]
+    sleeper = bare_sleep.command(RATE_HZ, int(seconds * RATE_HZ))
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as station:
         station.bind(("127.0.0.1", 0))
         link = ["--link", f"udpout:127.0.0.1:{station.getsockname()[1]}", "--set", f"LOOP_RATE_HZ={RATE_HZ}"]

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from hil.bench.process import children_of, memory_of
+from hil.bench.machine import children_of, memory_of
 from support.harness import rambler_hil, replays, start_rambler_hil
 
 WORDS = ("run", "tank", "--speed", "max", "--seconds", "40", "--goal", "0:0", "--with", "vessels=crossing:0")

@@ -1,8 +1,12 @@
-"""Ratios to the bare limit, and when an aim counts as met."""
+"""Ratios to the bare limit, aims, percentiles and pairs of runs."""
 
+import math
+import random
+
+import numpy as np
 import pytest
 
-from hil.bench.figure import Figure
+from hil.bench.figure import Figure, paired_figure, percentile
 
 
 @pytest.mark.parametrize(
@@ -31,3 +35,29 @@ def test_without_a_bare_limit_there_is_no_ratio():
     assert Figure("x", "ms", 3.0, 2.0).ratio == 1.5
     assert Figure("x", "ms", 3.0).ratio is None
     assert Figure("x", "ms", 3.0, 0.0).ratio is None
+
+
+def test_percentiles_are_those_of_numpy():
+    chances = random.Random(3)
+    samples = [chances.expovariate(1.0) for _ in range(997)]
+    for percent in (0.0, 50.0, 95.0, 99.9, 100.0):
+        assert percentile(samples, percent) == pytest.approx(np.percentile(samples, percent))
+    assert percentile([2.0, 1.0], 25.0) == 1.25
+    assert percentile([7.0], 99.0) == 7.0
+    assert math.isnan(percentile([], 50.0))
+
+
+def test_the_ratio_of_pairs_is_the_median_of_neighbours():
+    # In the second pair the machine was ten times as slow, for both programs.
+    ours, bare = iter([1.0, 10.0, 1.1]), iter([2.0, 20.0, 2.0])
+    order = []
+    figure = paired_figure(
+        "x",
+        "ms",
+        lambda: order.append("ours") or next(ours),
+        lambda: order.append("bare") or next(bare),
+        3,
+        1e3,
+    )
+    assert order == ["ours", "bare"] * 3
+    assert (figure.value, figure.bare, figure.ratio) == (1100.0, 2000.0, 0.5)

@@ -6,8 +6,8 @@ import pytest
 
 from hil.__main__ import main
 from hil.bench import measurements
-from hil.bench.circumstances import circumstances, text_of
 from hil.bench.figure import Figure, Finding
+from hil.bench.machine import circumstances, text_of
 from hil.report.figure_file import COUNTED
 
 
@@ -45,7 +45,7 @@ def asked(monkeypatch, tmp_path, values):
 def test_everything_is_measured_in_one_run_and_nothing_is_left_behind(asked, capsys, tmp_path):
     assert main(["bench"]) == 0
     assert [name for name, _ in asked] == list(measurements.TABLE)
-    assert "trips figure" in capsys.readouterr().out
+    assert "transfers figure" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
 
 

@@ -2,7 +2,7 @@
 
 import sys
 
-from hil.bench.work import EACH, WARM, counting, instructions
+from hil.bench.tick import EACH, WARM, counting, instructions
 
 
 def helper(count):

@@ -2,7 +2,7 @@
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from hil.bench.requester import Heard, walk
+from hil.bench.transfers import Heard, walk
 
 
 def test_frames_of_a_datagram_are_found_signed_ones_too():

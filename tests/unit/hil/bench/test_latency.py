@@ -5,7 +5,7 @@ import math
 import pytest
 
 from firmware_py.common.records import HeadingSample, Inputs, NorthReference, Tick
-from hil.bench.path import Passage, passages
+from hil.bench.latency import Passage, passages, sense_figures
 
 AHEAD_S = 100.0  # the bench's clock is this much ahead of the autopilot's
 
@@ -63,13 +63,7 @@ def test_a_heading_that_the_bench_has_not_sent_is_left_out():
     assert passages([tick(1.0, (0.95, 7))], on_bench(0.95), on_bench(1.0)) == []
 
 
-@pytest.mark.parametrize(
-    ("wait_s", "computing_s"),
-    [
-        (0.002, 0.0012),  # all but the wait, and the decoding that fell into it
-        (0.0001, 0.003),  # the tick was due before the decoding was done: nobody waited
-        (0.0, 0.003),
-    ],
-)
-def test_the_computing_path_leaves_out_the_wait_but_not_the_decoding(wait_s, computing_s):
-    assert Passage(1.0, 0.003, wait_s).computing_s(0.0002) == pytest.approx(computing_s)
+def test_the_path_is_reported_with_and_without_the_wait_for_the_tick():
+    whole, late, computing = sense_figures([Passage(1.0, 0.003, 0.001), Passage(2.0, 0.007, 0.001)])
+    assert (whole.value, late.value, computing.value) == pytest.approx((5.0, 6.8, 4.0))
+    assert [figure.met for figure in (whole, late, computing)] == [True, None, None]

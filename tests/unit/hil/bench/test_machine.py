@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from hil.bench.process import Memory, children_of, cpu_of, memory, memory_of, parent
+from hil.bench.machine import Memory, children_of, cpu_of, memory, memory_of, parent, steady
 
 
 def test_the_parent_is_found_behind_any_name():
@@ -33,3 +33,13 @@ def test_children_are_found_while_they_live():
     assert child.pid not in children_of(os.getpid())
     with pytest.raises(OSError):
         cpu_of(child.pid)
+
+
+def test_steady_scheduling_ends_with_its_context_and_is_not_inherited():
+    before = os.sched_getscheduler(0)
+    with steady() as real_time:
+        if real_time:
+            assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+        words = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0))"]
+        assert int(subprocess.check_output(words)) == os.SCHED_OTHER
+    assert os.sched_getscheduler(0) == before

@@ -1,0 +1,55 @@
+"""A process that sleeps to absolute deadlines and does nothing else: the limit of punctuality on this machine.
+
+`python bare_sleep.py RATE_HZ TICKS [BUSY]` prints how late each tick was, in seconds, as a JSON list. With BUSY it
+computes for that fraction of each period: a shared machine interrupts a busy process more often.
+"""
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+
+from hil.bench.figure import percentile
+from hil.bench.machine import steady
+
+
+def command(rate_hz, ticks, busy=0.0):
+    """The command line of the process."""
+    return [sys.executable, __file__, str(rate_hz), str(ticks), str(busy)]
+
+
+def lateness_s(rate_hz, ticks, busy):
+    """Sleep from deadline to deadline, after a busy part of the period, and return how late each sleep ended."""
+    period_s = 1.0 / rate_hz
+    late_s = [0.0] * ticks
+    deadline_s = time.monotonic()
+    for tick in range(ticks):
+        busy_until_s = deadline_s + busy * period_s
+        while busy and time.monotonic() < busy_until_s:
+            pass
+        deadline_s += period_s
+        time.sleep(max(0.0, deadline_s - time.monotonic()))
+        late_s[tick] = max(0.0, time.monotonic() - deadline_s)
+    return late_s
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Percentiles of samples."""
+
+    count: int
+    p50: float
+    p99: float
+    p999: float
+    max: float
+
+
+def spread(samples):
+    """Return the percentiles of samples."""
+    return Spread(len(samples), *(percentile(samples, percent) for percent in (50.0, 99.0, 99.9, 100.0)))
+
+
+if __name__ == "__main__":
+    with steady():
+        found = lateness_s(float(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))
+    print(json.dumps(found))
