@@ -26,7 +26,7 @@ help:
 	@echo "make test   the whole test suite"
 	@echo "make fuzz   ten minutes of hostile bytes for every reader: FUZZ_SECONDS, FUZZ=\"--seed 2 TARGET ...\""
 	@echo "make lint types pages-check   what CI checks besides"
-	@echo "make pages  write the generated pages anew"
+	@echo "make pages  write the generated pages, and the generated parts of the others"
 	@echo "make docs   the documentation, into docs/_build/html"
 	@echo "make bench  latency, load, memory, start, transfers and the speed of the tools on this machine"
 	@echo "make bundle  what rambler update installs without a network: FOR=\"aarch64:3.13 ...\" SIGN=KEY"
