@@ -5,11 +5,12 @@ from __future__ import annotations
 import gc
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
+from msgspec.structs import replace
+
 from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Power, Recorder, Rudder, Vessels
-from firmware_py.common.record_class import maker
 from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, RudderCommand, Tick
 from firmware_py.common.reports import Output
 from firmware_py.core.autopilot import Autopilot
@@ -24,9 +25,6 @@ from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.store import Store
 from firmware_py.system.udp_line import UdpLine
 from firmware_py.system.watchdogs import Watchdogs, waits_in_kernel
-
-_new_tick = maker(Tick)
-_new_inputs = maker(Inputs)
 
 # Before a deadline the link is left alone for this long, or for this part of a short period.
 GUARD_S = 0.003
@@ -110,7 +108,7 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
             link_busy = _serve_until_deadline(parts, metronome, link_busy)
             ended = stopped()
             now_s, due_s = clock.now_s(), metronome.deadline_s
-            tick = _new_tick(index, min(now_s, due_s), max(0.0, now_s - due_s), skipped, metronome.rate_hz)
+            tick = Tick(index, min(now_s, due_s), max(0.0, now_s - due_s), skipped, metronome.rate_hz)
             newest = _tick(parts, tick, last=ended)
             now_s = clock.now_s()
             _show_life(parts, now_s)
@@ -143,7 +141,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
     parts.heard = ()
     before = parts.autopilot.state
     others = tuple(parts.compass_b.poll()) if parts.compass_b is not None else ()
-    inputs = _new_inputs(
+    inputs = Inputs(
         tick,
         tuple(sorted(headings + others, key=lambda sample: sample.t_s)) if others else headings,
         tuple(parts.position.poll()) if parts.position is not None else (),

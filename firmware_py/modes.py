@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+
+import msgspec
+from msgspec.structs import replace
 
 from firmware_py.common.angles import TWO_PI, wrap_two_pi
 from firmware_py.common.intents import (
@@ -22,7 +24,6 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.mode_table import MODES, Mode, Need
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Water
 from firmware_py.model.crab import heading_for_course
 
@@ -34,8 +35,7 @@ ALREADY_THERE_RAD = 0.1
 LONGEST_BENCH_S = 60.0
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingGoal:
+class HeadingGoal(msgspec.Struct, frozen=True):
     """A heading or, over ground, a course; `turn` +-1 while the boat is to turn the long way."""
 
     heading_rad: float
@@ -43,16 +43,14 @@ class HeadingGoal:
     turn: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class PositionGoal:
+class PositionGoal(msgspec.Struct, frozen=True):
     """A position to go to."""
 
     latitude_rad: float
     longitude_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class ModeState:
+class ModeState(msgspec.Struct, frozen=True):
     """Mode, arming, goal, stick, and where the rudder is held on the bench until when.
 
     `by_failsafe`: a failsafe has chosen the mode, and nobody has ordered anything since.
@@ -73,8 +71,7 @@ class ModeState:
         return cls(Mode(int(parameters["BOOT_MODE"])), armed=bool(parameters["BOOT_ARM"]))
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(msgspec.Struct, frozen=True):
     """What a decision may depend on besides the mode state."""
 
     heading_rad: float | None  # None without a valid heading

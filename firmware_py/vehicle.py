@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
+import msgspec
+
 from firmware_py.common.options import MISSING_TEXT, check, option, record_from
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import MOST_PROBLEMS, index_of, parse_file
-from firmware_py.common.record_class import dataclass
 from firmware_py.devices import SECTIONS
 from firmware_py.files.reading import read_text
 
@@ -38,8 +39,7 @@ class _Connection:
         check(self)
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceEntry:
+class DeviceEntry(msgspec.Struct, frozen=True):
     """The section of a device, or of a second one; `options` is the record of the driver's own (devices.Driver)."""
 
     driver: str
@@ -63,8 +63,7 @@ class Hull:
         check(self)
 
 
-@dataclass(frozen=True, slots=True)
-class Vehicle:
+class Vehicle(msgspec.Struct, frozen=True):
     """A vehicle file, checked; the position's port may be the compass's, that of AIS either's or `udp:[HOST:]PORT`."""
 
     name: str

@@ -33,6 +33,7 @@ an adapter has held back is told from the one awaited, and judged by the goal th
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import Enum, auto
 
 from firmware_py.actuator import dynamixel_frames as frames
@@ -43,12 +44,7 @@ from firmware_py.actuator.half_duplex import reply_timeout_s
 from firmware_py.actuator.servo_driver import Answer, ServoDriver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.records import DeviceState, RudderFeedback
-
-_new_rudder_feedback = maker(RudderFeedback)
-_new_answer = maker(Answer)
-_new_request = maker(Request)
 
 REBOOT_DELAY_S, REBOOT_EVERY_S = 3.0, 30.0
 COOL_ENOUGH_C = 60.0
@@ -86,8 +82,8 @@ class DynamixelServo:
         self.device_id = options.id
         self.parser = frames.StatusParser(LARGEST_REPLY_LENGTH)
         self._upkeep = Upkeep(options.id)
-        self._ping = _new_request(Kind.PING, frames.ping(options.id), "ping", 3)
-        self._reboot = _new_request(Kind.REBOOT, frames.reboot(options.id), "reboot")
+        self._ping = Request(Kind.PING, frames.ping(options.id), "ping", 3)
+        self._reboot = Request(Kind.REBOOT, frames.reboot(options.id), "reboot")
         self._looks = tuple(read_request(options.id, block) for block in table.LOOKS)
         self._look = 0  # which comes with the next goal
         self._asked: Request | None = None  # the newest that came with a goal
@@ -169,7 +165,7 @@ class DynamixelServo:
                 self._note_goal_refused()
             elif sure:
                 self._upkeep.take_refusal(request, reply.code, asked_s)
-            return _new_answer(obeyed=False)
+            return Answer(obeyed=False)
         if request.kind is Kind.GOAL:
             answer = self._take_goal(request.counts if sure else None, reply.parameters, asked_s)
             if request.block is table.WHOLE:
@@ -200,12 +196,12 @@ class DynamixelServo:
         elif request.kind is not Kind.READ or asked_s >= self._changed_s:  # else it is of before
             self._restarts.take_result(request, data)
             self._upkeep.take_result(request, data)
-        return _new_answer()
+        return Answer()
 
     def _take_telemetry(self, data: bytes, asked_s: float, *, obeyed: bool = True) -> Answer:
         values = table.decode_telemetry(data)
         self._temperature_c = values.temperature_c
-        feedback = _new_rudder_feedback(
+        feedback = RudderFeedback(
             t_s=asked_s,
             shaft_rad=values.shaft_rad,
             temperature_c=values.temperature_c,
@@ -215,7 +211,7 @@ class DynamixelServo:
             torque_on=self._upkeep.torque_on,
             restarts=self._restarts.count,
         )
-        return _new_answer(obeyed=obeyed, impossible=values.impossible, feedback=feedback)
+        return Answer(obeyed=obeyed, impossible=values.impossible, feedback=feedback)
 
     # ------------------------------------------------------------------ what is sent
 
@@ -275,7 +271,7 @@ class DynamixelServo:
         counts = table.goal_counts(shaft_rad, self._upkeep.image)
         self._at_limit = table.at_limit(counts, self._upkeep.image)
         frame = frames.sync_write(self.device_id, goal.address, goal.encoded(counts)) + look.frame
-        return _new_request(Kind.GOAL, frame, goal.name, look.parameters, look.block, counts)
+        return Request(Kind.GOAL, frame, goal.name, look.parameters, look.block, counts)
 
     def _reboot_due(self, now_s: float) -> bool:
         errors = self._upkeep.hardware_error

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import struct
 
+import msgspec
+
 from firmware_py.common import crc16
-from firmware_py.common.record_class import dataclass, maker
 
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
@@ -74,8 +75,7 @@ def reboot(device_id: int) -> bytes:
     return instruction(device_id, REBOOT)
 
 
-@dataclass(frozen=True, slots=True)
-class StatusPacket:
+class StatusPacket(msgspec.Struct, frozen=True):
     """The answer of a device, stuffing removed."""
 
     device_id: int
@@ -91,9 +91,6 @@ class StatusPacket:
     def code(self) -> int:
         """Why the instruction was refused (ERROR_TEXT), 0 when it was obeyed."""
         return self.error & ~ALERT_BIT
-
-
-_new_status_packet = maker(StatusPacket)
 
 
 class StatusParser:
@@ -161,5 +158,5 @@ class StatusParser:
             self.rejected += 1
             return 1
         body = packet[_HEAD_SIZE:-_CRC_SIZE].replace(STUFFED, UNSTUFFED)
-        packets.append(_new_status_packet(packet[4], body[1], body[2:]))
+        packets.append(StatusPacket(packet[4], body[1], body[2:]))
         return size

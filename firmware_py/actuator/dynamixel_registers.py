@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
 
-from firmware_py.common import record_class
+import msgspec
+
 from firmware_py.common.angles import TWO_PI, clamp
-from firmware_py.common.record_class import maker
 
 RAM_BEGINS = 64
 
@@ -39,8 +38,7 @@ HARDWARE_ERRORS = {
 ENCODER_ERROR, OVERHEATING_ERROR = 0x08, 0x04
 
 
-@dataclass(frozen=True, slots=True, eq=False)  # each is one of its kind: looked up by identity, many times a tick
-class Block:
+class Block(msgspec.Struct, frozen=True, eq=False):  # each is one of its kind: looked up by identity, many times a tick
     """A range that is read in one exchange.
 
     Every block has a length of its own (and a ping has 3): a status packet does not say
@@ -71,8 +69,7 @@ _LIMITS = struct.Struct("<II")  # the largest position at 48, the smallest at 52
 Image = Mapping[Block, bytes]
 
 
-@dataclass(frozen=True, slots=True)
-class Register:
+class Register(msgspec.Struct, frozen=True):
     """One value of a block."""
 
     name: str
@@ -111,8 +108,7 @@ BUS_WATCHDOG = Register("bus watchdog", WATCHDOG, 98, 1, signed=True)
 GOAL_POSITION = Register("goal position", GOAL_AND_TELEMETRY, 116, 4, signed=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
+class Setting(msgspec.Struct, frozen=True):
     """What the masked bits of a register shall be; the rest stays as the owner set it.
 
     A servo that refuses an essential one cannot be steered; without another it can.
@@ -156,8 +152,7 @@ def at_limit(counts: int, image: Image) -> bool:
     return not low + AT_LIMIT_COUNTS <= counts <= high - AT_LIMIT_COUNTS
 
 
-@record_class.dataclass(frozen=True, slots=True)
-class Telemetry:
+class Telemetry(msgspec.Struct, frozen=True):
     """The values of the telemetry block in SI units, None where one is impossible."""
 
     shaft_rad: float | None
@@ -165,9 +160,6 @@ class Telemetry:
     voltage_v: float | None
     temperature_c: float | None
     impossible: int
-
-
-_new_telemetry = maker(Telemetry)
 
 
 def part_of(data: bytes, block: Block) -> bytes:
@@ -201,7 +193,7 @@ def decode_telemetry(data: bytes) -> Telemetry:
         voltage * VOLTS_PER_COUNT if voltage <= 400 else None,
         float(temperature) if -40 <= temperature <= 125 else None,
     )
-    return _new_telemetry(*values, values.count(None))
+    return Telemetry(*values, values.count(None))
 
 
 def hardware_error_text(bits: int) -> str:

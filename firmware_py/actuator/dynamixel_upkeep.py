@@ -10,9 +10,10 @@ import math
 from collections import Counter
 from enum import Enum, auto
 
+import msgspec
+
 from firmware_py.actuator import dynamixel_frames as frames
 from firmware_py.actuator import dynamixel_registers as table
-from firmware_py.common.record_class import dataclass
 
 WATCHDOG_UNITS = 100  # of 20 ms
 MAY_HAVE_TRIPPED_S = 0.9 * 0.02 * WATCHDOG_UNITS  # without an instruction
@@ -30,8 +31,7 @@ class Kind(Enum):
     REBOOT = auto()
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(msgspec.Struct, frozen=True):
     """An instruction, and what is expected of its answer."""
 
     kind: Kind

@@ -15,9 +15,10 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Generic, Protocol, TypeVar
 
+import msgspec
+
 from firmware_py.actuator.half_duplex import LONGEST_REPLY_TIMEOUT_S, HalfDuplex
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
 
 FEEDBACK_KEPT = 8
@@ -36,8 +37,7 @@ ReplyT = TypeVar("ReplyT")
 ReplyT_co = TypeVar("ReplyT_co", covariant=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(msgspec.Struct, frozen=True):
     """What a reply came to: `impossible` counts values that cannot be."""
 
     obeyed: bool = True

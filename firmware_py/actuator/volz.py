@@ -17,13 +17,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
+
+import msgspec
 
 from firmware_py.actuator import volz_frames as frames
 from firmware_py.actuator.half_duplex import Pace, reply_timeout_s
 from firmware_py.actuator.servo_driver import Answer, ServoDriver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceState, RudderFeedback
 
 LONGEST_EXCHANGE_BYTES = 23  # six and six, and half a millisecond in which the servo thinks
@@ -40,8 +42,7 @@ class VolzOptions:
         check(self)
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(msgspec.Struct, frozen=True):
     """A frame and its code."""
 
     code: int

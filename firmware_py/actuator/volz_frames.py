@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import struct
 
+import msgspec
+
 from firmware_py.common import crc16
 from firmware_py.common.angles import clamp, radians
-from firmware_py.common.record_class import dataclass
 
 SET_POSITION, READ_CURRENT, READ_VOLTAGE, READ_TEMPERATURE = 0xDC, 0xB0, 0xB1, 0xC0
 POSITION_REPLY, CURRENT_REPLY, VOLTAGE_REPLY, TEMPERATURE_REPLY = 0x2C, 0x30, 0x31, 0x10
@@ -50,8 +51,7 @@ def set_position(device_id: int, shaft_rad: float) -> bytes:
     return request(SET_POSITION, device_id, counts)
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
+class Reply(msgspec.Struct, frozen=True):
     """A reply with a good checksum; its values are not yet judged."""
 
     code: int

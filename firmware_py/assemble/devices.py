@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import msgspec
+
 from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder, Vessels
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceRole
 from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, calibrator_of
 from firmware_py.sensors.line_tee import LineTee
@@ -17,8 +18,7 @@ from firmware_py.vehicle import UDP_PREFIX, DeviceEntry, Vehicle
 Line = SerialPort | UdpLine
 
 
-@dataclass(frozen=True, slots=True)
-class Devices:
+class Devices(msgspec.Struct, frozen=True):
     """The drivers of a vehicle, and the lines under them."""
 
     compass: Compass

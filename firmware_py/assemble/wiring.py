@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from firmware_py import ROOT, __version__, ask_commit
 from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines
 from firmware_py.assemble.earlier_runs import read_state, report_key, resume
@@ -52,8 +54,7 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
     return parameters
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
+class Options(msgspec.Struct, frozen=True):
     """What the command line says."""
 
     state_directory: Path

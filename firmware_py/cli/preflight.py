@@ -8,17 +8,17 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import field
 from enum import Enum
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from firmware_py.assemble.wiring import base_parameters
 from firmware_py.cli.state_owner import foreign_file, user_text
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
-from firmware_py.common.record_class import dataclass
 from firmware_py.core.resume import from_text as resume_from_text
 from firmware_py.guidance import berth
 from firmware_py.guidance.tasks import TaskSettings
@@ -58,14 +58,13 @@ class Level(Enum):
     FAIL = "fail"
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+class Finding(msgspec.Struct, frozen=True):
     """One thing looked at; `values` are the measured ones, for whoever reads JSON."""
 
     level: Level
     subject: str
     text: str
-    values: dict[str, Any] = field(default_factory=dict)
+    values: dict[str, Any] = msgspec.field(default_factory=dict)
 
 
 def parameters_in_force(vehicle: Vehicle, directory: Path, say: Callable[[str], None]) -> ParameterSet:

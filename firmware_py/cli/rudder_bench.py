@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.angles import degrees, radians
 
 STEP_RAD: Final = radians(2.0)
@@ -22,8 +24,7 @@ class BenchError(RuntimeError):
     """The servo does not do what the bench needs; the text says what to look at."""
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
+class Measured(msgspec.Struct, frozen=True):
     """What the servo says of itself once it has had its time."""
 
     shaft_rad: float

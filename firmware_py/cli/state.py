@@ -13,8 +13,9 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
+
+from msgspec.structs import replace
 
 from firmware_py import __version__
 from firmware_py.cli.refusal import refused

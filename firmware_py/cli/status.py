@@ -8,9 +8,10 @@ import os
 import shutil
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from msgspec.structs import asdict
 
 from firmware_py.cli.refusal import refused
 from firmware_py.common.calendar import is_possible

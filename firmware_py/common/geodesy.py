@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+
 from firmware_py.common.angles import clamp, wrap_two_pi
-from firmware_py.common.record_class import dataclass, maker
 
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 Vector = tuple[float, float, float]
@@ -20,8 +21,7 @@ LEAST_SHRINK = 1e-3  # of a circle of latitude against the equator: 6 km from a 
 SHORTEST_LINE = 1e-9  # in radii of the earth: a line of 6 mm has no direction
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(msgspec.Struct, frozen=True):
     """A place on the sphere."""
 
     latitude_rad: float
@@ -75,21 +75,17 @@ class Place:
         if not (abs(latitude_rad) < math.pi / 2.0 and shrink > LEAST_SHRINK):
             return None
         longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
-        return _new_place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
+        return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
 
     def at_offset(self, north_m: float, east_m: float) -> Place:
         """Return the place that lies north and east of here; good for some kilometres."""
         latitude_rad = clamp(self.latitude_rad + north_m / EARTH_RADIUS_M, -0.5 * math.pi, 0.5 * math.pi)
         shrink = max(math.cos(latitude_rad), 1e-6)
         longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
-        return _new_place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
+        return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
 
 
-_new_place = maker(Place)
-
-
-@dataclass(frozen=True, slots=True)
-class Track:
+class Track(msgspec.Struct, frozen=True):
     """Where the boat is on a line: off it (positive to starboard), how far still to go, and the line's course here."""
 
     cross_track_m: float

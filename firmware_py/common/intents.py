@@ -7,27 +7,25 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+import msgspec
+
 from firmware_py.common.plan import Plan
-from firmware_py.common.record_class import dataclass
 
 
-@dataclass(frozen=True, slots=True)
-class SetMode:
+class SetMode(msgspec.Struct, frozen=True):
     """Ask for a control mode by its custom_mode number."""
 
     mode: int
 
 
-@dataclass(frozen=True, slots=True)
-class Arm:
+class Arm(msgspec.Struct, frozen=True):
     """Ask to arm or disarm; `force` skips the pre-arm checks."""
 
     armed: bool
     force: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class SteerHeading:
+class SteerHeading(msgspec.Struct, frozen=True):
     """Ask for a heading, clockwise from true north.
 
     `relative`: counted from the heading that the boat has, whatever its goal. `over_ground`: the angle is a course
@@ -42,8 +40,7 @@ class SteerHeading:
     change_mode: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class SteerPosition:
+class SteerPosition(msgspec.Struct, frozen=True):
     """Ask to go to a position; `change_mode` enters GUIDED first."""
 
     latitude_rad: float
@@ -51,45 +48,39 @@ class SteerPosition:
     change_mode: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ManualRudder:
+class ManualRudder(msgspec.Struct, frozen=True):
     """The operator's stick: -1 full port, +1 full starboard, None = stick released."""
 
     deflection: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class SetParameter:
+class SetParameter(msgspec.Struct, frozen=True):
     """Change a parameter of params.TABLE."""
 
     name: str
     value: float
 
 
-@dataclass(frozen=True, slots=True)
-class ReplacePlan:
+class ReplacePlan(msgspec.Struct, frozen=True):
     """Put a whole plan in force, in place of the one of its kind."""
 
     plan: Plan
 
 
-@dataclass(frozen=True, slots=True)
-class SetMissionItem:
+class SetMissionItem(msgspec.Struct, frozen=True):
     """Go on with another item of the mission; `restart` also forgets jumps made and a completed mission."""
 
     index: int
     restart: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class PauseMission:
+class PauseMission(msgspec.Struct, frozen=True):
     """Halt the mission where the boat is (a watch circle), or go on with it."""
 
     paused: bool
 
 
-@dataclass(frozen=True, slots=True)
-class SetHome:
+class SetHome(msgspec.Struct, frozen=True):
     """Set home; without a position, to where the boat is."""
 
     latitude_rad: float | None = None
@@ -97,31 +88,27 @@ class SetHome:
     altitude_m: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class EnableFence:
+class EnableFence(msgspec.Struct, frozen=True):
     """Heed the fence or not."""
 
     enabled: bool
 
 
-@dataclass(frozen=True, slots=True)
-class BenchRudder:
+class BenchRudder(msgspec.Struct, frozen=True):
     """Move the rudder on the bench, while disarmed: -1 full port to +1 full starboard, for a while."""
 
     deflection: float
     seconds: float
 
 
-@dataclass(frozen=True, slots=True)
-class Restart:
+class Restart(msgspec.Struct, frozen=True):
     """Make the rudder safe and start the autopilot anew, or (`shutdown`) end it; `force` does so while armed, too."""
 
     shutdown: bool = False
     force: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ReportBattery:
+class ReportBattery(msgspec.Struct, frozen=True):
     """What another component of the boat has measured of the battery; a current into it is positive."""
 
     voltage_v: float | None = None
@@ -130,8 +117,7 @@ class ReportBattery:
     temperature_c: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ForgetParameters:
+class ForgetParameters(msgspec.Struct, frozen=True):
     """Forget, from the next start on, every parameter that was set over a link: the vehicle file's values come back."""
 
 
@@ -154,8 +140,7 @@ Intent = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(msgspec.Struct, frozen=True):
     """An intent, when it arrived and who sent it (MAVLink system and component)."""
 
     t_s: float
@@ -174,8 +159,7 @@ class Verdict(IntEnum):
     FAILED = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(msgspec.Struct, frozen=True):
     """A verdict and, unless accepted, its reason in one short line."""
 
     verdict: Verdict

@@ -23,15 +23,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import IntEnum
 from typing import Any
 
+import msgspec
+
 from firmware_py.common.reading_notes import LocatedError, Spot, number, shown
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_history import TAG, VERSION, Change, bring_up_to_date, latest_version
 
 Read = Callable[[Any, Spot], Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Hook:
+class Hook(msgspec.Struct, frozen=True):
     """How a class that is not a dataclass travels; `decode` raises ValueError for data it refuses."""
 
     kind: type
@@ -39,8 +39,7 @@ class Hook:
     decode: Read
 
 
-@dataclass(frozen=True, slots=True)
-class FieldHook:
+class FieldHook(msgspec.Struct, frozen=True):
     """How one field of a dataclass travels, where its annotation does not say it."""
 
     kind: type
@@ -124,14 +123,14 @@ class Codec:
             return self._tuple_reader(typing.get_args(hint))
         if isinstance(hint, type) and issubclass(hint, IntEnum):
             return _enum_reader(hint)
-        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        if isinstance(hint, type) and _is_record(hint):
             return self._class_reader(hint)
         raise TypeError(f"annotation {hint!r} cannot be carried as plain text")
 
     def _class_reader(self, kind: type) -> Read:
         if kind in self._fields:  # known, or being compiled further up: a class may hold itself
             return lambda data, spot: self._classes[kind](data, spot)  # noqa: PLW0108 -- compiled later
-        fields = {field.name: field for field in dataclasses.fields(kind)}
+        fields = {field.name: field for field in _fields_of(kind)}
         self._fields[kind] = tuple(fields)
         hints, own = typing.get_type_hints(kind), self._field_hooks.get(kind, {})
         readers = {name: own[name].decode if name in own else self._reader(hints[name]) for name in fields}
@@ -156,7 +155,7 @@ class Codec:
         return read
 
     def _union_reader(self, options: tuple[Any, ...]) -> Read:
-        records = [option for option in options if isinstance(option, type) and dataclasses.is_dataclass(option)]
+        records = [option for option in options if isinstance(option, type) and _is_record(option)]
         tagged = {option.__name__: self._reader(option) for option in records}
         others = [self._reader(option) for option in options if option not in records]
         allowed = ", ".join(getattr(option, "__name__", str(option)) for option in options)
@@ -193,11 +192,19 @@ class Codec:
 Substitute = Callable[[], Any] | None
 
 
-def _substitute(field: dataclasses.Field[Any], hint: Any) -> Any:
+def _is_record(kind: type) -> bool:
+    return issubclass(kind, msgspec.Struct) or dataclasses.is_dataclass(kind)
+
+
+def _fields_of(kind: type) -> Any:
+    return msgspec.structs.fields(kind) if issubclass(kind, msgspec.Struct) else dataclasses.fields(kind)  # type: ignore[arg-type]
+
+
+def _substitute(field: Any, hint: Any) -> Any:
     """Return what makes the value of a field that text does not give; None where there is no such value."""
-    if field.default is not dataclasses.MISSING:
+    if field.default is not dataclasses.MISSING and field.default is not msgspec.NODEFAULT:
         return lambda: field.default
-    if field.default_factory is not dataclasses.MISSING:
+    if field.default_factory is not dataclasses.MISSING and field.default_factory is not msgspec.NODEFAULT:
         return field.default_factory
     return (lambda: None) if types.NoneType in typing.get_args(hint) else None
 

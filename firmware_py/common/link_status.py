@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_py.common.record_class import dataclass
+import msgspec
 
 # How a session by satellite has ended without success. Source: ISU AT Command Reference, MO session status of +SBDIX.
 _SESSION_ENDINGS: Mapping[int, str] = {
@@ -35,8 +35,7 @@ def session_ending(status: int | None) -> str:
     return f"status {status}, {_SESSION_ENDINGS.get(status, 'not known')}"
 
 
-@dataclass(frozen=True, slots=True)
-class PeerStatus:
+class PeerStatus(msgspec.Struct, frozen=True):
     """A correspondent of a link; `heard_age_s` since its last valid frame, None before the first.
 
     `dropped` counts messages that its line or its credit had no room for, `rejected` broken frames from it.
@@ -52,8 +51,7 @@ class PeerStatus:
     rejected: int
 
 
-@dataclass(frozen=True, slots=True)
-class SatelliteStatus:
+class SatelliteStatus(msgspec.Struct, frozen=True):
     """A link by messages: the modem, its sessions since the start, and the credits spent of those there are.
 
     `signal` is 0 to 5, `waiting` and `dropped` count what is to be sent, `session_age_s` is since the last session that
@@ -81,8 +79,7 @@ class SatelliteStatus:
     total_credits: int
 
 
-@dataclass(frozen=True, slots=True)
-class LinkStatus:
+class LinkStatus(msgspec.Struct, frozen=True):
     """A link by its URL, the class of its rates, and who is on it; `hindrance`: why nothing leaves, else empty."""
 
     url: str

@@ -6,8 +6,9 @@ The state machine is modes.py; what a mode that steers does is guidance/guidance
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+
+import msgspec
 
 
 class Mode(IntEnum):
@@ -57,8 +58,7 @@ class StandardMode(IntEnum):
     MISSION = 6
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModeProperties:
+class ModeProperties(msgspec.Struct, frozen=True, kw_only=True):
     """One mode.
 
     `title` is its name in the lists of ground stations. `heading_goals` and `position_goals`:

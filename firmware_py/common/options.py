@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, field, fields
 from typing import Any, TypeVar, get_type_hints
 
-from firmware_py.common.record_class import dataclass
+import msgspec
 
 RecordT = TypeVar("RecordT")
 
@@ -15,8 +15,7 @@ MISSING_TEXT = " is missing"
 _KEY = "option"
 
 
-@dataclass(frozen=True, slots=True)
-class OptionMeaning:
+class OptionMeaning(msgspec.Struct, frozen=True):
     """What an option is for and what it may be; a text or a list without `choices` may be any."""
 
     text: str

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Mapping
 from enum import IntEnum
 
-from firmware_py.common.record_class import dataclass
+import msgspec
 
 
 class ParameterError(ValueError):
@@ -26,8 +26,7 @@ class Kind(IntEnum):
     REAL = 9
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(msgspec.Struct, frozen=True):
     """One row of the table; `choices` names the values of an enumeration."""
 
     name: str

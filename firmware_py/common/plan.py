@@ -15,9 +15,11 @@ import math
 import struct
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from firmware_py.common.json_codec import Codec, Hook
 from firmware_py.common.reading_notes import Spot, shown
@@ -45,8 +47,7 @@ def homes(identity: int, kind: PlanKind) -> int:
     return int(identity == _ARDUPILOT and kind is PlanKind.MISSION)
 
 
-@dataclass(frozen=True, slots=True)
-class PlanItem:
+class PlanItem(msgspec.Struct, frozen=True):
     """One item: `params` are param1 to param4 (NaN where unused), x and y latitude and longitude in 1e-7 deg."""
 
     command: int  # MAV_CMD
@@ -83,8 +84,7 @@ def _unpack(data: bytes) -> tuple[PlanItem, ...]:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class Plan(msgspec.Struct, frozen=True, eq=False):
     """A whole plan. `identity` is what MAVLink calls its opaque id: a checksum over the items, 0 for none.
 
     Plans are compared by identity: items may hold NaN, which is not equal to itself.
@@ -92,7 +92,7 @@ class Plan:
 
     kind: PlanKind
     items: tuple[PlanItem, ...] = ()
-    identity: int = field(default=0)
+    identity: int = msgspec.field(default=0)
 
     @classmethod
     def of(cls, kind: PlanKind, items: Iterable[PlanItem]) -> Plan:
@@ -113,8 +113,7 @@ class Plan:
         return self.kind, len(self.items), self.identity
 
 
-@dataclass(frozen=True, slots=True)
-class Plans:
+class Plans(msgspec.Struct, frozen=True):
     """The plans in force, one of each kind."""
 
     mission: Plan = Plan(PlanKind.MISSION)
@@ -154,8 +153,7 @@ def _plan_from_record(data: Any, spot: Spot) -> Plan:
     return plan
 
 
-@dataclass(frozen=True, slots=True)
-class _Stored:
+class _Stored(msgspec.Struct, frozen=True):
     plan: Plan
 
 

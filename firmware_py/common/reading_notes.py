@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from firmware_py.common.record_class import dataclass
+import msgspec
 
 MOST_NOTES = 50
 LARGEST_WHOLE = 1 << 1023  # a double holds it
@@ -14,8 +14,7 @@ class LocatedError(ValueError):
     """A value is refused; the text begins with its path."""
 
 
-@dataclass(frozen=True, slots=True)
-class Spot:
+class Spot(msgspec.Struct, frozen=True):
     """Where in a record the reading is, and what is noted of it so far."""
 
     path: str

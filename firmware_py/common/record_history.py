@@ -20,10 +20,9 @@ A change is applied in this order: converted, moved row by row, renamed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
 from typing import Any
 
-from firmware_py.common.record_class import dataclass
+import msgspec
 
 TAG = "$"
 VERSION = "version"
@@ -32,14 +31,13 @@ FIRST_VERSION = 1
 Record = dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+class Change(msgspec.Struct, frozen=True):
     """What is different from `version` on; ValueError for a row that leads from one class to another."""
 
     version: int
     moved: tuple[tuple[str, str | None], ...] = ()
-    renamed: Mapping[str, str] = field(default_factory=dict)
-    converted: Mapping[str, Callable[[Record], None]] = field(default_factory=dict)
+    renamed: Mapping[str, str] = msgspec.field(default_factory=dict)
+    converted: Mapping[str, Callable[[Record], None]] = msgspec.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the rows."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+import msgspec
+
 from firmware_py.common.intents import Request
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.vessels import VesselReport
 
 
@@ -72,8 +73,7 @@ class Severity(IntEnum):
 # --------------------------------------------------------------------------- inputs
 
 
-@dataclass(frozen=True, slots=True)
-class Tick:
+class Tick(msgspec.Struct, frozen=True):
     """One turn of the fixed-rate loop.
 
     `t_s` is the deadline the tick was due at, or when the compass just before had it begin,
@@ -88,8 +88,7 @@ class Tick:
     rate_hz: float
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingSample:
+class HeadingSample(msgspec.Struct, frozen=True):
     """One heading from a compass, stamped when its last byte arrived."""
 
     t_s: float
@@ -103,8 +102,7 @@ class HeadingSample:
     source: int = 0  # 0 = compass A, 1 = compass B
 
 
-@dataclass(frozen=True, slots=True)
-class PositionSample:
+class PositionSample(msgspec.Struct, frozen=True):
     """One position fix, or the statement that there is none (`fix` NONE)."""
 
     t_s: float
@@ -119,8 +117,7 @@ class PositionSample:
     utc_s: float | None = None  # seconds since 1970-01-01 UTC, when the device states it
 
 
-@dataclass(frozen=True, slots=True)
-class RudderFeedback:
+class RudderFeedback(msgspec.Struct, frozen=True):
     """What the rudder servo says of itself, in the frame of its own shaft.
 
     The latest value of each quantity; None while the servo has not given it. The
@@ -137,8 +134,7 @@ class RudderFeedback:
     restarts: int = 0  # how often the servo was found to have come up anew by itself
 
 
-@dataclass(frozen=True, slots=True)
-class PowerSample:
+class PowerSample(msgspec.Struct, frozen=True):
     """What a monitor of the battery or a charger has measured, None for what it does not measure.
 
     `current_a` flows into the battery, all loads that the device sees taken off. `charge` is the state of
@@ -156,8 +152,7 @@ class PowerSample:
     temperature_c: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceHealth:
+class DeviceHealth(msgspec.Struct, frozen=True):
     """State of a device and its counters since start; given to the loop on change."""
 
     t_s: float
@@ -177,8 +172,7 @@ class CalibrationState(IntEnum):
     FAILED = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Calibration:
+class Calibration(msgspec.Struct, frozen=True):
     """A calibration that a device makes by itself; the text says how it ended."""
 
     state: CalibrationState = CalibrationState.NONE
@@ -189,8 +183,7 @@ class Calibration:
 # ------------------------------------------------------------------------- all inputs
 
 
-@dataclass(frozen=True, slots=True)
-class Inputs:
+class Inputs(msgspec.Struct, frozen=True):
     """Everything that one tick computes from."""
 
     tick: Tick
@@ -206,16 +199,14 @@ class Inputs:
 # --------------------------------------------------------------------------- outputs
 
 
-@dataclass(frozen=True, slots=True)
-class RudderCommand:
+class RudderCommand(msgspec.Struct, frozen=True):
     """What the servo is told: the angle of its shaft, and whether it may pull."""
 
     shaft_rad: float
     torque_on: bool
 
 
-@dataclass(frozen=True, slots=True)
-class RudderStatus:
+class RudderStatus(msgspec.Struct, frozen=True):
     """What a tick knows of the rudder, in the rudder's own frame; made once, before anything looks at the rudder.
 
     `command_rad` is what the servo was last told. `angle_rad` is the angle measured last, or the one
@@ -235,16 +226,14 @@ class RudderStatus:
     power_w: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Stored:
+class Stored(msgspec.Struct, frozen=True):
     """The newest whole version of a name on disk, None when there is none, and what is wrong there, else empty."""
 
     content: bytes | None = None
     damage: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Progress:
+class Progress(msgspec.Struct, frozen=True):
     """What a part that works beside the tick has done so far; `owing`: it has something to do.
 
     It is stuck when it owes and `done` has not changed for `patience_s`. `thread` is the kernel's number of it.
@@ -258,8 +247,7 @@ class Progress:
     thread: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
+class Event(msgspec.Struct, frozen=True):
     """A message to the operator."""
 
     severity: Severity

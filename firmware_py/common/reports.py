@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+import msgspec
+
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import CalibrationState, Event, PositionSample, RudderCommand, RudderFeedback
 from firmware_py.common.vessels import Traffic
 
@@ -23,8 +24,7 @@ class MissionState(IntEnum):
     COMPLETE = 5
 
 
-@dataclass(frozen=True, slots=True)
-class Home:
+class Home(msgspec.Struct, frozen=True):
     """Where the boat returns to, and the origin of local coordinates."""
 
     latitude_rad: float
@@ -32,8 +32,7 @@ class Home:
     altitude_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class MissionReport:
+class MissionReport(msgspec.Struct, frozen=True):
     """The mission as the operator follows it: `index` counts from 0, None without a current item.
 
     The operator counts from `first`, the number of the first item (plan.homes). `reached` are the items that were
@@ -48,8 +47,7 @@ class MissionReport:
     first: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Water:
+class Water(msgspec.Struct, frozen=True):
     """Speed through the water, the current over the ground and the leeway, with standard deviations.
 
     The way through the water lies `leeway_rad` to starboard of the heading. `current_sd_m_s` is that of the worse
@@ -82,8 +80,7 @@ class Activity(IntEnum):
     CIRCLE = 4  # round a place
 
 
-@dataclass(frozen=True, slots=True)
-class Navigation:
+class Navigation(msgspec.Struct, frozen=True):
     """Where guidance takes the boat: the place, the circle around it and how far off the line the boat is.
 
     `cross_track_m` is positive to starboard of the line. `fence_margin_m` is the distance to a
@@ -100,8 +97,7 @@ class Navigation:
     fence_margin_m: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingEstimate:
+class HeadingEstimate(msgspec.Struct, frozen=True):
     """What the filter gives to steer by: heading and yaw rate without the yaw of the waves, and how the boat answers.
 
     `bias_rad` is the rudder angle at which the boat runs straight, `bias_mean_rad` the mean that it wanders about,
@@ -120,8 +116,7 @@ class HeadingEstimate:
     turning_factor: float
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(msgspec.Struct, frozen=True):
     """What the wave filter knows, with standard deviations; headings are without the yaw of the waves.
 
     `source` is what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3.
@@ -150,8 +145,7 @@ class Estimate:
     innovation_square: float
 
 
-@dataclass(frozen=True, slots=True)
-class Energy:
+class Energy(msgspec.Struct, frozen=True):
     """What steering has cost since start, the rudder's travel and reversals in about the last hour, the servo's power.
 
     `energy_j` and `power_w` are those that the servo tells of; `resting`: its torque is released.
@@ -166,16 +160,14 @@ class Energy:
     resting: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Flow:
+class Flow(msgspec.Struct, frozen=True):
     """Energy that has flowed one way since start, and for how long of that time it was measured."""
 
     energy_j: float = 0.0
     measured_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Power:
+class Power(msgspec.Struct, frozen=True):
     """Battery, panels and loads as they are measured, None for what nobody measures, and what has flowed.
 
     A current into the battery is positive; `charge` is 0 to 1.
@@ -193,8 +185,7 @@ class Power:
     discharged: Flow = Flow()
 
 
-@dataclass(frozen=True, slots=True)
-class Reckoned:
+class Reckoned(msgspec.Struct, frozen=True):
     """Where she is reckoned to be for want of fixes, her velocity over ground, how uncertain that is, since the last.
 
     `sd_m`: standard deviation along the axis where it is largest.
@@ -208,8 +199,7 @@ class Reckoned:
     lasted_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
+class Snapshot(msgspec.Struct, frozen=True):
     """The state of the boat after a tick, for the log and the link.
 
     `heading_rad` and `yaw_rate_rad_s` are those of the body with the compass; `heading_error_rad` counts from the
@@ -255,8 +245,7 @@ class Snapshot:
     reckoned: Reckoned | None = None  # in the place of a position, while she is steered by it
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
+class Output(msgspec.Struct, frozen=True):
     """What one tick decides."""
 
     command: RudderCommand
@@ -264,8 +253,7 @@ class Output:
     events: tuple[Event, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class SwingReport:
+class SwingReport(msgspec.Struct, frozen=True):
     """A swing of the compass under way: nothing, RUNNING while there is too little for a proposal, DONE with one.
 
     `percent`: of what a proposal needs. `sectors`: bit n is set when she has sailed in that twelfth of the circle. The

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from firmware_py.common.record_class import dataclass
+import msgspec
 
 NAME_LETTERS = 20
 CALL_SIGN_LETTERS = 7
@@ -23,8 +23,7 @@ class VesselKind(IntEnum):
     MARK = 3  # an aid to navigation
 
 
-@dataclass(frozen=True, slots=True)
-class VesselPosition:
+class VesselPosition(msgspec.Struct, frozen=True):
     """Where a vessel says that it is, and how it moves; `t_s` is when this was received.
 
     Course and speed are over ground. `status` is the navigational status of ITU-R M.1371, 15 for not told.
@@ -44,8 +43,7 @@ class VesselPosition:
     accurate: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class VesselIdentity:
+class VesselIdentity(msgspec.Struct, frozen=True):
     """What a vessel says of itself; empty, 0 or None for what it does not say.
 
     `dimensions_m` are the distances from the antenna to bow, stern, port and starboard side. `ship_type` is that of
@@ -75,8 +73,7 @@ def merged(before: VesselIdentity, after: VesselIdentity) -> VesselIdentity:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Vessel:
+class Vessel(msgspec.Struct, frozen=True):
     """A vessel of the table: the last believed position, what is known of it, and what was found at the last look.
 
     `doubted` is a position that it cannot have come to, told `doubts` times in a row. `distance_m` and `bearing_rad`
@@ -105,8 +102,7 @@ class Vessel:
         return (self.identity.name if self.identity is not None else "") or f"MMSI {self.position.mmsi:09d}"
 
 
-@dataclass(frozen=True, slots=True)
-class Traffic:
+class Traffic(msgspec.Struct, frozen=True):
     """The vessels known; the heading steered to step aside, None on her own way; how many there was no room for."""
 
     vessels: tuple[Vessel, ...] = ()

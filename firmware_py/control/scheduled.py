@@ -19,10 +19,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import reference_model
 from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState

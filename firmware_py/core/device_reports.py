@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Event, Inputs, Severity
 from firmware_py.common.silence import learn_interval_s
 from firmware_py.core.freshness import FreshnessSettings
@@ -16,8 +17,7 @@ TELL_AGAIN_S: Final = 600.0  # what a charger reports against itself
 _POWER: Final = (DeviceRole.POWER, DeviceRole.POWER_B)
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceReports:
+class DeviceReports(msgspec.Struct, frozen=True):
     """The newest health of storage, clock, stations, signing key and servo, and when sensors and servo last spoke.
 
     `compass_s` and `compass_interval_s` are of compass A and B; an interval is None until a second sample has come.
@@ -36,9 +36,6 @@ class DeviceReports:
     key: DeviceHealth | None = None
     rudder: DeviceHealth | None = None
     power_told_s: Times = (None, None)
-
-
-_new_device_reports = maker(DeviceReports)
 
 
 def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) -> DeviceReports:
@@ -65,7 +62,7 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
     rudder_s, rudder_interval_s = state.rudder_s, state.rudder_interval_s
     for feedback in inputs.rudder:
         rudder_s, rudder_interval_s = _spoken(rudder_s, rudder_interval_s, feedback.t_s, settings.rudder_timeout_s)
-    return _new_device_reports(
+    return DeviceReports(
         storage,
         clock,
         link,

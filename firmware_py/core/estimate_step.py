@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from firmware_py.common.record_copy import replace
+from msgspec.structs import replace
+
 from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus, Severity
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, last_place, rudder, tick_timing

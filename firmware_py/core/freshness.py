@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+import msgspec
+
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
 
 
 class Age(IntEnum):
@@ -16,8 +17,7 @@ class Age(IntEnum):
     OLD = 2  # the newest one, or the start while none has come, is longer ago than its timeout
 
 
-@dataclass(frozen=True, slots=True)
-class FreshnessSettings:
+class FreshnessSettings(msgspec.Struct, frozen=True):
     """How old heading, position and the servo's feedback may be where they come often enough (common/silence.py)."""
 
     heading_timeout_s: float
@@ -34,8 +34,7 @@ class FreshnessSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Freshness:
+class Freshness(msgspec.Struct, frozen=True):
     """The age of heading, position and the servo's feedback in a tick."""
 
     heading: Age

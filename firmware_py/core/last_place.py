@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import Place
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.estimate import position, reckoning
 from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.reckoning import COVARIANCES, Reckoning
@@ -21,8 +22,7 @@ from firmware_py.estimate.wave_filter_state import WaveFilterState
 STEP_M: Final = 25.0  # a restart is to count her no further on than this from the place kept
 
 
-@dataclass(frozen=True, slots=True)
-class LastPlace:
+class LastPlace(msgspec.Struct, frozen=True):
     """Where she was when the record was written, and the water with which she is reckoned on.
 
     The reckoning's begun_s counts from then: before 0 lies how long there had been no fix.

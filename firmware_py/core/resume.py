@@ -7,12 +7,13 @@ anew.
 from __future__ import annotations
 
 import math
-from dataclasses import fields, is_dataclass, replace
 from typing import Any
+
+import msgspec
+from msgspec.structs import fields, replace
 
 from firmware_py.common.json_codec import Codec
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Home
 from firmware_py.core import last_place
 from firmware_py.core.last_place import LastPlace
@@ -33,8 +34,7 @@ ELAPSED_STEP_S, TURNED_STEP_RAD, CURRENT_STEP_M_S = 30.0, 0.2, 0.1
 NOTHING, ALL_BUT_ARMING, ALL = 0, 1, 2  # BOOT_RESUME
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
+class Moment(msgspec.Struct, frozen=True):
     """A moment by the computer's clocks: the calendar, which may be wrong, and the monotonic one of its run `boot`.
 
     An empty `boot` is one that nobody knows.
@@ -49,8 +49,7 @@ class Moment:
         return Moment(utc_s, self.boot, self.machine_s + t_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Resume:
+class Resume(msgspec.Struct, frozen=True):
     """What is kept; the first three say when, as a `Moment` does."""
 
     utc_s: float
@@ -135,7 +134,7 @@ def _line_at_start(line: LineState | None) -> LineState | None:
 
 def _finite(value: Any) -> bool:
     """Whether every number of a record is one, at any depth."""
-    if is_dataclass(value):
+    if isinstance(value, msgspec.Struct):
         return all(_finite(getattr(value, field.name)) for field in fields(value))
     if isinstance(value, tuple):
         return all(map(_finite, value))

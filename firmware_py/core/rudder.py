@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.records import Inputs, RudderFeedback, RudderStatus
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
-
-_new_rudder_status = maker(RudderStatus)
 
 MOST_SHAFT_RAD: Final = 2.0 * math.pi  # either way; no rudder's shaft turns farther, whatever a driver says
 
 
-@dataclass(frozen=True, slots=True)
-class RudderSettings:
+class RudderSettings(msgspec.Struct, frozen=True):
     """How the servo moves the rudder, and how far and how fast it may go.
 
     `hold_s` is how long the rudder stays where it is without a heading; `released_disarmed`: its torque
@@ -39,8 +37,7 @@ class RudderSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class RudderState:
+class RudderState(msgspec.Struct, frozen=True):
     """The rudder angle commanded last, the servo's newest feedback, and when it was last seen to have come up anew."""
 
     command_rad: float = 0.0
@@ -54,28 +51,25 @@ class RudderState:
         return None if self.feedback is None else self.feedback.t_s
 
 
-_new_rudder_state = maker(RudderState)
-
-
 def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tuple[RudderState, RudderStatus]:
     """Take the feedback of a tick in; return what the tick knows of the rudder, too."""
     now_s = inputs.tick.t_s
     if inputs.rudder:
         newest = inputs.rudder[-1]
         restarted_s = now_s if newest.restarts > state.restarts else state.restarted_s
-        state = _new_rudder_state(state.command_rad, newest, newest.restarts, restarted_s)
+        state = RudderState(state.command_rad, newest, newest.restarts, restarted_s)
     return state, _status(settings.linkage, state, now_s, is_new=bool(inputs.rudder))
 
 
 def _status(linkage: Linkage, state: RudderState, now_s: float, *, is_new: bool) -> RudderStatus:
     feedback = state.feedback
     if feedback is None:
-        return _new_rudder_status(now_s, state.command_rad, state.command_rad)
+        return RudderStatus(now_s, state.command_rad, state.command_rad)
     shaft_rad, power_w = feedback.shaft_rad, None
     measured = shaft_rad is not None and abs(shaft_rad) <= MOST_SHAFT_RAD
     if feedback.voltage_v is not None and feedback.current_a is not None:
         power_w = feedback.voltage_v * abs(feedback.current_a)
-    return _new_rudder_status(
+    return RudderStatus(
         now_s,
         state.command_rad,
         linkage.to_rudder(shaft_rad) if shaft_rad is not None and measured else state.command_rad,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_py.common.mode_table import MODES, RudderBy
-from firmware_py.common.record_class import maker
 from firmware_py.control import heading_controller
 from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.core.state import Settings, State
@@ -13,8 +12,6 @@ from firmware_py.estimate.heading_estimator import heading_estimate
 from firmware_py.faults.table import Fault
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import live_bench, live_stick
-
-_new_heading_controller_input = maker(HeadingControllerInput)
 
 IDLE: Final = HeadingControllerState()
 
@@ -34,7 +31,7 @@ def rudder_demand(
         stick = live_stick(modes, now_s, settings.guidance.stick_timeout_s)
         return (0.0 if stick is None else stick * limit_rad), IDLE
     if target.error_rad is not None:
-        given = _new_heading_controller_input(
+        given = HeadingControllerInput(
             error_rad=target.error_rad,
             yaw_rate_rad_s=state.heading_estimator.heading.yaw_rate_rad_s,
             estimate=heading_estimate(settings.heading_estimator, state.heading_estimator),

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import functools
 
+import msgspec
+
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind, Plans, homes
-from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.reports import Home
 from firmware_py.common.silence import timeout_s
 from firmware_py.control.heading_controller import HeadingControllerSettings, HeadingControllerState
@@ -35,13 +36,8 @@ from firmware_py.safety.power_saving import BatteryLimits
 from firmware_py.safety.supervisor import SupervisorSettings, SupervisorState
 from firmware_py.safety.torque_release import TorqueReleaseSettings, TorqueReleaseState
 
-_new_heading_timeouts = maker(HeadingTimeouts)
-_new_freshness = maker(Freshness)
-_new_situation = maker(Situation)
 
-
-@dataclass(frozen=True, slots=True)
-class Settings:
+class Settings(msgspec.Struct, frozen=True):
     """The parameters in the units and groups that the parts compute with."""
 
     heading_estimator: HeadingEstimatorSettings
@@ -77,8 +73,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(msgspec.Struct, frozen=True):
     """All that the autopilot remembers from tick to tick.
 
     `home` is set by requests, the first fix and the mission; `greeting` is what the first tick
@@ -130,7 +125,7 @@ def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTi
     """Return after what silence each compass and the course over ground are lost, by how often they come."""
     limits = settings.freshness
     a_interval_s, b_interval_s = devices.compass_interval_s
-    return _new_heading_timeouts(
+    return HeadingTimeouts(
         compass_s=(
             timeout_s(a_interval_s, limits.heading_timeout_s),
             timeout_s(b_interval_s, limits.heading_timeout_s),
@@ -145,7 +140,7 @@ def freshness_of(settings: Settings, state: State, timeouts: HeadingTimeouts, no
     rudder_timeout_s = timeout_s(state.devices.rudder_interval_s, settings.freshness.rudder_timeout_s)
     heading, fix = state.heading_estimator, state.position.fix
     heading_timeout_s = timeouts.of(heading.sources.in_use)
-    return _new_freshness(
+    return Freshness(
         heading=age_of(heading.heading.sample_t_s, started_s, now_s, heading_timeout_s),
         position=age_of(None if fix is None else fix.t_s, started_s, now_s, timeouts.position_s),
         rudder=age_of(state.rudder.feedback_s, started_s, now_s, rudder_timeout_s),
@@ -156,7 +151,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
     """Return what a decision may depend on."""
     heading = state.heading_estimator.heading
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
-    return _new_situation(
+    return Situation(
         heading_rad=heading.heading_rad if freshness.heading is Age.FRESH else None,
         water=water.report(state.water, state.heading_estimator.wave_filter),
         position_ok=freshness.position is Age.FRESH,

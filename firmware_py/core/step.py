@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Request, Verdict
 from firmware_py.common.mode_table import MODES, RudderBy
-from firmware_py.common.record_class import maker
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Inputs, RudderCommand, RudderStatus, Severity
 from firmware_py.common.reports import Output
 from firmware_py.control.rudder_limit import limited_command
@@ -44,13 +44,6 @@ from firmware_py.safety import energy_meter, power_monitor, rudder_monitor, supe
 from firmware_py.safety.oscillation import OscillationInput
 from firmware_py.safety.steering_monitor import SteeringInput
 from firmware_py.safety.supervisor import SupervisorState
-
-_new_place = maker(Place)
-_new_guidance_input = maker(GuidanceInput)
-_new_steering_input = maker(SteeringInput)
-_new_oscillation_input = maker(OscillationInput)
-_new_rudder_command = maker(RudderCommand)
-_new_output = maker(Output)
 
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
@@ -106,7 +99,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
         *guidance_events,
         *vessel_events,
     )
-    return state, _new_output(command, snapshot_of(settings, state, situation, rudder, target, inputs), events)
+    return state, Output(command, snapshot_of(settings, state, situation, rudder, target, inputs), events)
 
 
 def _accept_requests(state: State, requests: Sequence[Request]) -> tuple[State, bool]:
@@ -133,11 +126,11 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
     """Carry mode, goal and mission on by a tick."""
     heading_rad, motion = situation.heading_rad, None
     if situation.place_known and situation.water is not None:
-        place = _new_place(state.position.latitude_rad, state.position.longitude_rad)
+        place = Place(state.position.latitude_rad, state.position.longitude_rad)
         # Where a heading is lost the last one, carried on, tells better how the boat moves than none.
         heading_rad = state.heading_estimator.heading.heading_rad
         motion = guidance.vessel_motion(place, heading_rad, situation.water, situation.reckoned_sd_m or 0.0)
-    guidance_input = _new_guidance_input(
+    guidance_input = GuidanceInput(
         inputs.tick.t_s,
         heading_rad,
         motion,
@@ -163,7 +156,7 @@ def _judge_steering(
     """
     armed, x, estimator = state.modes.armed, state.heading_estimator.wave_filter.x, state.heading_estimator
     heading_sd_rad = estimator.wave_filter.spread(kalman.HEADING)
-    shown = _new_steering_input(
+    shown = SteeringInput(
         rudder_rad=rudder.angle_rad,
         heading_rad=situation.heading_rad if armed and situation.rudder_ok else None,
         heading_sd_rad=heading_sd_rad,
@@ -172,7 +165,7 @@ def _judge_steering(
         shown_rad=estimator.sources.shown_rad,
     )
     steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
-    swinging = _new_oscillation_input(
+    swinging = OscillationInput(
         error_rad=target.error_rad if steered and x else None,
         goal_rad=target.heading_rad,
         heading_sd_rad=heading_sd_rad,
@@ -217,7 +210,7 @@ def _steer(
         torque_release=torque,
         rudder=replace(state.rudder, command_rad=command_rad),
     )
-    return state, _new_rudder_command(settings.rudder.linkage.to_shaft(command_rad), torque_on)
+    return state, RudderCommand(settings.rudder.linkage.to_shaft(command_rad), torque_on)
 
 
 def _rudder_held(settings: Settings, state: State, now_s: float) -> bool:

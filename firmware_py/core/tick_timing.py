@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from firmware_py.common.record_class import dataclass, maker
+import msgspec
+
 from firmware_py.common.records import Tick
 
 LONGEST_STEP_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class TickTiming:
+class TickTiming(msgspec.Struct, frozen=True):
     """When the first and the newest tick were due, how many were skipped, and when that last happened."""
 
     started_s: float | None = None
@@ -22,12 +22,9 @@ class TickTiming:
         return min(max(0.0, now_s - self.t_s), LONGEST_STEP_S) if self.started_s is not None else 0.0
 
 
-_new_tick_timing = maker(TickTiming)
-
-
 def update(state: TickTiming, tick: Tick) -> TickTiming:
     """Count a tick."""
-    return _new_tick_timing(
+    return TickTiming(
         started_s=tick.t_s if state.started_s is None else state.started_s,
         t_s=tick.t_s,
         skipped_total=state.skipped_total + tick.skipped,

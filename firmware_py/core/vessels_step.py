@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from msgspec.structs import replace
+
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import MODES
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Inputs
 from firmware_py.common.vessels import Traffic
 from firmware_py.core.freshness import Age, Freshness

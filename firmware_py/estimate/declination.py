@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.geodesy import EARTH_RADIUS_M
-from firmware_py.common.record_class import dataclass
 from firmware_py.estimate.wmm2025 import COEFFICIENTS, DEGREE, EPOCH
 
 MOVED_RAD: Final = 10e3 / EARTH_RADIUS_M
@@ -24,8 +25,7 @@ NEAR_POLE: Final = 1e-6
 WEAKEST_NT: Final = 2000.0
 
 
-@dataclass(frozen=True, slots=True)
-class Declination:
+class Declination(msgspec.Struct, frozen=True):
     """The declination, and where and when it was computed; None where no compass works."""
 
     declination_rad: float | None = None

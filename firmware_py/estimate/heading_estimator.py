@@ -5,14 +5,16 @@ Only puts together what the estimate's parts compute; core/step calls it.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
 from firmware_py.common.reports import Estimate, HeadingEstimate
 from firmware_py.estimate import declination, kalman, observer, sources, standstill, track_average, wave_filter
@@ -22,19 +24,13 @@ from firmware_py.estimate.sources import Source, SourceSettings, SourceState, Tr
 from firmware_py.estimate.track_average import Stretch
 from firmware_py.estimate.wave_filter_state import Velocity, WaveFilterSettings, WaveFilterState, water_of
 
-_new_true_heading_sample = maker(TrueHeadingSample)
-_new_heading_state = maker(HeadingState)
-_new_estimate = maker(Estimate)
-_new_heading_estimate = maker(HeadingEstimate)
-
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
 LONGEST_CARRIED_S: Final = 2.0  # a yaw rate says nothing of what comes later
 COMPASSES: Final = (Source.COMPASS_A, Source.COMPASS_B)
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingEstimatorSettings:
+class HeadingEstimatorSettings(msgspec.Struct, frozen=True):
     """How the heading is estimated."""
 
     observer: ObserverSettings
@@ -57,8 +53,7 @@ class HeadingEstimatorSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingTimeouts:
+class HeadingTimeouts(msgspec.Struct, frozen=True):
     """After what silence compass A, compass B and the fixes, which give the course over ground, are lost."""
 
     compass_s: tuple[float, float]
@@ -69,8 +64,7 @@ class HeadingTimeouts:
         return self.compass_s[source if source in COMPASSES else 0]
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingEstimatorState:
+class HeadingEstimatorState(msgspec.Struct, frozen=True):
     """Heading and yaw rate of the tick, the wave filter, the heading sources and the declination of the place.
 
     `stretch` is the stretch of track under way, where the receiver states no velocity; `deaf` the wave filter without
@@ -88,9 +82,6 @@ class HeadingEstimatorState:
     def at_start(cls, parameters: ParameterSet) -> HeadingEstimatorState:
         """Return the state before the first heading."""
         return expecting(cls(), (0.0, 0.0, parameters["CRUISE_SPEED"]))
-
-
-_new_heading_estimator_state = maker(HeadingEstimatorState)
 
 
 def expecting(state: HeadingEstimatorState, water: tuple[float, float, float]) -> HeadingEstimatorState:
@@ -113,9 +104,11 @@ def update(
     if settings.declination_by_model:
         state = _with_declination(state, positions)
         if state.declination.declination_rad is not None:
-            observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
+            observer_settings = dataclasses.replace(
+                observer_settings, declination_rad=state.declination.declination_rad
+            )
     true_headings = [
-        _new_true_heading_sample(
+        TrueHeadingSample(
             sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
         )
         for sample in headings
@@ -124,7 +117,7 @@ def update(
     events: tuple[Event, ...] = ()
     if sources.needs_restart(state.sources, now_s, timeouts.compass_s):
         fresh = WaveFilterState(expected_water=water_of(state.wave_filter))
-        state = _new_heading_estimator_state(before, fresh, declination=state.declination)
+        state = HeadingEstimatorState(before, fresh, declination=state.declination)
         events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
     state = _with_samples(settings, state, true_headings, before, now_s)
     source_state, source_events = _select_source(settings, state, timeouts, now_s)
@@ -136,19 +129,19 @@ def update(
         deaf = wave_filter.update(settings.wave_filter, deaf, (), velocities, rudder_rad)
     if settings.observer_only:
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
-        observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
+        observer_settings = dataclasses.replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
         heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
-        return _new_heading_estimator_state(heading, waves, source_state, state.declination, stretch, deaf), ()
+        return HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf), ()
     if not waves.x:
-        state = _new_heading_estimator_state(before, waves, source_state, state.declination, stretch, deaf)
+        state = HeadingEstimatorState(before, waves, source_state, state.declination, stretch, deaf)
         return state, events + source_events
     heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.wave_filter, waves, now_s)
     # Fixes come rarely; whether they still come has been judged by their own timeout. A compass that comes back after
     # them may speak in the next tick only.
     sample_t_s = now_s if source_state.in_use is Source.COURSE else _later(before.sample_t_s, waves.sample_t_s)
     newest = headings[-1] if headings else before
-    heading = _new_heading_state(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
-    state = _new_heading_estimator_state(heading, waves, source_state, state.declination, stretch, deaf)
+    heading = HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
+    state = HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf)
     return state, events + source_events
 
 
@@ -235,7 +228,7 @@ def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimator
     heading, waves = state.heading, state.wave_filter
     if settings.observer_only or not waves.x:
         return None
-    return _new_heading_estimate(
+    return HeadingEstimate(
         heading_rad=heading.heading_rad,
         correction_rad2_s=max(2.0 * waves.covariance(kalman.HEADING, kalman.RATE), 0.0),
         yaw_rate_rad_s=heading.yaw_rate_rad_s,
@@ -267,7 +260,7 @@ def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> 
     if settings.observer_only or not waves.x:
         return None
     x, model = waves.x, waves.noise_model
-    return _new_estimate(
+    return Estimate(
         int(state.sources.in_use),
         heading.heading_rad,
         waves.spread(kalman.HEADING),

@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from operator import add
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.common.record_class import dataclass, maker
 from firmware_py.model.kt import KtModel, decay_over, settled_yaw_rate
 
 HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN = range(12)
@@ -74,8 +74,7 @@ def response(omega_rad_s: float, damping: float, step_s: float) -> Response:
     return cosine + lead, sine, -omega_rad_s * omega_rad_s * sine, cosine - lead
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(msgspec.Struct, frozen=True):
     """The K-T equation over a step: the new heading and yaw rate, and their derivatives.
 
     A disturbance that adds `d` to the new yaw rate adds `share * d` to the new heading.
@@ -91,11 +90,7 @@ class Turn:
     by_factor: float
 
 
-_new_turn = maker(Turn)
-
-
-@dataclass(frozen=True, slots=True)
-class Transition:
+class Transition(msgspec.Struct, frozen=True):
     """A step of all states: the glider's turn, what float and waves do by themselves, and how much bias is kept."""
 
     turn: Turn
@@ -119,7 +114,7 @@ def turn(x: Numbers, rudder_rad: float, step_s: float, model: KtModel, bias_vari
     reach_s = lag_s * gone
     felt = push_rad * push_rad / (push_rad * push_rad + 25.0 * bias_variance) if bias_variance > 0.0 else 1.0
     by_speed = (factor * ability_1_s * push_rad + 2.0 * cubic) * gone + (steady - r) * decay * step_s / lag_s
-    return _new_turn(
+    return Turn(
         # kt.exact_step in another order of its sums, which logs of earlier versions hold to the last bit.
         x[HEADING] + steady * step_s + (r - steady) * reach_s,
         settled_yaw_rate(r, steady, decay),

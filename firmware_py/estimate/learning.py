@@ -19,9 +19,10 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, radians
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.estimate.kalman import DAMPING
 
 LARGEST_NORMALISED: Final = 4.0  # one slap of the sea must not teach more than this
@@ -72,8 +73,7 @@ def power_of(spread_rad: float, omega_rad_s: float) -> float:
     return 4.0 * DAMPING * omega_rad_s * omega_rad_s * omega_rad_s * spread_rad * spread_rad
 
 
-@dataclass(frozen=True, slots=True)
-class Coupling:
+class Coupling(msgspec.Struct, frozen=True):
     """By what the receiver's velocity goes with the yaw of the waves: a regression with a fading memory.
 
     `shares`: north by the angle and by the rate in units of the frequency, east by both [m/s per rad]. The rest are
@@ -117,8 +117,7 @@ def _faded(sums: Sequence[float], fade: float, more: Sequence[float]) -> tuple[f
     return tuple([fade * old + new for old, new in zip(sums, more, strict=True)])
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseModel:
+class NoiseModel(msgspec.Struct, frozen=True):
     """Waves and noise as learned, and what learning remembers.
 
     Logarithms of the frequency of the waves [rad/s], of the power of the wave yaw, of the variances of compass,

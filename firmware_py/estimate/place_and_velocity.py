@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import Place
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, PositionSample, Severity
 
 WINDOW_S: Final = 120.0  # many waves, and ten times what a place wanders in so long
@@ -24,8 +25,7 @@ STILL_S: Final = 300.0
 HANGS_M: Final = 30.0  # a hundredth of a minute of latitude is 18.5 m
 
 
-@dataclass(frozen=True, slots=True)
-class AgreementState:
+class AgreementState(msgspec.Struct, frozen=True):
     """The window under way: its first and its latest fix, the way by velocities; and the windows that were odd.
 
     `still` is the first of the fixes at the place of the latest, `still_told` whether that was told of them, and their

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate.reckoning import Reckoning
-
-_new_place = maker(Place)
 
 FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included
 SPREAD_M = 50.0  # what a sound receiver may be off at worst
@@ -25,8 +24,7 @@ LONGEST_GAP_S = 60.0  # after which the estimate begins anew at a fix
 LEAST_WITNESSES = 3
 
 
-@dataclass(frozen=True, slots=True)
-class PositionSettings:
+class PositionSettings(msgspec.Struct, frozen=True):
     """How long a jump must last before it is believed."""
 
     jump_s: float
@@ -37,8 +35,7 @@ class PositionSettings:
         return cls(jump_s=parameters["POS_JUMP_S"])
 
 
-@dataclass(frozen=True, slots=True)
-class PositionState:
+class PositionState(msgspec.Struct, frozen=True):
     """The estimated place at t_s, the last fix believed, and the first of those that are not.
 
     `begun` is the first fix of all, or that by which a jump was believed; `reckoning` goes on while fixes are missing,
@@ -53,9 +50,6 @@ class PositionState:
     witnesses: int = 0
     begun: PositionSample | None = None
     reckoning: Reckoning | None = None
-
-
-_new_position_state = maker(PositionState)
 
 
 def on_earth(sample: PositionSample) -> bool:
@@ -91,7 +85,7 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
     if gap_s > LONGEST_GAP_S or gap_s < 0.0:
         return _at(sample, max(sample.t_s, state.t_s), state.begun), True
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
-    north_m, east_m = _new_place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample))
+    north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample))
     state = replace(state, fix=sample, suspect=None, witnesses=0, reckoning=None)
     return _displace(state, gain * north_m, gain * east_m, state.t_s), True
 
@@ -106,7 +100,7 @@ def leap_m(state: PositionState, sample: PositionSample) -> float | None:
 
 def off_m(state: PositionState, sample: PositionSample) -> float:
     """Return how far a fix lies from where she is taken to be."""
-    return math.hypot(*_new_place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample)))
+    return math.hypot(*Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample)))
 
 
 def unfixed_s(state: PositionState) -> float:
@@ -127,13 +121,13 @@ def _reach_m(gap_s: float) -> float:
 
 
 def _place(sample: PositionSample) -> Place:
-    return _new_place(sample.latitude_rad or 0.0, sample.longitude_rad or 0.0)
+    return Place(sample.latitude_rad or 0.0, sample.longitude_rad or 0.0)
 
 
 def _at(sample: PositionSample, t_s: float, begun: PositionSample | None) -> PositionState:
     """Return the state that begins anew at a fix."""
     place = _place(sample)
-    return _new_position_state(t_s, place.latitude_rad, place.longitude_rad, sample, begun=begun)
+    return PositionState(t_s, place.latitude_rad, place.longitude_rad, sample, begun=begun)
 
 
 def _distance_m(fix: PositionSample, other: PositionSample) -> float:
@@ -142,7 +136,7 @@ def _distance_m(fix: PositionSample, other: PositionSample) -> float:
 
 def _displace(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
     """Return the state with the place moved north and east."""
-    place = _new_place(state.latitude_rad, state.longitude_rad).at_offset(north_m, east_m)
+    place = Place(state.latitude_rad, state.longitude_rad).at_offset(north_m, east_m)
     suspect, witnesses, begun = state.suspect, state.witnesses, state.begun
     latitude_rad, longitude_rad = place.latitude_rad, place.longitude_rad
-    return _new_position_state(t_s, latitude_rad, longitude_rad, state.fix, suspect, witnesses, begun, state.reckoning)
+    return PositionState(t_s, latitude_rad, longitude_rad, state.fix, suspect, witnesses, begun, state.reckoning)

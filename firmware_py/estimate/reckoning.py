@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.estimate import kalman
 from firmware_py.estimate.water import CHANGES_M_S
 from firmware_py.estimate.wave_filter_state import WaveFilterState
@@ -28,8 +29,7 @@ COVARIANCES: Final = len(_PAIRS)
 Velocity = tuple[float, float]  # north and east, m/s
 
 
-@dataclass(frozen=True, slots=True)
-class Reckoning:
+class Reckoning(msgspec.Struct, frozen=True):
     """The water when fixes ceased at begun_s, and what was sailed since.
 
     `covariance`: the upper triangle, row by row, of that of the four numbers before it. The way through the water leads

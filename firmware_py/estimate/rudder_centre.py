@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.common.records import Inputs
 
@@ -26,8 +28,7 @@ ENOUGH_STRETCHES, ENOUGH_SECTORS = 12, 5
 ENOUGH_RAD: Final = radians(0.5)
 
 
-@dataclass(frozen=True, slots=True)
-class Centre:
+class Centre(msgspec.Struct, frozen=True):
     """By how much the rudder's mean is off amidships, its standard deviation, and of how much that is made."""
 
     mean_rad: float

@@ -13,10 +13,11 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.estimate.stay import SPIN_NOISE_RAD, SPIN_RAD_S, STAYED_S, Stay, stays
 from firmware_py.estimate.wave_filter_state import Heading
@@ -47,8 +48,7 @@ class Source(IntEnum):
 NAMES: Final = ("compass A", "compass B", "course over ground", "no heading source")
 
 
-@dataclass(frozen=True, slots=True)
-class TrueHeadingSample:
+class TrueHeadingSample(msgspec.Struct, frozen=True):
     """One heading from true north of compass A (0) or B (1), with the number that the device gave."""
 
     t_s: float
@@ -57,8 +57,7 @@ class TrueHeadingSample:
     source: int
 
 
-@dataclass(frozen=True, slots=True)
-class SourceSettings:
+class SourceSettings(msgspec.Struct, frozen=True):
     """After how long a compass that shows the same number has stopped measuring (0: never)."""
 
     frozen_s: float
@@ -69,8 +68,7 @@ class SourceSettings:
         return cls(frozen_s=parameters["CMP_FROZEN_S"])
 
 
-@dataclass(frozen=True, slots=True)
-class CompassState:
+class CompassState(msgspec.Struct, frozen=True):
     """What a compass has shown.
 
     `changed_s` is when its number last changed, `near_s` when it last lay within the gate around the
@@ -121,11 +119,7 @@ class CompassState:
         return self.t_s is not None and self.t_s - self.near_s > JUMP_S
 
 
-_new_compass_state = maker(CompassState)
-
-
-@dataclass(frozen=True, slots=True)
-class SourceState:
+class SourceState(msgspec.Struct, frozen=True):
     """The compasses and the source in use."""
 
     compasses: tuple[CompassState, CompassState] = (CompassState(), CompassState())
@@ -194,7 +188,7 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
     if changed and state.sound_since_s is not None:
         shown_s = sample.t_s - state.changed_s
         longest_s = max(shown_s, longest_s * math.exp(-shown_s / LONGEST_MEMORY_S))
-    return _new_compass_state(
+    return CompassState(
         sample.t_s,
         sample.raw_rad,
         sample.t_s if changed else state.changed_s,

@@ -13,8 +13,9 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from firmware_py.common.angles import radians, wrap_pi
-from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman, wave_filter
 from firmware_py.estimate.sources import CompassState, SourceState, TrueHeadingSample
 from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.angles import radians, wrap_pi
-from firmware_py.common.record_class import dataclass
 
 STAYED_S: Final = 2.0  # and it has come to rest; what turns without end is no boat
 STAYED_RAD: Final = radians(15.0)
@@ -16,8 +17,7 @@ SPIN_RAD_S: Final = radians(90.0)  # as fast as a breaking sea may turn her
 SPIN_NOISE_RAD: Final = radians(3.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Stay:
+class Stay(msgspec.Struct, frozen=True):
     """Around what heading a compass stays, since when, and whether it was seen to turn there from the estimate."""
 
     around_rad: float

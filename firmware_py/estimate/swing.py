@@ -15,15 +15,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
 from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
 
@@ -52,8 +52,7 @@ ENOUGH_RAD: Final = radians(0.75)
 _CARD: Final = tuple(TWO_PI * number / 36 for number in range(36))
 
 
-@dataclass(frozen=True, slots=True)
-class SwingSettings:
+class SwingSettings(msgspec.Struct, frozen=True):
     """How the compass is mounted, and the deviation in force."""
 
     offset_rad: float
@@ -65,8 +64,7 @@ class SwingSettings:
         return cls(radians(parameters["CMP_OFFSET_DEG"]), deviation_of(parameters, "CMP"))
 
 
-@dataclass(frozen=True, slots=True)
-class SwingInput:
+class SwingInput(msgspec.Struct, frozen=True):
     """What a tick shows: new headings of compass A, the declination, a new believed fix, and the estimated heading.
 
     `water` is what the filter begins with: current north and east, speed through the water [m/s].
@@ -79,8 +77,7 @@ class SwingInput:
     water: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Minute:
+class Minute(msgspec.Struct, frozen=True):
     """An observation under way: where it began, and sums since.
 
     `readings`: number, turned since the first reading, and the sines and cosines of the heading and of its double.
@@ -97,8 +94,7 @@ class Minute:
     last_fix: PositionSample | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Swing:
+class Swing(msgspec.Struct, frozen=True):
     """The deviation as she has sailed it: A to E, their standard deviations, and how sure the curve is.
 
     `sd_rad` is the standard deviation on the heading where it is worst known, `off_rad` how far the curve in force is
@@ -112,8 +108,7 @@ class Swing:
     ready: bool
 
 
-@dataclass(frozen=True, slots=True)
-class SwingState:
+class SwingState(msgspec.Struct, frozen=True):
     """The minute under way, and the filter at t_s.
 
     `x` and the covariance `p` (8 x 8, the bytes of its numbers, row by row) are of A to E, current north and east, and

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import EARTH_RADIUS_M
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import PositionSample
 
 STRETCH_S = 20.0  # in which the noise of two fixes comes to little, and a turn to no more than it must
@@ -14,8 +15,7 @@ LONGEST_S = 60.0
 FASTEST_M_S = 6.0  # over the ground: more is a receiver's mistake
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(msgspec.Struct, frozen=True):
     """A stretch of track since a fix: the sums of the headings in it, as directions."""
 
     first: PositionSample
@@ -33,8 +33,7 @@ class Stretch:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class MeanVelocity:
+class MeanVelocity(msgspec.Struct, frozen=True):
     """Mean velocity over the ground, and meanwhile the mean direction of the heading, shorter than 1 in a turn."""
 
     t_s: float

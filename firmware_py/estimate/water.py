@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+
 from firmware_py.common.angles import clamp
-from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.reports import Water
 from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter_state import FIRST, FIRST_COURSE_LAG_S, WaveFilterState, water_of
-
-_new_water = maker(Water)
 
 # The current counts as stronger when it is by a standard deviation, for so long; and no longer when weaker.
 STRONG_AFTER_S, WEAK_AFTER_S = 120.0, 120.0
@@ -28,8 +27,7 @@ SLOW_S = 30.0
 CHANGES_M_S = 0.03
 
 
-@dataclass(frozen=True, slots=True)
-class WaterState:
+class WaterState(msgspec.Struct, frozen=True):
     """How long the current has been stronger (+) or weaker (-) than the boat, until t_s, and the verdict.
 
     `slow_m_s`: current north and east and the speed as they are steered by, None for the filter's own.
@@ -39,9 +37,6 @@ class WaterState:
     strong_s: float = 0.0
     too_strong: bool = False
     slow_m_s: tuple[float, float, float] | None = None
-
-
-_new_water_state = maker(WaterState)
 
 
 def report(state: WaterState, waves: WaveFilterState) -> Water:
@@ -59,7 +54,7 @@ def report(state: WaterState, waves: WaveFilterState) -> Water:
     else:
         worst, speed_sd_m_s = FIRST[kalman.NORTH] ** 2, FIRST[kalman.SPEED]
         leeway_sd_rad = FIRST[kalman.LEEWAY]
-    return _new_water(
+    return Water(
         speed_m_s,
         speed_sd_m_s,
         north_m_s,
@@ -91,7 +86,7 @@ def over_ground_m_s(waves: WaveFilterState, heading_rad: float | None) -> tuple[
 def update(state: WaterState, waves: WaveFilterState, now_s: float) -> WaterState:
     """Judge, with patience both ways, whether the current is stronger than the boat, while a receiver tells of it."""
     if not waves.x or waves.fix_t_s is None or now_s - waves.fix_t_s > WEAK_AFTER_S:
-        return _new_water_state(None, 0.0, state.too_strong, state.slow_m_s)  # the last that was known
+        return WaterState(None, 0.0, state.too_strong, state.slow_m_s)  # the last that was known
     step_s = 0.0 if state.t_s is None else max(now_s - state.t_s, 0.0)
     north, east, speed, _ = known(waves)
     current = math.hypot(north, east)
@@ -116,7 +111,7 @@ def update(state: WaterState, waves: WaveFilterState, now_s: float) -> WaterStat
         north = _followed(slow_north, north, part, math.sqrt(nn))
         east = _followed(slow_east, east, part, math.sqrt(ee))
         speed = _followed(slow_speed, speed, part, math.sqrt(uu))
-    return _new_water_state(now_s, strong_s, too_strong, (north, east, speed))
+    return WaterState(now_s, strong_s, too_strong, (north, east, speed))
 
 
 def _followed(before: float, now: float, part: float, spread: float) -> float:

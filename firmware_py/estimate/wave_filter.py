@@ -13,10 +13,9 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
-from firmware_py.common.record_class import maker
-from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman, learning, over_ground
 from firmware_py.estimate.wave_filter_state import (
     FLOAT_WANDERS,
@@ -28,8 +27,6 @@ from firmware_py.estimate.wave_filter_state import (
     bound,
     start,
 )
-
-_new_transition = maker(kalman.Transition)
 
 LONGEST_STEP_S: Final = 1.0  # one step of the covariance; a longer one takes several
 LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
@@ -76,7 +73,7 @@ class _Workspace:
         bias_variance = self.columns.item(kalman.BIAS, kalman.BIAS)
         turn = kalman.turn(x, self.rudder_rad, step_s, self.settings.model, bias_variance)
         follow = kalman.response(follow_rad_s, kalman.FLOAT_DAMPING, step_s)
-        transition = _new_transition(turn, follow, wave, math.exp(-step_s / kalman.BIAS_MEMORY_S))
+        transition = kalman.Transition(turn, follow, wave, math.exp(-step_s / kalman.BIAS_MEMORY_S))
         noise = [each * step_s for each in WHITE]
         noise[kalman.BIAS] = math.exp(model.log_bias_noise) * step_s
         noise[kalman.FLOAT_RATE] *= min(follow_rad_s * follow_rad_s, FLOAT_WANDERS)

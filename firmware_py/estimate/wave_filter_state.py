@@ -7,11 +7,11 @@ import struct
 from operator import itemgetter
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
 from firmware_py.estimate import kalman
 from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.learning import NoiseModel, expecting_float
@@ -63,8 +63,7 @@ class Heading(NamedTuple):
     heading_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class WaveFilterSettings:
+class WaveFilterSettings(msgspec.Struct, frozen=True):
     """The K-T model of the vehicle file."""
 
     model: KtModel
@@ -75,8 +74,7 @@ class WaveFilterSettings:
         return cls(model=KtModel.of(parameters))
 
 
-@dataclass(frozen=True, slots=True)
-class WaveFilterState:
+class WaveFilterState(msgspec.Struct, frozen=True):
     """State and covariance at t_s; empty before the first heading.
 
     The covariance (18 x 18) and the slopes (18 x 2) are the bytes of their numbers, row by row. The slopes are by how

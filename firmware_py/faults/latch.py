@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.common.records import Event, Severity
 from firmware_py.faults.row import FaultInput
 from firmware_py.faults.table import TABLE, Fault
@@ -12,8 +13,7 @@ from firmware_py.faults.table import TABLE, Fault
 _CONDITIONS = tuple(row.stands for row in TABLE.values())
 
 
-@dataclass(frozen=True, slots=True)
-class LatchState:
+class LatchState(msgspec.Struct, frozen=True):
     """Since when each condition stands (None: it does not), when it last stood, and the faults set, as bits."""
 
     since_s: tuple[float | None, ...] = (None,) * len(TABLE)

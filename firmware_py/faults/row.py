@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 
-from firmware_py.common.record_class import dataclass as record
+import msgspec
+
 from firmware_py.common.records import DeviceState, Severity
 
 
@@ -27,8 +27,7 @@ class Action(Enum):
     STEP_ASIDE = "step aside while it comes, if AIS_ACT says so"
 
 
-@record(frozen=True, slots=True)
-class FaultInput:
+class FaultInput(msgspec.Struct, frozen=True):
     """What the conditions of a tick look at; whoever adds a fault adds here what nobody looked at before.
 
     `faults` are those that were set in the last tick, as bits. What is old is past its timeout:
@@ -91,8 +90,7 @@ def within(age_s: float | None, memory_s: float) -> bool:
     return age_s is not None and age_s <= memory_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FaultRow:
+class FaultRow(msgspec.Struct, frozen=True, kw_only=True):
     """One fault: how long the condition must stand and be gone, how grave it is, what is done and said.
 
     `condition` says in words what `stands` judges. `action` is done in any case; `parameter` names

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+
 from firmware_py.common.geodesy import Place
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.vessels import VesselPosition
 
 Velocity = tuple[float, float]  # north and east, m/s
 
 
-@dataclass(frozen=True, slots=True)
-class Relative:
+class Relative(msgspec.Struct, frozen=True):
     """Where a vessel is seen from the boat, and its velocity over ground; metres and m/s north and east."""
 
     north_m: float

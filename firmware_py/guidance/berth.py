@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import TWO_PI
 from firmware_py.common.plan import Plan
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.guidance import fence
 from firmware_py.guidance.tasks import HoldStation, TaskSettings
 
@@ -25,8 +26,7 @@ WORTH = 0.3  # of the way that it is moved: at least so much room must be gained
 SAME_M = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Berth:
+class Berth(msgspec.Struct, frozen=True):
     """The circle for a task that a fence bounds, while `tries` places have been looked at; `found`: no more of them.
 
     `circle` is the best so far, `margin_m` the way from its centre to the fence with the checksum `identity`,

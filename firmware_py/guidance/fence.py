@@ -11,9 +11,10 @@ from __future__ import annotations
 import functools
 import math
 
+import msgspec
+
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem
-from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.mission_step import number, place_of
 from firmware_py.plans.items import FARTHEST_M, Command
 
@@ -23,8 +24,7 @@ MOVED_PART, MOVED_M = 0.1, 2.0
 Point = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Area:
+class Area(msgspec.Struct, frozen=True):
     """A polygon (corners) or a circle (one corner and a radius), in metres north and east of the anchor."""
 
     corners: tuple[Point, ...]
@@ -33,16 +33,14 @@ class Area:
     group: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Fence:
+class Fence(msgspec.Struct, frozen=True):
     """The areas of a fence around their anchor."""
 
     anchor: Place
     areas: tuple[Area, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class FenceState:
+class FenceState(msgspec.Struct, frozen=True):
     """The margin at a place, of the fence with checksum `identity`; kept until the boat has moved."""
 
     identity: int = 0

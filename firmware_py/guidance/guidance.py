@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import Home, Water
 from firmware_py.guidance import fence, mission, mission_progress, task_follower
 from firmware_py.guidance.fence import FenceState
@@ -26,14 +27,11 @@ from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
 
-_new_vessel_motion = maker(VesselMotion)
-
 INTERVAL_S = 0.5
 LONGEST_STEP_S = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class GuidanceSettings:
+class GuidanceSettings(msgspec.Struct, frozen=True):
     """How tasks are carried out, where RTL may go, and how the stick turns a goal."""
 
     tasks: TaskSettings
@@ -52,8 +50,7 @@ class GuidanceSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class GuidanceState:
+class GuidanceState(msgspec.Struct, frozen=True):
     """What guidance remembers: mode and arming that it knows of, mission, task, and what came of it."""
 
     mode: Mode | None = None
@@ -68,8 +65,7 @@ class GuidanceState:
     fence_enabled: bool | None = None  # None: as FENCE_ENABLE says
 
 
-@dataclass(frozen=True, slots=True)
-class GuidanceInput:
+class GuidanceInput(msgspec.Struct, frozen=True):
     """What guidance looks at in a tick; `heading_rad` is None without a heading, `motion` without a position.
 
     `fence_enabled` is what FENCE_ENABLE says, where nobody has asked otherwise since.
@@ -86,20 +82,16 @@ class GuidanceInput:
     fence_enabled: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class GuidanceOutput:
+class GuidanceOutput(msgspec.Struct, frozen=True):
     """The state after a tick, and home where the mission sets it."""
 
     state: GuidanceState
     home: Home | None = None
 
 
-_new_guidance_output = maker(GuidanceOutput)
-
-
 def vessel_motion(place: Place, heading_rad: float, water: Water, spread_m: float = 0.0) -> VesselMotion:
     """Return how the boat moves, for guidance; spread_m as there."""
-    return _new_vessel_motion(
+    return VesselMotion(
         place=place,
         heading_rad=heading_rad,
         speed_m_s=water.speed_m_s,
@@ -117,14 +109,14 @@ def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInpu
     before, state = state, take_changes(state, modes, given.plans)
     is_new = state is not before or given.new_fix
     if not is_new and state.updated_s is not None and given.t_s - state.updated_s < INTERVAL_S:
-        return _new_guidance_output(state)
+        return GuidanceOutput(state)
     step_s = 0.0 if state.updated_s is None else min(max(0.0, given.t_s - state.updated_s), LONGEST_STEP_S)
     state = replace(state, updated_s=given.t_s)
     if motion is not None:
         state = replace(state, fence=fence.update(state.fence, given.plans.fence, motion.place))
     if modes.mode is Mode.AUTO:
         return _update_mission(settings, state, given, step_s)
-    return _new_guidance_output(_carry_out(settings, state, _task(settings, state, given), given, step_s))
+    return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given), given, step_s))
 
 
 def take_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> GuidanceState:
@@ -216,7 +208,7 @@ def _update_mission(
 ) -> GuidanceOutput:
     """Carry the mission on; disarmed the boat is where it is, and so is the mission."""
     if not given.modes.armed:
-        return _new_guidance_output(state)
+        return GuidanceOutput(state)
     motion = given.motion
     mission_input = MissionInput(
         settings=settings.tasks,
@@ -239,7 +231,7 @@ def _update_mission(
     task = progress.pause_task if progress.paused else progress.task
     if task is not None:  # None where it is not known yet where to stay: what was wanted last stands
         state = _carry_out(settings, state, task, given, step_s)
-    return _new_guidance_output(state, home)
+    return GuidanceOutput(state, home)
 
 
 def fence_margin_m(state: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import Plans
-from firmware_py.common.record_class import maker
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Activity, MissionReport, Navigation
 from firmware_py.guidance import berth, mission_progress
@@ -13,9 +12,6 @@ from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import GoTo, Orbit, TaskSettings
 from firmware_py.modes import ModeState
-
-_new_mission_report = maker(MissionReport)
-_new_navigation = maker(Navigation)
 
 
 def fence_events(before: GuidanceState, after: GuidanceState, plans: Plans) -> tuple[Event, ...]:
@@ -93,7 +89,7 @@ def _berth_events(settings: TaskSettings, found: berth.Berth) -> list[Event]:
 def report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Navigation:
     """Return where guidance takes the boat, for the log and the link."""
     status = state.status
-    return _new_navigation(
+    return Navigation(
         activity=status.activity,
         target_latitude_rad=None if status.target is None else status.target.latitude_rad,
         target_longitude_rad=None if status.target is None else status.target.longitude_rad,
@@ -109,7 +105,7 @@ def mission_report(state: GuidanceState, plans: Plans, modes: ModeState, first: 
     """Return the mission as the operator follows it, who counts its items from `first` (plan.homes)."""
     count = len(plans.mission.items)
     progress = mission_progress.for_plan(state.mission, plans.mission.identity)
-    return _new_mission_report(
+    return MissionReport(
         state=mission_progress.state_of(progress, count, running=modes.mode is Mode.AUTO and modes.armed),
         index=min(progress.index, count - 1) if count else None,
         first=first,

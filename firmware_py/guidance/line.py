@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+
 from firmware_py.common.angles import clamp, wrap_two_pi
 from firmware_py.common.geodesy import Place, Track, track
-from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
 LONGEST_LOOK_M = 500.0
@@ -27,8 +28,7 @@ MOST_TRIES = 3
 FARTHEST_PASSED_M = 1000.0
 
 
-@dataclass(frozen=True, slots=True)
-class LineState:
+class LineState(msgspec.Struct, frozen=True):
     """Where the line begins, the integral of line of sight, and how the approach of its end goes."""
 
     start: Place
@@ -37,8 +37,7 @@ class LineState:
     tries: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class LineStatus:
+class LineStatus(msgspec.Struct, frozen=True):
     """The course over ground to steer, how far off the line the boat is (None: too short for one), and its arrival."""
 
     course_rad: float

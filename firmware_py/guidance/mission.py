@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import Place
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.guidance.mission_commands import TABLE, MissionInput, has_arrived, moment_of, station_task
 from firmware_py.guidance.mission_progress import MissionProgress, after_item
 from firmware_py.guidance.mission_step import MissionStep
@@ -22,8 +23,7 @@ ITEMS_PER_STEP: Final = 16  # that may be done with at once; the rest in the nex
 IDLE_ITEMS: Final = 100  # done with at once, beyond those there are: then the jumps lead nowhere
 
 
-@dataclass(frozen=True, slots=True)
-class MissionOutput:
+class MissionOutput(msgspec.Struct, frozen=True):
     """The mission after a step, and the items that were reached; `home` and `fence_enabled` where an item sets them."""
 
     progress: MissionProgress

@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.angles import radians, wrap_pi, wrap_two_pi
 from firmware_py.common.geodesy import Place
-from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.mission_step import SECONDS_PER_DAY, MissionStep
 from firmware_py.guidance.task_follower import TaskFollowerState
@@ -19,8 +20,7 @@ ON_HEADING_RAD: Final = radians(5.0)
 LONGEST_TURN_S: Final = 600.0
 
 
-@dataclass(frozen=True, slots=True)
-class MissionInput:
+class MissionInput(msgspec.Struct, frozen=True):
     """What a mission is sailed with in one step.
 
     Without a heading or a place `heading_rad` or `place` is None. `return_task` takes the way back that was chosen
@@ -41,8 +41,7 @@ class MissionInput:
 Beginning = tuple[Task, Place | None]
 
 
-@dataclass(frozen=True, slots=True)
-class CommandRow:
+class CommandRow(msgspec.Struct, frozen=True):
     """The task that a command begins, with the place that the next line starts from, and whether it is done.
 
     `begin` is None while it cannot begin, because it is not known where the boat is or how it heads. One that is

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import Place
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import MissionState
 from firmware_py.guidance.mission_step import MissionStep
 from firmware_py.guidance.tasks import HoldStation, Task
 from firmware_py.plans.items import Command
 
 
-@dataclass(frozen=True, slots=True)
-class MissionProgress:
+class MissionProgress(msgspec.Struct, frozen=True):
     """How far the mission with checksum `identity` is; `index` counts from 0.
 
     `begun`: the item at index has its task. `elapsed_s` runs from the item's beginning, or

@@ -32,12 +32,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+
+import msgspec
+from msgspec.structs import replace
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem
-from firmware_py.common.record_class import dataclass
 from firmware_py.plans.items import FARTHEST_M, LONGEST_S, MOST_TURNS, Command
 from firmware_py.plans.sequence import next_places, tags_of
 
@@ -45,8 +46,7 @@ LARGEST_RADIUS_M = 100_000.0
 SECONDS_PER_DAY = 86_400
 
 
-@dataclass(frozen=True, slots=True)
-class MissionStep:
+class MissionStep(msgspec.Struct, frozen=True):
     """One item in the units of the boat; what an item does not have stands at its default."""
 
     command: Command | None  # None: an item that is passed over

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+
 from firmware_py.common.angles import wrap_pi, wrap_two_pi
-from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.tasks import Orbit, TaskSettings, VesselMotion
 
 LEAD_S = 8.0  # the boat lags behind a course that turns all the time
@@ -13,8 +14,7 @@ SMALLEST_RADII = 1.5  # of the turning circle: what the boat can go round at all
 NEAR_PART = 0.5  # of the radius: as near the circle the angle counts
 
 
-@dataclass(frozen=True, slots=True)
-class OrbitState:
+class OrbitState(msgspec.Struct, frozen=True):
     """The bearing from the centre at the last step, and the angle gone round since."""
 
     bearing_rad: float | None = None

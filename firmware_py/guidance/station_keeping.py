@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+
 from firmware_py.common.angles import TWO_PI, wrap_pi, wrap_two_pi
-from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.tasks import HeadingTarget, HoldStation, TaskSettings, VesselMotion
 from firmware_py.model.crab import against_current, heading_for_course
 
@@ -24,15 +25,13 @@ LONGEST_STAY_S = 7200.0
 TURN_PRICE_S_RAD = 30.0  # seconds of stay that a radian of turning must bring
 
 
-@dataclass(frozen=True, slots=True)
-class StationKeepingState:
+class StationKeepingState(msgspec.Struct, frozen=True):
     """The heading of the present leg; None on the way back from outside."""
 
     way_rad: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Turn:
+class _Turn(msgspec.Struct, frozen=True):
     """A turn at once to a heading: where it ends, how far out it leads, how long it takes."""
 
     north_m: float

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import wrap_pi, wrap_two_pi
 from firmware_py.common.mode_table import MODES, Mode
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.guidance.guidance import GuidanceSettings
 from firmware_py.guidance.task_follower import TaskStatus
 from firmware_py.modes import (
@@ -21,15 +22,11 @@ from firmware_py.modes import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class SteeringTarget:
+class SteeringTarget(msgspec.Struct, frozen=True):
     """What guidance asks for: the heading to steer and the error that the controller sees."""
 
     heading_rad: float | None = None
     error_rad: float | None = None
-
-
-_new_steering_target = maker(SteeringTarget)
 
 
 def update_goal(
@@ -59,13 +56,13 @@ def steering_target(modes: ModeState, status: TaskStatus, situation: Situation) 
     if isinstance(goal, HeadingGoal):
         steer_rad, turn = heading_to_steer(goal, situation.water), goal.turn
     elif (target := status.heading_target) is None:
-        return _new_steering_target()
+        return SteeringTarget()
     elif target.over_ground and (water := situation.water) is not None:
         steer_rad = heading_in_water(target.angle_rad, water)
     else:
         steer_rad = target.angle_rad
     if situation.heading_rad is None:
-        return _new_steering_target(steer_rad, None)
+        return SteeringTarget(steer_rad, None)
     # On a turn the long way the error stays at half a turn until the shorter way is the right one.
     error_rad = turn * math.pi if turn else wrap_pi(steer_rad - situation.heading_rad)
-    return _new_steering_target(steer_rad, error_rad)
+    return SteeringTarget(steer_rad, error_rad)

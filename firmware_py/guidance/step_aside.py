@@ -12,11 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import compass_degrees, radians, wrap_pi, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.vessels import Vessel
 from firmware_py.guidance import fence
@@ -36,8 +37,7 @@ LEGS = 4  # that a way is cut into, to be held against the fence
 Goal = HeadingGoal | PositionGoal
 
 
-@dataclass(frozen=True, slots=True)
-class AsideSettings:
+class AsideSettings(msgspec.Struct, frozen=True):
     """Whether she steps aside, and how far to either side of her way."""
 
     enabled: bool
@@ -49,8 +49,7 @@ class AsideSettings:
         return cls(enabled=parameters["AIS_ACT"] == 1, sector_rad=radians(parameters["AIS_SECTOR_DEG"]))
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
+class Trial(msgspec.Struct, frozen=True):
     """What a heading comes to: how near the nearest vessel comes, as a distance and in parts of what is near."""
 
     heading_rad: float
@@ -58,8 +57,7 @@ class Trial:
     part: float
 
 
-@dataclass(frozen=True, slots=True)
-class AsideState:
+class AsideState(msgspec.Struct, frozen=True):
     """The heading steered aside, None while she goes her way; the trials under way, and what they are made about.
 
     `way_rad` is the heading that the sector lies about, of her way when the round began. `told`: that there is no
@@ -77,8 +75,7 @@ class AsideState:
     told: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class LineAhead:
+class LineAhead(msgspec.Struct, frozen=True):
     """How far to starboard of a line she is, where that leads over ground, and the heading that makes it good."""
 
     cross_track_m: float
@@ -86,8 +83,7 @@ class LineAhead:
     along_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class AsideInput:
+class AsideInput(msgspec.Struct, frozen=True):
     """What stepping aside looks at; `wanted_rad` is the heading that she would steer, `fence` None while none holds.
 
     Where she follows no line her way is the heading that she would steer.

@@ -7,10 +7,11 @@ keeps station where she is reckoned to be.
 
 from __future__ import annotations
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import Activity
 from firmware_py.guidance import berth, line, orbit, station_keeping
 from firmware_py.guidance.berth import Berth
@@ -29,8 +30,7 @@ from firmware_py.guidance.tasks import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class TaskFollowerState:
+class TaskFollowerState(msgspec.Struct, frozen=True):
     """How far the task has come: `arrived` at its place once, turns made round it, where she waits for a fix.
 
     `berth`: where her watch circle lies, once she keeps station within a fence.
@@ -45,8 +45,7 @@ class TaskFollowerState:
     berth: Berth | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class TaskStatus:
+class TaskStatus(msgspec.Struct, frozen=True):
     """What came of a step, for the controller and for those who look on."""
 
     heading_target: HeadingTarget | None = None

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+import msgspec
+
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
 
 
-@dataclass(frozen=True, slots=True)
-class HoldHeading:
+class HoldHeading(msgspec.Struct, frozen=True):
     """Steer a heading."""
 
     heading_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class GoTo:
+class GoTo(msgspec.Struct, frozen=True):
     """Go to a place, on the line from `start` (None: from where the boat is), and keep station there."""
 
     place: Place
@@ -25,16 +24,14 @@ class GoTo:
     station_radius_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class HoldStation:
+class HoldStation(msgspec.Struct, frozen=True):
     """Keep station within a watch circle."""
 
     centre: Place
     radius_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Orbit:
+class Orbit(msgspec.Struct, frozen=True):
     """Go round a place; `number` tells one task from the next like it, because turns are counted anew."""
 
     centre: Place
@@ -46,8 +43,7 @@ class Orbit:
 Task = HoldHeading | GoTo | HoldStation | Orbit
 
 
-@dataclass(frozen=True, slots=True)
-class VesselMotion:
+class VesselMotion(msgspec.Struct, frozen=True):
     """Where the boat is and how it moves: `heading_rad` and the water's motion as estimated.
 
     `speed_m_s` is through the water, `leeway_rad` to starboard of the heading; the current sets north and east.
@@ -69,16 +65,14 @@ class VesselMotion:
         return wrap_two_pi(self.heading_rad + self.leeway_rad)
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingTarget:
+class HeadingTarget(msgspec.Struct, frozen=True):
     """What to steer: a heading, or a course over ground."""
 
     angle_rad: float
     over_ground: bool
 
 
-@dataclass(frozen=True, slots=True)
-class TaskSettings:
+class TaskSettings(msgspec.Struct, frozen=True):
     """Radii, look-ahead, how tight the boat turns, and up to how uncertain a reckoned place she goes on by it."""
 
     acceptance_radius_m: float

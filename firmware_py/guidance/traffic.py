@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import compass_degrees, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Severity
 from firmware_py.common.vessels import Vessel, VesselPosition, VesselReport, merged
 from firmware_py.guidance.approach import Velocity, relative
@@ -31,8 +32,7 @@ CLEAR = 3.0  # of the distance
 OWN_SPEED_M_S = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class TrafficSettings:
+class TrafficSettings(msgspec.Struct, frozen=True):
     """When a vessel is near: the distance and the time, and what counts as lying still, with a distance of its own."""
 
     near_m: float
@@ -67,8 +67,7 @@ class TrafficSettings:
         return position.speed_m_s is not None and position.speed_m_s >= self.still_m_s
 
 
-@dataclass(frozen=True, slots=True)
-class TrafficState:
+class TrafficState(msgspec.Struct, frozen=True):
     """The vessels, when they were last looked through, who was told last, and how many there was no room for."""
 
     vessels: tuple[Vessel, ...] = ()
@@ -83,8 +82,7 @@ class TrafficState:
         return any(vessel.near_s is not None for vessel in self.vessels)
 
 
-@dataclass(frozen=True, slots=True)
-class OwnMotion:
+class OwnMotion(msgspec.Struct, frozen=True):
     """Where the boat is and how it moves over ground; while it steps aside, how on its own way, and back to it."""
 
     place: Place

@@ -19,7 +19,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.files.reading import open_regular
 
 LIST, SIGNATURE, LOCK = "bundle.json", "bundle.json.sig", "requirements.txt"
@@ -39,8 +40,7 @@ class UpdateError(RuntimeError):
     """An update cannot be made, or not of this bundle; the text names the remedy. What is in force stays."""
 
 
-@dataclass(frozen=True, slots=True)
-class Bundle:
+class Bundle(msgspec.Struct, frozen=True):
     """What the list of a bundle says: version, commit with its time, and each file with its length and hash.
 
     `digest` is the SHA-256 of the list, and so stands for all of it.

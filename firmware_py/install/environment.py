@@ -13,7 +13,8 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install.bundle import LIST, LOCK, Bundle, UpdateError, read_list
 from firmware_py.install.service_files import NAME
@@ -27,8 +28,7 @@ _PATIENCE_S = 1200.0
 _MOST_CONFIG_BYTES, _MOST_LIST_BYTES = 1 << 16, 1 << 20
 
 
-@dataclass(frozen=True, slots=True)
-class Environment:
+class Environment(msgspec.Struct, frozen=True):
     """One environment."""
 
     path: Path

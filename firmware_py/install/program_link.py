@@ -14,7 +14,8 @@ import os
 from pathlib import Path
 from typing import Final
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.files.reading import read_regular
 
 STARTS: Final = 3
@@ -23,8 +24,7 @@ UPDATE_FILE: Final = "update.state"  # in the state directory: which program has
 _MOST_BYTES = 1 << 16
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
+class Trial(msgspec.Struct, frozen=True):
     """A trial under way, or one that has failed: the program, and how often it was started."""
 
     program: Path

@@ -18,7 +18,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install.bundle import Bundle, UpdateError
 from firmware_py.install.environment import Environment
@@ -37,8 +38,7 @@ _IMPORT_ALL = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(msgspec.Struct, frozen=True):
     """What is checked: an environment of a bundle, for a vehicle file and a state directory; and where to work."""
 
     environment: Environment

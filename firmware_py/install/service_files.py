@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
+
 from firmware_py import ROOT
-from firmware_py.common.record_class import dataclass
 from firmware_py.install.program_link import STARTS
 
 NAME = "rambler"
@@ -21,16 +22,14 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _PARAMS = (ROOT / "params", Path(__file__).parents[1] / "params")
 
 
-@dataclass(frozen=True, slots=True)
-class Page:
+class Page(msgspec.Struct, frozen=True):
     """Where browsers find the page of the boat under way, and the file with the token that it asks for, if any."""
 
     listen: str
     token: Path | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Service:
+class Service(msgspec.Struct, frozen=True):
     """What the service runs: the program, the vehicle file, the state directory; watchdog device and page, if any."""
 
     program: tuple[str, ...]
@@ -40,8 +39,7 @@ class Service:
     page: Page | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ServiceFile:
+class ServiceFile(msgspec.Struct, frozen=True):
     """One file: its place and its text."""
 
     path: Path

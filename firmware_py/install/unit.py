@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.files.reading import read_text
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.program_link import ProgramLink
@@ -24,8 +25,7 @@ _MOST_BYTES = 1 << 18
 _PREFIXES = "-+!:@"  # of a command: what systemd does about it (systemd.service(5), Command lines)
 
 
-@dataclass(frozen=True, slots=True)
-class Installation:
+class Installation(msgspec.Struct, frozen=True):
     """What the unit of the service runs: the link to the program, the vehicle file and the state directory."""
 
     link: ProgramLink

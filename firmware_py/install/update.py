@@ -17,8 +17,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import msgspec
+
 from firmware_py import ROOT, __version__, commit_of, commit_utc_s_of
-from firmware_py.common.record_class import dataclass
 from firmware_py.files.reading import read_regular
 from firmware_py.install import environment as environments
 from firmware_py.install.bundle import Bundle, UpdateError, check_computer, is_older, title_text, unpack
@@ -37,8 +38,7 @@ _UMASK = 0o022  # the service's user reads and runs what root installs
 Say = Callable[[str], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Permissions:
+class Permissions(msgspec.Struct, frozen=True):
     """What the operator has said may be: an update of an armed boat, or to an older version."""
 
     armed: bool = False

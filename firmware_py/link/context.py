@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 
+import msgspec
+
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
 from firmware_py.common.interfaces import Calibrator, RequestHandler
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_table import INDEX, TABLE
-from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home, Snapshot
 from firmware_py.faults.table import Fault
@@ -23,16 +24,13 @@ from firmware_py.link.telemetry.statustext import text_messages
 from firmware_py.link.wire.dialect import Codec, Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 
-_new_telemetry_context = maker(TelemetryContext)
-
 _IN_FIRST_VERSION = "You speak MAVLink 1: fence, rally points and signing need MAVLink 2"
 _UNASKED = 0xFFFF  # the index of a value that is none of a list
 
 Handler = Callable[[Peer, Message, float], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Suppliers:
+class Suppliers(msgspec.Struct, frozen=True):
     """What the link asks of its surroundings."""
 
     utc_s: Callable[[], float]
@@ -86,7 +84,7 @@ class LinkContext:
         """Return what the telemetry builders look at; None before the first tick."""
         if self.snapshot is None:
             return None
-        return _new_telemetry_context(
+        return TelemetryContext(
             snapshot=self.snapshot,
             utc_s=self.suppliers.utc_s(),
             rudder_limit_rad=radians(self.request_handler.parameters()["RUD_LIMIT_DEG"]),

@@ -16,8 +16,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, Protocol
 
+import msgspec
+
 from firmware_py.common.calendar import is_possible
-from firmware_py.common.record_class import dataclass
 from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX, packed_path
 
@@ -178,8 +179,7 @@ def part_path(path: Path) -> Path:
     return path.with_name(f".{path.name}{_PART}")
 
 
-@dataclass(frozen=True, slots=True)
-class _Kept:
+class _Kept(msgspec.Struct, frozen=True):
     path: Path
     size: int
     modified_s: float

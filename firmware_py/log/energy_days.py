@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
+
 from firmware_py.common.calendar import DAY_S, is_possible
 from firmware_py.log.dataflash import LogError, Parser
 from firmware_py.log.dating import dated
@@ -27,8 +29,7 @@ _LABELS: Final = ("Utc", "Sec", "Flt", "BatV", "BatA", "Enr", "VSrv", "Sun", "Lo
 WHOLE: Final = 0.995  # of the time logged: with so much of it measured nothing is estimated
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(msgspec.Struct, frozen=True):
     """A minute of the thin log: when it ended, how long it was, and columns of both its messages by label."""
 
     utc_s: float
@@ -55,8 +56,7 @@ class Sum:
             self.measured_s += span_s
 
 
-@dataclass(frozen=True, slots=True)
-class Amount:
+class Amount(msgspec.Struct, frozen=True):
     """Watt-hours over the time that was logged; `estimated`: part of it was not measured."""
 
     wh: float

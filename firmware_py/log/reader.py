@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.common.records import Inputs, RudderCommand
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, text_of
@@ -25,8 +26,7 @@ _FRAME: Final = (schema.TICK, schema.CONTROL)
 _PASSED_OVER: Final = frozenset(one.name for one in (*schema.TYPES, *ardupilot.TYPES)) - schema.READ.keys()
 
 
-@dataclass(frozen=True, slots=True)
-class LoggedTick:
+class LoggedTick(msgspec.Struct, frozen=True):
     """One tick of a log.
 
     `command` is the decision that was made. `checkpoint` is the state before the tick,
@@ -39,8 +39,7 @@ class LoggedTick:
     gap: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True):
     """How the reading of a log went, as far as it has got.
 
     `damaged` counts ticks that are not whole, `garbage_bytes` lie between records,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.common.records import Inputs, RudderCommand
 from firmware_py.common.reports import Output
 from firmware_py.log.dataflash import LogError
@@ -18,8 +18,7 @@ from firmware_py.log.reader import LoggedTick, LogReader, Reading
 State = TypeVar("State")
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(msgspec.Struct, frozen=True):
     """A tick whose recomputed command is not the logged one."""
 
     tick: int
@@ -28,8 +27,7 @@ class Difference:
     recomputed: RudderCommand
 
 
-@dataclass(frozen=True, slots=True)
-class ReplayReport:
+class ReplayReport(msgspec.Struct, frozen=True):
     """What a replay found.
 
     `ticks` are in the log, `compared` of them could be recomputed: after a `gap` that
@@ -68,7 +66,7 @@ class ReplayReport:
                 "recomputed": _command_data(first.recomputed),
             },
             "largest_rad": self.largest_rad if math.isfinite(self.largest_rad) else None,
-            **{field.name: getattr(self.reading, field.name) for field in dataclasses.fields(Reading)},
+            **{field.name: getattr(self.reading, field.name) for field in msgspec.structs.fields(Reading)},
         }
 
 
@@ -127,7 +125,7 @@ def replay_log(
     except LogError as error:
         raise LogError(f"{source}: {error}" if isinstance(source, Path) else str(error)) from error
     notes = (*report.reading.notes, *reader.reading.notes)
-    return dataclasses.replace(report, reading=dataclasses.replace(reader.reading, notes=notes))
+    return msgspec.structs.replace(report, reading=msgspec.structs.replace(reader.reading, notes=notes))
 
 
 def _step_or_refuse(

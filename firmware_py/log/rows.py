@@ -10,20 +10,19 @@ records are left out. Columns not known here are passed over. What was lacking o
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from operator import attrgetter
 from typing import Any, Final
 
+import msgspec
+
 from firmware_py.common.reading_notes import Spot
-from firmware_py.common.record_class import dataclass
 from firmware_py.log.dataflash import TEXT_BYTES, Buffer, Format, MessageType
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(msgspec.Struct, frozen=True):
     """One value: label, value, unit and multiplier characters, the field it holds, and how it is read."""
 
     label: str
@@ -104,10 +103,10 @@ class Row:
         self.make = make
         self.text = text
         kind: Any = make
-        fields = {field.name: field for field in dataclasses.fields(kind)} if dataclasses.is_dataclass(make) else {}
+        fields = {field.name: field for field in msgspec.structs.fields(kind)} if isinstance(kind, type) else {}
         self.noted = noted
         self.kept = tuple((name, column) for column in columns if (name := column.field.rpartition(".")[2]) in fields)
-        self.defaulted = {name for name, field in fields.items() if field.default is not dataclasses.MISSING}
+        self.defaulted = {name for name, field in fields.items() if field.default is not msgspec.NODEFAULT}
         self._values = attrgetter(*(column.field for column in columns))
         # Which may be None, and what stands for it: to look for None among numbers costs twice as much.
         self._absent = tuple((at, column.absent) for at, column in enumerate(columns) if column.absent is not None)

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.records import Event, Inputs
 from firmware_py.common.reports import Flow, Output, Power, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
@@ -24,8 +26,7 @@ BURST: Final = 20.0
 RATE_HZ: Final = 1.0 / 120.0
 
 
-@dataclass(frozen=True, slots=True)
-class Minute:
+class Minute(msgspec.Struct, frozen=True):
     """What a row says: the figures of `span_s`, and the last value of what is no figure; None for what is not known.
 
     Faults are all that stood in the span, as bits. Panels, loads and the battery's current are means of the span.
@@ -138,14 +139,13 @@ class _Span:
             self.compass_c = inputs.headings[-1].temperature_c
 
 
-@dataclass(frozen=True, slots=True)
-class _Sums:
+class _Sums(msgspec.Struct, frozen=True):
     """What counts from the start of the program: a row has the difference."""
 
     travel_rad: float = 0.0
     energy_j: float = 0.0
     skipped: int = 0
-    power: Power = Power()  # noqa: RUF009 - frozen
+    power: Power = Power()
 
     @classmethod
     def of(cls, boat: Snapshot) -> _Sums:

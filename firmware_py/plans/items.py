@@ -16,8 +16,9 @@ import math
 from collections.abc import Mapping
 from enum import IntEnum
 
+import msgspec
+
 from firmware_py.common.plan import MOST_ITEMS, PlanKind
-from firmware_py.common.record_class import dataclass
 
 LONGEST_S = 1e8  # three years
 FARTHEST_M = 1e7
@@ -53,8 +54,7 @@ class Command(IntEnum):
     RALLY_POINT = 5100
 
 
-@dataclass(frozen=True, slots=True)
-class Meaning:
+class Meaning(msgspec.Struct, frozen=True):
     """What one parameter means: its number 1 to 4, its range, and whether it is whole or may be NaN."""
 
     number: int
@@ -77,8 +77,7 @@ class Meaning:
         return self.low <= value <= self.high and (not self.whole or value == math.floor(value))
 
 
-@dataclass(frozen=True, slots=True)
-class ItemRow:
+class ItemRow(msgspec.Struct, frozen=True):
     """One command. `place`: x and y are a place. `lasts`: it takes time, so that a loop through it ends each round."""
 
     command: Command

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import msgspec
+
 from firmware_py.common.plan import PlanItem
-from firmware_py.common.record_class import dataclass
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanProblem, PlanResult
 
@@ -21,8 +22,7 @@ Point = tuple[int, int]
 Edge = tuple[Point, Point]
 
 
-@dataclass(frozen=True, slots=True)
-class Polygon:
+class Polygon(msgspec.Struct, frozen=True):
     """The items [first, first + count) of a fence."""
 
     first: int

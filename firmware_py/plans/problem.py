@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from firmware_py.common.record_class import dataclass
+import msgspec
 
 
 class PlanResult(IntEnum):
@@ -28,8 +28,7 @@ class PlanResult(IntEnum):
     OPERATION_CANCELLED = 15
 
 
-@dataclass(frozen=True, slots=True)
-class PlanProblem:
+class PlanProblem(msgspec.Struct, frozen=True):
     """The first thing that is wrong with a plan: the item by its index (None: the whole), how, and in words."""
 
     index: int | None

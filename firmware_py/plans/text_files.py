@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from firmware_py.common.parameters import format_value
 from firmware_py.common.plan import Plan, PlanItem, PlanKind

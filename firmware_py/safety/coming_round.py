@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.angles import radians
-from firmware_py.common.record_class import dataclass
 
 HARD_OVER: Final = 0.95  # of the limit
 FAR_RAD: Final = radians(15.0)
@@ -17,8 +18,7 @@ NEARER_RAD: Final = radians(5.0)
 PATIENCE_S: Final = 300.0
 
 
-@dataclass(frozen=True, slots=True)
-class ComingRoundState:
+class ComingRoundState(msgspec.Struct, frozen=True):
     """Since when, from what error, she has come no nearer with her rudder hard over, and whether that was told."""
 
     since_s: float

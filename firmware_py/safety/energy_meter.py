@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.angles import radians
-from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.records import RudderStatus
 from firmware_py.common.reports import Energy
-
-_new_energy = maker(Energy)
 
 WINDOW_S: Final = 3600.0  # what is reported per hour is that of about the last hour
 REVERSAL_RAD: Final = radians(0.5)  # less than this the other way is no reversal
 LONGEST_GAP_S: Final = 2.0  # without feedback of the servo for longer nothing is known of its current
 
 
-@dataclass(frozen=True, slots=True)
-class EnergyMeterState:
+class EnergyMeterState(msgspec.Struct, frozen=True):
     """The sums since start, those of about the last hour, and the last turning point of the rudder.
 
     `extreme_rad` is the farthest angle on the present way, `direction` its sign. `power_w` is the servo's newest
@@ -38,9 +36,6 @@ class EnergyMeterState:
     power_s: float | None = None
 
 
-_new_energy_meter_state = maker(EnergyMeterState)
-
-
 def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> EnergyMeterState:
     """Take a tick's rudder angle and the power of a new feedback in."""
     angle_rad = rudder.angle_rad
@@ -53,7 +48,7 @@ def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> Ener
         if power_s is not None and 0.0 < rudder.feedback_s - power_s <= LONGEST_GAP_S:
             energy_j += rudder.power_w * (rudder.feedback_s - power_s)
         power_s, power_w = rudder.feedback_s, rudder.power_w
-    return _new_energy_meter_state(
+    return EnergyMeterState(
         state.travel_rad + moved_rad,
         state.reversals + reversed_now,
         energy_j,
@@ -83,7 +78,7 @@ def _turning_point(state: EnergyMeterState, angle_rad: float) -> tuple[float, in
 def report(state: EnergyMeterState, *, resting: bool) -> Energy:
     """Return what log and link show; `resting`: the servo's torque is released."""
     per_hour = WINDOW_S / state.recent_s if state.recent_s > 0.0 else 0.0
-    return _new_energy(
+    return Energy(
         state.travel_rad,
         state.reversals,
         state.energy_j,

@@ -12,15 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.mode_table import MODES, Mode, RudderBy, failsafe_ladder
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.faults.table import PRECEDENCE, TABLE, Fault
 
 
-@dataclass(frozen=True, slots=True)
-class FailsafeState:
+class FailsafeState(msgspec.Struct, frozen=True):
     """The faults of the last tick and those that call for a mode, as bits; the one that decides, and its mode."""
 
     active: int = 0
@@ -29,8 +29,7 @@ class FailsafeState:
     mode: Mode | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class FailsafeInput:
+class FailsafeInput(msgspec.Struct, frozen=True):
     """What a decision depends on; `overruled`: the operator has decided in this tick."""
 
     active: int
@@ -43,8 +42,7 @@ class FailsafeInput:
     resume: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(msgspec.Struct, frozen=True):
     """The mode to enter, or that what was interrupted goes on; and the events."""
 
     enter: Mode | None = None

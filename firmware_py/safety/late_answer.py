@@ -13,9 +13,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, radians, wrap_pi
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel, decay_over
 
 SAMPLE_S: Final = 1.0
@@ -30,8 +31,7 @@ ALIKE_S: Final = 4.0  # for so long what is seen errs to one side
 LEAST, MOST = -4.0, 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class LateAnswerState:
+class LateAnswerState(msgspec.Struct, frozen=True):
     """The last sample, the rudder as the boats feel it, what a turn has shown so far, and the evidence.
 
     `shown_as_told` and `shown_late` are the sums over the turn of what she turned, in rudder, by what the boat feels;

@@ -21,10 +21,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel
 from firmware_py.safety import late_answer
 from firmware_py.safety.late_answer import LateAnswerState
@@ -52,8 +53,7 @@ AGAIN_HOLDS: Final = 8.0  # at the first hold that is half an hour as stiff as d
 RELAX_S: Final = 1200.0  # by a factor of e
 
 
-@dataclass(frozen=True, slots=True)
-class OscillationSettings:
+class OscillationSettings(msgspec.Struct, frozen=True):
     """The boat's model."""
 
     model: KtModel
@@ -64,8 +64,7 @@ class OscillationSettings:
         return cls(model=KtModel.of(parameters))
 
 
-@dataclass(frozen=True, slots=True)
-class OscillationInput:
+class OscillationInput(msgspec.Struct, frozen=True):
     """What a tick shows: the error and the goal while the boat is steered for one, else None, and the rest.
 
     `trim_rad` is the rudder with which she runs straight in the mean, `push_rad` by how much it is another just now.
@@ -81,8 +80,7 @@ class OscillationInput:
     wave_period_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class HalfSwing:
+class HalfSwing(msgspec.Struct, frozen=True):
     """A stretch of the error on one side: since when, which side, the goal, how far, and with it rudder and push."""
 
     begun_s: float
@@ -94,11 +92,7 @@ class HalfSwing:
     turned: bool = False  # the goal
 
 
-_new_half_swing = maker(HalfSwing)
-
-
-@dataclass(frozen=True, slots=True)
-class OscillationState:
+class OscillationState(msgspec.Struct, frozen=True):
     """The half swing under way, the last that counted with what those in a row count, and what came of them.
 
     `softness`: by what factor the helm is softer than as delivered, `hold_s`: how long it stays so after `swung_s`,
@@ -134,11 +128,11 @@ def update(
     heading_rad = goal_rad - error_rad
     late = late_answer.update(settings.model, state.late, heading_rad, rudder_rad, given.speed_m_s, now_s, turns=turns)
     if half is None:
-        begun = _new_half_swing(now_s, 1 if error_rad >= 0.0 else -1, goal_rad, turned=True)
+        begun = HalfSwing(now_s, 1 if error_rad >= 0.0 else -1, goal_rad, turned=True)
         return replace(state, goal_rad=goal_rad, updated_s=now_s, late=late, half=begun)
     least_rad = max(LEAST_RAD, LEAST_SPREADS * given.heading_sd_rad)
     if error_rad * half.side > -RETURN_SHARE * least_rad:
-        half = _new_half_swing(
+        half = HalfSwing(
             half.begun_s,
             half.side,
             half.goal_rad,
@@ -154,7 +148,7 @@ def update(
     state = _counted(settings, replace(state, late=late), half, given, now_s, lasts=False)
     late = late_answer.turned(settings.model, state.late, given.heading_sd_rad)
     jumped = abs(wrap_pi(goal_rad - goal_before_rad)) > LEAST_RAD
-    begun = _new_half_swing(now_s, -half.side, goal_rad, turned=jumped)
+    begun = HalfSwing(now_s, -half.side, goal_rad, turned=jumped)
     return replace(state, goal_rad=goal_rad, updated_s=now_s, late=late, half=begun)
 
 

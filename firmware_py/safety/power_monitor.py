@@ -12,8 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Flow, Power
 
@@ -22,8 +23,7 @@ COMPANION: Final = 2  # PowerSample.source of another MAVLink component
 Samples = tuple[PowerSample | None, PowerSample | None, PowerSample | None]
 
 
-@dataclass(frozen=True, slots=True)
-class PowerMonitorState:
+class PowerMonitorState(msgspec.Struct, frozen=True):
     """The newest sample by its source, the time of the newest, and what has flowed since start."""
 
     samples: Samples = (None, None, None)
@@ -34,8 +34,7 @@ class PowerMonitorState:
     discharged: Flow = Flow()
 
 
-@dataclass(frozen=True, slots=True)
-class Supply:
+class Supply(msgspec.Struct, frozen=True):
     """Battery, panels and loads at a moment, None for what nobody measures; a current into the battery is positive."""
 
     voltage_v: float | None = None

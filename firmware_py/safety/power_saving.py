@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import Final
 
+import msgspec
+
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
 from firmware_py.faults.table import Fault
 
 
@@ -21,8 +22,7 @@ class Saving(IntEnum):
     KEEPS_HEADING = 2
 
 
-@dataclass(frozen=True, slots=True)
-class BatteryLimits:
+class BatteryLimits(msgspec.Struct, frozen=True):
     """Charge (0 to 1) and voltage of the battery below which she saves, and only keeps her heading; 0: never."""
 
     save_charge: float

@@ -21,9 +21,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, radians
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel, decay_over
 
 # The boats that answer: after so many blocks, by how many times the turning lag, by what part of the turn that the
@@ -46,8 +47,7 @@ ENOUGH: Final = 7.0  # of a log-likelihood ratio; 6.8 were reached in 38 days of
 AGAIN: Final = 20.0  # that she answers again: what turned her without a rudder looks like it
 
 
-@dataclass(frozen=True, slots=True)
-class Boat:
+class Boat(msgspec.Struct, frozen=True):
     """One of BOATS: the rudder as she feels it, the filter, and what speaks against her.
 
     `beyond_rad` is how far the heading is beyond what her filter says; `other_rad` what else turns her, with its mean.
@@ -64,11 +64,7 @@ class Boat:
     evidence: float = 0.0
 
 
-_new_boat = maker(Boat)
-
-
-@dataclass(frozen=True, slots=True)
-class RudderAnswerState:
+class RudderAnswerState(msgspec.Struct, frozen=True):
     """The rudder of the latest blocks, newest first, the mean speed, the boats and the verdict.
 
     `seen_s` and `near_s`: for how long the speed has been seen, and she near her goal. Of the filters: the variances of
@@ -88,8 +84,7 @@ class RudderAnswerState:
     missing: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
+class Seen(msgspec.Struct, frozen=True):
     """A block as all boats see it: the turn, its length, the model's lag, what a rudder turns in it, and the filter's.
 
     `near`: whether she is about where she is to be. `side`: of her goal; 0 by hand.
@@ -109,7 +104,7 @@ class Seen:
 
 def interrupted(state: RudderAnswerState) -> RudderAnswerState:
     """Begin the sums anew, with the verdict and what has been learned: the heading has not been seen for a while."""
-    boats = tuple(_new_boat(boat.felt_rad, 0.0, boat.other_rad, boat.mean_rad) for boat in state.boats)
+    boats = tuple(Boat(boat.felt_rad, 0.0, boat.other_rad, boat.mean_rad) for boat in state.boats)
     return replace(state, heading_variance=None, covariance=0.0, boats=boats)
 
 
@@ -188,9 +183,7 @@ def _taken(
         if part < 0.0 and not state.missing:
             lacks_rad = (before[0].beyond_rad + before[0].lacks_rad - beyond_rad) / part
             lacks_other_rad = (other_rad - before[0].other_rad + before[0].lacks_other_rad) / part
-    return _new_boat(
-        boat.felt_rad - over_rad * gone, beyond_rad, other_rad, mean_rad, lacks_rad, lacks_other_rad, evidence
-    )
+    return Boat(boat.felt_rad - over_rad * gone, beyond_rad, other_rad, mean_rad, lacks_rad, lacks_other_rad, evidence)
 
 
 def _judged(state: RudderAnswerState) -> RudderAnswerState:
@@ -201,12 +194,12 @@ def _judged(state: RudderAnswerState) -> RudderAnswerState:
             return state
         first = state.boats[0]
         beyond_rad, other_rad = first.beyond_rad + first.lacks_rad, first.other_rad - first.lacks_other_rad
-        boats = tuple(_new_boat(boat.felt_rad, beyond_rad, other_rad, boat.mean_rad) for boat in state.boats)
+        boats = tuple(Boat(boat.felt_rad, beyond_rad, other_rad, boat.mean_rad) for boat in state.boats)
         return replace(state, missing=True, boats=boats)
     if max(boat.evidence for (_, _, part, _), boat in pairs if part > 0.0) <= AGAIN:
         return state
     boats = tuple(
-        _new_boat(
+        Boat(
             boat.felt_rad,
             boat.beyond_rad - part * boat.lacks_rad,
             boat.other_rad + part * boat.lacks_other_rad,

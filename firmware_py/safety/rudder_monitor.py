@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import RudderStatus
 
 AT_COMMAND_RAD: Final = radians(3.0)  # nearer than this to the command it is where it shall be
@@ -27,8 +28,7 @@ TRIAL_S: Final = 1.2
 WIGGLE_RAD: Final = radians(6.0)
 
 
-@dataclass(frozen=True, slots=True)
-class RudderMonitorSettings:
+class RudderMonitorSettings(msgspec.Struct, frozen=True):
     """The servo current that may flow, 0 for any."""
 
     current_limit_a: float
@@ -39,8 +39,7 @@ class RudderMonitorSettings:
         return cls(current_limit_a=parameters["RUD_AMP_MAX"])
 
 
-@dataclass(frozen=True, slots=True)
-class RudderMonitorState:
+class RudderMonitorState(msgspec.Struct, frozen=True):
     """The angle and time of the last progress toward the command and of the last motion, and what follows.
 
     `side` is to which side the command lies. `jammed_rad` is where it jammed, `high_current_s`
@@ -69,9 +68,6 @@ class RudderMonitorState:
     def trial(self, now_s: float) -> bool:
         """Whether a relieved rudder is being tried at now_s."""
         return self.relieved_s is not None and now_s - self.relieved_s >= RELIEF_S
-
-
-_new_rudder_monitor_state = maker(RudderMonitorState)
 
 
 def update(
@@ -120,7 +116,7 @@ def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, engaged: b
         if overdue and still and jammed_rad is None:
             jammed_rad = angle_rad
         deviating = overdue and not still
-    return _new_rudder_monitor_state(
+    return RudderMonitorState(
         progress_rad,
         progress_s,
         motion_rad,

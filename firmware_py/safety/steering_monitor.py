@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel
 from firmware_py.safety import rudder_answer, wrong_way
 from firmware_py.safety.rudder_answer import RudderAnswerState
@@ -23,8 +24,7 @@ SLOW_S: Final = 60.0  # what changes slower than this is trim
 BLOCK_S: Final = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class SteeringMonitorSettings:
+class SteeringMonitorSettings(msgspec.Struct, frozen=True):
     """The boat's model, and which way round the servo is set up."""
 
     model: KtModel
@@ -36,8 +36,7 @@ class SteeringMonitorSettings:
         return cls(model=KtModel.of(parameters), servo_reversed=bool(parameters["RUD_REVERSE"]))
 
 
-@dataclass(frozen=True, slots=True)
-class SteeringInput:
+class SteeringInput(msgspec.Struct, frozen=True):
     """What a tick shows: the measured rudder, the estimated heading and its standard deviation, the speed, the error.
 
     `heading_rad` is None while nothing is to be learned. `shown_rad` is what the compass shows, None without one.
@@ -52,8 +51,7 @@ class SteeringInput:
     shown_rad: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(msgspec.Struct, frozen=True):
     """A stretch of time: when and with what headings it began, and the integral of the rudder [rad s] up to `t_s`."""
 
     begun_s: float
@@ -63,11 +61,7 @@ class Block:
     shown_rad: float | None = None
 
 
-_new_block = maker(Block)
-
-
-@dataclass(frozen=True, slots=True)
-class SteeringMonitorState:
+class SteeringMonitorState(msgspec.Struct, frozen=True):
     """The block under way, the slow parts of rudder and speed, and the judges.
 
     The slow parts begin amidships: at the start the boat may be in the middle of a turn. They wait while the rudder
@@ -99,16 +93,16 @@ def update(
         return replace(state, block=None, answer=rudder_answer.interrupted(state.answer))
     block = state.block
     if block is None or now_s < block.t_s:
-        return replace(state, block=_new_block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
+        return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
     rudder_rad_s = block.rudder_rad_s + given.rudder_rad * (now_s - block.t_s)
     step_s = now_s - block.begun_s
     if step_s < BLOCK_S:
-        return replace(state, block=_new_block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad))
+        return replace(state, block=Block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad))
     turned_rad = wrap_pi(given.heading_rad - block.heading_rad)
     begun_rad = block.shown_rad
     shown_rad = 0.0 if begun_rad is None or given.shown_rad is None else wrap_pi(given.shown_rad - begun_rad)
     state = compare(settings.model, state, given, Turn(rudder_rad_s / step_s, turned_rad, shown_rad, step_s))
-    return replace(state, block=_new_block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
+    return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
 
 
 def compare(model: KtModel, state: SteeringMonitorState, given: SteeringInput, turn: Turn) -> SteeringMonitorState:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
 from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode, RudderBy
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass, maker
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, RudderStatus, Severity
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
@@ -20,8 +21,6 @@ from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
 from firmware_py.safety.oscillation import OscillationInput, OscillationSettings, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState
-
-_new_failsafe_input = maker(FailsafeInput)
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
@@ -36,8 +35,7 @@ OVERRULING: Final[tuple[type[Intent], ...]] = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class SupervisorSettings:
+class SupervisorSettings(msgspec.Struct, frozen=True):
     """What each fault does to the mode, whether what was interrupted goes on after it, and when a fault stands.
 
     `failsafe_modes` are of the faults whose parameters choose; None: alert only.
@@ -73,8 +71,7 @@ class SupervisorSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class SupervisorState:
+class SupervisorState(msgspec.Struct, frozen=True):
     """What the supervisor remembers.
 
     `interrupted`: what a failsafe broke off; `left`: where one has left her that ends without FS_RESUME.
@@ -132,7 +129,7 @@ def apply_failsafe(
     overruled: bool,
 ) -> tuple[SupervisorState, ModeState, tuple[Event, ...]]:
     """Let the failsafes decide about the mode."""
-    failsafe_input = _new_failsafe_input(
+    failsafe_input = FailsafeInput(
         active,
         modes.mode,
         modes.by_failsafe,

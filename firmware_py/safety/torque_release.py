@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.common.records import RudderStatus
 
 STEADY_RAD: Final = radians(0.05)
@@ -23,8 +24,7 @@ RELEASE_TIME_S: Final = 1.0  # how long a servo may take to release
 AFTER_PUSH_S: Final = 300.0
 
 
-@dataclass(frozen=True, slots=True)
-class TorqueReleaseSettings:
+class TorqueReleaseSettings(msgspec.Struct, frozen=True):
     """How long the command must have stood before the torque is released, 0 for never."""
 
     release_after_s: float
@@ -35,8 +35,7 @@ class TorqueReleaseSettings:
         return cls(release_after_s=parameters["RUD_REST_S"])
 
 
-@dataclass(frozen=True, slots=True)
-class TorqueReleaseState:
+class TorqueReleaseState(msgspec.Struct, frozen=True):
     """The command that stands and since when; since when the torque is released, and until when it must not be."""
 
     command_rad: float = 0.0

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.angles import clamp, radians
-from firmware_py.common.record_class import dataclass
-from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel, decay_over, exact_step
 from firmware_py.safety.turn_order import FAR_RUDDER_RAD, LATE_S, LEAST_S, MEMORY_S, is_enough, ordered_s
 
@@ -17,8 +18,7 @@ SURE_RAD: Final = radians(60.0)  # so much of it is one, however slow she is tak
 SHOWN_REVERSED, SHOWN_TURN_RAD = -0.6, radians(150.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(msgspec.Struct, frozen=True):
     """A stretch of time: its mean rudder, what she turned in it by the estimate and by the compass, its length."""
 
     rudder_rad: float
@@ -27,8 +27,7 @@ class Turn:
     step_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
+class Evidence(msgspec.Struct, frozen=True):
     """For how long the rudder has told of one and the same, what she should have turned in it, and what she has."""
 
     telling_s: float = 0.0
@@ -36,8 +35,7 @@ class Evidence:
     turned_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class WrongWay:
+class WrongWay(msgspec.Struct, frozen=True):
     """Whether she turns the wrong way with RUD_REVERSE as `servo_reversed` says, and what speaks for a change of that.
 
     `rate_rad_s` is the yaw rate that the model has with no more trim than there can be. `order_s`: for how long the

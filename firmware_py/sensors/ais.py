@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.common.vessels import VesselIdentity, VesselReport, merged

@@ -9,7 +9,8 @@ from __future__ import annotations
 import binascii
 from collections.abc import Mapping
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.sensors.message_error import MALFORMED, MessageError
 
 LEAST_LETTERS, MOST_LETTERS = 7, 5 * 62  # type, number and part of a message; five sentences
@@ -19,8 +20,7 @@ _TO_BASE64 = bytes.maketrans(_ARMOUR, _BASE64)
 _LETTERS = "@ABCDEFGHIJKLMNOPQRSTUVWXYZ[\\]^_ !\"#$%&'()*+,-./0123456789:;<=>?"
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
+class Layout(msgspec.Struct, frozen=True):
     """One sort of message: its least and greatest length in bits, and the first bit and width of each field.
 
     A negative width is that of a number with a sign.
@@ -108,8 +108,7 @@ LAYOUTS: Mapping[int, Layout] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Payload:
+class Payload(msgspec.Struct, frozen=True):
     """The numbers and texts of one message as they were sent; None for a text that is empty."""
 
     kind: int

@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import msgspec
+
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError
 
 LONGEST_SENTENCE = 120  # the standard says 82; some stations write longer ones
@@ -18,8 +20,7 @@ PART_WAIT_S = 10.0
 _SENTENCE = re.compile(rb"!([A-Z]{2}VD[MO],[0-9A-Za-z:;<=>?@`,]{1,%d})\*([0-9A-Fa-f]{2})" % LONGEST_SENTENCE)
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
+class Message(msgspec.Struct, frozen=True):
     """The payload of a message and how many of its last bits fill up; `own`: it is the one that this boat sends."""
 
     payload: bytes

@@ -6,12 +6,12 @@ import re
 from collections.abc import Callable
 from typing import Protocol
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED
 
 
-@dataclass(frozen=True, slots=True)
-class Packet:
+class Packet(msgspec.Struct, frozen=True):
     """A whole packet, or a run of bytes that is none.
 
     `offset` counts the bytes of the stream; `fault` is empty, CHECKSUM (something in

@@ -18,7 +18,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.sensors.binary_framing import Packet, PacketFramer
 from firmware_py.sensors.message_error import MessageError
 
@@ -30,8 +31,7 @@ _WHOLE = frozenset({"satellites", "quality"})
 _DIGITS = 9  # a ten-thousandth of a millimetre on the ground; hides the noise of binary fractions
 
 
-@dataclass(frozen=True, slots=True)
-class CaptureFormat:
+class CaptureFormat(msgspec.Struct, frozen=True):
     """A protocol as `rambler decode` knows it: its name there, and one result for each message of a capture."""
 
     name: str

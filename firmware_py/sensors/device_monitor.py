@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.record_class import maker
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
 from firmware_py.common.silence import learn_interval_s, timeout_s
-
-_new_device_health = maker(DeviceHealth)
 
 SILENT_AFTER_S = 2.0
 ERROR_KEPT_S = 10.0  # an old error would hide that all is well again
@@ -73,7 +70,7 @@ class DeviceMonitor:
         """The record; `fault` is what the device reports against itself, empty for nothing."""
         state = self._state(now_s, fault)
         text = _short(fault) if state is DeviceState.FAULTY else self._text(now_s, state)
-        return _new_device_health(now_s, self._role, state, self._accepted, self._rejected, text)
+        return DeviceHealth(now_s, self._role, state, self._accepted, self._rejected, text)
 
     def _state(self, now_s: float, fault: str) -> DeviceState:
         if not self._line.connected:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors import mti_protocol as xbus
 from firmware_py.sensors.binary_framing import Packet

@@ -11,13 +11,13 @@ read as a heading. In ENU, the device's default, yaw counts from east, the other
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
 
+import msgspec
+
 from firmware_py.common.angles import degrees, radians
-from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.mti_protocol import (
@@ -46,8 +46,7 @@ _CLIPPED: Mapping[str, int] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True):
     """What a data message says of the boat; None where the message does not have it.
 
     `frame` is None without Euler angles; the angles of other frames than NED are left out.
@@ -200,7 +199,7 @@ def _result(packet: bytes) -> Result:
     if message != Message.MT_DATA2:
         return {"type": "other", **head}
     reading = read_data(data)
-    values = dataclasses.asdict(reading)
+    values = msgspec.structs.asdict(reading)
     values["frame"] = None if reading.frame is None else reading.frame.name
     values["status"] = None if reading.status is None else f"{reading.status:08X}"
     if reading.heading_magnetic_deg is None:  # another frame or none: only what there is

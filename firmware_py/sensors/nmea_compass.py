@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.record_class import dataclass, maker
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_reader import NmeaReader
 from firmware_py.sensors.nmea_sentences import Decoded, Numbers
-
-_new_heading_sample = maker(HeadingSample)
 
 HEADING_SENTENCES = ("HDG", "HDT", "HDM", "THS", "PASHR")
 TURN_RATE_KEPT_S = 1.0
@@ -123,7 +121,7 @@ class NmeaCompass:
         self._monitor.accept(now_s)
         self._monitor.note("")
         self._samples.append(
-            _new_heading_sample(
+            HeadingSample(
                 t_s=now_s,
                 heading_rad=wrap_two_pi(radians(heading_deg)),
                 reference=NorthReference.MAGNETIC if true_deg is None else NorthReference.TRUE,

@@ -6,7 +6,8 @@ import functools
 import operator
 import re
 
-from firmware_py.common.record_class import dataclass, maker
+import msgspec
+
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, NO_CHECKSUM
 
 # The standard says 82 bytes, u-blox's $PUBX,03 takes 500 and more.
@@ -18,8 +19,7 @@ _ADDRESS = re.compile(rb"[A-Z][A-Z0-9]{2,7}(?=,|\Z)")
 _HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
 
 
-@dataclass(frozen=True, slots=True)
-class Sentence:
+class Sentence(msgspec.Struct, frozen=True):
     """What stood between `$` or `!` and the checksum, and what is wrong with it, if anything.
 
     `line` counts LF from 1; `fields` are those after the address; `fault` is empty,
@@ -40,9 +40,6 @@ class Sentence:
     def talker(self) -> str:
         """Who speaks, such as HC; P for every proprietary sentence."""
         return "P" if self.address[0] == "P" else self.address[:2]
-
-
-_new_sentence = maker(Sentence)
 
 
 class NmeaFramer:
@@ -94,7 +91,7 @@ class NmeaFramer:
         match = _ADDRESS.match(body)
         if match:
             words = body.decode("latin-1").split(",")
-            sentences.append(_new_sentence(self._line, words[0], tuple(words[1:]), fault))
+            sentences.append(Sentence(self._line, words[0], tuple(words[1:]), fault))
 
     def _judge(self, body: bytes, stop: int) -> tuple[str, int]:
         """Return the fault of a body that ends at `stop`, and where to read on."""

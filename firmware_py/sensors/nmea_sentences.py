@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from firmware_py.common.record_class import dataclass, maker
+import msgspec
+
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.nmea_fields import (
     Fields,
@@ -31,8 +32,7 @@ from firmware_py.sensors.nmea_framing import Sentence
 Numbers = Mapping[str, float | None]
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
+class Decoded(msgspec.Struct, frozen=True):
     """The values of a sentence: numbers (None where the field is empty) and letters."""
 
     topic: str
@@ -40,11 +40,7 @@ class Decoded:
     letters: Mapping[str, str]
 
 
-_new_decoded = maker(Decoded)
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
+class Layout(msgspec.Struct, frozen=True):
     """One kind of sentence: its topic, its fewest fields, and how each value is read."""
 
     topic: str
@@ -232,4 +228,4 @@ def decode_sentence(sentence: Sentence) -> Decoded | None:
     for name, derive in layout.derived:
         numbers[name] = derive(numbers)
     letters = {name: fields[index] if index < len(fields) else "" for name, index in layout.letters}
-    return _new_decoded(layout.topic, numbers, letters)
+    return Decoded(layout.topic, numbers, letters)

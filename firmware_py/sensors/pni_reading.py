@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.pni_protocol import Component, Frame, frame_id, framer, parse_data, payload
@@ -19,8 +19,7 @@ _RANGES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True):
     """What a DATA frame says; None where it does not have the component."""
 
     heading_magnetic_deg: float | None
@@ -57,7 +56,7 @@ def _result(packet: bytes) -> Result:
     frame = frame_id(packet)
     if frame == Frame.DATA:
         reading = read_data(payload(packet))
-        return {"type": "heading", "frame_id": frame, **values_of("heading", dataclasses.asdict(reading))}
+        return {"type": "heading", "frame_id": frame, **values_of("heading", msgspec.structs.asdict(reading))}
     if frame == Frame.MODULE_INFO:
         return {"type": "module_info", "frame_id": frame, "module": _printable(payload(packet))}
     return {"type": "other", "frame_id": frame}

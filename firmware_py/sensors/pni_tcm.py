@@ -5,11 +5,11 @@ from __future__ import annotations
 import struct
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import (
     Calibration,
     CalibrationState,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from firmware_py.common.calendar import mended_utc_s
 from firmware_py.common.interfaces import Position

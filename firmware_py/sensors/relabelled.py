@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Generic, Protocol, TypeVar
+
+from msgspec.structs import replace
 
 from firmware_py.common.interfaces import Device
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, PowerSample

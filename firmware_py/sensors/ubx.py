@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
 from firmware_py.sensors import ubx_protocol as ubx
 from firmware_py.sensors.binary_framing import Packet

@@ -5,14 +5,14 @@ Source: u-blox 8 / M8 receiver description, UBX-13003221, sections 32.2 and 32.1
 
 from __future__ import annotations
 
-import dataclasses
 import datetime as dt
 import itertools
 import re
 import struct
 from collections.abc import Iterator
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.common.records import FixType
 from firmware_py.sensors.binary_framing import PacketFramer
 from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
@@ -29,8 +29,7 @@ _FIX_TYPES = {2: FixType.FIX_2D, 3: FixType.FIX_3D, 4: FixType.FIX_3D}  # 1 is d
 _CARRIER = {1: FixType.RTK_FLOAT, 2: FixType.RTK_FIXED}
 
 
-@dataclass(frozen=True, slots=True)
-class NavPvt:
+class NavPvt(msgspec.Struct, frozen=True):
     """A navigation solution; all but fix and satellites are None without a valid fix."""
 
     fix: FixType
@@ -140,7 +139,7 @@ def _result(packet: bytes) -> Result:
     number = message(packet)
     if number != NAV_PVT:
         return {"type": "other", "message": f"{number >> 8:02X}-{number & 0xFF:02X}"}
-    solution = dataclasses.asdict(parse_nav_pvt(payload(packet)))
+    solution = msgspec.structs.asdict(parse_nav_pvt(payload(packet)))
     fix = {"fix": solution.pop("fix").name}
     return {"type": "position", "message": "NAV-PVT", **fix, **values_of("position", solution)}
 

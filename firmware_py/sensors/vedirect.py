@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole, PowerSample
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import MessageError

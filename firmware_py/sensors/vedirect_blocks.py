@@ -10,7 +10,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.sensors.decode import CaptureFormat, Result, chunks, values_of
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError, within
 
@@ -22,16 +23,14 @@ _NUMBER = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
 _UNKNOWN = "---"
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(msgspec.Struct, frozen=True):
     """The values of a block by label; `fault` is empty, CHECKSUM or MALFORMED (cut off or far too long)."""
 
     fields: Mapping[str, str]
     fault: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
+class Measured(msgspec.Struct, frozen=True):
     """What a block says, None for what it does not; a current into the battery is positive.
 
     `error` is a charger's number of what it reports against itself, 0 for nothing; `alarm` the reasons, as bits, of a

@@ -14,11 +14,12 @@ import math
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.files.making import FILE_MODE
 from firmware_py.files.reading import read_regular
 
@@ -41,8 +42,7 @@ _CRASHES = ("SEGV", "ABRT", "BUS", "FPE", "ILL", "SYS")
 _PLACE = re.compile(r'File "(?:[^"]*/)?([^"/]+/[^"/]+)", line (\d+) in (\S+)')
 
 
-@dataclass(frozen=True, slots=True)
-class Ending:
+class Ending(msgspec.Struct, frozen=True):
     """How one run has ended: why, in words of our own, and what is known besides; when, as far as the machine knew."""
 
     why: str
@@ -50,11 +50,10 @@ class Ending:
     utc_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Endings:
+class Endings(msgspec.Struct, frozen=True):
     """All that is kept: how often a run has ended why, the last endings (newest last), and whether one is under way."""
 
-    counts: Mapping[str, int] = field(default_factory=dict)
+    counts: Mapping[str, int] = msgspec.field(default_factory=dict)
     last: tuple[Ending, ...] = ()
     running: bool = False
 
@@ -68,7 +67,7 @@ class Endings:
 
 def to_text(endings: Endings) -> str:
     """Write them as JSON."""
-    return json.dumps(asdict(endings), indent=None, separators=(",", ":"), allow_nan=False) + "\n"
+    return json.dumps(msgspec.to_builtins(endings), indent=None, separators=(",", ":"), allow_nan=False) + "\n"
 
 
 def from_text(text: str) -> Endings:

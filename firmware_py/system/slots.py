@@ -20,7 +20,8 @@ import zlib
 from enum import Enum
 from pathlib import Path
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.common.records import Stored
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, sync_directory
 from firmware_py.files.reading import open_regular, read_regular
@@ -46,8 +47,7 @@ class Condition(Enum):
     UNREADABLE = "cannot be read"
 
 
-@dataclass(frozen=True, slots=True)
-class _Slot:
+class _Slot(msgspec.Struct, frozen=True):
     """One slot: its number, what it is found to be, and the version in it."""
 
     number: int

@@ -12,13 +12,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, Protocol
 
+import msgspec
+
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet, format_file, parse_file
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Stored
 from firmware_py.plans.validation import problem_of
 from firmware_py.system.endings import ENDINGS_FILE
@@ -58,8 +59,7 @@ class Stock(Protocol):
         """Return the newest whole version, and what is wrong with what is stored."""
 
 
-@dataclass(frozen=True, slots=True)
-class StateFiles:
+class StateFiles(msgspec.Struct, frozen=True):
     """A state directory that is not held: safe beside an autopilot that is writing; a Stock."""
 
     directory: Path
@@ -187,8 +187,7 @@ class StateDirectory:
         self._store.save(PARAMETER_FILE, format_file(self._kept).encode())
 
 
-@dataclass(frozen=True, slots=True)
-class KeyVault:
+class KeyVault(msgspec.Struct, frozen=True):
     """Keeps the signing key, or what else is named, in the store; a Vault."""
 
     store: Store

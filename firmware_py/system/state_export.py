@@ -11,11 +11,11 @@ import json
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import field
 from pathlib import Path
 from typing import Final
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.files.making import PRIVATE_MODE, sync_directory, write_whole
 from firmware_py.files.reading import read_regular
 
@@ -32,12 +32,11 @@ class BrokenExportError(ValueError):
     """What was read is no exported state, or none that this version can read; the text names the remedy."""
 
 
-@dataclass(frozen=True, slots=True)
-class Export:
+class Export(msgspec.Struct, frozen=True):
     """The content of each name, None for one that holds nothing; `about` says where it comes from."""
 
     files: Mapping[str, str | None]
-    about: Mapping[str, str] = field(default_factory=dict)
+    about: Mapping[str, str] = msgspec.field(default_factory=dict)
 
     def content(self, name: str) -> bytes | None:
         """Return what a name holds."""

@@ -15,12 +15,12 @@ import math
 import os
 import pwd
 from collections.abc import Mapping, Sequence
-from dataclasses import field
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.files.making import write_whole
 from firmware_py.files.reading import read_regular
 
@@ -42,12 +42,11 @@ class Freshness(Enum):
     ABSENT = "absent"
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
+class Found(msgspec.Struct, frozen=True):
     """What was found of an autopilot: what it said, how long ago, and why it is not to be taken for what is now."""
 
     freshness: Freshness
-    content: Mapping[str, Any] = field(default_factory=dict)
+    content: Mapping[str, Any] = msgspec.field(default_factory=dict)
     age_s: float | None = None
     reason: str = ""
 

@@ -6,12 +6,13 @@ import json
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, fields
 from typing import Any
+
+import msgspec
+from msgspec.structs import asdict, fields
 
 from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.link_status import LinkStatus, PeerStatus
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole
 from firmware_py.common.reports import Output, Snapshot, SwingReport
 from firmware_py.faults.latch import LatchState
@@ -26,8 +27,7 @@ RATE_OVER = 10  # intervals that a device's rate is averaged over
 _PEER = tuple(field.name for field in fields(PeerStatus))
 
 
-@dataclass(frozen=True, slots=True)
-class StatusSources:
+class StatusSources(msgspec.Struct, frozen=True):
     """What a status is made of beside the snapshot; `about` is what does not change while the process runs.
 
     `ports` names driver and port of each device.

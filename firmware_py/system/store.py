@@ -11,9 +11,11 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
+
+from msgspec.structs import replace
 
 from firmware_py.common.records import Progress, Stored
 from firmware_py.system.hold import Hold, InUseError, StoreError

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.system.hold import StoreError
 from firmware_py.system.slots import SlotWriter, is_secret
 from firmware_py.system.state_export import BrokenExportError, awaited_import, end_import, remove_leftovers
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
+class Job(msgspec.Struct, frozen=True):
     """A version to be written; None: the failed one is withdrawn. `once`: it is not tried again.
 
     `both`: into both slots, one after the other.
@@ -22,8 +22,7 @@ class Job:
     both: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Failure:
+class Failure(msgspec.Struct, frozen=True):
     """What went wrong with a name, and what is still to be done for it."""
 
     text: str

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import parse_qs
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.files.reading import read_regular
 
 COOKIE: Final = "rambler_view"
@@ -44,8 +45,7 @@ def listen_address(listen: str, *, with_token: bool) -> tuple[str, int, bool]:
     return host, port, loopback
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(msgspec.Struct, frozen=True):
     """What is answered to a request: an HTTP status, the path that is meant, the token to be remembered."""
 
     status: int
@@ -54,8 +54,7 @@ class Verdict:
     remember: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Guard:
+class Guard(msgspec.Struct, frozen=True):
     """Judges requests; `token` is empty on the loopback, `names` are the computer's own beside localhost."""
 
     token: str

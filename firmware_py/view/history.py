@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, Final
+
+import msgspec
 
 from firmware_py.view.model import DIGITS, PANELS, PLACE_DIGITS
 
@@ -59,7 +60,7 @@ class History:
         return _json(
             {
                 "names": COLUMNS,
-                "panels": [asdict(panel) for panel in PANELS],
+                "panels": [msgspec.to_builtins(panel) for panel in PANELS],
                 "rows": self._rows,
                 "marks": [list(mark) for mark in self._marks],
                 "now": self.now,

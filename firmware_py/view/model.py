@@ -18,18 +18,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, Final
 
+import msgspec
+
 from firmware_py.common.plan import Plan
-from firmware_py.common.record_class import dataclass
 
 Voyage = dict[str, Any]
 PLACE_DIGITS, DIGITS = 7, 3
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(msgspec.Struct, frozen=True):
     """A column drawn as a line; its look is a class of view.css."""
 
     column: str
@@ -37,8 +36,7 @@ class Line:
     look: str = "main"
 
 
-@dataclass(frozen=True, slots=True)
-class Panel:
+class Panel(msgspec.Struct, frozen=True):
     """Lines over time with one axis: `least` is the least span of it, `band` shades +- so much around 0.
 
     An axis with a band does not follow what lies far outside of it. `wrap`: degrees of the compass. `step`: a value
@@ -113,7 +111,7 @@ def voyage(
     digits = {"lat_deg": PLACE_DIGITS, "lon_deg": PLACE_DIGITS}
     return {
         "columns": {name: numbers(values, digits.get(name, DIGITS)) for name, values in columns.items()},
-        "panels": [asdict(panel) for panel in panels],
+        "panels": [msgspec.to_builtins(panel) for panel in panels],
         "marks": [[round(t_s, 2), severity, text] for t_s, severity, text in marks if math.isfinite(t_s)],
     }
 

@@ -7,8 +7,9 @@ import contextlib
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
+
+from msgspec.structs import replace
 
 from firmware_py.common.angles import compass_degrees, degrees
 from hil.cli.run_end import reported

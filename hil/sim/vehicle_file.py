@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
+
+from msgspec.structs import replace
 
 from firmware_py import vehicle as vehicle_format
 from firmware_py.common.angles import radians

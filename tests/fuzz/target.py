@@ -1,10 +1,11 @@
 """What is fuzzed: a function of bytes, and the refusals that it documents; how an input is cut into records."""
 
-import dataclasses
 import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+
+import msgspec
 
 MOST_RECORDS = 64
 MOST_LINE = 1000  # characters of a refusal
@@ -63,8 +64,8 @@ def check_finite(value, name=""):
     """No number of a record, at any depth, is NaN or infinite."""
     if isinstance(value, float):
         assert math.isfinite(value), f"{name} {value}"
-    elif dataclasses.is_dataclass(value):
-        for field in dataclasses.fields(value):
+    elif isinstance(value, msgspec.Struct):
+        for field in msgspec.structs.fields(value):
             check_finite(getattr(value, field.name), field.name)
     elif isinstance(value, tuple):
         for part in value:

@@ -6,12 +6,12 @@ import random
 import re
 import struct
 import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import (

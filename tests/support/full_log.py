@@ -1,6 +1,6 @@
 """A log of a boat that knows all it can: mission, fence, battery, estimate, a fault, a stick."""
 
-import dataclasses
+import msgspec
 
 from firmware_py.common.intents import ManualRudder, ReplacePlan, Request
 from firmware_py.common.parameters import ParameterSet
@@ -58,7 +58,7 @@ def inputs_of(index, requests=()):
 
 def boat(index):
     armed = index >= ARM_TICK
-    return dataclasses.replace(
+    return msgspec.structs.replace(
         SNAPSHOT,
         t_s=100.0 + 0.1 * index,
         tick=index,

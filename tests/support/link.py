@@ -1,7 +1,6 @@
 """A link on a transport in memory, before a request handler that records what it is asked."""
 
-import dataclasses
-
+import msgspec
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, SetParameter, Verdict
@@ -265,7 +264,7 @@ class Rig:
     def tick_silently(self, *, seconds=0.1, events=(), **changes):
         """Publish one tick; `said` tells what the link said."""
         self.now_s += seconds
-        snapshot = dataclasses.replace(SNAPSHOT, t_s=self.now_s, **changes)
+        snapshot = msgspec.structs.replace(SNAPSHOT, t_s=self.now_s, **changes)
         self.endpoint.publish(Output(RudderCommand(0.0, True), snapshot, tuple(events)), self.now_s)
 
     def said(self, address=None):

@@ -13,11 +13,12 @@ import select
 from array import array
 from collections import Counter
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from firmware_py.assemble.earlier_runs import read_state, resume
 from firmware_py.assemble.logs import dated, storage_of

@@ -1,9 +1,10 @@
 """A boat at sea in one process: the tick, the ship and its sensors without ports, thousands of times real time."""
 
+import dataclasses
 import math
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.common.intents import Arm, Request, SetMode
@@ -50,7 +51,7 @@ class TickHull:
         assert scenario.extras == NONE, "the extras of a sea are FineHull's"
         scaled = OCEAN_RAMBLER.at_speed(scenario.speed_m_s)
         bias_rad = scaled.rudder_offset_rad + radians(scenario.bias_deg)
-        self.plant = KtPlant(replace(scaled, rudder_offset_rad=bias_rad), STEP_S)
+        self.plant = KtPlant(dataclasses.replace(scaled, rudder_offset_rad=bias_rad), STEP_S)
         self.drift = RudderDrift(radians(scenario.drift_deg), STEP_S, NormalNumbers(generator(seed, Stream.DRIFT)))
         numbers = NormalNumbers(generator(seed, Stream.WAVES))
         self.waves = WaveYaw(radians(scenario.wave_yaw_deg), scenario.wave_period_s, STEP_S, numbers)
@@ -217,7 +218,7 @@ class Sailing:
 
 def sea(name="calm", **changes):
     """A sea of the table, changed."""
-    return replace(named(name), **changes)
+    return dataclasses.replace(named(name), **changes)
 
 
 def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, wave_s=6.0, wave_deg=4.0, bias_deg=5.0, **more):

@@ -1,10 +1,10 @@
 """A boat's link by satellite before an emulated modem and network, in simulated time; and the shore's side of a key."""
 
-import dataclasses
 import hashlib
 import hmac
 import struct
 
+import msgspec
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -104,7 +104,7 @@ class SatelliteBoat:
             self._publish(())
 
     def _publish(self, events):
-        snapshot = dataclasses.replace(SNAPSHOT, t_s=self.now_s, rate_hz=1.0, **self.changes)
+        snapshot = msgspec.structs.replace(SNAPSHOT, t_s=self.now_s, rate_hz=1.0, **self.changes)
         self.endpoint.publish(Output(RudderCommand(0.0, True), snapshot, tuple(events)), self.now_s)
 
     def delivered(self):

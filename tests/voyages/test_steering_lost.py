@@ -6,10 +6,10 @@ The proofs sail by the compiled twin: `pytest -m proof tests/voyages/test_steeri
 import itertools
 import math
 import random
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.intents import Arm, SetMode, SteerHeading
 from firmware_py.common.mode_table import Mode

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import replace
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.latest import keep_latest
 
@@ -18,8 +19,7 @@ _LATEST = 4  # of each command: a double of an earlier one may come behind its c
 _NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
 
 
-@dataclass(frozen=True, slots=True)
-class CommandRecord:
+class CommandRecord(msgspec.Struct, frozen=True):
     """A command as it came: when, with which sequence number, what it asked, and who; and its result."""
 
     t_s: float

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+
+import msgspec
+from msgspec.structs import replace
 
 from firmware_py.common.intents import Answer, Verdict
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Severity
 from firmware_py.link.commands.memory import CommandMemory, CommandRecord
 from firmware_py.link.commands.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, PendingCommand
@@ -25,8 +26,7 @@ _KEEP_TIMEOUT_S = 15.0  # longer than a write may have to wait for the ones befo
 _UNKEPT = 1  # result_param2 of what is done and may be forgotten by a restart
 
 
-@dataclass(frozen=True, slots=True)
-class CommandCall:
+class CommandCall(msgspec.Struct, frozen=True):
     """One command as it came; the fields are unchecked: NaN, infinite, anything."""
 
     peer: Peer
@@ -64,8 +64,7 @@ class CommandCall:
 CommandAction = Callable[[LinkContext, CommandCall], Answer | PendingCommand]
 
 
-@dataclass(frozen=True, slots=True)
-class CommandRow:
+class CommandRow(msgspec.Struct, frozen=True):
     """One command.
 
     `text` says what it does, for the reference. `repeatable`: a retry is carried out again,

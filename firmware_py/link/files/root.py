@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
+import msgspec
+
 from firmware_py.common.interfaces import RequestHandler
 from firmware_py.common.parameters import format_file
-from firmware_py.common.record_class import dataclass
 from firmware_py.link.files.area import Area, Parts
 from firmware_py.link.files.tree import Generate, Sink, Tree
 from firmware_py.link.parameters.metadata import Metadata
@@ -21,8 +22,7 @@ def _no_logs() -> Mapping[int, Path]:
     return {}
 
 
-@dataclass(frozen=True, slots=True)
-class FileRoot:
+class FileRoot(msgspec.Struct, frozen=True):
     """The parts of the disk that ground stations may see.
 
     `catalogue` finds the logs by number, the newest highest; with `logging` that one is being written. `uploads`

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Mapping
-from dataclasses import field
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.link.files.area import DEEPEST, LONGEST_NAME, Area, Entry, Parts
 from firmware_py.link.files.payload import Error, Refusal
 
@@ -16,8 +16,7 @@ Query = Mapping[str, str]  # what stands behind a question mark
 Generate = Callable[[Query], bytes]
 
 
-@dataclass(frozen=True, slots=True)
-class Origin:
+class Origin(msgspec.Struct, frozen=True):
     """Who has uploaded something: its MAVLink address, and when."""
 
     system: int
@@ -29,13 +28,12 @@ class Origin:
 Sink = Callable[[bytes, Origin, Callable[[str], None]], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Tree:
+class Tree(msgspec.Struct, frozen=True):
     """The root: areas by the name of their directory, files in memory and sinks by their whole path."""
 
-    areas: Mapping[str, Area] = field(default_factory=dict)
-    generated: Mapping[Parts, Generate] = field(default_factory=dict)
-    sinks: Mapping[Parts, Sink] = field(default_factory=dict)
+    areas: Mapping[str, Area] = msgspec.field(default_factory=dict)
+    generated: Mapping[Parts, Generate] = msgspec.field(default_factory=dict)
+    sinks: Mapping[Parts, Sink] = msgspec.field(default_factory=dict)
 
     def area(self, parts: Parts, *, write: bool = False) -> tuple[Area, Parts]:
         """Return the area that a path lies in and the path within it; Refusal where there is none."""

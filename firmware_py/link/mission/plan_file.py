@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
+
+from msgspec.structs import replace
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes

@@ -8,7 +8,10 @@ ends an upload early leaves the old plan as it was.
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+
+import msgspec
+from msgspec.structs import replace
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
@@ -68,8 +71,7 @@ class PlanUpload:
         return Plan.of(self.kind, (*old[: self.first], *self.items, *old[self.end :])[self.home_count :])
 
 
-@dataclass(frozen=True, slots=True)
-class UploadEnd:
+class UploadEnd(msgspec.Struct, frozen=True):
     """How an upload ended, to be said again when its last item comes again, or late any other."""
 
     sequence: int

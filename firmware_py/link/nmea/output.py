@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
+
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.reading_notes import shown
-from firmware_py.common.record_class import dataclass
 from firmware_py.link.nmea.sentences import LONGEST, TABLE, Scene, sentences
 from firmware_py.link.wire.open_transport import NMEA, open_transport
 from firmware_py.link.wire.transport import LinkError, Transport
@@ -17,8 +18,7 @@ _FORMS = "nmea:udpout:HOST:PORT, nmea:tcpin:HOST:PORT, nmea:tcpout:HOST:PORT or 
 _SLOWEST_HZ, _FASTEST_HZ = 0.01, 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class NmeaOptions:
+class NmeaOptions(msgspec.Struct, frozen=True):
     """Which sentences, and how often."""
 
     sentences: tuple[str, ...] = tuple(TABLE)

@@ -10,9 +10,10 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 
+import msgspec
+
 from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
 from firmware_py.common.calendar import is_possible
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, Snapshot
 
@@ -23,8 +24,7 @@ _LONGEST_XTE = 9.99
 _GGA_QUALITY: Mapping[FixType, int] = {FixType.DGPS: 2, FixType.RTK_FIXED: 4, FixType.RTK_FLOAT: 5}
 
 
-@dataclass(frozen=True, slots=True)
-class Scene:
+class Scene(msgspec.Struct, frozen=True):
     """The boat after a tick, the time, and the declination in force (east positive)."""
 
     snapshot: Snapshot

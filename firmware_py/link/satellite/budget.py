@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from datetime import date
 from enum import IntEnum
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+from msgspec.structs import replace
 
 _DAY_S = 86400.0
 _EPOCH_DAY = date(1970, 1, 1).toordinal()
@@ -29,8 +29,7 @@ class Kind(IntEnum):
 _SHARES: Mapping[Kind, float] = {Kind.EVENT: 0.95, Kind.REPORT: 0.9, Kind.ANSWER: 0.7, Kind.MAILBOX: 1.0}
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(msgspec.Struct, frozen=True):
     """Credits for a day and a month of UTC, 0 for no limit, and how many bytes one credit carries."""
 
     day: int
@@ -42,8 +41,7 @@ class Limits:
         return max(1, math.ceil(size_bytes / self.credit_bytes))
 
 
-@dataclass(frozen=True, slots=True)
-class Ledger:
+class Ledger(msgspec.Struct, frozen=True):
     """Credits of this day and this month (both counted from 1970), and since the record began."""
 
     day: int = 0

@@ -6,6 +6,8 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import msgspec
+
 from firmware_py.common.link_status import session_ending
 from firmware_py.common.records import Event, Severity
 from firmware_py.link.satellite.budget import Kind, Ledger, Limits
@@ -25,8 +27,7 @@ _SILENT_S = 60.0  # a modem that has said nothing for this long is told
 _KEPT_S = 1800.0  # so is what has kept her from a session for this long: a seaway hides the sky for less
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
+class Settings(msgspec.Struct, frozen=True):
     """What parameters say: limits, the least signal, and after how long without a session one looks for messages."""
 
     limits: Limits

@@ -14,10 +14,11 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import replace
 from hmac import compare_digest
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.link.wire.dialect import checksum, mavlink
 
 MARK = 0xB5
@@ -30,8 +31,7 @@ _NUMBER = slice(1, 6)
 _HEAD_BYTES = 10
 
 
-@dataclass(frozen=True, slots=True)
-class Keyed:
+class Keyed(msgspec.Struct, frozen=True):
     """A frame of the short form whose code holds; `frame` is the same as MAVLink 2."""
 
     number: int
@@ -62,8 +62,7 @@ def open_keyed(message: bytes, imei: str, code: Callable[[bytes], bytes | None])
     return Keyed(int.from_bytes(covered[_NUMBER], "little"), b"\xfd" + body + checked.to_bytes(2, "little"))
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
+class Window(msgspec.Struct, frozen=True):
     """The latest numbers that have counted, in order, and `floor`: up to there none counts any more."""
 
     floor: int = 0

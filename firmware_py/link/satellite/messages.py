@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.link.satellite.budget import Kind
 from firmware_py.link.satellite.modem import LONGEST_OUT
 
 _DEPTHS: Mapping[Kind, int] = {Kind.EVENT: 16, Kind.REPORT: 24, Kind.ANSWER: 16}
 
 
-@dataclass(frozen=True, slots=True)
-class Bundle:
+class Bundle(msgspec.Struct, frozen=True):
     """Frames that go out in one message."""
 
     frames: tuple[tuple[Kind, bytes], ...] = ()

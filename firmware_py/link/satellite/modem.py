@@ -6,10 +6,10 @@ Source: Iridium ISU AT Command Reference, the commands of Short Burst Data.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import replace
 from typing import TypeAlias
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+from msgspec.structs import replace
 
 LONGEST_OUT = 340  # bytes of a message that a 9602 sends
 LONGEST_IN = 270  # and receives
@@ -24,8 +24,7 @@ _HANDED_OVER, _NOT_HANDED_OVER = 1, 2  # the third number of +SBDIX; 0: there is
 _ENDINGS = (b"OK", b"ERROR", b"READY")
 
 
-@dataclass(frozen=True, slots=True)
-class Ask:
+class Ask(msgspec.Struct, frozen=True):
     """A command, or bytes, and how long the answer may take; `content`: it begins with a message in binary."""
 
     data: bytes
@@ -33,8 +32,7 @@ class Ask:
     content: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
+class Reply(msgspec.Struct, frozen=True):
     """The lines of an answer, how it ended (empty: not at all), and the message in it, None for a damaged one."""
 
     ending: bytes
@@ -42,8 +40,7 @@ class Reply:
     content: bytes | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Session:
+class Session(msgspec.Struct, frozen=True):
     """How a session has ended.
 
     `status` is that of the message sent: 0 to 4 for sent, None when the modem did not say. `tried`: the satellite was

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import field
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.link.satellite.budget import Ledger
 from firmware_py.link.satellite.keyed import KEPT_NUMBERS, Window
 
@@ -18,12 +18,11 @@ _TEXT = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Record(msgspec.Struct, frozen=True):
     """`seen` are number and checksum of the last messages without a key: the network may hand one over twice."""
 
-    ledger: Ledger = field(default_factory=Ledger)
-    window: Window = field(default_factory=Window)
+    ledger: Ledger = msgspec.field(default_factory=Ledger)
+    window: Window = msgspec.field(default_factory=Window)
     seen: tuple[tuple[int, int], ...] = ()
 
 

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from enum import Enum
 from hashlib import sha256
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.common.records import Stored
 
 KEY_BYTES = 32
@@ -25,8 +26,7 @@ class KeyState(Enum):
     LOST = "lost"  # something is there, and no key can be had of it
 
 
-@dataclass(frozen=True, slots=True)
-class KeyRecord:
+class KeyRecord(msgspec.Struct, frozen=True):
     """A key, a timestamp that is no older than any used with it, and the latest of each stream."""
 
     key: bytes
@@ -34,8 +34,7 @@ class KeyRecord:
     streams: dict[Stream, int]
 
 
-@dataclass(frozen=True, slots=True)
-class KeyFinding:
+class KeyFinding(msgspec.Struct, frozen=True):
     """What is found of a key; `problem` says how it was lost. `aged`: the record may be an older one."""
 
     state: KeyState

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field
+
+import msgspec
 
 from firmware_py.common.angles import TWO_PI, degrees
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Snapshot, SwingReport
 
@@ -19,8 +19,7 @@ INT32_MAX = 0x7FFFFFFF
 _SINGLE_MAX = 3.4028234663852886e38
 
 
-@dataclass(frozen=True, slots=True)
-class TelemetryContext:
+class TelemetryContext(msgspec.Struct, frozen=True):
     """The boat after a tick, and what the link knows beside it."""
 
     snapshot: Snapshot
@@ -32,7 +31,7 @@ class TelemetryContext:
     written: tuple[int, int] | None = None  # versions of the state put on disk since the start, and their bytes
     fence_breaches: tuple[int, float] = (0, 0.0)  # how many since the start, and when the last one began
     override_us: int | None = None  # pulse that a station overrides channel 1 with, None when none does
-    swing: SwingReport = field(default_factory=SwingReport)  # of the compass
+    swing: SwingReport = msgspec.field(default_factory=SwingReport)  # of the compass
     intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
 
 

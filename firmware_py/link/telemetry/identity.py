@@ -5,9 +5,10 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping
 
+import msgspec
+
 from firmware_py.common import mode_table
 from firmware_py.common.mode_table import BaseMode, Mode, ModeProperties, StandardMode
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.faults.table import TABLE as FAULTS
@@ -37,8 +38,7 @@ _CAPABILITIES = (
 _CRITICAL_FAULTS = sum(1 << fault for fault, row in FAULTS.items() if row.severity <= Severity.CRITICAL)
 
 
-@dataclass(frozen=True, slots=True)
-class Version:
+class Version(msgspec.Struct, frozen=True):
     """The program's version, and a number that no other boat has (0 = unknown)."""
 
     major: int = 0
@@ -48,8 +48,7 @@ class Version:
     uid: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class ModeRow:
+class ModeRow(msgspec.Struct, frozen=True):
     """One mode as ground stations see it."""
 
     mode: int  # custom_mode

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+import msgspec
+
 from firmware_py.common.interfaces import ByteLine, Vault
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Event
 from firmware_py.link.security.key_record import NO_VAULT
 from firmware_py.link.wire.transport import LinkUrl, Transport, parse_url
@@ -26,8 +27,7 @@ _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
 NMEA = "nmea:"  # before the URL of an output of NMEA 0183, which is no link of MAVLink: see link.nmea
 
 
-@dataclass(frozen=True, slots=True)
-class Ashore:
+class Ashore(msgspec.Struct, frozen=True):
     """What a link by satellite needs beside its line: what keeps its record, the clock, and what tells an event."""
 
     vault: Vault = NO_VAULT

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_py.common.record_class import dataclass
+import msgspec
+
 from firmware_py.link.wire.transport import Transport, usual_class
 from firmware_py.link.wire.url_options import LinkClass
 
@@ -15,8 +16,7 @@ _ALIKE = 0.5  # two answers of one line take as long, within this part of it
 _PATIENCE = 10.0  # usual round trips of silence are no end yet
 
 
-@dataclass(frozen=True, slots=True)
-class Timeouts:
+class Timeouts(msgspec.Struct, frozen=True):
     """A question is asked again after `shortest_s` to `longest_s`, as the answers come; `give_up_s` of silence end it.
 
     A line on which answers take longer is given longer. After `yield_s` of silence another may have its turn.

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from typing import Protocol, TypeAlias, runtime_checkable
 
+import msgspec
+
 from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reading_notes import shown
-from firmware_py.common.record_class import dataclass
 from firmware_py.link.wire.url_options import PLAIN, LinkClass, LinkOptions, OptionError, parse_options
 
 Address: TypeAlias = Hashable  # one correspondent on a transport
@@ -118,8 +119,7 @@ class MessageTransport(Transport, Satellite, Protocol):
     """A transport that carries messages."""
 
 
-@dataclass(frozen=True, slots=True)
-class LinkUrl:
+class LinkUrl(msgspec.Struct, frozen=True):
     """A parsed URL; `host` and `number` are a port's path and baud rate for `serial` and `sbd`."""
 
     kind: str

@@ -6,7 +6,8 @@ import contextlib
 import os
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.interfaces import ByteLine, Vault

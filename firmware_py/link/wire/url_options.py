@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from enum import Enum
 
+import msgspec
+from msgspec.structs import replace
+
 from firmware_py.common.reading_notes import shown
-from firmware_py.common.record_class import dataclass
 
 
 class OptionError(ValueError):
@@ -33,8 +34,7 @@ class LinkClass(Enum):
     MESSAGES = "messages"  # of a satellite, each paid for: that of an sbd link, and of no other
 
 
-@dataclass(frozen=True, slots=True)
-class LinkOptions:
+class LinkOptions(msgspec.Struct, frozen=True):
     """The options of one link.
 
     `trusted`: nobody but the owner can reach it (a cable), so that a signing key may be
@@ -96,5 +96,5 @@ def parse_options(text: str) -> LinkOptions:
         setting = read(value)
         if setting is None:
             raise OptionError(f"option {name}={shown(value)}: allowed are {allowed}")
-        options = replace(options, **{field: setting})  # type: ignore[arg-type]
+        options = replace(options, **{field: setting})
     return options

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
+
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
 from firmware_py.vehicle import Vehicle
@@ -117,7 +119,7 @@ def _told(vehicle: Vehicle, values: Mapping[str, Value]) -> tuple[Vehicle, dict[
         true = dict(zip(MODEL, (model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2), strict=True))
         ship = {MODEL[name]: true[name] * factor for name, factor in factors.items()}
         settings = {name: vehicle.parameters.get(name, TABLE[index_of(name)].default) for name in ship}
-        vehicle = replace(vehicle, parameters={**vehicle.parameters, **ship})
+        vehicle = msgspec.structs.replace(vehicle, parameters={**vehicle.parameters, **ship})
     for name, value in values.items():
         if name.startswith("set."):
             parameter = name.removeprefix("set.")

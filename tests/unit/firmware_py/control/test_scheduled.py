@@ -1,9 +1,10 @@
+import dataclasses
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
@@ -97,11 +98,11 @@ def test_a_softer_helm_follows_the_bias_slowly_from_its_mean_on_and_a_stiff_one_
     soft = HeadingControllerInput(0.0, 0.0, replace(ESTIMATE, bias_rad=-0.24), 0.0, 1.0, softness=3.0)
     state, _ = update(SETTINGS, state, soft)
     assert state.bias_rad == ESTIMATE.bias_mean_rad
-    other = replace(soft, estimate=replace(ESTIMATE, bias_rad=0.15))
+    other = dataclasses.replace(soft, estimate=replace(ESTIMATE, bias_rad=0.15))
     for _ in range(100):
         state, _ = update(SETTINGS, state, other)
     assert state.bias_rad == pytest.approx(0.15 - 0.1 * math.exp(-100.0 / (2.0 * SLOWER_BIAS_S)), abs=1e-3)
-    assert update(SETTINGS, state, replace(other, softness=1.0))[0].bias_rad is None
+    assert update(SETTINGS, state, dataclasses.replace(other, softness=1.0))[0].bias_rad is None
 
 
 DRIFTING = replace(ESTIMATE, speed_m_s=0.05, speed_sd_m_s=0.02)

@@ -1,8 +1,7 @@
 """Between the ticks: what is accepted is kept, and acknowledged when it is."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.intents import (
     Arm,

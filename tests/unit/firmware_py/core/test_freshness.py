@@ -1,8 +1,7 @@
 """How old what is steered by is."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample, RudderFeedback

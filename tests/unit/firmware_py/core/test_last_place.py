@@ -2,9 +2,9 @@
 
 import json
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode

@@ -1,9 +1,9 @@
 """What outlives a restart."""
 
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode

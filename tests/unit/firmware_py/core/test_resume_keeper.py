@@ -1,9 +1,9 @@
 """When the resume record is written: at once for what counts, and seldom enough for a flash card."""
 
 import random
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet

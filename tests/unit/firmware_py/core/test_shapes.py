@@ -2,10 +2,10 @@
 
 import functools
 import json
-from dataclasses import replace
 from enum import IntEnum
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.assemble.earlier_runs import resume
 from firmware_py.common.json_codec import Codec

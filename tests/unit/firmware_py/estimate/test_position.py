@@ -1,9 +1,9 @@
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample

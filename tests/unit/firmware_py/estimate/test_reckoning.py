@@ -1,10 +1,10 @@
 """Dead reckoning: where it takes her, and whether it errs as it says."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.estimate import kalman, reckoning
 from firmware_py.estimate.reckoning import Reckoning

@@ -1,8 +1,7 @@
 """The conditions of the rows at their edges; tests/process/test_faults.py provokes each in the real program."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.parameter_table import INDEX
 from firmware_py.common.records import DeviceState

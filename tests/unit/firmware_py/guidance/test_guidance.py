@@ -1,8 +1,7 @@
 """The guidance of a tick: when it is carried out, and what it is told to change."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode

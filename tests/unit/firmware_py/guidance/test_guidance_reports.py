@@ -1,8 +1,7 @@
 """What is told of mission and fence, and how the report counts."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import Plan, PlanKind, Plans

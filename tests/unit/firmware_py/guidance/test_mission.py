@@ -1,11 +1,11 @@
 """The executor alone: what each item has her do and when it is done with."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.reports import MissionState

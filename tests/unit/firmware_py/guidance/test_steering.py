@@ -1,7 +1,7 @@
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet

@@ -1,9 +1,9 @@
 """Stepping aside: which heading is taken, what it keeps clear of, and the way back."""
 
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet

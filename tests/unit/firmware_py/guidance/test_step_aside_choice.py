@@ -1,11 +1,11 @@
 """The choice of a round of trials, against what a plane with straight ways says of every heading."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet

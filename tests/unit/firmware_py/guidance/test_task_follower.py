@@ -1,9 +1,9 @@
 """What a place that is only reckoned lets her do: reached is what is certain, and else she waits."""
 
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.reports import Activity
 from firmware_py.guidance import task_follower

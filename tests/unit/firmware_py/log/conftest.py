@@ -2,8 +2,8 @@
 
 import math
 import types
-from dataclasses import dataclass
 
+import msgspec
 import pytest
 
 from firmware_py.common.angles import wrap_pi
@@ -32,8 +32,7 @@ from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPositio
 from firmware_py.log.recorder import LogRecorder
 
 
-@dataclass(frozen=True, slots=True)
-class PretendState:
+class PretendState(msgspec.Struct, frozen=True):
     smoothed_rad: float = 0.0
     goal_rad: float | None = None
     armed: bool = False

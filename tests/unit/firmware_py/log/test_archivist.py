@@ -1,9 +1,9 @@
 """What is kept of months: closed logs compressed, the minutes before restarts and severe faults cut out."""
 
-import dataclasses
 import itertools
 import os
 
+import msgspec
 import pytest
 
 from firmware_py.common.records import DeviceState
@@ -30,10 +30,10 @@ class Run:
         for _ in range(round(seconds / every)):
             inputs = self.pretend.inputs_of(self.index)
             t_s = 12.3 + self.index * every
-            inputs = dataclasses.replace(inputs, tick=dataclasses.replace(inputs.tick, t_s=t_s), requests=())
+            inputs = msgspec.structs.replace(inputs, tick=msgspec.structs.replace(inputs.tick, t_s=t_s), requests=())
             before, (self.state, output) = self.state, self.pretend.step(self.state, inputs)
-            snapshot = dataclasses.replace(output.snapshot, faults=faults, t_s=t_s)
-            output = dataclasses.replace(output, snapshot=snapshot)
+            snapshot = msgspec.structs.replace(output.snapshot, faults=faults, t_s=t_s)
+            output = msgspec.structs.replace(output, snapshot=snapshot)
             self.recorder.offer(inputs, output, lambda state=before: self.pretend.to_text(state))
             self.index += 1
             self.turn()

@@ -1,6 +1,5 @@
 """ArduPilot's tools on a log of ours: what they look for is there, true, and thin."""
 
-import dataclasses
 import math
 import re
 import shutil
@@ -8,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 from pymavlink import mavutil
 
@@ -83,7 +83,7 @@ def told(kind, ticks, **unknown):
     state, found = ArduPilotState(), []
     layout = Format(kind.number, kind.size, kind.name, kind.values, kind.labels)
     for number, inputs in ticks:
-        output = Output(RudderCommand(0.0, torque_on=True), dataclasses.replace(boat(number), **unknown))
+        output = Output(RudderCommand(0.0, torque_on=True), msgspec.structs.replace(boat(number), **unknown))
         data = state.tick_bytes(inputs, output, ParameterSet(), dropped=0, renew=number == ticks[0][0])
         while data:
             one = data[2]
@@ -103,7 +103,8 @@ def test_a_file_that_begins_at_sea_says_that_she_is_armed_at_home_and_fenced():
 @pytest.mark.parametrize("phase", range(5))
 def test_the_interval_of_fixes_is_told_whatever_ticks_they_fall_on(phase):
     ticks = [
-        (number, dataclasses.replace(inputs_of(number - phase), tick=inputs_of(number).tick)) for number in range(100)
+        (number, msgspec.structs.replace(inputs_of(number - phase), tick=inputs_of(number).tick))
+        for number in range(100)
     ]
     intervals = [message["Delta"] for message in told(ardupilot_formats.RECEIVER, ticks)]
     assert len(intervals) == 9

@@ -1,9 +1,9 @@
 import json
 import math
 import struct
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.records import RudderCommand
 from firmware_py.common.reports import Output

@@ -1,6 +1,6 @@
 import math
-from dataclasses import dataclass
 
+import msgspec
 import pytest
 
 from firmware_py.common.records import FixType
@@ -8,8 +8,7 @@ from firmware_py.log.dataflash import Format, MessageType
 from firmware_py.log.rows import Row, RowReader, choice, flag, maybe, maybe_flag, microseconds, real, whole
 
 
-@dataclass(frozen=True, slots=True)
-class Thing:
+class Thing(msgspec.Struct, frozen=True):
     size_m: float
     depth_m: float | None
     count: int | None

@@ -1,6 +1,6 @@
-import dataclasses
 import struct
 
+import msgspec
 import pytest
 
 from firmware_py.common.records import (
@@ -34,12 +34,12 @@ from firmware_py.log import ardupilot, schema, thin
 )
 def test_every_field_of_a_logged_record_has_its_column(row, record):
     kept = {name for name, _ in row.kept} | ({"text"} if row.text else set())
-    assert kept == {field.name for field in dataclasses.fields(record)}
+    assert kept == {field.name for field in msgspec.structs.fields(record)}
     assert row.make is record
 
 
 def test_every_kind_of_input_is_logged():
-    assert [field.name for field in dataclasses.fields(Inputs)] == [
+    assert [field.name for field in msgspec.structs.fields(Inputs)] == [
         "tick",
         "headings",
         "positions",

@@ -1,9 +1,9 @@
 """The thin log: a row a minute, one at each event, and a bound on how much of that there can be."""
 
-import dataclasses
 import math
 import os
 
+import msgspec
 import pytest
 from pymavlink.DFReader import DFReader_binary
 
@@ -25,12 +25,12 @@ def outputs(pretend, times_s, **changes):
     state = pretend.State()
     for t_s in times_s:
         inputs = pretend.inputs_of(2)
-        inputs = dataclasses.replace(inputs, tick=dataclasses.replace(inputs.tick, t_s=t_s), devices=())
+        inputs = msgspec.structs.replace(inputs, tick=msgspec.structs.replace(inputs.tick, t_s=t_s), devices=())
         state, output = pretend.step(state, inputs)
         values = {name: value(t_s) if callable(value) else value for name, value in changes.items()}
         events = values.pop("events", ())
-        snapshot = dataclasses.replace(output.snapshot, t_s=t_s, **{"faults": 0, **values})
-        yield inputs, dataclasses.replace(output, snapshot=snapshot, events=events)
+        snapshot = msgspec.structs.replace(output.snapshot, t_s=t_s, **{"faults": 0, **values})
+        yield inputs, msgspec.structs.replace(output, snapshot=snapshot, events=events)
 
 
 def rows_of(log, ticks):

@@ -1,11 +1,11 @@
 """Polygons of a fence: which are put together, and which are refused."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.plans.polygons import polygons_of

@@ -1,9 +1,9 @@
 """All pairs of faults that change the mode, in both orders: which one decides, who waits, what is left at the end."""
 
 import itertools
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet

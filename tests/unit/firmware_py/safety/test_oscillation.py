@@ -2,9 +2,9 @@ import math
 import random
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_copy import replace
 from firmware_py.safety.late_answer import LEAST, MOST
 from firmware_py.safety.oscillation import (
     HOLD_S,

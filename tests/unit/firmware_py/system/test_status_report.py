@@ -2,9 +2,9 @@
 
 import json
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.parameters import ParameterSet

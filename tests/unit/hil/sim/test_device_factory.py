@@ -1,9 +1,10 @@
 """The devices on the board, chosen by the vehicle file and by chance."""
 
+import dataclasses
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.devices import SECTIONS
 from firmware_py.vehicle import Vehicle
@@ -45,7 +46,7 @@ def test_the_seed_decides_everything():
 
 def test_the_sentence_of_the_vehicle_file():
     boat = standard_vehicle()
-    compass = replace(boat.compass, options=replace(boat.compass.options, sentences=("HDG",)))
+    compass = replace(boat.compass, options=dataclasses.replace(boat.compass.options, sentences=("HDG",)))
     vehicle = replace(boat, compass=compass, parameters={"CMP_DECL_DEG": 10.0})
     spoken = said(vehicle, 1)["compass"]
     assert 29 <= spoken.count(b"$HCHDG") <= 31

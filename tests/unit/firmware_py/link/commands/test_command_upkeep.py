@@ -1,8 +1,8 @@
 """The commands of the workshop: rudder on the bench, calibration, storage; and commands that take a while."""
 
-import dataclasses
 import math
 
+import msgspec
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -231,7 +231,7 @@ class FakeCompass:
 @pytest.fixture
 def compass(rig):
     made = FakeCompass()
-    rig.endpoint._context.suppliers = dataclasses.replace(rig.endpoint._context.suppliers, calibrator=made)
+    rig.endpoint._context.suppliers = msgspec.structs.replace(rig.endpoint._context.suppliers, calibrator=made)
     rig.tick(armed=False)
     return made
 

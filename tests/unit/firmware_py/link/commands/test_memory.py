@@ -1,8 +1,7 @@
 """Which of two commands are one: retries and doubles, told apart from what is asked anew."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.link.commands.memory import (
     OVERTAKEN_S,

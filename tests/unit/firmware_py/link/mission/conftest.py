@@ -1,7 +1,6 @@
 """A ground station of the tests' own making that speaks the mission protocol with a rig."""
 
-import dataclasses
-
+import msgspec
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -124,4 +123,4 @@ def make_station(make_rig):
 @pytest.fixture
 def report():
     """Changes a mission report."""
-    return dataclasses.replace
+    return msgspec.structs.replace

@@ -1,8 +1,8 @@
 """Plans to a ground station, and how far the mission is."""
 
-import dataclasses
 import math
 
+import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -73,7 +73,7 @@ def test_the_old_request_is_answered_in_degrees(station):
 
 def test_the_current_item_is_marked(station):
     station.upload(station.mission(3))
-    station.rig.tick(mission=dataclasses.replace(GOING, index=1))
+    station.rig.tick(mission=msgspec.structs.replace(GOING, index=1))
     assert [item.current for item in station.download()] == [0, 0, 1, 0]
 
 
@@ -160,7 +160,7 @@ def test_the_current_item_is_told_at_once_when_it_changes(make_station, identity
     assert (told.seq, told.total, told.mission_state, told.mission_mode) == (1 + station.home_count, 3, 3, 1)
     assert (told.mission_id, told.fence_id, told.rally_points_id) == (11, 22, 33)
     assert current(station, mission=GOING) == []
-    (told,) = current(station, mission=dataclasses.replace(GOING, index=2))
+    (told,) = current(station, mission=msgspec.structs.replace(GOING, index=2))
     assert (told.seq, told.mission_mode) == (2 + station.home_count, 2)
 
 
@@ -171,7 +171,7 @@ def test_no_mission_is_told(station):
 
 
 def test_reached_items_are_told(station, make_station):
-    reached = dataclasses.replace(GOING, reached=(0, 1))
+    reached = msgspec.structs.replace(GOING, reached=(0, 1))
     said = [m.seq for m in station.rig.tick(mission=reached) if m.get_type() == "MISSION_ITEM_REACHED"]
     assert said == [1, 2]
     generic = make_station(identity=0)

@@ -1,8 +1,8 @@
 """What she says in NMEA 0183, as two libraries that are not hers read it."""
 
-import dataclasses
 import math
 
+import msgspec
 import pynmea2
 import pytest
 from hypothesis import given
@@ -28,7 +28,7 @@ LINE = {
 
 def scene(declination_deg=-12.3, utc_s=UTC_S, **changes):
     changes = {"position": FIX, "position_ok": True, "heading_rad": math.radians(350.0), **changes}
-    return Scene(dataclasses.replace(SNAPSHOT, **changes), utc_s, math.radians(declination_deg))
+    return Scene(msgspec.structs.replace(SNAPSHOT, **changes), utc_s, math.radians(declination_deg))
 
 
 def said(name, **changes):
@@ -60,11 +60,13 @@ def test_place_time_and_way_over_ground():
     gga = said("GGA")
     assert (gga.latitude, gga.longitude, gga.gps_qual, gga.num_sats) == (-33.5, 151.25, 1, "08")
     assert (float(gga.horizontal_dil), gga.altitude) == (1.2, 12.5)
-    assert said("GGA", position=dataclasses.replace(FIX, fix=FixType.RTK_FIXED)).gps_qual == 4
+    assert said("GGA", position=msgspec.structs.replace(FIX, fix=FixType.RTK_FIXED)).gps_qual == 4
 
 
 def test_there_are_never_60_minutes():
-    position = dataclasses.replace(FIX, latitude_rad=math.radians(47.99999999), longitude_rad=math.radians(-8.99999999))
+    position = msgspec.structs.replace(
+        FIX, latitude_rad=math.radians(47.99999999), longitude_rad=math.radians(-8.99999999)
+    )
     assert (said("RMC", position=position).lat, said("RMC", position=position).lon) == ("4800.0000", "00900.0000")
 
 
@@ -91,7 +93,7 @@ def test_the_rudder_to_starboard_is_positive_and_one_that_is_not_measured_is_mar
 def test_off_the_line_to_starboard_means_steer_left():
     xte = said("XTE", **LINE)
     assert (float(xte.cross_track_err_dist), xte.correction_dir, xte.dist_units) == (0.1, "L", "N")
-    port = LINE | {"navigation": dataclasses.replace(LINE["navigation"], cross_track_m=-185.2)}
+    port = LINE | {"navigation": msgspec.structs.replace(LINE["navigation"], cross_track_m=-185.2)}
     assert said("XTE", **port).correction_dir == "R"
     apb = said("APB", **LINE).data
     # Half the distance to the place off the line: that lies 30 degrees to the left of the bearing.

@@ -1,8 +1,8 @@
 """Attitude as a rotation, the local position, the goal's place, what the estimator knows."""
 
-import dataclasses
 import math
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -79,7 +79,7 @@ def test_a_reckoned_place_is_a_relative_one_with_its_accuracy(asked):
 
 def test_the_estimator_says_how_far_off_the_last_heading_was(asked):
     def ratio(innovation_rad, innovation_sd_rad):
-        learned = dataclasses.replace(ESTIMATE, innovation_rad=innovation_rad, innovation_sd_rad=innovation_sd_rad)
+        learned = msgspec.structs.replace(ESTIMATE, innovation_rad=innovation_rad, innovation_sd_rad=innovation_sd_rad)
         return asked(230, "ESTIMATOR_STATUS", estimate=learned).mag_ratio
 
     assert ratio(-math.radians(5.0), math.radians(2.0)) == pytest.approx(0.5)
@@ -94,5 +94,5 @@ def test_stations_that_look_for_ardupilot_s_report_find_the_same_in_it(asked):
     assert (len(ratios), set(ratios.values())) == (6, {0.0})
     reckoned = {"position": FIX, "position_ok": False, "reckoned": Reckoned(0.7, -0.2, 0.3, 0.0, 250.0, 3600.0)}
     assert asked(193, "EKF_STATUS_REPORT", **reckoned).flags == 1 | 8 | 256
-    odd = dataclasses.replace(ESTIMATE, innovation_rad=0.1, innovation_sd_rad=0.02)
+    odd = msgspec.structs.replace(ESTIMATE, innovation_rad=0.1, innovation_sd_rad=0.02)
     assert asked(193, "EKF_STATUS_REPORT", estimate=odd).compass_variance == pytest.approx(1.0)

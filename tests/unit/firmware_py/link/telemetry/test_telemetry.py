@@ -1,8 +1,8 @@
 """What telemetry says, in MAVLink's units, and that nothing in a snapshot can break it."""
 
-import dataclasses
 import math
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -38,7 +38,7 @@ def build(snapshot):
         outside = {key: changes.pop(key) for key in names if key in changes}
         values = {"load": 0.0, "refused_frames": 0, "utc_s": 1.7e9} | outside
         scene = TelemetryContext(
-            dataclasses.replace(snapshot, **changes),
+            msgspec.structs.replace(snapshot, **changes),
             rudder_limit_rad=0.5,
             autopilot=3,
             **values,
@@ -108,7 +108,7 @@ def test_gps_raw_says_what_it_does_not_know(build):
     assert (known.satellites_visible, known.lat) == (8, round(math.degrees(0.7) * 1e7))
     stale = build("GPS_RAW_INT", position=FIX, position_ok=False)
     assert (stale.fix_type, stale.lat, stale.vel) == (1, 0, 65535)
-    assert build("GPS_RAW_INT", position=dataclasses.replace(FIX, t_s=3.5), position_ok=True).time_usec == 3_500_000
+    assert build("GPS_RAW_INT", position=msgspec.structs.replace(FIX, t_s=3.5), position_ok=True).time_usec == 3_500_000
     none = build("GPS_RAW_INT")
     assert (none.fix_type, none.eph, none.vel, none.cog, none.satellites_visible) == (0, 65535, 65535, 65535, 255)
 

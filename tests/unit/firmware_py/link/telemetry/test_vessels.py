@@ -1,9 +1,9 @@
 """AIS_VESSEL: one vessel at a time, every one in turn, those that come near more often."""
 
-import dataclasses
 import math
 from collections import Counter
 
+import msgspec
 import pytest
 
 from firmware_py.common.vessels import Traffic, Vessel, VesselIdentity, VesselKind, VesselPosition
@@ -25,7 +25,7 @@ BARE = Vessel(VesselPosition(2.0, 7, VesselKind.MARK, 0.7, -0.2))
 def told(snapshot):
     def message(t_s, *known):
         traffic = Traffic(tuple(known)) if known else None
-        boat = dataclasses.replace(snapshot, t_s=t_s, traffic=traffic)
+        boat = msgspec.structs.replace(snapshot, t_s=t_s, traffic=traffic)
         made = vessels.ais_vessel(TelemetryContext(boat, 1.7e9, 0.5, 3, 0.0, 0))
         return None if made is None else CODEC.decode(stamp(CODEC.pack(made), 0))
 
@@ -65,8 +65,11 @@ def test_nothing_is_told_where_nobody_was_heard(told):
 @pytest.mark.parametrize("interval_s", [0.1, 0.25, 1.0, 5.0, 10.0])
 @pytest.mark.parametrize("count", [2, 5, 10, 100])
 def test_every_vessel_has_its_turn_at_any_interval(told, interval_s, count):
-    fleet = [dataclasses.replace(BARE, position=dataclasses.replace(BARE.position, mmsi=at + 1)) for at in range(count)]
-    fleet[1] = dataclasses.replace(fleet[1], near_s=0.0)
+    fleet = [
+        msgspec.structs.replace(BARE, position=msgspec.structs.replace(BARE.position, mmsi=at + 1))
+        for at in range(count)
+    ]
+    fleet[1] = msgspec.structs.replace(fleet[1], near_s=0.0)
     turns = Counter(told(2.0 + interval_s * turn, *fleet).MMSI for turn in range(12 * count))
     assert set(turns) == set(range(1, count + 1))
     assert turns[2] > 4 * count
