@@ -19,6 +19,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
+import platform
 import re
 import sys
 import threading
@@ -37,8 +38,8 @@ from numba.core import codegen, event
 from numba.core import config as numba_config
 from numba.extending import register_jitable
 
+from firmware_py.common import angles
 from firmware_py.model import kt
-from hil.lab import same_bits
 from hil.lab.held_signals import HeldSignals
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -50,7 +51,7 @@ KEPT_CACHES, KEPT_S = 4, 86400.0  # so many, and all of the last day: another pr
 _HOW_OFTEN: Final = {False: "the first time only", True: "as each time"}
 
 PACKAGE = Path(__file__).parents[1]
-COMPILES = re.compile(rb"hil\.lab\.(compiled|lane)")
+COMPILES = re.compile(rb"hil\.lab\.compiled")
 IMPORTED = re.compile(rb"^from ((?:hil|firmware_py)[\w.]*) import", re.MULTILINE)
 config: Any = numba_config  # numba makes its settings at run time, unseen by type checkers
 
@@ -120,6 +121,9 @@ def inner(function: Function) -> Function:
 
 # In the order in which they call each other.
 for _function in (
+    angles.clamp,
+    angles.wrap_pi,
+    angles.wrap_two_pi,
     kt.yaw_drive,
     kt.yaw_acceleration,
     kt.steady_yaw_rate,
@@ -194,11 +198,11 @@ def _caches() -> Path:
 
 
 def sources_digest() -> str:
-    """Return a digest of the model, and of every file of this package that imports this module, or makes lanes.
+    """Return a digest of the model, and of every file of this package that imports this module.
 
-    So of the files from which these import: a constant is compiled into what uses it.
+    So of the files from which these import, and of the C library's version: a constant is compiled into what uses it.
     """
-    digest = hashlib.sha256(numba.__version__.encode() + same_bits.library())
+    digest = hashlib.sha256(" ".join((numba.__version__, *platform.libc_ver())).encode())
     files = set(Path(kt.__file__).parent.glob("*.py"))
     for path in PACKAGE.rglob("*.py"):
         text = path.read_bytes()

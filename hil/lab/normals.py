@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Final
 
+import numba.extending
 import numpy as np
 from llvmlite import ir
 from numba.core import types as numba_types
@@ -17,11 +18,11 @@ from numba.np.random import _constants as tables
 from numpy.typing import NDArray
 
 from hil.lab.compiled import compiled
-from hil.lab.lanes import extending
 
 MULTIPLIER: Final = (2549297995355413924 << 64) + 4865540595714422341
 WORD_BITS: Final = 64
 types: Any = numba_types
+extending: Any = numba.extending  # numba's tools are untyped
 INSIDE, WIDTHS, HEIGHTS = tables.ki_double, tables.wi_double, tables.fi_double
 TAIL: Final = float(tables.ziggurat_nor_r)
 TAIL_INVERSE: Final = float(tables.ziggurat_nor_inv_r)

@@ -18,7 +18,7 @@ from hil.lab.campaign.row import Row, rows
 from hil.lab.campaign.spec import COMPILED, FIRMWARE, Spec
 
 # Imported by name: the compiled engine imports numba, which runs of the autopilot itself do not need.
-MODULES = {FIRMWARE: "hil.lab.campaign.firmware_engine", COMPILED: "hil.lab.campaign.twin_engine"}
+MODULES = {FIRMWARE: "hil.lab.campaign.firmware_engine", COMPILED: "hil.lab.campaign.compiled_engine"}
 PACKAGES = ("rambler-autopilot", "numpy", "numba", "pymavlink", "pyarrow")
 
 

@@ -71,9 +71,9 @@ def replay(directory: Path, index: int, out: Path) -> Replay:
 
 def _differences(row: Row, truth: Truth) -> list[str]:
     """Return where the two engines' runs differ first, compared with the nine digits of truth.csv."""
-    from hil.lab.campaign import twin_engine  # noqa: PLC0415 - it takes a while
+    from hil.lab.campaign import compiled_engine  # noqa: PLC0415 - it takes a while
 
-    (ours,) = twin_engine.sailed([row], twin_engine.new_rooms())
+    ours = compiled_engine.sailed(row)
     lines = []
     for name in ("heading_low_rad", "rudder_rad"):
         mine = np.char.mod("%.9g", getattr(ours, name)).astype(float)

@@ -1,4 +1,4 @@
-"""The trial runs that the delivered controller is tuned by, sailed by its compiled twin (hil/lab/twin).
+"""The trial runs that the delivered controller is tuned by, in the compiled loop (hil/lab/twin).
 
 Each sea is sailed by the ship of the vehicle file and by ships whose K, T and alpha are 30 % off, each with several
 seeds, while the autopilot keeps the model of the vehicle file. Every setting meets the same waves and the same noise.
@@ -21,11 +21,10 @@ from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet, index_of
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 from hil.lab.compiled import compiling
-from hil.lab.lanes import COUNT
 from hil.lab.tune.cases import GOALS_DEG, LONGEST_LEG_S, SHORTEST_LEG_S, STEADY_PART
 from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, Task, measure
 from hil.lab.twin import sailing
-from hil.lab.twin.afloat import Record, Sea
+from hil.lab.twin.plant import Record, Sea
 from hil.lab.twin.sea import sea_of
 from hil.ship import scenarios
 from hil.ship.scenarios import Scenario
@@ -118,18 +117,17 @@ class Trials:
         self.legs, self.goals, self.seconds = task_of(model, radians(parameters["RUD_LIMIT_DEG"]))
         self.seas = [sea_of(case.scenario, case.seed, self.seconds, case.model(model)) for case in self.cases]
         self.archive: list[Score] = []
-        with compiling("the boat's twin"):
+        with compiling("the closed loop"):
             self.reference = self.results(default_setting())
         self.delivered = self._keep(default_setting(), self.reference)
 
-    def record(self, setting: Setting, seas: Sequence[Sea]) -> Record:
-        """Sail up to COUNT seas with a setting; return their rows."""
+    def record(self, setting: Setting, sea: Sea) -> Record:
+        """Sail a sea with a setting; return its rows."""
         told = self.parameters
         for name, value in parameters_of(setting).items():
             told = told.replaced(name, value)
         boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(self.goals)
-        runs = [sailing.Run(boat, law, sea, task) for sea in seas]
-        return sailing.sail_beside(runs, self.seconds, ticks=False)[0]
+        return sailing.sail(boat, law, sea, task, self.seconds, ticks=False)[0]
 
     def results(self, setting: Setting) -> Floats:
         """Return the results (cases, RESULTS) in radians, as loop_kernel.measure defines them."""
@@ -137,13 +135,12 @@ class Trials:
         first = round(SETTLING_S * ROWS_PER_SECOND)
 
         def sail(number: int) -> None:
-            record = self.record(setting, self.seas[number : number + COUNT])
-            for headings, rudders, result in zip(record.heading_rad, record.rudder_rad, results[number:], strict=False):
-                measure(self.legs, headings[first:-1], rudders[first:-1], result)
+            record = self.record(setting, self.seas[number])
+            measure(self.legs, record.heading_rad[first:-1], record.rudder_rad[first:-1], results[number])
 
         # Compiled code lets go of the interpreter.
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            list(pool.map(sail, range(0, len(self.cases), COUNT)))
+            list(pool.map(sail, range(len(self.cases))))
         return results
 
     def score(self, setting: Setting) -> Score:

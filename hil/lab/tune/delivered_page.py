@@ -97,6 +97,6 @@ def _tried(axes: Any, report: Report) -> None:
 
 def _run(report: Report, setting: Setting) -> tuple[Truth, float]:
     """Return the first case in fresh seas, and its rudder travel."""
-    record = sailing.alone(report.fresh.record(setting, report.fresh.seas[:1]))
+    record = report.fresh.record(setting, report.fresh.seas[0])
     travel = float(report.fresh.results(setting)[0, TRAVEL]) * DEG_PER_H
     return sailing.truth_of(record, report.fresh.goals), travel

@@ -1,4 +1,4 @@
-"""Searches the constants of the helm's law (firmware_py/control/stiffness.py), sailed by the compiled twin.
+"""Searches the constants of the helm's law (firmware_py/control/stiffness.py) in the compiled loop.
 
 A run is the task of docs/explanation/seamanship.md. It costs the mean square of the heading error and a price for the
 rudder travel of its steady parts; a setting costs the mean over the seas of what they cost by what they cost as
@@ -11,7 +11,6 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -20,12 +19,11 @@ from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from hil.lab.compare.score import score_of
 from hil.lab.compiled import compiling
-from hil.lab.lanes import COUNT
 from hil.lab.swarm import SwarmProgress, SwarmSettings, minimise
 from hil.lab.tune.loop_kernel import Floats
 from hil.lab.tune.search import Bound, Tell
 from hil.lab.twin import helm, sailing
-from hil.lab.twin.afloat import Record
+from hil.lab.twin.plant import Sea
 from hil.lab.twin.sea import sea_of
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
@@ -61,7 +59,7 @@ class LawTrials:
         """Draw the seas and sail them as delivered; UnknownScenarioError or ExtrasError for one that is none."""
         self.names, self.seeds, self.price = tuple(names), tuple(seeds), price
         self.seas = [sea_of(scenarios.sea_of(name), seed, SECONDS) for name in names for seed in seeds]
-        with compiling("the boat's twin"):
+        with compiling("the closed loop"):
             self.delivered = self.results(DELIVERED_SETTING)
 
     def results(self, setting: Setting) -> Floats:
@@ -70,17 +68,16 @@ class LawTrials:
         boat, law = sailing.boat_of(parameters), sailing.law_of(parameters)
         for bound, value in zip(BOUNDS, setting, strict=True):
             law[helm.LAW_NAMES.index(bound.name)] = value
-        runs = [sailing.Run(boat, law, sea, sailing.task_of(GOALS)) for sea in self.seas]
+        task = sailing.task_of(GOALS)
 
-        def figures(first: int) -> list[tuple[float, float]]:
-            record, _ = sailing.sail_beside(runs[first : first + COUNT], SECONDS, ticks=False)
-            lanes = [Record(*(column[k] for column in record)) for k in range(len(record.heading_rad))]
-            scores = [score_of(sailing.truth_of(lane, GOALS)) for lane in lanes]
-            return [(score.rms_deg, score.travel_deg_per_h) for score in scores]
+        def figures(sea: Sea) -> tuple[float, float]:
+            record, _ = sailing.sail(boat, law, sea, task, SECONDS, ticks=False)
+            score = score_of(sailing.truth_of(record, GOALS))
+            return score.rms_deg, score.travel_deg_per_h
 
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # compiled code lets go of the interpreter
-            found = list(pool.map(figures, range(0, len(runs), COUNT)))
-        return np.array(list(chain.from_iterable(found))).reshape(len(self.names), len(self.seeds), 2)
+            found = list(pool.map(figures, self.seas))
+        return np.array(found).reshape(len(self.names), len(self.seeds), 2)
 
     def costs(self, results: Floats) -> Floats:
         """Return what each sea costs by what it costs as delivered."""

@@ -1,9 +1,9 @@
-"""Twin of hil/devices as a run has them: NMEA compass and receiver, Dynamixel; what they say, and when it is there."""
+"""NMEA compass and receiver and Dynamixel servo of hil/devices for compiled code: what they report, and when."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from firmware_py.common.angles import (
     METRES_PER_SECOND_PER_KNOT,
     RADIANS_PER_DEGREE,
     TWO_PI,
+    clamp,
+    wrap_two_pi,
 )  # fmt: skip
 from hil.lab.compiled import compiled
-from hil.lab.lane_math import within, wrap_two_pi
-from hil.lab.lanes import any_of, where
 from hil.lab.twin import ship as ships
 from hil.lab.twin.kalman import Floats
 from hil.ship.servo import DEFAULT_SLEW_RAD_S, DEFAULT_STOP_RAD
@@ -50,10 +50,6 @@ SPEED_M_S, COURSE_RAD, LOST = 1, 2, 3
 FROM_RAD, SINCE_S, TO_RAD = range(3)
 
 
-Lanes = Any  # or a number
-Shaft = Any  # the numbers of one, or rows of those side by side
-
-
 class Devices(NamedTuple):
     """When compass and receiver sample, and where in the series is what is random about it, sample by sample.
 
@@ -72,29 +68,26 @@ class Devices(NamedTuple):
 
 
 @compiled
-def digits_of(number: Lanes) -> Lanes:
+def digits_of(number: float) -> int:
     """Return how many digits stand before the point."""
-    count, more = where(number >= 10.0, 2.0, 1.0), number >= 10.0
-    while any_of(more):
-        number = number / 10.0
-        more = number >= 10.0
-        count = where(more, count + 1.0, count)
+    count = 1
+    while number >= 10.0:
+        number /= 10.0
+        count += 1
     return count
 
 
 @compiled
-def bearing(angle_deg: Lanes, resolution_deg: float) -> Lanes:
+def bearing(angle_deg: float, resolution_deg: float) -> float:
     """Round an angle to the resolution and wrap it to [0, 360) (hil/devices/nmea_text.py)."""
-    rounded_deg = np.rint(angle_deg / resolution_deg) * resolution_deg
-    far = abs(rounded_deg) >= 360.0
-    if any_of(far):
-        rounded_deg = where(far, np.fmod(rounded_deg, 360.0), rounded_deg)
-    rounded_deg = where(rounded_deg < 0.0, rounded_deg + 360.0, rounded_deg)
-    return where(360.0 - rounded_deg < 0.5 * resolution_deg, 0.0, rounded_deg)
+    rounded_deg = np.fmod(np.rint(angle_deg / resolution_deg) * resolution_deg, 360.0)
+    if rounded_deg < 0.0:
+        rounded_deg += 360.0
+    return 0.0 if 360.0 - rounded_deg < 0.5 * resolution_deg else rounded_deg
 
 
 @compiled
-def heard(devices: Devices, series: ships.Series, sample: Lanes, now_s: Lanes, heading_rad: Lanes) -> Lanes:
+def heard(devices: Devices, series: ships.Series, sample: int, now_s: float, heading_rad: float) -> tuple[float, float]:
     """Return when the sentence of a heading is complete, and what the compass says in it, rounded as it is there."""
     shown_deg = bearing(heading_rad * DEGREES_PER_RADIAN + series[devices.compass_at + sample], 0.1)
     printed_deg = np.rint(shown_deg * 10.0) / 10.0
@@ -134,24 +127,25 @@ def sensed_velocity(
 
 
 @compiled
-def shaft_angle(shaft: Shaft, t_s: Lanes) -> Lanes:
+def shaft_angle(shaft: Floats, t_s: float) -> float:
     """Return where the shaft is at a time."""
     way_rad = shaft[TO_RAD] - shaft[FROM_RAD]
     reach_rad = DEFAULT_SLEW_RAD_S * (t_s - shaft[SINCE_S])
-    return where(reach_rad >= abs(way_rad), shaft[TO_RAD], shaft[FROM_RAD] + math.copysign(reach_rad, way_rad))
+    if reach_rad >= abs(way_rad):
+        return float(shaft[TO_RAD])
+    return float(shaft[FROM_RAD] + math.copysign(reach_rad, way_rad))
 
 
 @compiled
-def counted_angle(shaft: Shaft, t_s: Lanes) -> Lanes:
+def counted_angle(shaft: Floats, t_s: float) -> float:
     """Return the angle that the servo's encoder shows at a time."""
-    return np.rint(shaft_angle(shaft, t_s) * COUNTS_PER_RADIAN) * RADIANS_PER_COUNT
+    return float(np.rint(shaft_angle(shaft, t_s) * COUNTS_PER_RADIAN) * RADIANS_PER_COUNT)
 
 
 @compiled
-def send_shaft(shaft: Shaft, t_s: Lanes, command_rad: Lanes) -> None:
+def send_shaft(shaft: Floats, t_s: float, command_rad: float) -> None:
     """Send the shaft to a command, in counts, from now on."""
-    counts = np.rint(within(CENTRE_COUNTS + command_rad / RADIANS_PER_COUNT, 0.0, LARGEST_COUNTS))
-    target_rad = within((counts - CENTRE_COUNTS) / COUNTS_PER_RADIAN, -DEFAULT_STOP_RAD, DEFAULT_STOP_RAD)
-    other, from_rad = target_rad != shaft[TO_RAD], shaft_angle(shaft, t_s)
-    shaft[FROM_RAD] = where(other, from_rad, shaft[FROM_RAD])
-    shaft[SINCE_S], shaft[TO_RAD] = where(other, t_s, shaft[SINCE_S]), where(other, target_rad, shaft[TO_RAD])
+    counts = np.rint(clamp(CENTRE_COUNTS + command_rad / RADIANS_PER_COUNT, 0.0, LARGEST_COUNTS))
+    target_rad = clamp((counts - CENTRE_COUNTS) / COUNTS_PER_RADIAN, -DEFAULT_STOP_RAD, DEFAULT_STOP_RAD)
+    if target_rad != shaft[TO_RAD]:
+        shaft[FROM_RAD], shaft[SINCE_S], shaft[TO_RAD] = shaft_angle(shaft, t_s), t_s, target_rad

@@ -1,173 +1,143 @@
-"""The autopilots in a tick: goals, sources, estimate, the watch over the helm, and the helm."""
+"""A tick of the autopilot: goals, heading source, estimate, limit cycle detection and heading controller."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
 from hil.lab.compiled import compiled
-from hil.lab.lane_math import fails, least, most, within, wrap_pi, wrap_two_pi
-from hil.lab.lane_rows import fields, lanes_of, rows
-from hil.lab.lanes import COUNT, any_of, bits_of, where
 from hil.lab.twin import helm, intake, kalman, late_answer, oscillation, sources, wave_filter
-from hil.lab.twin.afloat import DEADLINE_S, FEEDBACK_RAD, FIXES, HEADINGS, Afloat
-from hil.lab.twin.crew import (
-    ARMED,
-    BEFORE_S,
-    FIX_NEXT,
-    FIXED,
-    GOAL_RAD,
-    GOALS,
-    HEADING_NEXT,
-    NEXT_GOAL_S,
-    OWN_COMMAND_RAD,
-    OWN_ERROR_RAD,
-    OWN_HEADING_RAD,
-    OWN_RATE_RAD_S,
-    SAMPLE_S,
-    STEERED_S,
-    THERE,
-    USED,
-    Crew,
-    Orders,
-)  # fmt: skip
+from hil.lab.twin.autopilot import Autopilot, Task
 from hil.lab.twin.devices import THERE_S
-from hil.lab.twin.kalman import COLUMNS, Floats
 from hil.lab.twin.learning import LOG_OMEGA
-from hil.lab.twin.wave_filter_state import OMEGA, RUDDER, SAMPLE_T, STARTED, begin_filters, exp_of
+from hil.lab.twin.plant import Plant
+from hil.lab.twin.wave_filter_state import RUDDER, SAMPLE_T, STARTED, WATER_SPEED, forget
 
 ARMED_S, GUARD_S = 0.28, 0.003  # when the operator has armed and set the mode; before a tick the link waits
 LOCK_MARGIN_S, LOCK_SLEW, LOCK_GAIN = 0.002, 0.005, 0.1
 PERIOD_S = 1.0 / 10.0
 LONGEST_STEP_S = 1.0
 
-Lanes = Any
-
 
 @compiled
-def begin_pilots(crew: Crew, orders: Orders, on: Lanes) -> None:
-    """Be the autopilots before their first ticks."""
-    me, boats = crew.pilots[0], fields(crew.boats[0])
-    begin_filters(crew.filters[0], on, boats.cruise_speed_m_s)
-    oscillation.begin_watch(rows(me.swing, on))
-    late_answer.begin_watch(rows(me.late, on))
-    sources.begin(rows(me.source, on))
-    state, e, own = rows(me.helm, on), rows(me.known, on), rows(me.own, on)
-    state[helm.REF_HEADING] = state[helm.FOLLOWED_BIAS] = np.nan
+def begin(a: Autopilot) -> None:
+    """Set the state before the first tick."""
+    me, boat = a.state, a.boat
+    a.filter.w[WATER_SPEED] = boat.cruise_speed_m_s
+    forget(a.filter)
+    oscillation.begin_watch(me.swing)
+    late_answer.begin_watch(me.late)
+    sources.begin(me.source)
+    me.helm[helm.REF_HEADING] = me.helm[helm.FOLLOWED_BIAS] = np.nan
     for i in range(4):
-        e[helm.M_K + i] = boats.model[i]
-    e[helm.LIMIT], e[helm.TRIM] = boats.limit_rad, boats.trim_rad
-    own[BEFORE_S] = own[SAMPLE_S] = own[GOAL_RAD] = np.nan
-    own[NEXT_GOAL_S] = lanes_of(orders.given_s, 0)
+        me.known[helm.M_K + i] = boat.model[i]
+    me.known[helm.LIMIT], me.known[helm.TRIM] = boat.limit_rad, boat.trim_rad
+    me.before_s = me.sample_s = me.goal_rad = np.nan
 
 
 @compiled
-def take_goals(own: Floats, orders: Orders, on: Lanes, now_s: Lanes) -> None:
-    """Take the goals that have come by the tick; see whether the boats are armed and GUIDED by then."""
-    mine = rows(own, on)
-    armed = now_s > ARMED_S + GUARD_S
-    mine[ARMED] = where(armed, 1.0, 0.0)
-    while True:
-        next_s = mine[NEXT_GOAL_S]
-        come = bits_of(on & armed & ((next_s <= ARMED_S) | (next_s < now_s - GUARD_S)))
-        if come == 0:
+def is_armed(now_s: float) -> bool:
+    """Whether the boat is armed and in GUIDED by a tick."""
+    return now_s > ARMED_S + GUARD_S
+
+
+@compiled
+def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
+    """Take the goals that have come by the tick; without one, keep the heading."""
+    me = a.state
+    if not is_armed(now_s):
+        return
+    while me.goals < task.given_s.size:
+        given_s = task.given_s[me.goals]
+        if not (given_s <= ARMED_S or given_s < now_s - GUARD_S):
             break
-        for k in range(COUNT):
-            if come >> k & 1 > 0:
-                number = int(own[GOALS, k])
-                own[GOAL_RAD, k] = wrap_two_pi(orders.goals_rad[number, k])
-                own[GOALS, k] = number + 1
-                own[NEXT_GOAL_S, k] = orders.given_s[number + 1, k] if number + 1 < orders.given_s.shape[0] else np.inf
-    mine[GOAL_RAD] = where(armed & math.isnan(mine[GOAL_RAD]), mine[OWN_HEADING_RAD], mine[GOAL_RAD])
+        me.goal_rad = wrap_two_pi(task.goals_rad[me.goals])
+        me.goals += 1
+    if math.isnan(me.goal_rad):
+        me.goal_rad = me.heading_rad
 
 
 @compiled
-def look(crew: Crew, orders: Orders, at: Afloat, on: Lanes) -> Lanes:
-    """Begin a tick: take goals, look at what is there, and choose the sources; return which have a fix."""
-    me, now_s = crew.pilots[0], rows(at.clock, on)[DEADLINE_S]
-    take_goals(me.own, orders, on, now_s)
-    intake.judge_sources(crew, at, on, now_s)
-    own = rows(me.own, on)
-    own[USED] = where(rows(me.source, on)[sources.IN_USE] == sources.COMPASS, own[THERE], 0.0)
-    own[FIXED] = intake.count_fixes(at, on, now_s)
-    own[HEADING_NEXT] = own[FIX_NEXT] = 0.0
-    return on & (own[FIXED] > 0.0)
+def update(a: Autopilot, task: Task, at: Plant, now_s: float) -> None:
+    """Do a tick: afterwards the state has the rudder command."""
+    take_goals(a, task, now_s)
+    headings = intake.judge_sources(a, at, now_s)
+    fixes = intake.count_fixes(at, now_s)
+    intake.estimate(a, at, headings if a.state.source[sources.IN_USE] == sources.COMPASS else 0, fixes)
+    settle(a, at, headings, fixes, now_s)
+    steer(a, now_s)
 
 
 @compiled
-def settle(crew: Crew, at: Afloat, on: Lanes, now_s: Lanes) -> None:
-    """Forget the samples of a tick, and carry the headings on to it."""
-    me, f, boats, counts = crew.pilots[0], crew.filters[0], fields(crew.boats[0]), rows(at.counts, on)
-    own, w, place = rows(me.own, on), rows(f.w, on), 0
-    there, fix_count = own[THERE], own[FIXED]
-    while any_of(on & (fix_count > place)):
-        s, t_s = rows(me.source, on & (fix_count > place)), rows(at.fixes, on)[4 * place + THERE_S]
-        sources.learn_interval(s, sources.FIX_TOLD, sources.FIX_INTERVAL, t_s, boats.position_timeout_s)
-        place += 1
-    counts[HEADINGS], counts[FIXES] = counts[HEADINGS] - there, counts[FIXES] - fix_count
-    intake.drop(at.headings, 2, there, counts[HEADINGS], on)
-    intake.drop(at.fixes, 4, fix_count, counts[FIXES], on)
-    w[RUDDER] = boats.servo_sign * rows(at.clock, on)[FEEDBACK_RAD]
-    begun = on & (w[STARTED] > 0.0)
-    mine = rows(me.own, begun)
-    mine[OWN_HEADING_RAD], mine[OWN_RATE_RAD_S] = wave_filter.predict_heading(f, boats, begun, now_s)
-    sampled_s = where(mine[SAMPLE_S] > w[SAMPLE_T], mine[SAMPLE_S], w[SAMPLE_T])
-    mine[SAMPLE_S] = where(rows(me.source, on)[sources.IN_USE] == sources.COURSE, now_s, sampled_s)
-    mine[STEERED_S] = now_s
+def settle(a: Autopilot, at: Plant, headings: int, fixes: int, now_s: float) -> None:
+    """Drop the samples of a tick, and propagate the heading to it."""
+    me, f, s, boat = a.state, a.filter, a.state.source, a.boat
+    for fix in range(fixes):
+        sources.learn_interval(
+            s, sources.FIX_TOLD, sources.FIX_INTERVAL, at.fixes[fix, THERE_S], boat.position_timeout_s
+        )
+    at.heading_count -= headings
+    at.fix_count -= fixes
+    intake.drop(at.headings, headings, at.heading_count)
+    intake.drop(at.fixes, fixes, at.fix_count)
+    f.w[RUDDER] = boat.servo_sign * at.feedback_rad
+    if f.w[STARTED] > 0.0:
+        me.heading_rad, me.rate_rad_s = wave_filter.predict_heading(f, boat.model, now_s)
+        if s[sources.IN_USE] == sources.COURSE:
+            me.sample_s = now_s
+        elif not me.sample_s > f.w[SAMPLE_T]:
+            me.sample_s = f.w[SAMPLE_T]
+        me.steered_s = now_s
 
 
 @compiled
-def know(crew: Crew, on: Lanes) -> None:
-    """Fill what the helms know of estimates that have begun."""
-    me, f, p = crew.pilots[0], crew.filters[0], crew.covariances[0].p
-    e, own, x = rows(me.known, on), rows(me.own, on), rows(f.x, on)
-    e[helm.E_HEADING], e[helm.E_RATE] = own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S]
-    e[helm.E_CORRECTION] = most(2.0 * lanes_of(p, kalman.place(kalman.HEADING, kalman.RATE)), 0.0)
-    e[helm.E_HEADING_SD] = math.sqrt(lanes_of(p, kalman.HEADING * COLUMNS + kalman.HEADING))
+def know(a: Autopilot) -> None:
+    """Fill what the controller knows of an estimate that has begun."""
+    me, x, p, e = a.state, a.filter.x, a.covariance.p, a.state.known
+    e[helm.E_HEADING], e[helm.E_RATE] = me.heading_rad, me.rate_rad_s
+    e[helm.E_CORRECTION] = max(2.0 * p[kalman.HEADING, kalman.RATE], 0.0)
+    e[helm.E_HEADING_SD] = math.sqrt(p[kalman.HEADING, kalman.HEADING])
     e[helm.E_BIAS], e[helm.E_BIAS_MEAN] = x[kalman.BIAS], x[kalman.BIAS_MEAN]
     e[helm.E_SPEED] = x[kalman.SPEED]
-    e[helm.E_SPEED_SD] = math.sqrt(lanes_of(p, kalman.SPEED * COLUMNS + kalman.SPEED))
+    e[helm.E_SPEED_SD] = math.sqrt(p[kalman.SPEED, kalman.SPEED])
     e[helm.E_FACTOR] = x[kalman.FACTOR]
 
 
 @compiled
-def steer(crew: Crew, orders: Orders, on: Lanes, now_s: Lanes) -> None:
-    """Watch over the helms and steer: the next rudder commands."""
-    me, f, boats = crew.pilots[0], crew.filters[0], fields(crew.boats[0])
-    own, e, before_s = rows(me.own, on), rows(me.known, on), rows(me.own, on)[BEFORE_S]
-    step_s = where(math.isnan(before_s), 0.0, least(most(0.0, now_s - before_s), LONGEST_STEP_S))
-    begun, armed = rows(f.w, on)[STARTED] > 0.0, own[ARMED] > 0.0
-    lost_after_s = sources.timeout_s(rows(me.source, on)[sources.INTERVAL], boats.compass_timeout_s)
-    steered = armed & (now_s - own[SAMPLE_S] <= lost_after_s) & fails(math.isnan(own[GOAL_RAD]))
-    error_rad = where(steered, wrap_pi(own[GOAL_RAD] - own[OWN_HEADING_RAD]), np.nan)
-    own[OWN_ERROR_RAD] = error_rad
-    know(crew, on & begun)
-    command_rad, swing, state = own[OWN_COMMAND_RAD], rows(me.swing, on), rows(me.helm, on)
-    wave_period_s = 2.0 * math.pi / exp_of(f, OMEGA, rows(f.n, on)[LOG_OMEGA])
-    seen_rad = where(begun, error_rad, np.nan)
-    trim_rad = rows(f.x, on)[kalman.BIAS_MEAN]
-    oscillation.watch(swing, rows(me.late, on), now_s, seen_rad, own[GOAL_RAD], command_rad, trim_rad, e, wave_period_s)
-    demand_rad, helmed = where(armed, command_rad, 0.0), on & steered & begun
-    if any_of(helmed):
-        asked_rad = helm.steer(
-            rows(orders.laws, on), rows(me.helm, helmed), rows(me.known, helmed), error_rad, command_rad, step_s,
-            swing[oscillation.SOFTNESS],
-        )  # fmt: skip
-        demand_rad = where(helmed, asked_rad, demand_rad)
-    state[helm.REF_HEADING] = where(helmed, state[helm.REF_HEADING], np.nan)
-    state[helm.FOLLOWED_BIAS] = where(helmed, state[helm.FOLLOWED_BIAS], np.nan)
-    own[OWN_COMMAND_RAD] = helm.limited_command(
-        command_rad, demand_rad, step_s, boats.limit_rad, boats.slew_rad_s, boats.deadband_rad
+def steer(a: Autopilot, now_s: float) -> None:
+    """Look for a limit cycle and set the next rudder command."""
+    me, f, boat = a.state, a.filter, a.boat
+    step_s = 0.0 if math.isnan(me.before_s) else min(max(0.0, now_s - me.before_s), LONGEST_STEP_S)
+    begun, armed = f.w[STARTED] > 0.0, is_armed(now_s)
+    lost_after_s = sources.timeout_s(me.source[sources.INTERVAL], boat.compass_timeout_s)
+    steered = armed and now_s - me.sample_s <= lost_after_s and not math.isnan(me.goal_rad)
+    me.error_rad = wrap_pi(me.goal_rad - me.heading_rad) if steered else np.nan
+    if begun:
+        know(a)
+    wave_period_s = 2.0 * math.pi / math.exp(f.n[LOG_OMEGA])
+    seen_rad, trim_rad = me.error_rad if begun else np.nan, f.x[kalman.BIAS_MEAN]
+    oscillation.watch(
+        me.swing, me.late, now_s, seen_rad, me.goal_rad, me.command_rad, trim_rad, me.known, wave_period_s
     )
-    own[BEFORE_S] = now_s
+    demand_rad = me.command_rad if armed else 0.0
+    if steered and begun:
+        softness = me.swing[oscillation.SOFTNESS]
+        demand_rad = helm.steer(a.law, me.helm, me.known, me.error_rad, me.command_rad, step_s, softness)
+    else:
+        me.helm[helm.REF_HEADING] = me.helm[helm.FOLLOWED_BIAS] = np.nan
+    me.command_rad = helm.limited_command(
+        me.command_rad, demand_rad, step_s, boat.limit_rad, boat.slew_rad_s, boat.deadband_rad
+    )
+    me.before_s = now_s
 
 
 @compiled
-def next_deadline(deadline_s: Lanes, newest_s: Lanes) -> Lanes:
-    """Return when the next ticks are due: they draw near to the compass (firmware_py/system/clock.py)."""
+def next_deadline(deadline_s: float, newest_s: float) -> float:
+    """Return when the next tick is due: the ticks draw near to the compass (firmware_py/system/clock.py)."""
+    if math.isnan(newest_s):
+        return deadline_s + PERIOD_S
     ahead_s = deadline_s - (newest_s + LOCK_MARGIN_S)
     off_s = ahead_s - PERIOD_S * math.floor(ahead_s / PERIOD_S + 0.5)
-    drawn_s = within(-LOCK_GAIN * off_s, -LOCK_SLEW * PERIOD_S, LOCK_SLEW * PERIOD_S)
-    return deadline_s + where(math.isnan(newest_s), PERIOD_S + 0.0, PERIOD_S + drawn_s)
+    return deadline_s + (PERIOD_S + clamp(-LOCK_GAIN * off_s, -LOCK_SLEW * PERIOD_S, LOCK_SLEW * PERIOD_S))

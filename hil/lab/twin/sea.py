@@ -1,4 +1,4 @@
-"""Draws a sea for the twin: the same numbers, of the same streams and in the same order, as hil/ship and hil/sim do."""
+"""Draw a sea for the compiled loop: the same numbers, of the same streams and in the same order, as hil/ship draws."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.devices.nmea_gps import Gaps
 from hil.lab.normals import drawn, fill, state_of
 from hil.lab.twin import series
-from hil.lab.twin.afloat import Sea
 from hil.lab.twin.devices import Devices
 from hil.lab.twin.kalman import Floats
+from hil.lab.twin.plant import Sea
 from hil.lab.twin.series import Part
 from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Ship
 from hil.ship import drift as drifting
@@ -149,7 +149,6 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         scenario.tide_rotary,
         yaw_rad > 0.0,
         _heel_rad(scenario) > 0.0,
-        any((extras.leeway, extras.slide, body, extras.wave_speed, extras.compass)),
         *places,
     )
 

@@ -1,30 +1,20 @@
-"""Twin of hil/ship: the hull in its sea, on the same grid of time, of series that do not depend on the boat.
-
-What is called at each heading is written for numbers side by side and for one alone, the velocity for one alone.
-"""
+"""The hull in its sea, as hil/ship simulates it, for compiled code: on the same grid of time, from drawn series."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from firmware_py.common.angles import TWO_PI
-from firmware_py.model.kt import yaw_acceleration
+from firmware_py.model.kt import rk4_step, yaw_acceleration
 from hil.lab.compiled import compiled
-from hil.lab.lane_math import fails, most
-from hil.lab.lane_rows import rows
-from hil.lab.lanes import any_of, where
 from hil.lab.twin.kalman import Floats
 
 STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND
 STEERAGE_M_S = 0.05
-
-
-Lanes = Any  # or a number
-Hull = Any  # the numbers of one, or rows of those side by side
 Series = Floats  # the numbers of everything that moves by itself, one kind behind the other
 
 
@@ -81,7 +71,6 @@ class Ship(NamedTuple):
     rotary: float
     has_yaw: bool
     has_roll: bool
-    has_more: bool  # than a hull: way sideways, a float, a changing speed, a compass as bought
     offset_at: int
     yaw_at: int
     orbit_at: int
@@ -93,15 +82,14 @@ class Ship(NamedTuple):
     blade_lost_s: float = math.inf  # from then on the rudder turns nothing
 
 
-# What a hull remembers; the last two are room to work in.
-(PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, SHOWN, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED,
- SWAPPED, PLACE) = range(14)  # fmt: skip
-HULL_STATES = 14
+# The state of a hull.
+(PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, SHOWN, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED) = range(12)
+HULL_STATES = 12
 
 
 @compiled
-def be_at(hull: Hull, ship: Ship, speed_m_s: Lanes) -> None:
-    """Be the ship at a speed (KtModel.at_speed)."""
+def be_at(hull: Floats, ship: Ship, speed_m_s: float) -> None:
+    """Set the model to a speed (KtModel.at_speed)."""
     ratio = speed_m_s / ship.model_speed_m_s
     hull[NOW_K], hull[NOW_T] = ship.ability_1_s * ratio, ship.lag_s / ratio
     hull[NOW_ALPHA] = ship.norrbin_s2 / (ratio * ratio)
@@ -109,34 +97,30 @@ def be_at(hull: Hull, ship: Ship, speed_m_s: Lanes) -> None:
 
 
 @compiled
-def take_speed(hull: Hull, ship: Ship, series: Series, step: Lanes) -> None:
-    """Be the ship of the speed that the waves give at a grid step."""
-    speed_m_s = ship.speed_m_s * series[where(ship.has_speed, ship.speed_at + step, 0)]
-    be_at(hull, ship, most(speed_m_s, STEERAGE_M_S))
-    hull[NOW_K] = where(speed_m_s < STEERAGE_M_S, hull[NOW_K] * speed_m_s / STEERAGE_M_S, hull[NOW_K])
+def take_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
+    """Set the model to the speed that the waves give at a grid step."""
+    speed_m_s = ship.speed_m_s * series[ship.speed_at + step]
+    be_at(hull, ship, max(speed_m_s, STEERAGE_M_S))
+    if speed_m_s < STEERAGE_M_S:
+        hull[NOW_K] = hull[NOW_K] * speed_m_s / STEERAGE_M_S
     hull[NOW_SPEED] = speed_m_s
 
 
 @compiled
-def waves_share(ship: Ship, series: Series, step: Lanes) -> Lanes:
+def waves_share(ship: Ship, series: Series, step: int) -> float:
     """Return how much of the waves there is, when they die."""
-    return where(ship.has_speed, series[where(ship.has_speed, ship.waves_at + step, 0)], 1.0)
+    return series[ship.waves_at + step] if ship.has_speed else 1.0
 
 
 @compiled
-def process_angle(series: Series, at: Lanes, since_s: Lanes) -> Lanes:
-    """Return the angle of a wave process, since_s into a grid step that begins at a place of the series."""
+def process_angle(series: Series, first: int, step: int, since_s: float) -> float:
+    """Return the angle of a wave process, since_s into a grid step."""
+    at = first + 2 * step
     y0, v0, y1, v1 = series[at], series[at + 1], series[at + 2], series[at + 3]
     h = GRID_S
     x = since_s / h
     bend = 3.0 * (y1 - y0) - h * (2.0 * v0 + v1) + x * (2.0 * (y0 - y1) + h * (v0 + v1))
-    return y0 + x * (h * v0 + x * bend)
-
-
-@compiled
-def angle_if(there: Lanes, series: Series, at: Lanes, since_s: Lanes) -> Lanes:
-    """Return the angle of a wave process where there is one, 0 where not."""
-    return where(there, process_angle(series, where(there, at, 0), since_s), 0.0)
+    return float(y0 + x * (h * v0 + x * bend))
 
 
 @compiled
@@ -151,7 +135,7 @@ def process_rate(series: Series, first: int, step: int, since_s: float) -> float
 
 
 @compiled
-def glider_heading(hull: Hull, ship: Ship, series: Series, step: Lanes, offset_s: Lanes) -> Lanes:
+def glider_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
     """Return where the body with the rudder points, unwrapped."""
     acceleration = yaw_acceleration(
         hull[YAW_RATE],
@@ -161,29 +145,30 @@ def glider_heading(hull: Hull, ship: Ship, series: Series, step: Lanes, offset_s
         hull[NOW_ALPHA],
         ship.bias_rad + series[ship.offset_at + step],
     )
-    return hull[PSI] + offset_s * (hull[YAW_RATE] + 0.5 * offset_s * acceleration)
+    return float(hull[PSI] + offset_s * (hull[YAW_RATE] + 0.5 * offset_s * acceleration))
 
 
 @compiled
-def float_heading(hull: Hull, ship: Ship, series: Series, step: Lanes, offset_s: Lanes) -> Lanes:
+def float_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
     """Return where the body with the compass points without the yaw of the waves, unwrapped."""
-    glider_rad = glider_heading(hull, ship, series, step, offset_s)
-    if not any_of(ship.has_float):
-        return glider_rad
+    if not ship.has_float:
+        return glider_heading(hull, ship, series, step, offset_s)
     acceleration = ship.float_w2 * (hull[PSI] - hull[FLOAT_PSI]) - ship.float_damp * hull[FLOAT_RATE]
-    float_rad = hull[FLOAT_PSI] + offset_s * (hull[FLOAT_RATE] + 0.5 * offset_s * acceleration)
-    return where(ship.has_float, float_rad, glider_rad)
+    return float(hull[FLOAT_PSI] + offset_s * (hull[FLOAT_RATE] + 0.5 * offset_s * acceleration))
 
 
 @compiled
-def heading(hull: Hull, ship: Ship, series: Series, step: Lanes, offset_s: Lanes) -> Lanes:
+def heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
     """Return the heading that a perfect compass shows, unwrapped."""
-    yaw_rad = angle_if(ship.has_yaw, series, ship.yaw_at + 2 * step, offset_s)
-    return float_heading(hull, ship, series, step, offset_s) + waves_share(ship, series, step) * yaw_rad
+    heading_rad = float_heading(hull, ship, series, step, offset_s)
+    if ship.has_yaw:
+        yaw_rad = process_angle(series, ship.yaw_at, step, offset_s)
+        heading_rad += waves_share(ship, series, step) * yaw_rad
+    return heading_rad
 
 
 @compiled
-def sensed_heading(ship: Ship, series: Series, step: Lanes, heading_rad: Lanes, offset_s: Lanes) -> Lanes:
+def sensed_heading(ship: Ship, series: Series, step: int, heading_rad: float, offset_s: float) -> float:
     """Return what a compass as bought makes of a heading, its lag apart."""
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     deviation_rad = (
@@ -193,20 +178,20 @@ def sensed_heading(ship: Ship, series: Series, step: Lanes, heading_rad: Lanes, 
         + ship.c_d * 2.0 * sine * cosine
         + ship.c_e * (cosine * cosine - sine * sine)
     )
-    roll_rad = angle_if(ship.has_roll, series, ship.roll_at + 2 * step, offset_s)
+    roll_rad = process_angle(series, ship.roll_at, step, offset_s) if ship.has_roll else 0.0
     return heading_rad - deviation_rad - waves_share(ship, series, step) * roll_rad * cosine
 
 
 @compiled
-def shown_heading(hull: Hull, ship: Ship, series: Series, step: Lanes, offset_s: Lanes) -> Lanes:
+def shown_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
     """Return the heading that the sea's compass shows, unwrapped."""
     heading_rad = heading(hull, ship, series, step, offset_s)
-    if not any_of(ship.has_compass):
+    if not ship.has_compass:
         return heading_rad
     sensed_rad, last_rad = sensed_heading(ship, series, step, heading_rad, offset_s), hull[SHOWN]
-    follows = where(ship.c_lag_s > 0.0, fails(math.isnan(last_rad)), False)
-    followed_rad = last_rad - math.expm1(-offset_s / ship.c_lag_s) * (sensed_rad - last_rad)
-    return where(ship.has_compass, where(follows, followed_rad, sensed_rad), heading_rad)
+    if ship.c_lag_s > 0.0 and not math.isnan(last_rad):
+        return float(last_rad - math.expm1(-offset_s / ship.c_lag_s) * (sensed_rad - last_rad))
+    return sensed_rad
 
 
 @compiled
@@ -241,41 +226,52 @@ def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: floa
 
 
 @compiled
-def begin_hull(hull: Hull, ship: Ship) -> None:
-    """Lie at the start, under way at the mean speed."""
+def begin_hull(hull: Floats, ship: Ship) -> None:
+    """Start with the mean speed."""
     hull[SHOWN] = math.nan
     be_at(hull, ship, ship.speed_m_s)
 
 
 @compiled
-def drift_on(hulls: Floats, on: Lanes, ship: Ship, series: Series, before_rad: Lanes, step: Lanes) -> None:
-    """Let what ships have beside their hulls take a step: way sideways, float, speed, compass."""
-    hull = rows(hulls, on)
-    r, middle_rad = hull[YAW_RATE], 0.5 * (before_rad + hull[PSI])
-    if any_of(ship.has_sideways):
-        go_sideways(rows(hulls, on & (ship.has_sideways > 0.0)), ship, middle_rad, r)
-    if any_of(ship.has_float):
-        behind_rad, rate_rad_s = hull[FLOAT_PSI] - middle_rad, hull[FLOAT_RATE]
-        body = rows(hulls, on & (ship.has_float > 0.0))
-        body[FLOAT_PSI] = middle_rad + ship.f00 * behind_rad + ship.f01 * rate_rad_s
-        body[FLOAT_RATE] = ship.f10 * behind_rad + ship.f11 * rate_rad_s
-    if any_of(ship.has_speed):
-        take_speed(rows(hulls, on & (ship.has_speed > 0.0)), ship, series, step + 1.0)
-    if any_of(ship.has_compass):
-        sensed_rad = sensed_heading(ship, series, step + 1.0, heading(hull, ship, series, step + 1.0, 0.0), 0.0)
-        last_rad, compass = hull[SHOWN], rows(hulls, on & (ship.has_compass > 0.0))
-        last_rad = where(math.isnan(last_rad), sensed_rad, last_rad)
-        compass[SHOWN] = last_rad + ship.c_follow * (sensed_rad - last_rad)
+def rudder_in_water(ship: Ship, waiting: Floats, step: int, shaft_rad: float) -> float:
+    """Return the angle of the rudder that turns the hull; `waiting` holds the angles of a delayed one."""
+    rudder_rad = 0.0 if step * GRID_S >= ship.blade_lost_s else shaft_rad
+    if ship.delay_steps > 0:
+        place = step % ship.delay_steps
+        waiting[place], rudder_rad = rudder_rad, waiting[place]
+    return rudder_rad
 
 
 @compiled
-def go_sideways(hull: Hull, ship: Ship, middle_rad: Lanes, r: Lanes) -> None:
-    """Let wind, body and turning take a ship sideways."""
+def turn_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: float) -> None:
+    """Advance by a grid step, which ends with the rudder in the water at rudder_rad (hil/ship/kt_plant.py)."""
+    psi, r, driven_rad = hull[PSI], hull[YAW_RATE], 0.5 * (hull[RUDDER] + rudder_rad)
+    offset_rad = ship.bias_rad + series[ship.offset_at + step]
+    for _ in range(ship.inner_steps):
+        psi, r = rk4_step(psi, r, driven_rad, ship.inner_s, hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA], offset_rad)
+    middle_rad = 0.5 * (hull[PSI] + psi)
+    hull[RUDDER], hull[PSI], hull[YAW_RATE] = rudder_rad, psi, r
+    if ship.has_sideways:
+        go_sideways(hull, ship, middle_rad)
+    if ship.has_float:
+        behind_rad, rate_rad_s = hull[FLOAT_PSI] - middle_rad, hull[FLOAT_RATE]
+        hull[FLOAT_PSI] = middle_rad + ship.f00 * behind_rad + ship.f01 * rate_rad_s
+        hull[FLOAT_RATE] = ship.f10 * behind_rad + ship.f11 * rate_rad_s
+    if ship.has_speed:
+        take_speed(hull, ship, series, step + 1)
+    if ship.has_compass:
+        sensed_rad = sensed_heading(ship, series, step + 1, heading(hull, ship, series, step + 1, 0.0), 0.0)
+        last_rad = sensed_rad if math.isnan(hull[SHOWN]) else hull[SHOWN]
+        hull[SHOWN] = last_rad + ship.c_follow * (sensed_rad - last_rad)
+
+
+@compiled
+def go_sideways(hull: Floats, ship: Ship, middle_rad: float) -> None:
+    """Drift sideways by wind, body and turning."""
     speed_m_s = hull[NOW_SPEED]
     angle_rad = ship.body_rad + ship.wind_rad * math.sin(middle_rad - ship.wind_from_rad)
-    slides = ship.slide_share != 0.0
-    if any_of(slides):
-        last_m_s = -ship.slide_drive / ship.slide_damping_1_m * r
+    if ship.slide_share != 0.0:
+        last_m_s = -ship.slide_drive / ship.slide_damping_1_m * hull[YAW_RATE]
         keep = math.exp(ship.slide_damping_1_m * speed_m_s * GRID_S)
-        hull[SLIDE] = where(slides, last_m_s + keep * (hull[SLIDE] - last_m_s), hull[SLIDE])
+        hull[SLIDE] = last_m_s + keep * (hull[SLIDE] - last_m_s)
     hull[SIDEWAYS] = speed_m_s * math.tan(angle_rad) + ship.slide_share * hull[SLIDE]

@@ -3,7 +3,7 @@ from concurrent.futures import Future
 import pytest
 
 from hil.errors import HilError, UsageError
-from hil.lab.campaign import campaign, crew, twin_engine
+from hil.lab.campaign import campaign, compiled_engine, crew
 from hil.lab.campaign.campaign import Crew
 from hil.lab.campaign.engines import versions
 from hil.lab.campaign.row import rows
@@ -87,7 +87,7 @@ def test_a_cluster_without_workers_is_told_once(monkeypatch, capsys):
 
 def test_what_sails_is_made_ready_once_before_there_are_workers(monkeypatch):
     done = []
-    monkeypatch.setattr(twin_engine, "make_ready", lambda row: done.append(row.index))
+    monkeypatch.setattr(compiled_engine, "make_ready", lambda row: done.append(row.index))
     monkeypatch.setattr(crew, "sail_here", lambda _spec, given, workers: done.append(workers) or given)
     assert list(campaign._sailed(read(), Crew(3), None, batches(2))) == list(batches(2))
     assert done == [0, 3]
@@ -98,10 +98,10 @@ def test_what_sails_is_made_ready_once_before_there_are_workers(monkeypatch):
 def test_a_short_run_makes_ready_what_sails_long_ones():
     row = next(rows(read(), 0, 1))
     before = len(loop.voyage.signatures)
-    twin_engine.make_ready(row)
+    compiled_engine.make_ready(row)
     ready = len(loop.voyage.signatures)
     assert ready >= max(before, 1)
-    twin_engine.sailed([row], twin_engine.new_rooms())
+    compiled_engine.sailed(row)
     assert len(loop.voyage.signatures) == ready
 
 

@@ -19,10 +19,7 @@ from firmware_py.estimate import sources as choosing
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.safety import late_answer as answering
 from firmware_py.safety import oscillation as watching
-from hil.lab.compiled import compiled_here
-from hil.lab.lane_rows import aligned, fields, rows
-from hil.lab.lanes import COUNT, mask_of, where
-from hil.lab.twin import devices, helm, late_answer, oscillation, sailing, sources, turning
+from hil.lab.twin import devices, helm, late_answer, oscillation, sailing, sources
 from hil.lab.twin import kalman as twin_kalman
 from hil.lab.twin import learning as twin_learning
 from hil.lab.twin import over_ground as twin_over_ground
@@ -75,30 +72,22 @@ def test_the_helm_s_numbers_are_the_firmware_s():
     assert model.log_slow_share == first[twin_learning.LOG_SHARE]
 
 
-def columns_of(beside, lane):
-    """Return covariance and slopes of a lane, which keeps the lower triangle alone."""
-    numbers = beside["p"][0, ..., lane]
-    lower = np.tril(numbers[:, :18])
-    return np.concatenate((lower + np.tril(lower, -1).T, numbers[:, 18:]), axis=1)
-
-
-def test_a_covariance_is_carried_on_as_the_firmware_does():
+def test_a_covariance_is_predicted_as_the_firmware_does():
     numbers = np.random.default_rng(5)
     for _ in range(20):
         half = numbers.normal(size=(18, 18))
-        p, slopes = half @ half.T, numbers.normal(size=(18, 2))
-        p = 0.5 * (p + p.T)
+        columns = np.concatenate((half @ half.T, numbers.normal(size=(18, 2))), axis=1)
+        columns[:, :18] = 0.5 * (columns[:, :18] + columns[:, :18].T)
         turned, follow, wave = (tuple(numbers.normal(size=size).tolist()) for size in (8, 4, 4))
+        noise, motions = numbers.random(18).tolist(), [tuple(row) for row in numbers.random((3, 3)).tolist()]
+        for k, (angle, _, rate) in enumerate(motions):
+            noise[12 + 2 * k], noise[13 + 2 * k] = angle, rate
         transition = kalman.Transition(kalman.Turn(*turned), follow, wave, 0.9)
-        columns = np.concatenate((p, slopes), axis=1)
-        expected = kalman.predict(columns, transition, [0.0] * 12, ((0.0, 0.0, 0.0),) * 3)
-        beside, lane = aligned(twin_kalman.COVARIANCES, 1), int(numbers.integers(COUNT))
-        beside["p"][0, ..., :] = columns[..., None]
-        beside["on"][0, lane] = 1.0
-        twin_kalman.set_transition(beside[0], turned, follow, wave, 0.9)
-        twin_kalman.predict(beside[0])
-        assert np.array_equal(columns_of(beside, lane), expected)
-        assert np.array_equal(columns_of(beside, lane - 1), columns)  # it takes no part
+        expected = kalman.predict(columns, transition, noise[:12], motions)
+        ours = sailing.zeros(twin_kalman.COVARIANCE)
+        ours["p"], ours["noise"], ours["both"] = columns, noise, [both for _, both, _ in motions]
+        twin_kalman.predict(ours, turned, follow, wave, 0.9)
+        assert np.array_equal(ours["p"], expected)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-160])  # of which the square is hardly a number
@@ -107,17 +96,13 @@ def test_a_measurement_is_taken_in_as_the_firmware_does(size):
     for _ in range(20):
         half, x, shown = size * numbers.normal(size=(18, 18)), numbers.normal(size=18), size * numbers.normal(size=20)
         p, slopes, variance = half @ half.T, numbers.normal(size=(18, 2)), 3.0 + float(numbers.random())
-        p = 0.5 * (p + p.T)
-        columns = np.concatenate((p, slopes), axis=1)
+        columns = np.concatenate((0.5 * (p + p.T), slopes), axis=1)
         moved, expected = kalman.correct(tuple(x.tolist()), columns, kalman.Measured(shown, variance), 0.3, variance)
-        beside, lane = aligned(twin_kalman.COVARIANCES, 1), int(numbers.integers(COUNT))
-        beside["p"][0, ..., :] = columns[..., None]
-        beside["shown"][0] = shown[:, None]
-        beside["on"][0, lane], beside["innovation"][0, lane], beside["variance"][0] = 1.0, 0.3, variance
-        twin_kalman.correct(beside[0])
-        assert np.array_equal(columns_of(beside, lane), expected)
-        assert np.array_equal(columns_of(beside, lane - 1), columns)
-        assert tuple(x + beside["moved"][0, :, lane]) == moved
+        ours = sailing.zeros(twin_kalman.COVARIANCE)
+        ours["p"], ours["shown"], ours["innovation"], ours["variance"] = columns, shown, 0.3, variance
+        twin_kalman.correct(x, ours)
+        assert np.array_equal(ours["p"], expected)
+        assert tuple(x) == moved
 
 
 spread, correction = st.floats(0.0005, 0.3), st.floats(0.0, 0.002)
@@ -200,36 +185,25 @@ def test_the_watch_over_the_helm_softens_when_the_firmware_s_does():
     assert most == answering.MOST
 
 
-@compiled_here
-def began(filters, lane, speed_m_s):
-    twin_state.begin_filters(filters, mask_of(1 << lane), speed_m_s)
-
-
-@compiled_here
-def took_in(filters, beside, boats, lane):
-    twin_filter.correct_headings(filters, beside, fields(boats), mask_of(1 << lane))
-
-
 def test_a_turn_is_taken_from_the_waves_as_the_firmware_does():
     """The compass circles against the rudder; that the estimate would go astray is its own test."""
-    boat, numbers = sailing.boat_of(PARAMETERS), np.random.default_rng(4)
+    model, numbers = np.array(sailing.boat_of(PARAMETERS).model), np.random.default_rng(4)
     known, theirs = wave_filter_state.WaveFilterSettings.of(PARAMETERS), wave_filter_state.WaveFilterState()
-    filters, beside, lane, given_back = aligned(twin_state.FILTERS, 1), aligned(twin_kalman.COVARIANCES, 1), 5, 0
-    boats, ours = sailing.beside_of([boat]), filters[0]
-    began(ours, lane, 0.5)
+    ours, covariance, given_back = sailing.zeros(twin_state.FILTER), sailing.zeros(twin_kalman.COVARIANCE), 0
+    ours["w"][twin_state.WATER_SPEED] = 0.5
+    twin_state.forget(ours)
     for tick in range(1500):
         t_s, rudder_rad = 0.1 * tick, radians(30.0) if tick > 300 else 0.0
         heading_rad = math.remainder(0.2 * math.sin(t_s) - 0.005 * max(tick - 300, 0), math.tau)
         heading_rad += 0.005 * float(numbers.standard_normal())
         before_rad = theirs.slow_wave_rad
         theirs = wave_filter.update(known, theirs, [wave_filter.Heading(t_s, heading_rad)], [], rudder_rad)
-        beside["to_s"][0, lane], beside["sample"][0, lane] = t_s, heading_rad
-        took_in(ours, beside[0], boats[0], lane)
-        ours["w"][twin_state.RUDDER, lane] = rudder_rad
-        assert tuple(ours["x"][:, lane]) == theirs.x
-        assert ours["w"][twin_state.SLOW_WAVE, lane] == theirs.slow_wave_rad
+        twin_filter.correct_heading(ours, covariance, model, t_s, heading_rad)
+        ours["w"][twin_state.RUDDER] = rudder_rad
+        assert tuple(ours["x"]) == theirs.x
+        assert ours["w"][twin_state.SLOW_WAVE] == theirs.slow_wave_rad
         given_back += theirs.slow_wave_rad == 0.0 != before_rad
-    assert np.array_equal(columns_of(beside, lane)[:, :18].ravel(), np.frombuffer(theirs.p))
+    assert np.array_equal(covariance["p"][:, :18].ravel(), np.frombuffer(theirs.p))
     assert given_back > 0
 
 
@@ -275,38 +249,29 @@ def test_the_source_is_chosen_as_the_firmware_chooses():
 KINDER = "float=0.4:1.2,leeway=6:3:80,sway=0.5,orbital=0.3,speed=0.5:30:8:6,compass=2:3:1:1:1:4:0,kt=0.7:1.3,delay=0.33"
 
 
-@compiled_here
-def began_to_sail(hulls, ship):
-    ships.begin_hull(rows(hulls, True), fields(ship))
-
-
-@compiled_here
-def sailed_on(hulls, ship, series, waiting, lane, step, rudder):
-    on = mask_of(1 << lane)
-    steps = where(on, step, 0.0)
-    in_water = turning.in_water(hulls, on, fields(ship), waiting, steps, where(on, rudder, 0.0))
-    turning.turn_hulls(hulls, on, fields(ship), series, steps, in_water)
-
-
 @pytest.mark.parametrize(
     "text", [*(row.name for row in TABLE), "tank+orbital=0.2,compass", f"mission+{KINDER}", "calm+sway,compass"]
 )
 def test_the_ship_in_her_sea_is_the_harness_s(text):
     scenario, seconds = sea_of(text), 20.0
     hull, sea = Hull(scenario, OCEAN_RAMBLER, 3), drawn(scenario, 3, seconds)
-    hulls, waiting, lane = np.zeros((ships.HULL_STATES, COUNT)), np.zeros((COUNT, max(sea.ship.delay_steps, 1))), 3
-    ship, state = sailing.beside_of([sea.ship])[0], hulls[:, lane]
-    began_to_sail(hulls, ship)
+    state, waiting, ship = (
+        np.zeros(ships.HULL_STATES),
+        np.zeros(max(sea.ship.delay_steps, 1)),
+        sailing.record_of(sea.ship),
+    )
+    ships.begin_hull(state, ship)
     numbers = np.random.default_rng(1)
     rudder = 0.0
     for step in range(int(seconds / GRID_S)):
         offset_s = float(numbers.uniform(0.0, GRID_S))
-        ours = ships.shown_heading(state, sea.ship, sea.series, step, offset_s)
+        ours = ships.shown_heading(state, ship, sea.series, step, offset_s)
         assert ours == hull.shown_heading_rad(offset_s)
-        assert ships.velocity(state, sea.ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
+        assert ships.velocity(state, ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
         rudder = min(max(rudder + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
         hull.step(rudder)
-        sailed_on(hulls, ship, sea.series, waiting, lane, step, rudder)
+        in_water = ships.rudder_in_water(ship, waiting, step, rudder)
+        ships.turn_hull(state, ship, sea.series, step, in_water)
         assert state[ships.PSI] == hull.glider_heading_rad(0.0)
 
 

@@ -1,12 +1,11 @@
-"""Runs of a campaign by the compiled twin: the one place where campaigns meet hil/lab/twin."""
+"""Runs of a campaign in the compiled loop: the one place where campaigns use hil/lab/twin."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import islice
 from typing import Any, cast
 
 from firmware_py.common.parameters import ParameterSet
@@ -15,10 +14,8 @@ from hil.lab.campaign.row import Row
 from hil.lab.campaign.scores import scores_of
 from hil.lab.campaign.spec import Spec
 from hil.lab.compiled import compiling
-from hil.lab.lanes import COUNT
 from hil.lab.twin import sailing
-from hil.lab.twin.afloat import Record
-from hil.lab.twin.kalman import Floats
+from hil.lab.twin.plant import Sea
 from hil.lab.twin.sea import NO_ROOM, sea_of
 from hil.sim.truth import Truth
 from hil.sim.vehicle_file import model_of
@@ -30,7 +27,7 @@ UNKNOWN_OPTIONS = ("supply", "vessels")
 
 
 def refusals(spec: Spec) -> list[str]:
-    """Return a line for each thing of a specification that the twin cannot sail."""
+    """Return a line for each thing of a specification that the compiled loop does not have."""
     lines = [f"with.{name}: {REFUSED}" for name in UNKNOWN_OPTIONS if name in spec.options]
     lines += [f"{name}: {REFUSED} but {only}" for name, only in DEVICES.items() if set(spec.values(name)) - {only}]
     if "fault.what" in spec.draws:
@@ -43,7 +40,7 @@ def refusals(spec: Spec) -> list[str]:
     return lines
 
 
-REFUSED = 'is not in the twin; take engine = "firmware"'
+REFUSED = 'is not in the compiled loop; take engine = "firmware"'
 
 
 class _Asked:
@@ -60,7 +57,7 @@ class _Asked:
 
 @cache
 def known_parameters() -> frozenset[str]:
-    """Return the names of the parameters that the twin takes."""
+    """Return the names of the parameters that the compiled loop takes."""
     asked: Any = _Asked()
     sailing.boat_of(asked)
     sailing.law_of(asked)
@@ -68,41 +65,35 @@ def known_parameters() -> frozenset[str]:
 
 
 def sail(rows: Iterable[Row]) -> Iterator[Outcome]:
-    """Sail runs, so many beside each other, and yield what became of them, in order."""
-    left = iter(rows)
-    with compiling("the boat's twin"):
-        rooms = new_rooms()
-        while beside := list(islice(left, COUNT)):
-            for truth in sailed(beside, rooms):
-                scores = scores_of(truth.heading_low_rad, truth.rudder_rad, truth.goal_rad)
-                yield Outcome(digest_of(truth), scores)
-
-
-def new_rooms() -> list[Floats]:
-    """Return where seas are drawn; again and again, for new memory takes longer than what is drawn."""
-    return [NO_ROOM] * COUNT
+    """Sail runs and yield their outcomes, in order."""
+    room = NO_ROOM  # the series of all runs: new memory takes longer than what is drawn
+    with compiling("the closed loop"):
+        for row in rows:
+            sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle), room)
+            room = sea.series
+            truth = _sailed(row, sea)
+            scores = scores_of(truth.heading_low_rad, truth.rudder_rad, truth.goal_rad)
+            yield Outcome(digest_of(truth), scores)
 
 
 def make_ready(row: Row) -> None:
-    """Compile what sails, which workers then find ready: they would all compile it beside each other."""
+    """Compile the loop, so that the workers find it compiled."""
     for _ in sail([replace(row, seconds=READY_S)]):
         pass
 
 
-def sailed(beside: Sequence[Row], rooms: list[Floats]) -> list[Truth]:
-    """Sail up to COUNT runs, whose seas are drawn in rooms; return what of truth.csv the twin knows."""
-    runs = [_run(row, room) for row, room in zip(beside, rooms, strict=False)]
-    rooms[: len(runs)] = [run.sea.series for run in runs]
-    record, _ = sailing.sail_beside(runs, beside[0].seconds, ticks=False)
-    return [sailing.truth_of(Record(*(one[lane] for one in record)), row.goals) for lane, row in enumerate(beside)]
+def sailed(row: Row) -> Truth:
+    """Sail a run; return what the compiled loop computes of truth.csv."""
+    return _sailed(row, sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle)))
 
 
-def _run(row: Row, room: Floats) -> sailing.Run:
+def _sailed(row: Row, sea: Sea) -> Truth:
     told = ParameterSet()
     for name, value in {**row.vehicle.parameters, **row.settings}.items():
         told = told.replaced(name, value)
-    sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle), room)
-    return sailing.Run(sailing.boat_of(told), sailing.law_of(told), sea, sailing.task_of(row.goals))
+    boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(row.goals)
+    record, _ = sailing.sail(boat, law, sea, task, row.seconds, ticks=False)
+    return sailing.truth_of(record, row.goals)
 
 
 def digest_of(truth: Truth) -> str:

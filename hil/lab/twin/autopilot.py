@@ -1,0 +1,66 @@
+"""What an autopilot of the compiled loop is told, and its state beside that of its wave filter."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hil.lab.twin import helm, late_answer, oscillation, sources
+from hil.lab.twin.kalman import Floats
+
+
+class Boat(NamedTuple):
+    """What the autopilot knows by its parameters; `model` is K, T, alpha and the speed that they are of."""
+
+    model: Any  # four numbers: in a record, an array
+    limit_rad: float
+    trim_rad: float
+    slew_rad_s: float
+    deadband_rad: float
+    compass_timeout_s: float
+    position_timeout_s: float
+    frozen_s: float
+    course_speed_m_s: float
+    cruise_speed_m_s: float
+    servo_sign: float
+
+
+class Task(NamedTuple):
+    """When goals are given and their headings, as the operator's message rounds them."""
+
+    given_s: Floats
+    goals_rad: Floats
+
+
+# The state of the autopilot: of its parts, and its own, where NaN is what there is not yet. `goals` counts those that
+# have been given.
+STATE = np.dtype(
+    [
+        *(
+            (name, np.float64, (count,))
+            for name, count in (
+                ("helm", helm.HELM_STATES), ("known", helm.KNOWN), ("swing", oscillation.WATCH_STATES),
+                ("late", late_answer.LATE_STATES), ("source", sources.SOURCE_STATES),
+            )
+        ),
+        *(
+            (name, np.float64)
+            for name in (
+                "before_s", "command_rad", "heading_rad", "rate_rad_s", "steered_s", "sample_s", "goal_rad",
+                "newest_s", "error_rad",
+            )
+        ),
+        ("goals", np.int64),
+    ]
+)  # fmt: skip
+
+
+class Autopilot(NamedTuple):
+    """The autopilot of a run, as records: Boat, STATE, wave_filter_state.FILTER and kalman.COVARIANCE; and its law."""
+
+    boat: Any
+    state: Any
+    filter: Any
+    covariance: Any
+    law: Floats
