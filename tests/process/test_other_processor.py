@@ -1,10 +1,12 @@
-"""On the processor of a float the arithmetic is that of the bench: logs made here are recomputed there to the bit.
+"""Logs made here are recomputed by the processor of a float to the same rudder, within 1e-9 rad.
+
+The bound holds up to the first decision that differs (support/decisions.py): the C libraries of the two may differ in
+the last bit, and a number close to a threshold then falls on the other side of it.
 
 `.ci/debian_tree DIR trixie arm64` makes a tree of 64-bit ARM, whose programs run here by QEMU's user emulation; where
-there is none the test says why and is skipped. C library, Python and numpy are those of that processor.
+there is none the test reports why and is skipped. C library, Python and numpy are those of that processor.
 """
 
-import json
 import os
 import shutil
 import subprocess
@@ -14,12 +16,14 @@ from pathlib import Path
 
 import pytest
 
+from support import decisions
 from support.paths import REPLAY, ROOT
 
 TREE = Path(os.environ.get("ARM_TREE", ROOT / "build/debian-trixie-arm64"))
 MACHINE = "aarch64"
 WHO = "import platform, sys; print(platform.machine(), '%d.%d' % sys.version_info[:2])"
 SCENES = ("swell", "ocean-2")
+LEAST_TICKS = 600  # a minute of a run agrees in all decisions: fewer would show nothing
 PATIENCE_S = 1500.0
 
 
@@ -72,16 +76,15 @@ def sailed(tmp_path_factory):
     return {scene: out / scene / "state/logs/00000001.BIN" for scene in SCENES}
 
 
-def test_logs_are_recomputed_to_the_bit_by_another_processor(sailed, shared):
+def test_logs_are_recomputed_to_the_same_rudder_by_another_processor(sailed, shared):
     logs = {"/".join(path.relative_to(REPLAY).parts): path for path in sorted(REPLAY.rglob("*.BIN"))} | sailed
     place = Path("/") / shared.relative_to(TREE)
+    shutil.copy(decisions.__file__, shared / "decisions.py")
     for name, path in logs.items():
         shutil.copy(path, shared / "log.BIN")
-        replay = ("-m", "firmware_py", "replay", "--json")
-        here = said_by(sys.executable, *replay, path)
-        there = in_tree(*replay, place / "log.BIN", PYTHONPATH=place / "site")
-        assert there.stdout, there.stderr
-        found, expected = json.loads(there.stdout), json.loads(here.stdout)
-        print(f"{MACHINE}: {name}: {found['compared']} ticks, {'as here' if found == expected else 'otherwise'}")
-        assert found == expected
-        assert found["identical"] or name not in sailed
+        there = in_tree(place / "decisions.py", place / "log.BIN", PYTHONPATH=place / "site")
+        assert there.returncode == 0, there.stderr
+        found = decisions.agreement(list(decisions.recomputed(path)), decisions.read(there.stdout))
+        print(f"{MACHINE}: {name}: {found}")
+        assert found.largest_rad <= decisions.BOUND_RAD
+        assert name not in sailed or found.ticks >= LEAST_TICKS
