@@ -16,9 +16,9 @@ from firmware_py.system.endings import (
     Ending,
     Endings,
     Watcher,
-    from_text,
+    from_bytes,
     take_endings,
-    to_text,
+    to_bytes,
 )
 from firmware_py.system.hardware_watchdog import HardwareWatchdog, WatchdogError
 from firmware_py.system.service_manager import ServiceManager, runtime_directory
@@ -48,7 +48,7 @@ class Supervision:
         for event in parts.notices:
             if event.text.startswith(AGAIN):
                 say(event.text)
-        self._store.save(ENDINGS_FILE, to_text(replace(self._endings, running=True)).encode())
+        self._store.save(ENDINGS_FILE, to_bytes(replace(self._endings, running=True)))
         self._watcher = Watcher(runtime)
         device: HardwareWatchdog | None = None
         try:
@@ -66,7 +66,7 @@ class Supervision:
     def end(self, *, anew: bool) -> None:
         """Say that the run ends as it should; `anew`: another one follows in this process."""
         self._watchdogs.stop(anew=anew)
-        self._store.save(ENDINGS_FILE, to_text(replace(self._endings, running=False)).encode())
+        self._store.save(ENDINGS_FILE, to_bytes(replace(self._endings, running=False)))
 
     def end_badly(self, why: str) -> None:
         """Say why the run ends although nobody has asked for it, so that it is started anew."""
@@ -80,11 +80,12 @@ AGAIN = "Started again: "
 def read_endings(store: Store, runtime: Path | None, utc_s: float, notices: list[Event]) -> Endings:
     """Return how the runs before have ended; what was not as it should be is added to the notices."""
     content = store.load(ENDINGS_FILE)
+    kept = Endings()
     try:
-        kept = Endings() if content is None else from_text(content.decode("utf-8", "replace"))
+        kept, notes = (kept, ()) if content is None else from_bytes(content)
+        notices += (Event(Severity.WARNING, f"stored {ENDINGS_FILE}: {note}") for note in notes)
     except ValueError as error:
         notices.append(Event(Severity.WARNING, f"stored {ENDINGS_FILE} left out: {error}"))
-        kept = Endings()
     found = take_endings(runtime, utc_s)
     if not found and kept.running:
         found = (Ending(CUT_OFF, "", utc_s),)

@@ -1,4 +1,8 @@
-"""A version on trial: told at each start, and passed once it has sailed long enough."""
+"""A version on trial: told at each start, and passed once it has sailed long enough.
+
+A trial that fails leads back to the version before. So the records that it has kept stay where it looks for them, until
+there is no trial.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from pathlib import Path
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Output
 from firmware_py.install.program_link import STARTS, TRIAL_S, UPDATE_FILE, ProgramLink, passed_text
+from firmware_py.system.state_directory import RECORD_FILES
 from firmware_py.system.store import Store
 
 
@@ -25,6 +30,8 @@ class TrialWatch:
         """Look what is under way; `say` takes a line for the console, `notices` what stations and log are told."""
         self._store, self._notices, self._say = store, notices, say
         self._trial = None if link is None else link.trial()
+        if self._trial is None:
+            store.set_aside(RECORD_FILES)
         failed = None if link is None else link.failed()
         self._since_s: float | None = None
         self.text = ""
@@ -41,6 +48,7 @@ class TrialWatch:
             self._since_s = now_s
         if now_s - self._since_s >= TRIAL_S:
             self._store.save(UPDATE_FILE, passed_text(self._trial.program).encode())
+            self._store.set_aside(RECORD_FILES)
             self._tell(Severity.NOTICE, f"Trial passed: {self._trial.name}")
             self._trial = None
 

@@ -36,7 +36,7 @@ from firmware_py.system.console import Console
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import SerialPort
-from firmware_py.system.state_directory import SATELLITE_FILE, SIGNING_FILE, KeyVault
+from firmware_py.system.state_directory import RECORD_FILES, SATELLITE_FILE, SIGNING_FILE, KeyVault
 from firmware_py.system.store import Store
 from firmware_py.vehicle import Vehicle
 
@@ -143,6 +143,8 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     if options.lockstep is None or options.status:  # else nobody looks: time is not what a clock on the wall shows
         links = links_of(endpoint, talkers)
         show_status(vehicle, options.state_directory, parts, links, version.commit, console, opened)
+    else:
+        store.set_aside(RECORD_FILES)
     feed_talkers(talkers, parts)
     return parts, endpoint, console
 

@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Final
 
 from msgspec.structs import replace
 
@@ -24,11 +25,12 @@ from firmware_py.common.records import Stored
 from firmware_py.core.resume import from_text as record_from_text
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, exact_modes, write_whole
 from firmware_py.files.reading import read_regular
+from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
 from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.link.security.signing import Signing, timestamp_of
 from firmware_py.system.endings import ENDINGS_FILE
-from firmware_py.system.endings import from_text as endings_from_text
-from firmware_py.system.endings import to_text as endings_to_text
+from firmware_py.system.endings import from_bytes as endings_from_bytes
+from firmware_py.system.endings import to_bytes as endings_to_bytes
 from firmware_py.system.hold import Hold, StoreError
 from firmware_py.system.slots import examine
 from firmware_py.system.state_directory import (
@@ -36,6 +38,7 @@ from firmware_py.system.state_directory import (
     PARAMETER_FILE,
     PLAN_FILES,
     RESUME_FILE,
+    SATELLITE_FILE,
     SIGNING_FILE,
     StateFiles,
     read_parameters,
@@ -45,6 +48,12 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.state_export import MOST_BYTES, BrokenExportError, Export, await_import, pack, unpack
 from firmware_py.system.store import Store
 
+# What reads each record, and returns notes besides; ValueError.
+_RECORDS: Final[Mapping[str, Callable[[bytes], tuple[object, tuple[str, ...]]]]] = {
+    ENDINGS_FILE: endings_from_bytes,
+    RESUME_FILE: lambda content: record_from_text(content.decode("ascii", "replace")),
+    SATELLITE_FILE: satellite_from_bytes,
+}
 FINDING = 1  # the exit code of a state that was exported, and not all of it whole
 _Say = Callable[[str], None]
 
@@ -84,7 +93,7 @@ def _tell(text: str) -> None:
 def _export(arguments: argparse.Namespace) -> int:
     """Read what the next start would, beside an autopilot that may be running."""
     check_readable(arguments.state)
-    files: dict[str, str | None] = {}
+    files: dict[str, bytes | None] = {}
     damaged = False
     for name in KEPT_NAMES:
         if name == SIGNING_FILE and not arguments.with_key:
@@ -97,7 +106,7 @@ def _export(arguments: argparse.Namespace) -> int:
             _check_key(arguments.state, stored)
         content = _settled(stored.content) if name == ENDINGS_FILE else stored.content
         if content or name != SIGNING_FILE:
-            files[name] = None if content is None else content.decode("utf-8", "replace")
+            files[name] = content
     if not any(files.values()):
         raise StoreError(f"state directory {arguments.state} holds no state; name that of `rambler run --state`")
     about = {
@@ -109,7 +118,7 @@ def _export(arguments: argparse.Namespace) -> int:
         write_whole(arguments.file, pack(Export(files, about)), mode)
     except OSError as error:
         raise StoreError(f"{arguments.file}: cannot be written: {error.strerror}") from None
-    told = {name: "nothing" if text is None else f"{len(text.encode())} bytes" for name, text in files.items()}
+    told = {name: "nothing" if content is None else f"{len(content)} bytes" for name, content in files.items()}
     _report(arguments, told)
     return FINDING if damaged else 0
 
@@ -125,12 +134,16 @@ def _check_key(directory: Path, stored: Stored) -> None:
 
 def _settled(content: bytes | None) -> bytes | None:
     """Return how runs have ended, without the one under way: it does not end where the file is taken to."""
+    if content is None:
+        return None
     try:
-        endings = None if content is None else endings_from_text(content.decode("utf-8", "replace"))
+        endings, notes = endings_from_bytes(content)
     except ValueError as error:
         _tell(f"{ENDINGS_FILE} left out: {error}")
         return None
-    return None if endings is None else endings_to_text(replace(endings, running=False)).encode()
+    for note in notes:
+        _tell(f"{ENDINGS_FILE}: {note}")
+    return endings_to_bytes(replace(endings, running=False))
 
 
 # ------------------------------------------------------------------------------------ in
@@ -159,7 +172,7 @@ def _import(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _begin_import(directory: Path, export: Export) -> Mapping[str, str | None]:
+def _begin_import(directory: Path, export: Export) -> Mapping[str, bytes | None]:
     """Let the directory count for what is imported; return what that is. StoreError: nothing was imported."""
     hold = Hold(directory)
     hold.take(strict=True)
@@ -179,18 +192,16 @@ def _begin_import(directory: Path, export: Export) -> Mapping[str, str | None]:
 def _check_contents(export: Export, say: _Say) -> None:
     """Raise BrokenExportError for what the next start could not use; what it would only tell is said."""
     for kind, name in PLAN_FILES.items():
-        if (text := export.files.get(name)) is not None:
+        if (content := export.content(name)) is not None:
             with _usable(name):
-                for note in sound_plan(kind, text)[1]:
+                for note in sound_plan(kind, content.decode("ascii", "replace"))[1]:
                     say(f"{name}: {note}")
     read_parameters(export.content(PARAMETER_FILE), say)
-    if (text := export.files.get(ENDINGS_FILE)) is not None:
-        with _usable(ENDINGS_FILE):
-            endings_from_text(text)
-    if (text := export.files.get(RESUME_FILE)) is not None:
-        with _usable(RESUME_FILE):
-            for note in record_from_text(text)[1]:
-                say(f"{RESUME_FILE}: {note}")
+    for name, read in _RECORDS.items():
+        if (content := export.content(name)) is not None:
+            with _usable(name):
+                for note in read(content)[1]:
+                    say(f"{name}: {note}")
     key = export.content(SIGNING_FILE)
     if key is not None and find_key(Stored(key)).state is not KeyState.PRESENT:
         raise BrokenExportError(f"cannot be used: {SIGNING_FILE}: it is no signing key; nothing was imported")
@@ -204,7 +215,7 @@ def _usable(name: str) -> Iterator[None]:
         raise BrokenExportError(f"cannot be used: {name}: {error}; nothing was imported") from None
 
 
-def _key_in_force(export: Export, present: Stored) -> str:
+def _key_in_force(export: Export, present: Stored) -> bytes:
     """Return the key with timestamps of now, as when it is set anew: what was signed before is not heard again."""
     record = find_key(Stored(export.content(SIGNING_FILE))).record
     kept: list[bytes] = []
@@ -217,16 +228,16 @@ def _key_in_force(export: Export, present: Stored) -> str:
     signing.restore(present)
     if record is None or not signing.set_key(record.key, max(record.timestamp, timestamp_of(time.time()))):
         raise BrokenExportError(f"cannot be used: {SIGNING_FILE}: its time is beyond all calendars")
-    return kept[-1].decode()
+    return kept[-1]
 
 
-def _change(before: bytes | None, after: str | None) -> str:
+def _change(before: bytes | None, after: bytes | None) -> str:
     if after is None:
         return "nothing" if before is None else f"nothing, instead of {len(before)} bytes"
-    size = f"{len(after.encode())} bytes"
+    size = f"{len(after)} bytes"
     if before is None:
         return size
-    return f"{size}, as before" if before == after.encode() else f"{size}, instead of {len(before)}"
+    return f"{size}, as before" if before == after else f"{size}, instead of {len(before)}"
 
 
 def _report(arguments: argparse.Namespace, told: Mapping[str, str]) -> None:

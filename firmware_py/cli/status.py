@@ -16,7 +16,7 @@ from msgspec.structs import asdict
 from firmware_py.cli.refusal import refused
 from firmware_py.common.calendar import is_possible
 from firmware_py.system.clock import machine_s
-from firmware_py.system.endings import ENDINGS_FILE, from_text
+from firmware_py.system.endings import ENDINGS_FILE, from_bytes
 from firmware_py.system.readings import device_line, values_line
 from firmware_py.system.slots import examine
 from firmware_py.system.status_file import Found, Freshness, find, find_all
@@ -83,7 +83,7 @@ def _endings(directory: Path) -> dict[str, Any]:
     if stored.content is None:
         return {"error": stored.damage} if stored.damage else {}
     try:
-        endings = from_text(stored.content.decode("utf-8", "replace"))
+        endings, _ = from_bytes(stored.content)
     except ValueError as error:
         return {"error": f"{ENDINGS_FILE}: {error}"}
     return {"counts": dict(endings.counts), "last": [asdict(ending) for ending in endings.last]}

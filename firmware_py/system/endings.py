@@ -9,22 +9,22 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import json
-import math
 import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 from msgspec.structs import replace
 
+from firmware_py.common import record_codec
 from firmware_py.files.making import FILE_MODE
 from firmware_py.files.reading import read_regular
 
 ENDED, LAST_WORDS, TRACEBACK = "ended", "last-words", "traceback"
-ENDINGS_FILE: Final = "endings.state"
+ENDINGS_FILE: Final = "endings.record"
+_VERSION: Final = 1
 STUCK = 11  # the exit code of an autopilot of which a part was stuck
 MOST_KEPT = 20
 _MOST_BYTES = 1 << 16
@@ -65,27 +65,14 @@ class Endings(msgspec.Struct, frozen=True):
         return replace(self, counts=counts, last=(*self.last, *endings)[-MOST_KEPT:])
 
 
-def to_text(endings: Endings) -> str:
-    """Write them as JSON."""
-    return json.dumps(msgspec.to_builtins(endings), indent=None, separators=(",", ":"), allow_nan=False) + "\n"
+def to_bytes(endings: Endings) -> bytes:
+    """Return them as they are kept."""
+    return record_codec.encode(endings, _VERSION)
 
 
-def from_text(text: str) -> Endings:
-    """Read what `to_text` has written, by this version or another; ValueError for what is no such text."""
-    try:
-        data = json.loads(text)
-        counts = {str(why): int(count) for why, count in dict(data.get("counts", {})).items()}
-        last = tuple(_ending(entry) for entry in list(data.get("last", []))[-MOST_KEPT:])
-        return Endings(counts, last, bool(data.get("running", False)))
-    except (AttributeError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(f"it is no list of endings: {error}") from None
-
-
-def _ending(data: Mapping[str, Any]) -> Ending:
-    utc_s = float(data.get("utc_s", 0.0))
-    return Ending(
-        str(data["why"]), str(data.get("text", ""))[:_TEXT_CHARACTERS], utc_s if math.isfinite(utc_s) else 0.0
-    )
+def from_bytes(content: bytes) -> tuple[Endings, tuple[str, ...]]:
+    """Return what `to_bytes` wrote, by this version or another, and notes on it; ValueError says why there is none."""
+    return record_codec.decode(Endings, content, _VERSION)
 
 
 def take_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:

@@ -25,9 +25,12 @@ import msgspec
 from firmware_py.common.records import Stored
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, sync_directory
 from firmware_py.files.reading import open_regular, read_regular
-from firmware_py.system.state_export import BrokenExportError, awaited_import
+from firmware_py.system.state_export import RECORD_ENDING, BrokenExportError, awaited_import
 
 SLOTS = (0, 1)
+# Earlier versions keep the same records as text under this ending. Other names leave them whole for a roll-back.
+_EARLIER_ENDING = ".state"
+_ASIDE_ENDING = ".old"
 SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
 _KEY_ENDING = ".key"
 # The largest slot that is read or written, by the ending of its name: no plan comes near it.
@@ -66,11 +69,15 @@ def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
     """Return the newest whole version of a name and what is wrong: a slot may be damaged, unreadable or missing.
 
     `owner_uid` is given for a secret: whose slots they must be. What an import that was cut off has brought counts.
+    A record counts only where no slot of an earlier version lies beside it: that version has run since, or may
+    run again after a roll-back.
     """
     with contextlib.suppress(BrokenExportError):  # which the store tells
         awaited = awaited_import(directory)
         if awaited is not None and name in awaited.files:
             return Stored(awaited.content(name))
+    for path in earlier_slots(directory, name):
+        return Stored(damage=f"{path.name} is of another version")
     slots = _read_slots(directory, name, owner_uid)
     newest = _newest(slots)
     # The second version went into the other slot: since then neither is missing.
@@ -91,6 +98,18 @@ def is_secret(name: str) -> bool:
 def slot_path(directory: Path, name: str, slot: int) -> Path:
     """Return the file of a slot."""
     return directory / f"{name}.{slot}"
+
+
+def earlier_name(name: str) -> str:
+    """Return the name under which earlier versions kept a record, empty for a text."""
+    return f"{name.removesuffix(RECORD_ENDING)}{_EARLIER_ENDING}" if name.endswith(RECORD_ENDING) else ""
+
+
+def earlier_slots(directory: Path, name: str) -> list[Path]:
+    """Return the slots in which an earlier version keeps a record; none for a text."""
+    earlier = earlier_name(name)
+    paths = [slot_path(directory, earlier, slot) for slot in SLOTS] if earlier else []
+    return [path for path in paths if os.path.lexists(path)]
 
 
 def _read_slots(directory: Path, name: str, owner_uid: int | None) -> tuple[_Slot, ...]:
@@ -163,6 +182,7 @@ class SlotWriter:
         self._directory = directory
         self._private = private
         self._places: dict[str, tuple[int, int]] = {}  # slot and sequence of the newest version that is surely on disk
+        self._stored: set[str] = set()  # names of which a version of this writer is on disk
         self._unproven: dict[str, int] = {}  # the slot that may hold a whole version whose storing has failed
         self._files: dict[tuple[str, int], int] = {}
         self._named = False  # a file was made whose name may not be on disk yet, whatever became of its content
@@ -182,6 +202,7 @@ class SlotWriter:
         try:
             self._places[name] = self._write_slot(name, content)
             del self._unproven[name]
+            self._stored.add(name)
         except OSError:
             with contextlib.suppress(OSError):
                 self.withdraw(name)
@@ -195,6 +216,20 @@ class SlotWriter:
             if slot_path(self._directory, name, slot).exists():
                 self._blank(name, slot)
         self._places.pop(name, None)
+
+    def set_aside(self, name: str) -> None:
+        """Rename the slots in which an earlier version keeps a record; OSError when that cannot be.
+
+        What this version has kept before is older than those slots, so it is cleared first.
+        """
+        paths = earlier_slots(self._directory, name)
+        if not paths:
+            return
+        if name not in self._stored:
+            self.clear(name)
+        for path in paths:
+            os.replace(path, f"{path}{_ASIDE_ENDING}")  # noqa: PTH105 - the tests' disk stands before the calls of os
+        sync_directory(self._directory)
 
     def is_unproven(self, name: str) -> bool:
         """Whether a version whose storing has failed may be read at the next start."""

@@ -28,9 +28,10 @@ from firmware_py.system.store import Store
 
 PARAMETER_FILE: Final = "parameters.param"
 PLAN_FILES: Final = {PlanKind.MISSION: "mission.plan", PlanKind.FENCE: "fence.plan", PlanKind.RALLY: "rally.plan"}
-RESUME_FILE: Final = "resume.state"
+RESUME_FILE: Final = "resume.record"
 SIGNING_FILE: Final = "signing.key"
-SATELLITE_FILE: Final = "satellite.state"
+SATELLITE_FILE: Final = "satellite.record"
+RECORD_FILES: Final = (RESUME_FILE, ENDINGS_FILE, SATELLITE_FILE)
 LOG_DIRECTORY: Final = "logs"
 UPLOAD_DIRECTORY: Final = "uploads"
 BOOT_COUNT: Final = "STAT_BOOTCNT"

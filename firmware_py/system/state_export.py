@@ -1,10 +1,13 @@
-"""The state as one file: a line with format, length and SHA-256, then JSON with the content of each name as text.
+"""The state as one file: a line with format, length and SHA-256, then JSON with the content of each name.
+
+Texts stand as they are, records (`NAME.record`) as base64.
 
 In a state directory such a file, by the name of AWAITED, is an import that counts and is not in the slots yet.
 """
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import hashlib
 import json
@@ -19,7 +22,8 @@ import msgspec
 from firmware_py.files.making import PRIVATE_MODE, sync_directory, write_whole
 from firmware_py.files.reading import read_regular
 
-FORMAT: Final = 1
+RECORD_ENDING: Final = ".record"  # of what this program alone writes and reads; everything else is text
+FORMAT: Final = 2  # 1: the records were texts, too
 MOST_BYTES: Final = 64 << 20  # more than all slots can hold, escaped
 AWAITED: Final = "import.awaited"
 _DONE: Final = ".import.done"
@@ -35,18 +39,18 @@ class BrokenExportError(ValueError):
 class Export(msgspec.Struct, frozen=True):
     """The content of each name, None for one that holds nothing; `about` says where it comes from."""
 
-    files: Mapping[str, str | None]
+    files: Mapping[str, bytes | None]
     about: Mapping[str, str] = msgspec.field(default_factory=dict)
 
     def content(self, name: str) -> bytes | None:
         """Return what a name holds."""
-        text = self.files.get(name)
-        return None if text is None else text.encode()
+        return self.files.get(name)
 
 
 def pack(export: Export) -> bytes:
     """Return the file."""
-    body = json.dumps({"about": dict(export.about), "files": dict(export.files)}, indent=1).encode() + b"\n"
+    files = {name: None if content is None else _to_text(name, content) for name, content in export.files.items()}
+    body = json.dumps({"about": dict(export.about), "files": files}, indent=1).encode() + b"\n"
     return b"# rambler exported state %d %d %s\n" % (FORMAT, len(body), _digest(body)) + body
 
 
@@ -57,13 +61,15 @@ def unpack(data: bytes) -> Export:
         known = data.startswith(_ANY_HEAD)
         raise BrokenExportError(f"is {'damaged' if known else 'no state that rambler has exported'}")
     if int(head[1]) != FORMAT:
-        raise BrokenExportError(f"is of format {int(head[1])}, this version reads {FORMAT}; take a newer version")
+        remedy = "take a newer version" if int(head[1]) > FORMAT else "export that state with this version"
+        raise BrokenExportError(f"is of format {int(head[1])}, this version reads {FORMAT}; {remedy}")
     body = data[head.end() :]
     if len(body) != int(head[2]) or _digest(body) != head[3]:
         raise BrokenExportError("is damaged")
     try:
         content = json.loads(body)
-        files = {_name(name): None if text is None else _text(text) for name, text in content["files"].items()}
+        texts = content["files"].items()
+        files = {_name(name): None if text is None else _from_text(name, text) for name, text in texts}
         return Export(files, {str(key): str(value) for key, value in content["about"].items()})
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise BrokenExportError(f"is no state that rambler has exported: {error}") from None
@@ -136,10 +142,16 @@ def _digest(body: bytes) -> bytes:
     return hashlib.sha256(body).hexdigest().encode()
 
 
-def _text(value: object) -> str:
+def _to_text(name: str, content: bytes) -> str:
+    if name.endswith(RECORD_ENDING):
+        return base64.b64encode(content).decode()
+    return content.decode("utf-8", "replace")
+
+
+def _from_text(name: str, value: object) -> bytes:
     if not isinstance(value, str):
         raise TypeError("a content is no text")
-    return value
+    return base64.b64decode(value, validate=True) if name.endswith(RECORD_ENDING) else value.encode()
 
 
 def _name(value: str) -> str:

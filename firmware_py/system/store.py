@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from firmware_py.common.records import Progress, Stored
 from firmware_py.system.hold import Hold, InUseError, StoreError
-from firmware_py.system.slots import SlotWriter, examine
+from firmware_py.system.slots import SlotWriter, earlier_name, earlier_slots, examine
 from firmware_py.system.store_jobs import Failure, Job, finish_import, write_job
 
 RETRY_S = 2.0  # after a pause of this length, what has failed is tried again
@@ -119,6 +119,16 @@ class Store:
         with self._lock:
             if name not in self._jobs:
                 self._queue(name, Job(content))
+
+    def set_aside(self, names: Collection[str]) -> None:
+        """Queue the renaming of the slots in which an earlier version keeps these records, where there are any.
+
+        Until then, `examine` reads none of these records.
+        """
+        for name in names:
+            if earlier_slots(self._directory, name):
+                with self._lock:
+                    self._queue(earlier_name(name), Job(None, aside=name))
 
     def try_save(self, name: str, content: bytes, done: Callable[[bool], None]) -> None:
         """Queue a new version, tried once; run done(True) from `service` when it is on disk.

@@ -14,12 +14,14 @@ from firmware_py.system.state_export import BrokenExportError, awaited_import, e
 class Job(msgspec.Struct, frozen=True):
     """A version to be written; None: the failed one is withdrawn. `once`: it is not tried again.
 
-    `both`: into both slots, one after the other.
+    `both`: into both slots, one after the other. `aside`: a record whose slots of an earlier version are renamed,
+    and nothing else.
     """
 
     content: bytes | None
     once: bool = False
     both: bool = False
+    aside: str = ""
 
 
 class Failure(msgspec.Struct, frozen=True):
@@ -34,13 +36,15 @@ def write_job(writer: SlotWriter, name: str, job: Job, unheld: str) -> Failure |
     if unheld:
         return Failure(f"{name} cannot be stored: {unheld}", Job(None) if job.once else job)
     try:
-        if job.content is None:
+        if job.aside:
+            writer.set_aside(job.aside)
+        elif job.content is None:
             writer.withdraw(name)
         else:
             for _ in range(1 + job.both):
                 writer.write(name, job.content)
     except OSError as error:
-        text = f"{name} cannot be stored: {error.strerror or error}"
+        text = f"{name} cannot be {'set aside' if job.aside else 'stored'}: {error.strerror or error}"
         if writer.is_unproven(name):
             text += "; the next start may find it all the same"
         return Failure(text, Job(None) if job.once else job)
@@ -66,6 +70,7 @@ def finish_import(directory: Path) -> str:
                     writer.clear(name)
                 for _ in range(0 if content is None else 1 + is_secret(name)):  # nothing is left of another secret
                     writer.write(name, content or b"")
+                writer.set_aside(name)
         finally:
             writer.close()
         end_import(directory)

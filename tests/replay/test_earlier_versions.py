@@ -20,7 +20,7 @@ from firmware_py.common.plan import PlanKind
 from firmware_py.control import scheduled
 from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
-from firmware_py.system.state_directory import RESUME_FILE, load_parameters, load_plans
+from firmware_py.system.state_directory import load_parameters, load_plans
 from firmware_py.system.store import Store
 from support.paths import REPLAY
 
@@ -93,7 +93,7 @@ def test_a_boat_of_an_earlier_version_wakes_as_she_was(kept, tmp_path):
     plans = load_plans(store, said.append)
     parameters = ParameterSet().replaced("BOOT_RESUME", 2)
     ten_minutes_later = Moment(1767225600.0 + 600.0)
-    state = resume(State.at_start(parameters, plans), store.load(RESUME_FILE), ten_minutes_later, said.append)
+    state = resume(State.at_start(parameters, plans), store.load("resume.state"), ten_minutes_later, said.append)
     store.close()
     assert (values, unusable) == (kept.parameters, {})
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)

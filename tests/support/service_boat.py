@@ -8,7 +8,7 @@ import time
 import pytest
 
 from firmware_py.install.service_files import TRIAL, Service, trial_text, unit_text
-from firmware_py.system.endings import ENDINGS_FILE, from_text
+from firmware_py.system.endings import ENDINGS_FILE, from_bytes
 from firmware_py.system.slots import stored_content
 from hil.bench.rig import GoalWatch
 from support.asking_station import AskingStation, answered
@@ -103,7 +103,7 @@ class ServiceBoat:
         return self.manager.runs[-1]
 
     def endings(self):
-        return from_text(stored_content(self.boat.state, ENDINGS_FILE).decode())
+        return from_bytes(stored_content(self.boat.state, ENDINGS_FILE))[0]
 
     def disturbed(self, disturb):
         """Disturb the running service; return the run that was ended, the next one, and when its first frame came."""

@@ -22,6 +22,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "signal: antenna, its cable, sky above it; a status is the modem's word: access denied concerns its account",
     ),
     "Satellite is reached again": ("a session has succeeded", "nothing"),
+    "Satellite record: <note>": (
+        "another version wrote it; what is named was ignored, and no message counts that was written before",
+        "send commands again that the boat has not acknowledged",
+    ),
     "Satellite record begun anew: <reason>": (
         "what was spent is forgotten, and no message to her counts that was written before now",
         "the disk may be failing; send commands again that she has not acknowledged",

@@ -50,6 +50,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the hardware watchdog is not as asked for; she sails on",
         "see the page on the float, hardware watchdog; systemd may hold it already",
     ),
+    "<file> is of another version: <consequence>": (
+        "an earlier program version kept this record; it is set aside for a roll-back to that version, and not used",
+        "nothing after an update; set the mode and arm again as you need",
+    ),
     "<file> is damaged<more>": (
         "what was kept cannot be read whole: a power cut while it was written, or a failing disk",
         _LOOK,

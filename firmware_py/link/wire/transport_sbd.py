@@ -19,7 +19,7 @@ from firmware_py.link.satellite import framing
 from firmware_py.link.satellite.budget import Ledger, Limits
 from firmware_py.link.satellite.driver import SatelliteDriver, Settings
 from firmware_py.link.satellite.keyed import EPOCH_S, MARK, UNITS_HZ, Keyed, Window, open_keyed
-from firmware_py.link.satellite.record import KEPT_MESSAGES, Record, from_text, to_text
+from firmware_py.link.satellite.record import KEPT_MESSAGES, Record, from_bytes, to_bytes
 from firmware_py.link.wire.framing import Splitter
 from firmware_py.link.wire.transport import Address, LinkUrl
 from firmware_py.link.wire.url_options import LinkClass
@@ -230,22 +230,28 @@ class SbdTransport:
 
     def _keep(self, record: Record) -> None:
         self._record = record
-        self._vault.save(to_text(record))
+        self._vault.save(to_bytes(record))
 
     def _keep_ledger(self, ledger: Ledger) -> None:
         self._keep(replace(self._record, ledger=ledger))
 
     def _read_record(self) -> Record:
-        """Return what earlier runs have kept; where that is lost, nothing that was written before now counts."""
-        stored = self._vault.load()
+        """Return what earlier runs have kept; where some of it is lost, nothing that was written before now counts."""
+        stored, record = self._vault.load(), Record()
+        is_whole = not stored.content and not stored.damage
         if stored.content:
             try:
-                return from_text(stored.content)
+                record, notes = from_bytes(stored.content)
+                is_whole = not notes
+                for note in notes:
+                    self._tell(Event(Severity.WARNING, f"Satellite record: {note}"))
             except ValueError as error:
                 self._tell(Event(Severity.WARNING, f"Satellite record begun anew: {error}"))
-        elif not stored.damage:
-            return Record()
-        return Record(window=Window(max(0, int((self._utc_s() - EPOCH_S) * UNITS_HZ))))
+        if not is_whole:
+            now = max(0, int((self._utc_s() - EPOCH_S) * UNITS_HZ))
+            record = replace(record, window=Window(floor=now))
+            self._vault.save(to_bytes(record))  # the next start may find no sign of the loss
+        return record
 
 
 def _settings(parameters: ParameterSet) -> Settings:

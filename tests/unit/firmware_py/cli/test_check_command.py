@@ -108,7 +108,7 @@ def test_what_is_stored_is_counted_and_what_is_damaged_or_of_no_use_is_warned_of
     store(state, parameters_param="CTL_K1 33\n", mission_plan=mission)
     found = check()
     assert (found["parameters"][0]["stored"], found["state"][0]["mission"]) == (1, 1)
-    store(state, parameters_param="CTL_K1 33\nCTL_K1 4444444\nODD 1\n", fence_plan="?", resume_state="?")
+    store(state, parameters_param="CTL_K1 33\nCTL_K1 4444444\nODD 1\n", fence_plan="?", resume_record="?")
     (state / "mission.plan.0").write_text("spoiled")
     found = check()
     assert levels(found["parameters"]) == ["warn", "warn"]
@@ -116,7 +116,7 @@ def test_what_is_stored_is_counted_and_what_is_damaged_or_of_no_use_is_warned_of
     assert levels(found["state"]) == ["warn"] * 3
     assert "mission.plan.0 is damaged" in texts[0]
     assert any("fence.plan left out" in text for text in texts)
-    assert any("resume.state left out" in text for text in texts)
+    assert any("resume.record left out" in text for text in texts)
 
 
 def test_a_watch_circle_that_she_cannot_hold_is_warned_of(check, state):

@@ -1,5 +1,6 @@
 """`rambler state`: one file out, one in; what is refused changes nothing, and no failure leaves half of an import."""
 
+import hashlib
 import json
 import os
 import re
@@ -14,19 +15,21 @@ from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
 from firmware_py.link.security.key_record import KeyRecord, find_key
 from firmware_py.link.security.key_record import to_text as key_to_text
-from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_text
-from firmware_py.system.endings import to_text as endings_to_text
+from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes
+from firmware_py.system.endings import to_bytes as endings_to_bytes
 from firmware_py.system.slots import SLOTS, slot_path
 from firmware_py.system.state_directory import (
     KEPT_NAMES,
     PARAMETER_FILE,
     PLAN_FILES,
+    RECORD_FILES,
     RESUME_FILE,
+    SATELLITE_FILE,
     SIGNING_FILE,
     StateFiles,
     stored_key,
 )
-from firmware_py.system.state_export import AWAITED, BrokenExportError, Export, pack, unpack
+from firmware_py.system.state_export import AWAITED, FORMAT, BrokenExportError, Export, pack, unpack
 from firmware_py.system.store import Store
 from support.faulty_disk import CUTS, KINDS, FaultyDisk
 
@@ -40,7 +43,7 @@ def mission(number):
     return to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=number, y=number),))).encode()
 
 
-ENDED = endings_to_text(Endings({"killed": 2}, (Ending("killed", "SIGKILL", 1.8e9),), running=True)).encode()
+ENDED = endings_to_bytes(Endings({"killed": 2}, (Ending("killed", "SIGKILL", 1.8e9),), running=True))
 OLD = {PARAMETER_FILE: b"CTL_K1 3\n", MISSION: mission(1), RESUME_FILE: b""}
 NEW = {PARAMETER_FILE: b"CTL_K1 7\nWP_RADIUS 9\n", MISSION: mission(2), ENDINGS_FILE: ENDED}
 
@@ -96,7 +99,7 @@ def refused(capsys, path, directory):
 def test_what_is_exported_is_imported_and_what_it_does_not_hold_is_gone(exported, new, old, capsys):
     assert import_it(exported, old) == 0
     assert {**contents(old), ENDINGS_FILE: None} == {**contents(new), ENDINGS_FILE: None}
-    kept = from_text(contents(old)[ENDINGS_FILE].decode())
+    kept, _ = from_bytes(contents(old)[ENDINGS_FILE])
     assert (kept.counts, kept.running) == ({"killed": 2}, False)  # the run under way is not that of the other computer
     assert "signing.key        not in the file, stays as it is" in capsys.readouterr().out
     assert not (old / AWAITED).exists()
@@ -146,13 +149,13 @@ def test_damage_is_refused_wherever_it_is(exported, old, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("files", "words"),
     [
-        ({MISSION: "no plan"}, "mission.plan"),
-        ({MISSION: to_text(Plan.of(PlanKind.FENCE, ()))}, "it is a fence"),
-        ({RESUME_FILE: "{}"}, "resume.state"),
-        ({ENDINGS_FILE: "[]"}, "endings.state"),
-        ({SIGNING_FILE: "secret"}, "it is no signing key"),
-        ({"../passwd": ""}, "no name of a state"),
-        ({MISSION: 7}, "a content is no text"),
+        ({MISSION: b"no plan"}, "mission.plan"),
+        ({MISSION: to_text(Plan.of(PlanKind.FENCE, ())).encode()}, "it is a fence"),
+        ({RESUME_FILE: b"{}"}, "resume.record"),
+        ({ENDINGS_FILE: b"[]"}, "endings.record"),
+        ({SATELLITE_FILE: b"ledger"}, "satellite.record"),
+        ({SIGNING_FILE: b"secret"}, "it is no signing key"),
+        ({"../passwd": b""}, "no name of a state"),
     ],
 )
 def test_what_the_next_start_could_not_use_is_refused(files, words, old, capsys, tmp_path):
@@ -160,10 +163,19 @@ def test_what_the_next_start_could_not_use_is_refused(files, words, old, capsys,
     assert words in refused(capsys, tmp_path / "bad", old)
 
 
+@pytest.mark.parametrize(("name", "value"), [(MISSION, 7), (ENDINGS_FILE, "no base64!")])
+def test_a_content_that_is_no_text_is_refused(name, value, old, capsys, tmp_path):
+    body = json.dumps({"about": {}, "files": {name: value}}).encode()
+    head = f"# rambler exported state {FORMAT} {len(body)} {hashlib.sha256(body).hexdigest()}\n"
+    (tmp_path / "bad").write_bytes(head.encode() + body)
+    assert "is no state that rambler has exported: " in refused(capsys, tmp_path / "bad", old)
+
+
 def test_a_newer_format_a_foreign_file_and_one_that_is_not_there_are_refused(exported, old, capsys, tmp_path):
     newer = tmp_path / "newer"
-    newer.write_bytes(exported.read_bytes().replace(b"state 1 ", b"state 2 ", 1))
-    assert "is of format 2, this version reads 1" in refused(capsys, newer, old)
+    for number, remedy in ((FORMAT + 1, "take a newer version"), (FORMAT - 1, "export that state with this version")):
+        newer.write_bytes(exported.read_bytes().replace(b"state %d " % FORMAT, b"state %d " % number, 1))
+        assert f"is of format {number}, this version reads {FORMAT}; {remedy}" in refused(capsys, newer, old)
     newer.write_bytes(b"# rambler state 1 0 00000000\n")
     assert "is no state that rambler has exported" in refused(capsys, newer, old)
     assert "No such file" in refused(capsys, tmp_path / "none", old)
@@ -172,7 +184,7 @@ def test_a_newer_format_a_foreign_file_and_one_that_is_not_there_are_refused(exp
 
 
 def test_names_and_parameters_of_another_version_are_told(old, capsys, tmp_path):
-    (tmp_path / "other").write_bytes(pack(Export({"sails.state": "x", PARAMETER_FILE: "CTL_K1 5\nNEW_ONE 1\n"})))
+    (tmp_path / "other").write_bytes(pack(Export({"sails.state": b"x", PARAMETER_FILE: b"CTL_K1 5\nNEW_ONE 1\n"})))
     assert import_it(tmp_path / "other", old) == 0
     told = capsys.readouterr().err
     assert "sails.state left out: it is of another version" in told
@@ -257,7 +269,7 @@ def test_killed_or_failing_at_any_call_all_is_imported_or_nothing(
 
 
 def test_the_autopilot_at_sea_goes_on_without_an_import_that_is_damaged(old):
-    (old / AWAITED).write_bytes(b"# rambler exported state 1 5 ")
+    (old / AWAITED).write_bytes(b"# rambler exported state 2 5 ")
     store = Store(old, wait=True)
     assert f"{AWAITED} is damaged; remove it, and import again" in store.obstacle
     assert store.failure == ""
@@ -265,14 +277,21 @@ def test_the_autopilot_at_sea_goes_on_without_an_import_that_is_damaged(old):
     store.close()
 
 
-@given(st.dictionaries(st.sampled_from(KEPT_NAMES), st.none() | st.text(st.characters(codec="utf-8"), max_size=9)))
-def test_any_text_is_packed_and_unpacked(files):
+TEXTS = st.text(st.characters(codec="utf-8"), max_size=9).map(str.encode)
+
+
+@given(
+    st.fixed_dictionaries(
+        {}, optional={name: st.none() | (st.binary() if name in RECORD_FILES else TEXTS) for name in KEPT_NAMES}
+    )
+)
+def test_any_content_is_packed_and_unpacked(files):
     assert unpack(pack(Export(files, {"host": "a"}))) == Export(files, {"host": "a"})
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(data):
-    head = b"# rambler exported state 1 "
+    head = b"# rambler exported state %d " % FORMAT
     for one in (data, head + data):
         with pytest.raises(BrokenExportError):
             unpack(one)

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, to_text
+from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, to_bytes
 from firmware_py.system.slots import slot_path
 from firmware_py.system.store import Store
 
@@ -20,7 +20,7 @@ ENDINGS = Endings(
 def state(tmp_path):
     directory = tmp_path / "state"
     store = Store(directory)
-    store.save(ENDINGS_FILE, to_text(ENDINGS).encode())
+    store.save(ENDINGS_FILE, to_bytes(ENDINGS))
     store.close()
     return directory
 

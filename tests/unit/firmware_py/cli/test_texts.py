@@ -16,7 +16,8 @@ PATTERNS = {
 PUT_TOGETHER = (
     "AIS: another ship sends her number 235000007",
     "mission.plan.0 is damaged: there is no mission",
-    "resume.state.1 is missing: the other slot is used, perhaps an older version",
+    "resume.state.0 is of another version: not resumed",
+    "resume.record.1 is missing: the other slot is used, perhaps an older version",
     "params.parm.0 cannot be read (Permission denied)",
     "state directory state: import.pending is damaged",
     "state directory state: busy; choose another with --state",

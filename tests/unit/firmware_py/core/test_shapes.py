@@ -250,11 +250,11 @@ def test_what_cannot_be_resumed_is_said():
     said, start = [], State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
     record = edited(first_resume(), add_fields).encode()
     assert resume(start, record, Moment(UTC_S), said.append).modes.mode is Mode.AUTO
-    assert said[0] == "stored resume.state: Resume: field 'tide_m' is not known here, ignored"
+    assert said[0] == "stored resume.record: Resume: field 'tide_m' is not known here, ignored"
     assert resume(start, b"{}", Moment(UTC_S), said.append) == replace(
         start, greeting="Not resumed: the record is no good"
     )
-    assert said[-1].startswith("stored resume.state left out: expected one of Resume")
+    assert said[-1].startswith("stored resume.record left out: expected one of Resume")
 
 
 # --------------------------------------------------------------------- parameters and plans

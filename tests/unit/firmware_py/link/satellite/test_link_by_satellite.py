@@ -165,16 +165,29 @@ def test_a_restart_forgets_neither_what_was_spent_nor_what_has_counted(boat):
     assert boat.intents == [SetMode(15)]
 
 
-def test_without_a_record_that_was_there_nothing_older_counts():
+@pytest.mark.parametrize(
+    ("content", "damage", "report"),
+    [
+        (b"ledger 1 2\n", "", "Satellite record begun anew: "),
+        (None, "satellite.state.0 is of another version", ""),
+        (b"\x82\xa7version\x01\xa4sent\x03", "", "Satellite record: Record: field 'sent' is not known here, ignored"),
+    ],
+)
+def test_without_a_whole_record_that_was_there_nothing_older_counts(content, damage, report):
     vault = MemoryVault()
-    vault.contents.append(b"ledger 1 2\n")
+    vault.contents += [] if content is None else [content]
+    vault.damage = damage
     boat = SatelliteBoat(key=KEY, vault=vault)
+    vault.damage = ""  # the next start finds the record that was begun
+    boat.endpoint.close()
+    boat.start(KEY)
     boat.network.send(boat.keyed(set_mode(15), at_s=-60.0))
     boat.run(90)
     boat.network.send(boat.keyed(set_mode(4)))
     boat.run(90)
     assert boat.intents == [SetMode(4)]
-    assert boat.events[0].text.startswith("Satellite record begun anew")
+    told = [event.text for event in boat.events if event.text.startswith("Satellite record")]
+    assert [text.startswith(report) for text in told] == [True] * bool(report)
 
 
 def test_a_message_that_is_not_on_disk_yet_has_not_counted(boat):
