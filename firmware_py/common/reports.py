@@ -6,6 +6,7 @@ Conventions as in records.py.
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import NamedTuple
 
 import msgspec
 
@@ -97,13 +98,12 @@ class Navigation(msgspec.Struct, frozen=True):
     fence_margin_m: float | None = None
 
 
-class HeadingEstimate(msgspec.Struct, frozen=True):
-    """What the filter gives to steer by: heading and yaw rate without the yaw of the waves, and how the boat answers.
+class HeadingEstimate(NamedTuple):
+    """Input of the control law: heading and yaw rate without wave-frequency yaw, and the boat's response.
 
-    `bias_rad` is the rudder angle at which the boat runs straight, `bias_mean_rad` the mean that it wanders about,
-    `speed_m_s` the speed through the water, `turning_factor` by what the boat turns better than its model says,
-    `correction_rad2_s` the variance in a second by which measurements move the heading to and fro; `_sd_`: standard
-    deviation.
+    `bias_rad` is the rudder angle at which the boat runs straight, `bias_mean_rad` its slow mean, `speed_m_s` the speed
+    through the water, `turning_factor` the turning ability by that of the model, `correction_rad2_s` the variance per
+    second by which measurements correct the heading; `_sd_`: standard deviation.
     """
 
     heading_rad: float

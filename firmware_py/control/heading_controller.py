@@ -1,34 +1,129 @@
-"""The heading controller that CTL_MODE chooses: from a heading error to a rudder demand.
+"""Heading controllers that CTL_MODE chooses: from a heading error to a rudder demand.
 
-A new controller is a module beside `s_surface` and `scheduled`, one row of TABLE, and one value of
-the parameter CTL_MODE; what it remembers is a field of `HeadingControllerState`.
+The arithmetic stands in law.py; this module converts between its NamedTuples, where NaN is absence, and the records of
+the tick. A new controller is its law, a function here, one row of TABLE, and one value of the parameter CTL_MODE; its
+state is a field of `HeadingControllerState`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
-from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
-from firmware_py.control import s_surface, scheduled
-from firmware_py.control.controller import Controller, HeadingControllerInput, HeadingControllerState
-from firmware_py.control.s_surface import Gains
-from firmware_py.control.scheduled import ScheduledSettings
+import msgspec
 
-__all__ = ["TABLE", "HeadingControllerInput", "HeadingControllerSettings", "HeadingControllerState", "update"]
+from firmware_py.common.angles import radians
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.reports import HeadingEstimate
+from firmware_py.control import law
+from firmware_py.control.law import Gains, LawSettings, LawState
+from firmware_py.model.kt import KtModel, steady_yaw_rate
+
+
+class HeadingControllerInput(msgspec.Struct, frozen=True):
+    """Input of a controller in a tick.
+
+    `error_rad` is the goal less the heading, positive to starboard; on a turn the long way it stays at half a turn.
+    `estimate` is None while the plain observer knows heading and yaw rate alone. `command_rad` is the rudder command of
+    the tick before, `softness` the gain reduction, 1 or more.
+    """
+
+    error_rad: float
+    yaw_rate_rad_s: float
+    estimate: HeadingEstimate | None
+    command_rad: float
+    step_s: float
+    softness: float = 1.0
+
+
+class Reference(msgspec.Struct, frozen=True):
+    """Heading and yaw rate that the boat should have now, and the rudder beyond the bias that they take."""
+
+    heading_rad: float
+    yaw_rate_rad_s: float
+    feedforward_rad: float = 0.0
+
+
+class HeadingControllerState(msgspec.Struct, frozen=True):
+    """State of the controllers; each keeps its own fields and leaves the others at their defaults.
+
+    `reference` is the reference of a turn, `bias_rad` the rudder bias that is followed while the gain is reduced.
+    """
+
+    reference: Reference | None = None
+    bias_rad: float | None = None
+
+
+Controller = Callable[[HeadingControllerState, HeadingControllerInput], tuple[HeadingControllerState, float | None]]
+"""A controller with its settings: returns its state and the rudder demand [rad], None when it cannot steer."""
+
+
+def fixed_gains(parameters: ParameterSet) -> Gains:
+    """Return the gains of the S-surface from the parameters."""
+    limit_rad = radians(parameters["RUD_LIMIT_DEG"])
+    return Gains(
+        k1=parameters["CTL_K1"],
+        k2=parameters["CTL_K2"],
+        rudder_limit_rad=limit_rad,
+        yaw_rate_max_rad_s=steady_yaw_rate(limit_rad, parameters["MDL_K"], parameters["MDL_ALPHA_S2"]),
+        trim_rad=radians(parameters["CTL_TRIM_DEG"]),
+    )
+
+
+def law_settings(parameters: ParameterSet) -> LawSettings:
+    """Return the settings of the scheduled law from the parameters."""
+    return LawSettings(
+        model=KtModel.of(parameters),
+        limit_rad=radians(parameters["RUD_LIMIT_DEG"]),
+        trim_rad=radians(parameters["CTL_TRIM_DEG"]),
+        price=parameters["CTL_PRICE"],
+        min_speed_m_s=parameters["CTL_WAY_MIN"],
+    )
+
+
+def steer_by_fixed_gains(
+    gains: Gains, _state: HeadingControllerState, given: HeadingControllerInput
+) -> tuple[HeadingControllerState, float]:
+    """Return the rudder demand [rad] of fixed gains, which keep no state."""
+    return HeadingControllerState(), law.s_surface(gains, given.error_rad, given.yaw_rate_rad_s)
+
+
+def steer_by_schedule(
+    settings: LawSettings, state: HeadingControllerState, given: HeadingControllerInput
+) -> tuple[HeadingControllerState, float | None]:
+    """Return the rudder demand [rad] of the scheduled law with its state; None without an estimate."""
+    if given.estimate is None:
+        return HeadingControllerState(), None
+    before, bias_rad = state.reference, state.bias_rad
+    after, demand_rad = law.steer(
+        settings,
+        LawState(
+            law.IDLE.reference
+            if before is None
+            else law.Reference(before.heading_rad, before.yaw_rate_rad_s, before.feedforward_rad),
+            math.nan if bias_rad is None else bias_rad,
+        ),
+        given.estimate,
+        given.error_rad,
+        given.command_rad,
+        given.step_s,
+        given.softness,
+    )
+    bias_rad = None if math.isnan(after.bias_rad) else after.bias_rad
+    return HeadingControllerState(Reference(*after.reference), bias_rad), demand_rad
+
 
 # By the value of CTL_MODE.
 TABLE: Final[Mapping[int, Callable[[ParameterSet], Controller]]] = {
-    0: lambda parameters: partial(s_surface.update, Gains.of(parameters)),
-    1: lambda parameters: partial(scheduled.update, ScheduledSettings.of(parameters)),
+    0: lambda parameters: partial(steer_by_fixed_gains, fixed_gains(parameters)),
+    1: lambda parameters: partial(steer_by_schedule, law_settings(parameters)),
 }
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingControllerSettings:
-    """The controller that steers, and the gains of the S-surface that stands in for it."""
+class HeadingControllerSettings(msgspec.Struct, frozen=True):
+    """The controller that steers, and the fixed gains that replace it when it cannot."""
 
     controller: Controller
     stand_in: Gains
@@ -36,12 +131,12 @@ class HeadingControllerSettings:
     @classmethod
     def of(cls, parameters: ParameterSet) -> HeadingControllerSettings:
         """Read the settings from the parameters."""
-        return cls(controller=TABLE[int(parameters["CTL_MODE"])](parameters), stand_in=Gains.of(parameters))
+        return cls(controller=TABLE[int(parameters["CTL_MODE"])](parameters), stand_in=fixed_gains(parameters))
 
 
 def update(
     settings: HeadingControllerSettings, state: HeadingControllerState, given: HeadingControllerInput
 ) -> tuple[HeadingControllerState, float]:
-    """Return the state and the rudder demand [rad]; the S-surface stands in for a controller that cannot steer."""
+    """Return the state and the rudder demand [rad]; the fixed gains replace a controller that cannot steer."""
     state, demand_rad = settings.controller(state, given)
-    return s_surface.update(settings.stand_in, state, given) if demand_rad is None else (state, demand_rad)
+    return steer_by_fixed_gains(settings.stand_in, state, given) if demand_rad is None else (state, demand_rad)

@@ -1,15 +1,20 @@
-"""Limit, slew and deadband between a rudder demand and the rudder command, and the linkage to the servo."""
+"""Limit, slew and deadband between a rudder demand and the rudder command, and the linkage to the servo.
+
+Numeric core, as law.py beside it.
+"""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 from firmware_py.common.angles import clamp, radians
-from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+
+if TYPE_CHECKING:
+    from firmware_py.common.parameters import ParameterSet
 
 
-@dataclass(frozen=True, slots=True)
-class RudderLimits:
-    """Largest angle, fastest change and smallest change worth sending."""
+class RudderLimits(NamedTuple):
+    """Maximum angle, maximum rate and deadband of the rudder command."""
 
     limit_rad: float
     slew_rad_s: float
@@ -41,9 +46,8 @@ def limited_command(limits: RudderLimits, command_rad: float, demand_rad: float,
     return command_rad + clamp(change_rad, -reach_rad, reach_rad)
 
 
-@dataclass(frozen=True, slots=True)
-class Linkage:
-    """How the servo's shaft moves the rudder: where amidships is, and which way it turns."""
+class Linkage(NamedTuple):
+    """Linkage of the servo's shaft to the rudder: the shaft angle amidships, and the sign of rotation."""
 
     centre_rad: float
     sign: float

@@ -24,7 +24,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.model.kt import KtModel, decay_over, settled_yaw_rate
+from firmware_py.model.kt import KtModel, decay_over, scaled, settled_yaw_rate
 
 HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN = range(12)
 WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = range(12, 18)
@@ -105,7 +105,7 @@ def turn(x: Numbers, rudder_rad: float, step_s: float, model: KtModel, bias_vari
     The derivatives by speed and factor count as far as the rudder is surely felt: beside a bias that is hardly known,
     a small one tells nothing of them, and what the estimates err by from step to step would pass for knowledge.
     """
-    ability_1_s, lag_s, norrbin = model.scaled(x[SPEED] / model.speed_m_s)
+    ability_1_s, lag_s, norrbin = scaled(model, x[SPEED] / model.speed_m_s)
     r, factor, push_rad = x[RATE], x[FACTOR], rudder_rad - x[BIAS]
     cubic = norrbin * r * r * r
     steady = factor * ability_1_s * push_rad - cubic

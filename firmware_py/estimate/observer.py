@@ -1,26 +1,21 @@
-"""Heading and yaw rate from the compass and the measured rudder.
-
-A fading-memory observer with critical damping: the K-T model carries heading and yaw rate
-from sample to sample, each sample corrects both. The gains 1 - theta^2 and (1 - theta)^2
-with theta = exp(-dt / tau) put both poles at theta (Brookner, Tracking and Kalman Filtering
-Made Easy, 1998, section 1.2.6), at whatever interval the samples come.
-"""
+"""Heading and yaw rate from the compass and the measured rudder, by the fixed-gain observer (fixed_gain.py)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+import msgspec
+
+from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import HeadingSample, NorthReference
+from firmware_py.estimate import fixed_gain
 from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
-from firmware_py.model.kt import KtModel, decay_over, exact_step
+from firmware_py.model.kt import KtModel, decay_over
 
 
-@dataclass(frozen=True, slots=True)
-class ObserverSettings:
+class ObserverSettings(msgspec.Struct, frozen=True):
     """Time constant, compass corrections, age limit and the model, of which the linear part is used.
 
     offset_rad and deviations (A to E of compass.deviation_rad) are those of compass A and B.
@@ -50,9 +45,8 @@ class ObserverSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingState:
-    """Heading and yaw rate at t_s, and when the last sample came; None before the first."""
+class HeadingState(msgspec.Struct, frozen=True):
+    """Heading and yaw rate at t_s, and the time of the last sample; None before the first."""
 
     t_s: float = 0.0
     heading_rad: float = 0.0
@@ -62,7 +56,7 @@ class HeadingState:
     pitch_rad: float | None = None
 
     def fresh(self, now_s: float, timeout_s: float) -> bool:
-        """Whether a sample came within the timeout."""
+        """Return whether the last sample is younger than the timeout."""
         return self.sample_t_s is not None and now_s - self.sample_t_s <= timeout_s
 
 
@@ -75,26 +69,25 @@ def true_heading_rad(settings: ObserverSettings, sample: HeadingSample) -> float
 
 
 def predict(settings: ObserverSettings, state: HeadingState, t_s: float, rudder_rad: float) -> HeadingState:
-    """Carry the state to t_s by the linear K-T model, solved exactly, so stable at any interval."""
+    """Return the state at t_s by the exact solution of the linear K-T model, which is stable at any interval."""
     step_s = t_s - state.t_s
     if step_s <= 0.0:
         return state
-    lag_s = settings.model.turning_lag_s
-    steady_rad_s = settings.model.turning_ability_1_s * rudder_rad
-    decay = decay_over(step_s, lag_s)
-    turned_rad, yaw_rate_rad_s = exact_step(state.yaw_rate_rad_s, steady_rad_s, decay, step_s, lag_s)
-    return HeadingState(
-        t_s,
-        wrap_two_pi(state.heading_rad + turned_rad),
-        yaw_rate_rad_s,
-        state.sample_t_s,
-        state.roll_rad,
-        state.pitch_rad,
+    model = settings.model
+    heading_rad, yaw_rate_rad_s = fixed_gain.predicted(
+        state.heading_rad,
+        state.yaw_rate_rad_s,
+        rudder_rad,
+        step_s,
+        decay_over(step_s, model.turning_lag_s),
+        model.turning_ability_1_s,
+        model.turning_lag_s,
     )
+    return HeadingState(t_s, heading_rad, yaw_rate_rad_s, state.sample_t_s, state.roll_rad, state.pitch_rad)
 
 
 def correct(settings: ObserverSettings, state: HeadingState, sample: HeadingSample, rudder_rad: float) -> HeadingState:
-    """Take one sample in; the first one, or one after a gap, starts the state anew."""
+    """Return the state with one sample taken in; the first one, or one after a gap, restarts the state."""
     measured_rad = true_heading_rad(settings, sample)
     if not math.isfinite(measured_rad) or not math.isfinite(sample.t_s):
         return state
@@ -102,19 +95,15 @@ def correct(settings: ObserverSettings, state: HeadingState, sample: HeadingSamp
         return HeadingState(sample.t_s, measured_rad, 0.0, sample.t_s, sample.roll_rad, sample.pitch_rad)
     predicted = predict(settings, state, sample.t_s, rudder_rad)
     step_s = sample.t_s - state.sample_t_s if state.sample_t_s is not None else 0.0
-    innovation_rad = wrap_pi(measured_rad - predicted.heading_rad)
-    theta = math.exp(-max(step_s, 0.0) / settings.tau_s)
-    yaw_rate_rad_s = predicted.yaw_rate_rad_s
-    if step_s > 0.0:
-        yaw_rate_rad_s += (1.0 - theta) * (1.0 - theta) * innovation_rad / step_s
-    return HeadingState(
-        predicted.t_s,
-        wrap_two_pi(predicted.heading_rad + (1.0 - theta * theta) * innovation_rad),
-        clamp(yaw_rate_rad_s, -settings.yaw_rate_limit_rad_s, settings.yaw_rate_limit_rad_s),
-        sample.t_s,
-        sample.roll_rad,
-        sample.pitch_rad,
+    heading_rad, yaw_rate_rad_s = fixed_gain.corrected(
+        predicted.heading_rad,
+        predicted.yaw_rate_rad_s,
+        measured_rad,
+        step_s,
+        math.exp(-max(step_s, 0.0) / settings.tau_s),
+        settings.yaw_rate_limit_rad_s,
     )
+    return HeadingState(predicted.t_s, heading_rad, yaw_rate_rad_s, sample.t_s, sample.roll_rad, sample.pitch_rad)
 
 
 def update(
@@ -124,7 +113,7 @@ def update(
     rudder_rad: float,
     now_s: float,
 ) -> HeadingState:
-    """Take the samples of a tick in, oldest first, and carry the state to the tick."""
+    """Return the state at the tick, with its samples taken in, oldest first."""
     for sample in samples:
         state = correct(settings, state, sample, rudder_rad)
     if not state.fresh(now_s, settings.timeout_s):

@@ -2,8 +2,8 @@
 
     T * dr/dt + r + alpha * r^3 = K * (delta - delta0)        dpsi/dt = r
 
-Source: Wang et al., J. Cent. South Univ. 25(9):2131-2142 (2018), eq. 2 and 7. Plain
-scalar functions, so that a compiler of numerical Python takes them as they are.
+Source: Wang et al., J. Cent. South Univ. 25(9):2131-2142 (2018), eq. 2 and 7. Numeric core: functions over
+floats, which the laboratory compiles as they stand (hil/lab/numeric_core.py).
 
 Two steps lead from one moment to the next. The autopilot's parts take `exact_step`, which solves the
 equation with the cubic term held at its present value: stable however long the step is. The plant
@@ -13,13 +13,13 @@ takes `rk4_step`, which shares no error with it.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, NamedTuple
 
-from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.record_class import dataclass
+if TYPE_CHECKING:
+    from firmware_py.common.parameters import ParameterSet
 
 
-@dataclass(frozen=True, slots=True)
-class KtModel:
+class KtModel(NamedTuple):
     """K [1/s], T [s], alpha [s^2], delta0 [rad] at the speed through the water [m/s]."""
 
     turning_ability_1_s: float
@@ -41,18 +41,19 @@ class KtModel:
 
     def at_speed(self, speed_m_s: float) -> KtModel:
         """Scale to another speed by similarity (paper eq. 7): K ~ U, T ~ 1/U, alpha ~ 1/U^2."""
-        ability_1_s, lag_s, norrbin_s2 = self.scaled(speed_m_s / self.speed_m_s)
+        ability_1_s, lag_s, norrbin_s2 = scaled(self, speed_m_s / self.speed_m_s)
         return KtModel(ability_1_s, lag_s, norrbin_s2, self.rudder_offset_rad, speed_m_s)
-
-    def scaled(self, ratio: float) -> tuple[float, float, float]:
-        """Return K, T and alpha at a multiple of the model's speed."""
-        return self.turning_ability_1_s * ratio, self.turning_lag_s / ratio, self.norrbin_s2 / (ratio * ratio)
 
 
 # Identified in the tank at 0.4 m/s by the paper.
 OCEAN_RAMBLER = KtModel(
     turning_ability_1_s=0.049, turning_lag_s=4.0, norrbin_s2=17.0, rudder_offset_rad=0.0, speed_m_s=0.4
 )
+
+
+def scaled(model: KtModel, ratio: float) -> tuple[float, float, float]:
+    """Return K, T and alpha at a multiple of the model's speed, by similarity (paper eq. 7)."""
+    return model.turning_ability_1_s * ratio, model.turning_lag_s / ratio, model.norrbin_s2 / (ratio * ratio)
 
 
 def yaw_drive(

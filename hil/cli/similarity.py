@@ -99,7 +99,7 @@ def as_json(
 ) -> dict[str, object]:
     """Return all as JSON takes it."""
     return {
-        "model": asdict(model),
+        "model": model._asdict(),
         "hull": asdict(hull),
         "dimensionless": asdict(constants),
         "rudders_deg": similarity.RUDDERS_DEG,

@@ -1,17 +1,10 @@
 """Compiles numerical functions with numba, once per machine, and shows the first time as progress.
 
-The K-T equation stands once, in firmware_py/model/kt.py, as plain functions. Importing this
-module makes them callable from compiled code under the names they have, so a kernel says
-
-    from firmware_py.model.kt import rk4_step
-    from hil.lab.compiled import compiled
-
     @compiled
-    def kernel(...): ... rk4_step(...) ...
+    def kernel(...): ...
 
-and runs the same source compiled and plain (`kernel.py_func`). Compiled arithmetic is that of
-Python: no fast-math and no fused multiply-add, so sums and products agree to the last bit.
-Division by zero gives inf or NaN as in C instead of raising, for raising forbids SIMD.
+compiles a function of the laboratory, which runs plain as `kernel.py_func`. It may call other such functions and those
+of the firmware's numeric core (hil/lab/numeric_core.py, where the arithmetic is described).
 """
 
 from __future__ import annotations
@@ -36,15 +29,13 @@ import numba
 import numba.core.registry
 from numba.core import codegen, event
 from numba.core import config as numba_config
-from numba.extending import register_jitable
 
-from firmware_py.common import angles
 from firmware_py.model import kt
 from hil.lab.held_signals import HeldSignals
+from hil.lab.numeric_core import ERROR_MODEL
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-ERROR_MODEL: Final = "numpy"
 PATIENCE_S = 0.4  # what is loaded from the cache takes less, and says nothing
 TICK_S = 0.5
 KEPT_CACHES, KEPT_S = 4, 86400.0  # so many, and all of the last day: another program may be using them
@@ -112,27 +103,6 @@ event.register("numba:compiler_lock", HeldSignals())  # type: ignore[no-untyped-
 def being_compiled() -> bool:
     """Whether code is being compiled just now."""
     return _compilations.under_way > 0
-
-
-def inner(function: Function) -> Function:
-    """Let compiled functions call a plain one, which stays plain for those who call it from Python."""
-    return register_jitable(error_model=ERROR_MODEL)(function)
-
-
-# In the order in which they call each other.
-for _function in (
-    angles.clamp,
-    angles.wrap_pi,
-    angles.wrap_two_pi,
-    kt.yaw_drive,
-    kt.yaw_acceleration,
-    kt.steady_yaw_rate,
-    kt.decay_over,
-    kt.settled_yaw_rate,
-    kt.exact_step,
-    kt.rk4_step,
-):
-    inner(_function)
 
 
 def compiled(function: Function) -> Function:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, steady_yaw_rate
@@ -61,7 +61,7 @@ def table(model: KtModel, hull: HullForm, speeds_m_s: Sequence[float]) -> tuple[
         rates_rad_s = (
             steady_yaw_rate(radians(rudder), scaled.turning_ability_1_s, scaled.norrbin_s2) for rudder in RUDDERS_DEG
         )
-        centred = replace(scaled, rudder_offset_rad=0.0)
+        centred = scaled._replace(rudder_offset_rad=0.0)
         plain = steady_turn(centred, radians(RADIUS_RUDDER_DEG))
         swaying = steady_turn(centred, radians(RADIUS_RUDDER_DEG), sway)
         rows.append(

@@ -8,8 +8,6 @@ at any speed and with any traffic on the lines.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
 from hil.ship.compass_error import BoughtCompass
@@ -141,7 +139,7 @@ class Hull:
         self.speed_m_s = self._track.speed_m_s = self._mean_speed_m_s * speed.speed
         model = self._ship.at_speed(max(self.speed_m_s, STEERAGE_M_S))
         if self.speed_m_s < STEERAGE_M_S:
-            model = replace(model, turning_ability_1_s=model.turning_ability_1_s * self.speed_m_s / STEERAGE_M_S)
+            model = model._replace(turning_ability_1_s=model.turning_ability_1_s * self.speed_m_s / STEERAGE_M_S)
         self._model = model
         self._plant.take(model)
 
@@ -234,11 +232,10 @@ class Hull:
 
 def _ship_of(model: KtModel, scenario: Scenario, extras: Extras) -> KtModel:
     """Return the ship at the model's own speed: the boat's model, biased, and another where the sea says so."""
-    ship = replace(model, rudder_offset_rad=model.rudder_offset_rad + radians(scenario.bias_deg))
+    ship = model._replace(rudder_offset_rad=model.rudder_offset_rad + radians(scenario.bias_deg))
     if (other := extras.other_ship) is None:
         return ship
-    return replace(
-        ship,
+    return ship._replace(
         turning_ability_1_s=ship.turning_ability_1_s * other.ability,
         turning_lag_s=ship.turning_lag_s * other.lag,
     )

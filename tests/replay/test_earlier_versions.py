@@ -8,7 +8,7 @@ shows and why that is right:
 """
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pytest
 
@@ -17,7 +17,7 @@ from firmware_py.assemble.earlier_runs import resume
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
-from firmware_py.control import scheduled
+from firmware_py.control import law
 from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
 from firmware_py.system.state_directory import load_parameters, load_plans
@@ -55,10 +55,8 @@ def test_what_is_accepted_has_its_reason_and_its_log():
 
 
 def test_a_change_of_behaviour_is_told_from_another(capsys, monkeypatch):
-    right, factor = scheduled.gains_of, 1.01
-    monkeypatch.setattr(
-        scheduled, "gains_of", lambda *given: (gains := right(*given)) and replace(gains, k1=gains.k1 * factor)
-    )
+    right, factor = law.gains_of, 1.01
+    monkeypatch.setattr(law, "gains_of", lambda *given: (gains := right(*given))._replace(k1=gains.k1 * factor))
     code, _, found = replayed(LOGS["tank_pni_volz.BIN"], capsys)
     accepted = {"tank_pni_volz.BIN": found | {"reason": "a stiffer helm"}}
     assert code == 1

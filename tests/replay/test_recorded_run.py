@@ -6,7 +6,6 @@ rambler-hil run tank --speed max --seconds 40 --goal "0:0,5:60" --compass pni --
 
 import json
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -44,14 +43,14 @@ def test_a_log_cut_anywhere_is_recomputed_to_its_last_whole_tick(tmp_path, capsy
 
 
 def test_one_changed_bit_of_the_gains_is_found(capsys, monkeypatch):
-    from firmware_py.control import scheduled  # noqa: PLC0415 - patched only here
+    from firmware_py.control import law  # noqa: PLC0415 - patched only here
 
-    right = scheduled.gains_of
+    right = law.gains_of
 
     def nearly_right(ship, stiffness):
         gains = right(ship, stiffness)
-        return replace(gains, k1=math.nextafter(gains.k1, 1e9))
+        return gains._replace(k1=math.nextafter(gains.k1, 1e9))
 
-    monkeypatch.setattr(scheduled, "gains_of", nearly_right)
+    monkeypatch.setattr(law, "gains_of", nearly_right)
     assert main(["replay", str(LOG)]) == 1
     assert "NOT identical" in capsys.readouterr().out

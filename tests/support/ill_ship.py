@@ -1,6 +1,5 @@
 """A ship that is not as the autopilot was told, for `rig.Sailing`."""
 
-from dataclasses import replace
 from functools import partial
 
 from firmware_py.common.angles import radians
@@ -19,8 +18,7 @@ class IllHull(rig.TickHull):
     def __init__(self, scenario, seed, ability=1.0, lag=1.0, delay_s=0.0, follows=None):
         super().__init__(scenario, seed)
         scaled = OCEAN_RAMBLER.at_speed(scenario.speed_m_s)
-        model = replace(
-            scaled,
+        model = scaled._replace(
             turning_ability_1_s=scaled.turning_ability_1_s * ability,
             turning_lag_s=scaled.turning_lag_s * lag,
             rudder_offset_rad=scaled.rudder_offset_rad + radians(scenario.bias_deg),

@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from firmware_py.common.angles import TWO_PI, radians
+from firmware_py.common.angles import TWO_PI, clamp, radians, wrap_pi
 from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter_state import WHITE
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 from hil.lab.compiled import compiled
-from hil.lab.tune.twins import clamp, wrap_pi
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.drift import TIME_CONSTANT_S
 from hil.ship.float_body import transition as float_transition

@@ -51,7 +51,7 @@ class TickHull:
         assert scenario.extras == NONE, "the extras of a sea are FineHull's"
         scaled = OCEAN_RAMBLER.at_speed(scenario.speed_m_s)
         bias_rad = scaled.rudder_offset_rad + radians(scenario.bias_deg)
-        self.plant = KtPlant(dataclasses.replace(scaled, rudder_offset_rad=bias_rad), STEP_S)
+        self.plant = KtPlant(scaled._replace(rudder_offset_rad=bias_rad), STEP_S)
         self.drift = RudderDrift(radians(scenario.drift_deg), STEP_S, NormalNumbers(generator(seed, Stream.DRIFT)))
         numbers = NormalNumbers(generator(seed, Stream.WAVES))
         self.waves = WaveYaw(radians(scenario.wave_yaw_deg), scenario.wave_period_s, STEP_S, numbers)

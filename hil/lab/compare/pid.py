@@ -13,11 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_py.common.angles import TWO_PI, radians
+from firmware_py.common.angles import TWO_PI, clamp, radians, wrap_pi
 from firmware_py.model.kt import KtModel, rk4_step
 from hil.lab.compiled import compiled
 from hil.lab.tune.loop_kernel import compass_reading, counted
-from hil.lab.tune.twins import clamp, wrap_pi
 from hil.ship.drift import RudderDrift
 from hil.ship.gusts import Gusts
 from hil.ship.hull import GRID_S

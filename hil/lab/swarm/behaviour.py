@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from hil.lab.compiled import inner
+from hil.lab.numeric_core import inner
 from hil.lab.swarm.shoal import CENTRE, FOLLOW_MOVE, MOVES, NONE, PREY_MOVE, RANDOM_MOVE, SWARM_MOVE, TRY, Shoal, Ways
 
 

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.lab.compiled import compiled, compiled_here, inner
+from hil.lab.compiled import compiled, compiled_here
+from hil.lab.numeric_core import inner
 from hil.lab.swarm.behaviour import ask, begin, copy, look, settle, tell
 from hil.lab.swarm.records import BatchObjective, Floats
 from hil.lab.swarm.shoal import Shoal, Ways

@@ -16,8 +16,7 @@ import numpy as np
 from firmware_py.common.angles import clamp, degrees, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, steady_yaw_rate
-from hil.lab.tune.loop_kernel import Seas, Task
-from hil.lab.tune.twins import Pilot
+from hil.lab.tune.loop_kernel import Pilot, Seas, Task
 from hil.ship import scenarios
 from hil.ship.drift import RudderDrift
 from hil.ship.extras import NONE
@@ -54,8 +53,7 @@ class Case:
     def ship(self, model: KtModel) -> KtModel:
         """Return the ship of this case, at the sea's speed."""
         scaled = model.at_speed(self.scenario.speed_m_s)
-        return replace(
-            scaled,
+        return scaled._replace(
             turning_ability_1_s=scaled.turning_ability_1_s * self.ability_factor,
             turning_lag_s=scaled.turning_lag_s * self.lag_factor,
         )

@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -64,8 +64,7 @@ class Case:
     def model(self, model: KtModel) -> KtModel:
         """Return the ship of this case, at the model's speed."""
         ability, lag, norrbin = self.ship
-        return replace(
-            model,
+        return model._replace(
             turning_ability_1_s=model.turning_ability_1_s * ability,
             turning_lag_s=model.turning_lag_s * lag,
             norrbin_s2=model.norrbin_s2 * norrbin,

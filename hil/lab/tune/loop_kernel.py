@@ -1,8 +1,13 @@
-"""The closed loop of ship and autopilot, compiled: thousands of trial runs in the time that one takes otherwise.
+"""Closed loop of ship and autopilot, compiled, for the trial runs of the tuner.
 
-The ship is the K-T equation of firmware_py/model/kt.py; the autopilot is made of the twins in
-hil/lab/tune/twins.py. The whole loop is held against the firmware's own parts, to the last bit, by
-tests/unit/hil/lab/tune/test_loop_kernel.py, and against the real autopilot on ptys by tests/process/test_tune.py.
+The ship is the K-T equation, the autopilot is made of the firmware's own functions (hil/lab/numeric_core.py): observer,
+S-surface and rudder limits. It leaves out what a trial run never has: samples that are late, missing or not numbers.
+tests/unit/hil/lab/tune/test_loop_kernel.py holds the loop against the firmware's tick by tick, to the last bit, and
+tests/process/test_tune.py against the autopilot on ptys.
+
+To follow a change of the firmware's control: keep its order of steps in `pilot_begins` and `pilot_steers`, and in a row
+of `state` what lasts from tick to tick; name what is to be searched in cases.pilot_of, trials.Setting and
+search.BOUNDS.
 """
 
 from __future__ import annotations
@@ -13,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.model.kt import rk4_step
+from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
+from firmware_py.model.kt import decay_over, rk4_step
 from hil.lab.compiled import compiled
-from hil.lab.tune.twins import PILOT_STATES, Pilot, clamp, pilot_begins, pilot_steers, wrap_two_pi
+from hil.lab.numeric_core import fixed_gain, law, rudder_limit
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +31,29 @@ RESOLUTION_RAD = math.pi / 1800.0  # the compass prints 0.1 deg
 # Columns of the results: of a case, worst or mean over its legs as the name says.
 ITAE, RMS, MEAN, TRAVEL, OVERSHOOT = range(5)
 RESULTS = 5
+
+
+# Columns of a setting, and of what the autopilot keeps from tick to tick.
+K1, K2, TAU_S, DEADBAND_RAD = range(4)
+HEADING_RAD, YAW_RATE_RAD_S, COMMAND_RAD, THETA, DECAY = range(5)
+PILOT_STATES = 5
+
+
+class Pilot(NamedTuple):
+    """Settings of the autopilot; the searched parameters come separately.
+
+    turning_ability_1_s and turning_lag_s are the observer's model (MDL_K, MDL_T_S), rate_limit_rad_s
+    its bound on the yaw rate, rate_max_rad_s the yaw rate that normalises the controller's.
+    """
+
+    turning_ability_1_s: float
+    turning_lag_s: float
+    rate_limit_rad_s: float
+    rate_max_rad_s: float
+    rudder_limit_rad: float
+    rudder_slew_rad_s: float
+    trim_rad: float
+    servo_slew_rad_s: float
 
 
 class Task(NamedTuple):
@@ -46,6 +75,47 @@ class Seas(NamedTuple):
     ships: Floats
     compass_rad: Floats
     offset_rad: Floats
+
+
+@compiled
+def pilot_begins(state: Floats, setting: Floats, pilot: Pilot, measured_rad: float, step_s: float) -> None:
+    """Fill the autopilot's state at its first sample, with the rudder amidships."""
+    state[HEADING_RAD], state[YAW_RATE_RAD_S], state[COMMAND_RAD] = measured_rad, 0.0, 0.0
+    state[THETA], state[DECAY] = math.exp(-step_s / setting[TAU_S]), decay_over(step_s, pilot.turning_lag_s)
+
+
+@compiled
+def pilot_steers(
+    state: Floats,
+    setting: Floats,
+    pilot: Pilot,
+    tick: int,
+    goal_rad: float,
+    measured_rad: float,
+    rudder_rad: float,
+    step_s: float,
+) -> float:
+    """Return the rudder command of a tick from compass and servo; the first sample is in the state already."""
+    heading_rad, yaw_rate_rad_s = state[HEADING_RAD], state[YAW_RATE_RAD_S]
+    if tick > 0:
+        heading_rad, yaw_rate_rad_s = fixed_gain.predicted(
+            heading_rad,
+            yaw_rate_rad_s,
+            rudder_rad,
+            step_s,
+            state[DECAY],
+            pilot.turning_ability_1_s,
+            pilot.turning_lag_s,
+        )
+        heading_rad, yaw_rate_rad_s = fixed_gain.corrected(
+            heading_rad, yaw_rate_rad_s, measured_rad, step_s, state[THETA], pilot.rate_limit_rad_s
+        )
+        state[HEADING_RAD], state[YAW_RATE_RAD_S] = heading_rad, yaw_rate_rad_s
+    gains = law.Gains(setting[K1], setting[K2], pilot.rudder_limit_rad, pilot.rate_max_rad_s, pilot.trim_rad)
+    limits = rudder_limit.RudderLimits(pilot.rudder_limit_rad, pilot.rudder_slew_rad_s, setting[DEADBAND_RAD])
+    demand_rad = law.s_surface(gains, wrap_pi(goal_rad - heading_rad), yaw_rate_rad_s)
+    state[COMMAND_RAD] = rudder_limit.limited_command(limits, state[COMMAND_RAD], demand_rad, step_s)
+    return float(state[COMMAND_RAD])
 
 
 @compiled

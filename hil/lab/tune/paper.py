@@ -14,10 +14,10 @@ import numpy as np
 from firmware_py.common.angles import DEGREES_PER_RADIAN, radians
 from firmware_py.model.kt import KtModel, rk4_step
 from hil.lab.compiled import compiled, compiling
+from hil.lab.numeric_core import law
 from hil.lab.swarm import SwarmResult, SwarmSettings, minimise
 from hil.lab.tune.cases import steps_within
-from hil.lab.tune.loop_kernel import Floats
-from hil.lab.tune.twins import Pilot, rudder_demand
+from hil.lab.tune.loop_kernel import Floats, Pilot
 
 K1, K2 = 40.0, 0.3
 LOW, HIGH = (1.0, 0.0), (60.0, 10.0)
@@ -34,8 +34,9 @@ def step_response(
     """Return ITAE [rad s^2] and overshoot [rad] of a step with perfect sensors and an instant rudder."""
     psi = r = itae = overshoot = 0.0
     inner_steps = int(ship[3])
+    gains = law.Gains(k1, k2, pilot.rudder_limit_rad, pilot.rate_max_rad_s, pilot.trim_rad)
     for tick in range(TICKS):
-        rudder = rudder_demand(way_rad - psi, r, k1, k2, pilot.rudder_limit_rad, pilot.rate_max_rad_s, pilot.trim_rad)
+        rudder = law.s_surface(gains, way_rad - psi, r)
         before = abs(way_rad - psi)
         for _ in range(inner_steps):
             psi, r = rk4_step(psi, r, rudder, step_s / inner_steps, ship[0], ship[1], ship[2], 0.0)

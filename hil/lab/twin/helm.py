@@ -9,9 +9,10 @@ import math
 
 import numpy as np
 
-from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
 from firmware_py.model.kt import decay_over, exact_step, steady_yaw_rate
 from hil.lab.compiled import compiled
+from hil.lab.numeric_core import law
 from hil.lab.twin.kalman import Floats
 
 # The controller's constants, and parameters: what a run is given.
@@ -25,22 +26,19 @@ LAW_NAMES = (
  WAY_MIN) = range(15)  # fmt: skip
 # As delivered, the parameters apart, which come last.
 DELIVERED = (
-    136.0,
-    0.264,
-    0.00469,
-    1.94,
-    radians(3.0),
-    0.1,
-    25.0,
-    radians(5.6),
-    0.8,
-    0.55,
-    radians(5.0),
-    radians(6.0),
-    1.2,
+    *law.DELIVERED,
+    law.TURNING_RAD,
+    law.TURNING_SHARE,
+    law.REDUCED_BIAS_S,
+    law.EASING_RAD,
+    law.BRAKING_SHARE,
+    law.RATE_GAIN,
+    law.MIN_FEEDFORWARD_RAD,
+    law.LEAD_RAD,
+    law.REDUCED_TURN_S,
 )
-CORRECTIONS_RAD2_S = (radians(0.01) ** 2, radians(1.5) ** 2)
-SOFTEST_RAD2_S = radians(0.08) ** 2
+CORRECTIONS_RAD2_S = law.CORRECTIONS_RAD2_S
+SOFTEST_RAD2_S = law.MIN_GAIN_CORRECTION_RAD2_S
 
 # What is known in a tick.
 (E_HEADING, E_CORRECTION, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
@@ -100,7 +99,7 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
     if (other := extras.other_ship) is not None:
         ability, lag = ability * other.ability, lag * other.lag
     bias_rad = model.rudder_offset_rad + radians(scenario.bias_deg)
-    ship = replace(model, turning_ability_1_s=ability, turning_lag_s=lag, rudder_offset_rad=bias_rad)
+    ship = model._replace(turning_ability_1_s=ability, turning_lag_s=lag, rudder_offset_rad=bias_rad)
     inner = inner_steps(ship.at_speed(scenario.speed_m_s * (speeds.MOST if extras.wave_speed else 1.0)), GRID_S)
     body, leeway = extras.float_body, extras.leeway or Leeway(0.0)
     (f00, f01), (f10, f11) = STILL if body is None else transition(body.own_frequency_rad_s, body.damping, GRID_S)

@@ -46,13 +46,14 @@ def test_the_tree_obeys_the_law(checkout):
     ("file", "line", "contract"),
     [
         ("firmware_py/common/angles.py", "import time", "What computes reaches no file"),
-        ("firmware_py/control/s_surface.py", "from firmware_py.estimate import kalman", "The flow of the firmware"),
+        ("firmware_py/control/law.py", "from firmware_py.estimate import kalman", "The flow of the firmware"),
         ("firmware_py/common/angles.py", "from firmware_py.modes import decide", "The flow of the firmware"),
         ("firmware_py/sensors/nmea_framing.py", "from firmware_py.link import peer", "The flow of the firmware"),
         ("firmware_py/sensors/ubx.py", "import serial", "Drivers read no clock"),
         ("firmware_py/common/records.py", "from hil import errors", "The onboard part"),
         ("hil/devices/volz.py", "from firmware_py.actuator import volz_frames", "Emulators and ship share no codec"),
         ("hil/sim/world.py", "from firmware_py.core import step", "The harness knows formats"),
+        ("hil/lab/similarity.py", "from firmware_py.control import law", "The harness knows formats"),
         ("firmware_py/newroom/__init__.py", "", "The flow of the firmware"),
     ],
 )

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from firmware_py.common.angles import wrap_pi
-from firmware_py.control.reference_model import LEAD_RAD, SLOWER_TURN_S, Reference, Ship, stopping_angle_rad, update
+from firmware_py.control.law import LEAD_RAD, REDUCED_TURN_S, Reference, Ship, advance_reference, stopping_angle
 from firmware_py.model.kt import OCEAN_RAMBLER
 
 LIMIT_RAD = math.radians(30.0)
@@ -20,7 +20,7 @@ def turned(ship, step_deg, seconds, step_s=0.1, softness=1.0):
     headings, rudders, unwrapped = [], [], 0.0
     for _ in range(round(seconds / step_s)):
         before = reference.heading_rad
-        reference = update(ship, reference, goal - unwrapped, reference.heading_rad, step_s, softness)
+        reference = advance_reference(ship, reference, goal - unwrapped, reference.heading_rad, step_s, softness)
         unwrapped += wrap_pi(reference.heading_rad - before)
         headings.append(unwrapped)
         rudders.append(reference.feedforward_rad + ship.bias_rad)
@@ -53,7 +53,7 @@ def test_softened_it_turns_with_less_rudder_and_comes_to_the_goal(softness):
     assert headings[-1] == pytest.approx(math.radians(100.0), abs=math.radians(0.5))
     steady_rad_s = ship.turning_ability_1_s * max(rudders)
     assert steady_rad_s == pytest.approx(
-        min(LEAD_RAD / ((softness - 1.0) * SLOWER_TURN_S), ship.turning_ability_1_s * LIMIT_RAD), rel=1e-9
+        min(LEAD_RAD / ((softness - 1.0) * REDUCED_TURN_S), ship.turning_ability_1_s * LIMIT_RAD), rel=1e-9
     )
 
 
@@ -66,19 +66,19 @@ def test_it_stays_calm_at_other_rates_of_the_loop(step_s):
 
 def test_the_angle_run_on_is_that_of_the_equation():
     ship, rate, angle, brake = ship_at(0.4), 0.02, 0.0, 0.4
-    expected = stopping_angle_rad(ship, rate, brake)
+    expected = stopping_angle(ship, rate, brake)
     while rate > 0.0:
         angle += rate * 0.001
         rate += 0.001 * (-ship.turning_ability_1_s * brake - rate) / ship.turning_lag_s
     assert angle == pytest.approx(expected, rel=1e-2)
-    assert stopping_angle_rad(ship, -0.02, brake) == -expected
+    assert stopping_angle(ship, -0.02, brake) == -expected
 
 
 def test_it_waits_for_a_boat_that_does_not_follow():
     ship, reference = ship_at(0.4), Reference(0.0, 0.0)
     for _ in range(600):
-        reference = update(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1)
+        reference = advance_reference(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1)
     assert reference.heading_rad == pytest.approx(LEAD_RAD)
     for _ in range(600):
-        reference = update(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1, 4.0)
+        reference = advance_reference(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1, 4.0)
     assert reference.heading_rad == pytest.approx(4.0 * LEAD_RAD)

@@ -5,10 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.s_surface import Gains, rudder_demand
+from firmware_py.control.heading_controller import fixed_gains
+from firmware_py.control.law import s_surface
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 
-PAPER = Gains.of(ParameterSet())
+PAPER = fixed_gains(ParameterSet())
 LIMIT_RAD = math.radians(30.0)
 
 
@@ -22,19 +23,19 @@ def test_it_is_the_logistic_form_of_the_paper():
     error_rad, rate_rad_s = 0.1, 0.01
     exponent = 40.0 * error_rad / math.pi - PAPER.k2 * rate_rad_s / PAPER.yaw_rate_max_rad_s
     expected = LIMIT_RAD * (2.0 / (1.0 + math.exp(-exponent)) - 1.0)
-    assert rudder_demand(PAPER, error_rad, rate_rad_s) == pytest.approx(expected, rel=1e-12)
+    assert s_surface(PAPER, error_rad, rate_rad_s) == pytest.approx(expected, rel=1e-12)
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-10.0, 10.0))
 def test_it_is_odd_and_limited(error_rad, rate_rad_s):
-    demand_rad = rudder_demand(PAPER, error_rad, rate_rad_s)
+    demand_rad = s_surface(PAPER, error_rad, rate_rad_s)
     assert abs(demand_rad) <= PAPER.rudder_limit_rad
-    assert rudder_demand(PAPER, -error_rad, -rate_rad_s) == -demand_rad
+    assert s_surface(PAPER, -error_rad, -rate_rad_s) == -demand_rad
 
 
 @given(st.floats(-3.0, 3.0), st.floats(0.0, 0.1), st.floats(-0.05, 0.05))
 def test_more_error_never_asks_for_less_rudder(error_rad, more_rad, rate_rad_s):
-    assert rudder_demand(PAPER, error_rad + more_rad, rate_rad_s) >= rudder_demand(PAPER, error_rad, rate_rad_s)
+    assert s_surface(PAPER, error_rad + more_rad, rate_rad_s) >= s_surface(PAPER, error_rad, rate_rad_s)
 
 
 @pytest.mark.parametrize(("step_deg", "overshoot_percent"), [(30.0, 1.6), (90.0, 0.6)])
@@ -44,7 +45,7 @@ def test_overshoot_on_the_noiseless_model_is_the_paper_s(step_deg, overshoot_per
     goal_rad = math.radians(step_deg)
     heading_rad = rate_rad_s = highest_rad = 0.0
     for _ in range(30_000):
-        rudder_rad = rudder_demand(PAPER, goal_rad - heading_rad, rate_rad_s)
+        rudder_rad = s_surface(PAPER, goal_rad - heading_rad, rate_rad_s)
         heading_rad, rate_rad_s = rk4_step(
             heading_rad,
             rate_rad_s,

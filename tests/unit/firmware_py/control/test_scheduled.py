@@ -1,50 +1,46 @@
-import dataclasses
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
-from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
-from firmware_py.control.reference_model import Reference
-from firmware_py.control.s_surface import rudder_demand
-from firmware_py.control.scheduled import (
-    SLOWER_BIAS_S,
-    RudderDemand,
-    ScheduledSettings,
-    apply_deadband,
-    gains_of,
-    scheduled_demand,
-    ship_at_speed,
-    update,
-)
-from firmware_py.control.stiffness import DELIVERED
+from firmware_py.control import law
+from firmware_py.control.heading_controller import law_settings
+from firmware_py.control.law import DELIVERED, IDLE, REDUCED_BIAS_S, Reference, gains_of, s_surface, ship_at_speed
+from firmware_py.model.kt import scaled
 
-SETTINGS = ScheduledSettings.of(ParameterSet())
+SETTINGS = law_settings(ParameterSet())
 ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.0, 0.05, 0.05, 0.4, 0.02, 1.0)
 LIMIT_RAD = math.radians(30.0)
 
 
+def demand_of(reference, estimate, error_rad, step_s=0.1, gain_reduction=1.0):
+    return law.demand(SETTINGS, reference, estimate, estimate.bias_rad, error_rad, step_s, gain_reduction)
+
+
+def at(estimate):
+    return Reference(estimate.heading_rad, estimate.yaw_rate_rad_s)
+
+
 def test_on_the_goal_the_rudder_asks_for_the_bias_alone():
-    _, order = scheduled_demand(SETTINGS, None, ESTIMATE, 0.0, 0.1)
-    assert order.demand_rad == pytest.approx(0.05, abs=1e-9)
+    _, demand_rad, _ = demand_of(at(ESTIMATE), ESTIMATE, 0.0)
+    assert demand_rad == pytest.approx(0.05, abs=1e-9)
 
 
 def test_the_ship_is_the_model_at_the_speed_found_turning_as_well_as_she_is_found_to():
     model = SETTINGS.model
-    ship = ship_at_speed(SETTINGS, replace(ESTIMATE, speed_m_s=2.0 * model.speed_m_s, turning_factor=0.7))
+    ship = ship_at_speed(SETTINGS, ESTIMATE._replace(speed_m_s=2.0 * model.speed_m_s, turning_factor=0.7), 0.05)
     assert ship.turning_ability_1_s == pytest.approx(2.0 * 0.7 * model.turning_ability_1_s)
     assert ship.turning_lag_s == pytest.approx(0.5 * model.turning_lag_s)
 
 
 def test_small_errors_meet_the_optimal_regulator():
-    ship, stiffness = ship_at_speed(SETTINGS, ESTIMATE), 1.7
+    ship, stiffness = ship_at_speed(SETTINGS, ESTIMATE, 0.05), 1.7
     gains = gains_of(ship, stiffness)
-    by_error = rudder_demand(gains, 1e-5, 0.0) / 1e-5
-    by_rate = -rudder_demand(gains, 0.0, 1e-6) / 1e-6
+    by_error = s_surface(gains, 1e-5, 0.0) / 1e-5
+    by_rate = -s_surface(gains, 0.0, 1e-6) / 1e-6
     k, t = ship.turning_ability_1_s, ship.turning_lag_s
     assert by_error == pytest.approx(stiffness, rel=1e-6)
     # The algebraic Riccati equation of min integral of error^2 + (rudder / stiffness)^2 gives both gains.
@@ -53,23 +49,22 @@ def test_small_errors_meet_the_optimal_regulator():
 
 def test_a_softer_helm_asks_for_less_rudder_in_a_narrower_band_about_the_same_trim():
     on_goal = Reference(ESTIMATE.heading_rad + 0.02, 0.0)
-    _, stiff = scheduled_demand(SETTINGS, on_goal, ESTIMATE, 0.02, 0.1)
-    _, soft = scheduled_demand(SETTINGS, on_goal, ESTIMATE, 0.02, 0.1, 4.0)
+    _, full_rad, full_band_rad = demand_of(on_goal, ESTIMATE, 0.02)
+    _, reduced_rad, reduced_band_rad = demand_of(on_goal, ESTIMATE, 0.02, gain_reduction=4.0)
     bias_rad = ESTIMATE.bias_rad
-    assert 0.0 < soft.demand_rad - bias_rad < 0.4 * (stiff.demand_rad - bias_rad)
-    assert soft.band_rad <= stiff.band_rad
+    assert 0.0 < reduced_rad - bias_rad < 0.4 * (full_rad - bias_rad)
+    assert reduced_band_rad <= full_band_rad
 
 
 def turned(softness, late_s=0.0, slower=1.0, seconds=300.0):
     """Turn a boat as the model says by 100 deg, late by late_s and with a lag so many times longer: headings [deg]."""
     heading_rad = rate_rad_s = command_rad = 0.0
-    late, headings, state = [0.0] * round(10.0 * late_s), [], HeadingControllerState()
-    k, lag_s, _ = SETTINGS.model.scaled(0.4 / SETTINGS.model.speed_m_s)
+    late, headings, state = [0.0] * round(10.0 * late_s), [], IDLE
+    k, lag_s, _ = scaled(SETTINGS.model, 0.4 / SETTINGS.model.speed_m_s)
     for _ in range(round(10.0 * seconds)):
-        known = replace(ESTIMATE, heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s, bias_rad=0.0, bias_mean_rad=0.0)
+        known = ESTIMATE._replace(heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s, bias_rad=0.0, bias_mean_rad=0.0)
         error_rad = math.radians(100.0) - heading_rad
-        given_ = HeadingControllerInput(error_rad, rate_rad_s, known, command_rad, 0.1, softness)
-        state, command_rad = update(SETTINGS, state, given_)
+        state, command_rad = law.steer(SETTINGS, state, known, error_rad, command_rad, 0.1, softness)
         late.append(command_rad)
         rate_rad_s += 0.1 * (k * late.pop(0) - rate_rad_s) / (slower * lag_s)
         heading_rad += 0.1 * rate_rad_s
@@ -94,50 +89,50 @@ def test_a_softened_helm_turns_a_late_boat_without_a_swing(late_s, slower):
 
 def test_a_softer_helm_follows_the_bias_slowly_from_its_mean_on_and_a_stiff_one_at_once():
     """While she swung the estimate of it swung with her: from there a softened helm lay 14 deg off for ten minutes."""
-    state = HeadingControllerState()
-    soft = HeadingControllerInput(0.0, 0.0, replace(ESTIMATE, bias_rad=-0.24), 0.0, 1.0, softness=3.0)
-    state, _ = update(SETTINGS, state, soft)
+    state, _ = law.steer(SETTINGS, IDLE, ESTIMATE._replace(bias_rad=-0.24), 0.0, 0.0, 1.0, 3.0)
     assert state.bias_rad == ESTIMATE.bias_mean_rad
-    other = dataclasses.replace(soft, estimate=replace(ESTIMATE, bias_rad=0.15))
+    other = ESTIMATE._replace(bias_rad=0.15)
     for _ in range(100):
-        state, _ = update(SETTINGS, state, other)
-    assert state.bias_rad == pytest.approx(0.15 - 0.1 * math.exp(-100.0 / (2.0 * SLOWER_BIAS_S)), abs=1e-3)
-    assert update(SETTINGS, state, dataclasses.replace(other, softness=1.0))[0].bias_rad is None
+        state, _ = law.steer(SETTINGS, state, other, 0.0, 0.0, 1.0, 3.0)
+    assert state.bias_rad == pytest.approx(0.15 - 0.1 * math.exp(-100.0 / (2.0 * REDUCED_BIAS_S)), abs=1e-3)
+    assert math.isnan(law.steer(SETTINGS, state, other, 0.0, 0.0, 1.0, 1.0)[0].bias_rad)
 
 
-DRIFTING = replace(ESTIMATE, speed_m_s=0.05, speed_sd_m_s=0.02)
+DRIFTING = ESTIMATE._replace(speed_m_s=0.05, speed_sd_m_s=0.02)
 
 
 def test_without_steerage_way_nothing_is_ordered_on_the_goal():
-    assert scheduled_demand(SETTINGS, None, DRIFTING, 0.04, 0.1)[1] is None
+    assert law.without_way(SETTINGS, DRIFTING, 0.04)
+    assert law.steer(SETTINGS, IDLE, DRIFTING, 0.04, 0.3, 0.1, 1.0) == (
+        law.LawState(at(DRIFTING), pytest.approx(math.nan, nan_ok=True)), 0.3
+    )  # fmt: skip
     # Unless that is only not known.
-    assert scheduled_demand(SETTINGS, None, replace(DRIFTING, speed_sd_m_s=0.3), 0.04, 0.1)[1] is not None
+    assert not law.without_way(SETTINGS, DRIFTING._replace(speed_sd_m_s=0.3), 0.04)
 
 
 @pytest.mark.parametrize("error_rad", [0.5, -0.5, math.pi, -math.pi])
 def test_a_turn_is_ordered_without_steerage_way_too(error_rad):
     """The rudder stayed as it was, be it against the turn, until her speed was estimated to be enough again."""
-    reference, order = scheduled_demand(SETTINGS, None, DRIFTING, error_rad, 0.1)
-    for _ in range(50):
-        reference, order = scheduled_demand(SETTINGS, reference, DRIFTING, error_rad, 0.1)
-    assert order.demand_rad == pytest.approx(math.copysign(LIMIT_RAD, error_rad), abs=0.05)
+    assert not law.without_way(SETTINGS, DRIFTING, error_rad)
+    reference = at(DRIFTING)
+    for _ in range(51):
+        reference, demand_rad, _ = demand_of(reference, DRIFTING, error_rad)
+    assert demand_rad == pytest.approx(math.copysign(LIMIT_RAD, error_rad), abs=0.05)
 
 
 def test_a_turn_ordered_the_long_way_goes_that_way():
     for sign in (1.0, -1.0):
-        reference, order = scheduled_demand(SETTINGS, None, ESTIMATE, sign * math.pi, 0.1)
-        for _ in range(50):
-            reference, order = scheduled_demand(SETTINGS, reference, ESTIMATE, sign * math.pi, 0.1)
-        assert math.copysign(1.0, order.demand_rad) == sign
-        assert abs(order.demand_rad) == pytest.approx(LIMIT_RAD, abs=0.01)
+        reference = at(ESTIMATE)
+        for _ in range(51):
+            reference, demand_rad, _ = demand_of(reference, ESTIMATE, sign * math.pi)
+        assert math.copysign(1.0, demand_rad) == sign
+        assert abs(demand_rad) == pytest.approx(LIMIT_RAD, abs=0.01)
 
 
-angle = st.floats(-0.6, 0.6)
-
-
-@given(angle, angle, st.floats(0.0, 0.3))
-def test_the_command_moves_only_at_the_edge_of_the_band(command, demand, band):
-    after = apply_deadband(command, RudderDemand(demand, band))
+@given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
+def test_the_command_moves_only_at_the_edge_of_the_deadband(command, error):
+    _, demand, band = demand_of(at(ESTIMATE), ESTIMATE, error)
+    _, after = law.steer(SETTINGS, IDLE, ESTIMATE, error, command, 0.1, 1.0)
     assert abs(after - demand) <= band + 1e-12
     if abs(command - demand) <= band:
         assert after == pytest.approx(command, abs=1e-12)
@@ -157,12 +152,13 @@ def test_the_command_moves_only_at_the_edge_of_the_band(command, demand, band):
 )
 def test_any_knowledge_gives_a_rudder_within_its_limits(error, rate, bias, speed, spread, factor, step):
     estimate = HeadingEstimate(2.0, spread * spread, rate, bias, bias, speed, 0.1, factor)
-    reference, order = scheduled_demand(SETTINGS, None, estimate, error, step)
-    for _ in range(3):
-        reference, order = scheduled_demand(SETTINGS, reference, estimate, error, step)
+    reference = at(estimate)
+    for _ in range(4):
+        reference, demand_rad, band_rad = demand_of(reference, estimate, error, step)
         # The band is an angle of heading error, at most 3.3 deg, times the stiffness, which grows as she slows down.
-        ability_1_s = SETTINGS.model.scaled(speed / SETTINGS.model.speed_m_s)[0] * factor
+        ability_1_s = scaled(SETTINGS.model, speed / SETTINGS.model.speed_m_s)[0] * factor
         most_rad = math.radians(3.3) * DELIVERED.crossover_rad_s / ability_1_s
-        assert order is None or (abs(order.demand_rad) <= LIMIT_RAD and 0.0 < order.band_rad < most_rad)
+        assert abs(demand_rad) <= LIMIT_RAD
+        assert 0.0 < band_rad < most_rad
         assert math.isfinite(reference.heading_rad)
         assert math.isfinite(reference.yaw_rate_rad_s)

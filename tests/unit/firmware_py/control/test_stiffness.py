@@ -1,15 +1,11 @@
 import cmath
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.control.reference_model import Ship
-from firmware_py.control.s_surface import rudder_demand
-from firmware_py.control.scheduled import gains_of
-from firmware_py.control.stiffness import DELIVERED, band_of, softened, stiffness_of
+from firmware_py.control.law import DELIVERED, Ship, deadband, gains_of, proportional_gain, reduced_gain, s_surface
 
 SHIP = Ship(0.049, 4.0, 17.0, math.radians(30.0), 0.0)  # at 0.4 m/s
 SEA = math.radians(0.3) ** 2
@@ -20,14 +16,14 @@ prices = st.floats(0.1, 10.0)
 
 def at(times):
     """The ship at a multiple of that speed, by similarity."""
-    return replace(SHIP, turning_ability_1_s=times * SHIP.turning_ability_1_s, turning_lag_s=SHIP.turning_lag_s / times)
+    return SHIP._replace(turning_ability_1_s=times * SHIP.turning_ability_1_s, turning_lag_s=SHIP.turning_lag_s / times)
 
 
 def delay_margin_s(ship, stiffness):
     """Return how much delay the loop of the model bears with the gains of that stiffness."""
     gains = gains_of(ship, stiffness)
-    by_error = rudder_demand(gains, 1e-6, 0.0) / 1e-6
-    by_rate = -rudder_demand(gains, 0.0, 1e-7) / 1e-7
+    by_error = s_surface(gains, 1e-6, 0.0) / 1e-6
+    by_rate = -s_surface(gains, 0.0, 1e-7) / 1e-7
 
     def loop(omega):
         s = 1j * omega
@@ -43,7 +39,7 @@ def delay_margin_s(ship, stiffness):
 @given(speeds, corrections, prices)
 def test_the_helm_bears_five_seconds_of_delay_at_any_speed_price_and_knowledge(times, correction, price):
     ship = at(times)
-    stiffness = stiffness_of(ship, correction, price)
+    stiffness = proportional_gain(ship, correction, price)
     assert 0.0 < stiffness <= DELIVERED.crossover_rad_s / ship.turning_ability_1_s
     assert delay_margin_s(ship, stiffness) > 5.0
 
@@ -54,8 +50,8 @@ def test_a_softened_helm_bears_as_many_times_the_delay_and_is_no_softer_than_tha
 ):
     """Divided by the softness, the stiffness in a calm let each degree of trim cost four of heading."""
     ship = at(times)
-    stiff, found_1_s = stiffness_of(ship, correction, price), ship.turning_ability_1_s
-    soft = softened(stiff, softness, found_1_s, SHIP.turning_ability_1_s)
+    stiff, found_1_s = proportional_gain(ship, correction, price), ship.turning_ability_1_s
+    soft = reduced_gain(stiff, softness, found_1_s, SHIP.turning_ability_1_s)
     assert soft == stiff or soft >= DELIVERED.crossover_rad_s / (softness * max(found_1_s, SHIP.turning_ability_1_s))
     # Of the boat as she was told, too: an estimate that swings with her may have lost most of her speed.
     assert delay_margin_s(ship, soft) > 5.0 * softness
@@ -63,23 +59,23 @@ def test_a_softened_helm_bears_as_many_times_the_delay_and_is_no_softer_than_tha
 
 
 def test_the_helm_is_stiffer_where_the_ship_is_slower_and_more_is_seen_and_softer_where_travel_is_dear():
-    stiffness = stiffness_of(SHIP, SEA, 1.0)
-    assert stiffness_of(at(0.5), SEA, 1.0) == pytest.approx(2.0 ** (6.0 / 7.0) * stiffness)
-    assert stiffness_of(SHIP, 0.25 * SEA, 1.0) == pytest.approx(0.5 * stiffness)
-    assert stiffness_of(SHIP, SEA, 4.0) == pytest.approx(0.5 * stiffness)
+    stiffness = proportional_gain(SHIP, SEA, 1.0)
+    assert proportional_gain(at(0.5), SEA, 1.0) == pytest.approx(2.0 ** (6.0 / 7.0) * stiffness)
+    assert proportional_gain(SHIP, 0.25 * SEA, 1.0) == pytest.approx(0.5 * stiffness)
+    assert proportional_gain(SHIP, SEA, 4.0) == pytest.approx(0.5 * stiffness)
 
 
 def test_the_band_is_an_angle_of_heading_error_that_grows_with_what_is_shown():
-    quiet, rough = (band_of(SEA * share, 2.0, 1.0) / 2.0 for share in (0.01, 1.0))
+    quiet, rough = (deadband(SEA * share, 2.0, 1.0) / 2.0 for share in (0.01, 1.0))
     assert math.radians(0.25) < quiet < math.radians(0.35)
     assert math.radians(0.8) < rough < math.radians(0.95)
 
 
 def test_a_dearer_rudder_waits_in_the_same_band():
-    bands = [band_of(SEA, stiffness_of(SHIP, SEA, price), price) for price in (1.0, 4.0)]
+    bands = [deadband(SEA, proportional_gain(SHIP, SEA, price), price) for price in (1.0, 4.0)]
     assert bands[1] == pytest.approx(bands[0])
 
 
 @given(corrections, prices)
 def test_what_is_hardly_known_at_all_moves_no_bounds(correction, price):
-    assert 0.0 < band_of(correction, stiffness_of(SHIP, correction, price), price) < math.radians(60.0)
+    assert 0.0 < deadband(correction, proportional_gain(SHIP, correction, price), price) < math.radians(60.0)

@@ -62,7 +62,7 @@ def test_prediction_is_the_model_s_and_stable_at_any_interval():
     predicted = predict(SETTINGS, state, 1.0, 0.2)
     assert predicted.heading_rad == pytest.approx(exact_heading_rad, abs=1e-6)
     assert predicted.yaw_rate_rad_s == pytest.approx(exact_rate_rad_s, abs=1e-6)
-    stiff = replace(SETTINGS, model=replace(SETTINGS.model, turning_lag_s=0.05))
+    stiff = replace(SETTINGS, model=SETTINGS.model._replace(turning_lag_s=0.05))
     assert abs(predict(stiff, state, 100.0, 0.2).yaw_rate_rad_s) < 0.05
 
 

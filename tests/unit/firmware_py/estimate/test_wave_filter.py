@@ -1,6 +1,5 @@
 """The wave filter in simulated seas and on real recordings: what it finds, and how honest it is about it."""
 
-import dataclasses
 import math
 from dataclasses import dataclass, field
 
@@ -225,7 +224,7 @@ def test_a_jump_is_refused_and_counted():
 @pytest.mark.parametrize(("ability", "lag"), [(0.3, 1.0), (0.3, 3.0), (0.5, 0.7), (0.2, 0.5)])
 def test_a_nimble_boat_that_turns_as_she_wakes_up_is_where_her_compass_shows_her(ability, lag):
     """Taken for one above which a slow float hangs, she was thought 16 to 37 degrees ahead of it."""
-    model = dataclasses.replace(OCEAN_RAMBLER, turning_ability_1_s=ability, turning_lag_s=lag, norrbin_s2=0.0)
+    model = OCEAN_RAMBLER._replace(turning_ability_1_s=ability, turning_lag_s=lag, norrbin_s2=0.0)
     settings, state, heading, rate, errors = WaveFilterSettings(model), WaveFilterState(), 0.0, 0.0, []
     numbers = np.random.default_rng(7)
     for tick in range(600):
@@ -238,7 +237,7 @@ def test_a_nimble_boat_that_turns_as_she_wakes_up_is_where_her_compass_shows_her
 
 
 def test_what_a_float_has_shown_of_itself_is_kept_through_a_long_silence():
-    settings = WaveFilterSettings(dataclasses.replace(OCEAN_RAMBLER, turning_ability_1_s=0.2))
+    settings = WaveFilterSettings(OCEAN_RAMBLER._replace(turning_ability_1_s=0.2))
     state = correct_heading(settings, WaveFilterState(), 0.0, 1.0)
     assert state.noise_model.follow_rad_s == pytest.approx(3.2)
     learned = replace(state.noise_model, log_follow=math.log(0.4), follow_information=1.0)

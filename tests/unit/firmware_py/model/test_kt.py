@@ -1,5 +1,4 @@
 import math
-from dataclasses import astuple
 
 import pytest
 from hypothesis import given
@@ -54,7 +53,7 @@ def test_a_step_agrees_with_the_exact_linear_answer():
 
 def test_the_defaults_of_the_parameters_are_the_tank_s_numbers():
     # As near as the single precision in which parameters travel.
-    assert astuple(KtModel.of(ParameterSet())) == pytest.approx(astuple(OCEAN_RAMBLER), rel=1e-7)
+    assert tuple(KtModel.of(ParameterSet())) == pytest.approx(tuple(OCEAN_RAMBLER), rel=1e-7)
 
 
 def test_one_exact_step_is_as_many_small_ones():

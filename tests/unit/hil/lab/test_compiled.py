@@ -18,7 +18,8 @@ from numba.core.compiler_lock import global_compiler_lock
 
 from firmware_py.model import kt
 from hil.lab import compiled as compiled_module
-from hil.lab.compiled import cache_folder, compiled, compiled_here, compiling, inner, sources_digest
+from hil.lab.compiled import cache_folder, compiled, compiled_here, compiling, sources_digest
+from hil.lab.numeric_core import inner
 from hil.ship import manoeuvring
 from hil.sim.signals import interruptible
 

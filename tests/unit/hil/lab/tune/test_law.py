@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.control.stiffness import DELIVERED
+from firmware_py.control.law import DELIVERED
 from hil.__main__ import main
 from hil.lab.tune import law
 from hil.lab.twin import helm

@@ -4,25 +4,19 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from firmware_py.common import angles
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
-from firmware_py.control.rudder_limit import RudderLimits
-from firmware_py.control.rudder_limit import limited_command as limited
-from firmware_py.control.s_surface import Gains
-from firmware_py.control.s_surface import rudder_demand as demanded
+from firmware_py.control.heading_controller import fixed_gains
+from firmware_py.control.law import s_surface
+from firmware_py.control.rudder_limit import RudderLimits, limited_command
 from firmware_py.estimate import observer
 from firmware_py.model.kt import rk4_step
-from hil.lab.tune import loop_kernel, twins
+from hil.lab.tune import loop_kernel
 from hil.lab.tune.cases import pilot_of
 
 DEG = math.pi / 180.0
-angle = st.floats(-1e3, 1e3)
-course = st.floats(-4.0 * math.pi, 4.0 * math.pi)
-rate = st.floats(-1.0, 1.0)
 
 
 def parameters(**values: float) -> ParameterSet:
@@ -32,65 +26,15 @@ def parameters(**values: float) -> ParameterSet:
     return chosen
 
 
-@given(angle)
-@example(0.0)
-@example(-0.0)
-@example(math.pi)
-@example(-math.pi)
-@example(math.nextafter(math.pi, 0.0))
-@example(2.0 * math.pi)
-@example(-2.0 * math.pi)
-@example(4.0 * math.pi)
-@example(3.0 * math.pi)
-@example(-1e-17)
-def test_wrapping_is_the_firmware_s_to_the_last_bit(value):
-    assert twins.wrap_pi(value) == angles.wrap_pi(value)
-    assert twins.wrap_two_pi(value) == angles.wrap_two_pi(value)
-
-
-@given(course, rate, st.floats(0.0, 200.0), st.floats(0.0, 50.0), st.floats(-0.3, 0.3))
-def test_the_s_surface_is_the_firmware_s(error_rad, rate_rad_s, k1, k2, trim_rad):
-    gains = Gains(k1, k2, 30.0 * DEG, 0.0254, trim_rad)
-    ours = twins.rudder_demand(error_rad, rate_rad_s, k1, k2, 30.0 * DEG, 0.0254, trim_rad)
-    assert ours == demanded(gains, error_rad, rate_rad_s)
-
-
-@given(st.floats(-0.6, 0.6), st.floats(-2.0, 2.0), st.floats(0.0, 0.2), st.floats(0.01, 6.0), st.floats(0.0, 1.0))
-def test_limit_slew_and_deadband_are_the_firmware_s(command_rad, demand_rad, deadband_rad, slew_rad_s, step_s):
-    limits = RudderLimits(0.5, slew_rad_s, deadband_rad)
-    ours = twins.limited_command(command_rad, demand_rad, step_s, 0.5, slew_rad_s, deadband_rad)
-    assert ours == limited(limits, command_rad, demand_rad, step_s)
-
-
-def settings(tau_s: float) -> observer.ObserverSettings:
-    return observer.ObserverSettings.of(parameters(EST_TAU_S=tau_s))
-
-
-@example(0.0, 0.0, 0.0, 0.13, 0.0625, 0.1)  # where a power of 2 is not the square
-@given(st.floats(0.0, 6.28), rate, st.floats(-0.6, 0.6), st.floats(0.01, 1.0), course, st.floats(0.1, 30.0))
-def test_the_observer_is_the_firmware_s(heading_rad, rate_rad_s, rudder_rad, step_s, measured_rad, tau_s):
-    known = settings(tau_s)
-    state = observer.HeadingState(0.0, heading_rad, rate_rad_s, 0.0)
-    sample = HeadingSample(step_s, measured_rad, NorthReference.TRUE)
-    theirs = observer.correct(known, state, sample, rudder_rad)
-    decay, theta = math.exp(-step_s / known.model.turning_lag_s), math.exp(-step_s / known.tau_s)
-    predicted = twins.observer_predict(
-        heading_rad, rate_rad_s, rudder_rad, step_s, decay, known.model.turning_ability_1_s, known.model.turning_lag_s
-    )
-    seen_rad = angles.wrap_two_pi(measured_rad)
-    ours = twins.observer_correct(*predicted, seen_rad, step_s, theta, known.yaw_rate_limit_rad_s)
-    assert ours == (theirs.heading_rad, theirs.yaw_rate_rad_s)
-
-
-STEP_S = 0.125  # a binary fraction: differences of times are then exact, as the twins take them to be
+STEP_S = 0.125  # a binary fraction: differences of times are then exact, as the loop takes them to be
 TASK = loop_kernel.Task(np.array([60.0, -30.0, 170.0]) * DEG, 2400, 1600, STEP_S)
 TICKS = 3 * 2400
 
 
 def firmware_loop(chosen: ParameterSet, ship, compass_rad, offset_rad) -> tuple[np.ndarray, np.ndarray]:
-    """Sail with the firmware's own functions in place of the twins."""
+    """Sail tick by tick with the observer and the records of the firmware."""
     known = observer.ObserverSettings.of(chosen)
-    gains, limits = Gains.of(chosen), RudderLimits.of(chosen)
+    gains, limits = fixed_gains(chosen), RudderLimits.of(chosen)
     state = observer.HeadingState()
     inner_steps = int(ship[3])
     inner_s = STEP_S / inner_steps
@@ -105,7 +49,7 @@ def firmware_loop(chosen: ParameterSet, ship, compass_rad, offset_rad) -> tuple[
         sample = HeadingSample(now_s, angles.wrap_two_pi(reading_rad), NorthReference.TRUE)
         state = observer.update(known, state, [sample], told, now_s)
         error_rad = angles.wrap_pi(TASK.goals_rad[tick // TASK.leg_ticks] - state.heading_rad)
-        command = limited(limits, command, demanded(gains, error_rad, state.yaw_rate_rad_s), STEP_S)
+        command = limited_command(limits, command, s_surface(gains, error_rad, state.yaw_rate_rad_s), STEP_S)
         count = 2.0 * math.pi / 4096.0
         told = math.floor(rudder / count + 0.5) * count
         target = math.floor(command / count + 0.5) * count
@@ -133,21 +77,6 @@ def test_a_long_run_is_the_firmware_s_to_the_last_bit(k1, k2, tau_s, deadband_de
     assert np.array_equal(headings, theirs[0])
     assert np.array_equal(rudders, theirs[1])
     assert np.ptp(rudders) > 0.5  # she has had work
-
-
-def test_compiled_and_plain_agree_to_the_last_bit():
-    numbers = np.random.default_rng(3)
-    for _ in range(300):
-        a, b, c = numbers.uniform(-3.0, 3.0, 3).tolist()
-        assert twins.rudder_demand(a, b, 40.0, 0.3, 0.5, 0.025, 0.0) == twins.rudder_demand.py_func(
-            a, b, 40.0, 0.3, 0.5, 0.025, 0.0
-        )
-        assert twins.limited_command(a, b, 0.1, 0.5, 0.5, 0.01) == twins.limited_command.py_func(
-            a, b, 0.1, 0.5, 0.5, 0.01
-        )
-        assert twins.observer_predict(abs(a), b, c, 0.1, 0.97, 0.05, 4.0) == twins.observer_predict.py_func(
-            abs(a), b, c, 0.1, 0.97, 0.05, 4.0
-        )
 
 
 def test_a_reading_is_rounded_to_a_tenth_of_a_degree_and_never_360():

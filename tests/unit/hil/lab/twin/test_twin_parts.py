@@ -1,7 +1,6 @@
 """Each part of the twin against the firmware's, and its ship against the harness's, to the last bit."""
 
 import math
-from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -11,9 +10,8 @@ from hypothesis import strategies as st
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
-from firmware_py.control import reference_model, scheduled, stiffness
-from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
-from firmware_py.control.reference_model import Reference
+from firmware_py.control import heading_controller
+from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState, Reference
 from firmware_py.estimate import kalman, learning, over_ground, wave_filter, wave_filter_state
 from firmware_py.estimate import sources as choosing
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
@@ -59,13 +57,7 @@ def test_every_constant_is_the_firmware_s(twin):
     assert compared >= (2 if twin is twin_state else 4)
 
 
-def test_the_helm_s_numbers_are_the_firmware_s():
-    ours = dict(zip(helm.LAW_NAMES, sailing.law_of(PARAMETERS), strict=True))
-    theirs = {**vars(scheduled), **vars(reference_model), **dict(PARAMETERS.items())}
-    theirs |= {name.upper(): value for name, value in asdict(stiffness.DELIVERED).items()}
-    assert ours == {name: theirs[name] for name in ours}
-    assert helm.CORRECTIONS_RAD2_S == stiffness.CORRECTIONS_RAD2_S
-    assert helm.SOFTEST_RAD2_S == stiffness.SOFTEST_RAD2_S
+def test_the_filter_s_first_numbers_are_the_firmware_s():
     assert np.array_equal(twin_state.FIRST, wave_filter_state.FIRST)
     model, first = learning.NoiseModel(), twin_learning.FIRST
     assert model.log_power == first[twin_learning.LOG_POWER]
@@ -121,7 +113,9 @@ def test_the_helm_steers_as_the_firmware_does(
     known = HeadingEstimate(heading, shown, rate, bias, 0.6 * bias, speed, speed_sd, factor)
     state = HeadingControllerState(Reference(ref, 0.3 * rate, 0.1), 0.02 if soft > 1.0 and softened else None)
     given_input = HeadingControllerInput(error, rate, known, command, 0.1, soft)
-    after, wanted = scheduled.update(scheduled.ScheduledSettings.of(parameters), state, given_input)
+    after, wanted = heading_controller.steer_by_schedule(
+        heading_controller.law_settings(parameters), state, given_input
+    )
     ours, e = np.array([ref, 0.3 * rate, 0.1, 0.02 if soft > 1.0 and softened else np.nan]), np.zeros(helm.KNOWN)
     boat = sailing.boat_of(parameters)
     e[: helm.E_HEADING_SD] = (
@@ -277,7 +271,7 @@ def test_the_ship_in_her_sea_is_the_harness_s(text):
 
 def test_a_ship_that_is_none_is_refused():
     with pytest.raises(ValueError, match="not a ship"):
-        drawn(sea_of("tank"), 1, 10.0, replace(OCEAN_RAMBLER, turning_lag_s=-1.0))
+        drawn(sea_of("tank"), 1, 10.0, OCEAN_RAMBLER._replace(turning_lag_s=-1.0))
 
 
 def test_a_bearing_is_printed_as_a_device_prints_it():

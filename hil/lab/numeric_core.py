@@ -1,0 +1,53 @@
+"""The firmware's numeric core for the laboratory: the very files that the boat runs, callable from compiled code.
+
+The control law, the observer and the K-T equation stand once, in firmware_py, as functions over floats and NamedTuples
+without None and without I/O. This module registers them with numba, and no other module of `hil` imports them (import
+contract `seam`). A kernel calls a function of the core, and numba compiles it with the kernel:
+
+    from hil.lab.compiled import compiled
+    from hil.lab.numeric_core import law
+
+    @compiled
+    def kernel(...): ... law.steer(...) ...
+
+The functions stay plain for Python. Compiled arithmetic is that of Python: no fast-math and no fused multiply-add, so
+that both agree to the last bit (tests/unit/hil/lab/test_numeric_core.py). Division by zero gives inf or NaN as in C,
+where Python raises ZeroDivisionError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from types import FunctionType, ModuleType
+from typing import Any, Final, TypeVar
+
+from numba.extending import register_jitable
+
+from firmware_py.common import angles
+from firmware_py.control import law, rudder_limit
+from firmware_py.estimate import fixed_gain
+from firmware_py.model import kt
+
+__all__ = ["ERROR_MODEL", "MODULES", "angles", "fixed_gain", "functions_of", "inner", "kt", "law", "rudder_limit"]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+ERROR_MODEL: Final = "numpy"
+MODULES: Final = (angles, kt, fixed_gain, law, rudder_limit)
+
+
+def inner(function: Function) -> Function:
+    """Make a plain function callable from compiled code; for Python it stays plain."""
+    return register_jitable(error_model=ERROR_MODEL)(function)
+
+
+def functions_of(module: ModuleType) -> Iterator[FunctionType]:
+    """Yield the functions that a module defines."""
+    for value in vars(module).values():
+        if isinstance(value, FunctionType) and value.__module__ == module.__name__:
+            yield value
+
+
+for _module in MODULES:
+    for _function in functions_of(_module):
+        inner(_function)

@@ -1,0 +1,150 @@
+"""The numeric core gives the same bits plain and compiled: function by function, and in closed loop."""
+
+import ast
+import inspect
+import math
+import struct
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.reports import HeadingEstimate
+from firmware_py.control.heading_controller import law_settings
+from firmware_py.control.rudder_limit import RudderLimits
+from hil.lab.compiled import compiled
+from hil.lab.numeric_core import MODULES, angles, fixed_gain, functions_of, kt, law, rudder_limit
+
+EDGES = (
+    *(math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, math.pi, -math.pi, math.nextafter(math.pi, 0.0)),
+    *(2.0 * math.pi, -2.0 * math.pi, 3.0 * math.pi, 4.0 * math.pi, -1e-17, 5e-324, 1e-300, 1e300),
+)
+RECORDS = {
+    kind.__name__: kind
+    for kind in (*vars(law).values(), HeadingEstimate, RudderLimits)
+    if inspect.isclass(kind) and issubclass(kind, tuple)
+}
+FUNCTIONS = [function for module in MODULES for function in functions_of(module)]
+STEP_S = 0.1
+
+
+def drawn(kind: str, numbers: np.random.Generator, edge_part: float):
+    """Return a random argument of a kind: mostly of the size that the boat knows, or an edge of the floats."""
+    if kind in RECORDS:
+        parts = [getattr(one, "__forward_arg__", one) for one in RECORDS[kind].__annotations__.values()]
+        return RECORDS[kind](*(drawn(part, numbers, edge_part) for part in parts))
+    assert kind == "float"
+    if numbers.random() < edge_part:
+        return EDGES[numbers.integers(len(EDGES))]
+    return float(numbers.uniform(-7.0, 7.0) if numbers.random() < 0.2 else 10.0 ** numbers.uniform(-3.0, 1.0))
+
+
+def bits(value):
+    """Return a result as bytes; all NaN are one, since IEEE 754 does not define which of them an operation gives."""
+    if isinstance(value, tuple):
+        return [bits(part) for part in value]
+    return "nan" if value != value else struct.pack("<d", value)  # noqa: PLR0124
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: f"{function.__module__}.{function.__name__}")
+def test_plain_and_compiled_agree_to_the_last_bit(function):
+    kinds = [str(one.annotation) for one in inspect.signature(function).parameters.values()]
+    fast, numbers, compared = compiled(function), np.random.default_rng(len(function.__code__.co_code)), 0
+    for number in range(1000):
+        edge_part = (0.0, 0.02, 0.2)[number % 3]
+        arguments = [drawn(kind, numbers, edge_part) for kind in kinds]
+        try:
+            expected = function(*arguments)
+        except (ZeroDivisionError, ValueError, OverflowError):
+            continue  # compiled code gives inf or NaN there
+        assert bits(fast(*arguments)) == bits(expected), arguments
+        compared += 1
+    assert compared > 200
+
+
+@compiled
+def sail(settings, limits, model, goal_rad, seen_rad, offset_rad, gain_reduction, command_rad):
+    """Sail the K-T boat in closed loop by observer, control law and rudder limits; fill the rudder commands."""
+    psi, r, command, state = 0.0, 0.0, 0.0, law.IDLE
+    theta, decay = math.exp(-STEP_S / 1.5), kt.decay_over(STEP_S, model.turning_lag_s)
+    heading_rad, rate_rad_s, bias_rad = 0.0, 0.0, 0.0
+    for tick in range(command_rad.size):
+        measured_rad = angles.wrap_two_pi(psi + seen_rad[tick])
+        heading_rad, rate_rad_s = fixed_gain.predicted(
+            heading_rad, rate_rad_s, command, STEP_S, decay, model.turning_ability_1_s, model.turning_lag_s
+        )
+        heading_rad, rate_rad_s = fixed_gain.corrected(heading_rad, rate_rad_s, measured_rad, STEP_S, theta, 0.5)
+        bias_rad += 0.001 * (command - bias_rad)
+        known = HeadingEstimate(heading_rad, 2e-5, rate_rad_s, bias_rad, 0.5 * bias_rad, 0.4, 0.02, 1.05)
+        error_rad = angles.wrap_pi(goal_rad[tick] - heading_rad)
+        state, demand_rad = law.steer(settings, state, known, error_rad, command, STEP_S, gain_reduction[tick])
+        command = rudder_limit.limited_command(limits, command, demand_rad, STEP_S)
+        command_rad[tick] = command
+        for _ in range(2):
+            psi, r = kt.rk4_step(
+                psi, r, command, 0.5 * STEP_S, model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2,
+                offset_rad[tick],
+            )  # fmt: skip
+
+
+def agrees(seed: int, ticks: int) -> None:
+    """Sail a sea plain and compiled: waves, noise, wandering rudder bias, turns, and reduced gain in the middle."""
+    numbers, t_s = np.random.default_rng(seed), np.arange(ticks) * STEP_S
+    waves = sum(
+        math.radians(size) * np.sin(2.0 * math.pi * t_s / period_s + phase)
+        for size, period_s, phase in zip(
+            (3.0, 2.0, 1.5), numbers.uniform(4.0, 9.0, 3), numbers.uniform(0, 6, 3), strict=True
+        )
+    )
+    seen_rad = waves + math.radians(0.3) * numbers.standard_normal(ticks)
+    goal_rad = np.repeat(numbers.uniform(-3.0, 3.0, ticks // 300 + 1), 300)[:ticks]
+    offset_rad = 0.1 * np.sin(0.01 * t_s)
+    gain_reduction = np.where((t_s > 0.3 * t_s[-1]) & (t_s < 0.6 * t_s[-1]), 4.0, 1.0)
+    given = (
+        law_settings(PARAMETERS), RudderLimits.of(PARAMETERS), kt.OCEAN_RAMBLER,
+        *(goal_rad, seen_rad, offset_rad, gain_reduction),
+    )  # fmt: skip
+    fast, plain = np.zeros(ticks), np.zeros(ticks)
+    sail(*given, fast)
+    # As Python's floats: numpy's own divide by zero without an exception.
+    sail.py_func(*given[:3], *(Column(column) for column in given[3:]), plain)
+    assert np.array_equal(fast, plain)
+    assert np.ptp(fast) > 0.5
+
+
+class Column:
+    """A column of numbers, each a float of Python."""
+
+    def __init__(self, numbers):
+        self.numbers = numbers.tolist()
+
+    def __getitem__(self, number):
+        return self.numbers[number]
+
+
+PARAMETERS = ParameterSet()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_closed_loop_agrees_to_the_last_bit(seed):
+    agrees(seed, 3000)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("seed", range(20))
+def test_a_long_closed_loop_agrees_to_the_last_bit(seed):
+    agrees(100 + seed, 30_000)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_the_core_stands_on_nothing_but_the_core_and_knows_no_none(module: ModuleType):
+    tree = ast.parse(inspect.getsource(module))
+    names = {one.__name__ for one in MODULES} | {"__future__", "math", "typing", "numpy"}
+    for node in tree.body:
+        if isinstance(node, ast.Import):
+            assert {name.name for name in node.names} <= names
+        elif isinstance(node, ast.ImportFrom):
+            assert node.module in names
+        elif isinstance(node, ast.FunctionDef):
+            assert not any(isinstance(part, ast.Constant) and part.value is None for part in ast.walk(node))
