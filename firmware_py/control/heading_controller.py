@@ -14,12 +14,10 @@ from typing import Final
 
 import msgspec
 
-from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import law
 from firmware_py.control.law import Gains, LawSettings, LawState
-from firmware_py.model.kt import KtModel, steady_yaw_rate
 
 
 class HeadingControllerInput(msgspec.Struct, frozen=True):
@@ -60,29 +58,6 @@ Controller = Callable[[HeadingControllerState, HeadingControllerInput], tuple[He
 """A controller with its settings: returns its state and the rudder demand [rad], None when it cannot steer."""
 
 
-def fixed_gains(parameters: ParameterSet) -> Gains:
-    """Return the gains of the S-surface from the parameters."""
-    limit_rad = radians(parameters["RUD_LIMIT_DEG"])
-    return Gains(
-        k1=parameters["CTL_K1"],
-        k2=parameters["CTL_K2"],
-        rudder_limit_rad=limit_rad,
-        yaw_rate_max_rad_s=steady_yaw_rate(limit_rad, parameters["MDL_K"], parameters["MDL_ALPHA_S2"]),
-        trim_rad=radians(parameters["CTL_TRIM_DEG"]),
-    )
-
-
-def law_settings(parameters: ParameterSet) -> LawSettings:
-    """Return the settings of the scheduled law from the parameters."""
-    return LawSettings(
-        model=KtModel.of(parameters),
-        limit_rad=radians(parameters["RUD_LIMIT_DEG"]),
-        trim_rad=radians(parameters["CTL_TRIM_DEG"]),
-        price=parameters["CTL_PRICE"],
-        min_speed_m_s=parameters["CTL_WAY_MIN"],
-    )
-
-
 def steer_by_fixed_gains(
     gains: Gains, _state: HeadingControllerState, given: HeadingControllerInput
 ) -> tuple[HeadingControllerState, float]:
@@ -117,8 +92,8 @@ def steer_by_schedule(
 
 # By the value of CTL_MODE.
 TABLE: Final[Mapping[int, Callable[[ParameterSet], Controller]]] = {
-    0: lambda parameters: partial(steer_by_fixed_gains, fixed_gains(parameters)),
-    1: lambda parameters: partial(steer_by_schedule, law_settings(parameters)),
+    0: lambda parameters: partial(steer_by_fixed_gains, Gains.of(parameters)),
+    1: lambda parameters: partial(steer_by_schedule, LawSettings.of(parameters)),
 }
 
 
@@ -131,7 +106,7 @@ class HeadingControllerSettings(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, parameters: ParameterSet) -> HeadingControllerSettings:
         """Read the settings from the parameters."""
-        return cls(controller=TABLE[int(parameters["CTL_MODE"])](parameters), stand_in=fixed_gains(parameters))
+        return cls(controller=TABLE[int(parameters["CTL_MODE"])](parameters), stand_in=Gains.of(parameters))
 
 
 def update(

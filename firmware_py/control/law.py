@@ -44,6 +44,7 @@ from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.model.kt import KtModel, decay_over, exact_step, scaled, steady_yaw_rate
 
 if TYPE_CHECKING:
+    from firmware_py.common.parameters import ParameterSet
     from firmware_py.common.reports import HeadingEstimate
 
 # Reference model.
@@ -89,6 +90,17 @@ class LawSettings(NamedTuple):
     min_speed_m_s: float
     constants: LawConstants = DELIVERED
 
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> LawSettings:
+        """Read the settings from the parameters."""
+        return cls(
+            model=KtModel.of(parameters),
+            limit_rad=radians(parameters["RUD_LIMIT_DEG"]),
+            trim_rad=radians(parameters["CTL_TRIM_DEG"]),
+            price=parameters["CTL_PRICE"],
+            min_speed_m_s=parameters["CTL_WAY_MIN"],
+        )
+
 
 class Ship(NamedTuple):
     """K-T model at the present speed, with the rudder limit and the rudder bias."""
@@ -126,6 +138,18 @@ class Gains(NamedTuple):
     rudder_limit_rad: float
     yaw_rate_max_rad_s: float
     trim_rad: float
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> Gains:
+        """Read the fixed gains from the parameters."""
+        limit_rad = radians(parameters["RUD_LIMIT_DEG"])
+        return cls(
+            k1=parameters["CTL_K1"],
+            k2=parameters["CTL_K2"],
+            rudder_limit_rad=limit_rad,
+            yaw_rate_max_rad_s=steady_yaw_rate(limit_rad, parameters["MDL_K"], parameters["MDL_ALPHA_S2"]),
+            trim_rad=radians(parameters["CTL_TRIM_DEG"]),
+        )
 
 
 def s_surface(gains: Gains, heading_error_rad: float, yaw_rate_rad_s: float) -> float:

@@ -16,6 +16,7 @@ from hil.bench.setting import Setting
 from hil.lab.identify import synthetic
 from hil.lab.identify.identify import identify
 from hil.lab.identify.recording import Recording
+from hil.lab.numeric_core import LawSettings
 from hil.lab.swarm import SwarmSettings, minimise
 from hil.lab.swarm.records import Floats
 from hil.lab.twin import sailing
@@ -34,7 +35,7 @@ LOW, HIGH = np.array((0.005, 0.5, 0.0)), np.array((0.5, 40.0, 100.0))
 def loop(setting: Setting) -> Finding:
     """Measure the processor time of a control tick in the compiled loop of boat and autopilot."""
     told, goals = ParameterSet(), parse_goals(GOALS)
-    boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(goals)
+    boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(goals)
     sea = sea_of(scenario_of(SCENARIO), SEED, SECONDS)
     sailing.sail(boat, law, sea, task, 1.0, ticks=False)  # compiles
     per_tick_ns = []

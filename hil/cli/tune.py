@@ -38,12 +38,12 @@ The JSON holds:
   cases       for each sea, ship and fresh seed the errors and the rudder travel of both
   evaluations, trial_runs, seconds
 
-With --law what is searched are the four constants of firmware_py/control/stiffness.py, over the seas and ships of the
+With --law what is searched are the four constants of firmware_py/control/law.py, over the seas and ships of the
 proofs. Its JSON holds seeds, fresh_seeds, delivered, found, cost and fresh_cost by that of the delivered, better,
 evaluations, and for each of fresh_seas the error and the rudder travel of both.
 
-With --fixed-gains what is tuned is the paper's S-surface behind the plain observer (hil/lab/tune/twins.py): k1, k2,
-EST_TAU_S and RUD_DBAND_DEG. Its file switches the delivered controller off. Its JSON holds:
+With --fixed-gains what is tuned is the paper's S-surface behind the plain observer (hil/lab/tune/loop_kernel.py): k1,
+k2, EST_TAU_S and RUD_DBAND_DEG. Its file switches the delivered controller off. Its JSON holds:
   paper       for a 30 and a 90 deg step: k1, k2 and itae_deg_s2 of the least ITAE, what the paper's gains come to
   reference   error (1 by definition) and travel_deg_per_h of the paper's gains over all cases
   chosen      k1, k2, tau_s, deadband_deg; error and worst_error (of one case) by the reference; why; parameters

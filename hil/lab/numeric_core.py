@@ -25,10 +25,14 @@ from numba.extending import register_jitable
 
 from firmware_py.common import angles
 from firmware_py.control import law, rudder_limit
+from firmware_py.control.law import LawConstants, LawSettings
 from firmware_py.estimate import fixed_gain
 from firmware_py.model import kt
 
-__all__ = ["ERROR_MODEL", "MODULES", "angles", "fixed_gain", "functions_of", "inner", "kt", "law", "rudder_limit"]
+__all__ = [
+    "ERROR_MODEL", "MODULES", "LawConstants", "LawSettings", "angles", "fixed_gain", "functions_of", "inner", "kt",
+    "law", "rudder_limit",
+]  # fmt: skip
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -5,6 +5,7 @@ import os
 import numpy as np
 import pytest
 
+from firmware_py.control.law import LawSettings
 from firmware_py.core.state_codec import state_from_text
 from firmware_py.core.step import step
 from firmware_py.log.disk import log_files
@@ -46,7 +47,7 @@ def compared(directory, text, seed, goals, seconds, **parameters):
     truth = run(options).truth.table()
     told = voyage.told(**parameters)
     sea = drawn(scenario, seed, seconds)
-    record, count = sailing.sail(sailing.boat_of(told), sailing.law_of(told), sea, sailing.task_of(given), seconds)
+    record, count = sailing.sail(sailing.boat_of(told), LawSettings.of(told), sea, sailing.task_of(given), seconds)
     ours = sailing.truth_of(record, given)
     # truth.csv holds nine digits.
     rows = np.char.mod("%.9g", np.stack((ours.heading_low_rad, ours.rudder_rad))).astype(float)
@@ -80,7 +81,7 @@ def test_the_twin_takes_the_parameters(tmp_path):
 )
 def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
     found, told, given = [], voyage.told(), parse_goals("0:60")
-    boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(given)
+    boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(given)
     for seed in (11, 1, 2, 3, 4, 5):
         record, _ = sailing.sail(boat, law, drawn(sea_of(name), seed, SEEN_S), task, SEEN_S)
         found.append(score_of(sailing.truth_of(record, given)).near_s)

@@ -9,6 +9,7 @@ import numpy as np
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.control.law import LawSettings
 from firmware_py.safety import steering_monitor
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState
 from hil.lab.twin import loop, sailing
@@ -33,7 +34,7 @@ def sail(text, seed, goals, seconds, *, blade_lost_s=math.inf, parameters=None):
     sea = drawn(sea_of(text), seed, seconds)
     sea = sea._replace(ship=sea.ship._replace(blade_lost_s=blade_lost_s))
     task = sailing.task_of([Goal(t_s, degrees(heading_rad)) for t_s, heading_rad in goals])
-    record, count = sailing.sail(sailing.boat_of(values), sailing.law_of(values), sea, task, seconds)
+    record, count = sailing.sail(sailing.boat_of(values), LawSettings.of(values), sea, task, seconds)
     return record.ticks[:count], record
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.control.law import LawSettings
 from hil.lab.compare.score import score_of, turns_of
 from hil.lab.compare.voyages import OURS, Task, truth_of
 from hil.lab.twin import sailing
@@ -75,7 +76,7 @@ TASK = Task(tuple(row.sea for row in ROWS), SEEDS, parse_goals("0:0,120:60,720:-
 def sailed(sea, seeds):
     """Sail runs in the compiled loop and return what truth.csv would hold of each."""
     told = ParameterSet()
-    boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(TASK.goals)
+    boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(TASK.goals)
     for seed in seeds:
         waters = drawn(sea_of(sea), seed, TASK.seconds)
         record, _ = sailing.sail(boat, law, waters, task, TASK.seconds, ticks=False)

@@ -14,6 +14,7 @@ from hil.lab.campaign.row import Row
 from hil.lab.campaign.scores import scores_of
 from hil.lab.campaign.spec import Spec
 from hil.lab.compiled import compiling
+from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import sailing
 from hil.lab.twin.plant import Sea
 from hil.lab.twin.sea import NO_ROOM, sea_of
@@ -60,7 +61,7 @@ def known_parameters() -> frozenset[str]:
     """Return the names of the parameters that the compiled loop takes."""
     asked: Any = _Asked()
     sailing.boat_of(asked)
-    sailing.law_of(asked)
+    LawSettings.of(asked)
     return frozenset(cast("set[str]", asked.names))
 
 
@@ -91,7 +92,7 @@ def _sailed(row: Row, sea: Sea) -> Truth:
     told = ParameterSet()
     for name, value in {**row.vehicle.parameters, **row.settings}.items():
         told = told.replaced(name, value)
-    boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(row.goals)
+    boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(row.goals)
     record, _ = sailing.sail(boat, law, sea, task, row.seconds, ticks=False)
     return sailing.truth_of(record, row.goals)
 

@@ -21,6 +21,7 @@ from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet, index_of
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 from hil.lab.compiled import compiling
+from hil.lab.numeric_core import LawSettings
 from hil.lab.tune.cases import GOALS_DEG, LONGEST_LEG_S, SHORTEST_LEG_S, STEADY_PART
 from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, Task, measure
 from hil.lab.twin import sailing
@@ -125,7 +126,7 @@ class Trials:
         told = self.parameters
         for name, value in parameters_of(setting).items():
             told = told.replaced(name, value)
-        boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(self.goals)
+        boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(self.goals)
         return sailing.sail(boat, law, sea, task, self.seconds, ticks=False)[0]
 
     def results(self, setting: Setting) -> Floats:

@@ -1,4 +1,4 @@
-"""Searches the constants of the helm's law (firmware_py/control/stiffness.py) in the compiled loop.
+"""Search the constants of the control law (firmware_py/control/law.py) in the compiled loop.
 
 A run is the task of docs/explanation/seamanship.md. It costs the mean square of the heading error and a price for the
 rudder travel of its steady parts; a setting costs the mean over the seas of what they cost by what they cost as
@@ -19,10 +19,11 @@ from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from hil.lab.compare.score import score_of
 from hil.lab.compiled import compiling
+from hil.lab.numeric_core import LawConstants, LawSettings
 from hil.lab.swarm import SwarmProgress, SwarmSettings, minimise
 from hil.lab.tune.loop_kernel import Floats
 from hil.lab.tune.search import Bound, Tell
-from hil.lab.twin import helm, sailing
+from hil.lab.twin import sailing
 from hil.lab.twin.plant import Sea
 from hil.lab.twin.sea import sea_of
 from hil.ship import scenarios
@@ -49,7 +50,7 @@ TRIES = 1
 VISION, STEP, NEAR = 0.2, 0.12, 0.2  # of the box's diagonal; of a logarithm
 
 Setting = tuple[float, ...]
-DELIVERED_SETTING: Final[Setting] = tuple(helm.DELIVERED[helm.LAW_NAMES.index(bound.name)] for bound in BOUNDS)
+DELIVERED_SETTING: Final[Setting] = tuple(LawConstants())
 
 
 class LawTrials:
@@ -65,9 +66,7 @@ class LawTrials:
     def results(self, setting: Setting) -> Floats:
         """Sail all seas with a setting."""
         parameters = ParameterSet()
-        boat, law = sailing.boat_of(parameters), sailing.law_of(parameters)
-        for bound, value in zip(BOUNDS, setting, strict=True):
-            law[helm.LAW_NAMES.index(bound.name)] = value
+        boat, law = sailing.boat_of(parameters), LawSettings.of(parameters)._replace(constants=LawConstants(*setting))
         task = sailing.task_of(GOALS)
 
         def figures(sea: Sea) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import helm, late_answer, oscillation, sources
 from hil.lab.twin.kalman import Floats
 
@@ -15,7 +16,6 @@ class Boat(NamedTuple):
 
     model: Any  # four numbers: in a record, an array
     limit_rad: float
-    trim_rad: float
     slew_rad_s: float
     deadband_rad: float
     compass_timeout_s: float
@@ -63,4 +63,4 @@ class Autopilot(NamedTuple):
     state: Any
     filter: Any
     covariance: Any
-    law: Floats
+    law: LawSettings

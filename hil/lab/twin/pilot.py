@@ -8,6 +8,7 @@ import numpy as np
 
 from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
 from hil.lab.compiled import compiled
+from hil.lab.numeric_core import rudder_limit
 from hil.lab.twin import helm, intake, kalman, late_answer, oscillation, sources, wave_filter
 from hil.lab.twin.autopilot import Autopilot, Task
 from hil.lab.twin.devices import THERE_S
@@ -33,7 +34,6 @@ def begin(a: Autopilot) -> None:
     me.helm[helm.REF_HEADING] = me.helm[helm.FOLLOWED_BIAS] = np.nan
     for i in range(4):
         me.known[helm.M_K + i] = boat.model[i]
-    me.known[helm.LIMIT], me.known[helm.TRIM] = boat.limit_rad, boat.trim_rad
     me.before_s = me.sample_s = me.goal_rad = np.nan
 
 
@@ -127,9 +127,8 @@ def steer(a: Autopilot, now_s: float) -> None:
         demand_rad = helm.steer(a.law, me.helm, me.known, me.error_rad, me.command_rad, step_s, softness)
     else:
         me.helm[helm.REF_HEADING] = me.helm[helm.FOLLOWED_BIAS] = np.nan
-    me.command_rad = helm.limited_command(
-        me.command_rad, demand_rad, step_s, boat.limit_rad, boat.slew_rad_s, boat.deadband_rad
-    )
+    limits = rudder_limit.RudderLimits(boat.limit_rad, boat.slew_rad_s, boat.deadband_rad)
+    me.command_rad = rudder_limit.limited_command(limits, me.command_rad, demand_rad, step_s)
     me.before_s = now_s
 
 

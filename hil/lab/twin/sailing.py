@@ -9,9 +9,9 @@ import numpy as np
 
 from firmware_py.common.angles import TWO_PI, compass_degrees, radians
 from firmware_py.common.parameters import ParameterSet
-from hil.lab.twin import helm
+from hil.lab.numeric_core import LawSettings
 from hil.lab.twin.autopilot import STATE, Autopilot, Boat, Task
-from hil.lab.twin.kalman import COVARIANCE, Floats
+from hil.lab.twin.kalman import COVARIANCE
 from hil.lab.twin.loop import MORE_TICKS, TICK_COLUMNS, voyage
 from hil.lab.twin.plant import PLANT, Record, Sea, Waters
 from hil.lab.twin.wave_filter_state import FILTER
@@ -24,7 +24,6 @@ def boat_of(parameters: ParameterSet) -> Boat:
     return Boat(
         (parameters["MDL_K"], parameters["MDL_T_S"], parameters["MDL_ALPHA_S2"], parameters["MDL_SPEED"]),
         radians(parameters["RUD_LIMIT_DEG"]),
-        radians(parameters["CTL_TRIM_DEG"]),
         radians(parameters["RUD_SLEW_DEG_S"]),
         radians(parameters["RUD_DBAND_DEG"]),
         parameters["CMP_TIMEOUT_S"],
@@ -36,24 +35,21 @@ def boat_of(parameters: ParameterSet) -> Boat:
     )
 
 
-def law_of(parameters: ParameterSet) -> Floats:
-    """Return the numbers of the delivered helm, in the order of helm.LAW_NAMES."""
-    return np.array((*helm.DELIVERED, parameters["CTL_PRICE"], parameters["CTL_WAY_MIN"]))
-
-
 def task_of(goals: Sequence[Goal]) -> Task:
     """Return the goals as the operator's message, of single precision, brings them."""
     given = [radians(float(np.float32(compass_degrees(goal.heading_rad)))) for goal in goals]
     return Task(np.array([goal.t_s for goal in goals], np.float64), np.array(given, np.float64))
 
 
-def sail(boat: Boat, law: Floats, sea: Sea, task: Task, seconds: float, *, ticks: bool = True) -> tuple[Record, int]:
+def sail(
+    boat: Boat, law: LawSettings, sea: Sea, task: Task, seconds: float, *, ticks: bool = True
+) -> tuple[Record, int]:
     """Sail a run; return the record, with the rows of the ticks if asked for, and how many ticks there were."""
     rows = int(seconds * ROWS_PER_SECOND + 1e-9) + 1
     record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows + MORE_TICKS if ticks else 0, TICK_COLUMNS)))
     waters = Waters(record_of(sea.ship), sea.series, record_of(sea.devices), np.zeros(max(1, sea.ship.delay_steps)))
     # Arrays of its own: threads that count the users of the same array wait for each other.
-    autopilot = Autopilot(record_of(boat), zeros(STATE), zeros(FILTER), zeros(COVARIANCE), law.copy())
+    autopilot = Autopilot(record_of(boat), zeros(STATE), zeros(FILTER), zeros(COVARIANCE), law)
     own_task = Task(task.given_s.copy(), task.goals_rad.copy())
     return record, voyage(zeros(PLANT), waters, autopilot, own_task, record)
 

@@ -11,10 +11,9 @@ from firmware_py.control.heading_controller import (
     HeadingControllerSettings,
     HeadingControllerState,
     Reference,
-    fixed_gains,
     update,
 )
-from firmware_py.control.law import s_surface
+from firmware_py.control.law import Gains, s_surface
 
 ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.01, 0.05, 0.05, 0.4, 0.02, 1.0)
 UNDER_WAY = HeadingControllerState(Reference(1.0, 0.0))
@@ -41,7 +40,7 @@ def test_an_error_to_starboard_gives_rudder_to_starboard(mode, estimate):
 
 @pytest.mark.parametrize("mode", TABLE)
 def test_without_an_estimate_the_s_surface_stands_in_and_nothing_is_remembered(mode):
-    expected_rad = s_surface(fixed_gains(ParameterSet()), 0.1, 0.01)
+    expected_rad = s_surface(Gains.of(ParameterSet()), 0.1, 0.01)
     assert steered(mode, 0.1, estimate=None) == (HeadingControllerState(), expected_rad)
 
 

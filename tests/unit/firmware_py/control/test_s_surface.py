@@ -5,11 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.heading_controller import fixed_gains
-from firmware_py.control.law import s_surface
+from firmware_py.control.law import Gains, s_surface
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 
-PAPER = fixed_gains(ParameterSet())
+PAPER = Gains.of(ParameterSet())
 LIMIT_RAD = math.radians(30.0)
 
 

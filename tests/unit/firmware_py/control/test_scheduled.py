@@ -7,11 +7,19 @@ from hypothesis import strategies as st
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import law
-from firmware_py.control.heading_controller import law_settings
-from firmware_py.control.law import DELIVERED, IDLE, REDUCED_BIAS_S, Reference, gains_of, s_surface, ship_at_speed
+from firmware_py.control.law import (
+    DELIVERED,
+    IDLE,
+    REDUCED_BIAS_S,
+    LawSettings,
+    Reference,
+    gains_of,
+    s_surface,
+    ship_at_speed,
+)
 from firmware_py.model.kt import scaled
 
-SETTINGS = law_settings(ParameterSet())
+SETTINGS = LawSettings.of(ParameterSet())
 ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.0, 0.05, 0.05, 0.4, 0.02, 1.0)
 LIMIT_RAD = math.radians(30.0)
 

@@ -11,7 +11,7 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
-from firmware_py.control.heading_controller import law_settings
+from firmware_py.control.law import LawSettings
 from firmware_py.control.rudder_limit import RudderLimits
 from hil.lab.compiled import compiled
 from hil.lab.numeric_core import MODULES, angles, fixed_gain, functions_of, kt, law, rudder_limit
@@ -102,7 +102,7 @@ def agrees(seed: int, ticks: int) -> None:
     offset_rad = 0.1 * np.sin(0.01 * t_s)
     gain_reduction = np.where((t_s > 0.3 * t_s[-1]) & (t_s < 0.6 * t_s[-1]), 4.0, 1.0)
     given = (
-        law_settings(PARAMETERS), RudderLimits.of(PARAMETERS), kt.OCEAN_RAMBLER,
+        LawSettings.of(PARAMETERS), RudderLimits.of(PARAMETERS), kt.OCEAN_RAMBLER,
         *(goal_rad, seen_rad, offset_rad, gain_reduction),
     )  # fmt: skip
     fast, plain = np.zeros(ticks), np.zeros(ticks)

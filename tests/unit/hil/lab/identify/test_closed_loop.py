@@ -8,6 +8,7 @@ from firmware_py.model.kt import KtModel
 from hil.lab.identify.identify import identify
 from hil.lab.identify.recording import Recording
 from hil.lab.identify.stretch import Timing
+from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import sailing
 from hil.lab.twin.loop import SHOWN_RAD, TICK_S
 from hil.lab.twin.sea import sea_of
@@ -28,7 +29,7 @@ def logged(sea, seed, hours, minutes, *, waves):
         heading = (heading + source.choice([-40.0, 40.0]) * source.uniform(0.5, 1.5) + 180.0) % 360.0 - 180.0
     scenario = scenario_of(sea)
     waters, task = sea_of(scenario, seed, seconds, model), sailing.task_of(parse_goals(",".join(goals)))
-    record, count = sailing.sail(sailing.boat_of(told), sailing.law_of(told), waters, task, seconds)
+    record, count = sailing.sail(sailing.boat_of(told), LawSettings.of(told), waters, task, seconds)
     ticks = record.ticks[:count:ROWS_PER_SECOND]
     ticks = ticks[np.isfinite(ticks[:, SHOWN_RAD])]
     time, grid = ticks[:, TICK_S], np.arange(record.rudder_rad.size) / ROWS_PER_SECOND

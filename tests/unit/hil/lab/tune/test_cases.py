@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.heading_controller import fixed_gains
+from firmware_py.control.law import Gains
 from firmware_py.estimate.observer import ObserverSettings
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.lab.tune.cases import cases_of, pilot_of, seas_of, steps_within, the_task
@@ -45,7 +45,7 @@ def test_a_sea_that_the_model_knows_half_of_is_refused():
 
 
 def test_the_pilot_is_the_firmware_s():
-    gains, known = fixed_gains(PARAMETERS), ObserverSettings.of(PARAMETERS)
+    gains, known = Gains.of(PARAMETERS), ObserverSettings.of(PARAMETERS)
     assert PILOT.rate_max_rad_s == gains.yaw_rate_max_rad_s
     assert PILOT.rudder_limit_rad == gains.rudder_limit_rad
     assert PILOT.rate_limit_rad_s == known.yaw_rate_limit_rad_s

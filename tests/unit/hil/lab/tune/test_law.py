@@ -9,7 +9,6 @@ import pytest
 from firmware_py.control.law import DELIVERED
 from hil.__main__ import main
 from hil.lab.tune import law
-from hil.lab.twin import helm
 
 
 class MadeUp(law.LawTrials):
@@ -43,7 +42,7 @@ def test_the_constants_are_those_of_the_law_and_of_its_twin():
         DELIVERED.stiffness, DELIVERED.crossover_rad_s, DELIVERED.rest_rad, DELIVERED.band_sqrt_s
     ) == law.DELIVERED_SETTING  # fmt: skip
     assert all(bound.low < value < bound.high for bound, value in zip(law.BOUNDS, law.DELIVERED_SETTING, strict=True))
-    assert tuple(bound.name for bound in law.BOUNDS) == helm.LAW_NAMES[: len(law.BOUNDS)]
+    assert tuple(bound.field for bound in law.BOUNDS) == DELIVERED._fields
 
 
 def test_a_setting_costs_what_its_seas_cost_by_what_they_cost_as_delivered():

@@ -8,8 +8,7 @@ import pytest
 from firmware_py.common import angles
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
-from firmware_py.control.heading_controller import fixed_gains
-from firmware_py.control.law import s_surface
+from firmware_py.control.law import Gains, s_surface
 from firmware_py.control.rudder_limit import RudderLimits, limited_command
 from firmware_py.estimate import observer
 from firmware_py.model.kt import rk4_step
@@ -34,7 +33,7 @@ TICKS = 3 * 2400
 def firmware_loop(chosen: ParameterSet, ship, compass_rad, offset_rad) -> tuple[np.ndarray, np.ndarray]:
     """Sail tick by tick with the observer and the records of the firmware."""
     known = observer.ObserverSettings.of(chosen)
-    gains, limits = fixed_gains(chosen), RudderLimits.of(chosen)
+    gains, limits = Gains.of(chosen), RudderLimits.of(chosen)
     state = observer.HeadingState()
     inner_steps = int(ship[3])
     inner_s = STEP_S / inner_steps

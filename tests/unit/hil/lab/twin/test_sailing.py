@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
+from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import sailing
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import sea_of
@@ -22,7 +23,7 @@ def run_of(number):
     told = ParameterSet().replaced("RUD_REVERSE", float(number % 2)).replaced("CTL_PRICE", 1.0 + 0.5 * number)
     goals = parse_goals(("0:0,30:60", "0:170", "20:-90,40:-80,60:0")[number % 3])
     sea = drawn(sea_of(SEAS[number]), number + 1, SECONDS)
-    return sailing.boat_of(told), sailing.law_of(told), sea, sailing.task_of(goals)
+    return sailing.boat_of(told), LawSettings.of(told), sea, sailing.task_of(goals)
 
 
 def test_a_run_has_the_same_bits_in_a_thread_and_without_the_rows_of_its_ticks():

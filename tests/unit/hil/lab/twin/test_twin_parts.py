@@ -17,6 +17,7 @@ from firmware_py.estimate import sources as choosing
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.safety import late_answer as answering
 from firmware_py.safety import oscillation as watching
+from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import devices, helm, late_answer, oscillation, sailing, sources
 from hil.lab.twin import kalman as twin_kalman
 from hil.lab.twin import learning as twin_learning
@@ -113,25 +114,11 @@ def test_the_helm_steers_as_the_firmware_does(
     known = HeadingEstimate(heading, shown, rate, bias, 0.6 * bias, speed, speed_sd, factor)
     state = HeadingControllerState(Reference(ref, 0.3 * rate, 0.1), 0.02 if soft > 1.0 and softened else None)
     given_input = HeadingControllerInput(error, rate, known, command, 0.1, soft)
-    after, wanted = heading_controller.steer_by_schedule(
-        heading_controller.law_settings(parameters), state, given_input
-    )
+    after, wanted = heading_controller.steer_by_schedule(LawSettings.of(parameters), state, given_input)
     ours, e = np.array([ref, 0.3 * rate, 0.1, 0.02 if soft > 1.0 and softened else np.nan]), np.zeros(helm.KNOWN)
-    boat = sailing.boat_of(parameters)
-    e[: helm.E_HEADING_SD] = (
-        heading,
-        shown,
-        rate,
-        bias,
-        speed,
-        speed_sd,
-        factor,
-        *boat.model,
-        boat.limit_rad,
-        boat.trim_rad,
-    )
+    e[: helm.E_HEADING_SD] = (heading, shown, rate, bias, speed, speed_sd, factor, *sailing.boat_of(parameters).model)
     e[helm.E_BIAS_MEAN] = 0.6 * bias
-    found = helm.steer(sailing.law_of(parameters), ours, e, error, command, 0.1, soft)
+    found = helm.steer(LawSettings.of(parameters), ours, e, error, command, 0.1, soft)
     assert found == (command if wanted is None else wanted)
     assert tuple(ours[:3]) == (
         after.reference.heading_rad,
