@@ -5,7 +5,6 @@ Only puts together what the estimate's parts compute; core/step calls it.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -104,9 +103,7 @@ def update(
     if settings.declination_by_model:
         state = _with_declination(state, positions)
         if state.declination.declination_rad is not None:
-            observer_settings = dataclasses.replace(
-                observer_settings, declination_rad=state.declination.declination_rad
-            )
+            observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
     true_headings = [
         TrueHeadingSample(
             sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
@@ -129,7 +126,7 @@ def update(
         deaf = wave_filter.update(settings.wave_filter, deaf, (), velocities, rudder_rad)
     if settings.observer_only:
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
-        observer_settings = dataclasses.replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
+        observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
         heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
         return HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf), ()
     if not waves.x:

@@ -1,8 +1,8 @@
 import math
 import random
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.parameters import ParameterSet
