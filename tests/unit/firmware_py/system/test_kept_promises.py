@@ -30,11 +30,16 @@ from firmware_py.common.reports import Home
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
+from firmware_py.link.satellite import record as satellite
+from firmware_py.link.satellite.keyed import Window
+from firmware_py.system import endings
+from firmware_py.system.endings import ENDINGS_FILE
 from firmware_py.system.slots import SlotWriter, stored_content
 from firmware_py.system.state_directory import (
     PARAMETER_FILE,
     PLAN_FILES,
     RESUME_FILE,
+    SATELLITE_FILE,
     SIGNING_FILE,
     KeyVault,
     StateDirectory,
@@ -116,6 +121,34 @@ def set_key(boat, number):
     return boat.wait(answers)
 
 
+def keep_endings(boat, number):
+    return save_record(boat, ENDINGS_FILE, endings.to_bytes(endings_of(number)))
+
+
+def keep_satellite_record(boat, number):
+    return save_record(boat, SATELLITE_FILE, satellite.to_bytes(satellite_record_of(number)))
+
+
+def save_record(boat, name, content):
+    answers = []
+    boat.store.save(name, content)
+    boat.store.when_stored((name,), answers.append)
+    return boat.wait(answers)
+
+
+def endings_of(number):
+    return endings.Endings({"killed": 1 + number}, running=True)
+
+
+def satellite_record_of(number):
+    return satellite.Record(window=Window(used=(1 + number,)))
+
+
+def record_in(boat, name, read):
+    content = boat.store.load(name)
+    return None if content is None else repr(read(content))  # counts have no hash
+
+
 def give_order(boat, intent):
     """Give an order and wait until it is acknowledged, as the loop and the link do."""
     answers = []
@@ -143,11 +176,14 @@ ACTS = {
     replace_plan: lambda boat: boat.autopilot.plans().mission,
     replace_plan_beside_a_parameter: lambda boat: boat.autopilot.plans().mission,
     set_key: lambda boat: boat.vault.load().content,
+    keep_endings: lambda boat: record_in(boat, ENDINGS_FILE, endings.from_bytes),
+    keep_satellite_record: lambda boat: record_in(boat, SATELLITE_FILE, satellite.from_bytes),
     arm_or_disarm: lambda boat: boat.autopilot.state.modes.armed,
     set_mode: lambda boat: boat.autopilot.state.modes.mode,
     set_home: lambda boat: boat.autopilot.state.home,
 }
 ORDERS = (arm_or_disarm, set_mode, set_home)
+RECORDS = (keep_endings, keep_satellite_record)
 PLANS = (replace_plan, replace_plan_beside_a_parameter)
 FAULTS = [(kind, lasting) for kind in KINDS for lasting in (False, True)]
 
@@ -199,7 +235,7 @@ def judge(act, tmp_path, monkeypatch, before, failing, *, anew):
     assert mine or stored or forgets, "a failure is told as long as it is one"
     if stored:
         assert set(results) == {new}, f"acknowledged, and not there: {failed}"
-    elif act is set_key:
+    elif act is set_key or act in RECORDS:
         assert set(results) <= {old, new}  # it is in force: nothing was refused
     elif DOUBT not in failure:
         assert set(results) == {old}, f"refused, and there: {failed}"
@@ -225,6 +261,8 @@ def found_after(act, number):
         replace_plan: plan(number),
         replace_plan_beside_a_parameter: plan(number),
         set_key: b"key of number %d" % number,
+        keep_endings: repr((endings_of(number), ())),
+        keep_satellite_record: repr((satellite_record_of(number), ())),
         arm_or_disarm: number % 2 == 0,
         set_mode: Mode.HOLD if number % 2 else Mode.MANUAL,
         set_home: Home(0.1 * number, 1.0, 0.0),
@@ -234,7 +272,8 @@ def found_after(act, number):
 
 def cases():
     """All acts in a run that has done so many, and of each kind one that is the first of a run anew."""
-    yield from ((act, before, False) for act in ACTS for before in range(4))
+    yield from ((act, before, False) for act in ACTS if act not in RECORDS for before in range(4))
+    yield from ((act, 1, False) for act in RECORDS)
     yield from ((act, 2, True) for act in (set_parameter, replace_plan, set_key, arm_or_disarm))
 
 
