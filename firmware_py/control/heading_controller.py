@@ -15,9 +15,9 @@ from typing import Final
 import msgspec
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import law
 from firmware_py.control.law import Gains, LawSettings, LawState
+from firmware_py.model.heading_estimate import HeadingEstimate
 
 
 class HeadingControllerInput(msgspec.Struct, frozen=True):

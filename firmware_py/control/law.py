@@ -41,11 +41,11 @@ import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.model.heading_estimate import HeadingEstimate
 from firmware_py.model.kt import KtModel, decay_over, exact_step, scaled, steady_yaw_rate
 
 if TYPE_CHECKING:
     from firmware_py.common.parameters import ParameterSet
-    from firmware_py.common.reports import HeadingEstimate
 
 # Reference model.
 EASING_RAD: Final = radians(5.6)  # the remaining angle below which the rudder is proportional to it

@@ -15,13 +15,14 @@ from msgspec.structs import replace
 from firmware_py.common.angles import clamp, radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
-from firmware_py.common.reports import Estimate, HeadingEstimate
+from firmware_py.common.reports import Estimate
 from firmware_py.estimate import declination, kalman, observer, sources, standstill, track_average, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
 from firmware_py.estimate.sources import Source, SourceSettings, SourceState, TrueHeadingSample
 from firmware_py.estimate.track_average import Stretch
 from firmware_py.estimate.wave_filter_state import Velocity, WaveFilterSettings, WaveFilterState, water_of
+from firmware_py.model.heading_estimate import HeadingEstimate
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass

@@ -5,11 +5,13 @@
 
 compiles a function of the laboratory, which runs plain as `kernel.py_func`. It may call other such functions and those
 of the firmware's numeric core (hil/lab/numeric_core.py, where the arithmetic is described).
+
+Machine code is kept by the content of the sources: for each module in a folder that is named after a digest of its file
+and of the files that it imports, directly and indirectly. Only what a change can affect is compiled again.
 """
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import os
 import platform
@@ -22,15 +24,13 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from multiprocessing import parent_process
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, Final, TextIO, TypeVar
 
-import llvmlite.binding
+import llvmlite
 import numba
-import numba.core.registry
-from numba.core import codegen, event
-from numba.core import config as numba_config
+from numba.core import caching, event
 
-from firmware_py.model import kt
 from hil.lab.held_signals import HeldSignals
 from hil.lab.numeric_core import ERROR_MODEL
 
@@ -38,59 +38,34 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 PATIENCE_S = 0.4  # what is loaded from the cache takes less, and says nothing
 TICK_S = 0.5
-KEPT_CACHES, KEPT_S = 4, 86400.0  # so many, and all of the last day: another program may be using them
+KEPT_CACHES, KEPT_S = 4, 86400.0  # of a module so many, and all of the last day: another program may be using them
 _HOW_OFTEN: Final = {False: "the first time only", True: "as each time"}
 
-PACKAGE = Path(__file__).parents[1]
-COMPILES = re.compile(rb"hil\.lab\.compiled")
-IMPORTED = re.compile(rb"^from ((?:hil|firmware_py)[\w.]*) import", re.MULTILINE)
-config: Any = numba_config  # numba makes its settings at run time, unseen by type checkers
-
-
-def use_whole_registers() -> None:
-    """Let loops use vector registers of 512 bits where there are some, also where they are not the compiler's choice.
-
-    A processor clocks slower with them, but the simulations run half as fast again. Which lane computes
-    a value does not change it. Asked for by NUMBA_CPU_FEATURES, other features stay as they were asked for.
-    """
-    if config.CPU_FEATURES is not None:
-        return
-    features = str(codegen.get_host_cpu_features())  # type: ignore[no-untyped-call]
-    if "+avx512f" in features.split(","):
-        config.CPU_FEATURES = f"{features},-prefer-256-bit"
-
-
-use_whole_registers()
-
-
-def ask_the_c_library() -> None:
-    """Let compiled code call the functions that Python's math calls, not the older ones that numba was linked with.
-
-    They compute the same, but the older ones look at each argument first.
-    """
-    context: Any = numba.core.registry.cpu_target.target_context  # made here, for it names its own
-    library = ctypes.CDLL(None)
-    for name in ("exp", "log", "pow"):
-        if context is not None and hasattr(library, name):
-            llvmlite.binding.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
-
-
-ask_the_c_library()
+ROOT = Path(__file__).parents[2]
+IMPORTS = re.compile(
+    r"^(?:from ((?:hil|firmware_py)[\w.]*) import (\([^)]*\)|.*)|import ((?:hil|firmware_py)[\w.]*))", re.MULTILINE
+)
+# nogil: several threads may share the work, and the one that shows progress gets its turn.
+OPTIONS: Final = {"error_model": ERROR_MODEL, "nogil": True}
 
 
 class _Compilations(event.Listener):
-    """Counts the compilations under way; what comes from the cache is none."""
+    """Counts the compilations under way and their seconds; what comes from the cache is none."""
 
     def __init__(self) -> None:
-        self.under_way = 0
+        self.under_way, self.began_s, self.seconds = 0, 0.0, 0.0
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
         """Note one more."""
+        if self.under_way == 0:
+            self.began_s = time.monotonic()
         self.under_way += 1
 
     def on_end(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
         """Note one less."""
         self.under_way -= 1
+        if self.under_way == 0:
+            self.seconds += time.monotonic() - self.began_s
 
 
 _compilations: Final = _Compilations()
@@ -108,57 +83,70 @@ def being_compiled() -> bool:
 def compiled(function: Function) -> Function:
     """Compile a function at its first call, and keep the machine code for later processes.
 
-    Without any place to keep it (no home, a read-only disk) it is compiled anew each time.
+    Without a place to keep it (no home, a read-only disk) it is compiled each time.
     """
-    return _compile(function, keep=True)
+    made: Any = compiled_here(function)
+    with suppress(RuntimeError):  # there is no place
+        # As numba's own cache=True does, which goes by the time of a file and not by its content.
+        made._cache = _Cache(function)  # type: ignore[no-untyped-call] # noqa: SLF001
+    return made  # type: ignore[no-any-return]
 
 
 def compiled_here(function: Function) -> Function:
     """Compile a function for this process alone, as one must that takes other functions as arguments."""
-    return _compile(function, keep=False)
+    # nogil: several threads may share the work, and the one that shows progress gets its turn.
+    return numba.njit(function, error_model=ERROR_MODEL, nogil=True)  # type: ignore[no-any-return]
 
 
-def _compile(function: Function, *, keep: bool) -> Function:
-    folder = cache_folder() if keep else None
-    if folder is None:
-        return _njit(function, keep=False)
-    usual = config.CACHE_DIR
-    config.CACHE_DIR = str(folder)
-    try:
-        return _njit(function, keep=True)
-    except RuntimeError:
-        # numba found the folder unusable after all.
-        return _njit(function, keep=False)
-    finally:
-        config.CACHE_DIR = usual
+class _Place(caching._CacheLocator):  # noqa: SLF001 - numba has no public one
+    """Where numba finds the machine code of a function: in a folder that the content of its sources names."""
+
+    def __init__(self, folder: Path, file: str, line: int) -> None:
+        self._folder, self._py_file, self._line = folder, file, line
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Place | None:
+        """Return the place, None without one."""
+        folder = cache_folder(Path(py_file))
+        return None if folder is None else cls(folder, py_file, py_func.__code__.co_firstlineno)
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        """Return what changes with the sources."""
+        return self._folder.name
+
+    def get_disambiguator(self) -> str:
+        """Return what distinguishes functions of the same name."""
+        return str(self._line)
 
 
-def _njit(function: Function, *, keep: bool) -> Function:
-    # nogil: several threads may share the work, and the one that tells of progress gets its turn.
-    return numba.njit(function, cache=keep, error_model=ERROR_MODEL, nogil=True)  # type: ignore[no-any-return]
+class _Implementation(caching.CompileResultCacheImpl):
+    _locator_classes: Any = (_Place,)
+
+
+class _Cache(caching.FunctionCache):
+    _impl_class = _Implementation
 
 
 @cache
-def cache_folder() -> Path | None:
-    """Return where machine code is kept, or None where nothing can be.
-
-    numba renews a function's machine code when its own file changes, but not when a function
-    that it calls does: a changed K-T equation would live on in old kernels. So the folder
-    is named after the text of all files that hold compiled functions.
-    """
+def cache_folder(file: Path) -> Path | None:
+    """Return where the machine code of a module is kept, or None where nothing can be."""
     home = _caches()
     if home.parts[0] == "~":  # of a user without a home; it would be made wherever one is
         return None
-    folder = home / sources_digest()
+    module = f"{file.parent.name}.{file.stem}"
+    folder = home / f"{module}-{sources_digest(file)}"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         os.utime(folder)
-        if not os.access(folder, os.W_OK | os.X_OK):
-            return None
+        TemporaryFile(dir=folder).close()
     except OSError:
         return None
     with suppress(OSError):  # another process drops the same
-        _drop_old(home)
+        _drop_old(home, module)
     return folder
 
 
@@ -167,33 +155,45 @@ def _caches() -> Path:
     return Path(base) / "rambler-hil"
 
 
-def sources_digest() -> str:
-    """Return a digest of the model, and of every file of this package that imports this module.
+def sources_digest(file: Path) -> str:
+    """Return a digest of a module's file and of those that it imports, and of the versions that compile them.
 
-    So of the files from which these import, and of the C library's version: a constant is compiled into what uses it.
+    numba itself tells processors apart.
     """
-    digest = hashlib.sha256(" ".join((numba.__version__, *platform.libc_ver())).encode())
-    files = set(Path(kt.__file__).parent.glob("*.py"))
-    for path in PACKAGE.rglob("*.py"):
-        text = path.read_bytes()
-        if COMPILES.search(text) or path == Path(__file__):
-            files |= {path, *_imported(text)}
-    for path in sorted(files):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    versions = (numba.__version__, llvmlite.__version__, *platform.libc_ver(), ERROR_MODEL)
+    digest, files, left = hashlib.sha256(" ".join(versions).encode()), set(), [file]
+    while left:
+        if (one := left.pop()) not in files:
+            files.add(one)
+            left += _source(one)[1]
+    for one in sorted(files, key=str):
+        digest.update(f"{one.name} {_source(one)[0]}\0".encode())
     return digest.hexdigest()[:16]
 
 
-def _imported(text: bytes) -> Iterator[Path]:
-    """Yield the files of both programs from which a file imports names."""
-    for name in IMPORTED.findall(text):
-        path = PACKAGE.parent / f"{name.decode().replace('.', '/')}.py"
-        if path.is_file():
-            yield path
+@cache
+def _source(file: Path) -> tuple[str, tuple[Path, ...]]:
+    """Return the digest of a file, and the files of both programs that it imports.
+
+    What this module itself is made of does not change what it compiles.
+    """
+    text = file.read_bytes()
+    names = [f"{module}.{name}" for module, name in _imports(text.decode())]
+    names += [module for module, _ in _imports(text.decode())]
+    paths = {ROOT / f"{name.replace('.', '/')}.py" for name in names} - {ROOT / "hil/lab/compiled.py"}
+    return hashlib.sha256(text).hexdigest(), tuple(path for path in sorted(paths) if path.is_file())
 
 
-def _drop_old(home: Path) -> None:
-    """Forget the machine code of all but the latest few versions of the sources, and those of the last day."""
-    used_s = {path: path.stat().st_mtime for path in home.iterdir() if path.is_dir()}
+def _imports(text: str) -> Iterator[tuple[str, str]]:
+    """Yield the modules of both programs that a text imports, each with a name that is imported from it."""
+    for source, names, module in IMPORTS.findall(text):
+        for name in re.findall(r"\w+", names) or ("",):
+            yield source or module, name
+
+
+def _drop_old(home: Path, module: str) -> None:
+    """Forget the machine code of a module but for its latest few versions, and those of the last day."""
+    used_s = {path: path.stat().st_mtime for path in home.glob(f"{module}-*") if path.is_dir()}
     oldest_s = time.time() - KEPT_S
     for folder in sorted(used_s, key=used_s.__getitem__)[:-KEPT_CACHES]:
         if used_s[folder] > oldest_s:
@@ -205,9 +205,9 @@ def _drop_old(home: Path) -> None:
 
 @contextmanager
 def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
-    """Say on a terminal when code is being compiled in the block; silent in a pipe, and within another such block.
+    """Show on a terminal that code is being compiled in the block, and how long it took; silent in a pipe.
 
-    Where machine code cannot be kept, that is told in a pipe, too, once.
+    A block within another is silent, too. Where machine code cannot be kept, a pipe gets that once.
     """
     stream = sys.stderr if stream is None else stream
     _tell_if_not_kept(stream)
@@ -225,8 +225,12 @@ def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
         _line.release()
 
 
+def _is_kept() -> bool:
+    return cache_folder(Path(__file__)) is not None
+
+
 def _tell_if_not_kept(stream: TextIO) -> None:
-    if cache_folder() is None and not _told and parent_process() is None:
+    if not _is_kept() and not _told and parent_process() is None:
         _told.append(True)
         stream.write(
             f"rambler-hil: machine code cannot be kept in {_caches()} and is compiled anew each time, by each process; "
@@ -236,16 +240,18 @@ def _tell_if_not_kept(stream: TextIO) -> None:
 
 
 def _tell(what: str, stream: TextIO, done: threading.Event) -> None:
-    began_s, shown = time.monotonic(), False
+    began_s, before_s, shown, ever = time.monotonic(), _compilations.seconds, False, False
     while not done.wait(TICK_S if shown else PATIENCE_S):
         if being_compiled():
             elapsed_s = time.monotonic() - began_s
-            often = _HOW_OFTEN[cache_folder() is None]
+            often = _HOW_OFTEN[not _is_kept()]
             stream.write(f"\r\x1b[Kcompiling {what} for this machine, {often} ... {elapsed_s:.0f} s")
         elif shown:
             stream.write("\r\x1b[K")
         shown = being_compiled()
+        ever = ever or shown
         stream.flush()
-    if shown:
-        stream.write("\r\x1b[K")
+    if ever:
+        seconds = _compilations.seconds - before_s
+        stream.write(f"\r\x1b[Kcompiled {what} for this machine in {seconds:.0f} s\n")
         stream.flush()

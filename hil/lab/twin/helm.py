@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.common.reports import HeadingEstimate
+from firmware_py.model.heading_estimate import HeadingEstimate
 from hil.lab.compiled import compiled
 from hil.lab.numeric_core import law
 from hil.lab.twin.kalman import Floats

@@ -4,7 +4,6 @@ import pytest
 
 from firmware_py.common.parameter_table import TABLE as PARAMETERS
 from firmware_py.common.parameters import ParameterSet, index_of
-from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control.heading_controller import (
     TABLE,
     HeadingControllerInput,
@@ -14,6 +13,7 @@ from firmware_py.control.heading_controller import (
     update,
 )
 from firmware_py.control.law import Gains, s_surface
+from firmware_py.model.heading_estimate import HeadingEstimate
 
 ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.01, 0.05, 0.05, 0.4, 0.02, 1.0)
 UNDER_WAY = HeadingControllerState(Reference(1.0, 0.0))

@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import law
 from firmware_py.control.law import (
     DELIVERED,
@@ -17,6 +16,7 @@ from firmware_py.control.law import (
     s_surface,
     ship_at_speed,
 )
+from firmware_py.model.heading_estimate import HeadingEstimate
 from firmware_py.model.kt import scaled
 
 SETTINGS = LawSettings.of(ParameterSet())

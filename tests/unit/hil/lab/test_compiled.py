@@ -2,12 +2,15 @@
 
 import io
 import os
+import re
+import shutil
 import signal
 import struct
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +26,7 @@ from hil.lab.numeric_core import inner
 from hil.ship import manoeuvring
 from hil.sim.signals import interruptible
 
-ROOT = compiled_module.PACKAGE.parent
+ROOT, HERE = compiled_module.ROOT, Path(__file__)
 
 yaw_acceleration = compiled(kt.yaw_acceleration)
 rk4_step = compiled(kt.rk4_step)
@@ -103,55 +106,83 @@ def double(value: float) -> float:
 
 
 def test_without_a_place_for_machine_code_functions_are_compiled_all_the_same(monkeypatch):
-    monkeypatch.setattr(compiled_module, "cache_folder", lambda: None)
-    assert compiled(double)(3.0) == 6.0
-
-
-def test_a_place_that_numba_finds_unusable_is_done_without(monkeypatch, tmp_path):
-    file = tmp_path / "file"
-    file.write_text("")
-    monkeypatch.setattr(compiled_module, "cache_folder", lambda: file)
+    monkeypatch.setattr(compiled_module, "cache_folder", lambda _file: None)
     assert compiled(double)(3.0) == 6.0
 
 
 def test_a_cache_that_cannot_be_made_is_none(monkeypatch, tmp_path):
     (tmp_path / "rambler-hil").write_text("a file where the folder should be")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert cache_folder.__wrapped__() is None
+    assert cache_folder.__wrapped__(HERE) is None
 
 
-def test_the_cache_is_named_after_the_sources_and_old_ones_go(monkeypatch, tmp_path):
+def test_the_cache_of_a_module_is_named_after_its_sources_and_its_old_ones_go(monkeypatch, tmp_path):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     home = tmp_path / "rambler-hil"
     for number in range(6):
-        old = home / f"old{number}" / "inner"
-        old.mkdir(parents=True)
-        (old / "code").write_text("")
-        os.utime(old.parent, (number, number))
-    folder = cache_folder.__wrapped__()
-    assert folder == home / sources_digest()
-    assert sorted(path.name for path in home.iterdir()) == sorted([folder.name, "old3", "old4", "old5"])
+        for module in ("lab.test_compiled", "lab.other"):
+            old = home / f"{module}-old{number}" / "inner"
+            old.mkdir(parents=True)
+            (old / "code").write_text("")
+            os.utime(old.parent, (number, number))
+    folder = cache_folder.__wrapped__(HERE)
+    assert folder == home / f"lab.test_compiled-{sources_digest(HERE)}"
+    kept = sorted(path.name for path in home.glob("lab.test_compiled-*"))
+    assert kept == sorted([folder.name, *(f"lab.test_compiled-old{number}" for number in (3, 4, 5))])
+    assert len(list(home.glob("lab.other-*"))) == 6
 
 
 def test_old_machine_code_goes_and_what_another_program_may_use_stays(monkeypatch, tmp_path):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     now_s = time.time()
     for fifths in range(8):
-        folder = tmp_path / "rambler-hil" / f"{fifths} fifths of a day old"
+        folder = tmp_path / "rambler-hil" / f"lab.test_compiled-{fifths} fifths of a day old"
         folder.mkdir(parents=True)
         (folder / "code").write_bytes(b"")
         os.utime(folder, (now_s, now_s - 0.2 * fifths * compiled_module.KEPT_S))
-    assert cache_folder.__wrapped__() is not None
+    found = cache_folder.__wrapped__(HERE)
     kept = {path.name for path in (tmp_path / "rambler-hil").iterdir()}
-    assert kept == {sources_digest(), *(f"{fifths} fifths of a day old" for fifths in range(5))}
+    assert kept == {found.name, *(f"lab.test_compiled-{fifths} fifths of a day old" for fifths in range(5))}
 
 
-def test_a_changed_equation_gets_a_cache_of_its_own(monkeypatch, tmp_path):
-    before = sources_digest()
-    changed = tmp_path / "kt.py"
-    changed.write_bytes(compiled_module.Path(kt.__file__).read_bytes() + b"\n# changed\n")
-    monkeypatch.setattr(kt, "__file__", str(changed))
-    assert sources_digest() != before
+@pytest.fixture
+def copied(tmp_path, monkeypatch):
+    """Copy both programs, and compute digests there."""
+    for program in ("firmware_py", "hil"):
+        shutil.copytree(ROOT / program, tmp_path / program, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(compiled_module, "ROOT", tmp_path)
+    compiled_module._source.cache_clear()
+    yield tmp_path
+    compiled_module._source.cache_clear()
+
+
+def test_a_copy_of_the_sources_shares_the_machine_code(copied):
+    before = sources_digest(copied / "hil/lab/tune/loop_kernel.py")
+    os.utime(copied / "firmware_py/control/law.py", (0, 0))
+    compiled_module._source.cache_clear()
+    assert sources_digest(copied / "hil/lab/tune/loop_kernel.py") == before
+
+
+@pytest.mark.parametrize(
+    ("changed", "again"),
+    [
+        ("firmware_py/control/law.py", {"tune/loop_kernel.py", "twin/loop.py"}),
+        ("firmware_py/model/kt.py", {"tune/loop_kernel.py", "twin/loop.py", "identify/kernel.py"}),
+        ("hil/lab/twin/kalman.py", {"twin/loop.py"}),
+        ("hil/lab/tune/loop_kernel.py", {"tune/loop_kernel.py"}),
+        ("hil/lab/compiled.py", set()),
+        ("firmware_py/common/parameter_table.py", set()),
+    ],
+)
+def test_what_a_change_can_affect_is_compiled_again_and_nothing_else(copied, changed, again):
+    kernels = [copied / "hil/lab" / name for name in ("tune/loop_kernel.py", "twin/loop.py", "identify/kernel.py")]
+    before = [sources_digest(kernel) for kernel in kernels]
+    with (copied / changed).open("a") as file:
+        file.write("# changed\n")
+    compiled_module._source.cache_clear()
+    after = [sources_digest(kernel) for kernel in kernels]
+    found = {kernel for kernel, one, other in zip(kernels, before, after, strict=True) if one != other}
+    assert {path.relative_to(copied / "hil/lab").as_posix() for path in found} == again
 
 
 def test_a_second_process_compiles_nothing(tmp_path):
@@ -185,14 +216,14 @@ class Terminal(io.StringIO):
         return super().write(text)
 
 
-def test_long_compilation_is_told_on_a_terminal_and_wiped(monkeypatch):
+def test_long_compilation_is_shown_on_a_terminal_and_then_its_time(monkeypatch):
     monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
     terminal = Terminal()
     with compiling("the test", terminal), event.trigger_event("numba:compile"), compiling("what is within", terminal):
         assert terminal.told.wait(10.0)
     assert "what is within" not in terminal.getvalue()
     assert "compiling the test for this machine" in terminal.getvalue()
-    assert terminal.getvalue().endswith("\r\x1b[K")
+    assert re.search(r"\r\x1b\[Kcompiled the test for this machine in \d+ s\n$", terminal.getvalue())
 
 
 def test_short_compilation_says_nothing():
@@ -273,22 +304,22 @@ def test_a_user_without_a_home_gets_no_folder_that_is_called_so(monkeypatch, tmp
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as for one who is in no list of users
     monkeypatch.chdir(tmp_path)
-    assert cache_folder.__wrapped__() is None
+    assert cache_folder.__wrapped__(HERE) is None
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_old_folder_that_does_not_go_keeps_nobody_from_the_new_one(monkeypatch, tmp_path):
-    def another_drops_it_too(_home):
+    def another_drops_it_too(_home, _module):
         raise FileNotFoundError
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(compiled_module, "_drop_old", another_drops_it_too)
-    assert cache_folder.__wrapped__() == tmp_path / "rambler-hil" / sources_digest()
+    assert cache_folder.__wrapped__(HERE) is not None
 
 
 def test_code_that_cannot_be_kept_is_told_once_in_a_pipe_too(monkeypatch):
     monkeypatch.setattr(compiled_module, "_told", [])
-    monkeypatch.setattr(compiled_module, "cache_folder", lambda: None)
+    monkeypatch.setattr(compiled_module, "cache_folder", lambda _file: None)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/nowhere")
     pipe = io.StringIO()
     for _ in range(2):

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import heading_controller
 from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState, Reference
 from firmware_py.estimate import kalman, learning, over_ground, wave_filter, wave_filter_state
 from firmware_py.estimate import sources as choosing
+from firmware_py.model.heading_estimate import HeadingEstimate
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.safety import late_answer as answering
 from firmware_py.safety import oscillation as watching
