@@ -226,15 +226,17 @@ def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimator
     heading, waves = state.heading, state.wave_filter
     if settings.observer_only or not waves.x:
         return None
+    x = waves.x
+    # By place, which a NamedTuple takes in half the time of keywords.
     return HeadingEstimate(
-        heading_rad=heading.heading_rad,
-        correction_rad2_s=max(2.0 * waves.covariance(kalman.HEADING, kalman.RATE), 0.0),
-        yaw_rate_rad_s=heading.yaw_rate_rad_s,
-        bias_rad=waves.x[kalman.BIAS],
-        bias_mean_rad=waves.x[kalman.BIAS_MEAN],
-        speed_m_s=waves.x[kalman.SPEED],
-        speed_sd_m_s=waves.spread(kalman.SPEED),
-        turning_factor=waves.x[kalman.FACTOR],
+        heading.heading_rad,
+        max(2.0 * waves.covariance(kalman.HEADING, kalman.RATE), 0.0),
+        heading.yaw_rate_rad_s,
+        x[kalman.BIAS],
+        x[kalman.BIAS_MEAN],
+        x[kalman.SPEED],
+        waves.spread(kalman.SPEED),
+        x[kalman.FACTOR],
     )
 
 
