@@ -28,6 +28,7 @@ BOATS = {
     "lost in noise": ((0.01, 5.0, 0.0, 0.0), (0.1, 3000), (0.35, 15.0, 0.5), (60.0, 30.0), "hr"),
     "too short for T": ((0.05, 500.0, 0.0, 0.0), (0.5, 400), (0.35, 20.0, 0.5), (0.3, 0.1), "hr"),
 }
+LONGER = ("bent tanker", "quick", "stiff", "heading alone", "too short for T")  # others show nearly the same
 
 
 def make(yard, name, *, held=False):
@@ -57,7 +58,9 @@ def check(boat, found, few=FEW):
     return data
 
 
-@pytest.mark.parametrize("name", BOATS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.proof] if name in LONGER else []) for name in BOATS]
+)
 def test_a_verdict_holds(yard, name):
     boat, recording = make(yard, name, held=name == "thrusters")
     data = check(boat, identify([recording]))

@@ -41,7 +41,7 @@ def told(found):
     return [text for text in found.judgement.warnings if text.startswith("her damping goes rather with the square")]
 
 
-@pytest.mark.parametrize("channels", ["hr", "h"])
+@pytest.mark.parametrize("channels", ["hr", pytest.param("h", marks=pytest.mark.proof)])
 def test_a_damping_by_the_square_is_told_and_counted(yard, sailed, channels):
     """K was 5 % too small, 24 to 54 of its standard errors, without a word."""
     found = identify([yard.recorded(TIME, *sailed["square", "irregular"], channels=channels)])
