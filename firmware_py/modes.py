@@ -35,7 +35,7 @@ ALREADY_THERE_RAD = 0.1
 LONGEST_BENCH_S = 60.0
 
 
-class HeadingGoal(msgspec.Struct, frozen=True):
+class HeadingGoal(msgspec.Struct, frozen=True, tag=True):
     """A heading or, over ground, a course; `turn` +-1 while the boat is to turn the long way."""
 
     heading_rad: float
@@ -43,7 +43,7 @@ class HeadingGoal(msgspec.Struct, frozen=True):
     turn: int = 0
 
 
-class PositionGoal(msgspec.Struct, frozen=True):
+class PositionGoal(msgspec.Struct, frozen=True, tag=True):
     """A position to go to."""
 
     latitude_rad: float

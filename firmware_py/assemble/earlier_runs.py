@@ -59,7 +59,7 @@ def resume(state: State, record: bytes | None, now: Moment, say: Callable[[str],
     if record is None:
         return state
     try:
-        state, notes = restore(state, record.decode("ascii", "replace"), now)
+        state, notes = restore(state, record, now)
     except (ValueError, RecursionError) as error:
         say(f"stored {RESUME_FILE} left out: {error}")
         return replace(state, greeting="Not resumed: the record is no good")

@@ -30,7 +30,10 @@ def in_force(ticks: Iterable[LoggedTick]) -> Iterator[tuple[LoggedTick, Paramete
     parameters, armed = ParameterSet(), False
     for tick in ticks:
         if tick.checkpoint is not None:
-            state = state_from_text(tick.checkpoint)[0]
+            try:
+                state = state_from_text(tick.checkpoint)[0]
+            except ValueError as error:
+                raise ValueError(f"a state in the log cannot be read ({error})") from error
             parameters, armed = state.parameters, state.modes.armed
         for request in tick.inputs.requests:
             if isinstance(request.intent, SetParameter):

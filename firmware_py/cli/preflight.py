@@ -19,7 +19,7 @@ from firmware_py.cli.state_owner import foreign_file, user_text
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
-from firmware_py.core.resume import from_text as resume_from_text
+from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.guidance import berth
 from firmware_py.guidance.tasks import TaskSettings
 from firmware_py.link.nmea.output import open_output
@@ -117,7 +117,7 @@ def look_at_state(directory: Path) -> Iterator[Finding]:
     plans = load_plans(files, problems.append)
     if (record := files.load(RESUME_FILE)) is not None:
         try:
-            resume_from_text(record.decode("ascii", "replace"))
+            resume_from_bytes(record)
         except (ValueError, RecursionError) as error:
             problems.append(f"stored {RESUME_FILE} left out: {error}")
     problems += (f"{name} can be read by others; chmod 600" for name in exposed_key_files(directory))

@@ -22,7 +22,7 @@ from firmware_py import __version__
 from firmware_py.cli.refusal import refused
 from firmware_py.cli.state_owner import check_directory, check_owner, check_readable
 from firmware_py.common.records import Stored
-from firmware_py.core.resume import from_text as record_from_text
+from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, exact_modes, write_whole
 from firmware_py.files.reading import read_regular
 from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
@@ -51,7 +51,7 @@ from firmware_py.system.store import Store
 # What reads each record, and returns notes besides; ValueError.
 _RECORDS: Final[Mapping[str, Callable[[bytes], tuple[object, tuple[str, ...]]]]] = {
     ENDINGS_FILE: endings_from_bytes,
-    RESUME_FILE: lambda content: record_from_text(content.decode("ascii", "replace")),
+    RESUME_FILE: resume_from_bytes,
     SATELLITE_FILE: satellite_from_bytes,
 }
 FINDING = 1  # the exit code of a state that was exported, and not all of it whole

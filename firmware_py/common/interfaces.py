@@ -201,7 +201,7 @@ class StateKeeper(Protocol):
     def keep_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
         """Keep a plan in place of the one of its kind, which stays when this cannot be stored; `done` says which."""
 
-    def keep_resume(self, text: str) -> None:
+    def keep_resume(self, record: bytes) -> None:
         """Keep a resume record in place of the last one."""
 
     def when_parameters_stored(self, call: Callable[[bool], None]) -> None:

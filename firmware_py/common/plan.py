@@ -11,17 +11,17 @@ from __future__ import annotations
 
 import base64
 import binascii
+import json
 import math
 import struct
 import zlib
 from collections.abc import Iterable
 from enum import IntEnum
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.common.json_codec import Codec, Hook
 from firmware_py.common.reading_notes import Spot, shown
 
 MOST_ITEMS = 2000
@@ -84,15 +84,20 @@ def _unpack(data: bytes) -> tuple[PlanItem, ...]:
     )
 
 
-class Plan(msgspec.Struct, frozen=True, eq=False):
-    """A whole plan. `identity` is what MAVLink calls its opaque id: a checksum over the items, 0 for none.
+class Plan:
+    """A whole plan, immutable. `identity` is what MAVLink calls its opaque id: a checksum over the items, 0 for none.
 
-    Plans are compared by identity: items may hold NaN, which is not equal to itself.
+    Plans are compared by identity: items may hold NaN, which is not equal to itself. It is no Struct because it is
+    encoded packed, with its checksum (`as_plain`).
     """
 
-    kind: PlanKind
-    items: tuple[PlanItem, ...] = ()
-    identity: int = msgspec.field(default=0)
+    __slots__ = ("identity", "items", "kind")
+
+    def __init__(self, kind: PlanKind, items: tuple[PlanItem, ...] = (), identity: int = 0) -> None:
+        """Take items as they are; `of` rounds them and computes their identity."""
+        self.kind: Final = kind
+        self.items: Final = items
+        self.identity: Final = identity
 
     @classmethod
     def of(cls, kind: PlanKind, items: Iterable[PlanItem]) -> Plan:
@@ -108,6 +113,10 @@ class Plan(msgspec.Struct, frozen=True, eq=False):
     def __hash__(self) -> int:
         """Hash what is compared."""
         return hash(self._key())
+
+    def __repr__(self) -> str:
+        """Show all that it holds."""
+        return f"Plan({self.kind!r}, {self.items!r}, {self.identity})"
 
     def _key(self) -> tuple[PlanKind, int, int]:
         return self.kind, len(self.items), self.identity
@@ -129,18 +138,16 @@ class Plans(msgspec.Struct, frozen=True):
         return replace(self, **{plan.kind.name.lower(): plan})
 
 
-def _plan_to_record(plan: Plan) -> dict[str, Any]:
+def as_plain(plan: Plan) -> dict[str, Any]:
+    """Return a plan as plain values, its items packed: two thousand records would take as long as a tick lasts."""
     items = base64.b64encode(_pack(plan.items)).decode()
     return {"kind": int(plan.kind), "identity": plan.identity, "items": items}
 
 
-def _plan_from_record(data: Any, spot: Spot) -> Plan:
-    """Read what `_plan_to_record` gives, ignoring more; ValueError for anything else, or when the checksum is wrong."""
-    expected = {"kind", "identity", "items"}
-    if not isinstance(data, dict) or expected - data.keys() or not isinstance(data["items"], str):
+def from_plain(data: Any) -> Plan:
+    """Return the plan that `as_plain` gave; ValueError for anything else, or when the checksum is wrong."""
+    if not isinstance(data, dict) or not isinstance(data.get("items"), str) or not data.keys() >= _FIELDS:
         raise ValueError("this is no plan")
-    for name in sorted(data.keys() - expected):
-        spot.note(f"field {shown(name)} is not known here, ignored")
     if type(data["kind"]) is not int or type(data["identity"]) is not int:
         raise ValueError("the kind of the plan is not a number")
     try:
@@ -153,26 +160,36 @@ def _plan_from_record(data: Any, spot: Spot) -> Plan:
     return plan
 
 
-class _Stored(msgspec.Struct, frozen=True):
-    plan: Plan
+_FIELDS: Final = frozenset(("kind", "identity", "items"))
+_VERSION: Final = 1
 
 
-# A plan travels packed: two thousand items as records of text would hold up the loop for as long as a tick lasts.
-HOOK = Hook(Plan, _plan_to_record, _plan_from_record)
-_CODEC = Codec([_Stored], [HOOK])
+def drop_unknown(data: Any, spot: Spot) -> None:
+    """Remove from the plain values of a plan what is not known here, and report it."""
+    for name in sorted(data.keys() - _FIELDS) if isinstance(data, dict) else ():
+        spot.note(f"field {shown(name)} is not known here, ignored")
+        del data[name]
 
 
 def to_text(plan: Plan) -> str:
-    """Write a plan as one line of text, as it is stored."""
-    return _CODEC.to_text(_Stored(plan))
+    """Return a plan as one line of text, as it is stored."""
+    stored = {"version": _VERSION, "plan": as_plain(plan), "$": "_Stored"}  # the last was the name of a class
+    return json.dumps(stored, separators=(",", ":"))
 
 
 def from_text(text: str) -> tuple[Plan, tuple[str, ...]]:
-    """Read a stored plan, and what is to be said of it; ValueError for anything else, or a wrong checksum."""
-    stored, notes = _CODEC.read(text)
-    return stored.plan, notes
-
-
-def from_record(data: Any) -> Plan:
-    """Read a plan as a state in a log carries it; ValueError for anything else."""
-    return _plan_from_record(data, Spot("plan", {}))
+    """Return a stored plan, and notes on what was ignored; ValueError for anything else, or a wrong checksum."""
+    try:
+        stored = json.loads(text)
+    except RecursionError:
+        raise ValueError("the text is nested too deeply") from None
+    if not isinstance(stored, dict) or "plan" not in stored:
+        raise ValueError("this is no plan")
+    spot = Spot("plan", {})
+    version = stored.get("version", _VERSION)
+    if type(version) is not int or version > _VERSION:
+        spot.add(f"written by a later version ({shown(version)}, here {_VERSION}), read by name")
+    for name in sorted(stored.keys() - {"version", "plan", "$"}):
+        spot.add(f"field {shown(name)} is not known here, ignored")
+    drop_unknown(stored["plan"], spot)
+    return from_plain(stored["plan"]), tuple(spot.notes)

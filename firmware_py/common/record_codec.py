@@ -1,8 +1,8 @@
 """Encode and decode records (frozen `msgspec.Struct` classes) by name, with a version number.
 
-`encode` and `decode` use msgpack, which keeps every float bit for bit, also NaN and infinity. `to_plain` and
-`from_plain` stop at dictionaries, lists, texts and numbers, for a caller with a text format of its own. Numbers of an
-enumeration stand for its members; a class of a union needs `tag=True`.
+`encode` and `decode` use msgpack, which keeps every float bit for bit, also NaN and infinity. `to_text` and `from_text`
+use JSON with the words NaN, Infinity and -Infinity, where a text is needed. Members of an enumeration are written as
+their numbers; a class of a union needs `tag=True`.
 
 Encoded records outlive the version that wrote them:
 
@@ -16,10 +16,12 @@ Encoded records outlive the version that wrote them:
 
 from __future__ import annotations
 
+import json
 import re
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
 from functools import cache, partial
 from itertools import cycle
 from typing import Any, Final, TypeVar
@@ -29,70 +31,113 @@ import msgspec
 from firmware_py.common.reading_notes import Spot, shown
 
 RecordT = TypeVar("RecordT")
-EncodeHook = Callable[[Any], Any]
-DecodeHook = Callable[[type, Any], Any]
 
 VERSION: Final = "version"  # beside the fields of the outermost record
+EARLY_TAG: Final = "$"  # the name of the class, in texts of early development versions
 MOST_REPAIRS: Final = 100
+MOST_CHARACTERS: Final = 120  # of a reason
 
 # By the name of the class: the former name of a field and its name of today.
 FORMER_NAMES: dict[str, dict[str, str]] = {}
 
 _LOCATED = re.compile(r"(.*?)(?: - at `(?:key` in `)?\$(.*)`)?", re.DOTALL)
+_UNKNOWN_CLASS: Final = "Invalid value "
 _PART = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
+_TO_JSON = json.JSONEncoder(separators=(",", ":")).encode
 
 
-def encode(record: msgspec.Struct, version: int, hook: EncodeHook | None = None) -> bytes:
-    """Return a record and its version as msgpack; `hook` converts what msgspec does not know."""
-    return msgspec.msgpack.encode({VERSION: version, **to_plain(record, hook, binary=True)})
+class Hooks(msgspec.Struct, frozen=True):
+    """How classes that msgspec does not know are encoded and decoded; both raise ValueError for what they refuse.
+
+    `prepare` changes the plain values of a class in place before they are decoded, and may note something.
+    """
+
+    encode: Callable[[Any], Any] | None = None
+    decode: Callable[[type, Any], Any] | None = None
+    prepare: Mapping[type, Callable[[Any, Spot], None]] = {}
 
 
-def decode(
-    kind: type[RecordT], data: bytes, version: int, hook: DecodeHook | None = None
-) -> tuple[RecordT, tuple[str, ...]]:
+NO_HOOKS: Final = Hooks()
+
+
+def encode(record: msgspec.Struct, version: int, hooks: Hooks = NO_HOOKS) -> bytes:
+    """Return a record and its version as msgpack."""
+    return msgspec.msgpack.encode(to_plain(record, version, hooks, kept=(bytes,)))
+
+
+def decode(kind: type[RecordT], data: bytes, version: int, hooks: Hooks = NO_HOOKS) -> tuple[RecordT, tuple[str, ...]]:
     """Return the record that `encode` wrote, and notes on what was ignored; ValueError says why there is none."""
     if data.startswith(b"{"):
-        raise ValueError("written as text by an early development version, which this version cannot read")
+        raise ValueError(_EARLY)
     try:
         plain = msgspec.msgpack.decode(data)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         raise ValueError(f"this is no encoded record ({error})") from None
-    return from_plain(kind, plain, version, hook)
+    return from_plain(kind, plain, version, hooks)
 
 
-def to_plain(record: msgspec.Struct, hook: EncodeHook | None = None, *, binary: bool = False) -> dict[str, Any]:
-    """Return a record as a dictionary of plain values; bytes become base64 unless `binary` is set."""
+def to_text(record: msgspec.Struct, version: int, hooks: Hooks = NO_HOOKS) -> str:
+    """Return a record and its version as one line of ASCII; bytes are base64."""
+    return text_of(to_plain(record, version, hooks))
+
+
+def from_text(kind: type[RecordT], text: str, version: int, hooks: Hooks = NO_HOOKS) -> tuple[RecordT, tuple[str, ...]]:
+    """Return the record that `to_text` wrote, and notes on what was ignored; ValueError says why there is none."""
+    try:
+        plain = json.loads(text)
+    except RecursionError:
+        raise ValueError("the text is nested too deeply") from None
+    return from_plain(kind, plain, version, hooks)
+
+
+def text_of(plain: Mapping[str, Any]) -> str:
+    """Return plain values as one line of JSON, ASCII, with the words NaN, Infinity and -Infinity."""
+    return _TO_JSON(plain)
+
+
+def to_plain(
+    record: msgspec.Struct, version: int, hooks: Hooks = NO_HOOKS, kept: tuple[type, ...] = ()
+) -> dict[str, Any]:
+    """Return a record and its version as dictionaries, lists, texts and numbers; bytes are base64 unless `kept`."""
     if VERSION in record.__struct_fields__:
         raise TypeError(f"{type(record).__name__}: a field cannot be named {VERSION!r}")
-    plain: dict[str, Any] = msgspec.to_builtins(record, builtin_types=(bytes,) if binary else (), enc_hook=hook)
-    return plain
+    encode_other = partial(_encode_other, hooks.encode)
+    return {VERSION: version, **msgspec.to_builtins(record, builtin_types=kept, enc_hook=encode_other)}
+
+
+def _encode_other(hook: Callable[[Any], Any] | None, value: Any) -> Any:
+    """Return plain values for what msgspec does not know: a float of numpy, or what the hook knows."""
+    if isinstance(value, float):
+        return float(value)
+    if hook is None:
+        raise TypeError(f"{type(value).__name__} cannot be encoded")
+    return hook(value)
 
 
 def from_plain(
-    kind: type[RecordT],
-    plain: Any,
-    version: int,
-    hook: DecodeHook | None = None,
-    notes: dict[str, None] | None = None,
+    kind: type[RecordT], plain: Any, version: int, hooks: Hooks = NO_HOOKS
 ) -> tuple[RecordT, tuple[str, ...]]:
-    """Return the record that plain values describe, and notes on what was ignored; the values are changed in place.
-
-    `hook` makes what msgspec does not know of a plain value, or raises ValueError. `notes` are of the caller.
-    """
-    spot = Spot(kind.__name__, {} if notes is None else notes)
+    """Return the record that dictionaries, lists, texts and numbers describe, and notes; they are changed in place."""
+    spot = Spot(kind.__name__, {})
     if not isinstance(plain, dict):
         raise ValueError(f"expected a record of {kind.__name__}, found {shown(plain)}")  # noqa: TRY004 -- bad data
-    _check_version(plain.pop(VERSION, None), version, spot)
-    _visit_record(kind, plain, spot)
+    _check_version(plain, version, spot)
+    _visit_record(kind, plain, spot, hooks)
     for _ in range(MOST_REPAIRS):
         try:
-            return msgspec.convert(plain, kind, dec_hook=hook), tuple(spot.notes)
+            return msgspec.convert(plain, kind, dec_hook=hooks.decode), tuple(spot.notes)
         except msgspec.ValidationError as error:
             _drop_unusable(plain, error, spot)
     raise ValueError(f"{kind.__name__}: more than {MOST_REPAIRS} values cannot be used")
 
 
-def _check_version(found: Any, version: int, spot: Spot) -> None:
+_EARLY: Final = "written as text by an early development version, which this version cannot read"
+
+
+def _check_version(plain: dict[str, Any], version: int, spot: Spot) -> None:
+    found = plain.pop(VERSION, None)
+    if EARLY_TAG in plain:
+        raise ValueError(_EARLY)
     if type(found) is not int or found < 1:
         raise ValueError(f"{spot.path}: no version number")
     if found > version:
@@ -103,24 +148,27 @@ def _drop_unusable(plain: dict[str, Any], error: msgspec.ValidationError, spot: 
     """Remove the field that msgspec refuses, and report it; ValueError when it is the outermost record."""
     located = _LOCATED.fullmatch(str(error))
     reason, path = (str(error), "") if located is None else (located[1], located[2] or "")
-    holder: Any = None
+    reason = ascii(reason)[1:-1][:MOST_CHARACTERS]
+    held: list[tuple[Any, str, int]] = []  # each field on the way: its record, its name, where it ends in the path
     value: Any = plain
-    field, end = "", 0
     for part in _PART.finditer(path):
         if part[1] is not None:
-            holder, field, end = value, part[1], part.end()
-            value = holder.get(field)
+            held.append((value, part[1], part.end()))
+            value = value.get(part[1])
         elif part[2] == "...":
             break  # one of the values of a mapping, which one is not said
         else:
             value = value[int(part[2])]
-    if holder is None:
-        raise ValueError(f"{spot.path}: {reason}") from None
+    if len(held) > 1 and reason.startswith(_UNKNOWN_CLASS):
+        held.pop()  # the tag of a union: the class is not known
+    if not held:
+        raise ValueError("; ".join((f"{spot.path}: {reason}", *list(spot.notes)[-1:])))
+    holder, name, end = held[-1]
     spot.add(f"{spot.path}{path[:end]}: {reason}, ignored")
-    holder.pop(field, None)
+    holder.pop(name, None)
 
 
-Visit = Callable[[Any, Spot], None]
+Visit = Callable[[Any, Spot, Hooks], None]
 
 
 @cache
@@ -130,30 +178,44 @@ def _record_visit(kind: Any) -> Visit:
     visits = {name: _visit_of(hints[name]) for name in kind.__struct_fields__}
     known = visits.keys() | {kind.__struct_config__.tag_field}
 
-    def visit(plain: Any, spot: Spot) -> None:
+    def visit(plain: Any, spot: Spot, hooks: Hooks) -> None:
         if not isinstance(plain, dict):
             return  # which msgspec reports
         for former, name in FORMER_NAMES.get(kind.__name__, {}).items():
             if former in plain and name not in plain:
                 plain[name] = plain.pop(former)
+        if (prepare := hooks.prepare.get(kind)) is not None:
+            prepare(plain, spot)
         for name in [name for name in plain if name not in known]:
             spot.note(f"field {shown(name)} is not known here, ignored")
             del plain[name]
         for name, deeper in visits.items():
             if deeper is not None and name in plain:
-                deeper(plain[name], spot.below(name))
+                deeper(plain[name], spot.below(name), hooks)
 
     return visit
 
 
-def _visit_record(kind: Any, value: Any, spot: Spot) -> None:
-    _record_visit(kind)(value, spot)
+def _visit_record(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> None:
+    _record_visit(kind)(value, spot, hooks)
+
+
+def _visit_other(kind: type, value: Any, spot: Spot, hooks: Hooks) -> None:
+    if value is not None and (prepare := hooks.prepare.get(kind)) is not None:
+        prepare(value, spot)
 
 
 def _visit_of(hint: Any) -> Visit | None:
-    """Return what visits the records in a value of this annotation; None where there are none."""
-    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
-        return partial(_visit_record, hint)  # which looks no deeper yet: a record may hold one of its own class
+    """Return what visits the records in a value of this annotation; None where there are none.
+
+    Raises TypeError for a class whose fields msgspec would write without their names.
+    """
+    if isinstance(hint, type):
+        if issubclass(hint, msgspec.Struct):
+            return partial(_visit_record, hint)  # which looks no deeper yet: a record may hold one of its own class
+        if hasattr(hint, "_fields") or hasattr(hint, "__dataclass_fields__"):
+            raise TypeError(f"{hint.__name__} is no msgspec.Struct: its fields would have no names, or no reports")
+        return None if hint.__module__ == "builtins" or issubclass(hint, Enum) else partial(_visit_other, hint)
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return _union_visit([part for part in parts if part is not types.NoneType])
@@ -173,27 +235,27 @@ def _union_visit(options: Sequence[Any]) -> Visit | None:
     tag_field = records[0].__struct_config__.tag_field
     by_tag = {record.__struct_config__.tag: record for record in records}
 
-    def visit(value: Any, spot: Spot) -> None:
+    def visit(value: Any, spot: Spot, hooks: Hooks) -> None:
         tag = value.get(tag_field) if isinstance(value, dict) else None
         if isinstance(tag, str) and tag in by_tag:
-            _record_visit(by_tag[tag])(value, spot)
+            _visit_record(by_tag[tag], value, spot, hooks)
 
     return visit
 
 
 def _items_visit(each: Sequence[Visit | None], *, repeated: bool) -> Visit:
-    def visit(value: Any, spot: Spot) -> None:
+    def visit(value: Any, spot: Spot, hooks: Hooks) -> None:
         items = value if isinstance(value, (list, tuple)) else ()
         for item, one in zip(items, cycle(each) if repeated else each, strict=False):
             if one is not None:
-                one(item, spot)
+                one(item, spot, hooks)
 
     return visit
 
 
 def _values_visit(one: Visit) -> Visit:
-    def visit(value: Any, spot: Spot) -> None:
+    def visit(value: Any, spot: Spot, hooks: Hooks) -> None:
         for item in value.values() if isinstance(value, dict) else ():
-            one(item, spot)
+            one(item, spot, hooks)
 
     return visit

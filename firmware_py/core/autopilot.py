@@ -158,9 +158,9 @@ class Autopilot:
         if self._utc_offset_s is None:
             return
         utc_s = self._now_s + self._utc_offset_s
-        text = self._resume.update(self._ahead, self._now_s, utc_s, awaited=bool(self._unkept), last=last)
-        if text is not None:
-            self._keeper.keep_resume(text)
+        record = self._resume.update(self._ahead, self._now_s, utc_s, awaited=bool(self._unkept), last=last)
+        if record is not None:
+            self._keeper.keep_resume(record)
         if self._resume.is_current:
             unkept, self._unkept = self._unkept, []
             for call in unkept:

@@ -12,13 +12,13 @@ from typing import Any
 import msgspec
 from msgspec.structs import fields, replace
 
-from firmware_py.common.json_codec import Codec
+from firmware_py.common import record_codec
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.reports import Home
 from firmware_py.core import last_place
 from firmware_py.core.last_place import LastPlace
 from firmware_py.core.state import State
-from firmware_py.core.state_codec import CHANGES
+from firmware_py.core.state_codec import VERSION
 from firmware_py.estimate import heading_estimator, water
 from firmware_py.faults.table import TABLE
 from firmware_py.guidance.guidance import GuidanceState, take_changes
@@ -67,9 +67,6 @@ class Resume(msgspec.Struct, frozen=True):
     machine_s: float = 0.0
 
 
-_CODEC = Codec([Resume], changes=CHANGES)
-
-
 def resume_of(state: State, now: Moment) -> Resume:
     """Return what is to be kept of a state."""
     # As the next tick will take it up: an order is on disk before that.
@@ -110,17 +107,17 @@ def _rounded(value: float, step: float) -> float:
     return math.floor(value / step) * step
 
 
-def to_text(resume: Resume) -> str:
-    """Write the record as one line of text."""
-    return _CODEC.to_text(resume)
+def to_bytes(resume: Resume) -> bytes:
+    """Return the record as it is stored."""
+    return record_codec.encode(resume, VERSION)
 
 
-def from_text(text: str) -> tuple[Resume, tuple[str, ...]]:
-    """Read a record of any version; return it with notes on the text.
+def from_bytes(data: bytes) -> tuple[Resume, tuple[str, ...]]:
+    """Return a stored record, and notes on what was ignored.
 
-    ValueError for text without what a record needs, or with numbers that no state can hold.
+    ValueError for one that lacks what it needs, or has numbers that no state can hold.
     """
-    resume, notes = _CODEC.read(text)
+    resume, notes = record_codec.decode(Resume, data, VERSION)
     line = resume.line  # of which only the start is taken, and a count
     if not _finite(replace(resume, line=None)) or (line is not None and not _finite(line.start)):
         raise ValueError("a number of it is not one")
@@ -153,15 +150,15 @@ def _by_calendar_s(resume: Resume, now: Moment) -> float | None:
     return age_s if 0.0 <= age_s < 3.2e8 else None
 
 
-def restore(state: State, text: str, now: Moment) -> tuple[State, tuple[str, ...]]:
-    """Return the state at start that goes on with what was kept, and notes on the text.
+def restore(state: State, data: bytes, now: Moment) -> tuple[State, tuple[str, ...]]:
+    """Return the state at start that goes on with what was kept, and notes on what was ignored.
 
-    The greeting of the state says when something of the text was lost. ValueError for a text that is no record.
+    The greeting of the state says when something was ignored. ValueError for data that are no record.
     """
     level = int(state.parameters["BOOT_RESUME"])
     if level == NOTHING:
         return state, ()
-    resume, notes = from_text(text)
+    resume, notes = from_bytes(data)
     away_s = _within_boot_s(resume, now)
     age_s = _by_calendar_s(resume, now) if away_s is None else away_s
     if age_s is not None and age_s > 3600.0 * state.parameters["BOOT_RESUME_H"]:

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.core import last_place
-from firmware_py.core.resume import NOTHING, Moment, Resume, resume_of, to_text
+from firmware_py.core.resume import NOTHING, Moment, Resume, resume_of, to_bytes
 from firmware_py.core.state import State
 
 FINE_INTERVAL_S: Final = 30.0
@@ -92,8 +92,8 @@ class ResumeKeeper:
 
     def update(
         self, state: State, now_s: float, utc_s: float, *, awaited: bool = False, last: bool = False
-    ) -> str | None:
-        """Return the text to be stored now, None while there is nothing to store or no write to spare.
+    ) -> bytes | None:
+        """Return the record to be stored now, None while there is nothing to store or no write to spare.
 
         `awaited`: an acknowledgement waits for it. `last`: nothing comes after it.
         """
@@ -117,7 +117,7 @@ class ResumeKeeper:
         self._bucket.spend(1.0)
         self._kept, self.is_current = record, True
         self._fine_due_s = now_s + FINE_INTERVAL_S
-        return to_text(record)
+        return to_bytes(record)
 
     def _may_write(self, difference: Difference, now_s: float, *, awaited: bool) -> bool:
         if difference is Difference.NONE or (difference is Difference.FINE and now_s < self._fine_due_s):

@@ -9,13 +9,13 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 
 
-class HoldHeading(msgspec.Struct, frozen=True):
+class HoldHeading(msgspec.Struct, frozen=True, tag=True):
     """Steer a heading."""
 
     heading_rad: float
 
 
-class GoTo(msgspec.Struct, frozen=True):
+class GoTo(msgspec.Struct, frozen=True, tag=True):
     """Go to a place, on the line from `start` (None: from where the boat is), and keep station there."""
 
     place: Place
@@ -24,14 +24,14 @@ class GoTo(msgspec.Struct, frozen=True):
     station_radius_m: float
 
 
-class HoldStation(msgspec.Struct, frozen=True):
+class HoldStation(msgspec.Struct, frozen=True, tag=True):
     """Keep station within a watch circle."""
 
     centre: Place
     radius_m: float
 
 
-class Orbit(msgspec.Struct, frozen=True):
+class Orbit(msgspec.Struct, frozen=True, tag=True):
     """Go round a place; `number` tells one task from the next like it, because turns are counted anew."""
 
     centre: Place

@@ -18,6 +18,10 @@ from firmware_py.log.reader import LoggedTick, LogReader, Reading
 State = TypeVar("State")
 
 
+class CheckpointError(LogError):
+    """The state that a log begins with cannot be read."""
+
+
 class Difference(msgspec.Struct, frozen=True):
     """A tick whose recomputed command is not the logged one."""
 
@@ -123,7 +127,10 @@ def replay_log(
     try:
         report = replay(reader, restore, step)
     except LogError as error:
-        raise LogError(f"{source}: {error}" if isinstance(source, Path) else str(error)) from error
+        remedy = ""
+        if isinstance(error, CheckpointError):
+            remedy = f": replay it with the version of rambler that wrote it ({reader.reading.software or 'not named'})"
+        raise LogError((f"{source}: {error}" if isinstance(source, Path) else str(error)) + remedy) from error
     notes = (*report.reading.notes, *reader.reading.notes)
     return msgspec.structs.replace(report, reading=msgspec.structs.replace(reader.reading, notes=notes))
 
@@ -142,7 +149,7 @@ def _restored(text: str, restore: Callable[[str], tuple[State, tuple[str, ...]]]
     try:
         return restore(text)
     except ValueError as error:
-        raise LogError(f"checkpoint refused ({error}): use the version of rambler that wrote the log") from error
+        raise CheckpointError(f"checkpoint refused ({error})") from error
 
 
 def _bits(command: RudderCommand) -> tuple[bytes, bool]:

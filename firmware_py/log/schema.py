@@ -16,10 +16,9 @@ import zlib
 from collections.abc import Mapping
 from typing import Any, Final
 
+from firmware_py.common import plan, record_codec
 from firmware_py.common.intents import Request
-from firmware_py.common.json_codec import Codec
-from firmware_py.common.plan import HOOK as PLAN_HOOK
-from firmware_py.common.record_history import Change
+from firmware_py.common.record_codec import Hooks
 from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
@@ -40,22 +39,25 @@ from firmware_py.log import beside
 from firmware_py.log.dataflash import MessageType
 from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 
-# How requests differ from version to version; record_history.py says what a change is.
-CHANGES: Final[tuple[Change, ...]] = ()
-_REQUESTS: Final = Codec((Request,), (PLAN_HOOK,), changes=CHANGES)
-_IDENTITIES: Final = Codec((VesselIdentity,), changes=CHANGES)
+VERSION: Final = 2  # of the records that are texts: requests and identities; early development versions had 1
+_HOOKS: Final = Hooks(plan.as_plain, lambda _kind, data: plan.from_plain(data), {plan.Plan: plan.drop_unknown})
 
 
 def _text(text: str) -> str:
     return text
 
 
+def request_text(request: Request) -> str:
+    """Return a request as it stands in a log."""
+    return record_codec.to_text(request, VERSION, _HOOKS)
+
+
 def _request(text: str) -> tuple[Any, tuple[str, ...]]:
-    return _REQUESTS.read(text)
+    return record_codec.from_text(Request, text, VERSION, _HOOKS)
 
 
 def _identity(text: str) -> tuple[Any, tuple[str, ...]]:
-    return _IDENTITIES.read(text)
+    return record_codec.from_text(VesselIdentity, text, VERSION)
 
 
 TICK: Final = Row(
@@ -222,13 +224,13 @@ def inputs_bytes(inputs: Inputs) -> bytes:
     parts += [POSITION.pack(sample.t_s, sample) for sample in inputs.positions]
     parts += [FEEDBACK.pack(sample.t_s, sample) for sample in inputs.rudder]
     parts += [DEVICE.pack_text(health.t_s, health, health.text) for health in inputs.devices]
-    parts += [REQUEST.pack_text(one.t_s, one, _REQUESTS.to_text(one)) for one in inputs.requests]
+    parts += [REQUEST.pack_text(one.t_s, one, request_text(one)) for one in inputs.requests]
     parts += [POWER.pack(sample.t_s, sample) for sample in inputs.power]
     for report in inputs.vessels:
         if isinstance(report, VesselPosition):
             parts.append(VESSEL.pack(report.t_s, report))
         else:
-            parts.append(IDENTITY.pack_text(report.t_s, report, _IDENTITIES.to_text(report)))
+            parts.append(IDENTITY.pack_text(report.t_s, report, record_codec.to_text(report, VERSION)))
     return b"".join(parts)
 
 

@@ -153,9 +153,9 @@ class StateDirectory:
 
         self._store.try_save(PLAN_FILES[plan.kind], plan_to_text(plan).encode(), note)
 
-    def keep_resume(self, text: str) -> None:
+    def keep_resume(self, record: bytes) -> None:
         """Keep a resume record in place of the last one."""
-        self._store.save(RESUME_FILE, text.encode())
+        self._store.save(RESUME_FILE, record)
 
     def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once parameters and resume record are on disk, or cannot be (False)."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from firmware_py.common.intents import ReplacePlan, SetHome
-from firmware_py.common.plan import Plan, from_record
+from firmware_py.common.plan import Plan, from_plain
 from firmware_py.log.schema import REQUEST
 
 PLANS: Final = ("mission", "fence", "rally")
@@ -28,7 +28,7 @@ class Orders:
         try:
             state = json.loads(text)
             plans, home = state.get("plans") or {}, state.get("home")
-            self.plans = {name: from_record(plans[name]) for name in PLANS if name in plans}
+            self.plans = {name: from_plain(plans[name]) for name in PLANS if name in plans}
             if home:
                 self._set_home(home["latitude_rad"], home["longitude_rad"])
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):

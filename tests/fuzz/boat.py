@@ -22,7 +22,7 @@ from firmware_py.common.records import (
 )
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import Moment, restore, resume_of
-from firmware_py.core.resume import to_text as resume_to_text
+from firmware_py.core.resume import to_bytes as resume_to_bytes
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
@@ -305,7 +305,7 @@ class Boat:
         for kind, stored in self.keeper.plans.items():
             assert plan_from_text(stored) == (state.plans.of(kind), ())
         start = State.at_start(state.parameters.replaced("BOOT_RESUME", 2), state.plans or Plans())
-        resumed, notes = restore(start, resume_to_text(resume_of(state, WRITTEN)), AFTERWARDS)
+        resumed, notes = restore(start, resume_to_bytes(resume_of(state, WRITTEN)), AFTERWARDS)
         assert notes == ()
         _, output = step(resumed, inputs_at(0, 0.0))
         check_finite(output.command)

@@ -44,7 +44,7 @@ def test_killed_in_the_middle_it_goes_on_with_the_mission(make_boat):
     assert np.hypot(end[:, 1], end[:, 2] - 90.0).max() < 60.0
 
 
-def test_killed_under_an_earlier_version_she_steers_at_once_and_sails_on(make_boat):
+def test_killed_on_a_mission_she_steers_at_once_and_sails_on(make_boat):
     boat = make_boat(
         settings={"BOOT_RESUME": 2, "WP_RADIUS": 5.0},
         goals="",
@@ -52,7 +52,7 @@ def test_killed_under_an_earlier_version_she_steers_at_once_and_sails_on(make_bo
         second_compass=True,
         without=("link",),
     )
-    for path in (REPLAY / "fourth_layout" / "state").iterdir():
+    for path in (REPLAY / "state").iterdir():
         (boat.state / path.name).write_bytes(path.read_bytes())
     boat.start().run(2.0)
     assert abs(boat.command_deg()) > 5.0  # for a place abeam

@@ -213,7 +213,7 @@ def test_a_paused_mission_stays_paused_through_a_restart(pause, level):
     boat = halted_after_a_turn(BOOT_RESUME=level)
     boat.tick(*pause)
     boat.run(1.0)
-    kept = resume.to_text(resume.resume_of(boat.state, resume.Moment(rig.UTC_S)))
+    kept = resume.to_bytes(resume.resume_of(boat.state, resume.Moment(rig.UTC_S)))
     fresh = State.at_start(boat.state.parameters, boat.state.plans)
     boat.state, notes = resume.restore(fresh, kept, resume.Moment(rig.UTC_S + 600.0))
     assert notes == ()

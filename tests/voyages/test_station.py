@@ -76,7 +76,7 @@ def test_a_restart_without_a_receiver_leaves_her_on_her_station(boot):
     boat.under_way(Mode.LOITER)
     boat.run(100.0)
     boat.fix_every = 10**9
-    text = resume.to_text(resume.resume_of(boat.state, resume.Moment(0.0, "same", boat.t_s)))
+    text = resume.to_bytes(resume.resume_of(boat.state, resume.Moment(0.0, "same", boat.t_s)))
     fresh = State.at_start(boat.state.parameters, boat.state.plans)
     boat.state, _ = resume.restore(fresh, text, resume.Moment(0.0, boot, boat.t_s))
     first = len(boat.track)

@@ -34,7 +34,7 @@ from firmware_py.common.records import (
     Severity,
 )
 from firmware_py.core.autopilot import PENDING_LIMIT, Autopilot
-from firmware_py.core.resume import from_text as resume_from_text
+from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.core.state import State
 from firmware_py.faults.table import Fault
 from firmware_py.loop import LINK_PART, SAFE_INTERVAL_S, LoopParts, make_safe, run
@@ -504,7 +504,7 @@ def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
 
 
 def record(boat):
-    return resume_from_text(boat.store.saved[RESUME_FILE].decode())[0]
+    return resume_from_bytes(boat.store.saved[RESUME_FILE])[0]
 
 
 def test_what_she_does_is_kept_from_the_start_in_each_tick_and_at_the_end(boat):

@@ -4,18 +4,20 @@ import json
 import re
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_py.__main__ import main
 from firmware_py.cli import replay as command
-from firmware_py.common.record_history import latest_version
 from firmware_py.common.records import Tick
 from firmware_py.core import state_codec
+from firmware_py.core.step import step
 from firmware_py.log import schema
 from firmware_py.log.dataflash import Parser
 from firmware_py.log.reader import LogReader
-from support.paths import REPLAY
+from support.paths import REPLAY, ROOT
 
 LOG = REPLAY / "tank_pni_volz.BIN"
+EARLY = ROOT / "tests/replay/early_layout.BIN"  # forty ticks that version e343f391 wrote
 
 
 def with_checkpoint(path, change):
@@ -72,8 +74,10 @@ def _state(text):
 def test_what_is_not_known_is_noted(tmp_path, capsys):
     path = with_checkpoint(tmp_path / "later.BIN", edited(lambda data: data.update(version=9, tide_m=1.0, idle=None)))
     main(["replay", path])
-    latest = latest_version(state_codec.CHANGES)
-    assert f"note: written by a later version (9, here {latest}), read by name\n" in capsys.readouterr().out
+    assert (
+        f"note: State: written by a later version (9, here {state_codec.VERSION}), read by name\n"
+        in capsys.readouterr().out
+    )
     path = with_checkpoint(tmp_path / "more.BIN", edited(lambda data: data.update(tide_m=1.0)))
     assert main(["replay", path, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["notes"] == ["State: field 'tide_m' is not known here, ignored"]
@@ -106,7 +110,8 @@ def test_what_is_no_log_is_one_line(tmp_path, capsys, content):
         lambda _: "",
         lambda _: "[" * 100_000,
         lambda text: text[:-10],
-        lambda _: '{"$":"Boat"}',
+        lambda _: "{}",
+        lambda _: "[]",
     ],
 )
 def test_a_checkpoint_that_is_none_is_one_line(tmp_path, capsys, change):
@@ -141,18 +146,38 @@ def test_whatever_goes_wrong_is_one_line(monkeypatch, capsys):
     assert "cannot be read (MemoryError: two lines)" in refused(capsys, LOG)
 
 
+def test_a_log_of_an_early_layout_names_the_version_that_can_replay_it(capsys):
+    line = refused(capsys, EARLY)
+    reason = "written as text by an early development version, which this version cannot read"
+    assert f"{EARLY}: checkpoint refused ({reason}): replay it with the version of rambler that wrote it (" in line
+    assert re.search(r"\(rambler 0\.1\.0.*\)$", line.rstrip())
+
+
+@pytest.fixture
+def stiffer(monkeypatch):
+    """A program whose rudder commands differ by a little."""
+    monkeypatch.setattr(command, "step", changed_step)
+
+
+def changed_step(state, inputs):
+    state, output = step(state, inputs)
+    return state, replace(output, command=replace(output.command, shaft_rad=1.01 * output.command.shaft_rad))
+
+
+@pytest.mark.usefixtures("stiffer")
 def test_a_log_that_comes_out_otherwise_is_told_whose_it_is(capsys):
-    assert main(["replay", str(REPLAY / "first_layout" / "tank.BIN")]) == 1
+    assert main(["replay", str(LOG)]) == 1
     said = capsys.readouterr().out.splitlines()
     assert said[-1] == "NOT identical"
     assert re.fullmatch(r"the log was written by rambler 0\.1\.0.*; this is rambler .* and steers otherwise", said[-2])
 
 
+@pytest.mark.usefixtures("stiffer")
 def test_a_program_that_steers_otherwise_than_itself_has_no_such_excuse(capsys, monkeypatch):
     monkeypatch.setattr(command, "commit_of", lambda _root: "")
     monkeypatch.setattr(command, "version_text", lambda _program, _commit: reading.software)
-    reader = LogReader(REPLAY / "first_layout" / "tank.BIN")
+    reader = LogReader(LOG)
     list(reader)
     reading = reader.reading
-    assert main(["replay", str(REPLAY / "first_layout" / "tank.BIN")]) == 1
+    assert main(["replay", str(LOG)]) == 1
     assert "steers otherwise" not in capsys.readouterr().out

@@ -4,15 +4,17 @@ import math
 import struct
 from collections.abc import Mapping
 from enum import IntEnum
+from typing import NamedTuple
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common import record_codec
 from firmware_py.common.reading_notes import MOST_NOTES
-from firmware_py.common.record_codec import MOST_REPAIRS, decode, encode, from_plain, to_plain
+from firmware_py.common.record_codec import MOST_REPAIRS, Hooks, decode, encode, from_text, to_text
 
 
 class Colour(IntEnum):
@@ -34,6 +36,9 @@ class Depth:
 
     def __init__(self, fathoms):
         self.fathoms = fathoms
+
+    def __repr__(self):
+        return f"Depth({self.fathoms})"
 
     def __eq__(self, other):
         return self.fathoms == other.fathoms
@@ -64,6 +69,14 @@ def depth_from_plain(_kind, plain):
     return Depth(plain["fathoms"])
 
 
+def drop_unit(plain, spot):
+    if isinstance(plain, dict) and plain.pop("unit", None):
+        spot.note("the unit is not known here, ignored")
+
+
+HOOKS = Hooks(depth_to_plain, depth_from_plain, {Depth: drop_unit})
+
+
 numbers = st.floats()  # NaN, infinity and -0.0 among them
 nears = st.builds(Near, numbers, st.sampled_from(Colour))
 boats = st.builds(
@@ -92,19 +105,21 @@ def bits(value):
 
 @given(boats)
 def test_a_record_comes_back_to_the_bit(boat):
-    data = encode(boat, 3, depth_to_plain)
-    again, notes = decode(Boat, data, 3, depth_from_plain)
+    data = encode(boat, 3, HOOKS)
+    again, notes = decode(Boat, data, 3, HOOKS)
     assert bits(again) == bits(boat)
     assert notes == ()
-    again, notes = from_plain(Boat, {"version": 3, **to_plain(boat, depth_to_plain)}, 3, depth_from_plain)
-    assert bits(again) == bits(boat)
-    assert notes == ()
+    text = to_text(boat, 3, HOOKS)
+    again, notes = from_text(Boat, text, 3, HOOKS)
+    assert repr(bits(again)) == repr(bits(boat)) or "NaN" in text
+    assert to_text(again, 3, HOOKS) == text
+    assert (notes, text.isascii()) == ((), True)
 
 
 def read(change, version=1):
-    plain = msgspec.msgpack.decode(encode(BOAT, 1, depth_to_plain))
+    plain = msgspec.msgpack.decode(encode(BOAT, 1, HOOKS))
     change(plain)
-    return decode(Boat, msgspec.msgpack.encode(plain), version, depth_from_plain)
+    return decode(Boat, msgspec.msgpack.encode(plain), version, HOOKS)
 
 
 def changed(*path_and_value):
@@ -129,6 +144,7 @@ def test_a_missing_field_takes_its_default_without_a_word():
         (("target", "tide_m"), "Boat.target: field 'tide_m' is not known here, ignored"),
         (("places", 1, "tide_m"), "Boat.places: field 'tide_m' is not known here, ignored"),
         (("pair", 0, "tide_m"), "Boat.pair: field 'tide_m' is not known here, ignored"),
+        (("depth", "unit"), "Boat.depth: the unit is not known here, ignored"),
     ],
 )
 def test_an_unknown_field_is_ignored_and_reported(path, note):
@@ -141,7 +157,7 @@ def test_an_unknown_field_is_ignored_and_reported(path, note):
         (("speed_m_s",), "fast", {"speed_m_s": 0.5}, ["Boat.speed_m_s: Expected `float`, got `str`, ignored"]),
         (("speed_m_s",), True, {"speed_m_s": 0.5}, ["Boat.speed_m_s: Expected `float`, got `bool`, ignored"]),
         (("target", "colour"), 7, {}, ["Boat.target.colour: Invalid enum value 7, ignored"]),
-        (("target", "type"), "Gone", {"target": None}, ["Boat.target.type: Invalid value 'Gone', ignored"]),
+        (("target", "type"), "Gone", {"target": None}, ["Boat.target: Invalid value 'Gone', ignored"]),
         (("target",), 3, {"target": None}, ["Boat.target: Expected `object | null`, got `int`, ignored"]),
         (("places", 1), 3, {"places": ()}, ["Boat.places: Expected `object`, got `int`, ignored"]),
         (("counts", "fish"), "two", {"counts": {}}, ["Boat.counts: Expected `int`, got `str`, ignored"]),
@@ -201,7 +217,7 @@ def test_other_bytes_are_refused(data):
 
 
 def test_a_record_cut_short_is_refused():
-    data = encode(BOAT, 1, depth_to_plain)
+    data = encode(BOAT, 1, HOOKS)
     for end in range(len(data)):
         with pytest.raises(ValueError, match="this is no encoded record"):
             decode(Boat, data[:end], 1)
@@ -220,6 +236,25 @@ def test_no_field_is_named_as_the_version():
         encode(Odd(), 1)
 
 
+def test_a_named_tuple_is_refused_because_its_fields_would_lose_their_names():
+    class Point(NamedTuple):
+        x: float
+
+    class Odd(msgspec.Struct):
+        place: Point | None = None
+
+    Odd.__annotations__["place"] = Point | None
+    with pytest.raises(TypeError, match=r"Point is no msgspec\.Struct"):
+        decode(Odd, encode(Odd(), 1), 1)
+
+
+def test_a_reason_is_printable_and_short():
+    _, notes = read(changed("target", "type", "\n\u20ac" * 500))
+    assert notes[0].isascii()
+    assert notes[0].isprintable()
+    assert len(notes[0]) < 200
+
+
 def test_notes_and_repairs_are_bounded():
     _, notes = read(lambda plain: plain.update({f"field_{number}": 1 for number in range(2 * MOST_NOTES)}))
     assert len(notes) == MOST_NOTES + 1
@@ -230,6 +265,12 @@ def test_notes_and_repairs_are_bounded():
         inner["tender"] = inner = {}
     with pytest.raises(ValueError, match="more than 100 values cannot be used"):
         decode(Boat, msgspec.msgpack.encode(tenders), 1)
+
+
+def test_a_float_of_numpy_is_a_float():
+    assert encode(Near(np.float64(0.1)), 1) == encode(Near(0.1), 1)
+    with pytest.raises(TypeError, match="complex"):
+        encode(Near(1j), 1)
 
 
 def test_a_nan_keeps_its_sign():

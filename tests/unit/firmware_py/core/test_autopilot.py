@@ -23,7 +23,7 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.records import Inputs, Tick
 from firmware_py.core.autopilot import AWAITED_LIMIT, PENDING_LIMIT, Autopilot
 from firmware_py.core.parameter_keeper import RATE_HZ as PARAMETER_RATE_HZ
-from firmware_py.core.resume import from_text
+from firmware_py.core.resume import from_bytes
 from firmware_py.core.resume_keeper import BURST, RATE_HZ
 from firmware_py.core.state import State
 from firmware_py.modes import HeadingGoal, ModeState
@@ -49,7 +49,7 @@ class FakeKeeper:
         self.plans.append(done)
 
     def keep_resume(self, text):
-        self.records.append(from_text(text)[0])
+        self.records.append(from_bytes(text)[0])
 
     def when_parameters_stored(self, call):
         self.waiting.append(call)

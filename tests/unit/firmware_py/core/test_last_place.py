@@ -1,6 +1,5 @@
 """The place that outlives a restart: where she is reckoned on from without a receiver."""
 
-import json
 import math
 
 import pytest
@@ -12,7 +11,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.core import last_place
 from firmware_py.core.last_place import STEP_M, LastPlace
-from firmware_py.core.resume import Moment, from_text, restore, resume_of, to_text
+from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
 from firmware_py.core.resume_keeper import FINE_INTERVAL_S, REFRESH_S, ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.estimate import reckoning
@@ -37,7 +36,7 @@ def reckoned(t_s=100.0, begun_s=60.0):
 
 
 def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
-    text = to_text(resume_of(at_sea(reckoned()), THEN))
+    text = to_bytes(resume_of(at_sea(reckoned()), THEN))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert notes == ()
     assert last_place.counted_from(state.position, 7.0) == reckoned(7.0, -33.0)
@@ -57,7 +56,7 @@ def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_hea
     "utc_s", [UTC_S + 20.0, UTC_S - 86_400.0, UTC_S + 1e6, 0.0], ids=["right", "back", "on", "1970"]
 )
 def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
-    text = to_text(resume_of(at_sea(reckoned()), THEN))
+    text = to_bytes(resume_of(at_sea(reckoned()), THEN))
     state, _ = restore(at_sea(PositionState()), text, Moment(utc_s, "a", 520.0))
     assert (unfixed_s(state.position), state.position.reckoning.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
     assert state.greeting == "Resumed LOITER, 20 s old"
@@ -73,7 +72,7 @@ def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
     ids=["no power", "unknown", "impossible"],
 )
 def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(kept, now):
-    state, _ = restore(at_sea(PositionState()), to_text(resume_of(at_sea(reckoned()), kept)), now)
+    state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(reckoned()), kept)), now)
     assert (state.position.latitude_rad, state.position.longitude_rad) == (0.6, 2.0)
     assert reckoning.spread_m(state.position.reckoning, 40.0) >= ANYWHERE_M
     assert state.greeting == "Resumed LOITER, 20 s old"  # as far as the calendar knows
@@ -89,20 +88,11 @@ def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(kept, now):
     ],
 )
 def test_a_place_that_cannot_be_is_left_out_and_said(broken):
-    text = to_text(replace(resume_of(at_sea(reckoned()), THEN), place=broken))
+    text = to_bytes(replace(resume_of(at_sea(reckoned()), THEN), place=broken))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert state.position == PositionState()
     assert notes == ("Resume.place left out: no place that can be, or no water",)
     assert state.greeting.endswith(", not whole")
-
-
-def test_a_record_of_the_version_before_is_read_without_how_long_it_was():
-    data = json.loads(to_text(resume_of(at_sea(reckoned()), THEN)))
-    data["place"] |= {"utc_s": data["utc_s"], "boot": data.pop("boot")}
-    del data["machine_s"]
-    state, notes = restore(at_sea(PositionState()), json.dumps(data | {"version": 5}), THEN)
-    assert notes == ()
-    assert reckoning.spread_m(state.position.reckoning, 40.0) >= ANYWHERE_M
 
 
 def test_there_is_none_to_be_kept_before_a_fix_or_before_a_heading():
@@ -126,7 +116,7 @@ def test_a_restart_on_her_station_counts_her_no_further_on_than_the_step(current
         oldest_s = max(oldest_s, t_s - kept_s)
         text = keeper.update(state, float(t_s), UTC_S + t_s)
         kept_s, kept = (t_s, text) if text else (kept_s, kept)
-        assert from_text(kept)[0].machine_s == 500.0 + kept_s
+        assert from_bytes(kept)[0].machine_s == 500.0 + kept_s
     fastest_m_s = current_m_s + speed_m_s
     assert oldest_s * fastest_m_s <= STEP_M + FINE_INTERVAL_S * fastest_m_s
     assert oldest_s == pytest.approx(
@@ -141,5 +131,5 @@ def test_it_is_written_as_she_ends_and_when_it_has_come_or_gone_or_the_calendar_
     assert keeper.update(state, 62.0, UTC_S + 86_400.0)
     assert keeper.update(at_sea(PositionState()), 93.0, UTC_S + 86_431.0)
     assert keeper.update(state, 124.0, UTC_S + 86_462.0)
-    last = from_text(keeper.update(state, 125.0, UTC_S + 86_463.0, last=True))[0]
+    last = from_bytes(keeper.update(state, 125.0, UTC_S + 86_463.0, last=True))[0]
     assert (last.utc_s, last.boot, last.machine_s) == (UTC_S + 86_463.0, "a", 625.0)

@@ -10,7 +10,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.reports import Home
-from firmware_py.core.resume import Moment, from_text, restore, resume_of, to_text
+from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
 from firmware_py.core.state import State
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
@@ -47,7 +47,7 @@ def at_sea(level=2):
 
 
 def again(state, level=2, age_s=100.0, **more):
-    text = to_text(resume_of(state, Moment(UTC_S)))
+    text = to_bytes(resume_of(state, Moment(UTC_S)))
     state, notes = restore(State.at_start(parameters(level, **more)), text, Moment(UTC_S + age_s))
     assert notes == ()
     return state
@@ -85,15 +85,15 @@ def test_what_is_too_old_is_left_and_an_impossible_age_is_called_unknown():
     assert again(at_sea(), age_s=-1e6).modes.mode is Mode.AUTO
 
 
-@pytest.mark.parametrize("text", ["", "{}", '{"$":"Resume"}', "[[[", "null"])
-def test_what_is_no_record_is_refused(text):
+@pytest.mark.parametrize("data", [b"", b"{}", b'{"version":6,"$":"Resume"}', b"[[[", b"\xc0", b"\x80"])
+def test_what_is_no_record_is_refused(data):
     with pytest.raises(ValueError):
-        restore(State.at_start(parameters(2)), text, Moment(UTC_S))
+        restore(State.at_start(parameters(2)), data, Moment(UTC_S))
 
 
 def test_of_the_line_only_its_start_and_the_tries_come_back():
     resume = replace(resume_of(at_sea(), Moment(UTC_S)), line=LineState(A, math.nan, 88.0, 1))
-    state, _ = restore(State.at_start(parameters(2)), to_text(resume), Moment(UTC_S))
+    state, _ = restore(State.at_start(parameters(2)), to_bytes(resume), Moment(UTC_S))
     assert state.guidance.follower.line == LineState(A, tries=1)
 
 
@@ -113,7 +113,7 @@ def test_numbers_that_are_none_are_refused():
         replace(resume, home=Home(0.6, 2.0, math.inf)),
     ):
         with pytest.raises(ValueError):
-            from_text(to_text(broken))
+            from_bytes(to_bytes(broken))
 
 
 def test_an_order_is_in_the_record_before_the_tick_as_the_tick_takes_it_up():

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import Home
-from firmware_py.core.resume import Moment, from_text
+from firmware_py.core.resume import Moment, from_bytes
 from firmware_py.core.resume_keeper import BURST, FINE_INTERVAL_S, RATE_HZ, REFRESH_S, ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.estimate.heading_estimator import expecting
@@ -153,7 +153,7 @@ def test_what_waits_for_the_bucket_is_written_as_it_is_by_then():
     while keep(0.0, with_goal(state, keep.writes)):
         pass
     text = keep.keeper.update(with_goal(state, 5), 1.0 / RATE_HZ, UTC_S)
-    assert from_text(text)[0].modes.goal == HeadingGoal(5e-3)
+    assert from_bytes(text)[0].modes.goal == HeadingGoal(5e-3)
 
 
 def test_the_last_one_is_written_however_little_has_changed():

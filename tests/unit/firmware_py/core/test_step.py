@@ -39,7 +39,7 @@ from firmware_py.common.records import (
 )
 from firmware_py.common.reports import Activity, Home
 from firmware_py.core.accept import accept
-from firmware_py.core.resume import Moment, restore, resume_of, to_text
+from firmware_py.core.resume import Moment, restore, resume_of, to_bytes
 from firmware_py.core.state import State, parameters_in_force
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
@@ -699,7 +699,7 @@ def test_a_hold_that_no_one_ordered_is_not_the_operator_s_before_and_after_a_res
         ).modes.by_failsafe  # what is acknowledged is on disk before the next tick
         boat.tick(SetMode(Mode.HOLD))
     if restarted:
-        kept = to_text(resume_of(boat.state, Moment(1.8e9)))
+        kept = to_bytes(resume_of(boat.state, Moment(1.8e9)))
         boat.state, notes = restore(State.at_start(boat.state.parameters), kept, Moment(1.8e9))
         assert notes == ()
     boat.charge = 0.05

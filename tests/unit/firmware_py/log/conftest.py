@@ -6,9 +6,9 @@ import types
 import msgspec
 import pytest
 
+from firmware_py.common import record_codec
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.intents import Arm, Request, SetParameter, SteerHeading
-from firmware_py.common.json_codec import Codec
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
@@ -38,7 +38,8 @@ class PretendState(msgspec.Struct, frozen=True):
     armed: bool = False
 
 
-CODEC = Codec((PretendState,))
+def restore(text):
+    return record_codec.from_text(PretendState, text, 1)
 
 
 def step(state, inputs):
@@ -124,7 +125,7 @@ def sail(recorder, indexes, state=None, *, after=None, rate_hz=2.0):
     for index in indexes:
         inputs = inputs_of(index, rate_hz)
         after_state, output = step(state, inputs)
-        recorder.offer(inputs, output, lambda state=state: CODEC.to_text(state))
+        recorder.offer(inputs, output, lambda state=state: record_codec.to_text(state, 1))
         sailed.append((inputs, output))
         state = after_state
         if after is not None:
@@ -158,9 +159,9 @@ def pretend():
     return types.SimpleNamespace(
         State=PretendState,
         step=step,
-        restore=CODEC.read,
-        state_from=lambda text: CODEC.read(text)[0],
-        to_text=CODEC.to_text,
+        restore=restore,
+        state_from=lambda text: restore(text)[0],
+        to_text=lambda state: record_codec.to_text(state, 1),
         inputs_of=inputs_of,
         sail=sail,
         recorder_in=recorder_in,

@@ -109,13 +109,13 @@ def test_a_message_that_is_not_known_is_passed_over_and_counted(pretend):
 
 def test_a_request_that_is_not_known_is_left_out(pretend):
     inputs, command = pretend.inputs_of(1), pretend.step(pretend.State(), pretend.inputs_of(1))[1]
-    text = '{"$":"Request","t_s":1.0,"intent":{"$":"Fly","height_m":3.0},"system":1,"component":1}'
+    text = '{"version":2,"t_s":1.0,"intent":{"type":"Fly","height_m":3.0},"system":1,"component":1}'
     later = schema.REQUEST.pack_text(1.0, inputs.requests[0], text)
     tick = schema.TICK.pack(1.0, inputs.tick) + later + schema.inputs_bytes(inputs) + schema.output_bytes(command)
     ticks, reading = read(header(schema.TYPES, 1000) + schema.end_bytes(tick, 1.0, 0))
     assert ticks[0].inputs == inputs
     assert len(reading.notes) == 1
-    assert reading.notes[0].startswith("message REQ: Request.intent: expected one of SetMode, Arm")
+    assert "Request.intent: Invalid value 'Fly', ignored; the record is left out" in reading.notes[0]
 
 
 def test_a_log_without_the_frame_says_so():

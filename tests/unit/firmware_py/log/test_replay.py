@@ -134,8 +134,8 @@ def test_a_log_that_cannot_be_replayed_says_why(tmp_path, ticks, pretend):
         replayed([], pretend)
     with pytest.raises(LogError, match="no checkpoint"):
         replayed(ticks[1:], pretend)
-    with pytest.raises(LogError, match="version of rambler"):
-        replayed([replace(ticks[0], checkpoint='{"$":"Other"}')], pretend)
+    with pytest.raises(LogError, match="checkpoint refused"):
+        replayed([replace(ticks[0], checkpoint='{"smoothed_rad":1.0}')], pretend)
     path = tmp_path / "other.BIN"
     path.write_bytes(b"nothing")
     with pytest.raises(LogError, match=r"other\.BIN: no whole tick"):

@@ -5,17 +5,16 @@ import json
 import pytest
 
 from firmware_py.common.intents import ReplacePlan, Request, SetHome
-from firmware_py.common.json_codec import Codec
-from firmware_py.common.plan import HOOK, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.log import schema
 from hil.report.orders import Orders
 
-CODEC = Codec((Request,), (HOOK,))
 MISSION = Plan.of(PlanKind.MISSION, [PlanItem(16, x=360000000, y=1210000000)])
 FIX = {"lat": 0.5, "lng": 2.0}
 
 
 def request(intent):
-    return CODEC.to_text(Request(1.0, intent, 255, 190))
+    return schema.request_text(Request(1.0, intent, 255, 190))
 
 
 def test_a_plan_that_is_sent_under_way_replaces_that_of_the_state():

@@ -1,0 +1,344 @@
+"""State and resume record: the same to the bit after a round trip, and read by name when their records change."""
+
+import functools
+import json
+import math
+import struct
+import types
+import typing
+from enum import Enum
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from firmware_py.assemble.earlier_runs import resume
+from firmware_py.common import record_codec
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.core.resume import Moment, Resume, from_bytes, restore, resume_of, to_bytes
+from firmware_py.core.state import State
+from firmware_py.core.state_codec import VERSION, state_from_text, state_to_text
+from firmware_py.faults.latch import LatchState
+from firmware_py.faults.table import Fault
+from firmware_py.log.reader import read_log
+from firmware_py.safety.failsafe import FailsafeState
+from support.paths import REPLAY
+
+LOG = REPLAY / "mid_run_checkpoint.BIN"
+UTC_S = 1767225600.0
+FIELDS = typing.get_type_hints(State)
+
+
+@functools.cache
+def checkpoint():
+    """The state of a boat on a mission."""
+    return next(iter(read_log(LOG))).checkpoint
+
+
+def under_way():
+    state, notes = state_from_text(checkpoint())
+    assert notes == ()
+    return state
+
+
+def bits(value):
+    """A value with its floats as bits, so that NaN equals itself and -0.0 is not 0.0."""
+    if isinstance(value, float):
+        return struct.pack("<d", value)
+    if isinstance(value, msgspec.Struct):
+        return type(value), tuple(bits(getattr(value, name)) for name in value.__struct_fields__)
+    if isinstance(value, ParameterSet):
+        return bits(value.values())
+    if isinstance(value, Plan):
+        return value.kind, value.identity, bits(value.items)
+    return tuple(map(bits, value)) if isinstance(value, tuple) else (type(value), value)
+
+
+FAULTS = st.integers(0, (1 << len(Fault)) - 1)
+FLOATS = st.floats().map(lambda value: math.nan if math.isnan(value) else value)  # text has but one NaN
+TIMES = st.tuples(*[st.none() | FLOATS] * len(Fault))
+SIMPLE = {
+    float: FLOATS,
+    int: st.integers(),
+    bool: st.booleans(),
+    str: st.text(max_size=3),
+    bytes: st.binary(max_size=9),
+    type(None): st.none(),
+    ParameterSet: st.sampled_from(TABLE).map(lambda row: ParameterSet().replaced(row.name, row.maximum)),
+    Plan: st.builds(
+        lambda kind, params: Plan.of(kind, [PlanItem(16, params=params)]),
+        st.sampled_from(PlanKind),
+        st.tuples(*[st.floats(width=32)] * 4),
+    ),
+    LatchState: st.builds(LatchState, TIMES, TIMES, FAULTS),
+    FailsafeState: st.builds(FailsafeState, FAULTS, FAULTS, st.none() | st.sampled_from(Fault)),
+}
+
+
+def any_of(hint):
+    """Any value of an annotation, or often the default of a field: a state has five hundred of them."""
+    if hint in SIMPLE:
+        return SIMPLE[hint]
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return st.one_of(*map(any_of, parts))
+    if origin is tuple and parts[1:] == (...,):
+        return st.lists(any_of(parts[0]), max_size=2).map(tuple)
+    if origin is tuple:
+        return st.tuples(*map(any_of, parts))
+    if issubclass(hint, Enum):
+        return st.sampled_from(hint)
+    hints = typing.get_type_hints(hint)
+    fields = {}
+    for field in msgspec.structs.fields(hint):
+        fields[field.name] = any_of(hints[field.name])
+        if field.default is not msgspec.NODEFAULT:
+            fields[field.name] = st.just(field.default) | fields[field.name]
+    return st.builds(hint, **fields)
+
+
+@pytest.mark.parametrize("name", State.__struct_fields__)
+@settings(deadline=None, max_examples=10, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_any_state_comes_back_to_the_bit(name, data):
+    state = replace(State(), **{name: data.draw(any_of(FIELDS[name]))})
+    text = state_to_text(state)
+    again, notes = state_from_text(text)
+    assert notes == ()
+    assert bits(again) == bits(state)
+    assert text.isascii()
+
+
+def test_the_state_of_a_boat_under_way_comes_back_to_the_bit():
+    text = state_to_text(under_way())
+    assert text.startswith(f'{{"version":{VERSION},')
+    assert text == checkpoint()
+    assert bits(state_from_text(text)[0]) == bits(under_way())
+
+
+def edited(change, state=None):
+    """The state of another version, and the notes on it."""
+    plain = json.loads(state_to_text(under_way() if state is None else state))
+    change(plain)
+    return state_from_text(json.dumps(plain))
+
+
+def test_a_field_more_is_ignored_and_reported():
+    def change(plain):
+        plain["tide_m"] = 1.5
+        plain["guidance"]["mission"]["laps"] = [1, 2]
+
+    state, notes = edited(change)
+    assert bits(state) == bits(under_way())
+    assert notes == (
+        "State: field 'tide_m' is not known here, ignored",
+        "State.guidance.mission: field 'laps' is not known here, ignored",
+    )
+
+
+def test_a_field_less_takes_its_default():
+    def change(plain):
+        del plain["timing"]["skipped_total"], plain["guidance"]["mission"]["jumps"], plain["energy_meter"]
+
+    late = replace(under_way(), timing=replace(under_way().timing, skipped_total=7))
+    state, notes = edited(change, late)
+    assert (state.timing.skipped_total, notes) == (0, ())
+    assert state.modes == under_way().modes
+
+
+def test_every_field_of_the_state_can_be_done_without():
+    assert state_from_text(f'{{"version":{VERSION}}}') == (State(), ())
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, kind in FIELDS.items() if isinstance(kind, type) and issubclass(kind, msgspec.Struct)]
+)
+def test_every_record_of_the_state_can_have_a_field_renamed(name, monkeypatch):
+    record = getattr(under_way(), name)
+    for field in record.__struct_fields__:
+        monkeypatch.setitem(record_codec.FORMER_NAMES, type(record).__name__, {"before": field})
+        state, notes = edited(lambda plain, field=field: plain[name].update(before=plain[name].pop(field)))
+        assert notes == ()
+        assert bits(state) == bits(under_way())
+
+
+def test_a_record_of_the_state_that_was_renamed_is_found(monkeypatch):
+    monkeypatch.setitem(record_codec.FORMER_NAMES, "State", {"latch": "fault_latch"})
+    state, notes = edited(lambda plain: plain.update(latch=plain.pop("fault_latch")), troubled())
+    assert (state.fault_latch, notes) == (troubled().fault_latch, ())
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "notes"),
+    [
+        ("modes.mode", 77, ["State.modes.mode: Invalid enum value 77, ignored"]),
+        ("position.fix.fix", 77, [
+            "State.position.fix.fix: Invalid enum value 77, ignored",
+            "State.position.fix: Object missing required field `fix`, ignored",
+        ]),
+        ("guidance.task.type", "Drift", ["State.guidance.task: Invalid value 'Drift', ignored"]),
+        ("position.fix.t_s", None, [
+            "State.position.fix.t_s: Expected `float`, got `null`, ignored",
+            "State.position.fix: Object missing required field `t_s`, ignored",
+        ]),
+        ("fault_latch.active", 3, ["State.fault_latch.active: Expected `int`, got `null`, ignored"]),
+        ("fault_latch.since_s", [], []),
+        ("parameters", 3, ["State.parameters: expected parameters by name, found 3, ignored"]),
+        ("plans.fence.identity", 7, ["State.plans.fence: the checksum of the plan is wrong, ignored"]),
+        ("plans.fence.author", 7, ["State.plans.fence: field 'author' is not known here, ignored"]),
+    ],
+)  # fmt: skip
+def test_an_unusable_value_is_ignored_and_reported(path, value, notes):
+    def change(plain):
+        *way, last = path.split(".")
+        for name in way:
+            plain = plain[name]
+        plain[last] = value
+
+    _, said = edited(change)
+    assert list(said) == notes
+
+
+def test_parameters_of_another_version():
+    state = replace(under_way(), parameters=ParameterSet().replaced("CTL_K1", 41.0).replaced("WP_RADIUS", 9.0))
+
+    def change(plain):
+        del plain["parameters"]["WP_RADIUS"]
+        plain["parameters"] |= {"NEW_ONE": 3.5, "CTL_HOLD_S": 1e9, "BOOT_MODE": "AUTO"}
+
+    read, notes = edited(change, state)
+    assert read.parameters == ParameterSet().replaced("CTL_K1", 41.0)
+    assert len(notes) == 3
+    assert "State.parameters: parameter 'NEW_ONE' is not known here, ignored" in notes
+    assert any("CTL_HOLD_S" in note and "its default is taken" in note for note in notes)
+    assert any("BOOT_MODE" in note and "its default is taken" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "Expecting value"),
+        ("{}", "State: no version number"),
+        ("[1]", "expected a record of State"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"version":7', "Expecting"),
+        ('{"version":6,"timing":{},"$":"State"}', "written as text by an early development version"),
+    ],
+)
+def test_a_text_that_is_no_state_is_refused(text, reason):
+    with pytest.raises(ValueError, match=reason):
+        state_from_text(text)
+
+
+# ---------------------------------------------------------------------------------- faults
+
+SET = (1 << Fault.COMPASS_SILENT) | (1 << Fault.STEERING_LOST)
+
+
+def troubled():
+    since = tuple(0.1 * fault if SET >> fault & 1 else None for fault in Fault)
+    failsafe = FailsafeState(SET, 1 << Fault.STEERING_LOST, Fault.STEERING_LOST, Mode.LOITER)
+    state = under_way()
+    supervisor = replace(state.supervisor, failsafe=failsafe)
+    return replace(state, fault_latch=LatchState(since, since, SET), supervisor=supervisor)
+
+
+def test_faults_are_written_by_name():
+    plain = json.loads(state_to_text(troubled()))
+    assert plain["fault_latch"]["since_s"] == {"COMPASS_SILENT": 0.1 * 9, "STEERING_LOST": 0.1 * 23}
+    assert plain["fault_latch"]["active"] == ["COMPASS_SILENT", "STEERING_LOST"]
+    assert plain["supervisor"]["failsafe"]["active"] == ["COMPASS_SILENT", "STEERING_LOST"]
+    assert plain["supervisor"]["failsafe"]["fault"] == "STEERING_LOST"
+    assert state_from_text(state_to_text(troubled())) == (troubled(), ())
+
+
+def test_a_fault_that_is_not_known_is_ignored_and_reported():
+    def change(plain):
+        latch, failsafe = plain["fault_latch"], plain["supervisor"]["failsafe"]
+        latch["since_s"]["ICE_SEEN"] = 3.0
+        latch["active"].append("ICE_SEEN")
+        failsafe["calling"].append("ICE_SEEN")
+        failsafe["fault"] = "ICE_SEEN"
+
+    state, notes = edited(change, troubled())
+    assert state.fault_latch == troubled().fault_latch
+    failsafe = troubled().supervisor.failsafe
+    assert state.supervisor.failsafe == replace(failsafe, fault=None)
+    places = ("fault_latch.since_s", "fault_latch.active", "supervisor.failsafe.calling", "supervisor.failsafe.fault")
+    assert set(notes) == {f"State.{place}: fault 'ICE_SEEN' is not known here, ignored" for place in places}
+
+
+# ---------------------------------------------------------------------------------- resume
+
+
+def woken(data):
+    return restore(State.at_start(ParameterSet().replaced("BOOT_RESUME", 2)), data, Moment(UTC_S + 60.0))
+
+
+def stored(change=lambda _: None):
+    """The resume record of the boat under way, as another version wrote it."""
+    plain = msgspec.msgpack.decode(to_bytes(resume_of(under_way(), Moment(UTC_S))))
+    change(plain)
+    return msgspec.msgpack.encode(plain)
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=list(HealthCheck))
+@given(any_of(Resume))
+def test_any_resume_record_comes_back_to_the_bit_or_is_refused(record):
+    try:
+        again, notes = from_bytes(to_bytes(record))
+    except (ValueError, OverflowError):  # with a number that is none, or one that msgpack has not
+        return
+    assert notes == ()
+    assert bits(again) == bits(record)
+
+
+def add_fields(plain):
+    plain["tide_m"] = 1.5
+    plain["modes"]["trim"] = 0.1
+
+
+def drop_fields(plain):
+    del plain["water"], plain["orbit"], plain["fence_enabled"], plain["mission"]["orbits"]
+
+
+@pytest.mark.parametrize("change", [add_fields, drop_fields])
+def test_a_boat_wakes_as_she_was_after_an_update(change):
+    whole, _ = woken(stored())
+    state, notes = woken(stored(change))
+    assert state.modes == whole.modes
+    assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
+    assert (state.guidance.mission, state.home) == (whole.guidance.mission, whole.home)
+    assert state.guidance.task == whole.guidance.task is not None
+    lost = change is add_fields
+    assert bool(notes) == lost
+    assert state.greeting == "Resumed AUTO, 60 s old" + (", not whole" if lost else "")
+
+
+def test_a_renamed_field_of_a_resume_record_is_found(monkeypatch):
+    monkeypatch.setitem(record_codec.FORMER_NAMES, "Resume", {"order": "task"})
+    state, notes = woken(stored(lambda plain: plain.update(order=plain.pop("task"))))
+    assert (state.guidance.task, notes) == (under_way().guidance.task, ())
+
+
+@pytest.mark.parametrize("name", ["utc_s", "modes", "mission"])
+def test_a_resume_record_without_what_it_needs_names_it(name):
+    with pytest.raises(ValueError, match=f"Resume: Object missing required field `{name}`"):
+        woken(stored(lambda plain: plain.pop(name)))
+
+
+def test_what_cannot_be_resumed_is_said():
+    said, start = [], State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
+    assert resume(start, stored(add_fields), Moment(UTC_S), said.append).modes.mode is Mode.AUTO
+    assert said[0].endswith(": Resume: field 'tide_m' is not known here, ignored")
+    assert resume(start, b"\x80", Moment(UTC_S), said.append) == replace(
+        start, greeting="Not resumed: the record is no good"
+    )
+    assert said[-1].endswith(" left out: Resume: no version number")
+    resume(start, b'{"version":6,"utc_s":1.0,"$":"Resume"}', Moment(UTC_S), said.append)
+    assert "written as text by an early development version" in said[-1]
