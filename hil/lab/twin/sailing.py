@@ -20,7 +20,7 @@ from hil.sim.truth import ROWS_PER_SECOND, Truth
 
 
 def boat_of(parameters: ParameterSet) -> Boat:
-    """Return what the twin takes of the parameters, computed as the autopilot computes it."""
+    """Return what the loop takes of the parameters, computed as the autopilot computes it."""
     return Boat(
         (parameters["MDL_K"], parameters["MDL_T_S"], parameters["MDL_ALPHA_S2"], parameters["MDL_SPEED"]),
         radians(parameters["RUD_LIMIT_DEG"]),
