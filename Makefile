@@ -1,18 +1,18 @@
-# `make sail` shows her holding a heading; `make test` runs the whole test suite.
-# Each first installs into .venv what it needs; nothing but git, make and a Python from 3.11 to 3.14 with venv is
-# needed, and .ci/find_python finds that. Another one: make PYTHON=/path/to/python3.12 ...
+# `make sail` runs the simulated boat; `make test` runs the test suite. Each installs what it needs into .venv first.
+# Needs git, make and a Python from 3.11 to 3.14 with venv, which .ci/find_python finds; make PYTHON=/path/to/python3.12
+# selects another one.
 
 PYTHON ?=
-# Without bytecode each process that tests start compiles pymavlink anew, for seconds; on the float it is there.
+# Without bytecode files each process that a test starts would compile pymavlink, which takes seconds.
 unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
-# What is installed: enough to sail; the tools and clients of the tests besides; what builds the documentation.
+# Marks for what is installed: for simulated runs, for the tests, for the documentation.
 SAIL_READY := $(VENV)/.ready-sail
 READY := $(VENV)/.ready-test
 DOCS_READY := $(VENV)/.ready-docs
 FUZZ_READY := $(VENV)/.ready-fuzz
-# Of the many modules few are ever imported: those are compiled then: half the time, and 140 MB less.
+# --no-compile: few of the many modules are ever imported. It saves half the time and 140 MB.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c .ci/constraints.txt
 
 ONBOARD_LOCK := .ci/requirements-onboard.txt
@@ -22,51 +22,51 @@ ONBOARD_VENV := build/onboard
 .PHONY: help sail test fuzz lint types pages pages-check docs bench bench-kept bench-check proof lock bundle sbom audit clean
 
 help:
-	@echo "make sail   a heading run in the tank, live in the terminal and in a browser, MAVLink on udp 14550"
-	@echo "make test   the whole test suite"
-	@echo "make fuzz   ten minutes of hostile bytes for every reader: FUZZ_SECONDS, FUZZ=\"--seed 2 TARGET ...\""
-	@echo "make lint types pages-check   what CI checks besides"
+	@echo "make sail   simulated run in the tank, live in the terminal and in a browser, MAVLink on udp 14550"
+	@echo "make test   the test suite"
+	@echo "make fuzz   ten minutes of random input for every reader: FUZZ_SECONDS, FUZZ=\"--seed 2 TARGET ...\""
+	@echo "make lint types pages-check   other checks of CI"
 	@echo "make pages  write the generated pages, and the generated parts of the others"
-	@echo "make docs   the documentation, into docs/_build/html"
+	@echo "make docs   documentation in docs/_build/html"
 	@echo "make bench  latency, load, memory, start, transfers and the speed of the tools on this machine"
-	@echo "make bundle  what rambler update installs without a network: FOR=\"aarch64:3.13 ...\" SIGN=KEY"
-	@echo "make sbom   what is on the float besides the autopilot itself, as CycloneDX, into build/sbom.json"
-	@echo "make audit  known vulnerabilities of it; asks the Python package index"
+	@echo "make bundle  bundle that rambler update installs without a network: FOR=\"aarch64:3.13 ...\" SIGN=KEY"
+	@echo "make sbom   bill of materials of the onboard computer, as CycloneDX, in build/sbom.json"
+	@echo "make audit  known vulnerabilities of these packages; asks the Python package index"
 	@echo "make bench-check  compare with the ratios kept in docs/figures.json; make bench-kept measures these again"
-	@echo "make proof  the longer proofs: seas, stations, identification, lossy links, floods; some hours"
+	@echo "make proof  long tests: seas, stations, identification, lossy links, floods; some hours"
 
-# Done again when the dependencies change. The times are of two cores and a fast network.
+# Repeated when the dependencies change. The times hold for two cores and a fast network.
 $(SAIL_READY): pyproject.toml .ci/constraints.txt
 	@python=$$(.ci/find_python "$(PYTHON)") && \
 	  echo "setting up $(VENV) with $$("$$python" --version), once" && \
 	  echo "  1/2 the virtual environment: about 4 s" && \
 	  "$$python" -m venv $(VENV)
 	@echo '*' > $(VENV)/.gitignore
-	@echo "  2/2 the autopilot, the harness and what they import (numpy, scipy, numba, matplotlib): about 10 s, 530 MB"
+	@echo "  2/2 autopilot, simulator and their dependencies (numpy, scipy, numba, matplotlib): about 10 s, 530 MB"
 	@$(PIP) -e '.[hil]'
 	@touch $@
 
 $(READY): $(SAIL_READY)
-	@echo "adding what tests need, once: about 25 s, 1 GB (pytest, ruff, mypy; MAVSDK, and MAVProxy with OpenCV and VTK)"
+	@echo "adding the packages for tests, once: about 25 s, 1 GB (pytest, ruff, mypy; MAVSDK, and MAVProxy with OpenCV and VTK)"
 	@$(PIP) -e '.[dev,clients]'
 	@touch $@
 
 sail: $(SAIL_READY)
-	@echo "sailing 14 minutes in the tank at 15 times real time: about a minute; figures and report at the end"
+	@echo "simulating 14 minutes in the tank at 15 times real time: about a minute; figures and report at the end"
 	@$(BIN)/rambler-hil run tank --speed 15 --goal "0:0,120:60,480:-90" --seconds 840 --view \
 	  --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760
 
-# More workers than the machine has cores: many tests wait for programs that they have started.
+# More workers than cores: many tests wait for programs that they have started.
 test: $(READY)
-	@echo "running the tests: about 7 minutes"
+	@echo "running the tests: about 6 minutes on two cores"
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 $(FUZZ_READY): $(READY)
-	@echo "adding what guides the fuzzing, once: 60 MB (atheris, for x86-64 alone; else inputs change at random)"
+	@echo "adding atheris, once: 60 MB (x86-64 only; elsewhere the inputs change at random)"
 	@$(PIP) -e '.[fuzz]'
 	@touch $@
 
-# All targets share the time, two at once. The same seed makes the same inputs, as far as it gets.
+# All targets share the time, two at a time. The same seed gives the same inputs.
 FUZZ_SECONDS ?= 600
 fuzz: $(FUZZ_READY)
 	@PYTHONPATH=.:tests PYTHONHASHSEED=0 $(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(FUZZ)
@@ -87,7 +87,7 @@ pages-check: $(READY)
 	@$(BIN)/python docs/pages.py --check
 
 $(DOCS_READY): $(SAIL_READY)
-	@echo "adding what the documentation is built with, once: about 5 s, 70 MB (Sphinx, furo, MyST)"
+	@echo "adding the packages for the documentation, once: about 5 s, 70 MB (Sphinx, furo, MyST)"
 	@$(PIP) -e '.[docs]'
 	@touch $@
 
@@ -113,24 +113,24 @@ proof: $(READY)
 	$(BIN)/python -m pytest -m proof -n 2
 
 $(SUPPLY_READY): $(READY) $(DOCS_READY)
-	@echo "adding what locks, lists and audits dependencies, once: about 10 s, 90 MB (uv, cyclonedx-bom, pip-audit)"
+	@echo "adding the packages for lock, bill of materials and audit, once: about 10 s, 90 MB (uv, cyclonedx-bom, pip-audit)"
 	@$(PIP) -e '.[supply]'
 	@touch $@
 
-# After a change of dependencies: writes what is installed as the constraints of all installs, and what of it goes on
-# the float with the hashes of all its files, for every platform and Python.
+# After a change of dependencies: writes the installed versions as constraints of all installs, and the onboard
+# packages with the hashes of all their files, for every platform and Python.
 lock: $(SUPPLY_READY)
 	$(BIN)/python -m pip freeze --exclude-editable | grep -v -e '^-e' -e '^atheris=' > .ci/constraints.txt
 	$(BIN)/uv pip compile pyproject.toml --quiet --no-config --universal --python-version 3.11 --generate-hashes \
 	  --constraint .ci/constraints.txt --no-header --no-annotate --output-file $(ONBOARD_LOCK)
 
-# Of the lock, as wheels, with pip and a list of all hashes; for this computer, or those that FOR names.
+# The locked packages as wheels, with pip and a list of all hashes; for this computer, or those that FOR names.
 FOR ?=
 SIGN ?=
 bundle: $(READY)
 	@$(BIN)/python .ci/bundle.py $(if $(FOR),--for $(FOR)) $(if $(SIGN),--sign $(SIGN))
 
-# Of an environment that is made of the lock, so that it lists what is on the float and nothing of the bench.
+# From an environment made of the lock alone, so that it lists only what the onboard computer has.
 sbom: $(SUPPLY_READY)
 	@rm -rf $(ONBOARD_VENV)
 	@$(BIN)/python -m venv --without-pip $(ONBOARD_VENV)
@@ -140,7 +140,7 @@ sbom: $(SUPPLY_READY)
 	  --output-reproducible --output-format JSON --output-file build/sbom.json
 	@echo "build/sbom.json"
 
-# Whoever cannot be looked up is a failure, not a clean bill.
+# A package that cannot be looked up is a failure.
 audit: $(SUPPLY_READY)
 	$(BIN)/pip-audit --strict --require-hashes --disable-pip -r $(ONBOARD_LOCK)
 
