@@ -74,7 +74,7 @@ class Live {
     const heading = values.true_heading_deg ?? values.heading_deg ?? values.compass_deg;
     const turn = known(heading) ? ((heading % 360) + 360) % 360 : null;
     const cards = [
-      ["heading", DEGREES(turn), known(values.true_heading_deg) ? `she believes ${DEGREES(values.heading_deg)}` : ""],
+      ["heading", DEGREES(turn), known(values.true_heading_deg) ? `estimated ${DEGREES(values.heading_deg)}` : ""],
       ["goal", DEGREES(values.goal_deg), `off by ${DEGREES(values.error_deg)}`],
       ["rudder", DEGREES(values.rudder_deg), `commanded ${DEGREES(values.command_deg)}`],
       ["mode", status.mode || "–", status.mode ? (status.armed ? "armed" : "disarmed") : ""],
