@@ -59,6 +59,6 @@ def test_a_guided_position_is_sailed_to_and_kept():
     boat.run(1500.0, until=lambda boat: boat.snapshot.navigation.arrived)
     assert boat.snapshot.navigation.arrived
     track = len(boat.track)
-    boat.run(600.0)
+    boat.run(300.0)
     north_m, east_m = np.array(boat.track[track:])[:, 1:3].T
     assert np.mean(np.hypot(north_m - 200.0, east_m + 150.0) <= 62.0) > 0.95
