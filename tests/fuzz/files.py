@@ -240,6 +240,16 @@ def sealed(number, content):
     return b"# rambler state %s %d %08x\n" % (sequence, len(content), check) + content
 
 
+MSGPACK_WORDS = (
+    b"\xc0",
+    b"\xc2",
+    b"\xc3",
+    b"\xcb" + bytes(8),
+    b"\xcb\x7f\xf0" + bytes(6),
+    b"\xa4type",
+    b"\x80",
+    b"\x90",
+)
 JSON_WORDS = (b'"$":', b'"version":', b"NaN", b"Infinity", b"1e999", b"null", b"true", b"{}", b"[]", b"-0.0", b'":')
 QGC_WORDS = (
     b'"fileType":"Plan"', b'"mission":', b'"items":', b'"geoFence":', b'"rallyPoints":', b'"polygons":', b'"circles":',
@@ -267,7 +277,7 @@ TARGETS = {
     "stored_parameters": Target(stored_parameters, (), NAMES),
     "vehicle_file": Target(vehicle_file, (VehicleError, LinkError), (*TOML_WORDS, *NAMES), lines=MOST_PROBLEMS + 1),
     "link_url": Target(link_url, (LinkError,), URL_WORDS, 256),
-    "resume_file": Target(resume_file, (), JSON_WORDS),
+    "resume_file": Target(resume_file, (), MSGPACK_WORDS),
     "checkpoint": Target(checkpoint, (ValueError,), JSON_WORDS, 16_384),
     "signing_key": Target(signing_key, (), (b"key ", b"timestamp ", b"stream ")),
     "slots": Target(slots, (), (b"# rambler state ", b"# rambler empty\n")),

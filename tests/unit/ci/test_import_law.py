@@ -35,7 +35,7 @@ def broken(folder):
         timeout=100,
     )
     assert "Contracts:" in done.stdout, done.stdout + done.stderr
-    return re.findall(r"^(.+) BROKEN$", done.stdout, re.MULTILINE)
+    return re.findall(r"^(.+) BROKEN\b", done.stdout, re.MULTILINE)
 
 
 def test_the_tree_obeys_the_law(checkout):
