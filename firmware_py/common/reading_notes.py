@@ -1,4 +1,4 @@
-"""What the reading of text says of it: the place of a value, and plain sentences, each once and not too many."""
+"""Notes on records that are decoded: the path of a value, and plain sentences, each once and a bounded number."""
 
 from __future__ import annotations
 
@@ -10,12 +10,8 @@ MOST_NOTES = 50
 LARGEST_WHOLE = 1 << 1023  # a double holds it
 
 
-class LocatedError(ValueError):
-    """A value is refused; the text begins with its path."""
-
-
 class Spot(msgspec.Struct, frozen=True):
-    """Where in a record the reading is, and what is noted of it so far."""
+    """The path of a value in a record, and all notes so far."""
 
     path: str
     notes: dict[str, None]  # in order, each sentence once

@@ -78,7 +78,7 @@ def microseconds(t_s: float) -> int:
 class Row:
     """One message: columns taken from a record, perhaps with a text behind them.
 
-    `make` rebuilds the record from keyword arguments: a dataclass gets those columns that
+    `make` rebuilds the record from keyword arguments: a Struct gets those columns that
     are fields of it, anything else gets none; the text comes as `text`. `noted`: it returns
     the record and notes.
     """
