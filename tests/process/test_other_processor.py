@@ -3,8 +3,9 @@
 The bound holds up to the first decision that differs (support/decisions.py): the C libraries of the two may differ in
 the last bit, and a number close to a threshold then falls on the other side of it.
 
-`.ci/debian_tree DIR trixie arm64` makes a tree of 64-bit ARM, whose programs run here by QEMU's user emulation; where
-there is none the test reports why and is skipped. C library, Python and numpy are those of that processor.
+`.ci/debian_tree DIR trixie arm64` makes a tree of 64-bit ARM, whose programs run here by QEMU's user emulation. C
+library, Python and numpy are those of that processor. Without a tree the test reports why and is skipped; with a tree
+that ARM_TREE names it fails instead.
 """
 
 import os
@@ -46,12 +47,14 @@ def why_not():
 
 
 WHY_NOT = why_not()
-pytestmark = [pytest.mark.proof, pytest.mark.timeout(3600), pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT or "-")]
+SKIPPED = bool(WHY_NOT) and "ARM_TREE" not in os.environ
+pytestmark = [pytest.mark.proof, pytest.mark.timeout(3600), pytest.mark.skipif(SKIPPED, reason=WHY_NOT or "-")]
 
 
 @pytest.fixture
 def shared():
     """A folder of the tree with the program, the wheels of its lock for that machine, and room for logs."""
+    assert WHY_NOT == ""
     python = in_tree("-c", WHO).stdout.split()[1]
     with tempfile.TemporaryDirectory(dir=TREE / "srv") as name:
         folder = Path(name)
@@ -87,4 +90,4 @@ def test_logs_are_recomputed_to_the_same_rudder_by_another_processor(sailed, sha
         found = decisions.agreement(list(decisions.recomputed(path)), decisions.read(there.stdout))
         print(f"{MACHINE}: {name}: {found}")
         assert found.largest_rad <= decisions.BOUND_RAD
-        assert name not in sailed or found.ticks >= LEAST_TICKS
+        assert found.ticks >= (LEAST_TICKS if name in sailed else 1)

@@ -1,13 +1,12 @@
-"""What a program decides in a log's ticks, beside its rudder command: compared between processors.
+"""Rudder commands and decisions in the ticks of a log, recomputed and compared between processors.
 
-The C libraries of two processors may compute exp and its kin otherwise in the last bit. Rudder commands then agree only
-closely, and only until a number that lies close to a threshold is taken for another side of it: a decision. Every part
-of the state that is no float is taken for one.
+The C libraries of two processors may differ in the last bit of exp and similar functions. Rudder commands then agree
+only closely, and only until a number close to a threshold falls on the other side of it: a decision. Every part of the
+state that is not a float counts as a decision.
 
 Run as a program, `decisions.py LOG` prints a line of JSON for each tick that it recomputes.
 """
 
-import dataclasses
 import json
 import math
 import sys
@@ -19,16 +18,16 @@ BOUND_RAD = 1e-9
 
 
 class Tick(NamedTuple):
-    """A rudder command, and the decisions that are others than in the tick before, by their place in the state."""
+    """A rudder command, and the decisions that differ from those of the tick before, by their place in the state."""
 
     rudder_rad: float
     decisions: dict[str, str]
 
 
 class Agreement(NamedTuple):
-    """How many ticks agree in all decisions, by how much their rudder commands differ at most, and what differs first.
+    """Number of ticks that agree in all decisions, and the largest difference of their rudder commands.
 
-    `differs` names the decision, empty where all agree.
+    `differs` names the first decision that differs; it is empty where all agree.
     """
 
     ticks: int
@@ -37,7 +36,7 @@ class Agreement(NamedTuple):
 
 
 def agreement(ours: list[Tick], theirs: list[Tick]) -> Agreement:
-    """Compare two recomputations of a log, as far as their decisions are the same."""
+    """Compare two recomputations of a log up to the first decision that differs."""
     ticks, largest_rad = 0, 0.0
     for mine, other in zip_longest(ours, theirs):
         if mine is None or other is None:
@@ -54,17 +53,14 @@ def agreement(ours: list[Tick], theirs: list[Tick]) -> Agreement:
 
 
 def parts(value, place=""):
-    """Yield place and text of each part of a state that is no float."""
+    """Yield place and text of each part of a state that is not a float."""
     if isinstance(value, float | bytes):  # bytes hold a covariance
         return
-    if fields := getattr(value, "__struct_fields__", None):
+    # ParameterSet and Plan are no Structs; their repr is an address, which differs between processes.
+    if fields := getattr(value, "__struct_fields__", None) or getattr(value, "__slots__", None):
         named = [(name, getattr(value, name)) for name in fields]
-    elif dataclasses.is_dataclass(value):
-        named = [(field.name, getattr(value, field.name)) for field in dataclasses.fields(value)]
-    elif isinstance(value, tuple | list):
+    elif isinstance(value, tuple):
         named = list(enumerate(value))
-    elif isinstance(value, dict):
-        named = list(value.items())
     else:
         yield place, repr(value)
         return
@@ -74,7 +70,7 @@ def parts(value, place=""):
 
 def recomputed(log: Path):
     """Yield a Tick for each tick of a log."""
-    from firmware_py.core.state_codec import state_from_text  # noqa: PLC0415 - the program of the machine it runs on
+    from firmware_py.core.state_codec import state_from_text  # noqa: PLC0415 - the program of the machine that runs this
     from firmware_py.core.step import step  # noqa: PLC0415 - likewise
     from firmware_py.log.reader import LogReader  # noqa: PLC0415 - likewise
 
@@ -94,7 +90,7 @@ def recomputed(log: Path):
 
 
 def read(text: str) -> list[Tick]:
-    """Read what this program prints."""
+    """Read the output of this program."""
     return [Tick(*json.loads(line)) for line in text.splitlines()]
 
 
