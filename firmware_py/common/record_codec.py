@@ -40,7 +40,7 @@ MOST_CHARACTERS: Final = 120  # of a reason
 # By the name of the class: the former name of a field and its name of today.
 FORMER_NAMES: dict[str, dict[str, str]] = {}
 
-_LOCATED = re.compile(r"(.*?)(?: - at `(?:key` in `)?\$(.*)`)?", re.DOTALL)
+_LOCATED = re.compile(r"(.*) - at `(?:key` in `)?\$(.*)`", re.DOTALL)  # the last place: a value may look like one
 _UNKNOWN_CLASS: Final = "Invalid value "
 _PART = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
 _TO_JSON = json.JSONEncoder(separators=(",", ":")).encode
@@ -141,13 +141,13 @@ def _check_version(plain: dict[str, Any], version: int, spot: Spot) -> None:
     if type(found) is not int or found < 1:
         raise ValueError(f"{spot.path}: no version number")
     if found > version:
-        spot.note(f"written by a later version ({found}, here {version}), read by name")
+        spot.note(f"written by a later version ({shown(found)}, here {version}), read by name")
 
 
 def _drop_unusable(plain: dict[str, Any], error: msgspec.ValidationError, spot: Spot) -> None:
     """Remove the field that msgspec refuses, and report it; ValueError when it is the outermost record."""
     located = _LOCATED.fullmatch(str(error))
-    reason, path = (str(error), "") if located is None else (located[1], located[2] or "")
+    reason, path = (str(error), "") if located is None else located.groups()
     reason = ascii(reason)[1:-1][:MOST_CHARACTERS]
     held: list[tuple[Any, str, int]] = []  # each field on the way: its record, its name, where it ends in the path
     value: Any = plain

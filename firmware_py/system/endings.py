@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -72,7 +73,14 @@ def to_bytes(endings: Endings) -> bytes:
 
 def from_bytes(content: bytes) -> tuple[Endings, tuple[str, ...]]:
     """Return what `to_bytes` wrote, by this version or another, and notes on it; ValueError says why there is none."""
-    return record_codec.decode(Endings, content, _VERSION)
+    endings, notes = record_codec.decode(Endings, content, _VERSION)
+    return replace(endings, last=tuple(map(_bounded, endings.last[-MOST_KEPT:]))), notes
+
+
+def _bounded(ending: Ending) -> Ending:
+    """Return an ending with a text of bounded length, and 0 for a time that is not finite: JSON cannot show it."""
+    utc_s = ending.utc_s if math.isfinite(ending.utc_s) else 0.0
+    return replace(ending, text=ending.text[:_TEXT_CHARACTERS], utc_s=utc_s)
 
 
 def take_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import msgspec
+from msgspec.structs import astuple
 
 from firmware_py.common import record_codec
 from firmware_py.link.satellite.budget import Ledger
@@ -29,4 +30,8 @@ def to_bytes(record: Record) -> bytes:
 
 def from_bytes(content: bytes) -> tuple[Record, tuple[str, ...]]:
     """Return what `to_bytes` wrote, by this version or another, and notes on it; ValueError says why there is none."""
-    return record_codec.decode(Record, content, _VERSION)
+    record, notes = record_codec.decode(Record, content, _VERSION)
+    used = record.window.used
+    if min(*astuple(record.ledger), record.window.floor, *used) < 0 or list(used) != sorted(set(used)):
+        raise ValueError("a count is negative, or the numbers are not in order")
+    return record, notes

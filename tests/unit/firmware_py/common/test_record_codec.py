@@ -158,6 +158,7 @@ def test_an_unknown_field_is_ignored_and_reported(path, note):
         (("speed_m_s",), True, {"speed_m_s": 0.5}, ["Boat.speed_m_s: Expected `float`, got `bool`, ignored"]),
         (("target", "colour"), 7, {}, ["Boat.target.colour: Invalid enum value 7, ignored"]),
         (("target", "type"), "Gone", {"target": None}, ["Boat.target: Invalid value 'Gone', ignored"]),
+        (("target", "type"), "x - at `$.pair.x.y`", {"target": None}, ["Boat.target: Invalid value 'x - at"]),
         (("target",), 3, {"target": None}, ["Boat.target: Expected `object | null`, got `int`, ignored"]),
         (("places", 1), 3, {"places": ()}, ["Boat.places: Expected `object`, got `int`, ignored"]),
         (("counts", "fish"), "two", {"counts": {}}, ["Boat.counts: Expected `int`, got `str`, ignored"]),

@@ -1,5 +1,6 @@
 """How the runs before have ended: read from what they left, counted, kept."""
 
+import math
 import subprocess
 import sys
 
@@ -119,3 +120,8 @@ def test_whatever_is_stored_is_endings_or_no_record(content):
 def test_what_is_no_record_is_refused(content):
     with pytest.raises(ValueError):
         from_bytes(content)
+
+
+def test_a_time_that_is_not_finite_and_a_long_text_are_bounded():
+    endings = Endings(last=(Ending("killed", "x" * 1000, math.nan),) * (MOST_KEPT + 1))
+    assert from_bytes(to_bytes(endings)) == (Endings(last=(Ending("killed", "x" * 160, 0.0),) * MOST_KEPT), ())

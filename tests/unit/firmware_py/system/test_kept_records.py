@@ -106,3 +106,17 @@ def test_a_record_that_was_cut_off_or_changed_is_refused(kept):
     for length in range(len(content)):
         with pytest.raises(ValueError):
             kept.module.from_bytes(content[:length])
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        satellite.Record(Ledger(day_used=-1)),
+        satellite.Record(window=Window(-1)),
+        satellite.Record(window=Window(7, (9, 8))),
+        satellite.Record(window=Window(7, (9, 9))),
+    ],
+)
+def test_counts_that_no_satellite_link_can_have_are_refused(record):
+    with pytest.raises(ValueError, match="negative, or the numbers are not in order"):
+        satellite.from_bytes(satellite.to_bytes(record))
