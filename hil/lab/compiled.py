@@ -1,12 +1,12 @@
-"""Compiles numerical functions with numba, once per machine, and shows the first time as progress.
+"""Compile numerical functions with numba, store the machine code, and show compilation as progress.
 
     @compiled
     def kernel(...): ...
 
-compiles a function of the laboratory, which runs plain as `kernel.py_func`. It may call other such functions and those
-of the firmware's numeric core (hil/lab/numeric_core.py, where the arithmetic is described).
+compiles a function of the laboratory; `kernel.py_func` is the plain function. It may call other such functions and
+those of the firmware's numeric core (hil/lab/numeric_core.py, which describes the arithmetic).
 
-Machine code is kept by the content of the sources: for each module in a folder that is named after a digest of its file
+Machine code is stored by the content of the sources: each module has a folder that is named after a digest of its file
 and of the files that it imports, directly and indirectly. Only what a change can affect is compiled again.
 """
 
@@ -36,21 +36,21 @@ from hil.lab.numeric_core import ERROR_MODEL
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-PATIENCE_S = 0.4  # what is loaded from the cache takes less, and says nothing
+PATIENCE_S = 0.4  # loading from the cache takes less, and shows nothing
 TICK_S = 0.5
-KEPT_CACHES, KEPT_S = 4, 86400.0  # of a module so many, and all of the last day: another program may be using them
+# Folders that stay: this number for each module, and all of the last day, which another process may be using.
+KEPT_CACHES, KEPT_S = 4, 86400.0
 _HOW_OFTEN: Final = {False: "the first time only", True: "as each time"}
 
 ROOT = Path(__file__).parents[2]
+# Only at the start of a line: numba compiles no import within a function, and those below TYPE_CHECKING never run.
 IMPORTS = re.compile(
     r"^(?:from ((?:hil|firmware_py)[\w.]*) import (\([^)]*\)|.*)|import ((?:hil|firmware_py)[\w.]*))", re.MULTILINE
 )
-# nogil: several threads may share the work, and the one that shows progress gets its turn.
-OPTIONS: Final = {"error_model": ERROR_MODEL, "nogil": True}
 
 
 class _Compilations(event.Listener):
-    """Counts the compilations under way and their seconds; what comes from the cache is none."""
+    """Count the compilations under way and their seconds; loading from the cache is not a compilation."""
 
     def __init__(self) -> None:
         self.under_way, self.began_s, self.seconds = 0, 0.0, 0.0
@@ -69,37 +69,38 @@ class _Compilations(event.Listener):
 
 
 _compilations: Final = _Compilations()
-_told: Final[list[bool]] = []  # that nothing can be kept
-_line: Final = threading.Lock()  # who holds it writes the line of progress
+_told: Final[list[bool]] = []  # whether it has been reported that nothing can be stored
+_line: Final = threading.Lock()  # its holder writes the line of progress
 event.register("numba:compile", _compilations)  # type: ignore[no-untyped-call]
 event.register("numba:compiler_lock", HeldSignals())  # type: ignore[no-untyped-call]
 
 
 def being_compiled() -> bool:
-    """Whether code is being compiled just now."""
+    """Return whether code is being compiled now."""
     return _compilations.under_way > 0
 
 
 def compiled(function: Function) -> Function:
-    """Compile a function at its first call, and keep the machine code for later processes.
+    """Compile a function at its first call, and store the machine code for later processes.
 
-    Without a place to keep it (no home, a read-only disk) it is compiled each time.
+    Without a place to store it (no home, a read-only disk) each process compiles it.
     """
     made: Any = compiled_here(function)
     with suppress(RuntimeError):  # there is no place
-        # As numba's own cache=True does, which goes by the time of a file and not by its content.
+        # Private names of numba, whose range pyproject.toml limits for this: the public cache=True goes by path and
+        # time of one file, so that a fresh checkout compiles again and a changed import does not.
         made._cache = _Cache(function)  # type: ignore[no-untyped-call] # noqa: SLF001
     return made  # type: ignore[no-any-return]
 
 
 def compiled_here(function: Function) -> Function:
-    """Compile a function for this process alone, as one must that takes other functions as arguments."""
+    """Compile a function for this process alone; necessary for one that takes other functions as arguments."""
     # nogil: several threads may share the work, and the one that shows progress gets its turn.
     return numba.njit(function, error_model=ERROR_MODEL, nogil=True)  # type: ignore[no-any-return]
 
 
 class _Place(caching._CacheLocator):  # noqa: SLF001 - numba has no public one
-    """Where numba finds the machine code of a function: in a folder that the content of its sources names."""
+    """Tell numba the folder of a function's machine code, which is named after the content of its sources."""
 
     def __init__(self, folder: Path, file: str, line: int) -> None:
         self._folder, self._py_file, self._line = folder, file, line
@@ -115,11 +116,11 @@ class _Place(caching._CacheLocator):  # noqa: SLF001 - numba has no public one
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        """Return what changes with the sources."""
+        """Return a text that changes with the sources."""
         return self._folder.name
 
     def get_disambiguator(self) -> str:
-        """Return what distinguishes functions of the same name."""
+        """Return a text that distinguishes functions of the same name."""
         return str(self._line)
 
 
@@ -133,9 +134,9 @@ class _Cache(caching.FunctionCache):
 
 @cache
 def cache_folder(file: Path) -> Path | None:
-    """Return where the machine code of a module is kept, or None where nothing can be."""
+    """Return the folder of a module's machine code, or None where nothing can be stored."""
     home = _caches()
-    if home.parts[0] == "~":  # of a user without a home; it would be made wherever one is
+    if home.parts[0] == "~":  # a user without a home: it would be made in the working directory
         return None
     module = f"{file.parent.name}.{file.stem}"
     folder = home / f"{module}-{sources_digest(file)}"
@@ -175,24 +176,25 @@ def sources_digest(file: Path) -> str:
 def _source(file: Path) -> tuple[str, tuple[Path, ...]]:
     """Return the digest of a file, and the files of both programs that it imports.
 
-    What this module itself is made of does not change what it compiles.
+    This module is left out: its text does not change what it compiles.
     """
     text = file.read_bytes()
-    names = [f"{module}.{name}" for module, name in _imports(text.decode())]
-    names += [module for module, _ in _imports(text.decode())]
+    names = {
+        part for module, name in _imports(text.decode()) for part in (module, f"{module}.__init__", f"{module}.{name}")
+    }
     paths = {ROOT / f"{name.replace('.', '/')}.py" for name in names} - {ROOT / "hil/lab/compiled.py"}
     return hashlib.sha256(text).hexdigest(), tuple(path for path in sorted(paths) if path.is_file())
 
 
 def _imports(text: str) -> Iterator[tuple[str, str]]:
-    """Yield the modules of both programs that a text imports, each with a name that is imported from it."""
+    """Yield the modules of both programs that a text imports, each with a name that it imports from them."""
     for source, names, module in IMPORTS.findall(text):
         for name in re.findall(r"\w+", names) or ("",):
             yield source or module, name
 
 
 def _drop_old(home: Path, module: str) -> None:
-    """Forget the machine code of a module but for its latest few versions, and those of the last day."""
+    """Delete the machine code of a module except for its latest versions and those of the last day."""
     used_s = {path: path.stat().st_mtime for path in home.glob(f"{module}-*") if path.is_dir()}
     oldest_s = time.time() - KEPT_S
     for folder in sorted(used_s, key=used_s.__getitem__)[:-KEPT_CACHES]:
@@ -207,7 +209,7 @@ def _drop_old(home: Path, module: str) -> None:
 def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
     """Show on a terminal that code is being compiled in the block, and how long it took; silent in a pipe.
 
-    A block within another is silent, too. Where machine code cannot be kept, a pipe gets that once.
+    A block within another is silent, too. That machine code cannot be stored is reported once, also in a pipe.
     """
     stream = sys.stderr if stream is None else stream
     _tell_if_not_kept(stream)
@@ -233,7 +235,7 @@ def _tell_if_not_kept(stream: TextIO) -> None:
     if not _is_kept() and not _told and parent_process() is None:
         _told.append(True)
         stream.write(
-            f"rambler-hil: machine code cannot be kept in {_caches()} and is compiled anew each time, by each process; "
+            f"rambler-hil: machine code cannot be stored in {_caches()} and is compiled again by each process; "
             "NUMBA_CACHE_DIR can name another directory\n"
         )
         stream.flush()
