@@ -22,7 +22,7 @@ COMMANDS = {
     "run": ("hil.cli.run", "sail the autopilot in a simulated sea and measure how well it steers"),
     "board": ("hil.cli.board", "the devices of a boat on ports of their own, for whatever is to steer them"),
     "drill": ("hil.cli.drill", "break everything that can break, at sea, and see that each is told and mended"),
-    "campaign": ("hil.cli.campaign", "many runs drawn from a specification, by the autopilot or by its compiled twin"),
+    "campaign": ("hil.cli.campaign", "many runs drawn from a specification, by the autopilot or in the compiled loop"),
     "serve-json": ("hil.cli.serve_json", "ArduPilot's autopilots on our ship, in our seas, scored as ours is"),
     "report": ("hil.cli.report", "a page with the pictures and figures of logs from a boat, or of a state directory"),
     "identify": ("hil.cli.identify", "identify K, T, alpha and the rudder offset from manoeuvres and onboard logs"),

@@ -24,10 +24,10 @@ from hil.sim.vehicle_file import load, model_of, standard_vehicle
 EVALUATIONS, FIXED_EVALUATIONS = 60, 400
 FEWEST, FIXED_FEWEST = 20, 150
 EPILOG = """\
-The delivered controller is tuned on its compiled twin (hil/lab/twin), which steers to the last bit as the autopilot
-does: CTL_PRICE and RUD_DBAND_DEG. Seas may have options of their own, as in "swell+float=0.3:0.6,leeway=8". The choice
-is checked in seas with other seeds; what is not better there too is not kept, and the file then holds the delivered
-defaults.
+The delivered controller (CTL_PRICE and RUD_DBAND_DEG) is tuned in the compiled loop (hil/lab/twin), whose rudder
+commands are those of the autopilot to the last bit. Seas may have options of their own, as in
+"swell+float=0.3:0.6,leeway=8". The choice is checked in seas with other seeds; what is not better there too is not
+kept, and the file then holds the delivered defaults.
 
 The JSON holds:
   seeds, fresh_seeds, scenarios, ships   what the trial runs were

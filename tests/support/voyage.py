@@ -1,4 +1,4 @@
-"""Long voyages of the delivered boat by its compiled twin, with the watch over its steering beside it.
+"""Long voyages of the delivered boat in the compiled loop, with the watch over its steering beside it.
 
 tests/process/test_twin.py holds both to what the real autopilot makes of the same sea, bit for bit.
 """

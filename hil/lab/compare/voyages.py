@@ -79,7 +79,7 @@ def compare(task: Task, controllers: Sequence[Controller], tell: Callable[[int, 
 
 
 def can_sail(controller: Controller, name: str) -> bool:
-    """Return whether a sea is all there for a controller: compiled twins know no extras."""
+    """Return whether a controller can sail all of a sea: the compiled loop of the PID has no extras."""
     return controller.sailed_by == AUTOPILOT or scenarios.sea_of(name).extras == NONE
 
 
@@ -108,7 +108,7 @@ def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) 
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
 
         return pid.sail(scenario, seed, task.goals, task.seconds, OCEAN_RAMBLER, pid.TUNED)
-    from hil.sim.logbook import RunOptions  # noqa: PLC0415 - not needed by the twin
+    from hil.sim.logbook import RunOptions  # noqa: PLC0415 - not needed by the compiled loop
     from hil.sim.runner import run  # noqa: PLC0415 - likewise
 
     with tempfile.TemporaryDirectory(prefix="rambler-compare-") as directory:

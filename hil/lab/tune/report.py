@@ -36,7 +36,7 @@ class Trace:
 class Report:
     """A tuning: the paper's problem, the practical one, and how the choice does in seas it was not chosen in.
 
-    fresh: the same cases with other waves and noise. delivered: the delivered controller in the same seas, by its twin.
+    fresh: the same cases with other waves and noise. delivered: the delivered controller in the same seas.
     """
 
     vehicle: str
@@ -238,9 +238,8 @@ def _switched_off(report: Report) -> list[tuple[str, tuple[float, float], tuple[
     """Return sea by sea rms [deg] and travel [deg/h] of the delivered controller and of the choice, on the model."""
     own = report.fresh.results([report.tuned.chosen.setting])[0]
     ours = {case.scenario.name: own[number] for number, case in enumerate(report.fresh.cases) if case.nominal}
-    twin = report.delivered
     rows = []
-    for case, result in zip(twin.cases, twin.reference, strict=True):
+    for case, result in zip(report.delivered.cases, report.delivered.reference, strict=True):
         if case.ship == delivered.SHIPS[0]:
             theirs, mine = ((one[RMS], one[TRAVEL]) for one in (result, ours[case.scenario.name]))
             rows.append((case.text, _in_degrees(*theirs), _in_degrees(*mine)))

@@ -1,1 +1,1 @@
-"""The compiled twin of the delivered boat: sea, ship, devices, estimate and helm as one kernel, bit for bit."""
+"""The compiled loop: sea, ship, devices, estimate and controller of the delivered boat in one kernel, bit for bit."""
