@@ -1,4 +1,4 @@
-"""What an autopilot of the compiled loop is told, and its state beside that of its wave filter."""
+"""Parameters, goals and state of the autopilot in the compiled loop; the wave filter has a state of its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hil.lab.twin.kalman import Floats
 
 
 class Boat(NamedTuple):
-    """What the autopilot knows by its parameters; `model` is K, T, alpha and the speed that they are of."""
+    """Parameters of the autopilot; `model` is K, T, alpha and the speed at which these hold."""
 
     model: Any  # four numbers: in a record, an array
     limit_rad: float
@@ -27,14 +27,14 @@ class Boat(NamedTuple):
 
 
 class Task(NamedTuple):
-    """When goals are given and their headings, as the operator's message rounds them."""
+    """Times at which goals are given, and their headings as the operator's message rounds them."""
 
     given_s: Floats
     goals_rad: Floats
 
 
-# The state of the autopilot: of its parts, and its own, where NaN is what there is not yet. `goals` counts those that
-# have been given.
+# The state of the autopilot: first that of its parts, then its own. NaN stands for an absent value; `goals` counts the
+# goals that have been given.
 STATE = np.dtype(
     [
         *(
@@ -57,7 +57,7 @@ STATE = np.dtype(
 
 
 class Autopilot(NamedTuple):
-    """The autopilot of a run, as records: Boat, STATE, wave_filter_state.FILTER and kalman.COVARIANCE; and its law."""
+    """The autopilot of a run: records of Boat, STATE, wave_filter_state.FILTER and kalman.COVARIANCE, and its law."""
 
     boat: Any
     state: Any

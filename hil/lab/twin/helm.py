@@ -7,11 +7,11 @@ from hil.lab.compiled import compiled
 from hil.lab.numeric_core import law
 from hil.lab.twin.kalman import Floats
 
-# What is known in a tick.
+# Columns of the estimate and the model in a tick.
 (E_HEADING, E_CORRECTION, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR,
  M_K, M_T, M_ALPHA, M_SPEED, E_HEADING_SD, E_BIAS_MEAN) = range(13)  # fmt: skip
 KNOWN = 13
-# Its state; NaN stands for None.
+# Columns of the controller's state; NaN stands for None.
 REF_HEADING, REF_RATE, FEEDFORWARD, FOLLOWED_BIAS = range(4)
 HELM_STATES = 4
 

@@ -43,7 +43,7 @@ class Sea(NamedTuple):
 
 
 class Waters(NamedTuple):
-    """What a run is sailed in: records of ship and devices, the series, the rudder angles on their way to the water."""
+    """Plant of a run: records of ship and devices, the series, and the rudder angles that the delay holds back."""
 
     ship: Any
     series: Series
@@ -52,7 +52,7 @@ class Waters(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What is filled in: heading and rudder ten times a second as in truth.csv, and a row for each tick if any."""
+    """Results of a run: heading and rudder ten times a second as in truth.csv, and a row for each tick if any."""
 
     heading_rad: Floats
     rudder_rad: Floats

@@ -167,6 +167,7 @@ def test_a_copy_of_the_sources_shares_the_machine_code(copied):
     ("changed", "again"),
     [
         ("firmware_py/control/law.py", {"tune/loop_kernel.py", "twin/loop.py"}),
+        ("firmware_py/estimate/fixed_gain.py", {"tune/loop_kernel.py", "twin/loop.py"}),  # from package import module
         ("firmware_py/model/kt.py", {"tune/loop_kernel.py", "twin/loop.py", "identify/kernel.py"}),
         ("hil/lab/twin/kalman.py", {"twin/loop.py"}),
         ("hil/lab/tune/loop_kernel.py", {"tune/loop_kernel.py"}),
