@@ -133,7 +133,7 @@ def changed(*path_and_value):
     return change
 
 
-def test_a_missing_field_takes_its_default_without_a_word():
+def test_a_missing_field_takes_its_default_without_a_note():
     assert read(lambda plain: plain.pop("speed_m_s")) == (msgspec.structs.replace(BOAT, speed_m_s=0.5), ())
 
 

@@ -257,6 +257,11 @@ def test_faults_are_written_by_name():
     assert state_from_text(state_to_text(troubled())) == (troubled(), ())
 
 
+def test_a_fault_that_is_named_twice_counts_once():
+    state, notes = edited(lambda plain: plain["fault_latch"]["active"].append("STEERING_LOST"), troubled())
+    assert (state.fault_latch, notes) == (troubled().fault_latch, ())
+
+
 def test_a_fault_that_is_not_known_is_ignored_and_reported():
     def change(plain):
         latch, failsafe = plain["fault_latch"], plain["supervisor"]["failsafe"]
