@@ -1,7 +1,6 @@
-"""A version on trial: told at each start, and passed once it has sailed long enough.
+"""A version on trial: reported at each start, and passed once it has run long enough.
 
-A trial that fails leads back to the version before. So the records that it has kept stay where it looks for them, until
-there is no trial.
+A failed trial returns to the previous version. So the records of that version keep their names until the trial ends.
 """
 
 from __future__ import annotations

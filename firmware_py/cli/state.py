@@ -48,7 +48,7 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.state_export import MOST_BYTES, BrokenExportError, Export, await_import, pack, unpack
 from firmware_py.system.store import Store
 
-# What reads each record, and returns notes besides; ValueError.
+# The function that decodes each record; it returns notes, too, and raises ValueError.
 _RECORDS: Final[Mapping[str, Callable[[bytes], tuple[object, tuple[str, ...]]]]] = {
     ENDINGS_FILE: endings_from_bytes,
     RESUME_FILE: resume_from_bytes,

@@ -173,7 +173,7 @@ def drop_unknown(data: Any, spot: Spot) -> None:
 
 def to_text(plan: Plan) -> str:
     """Return a plan as one line of text, as it is stored."""
-    stored = {"version": _VERSION, "plan": as_plain(plan), "$": "_Stored"}  # the last was the name of a class
+    stored = {"version": _VERSION, "plan": as_plain(plan), "$": "_Stored"}  # earlier versions need "$"
     return json.dumps(stored, separators=(",", ":"))
 
 

@@ -67,7 +67,7 @@ class Endings(msgspec.Struct, frozen=True):
 
 
 def to_bytes(endings: Endings) -> bytes:
-    """Return them as they are kept."""
+    """Return the endings as they are stored."""
     return record_codec.encode(endings, _VERSION)
 
 

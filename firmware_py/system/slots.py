@@ -28,7 +28,7 @@ from firmware_py.files.reading import open_regular, read_regular
 from firmware_py.system.state_export import RECORD_ENDING, BrokenExportError, awaited_import
 
 SLOTS = (0, 1)
-# Earlier versions keep the same records as text under this ending. Other names leave them whole for a roll-back.
+# Earlier versions keep the same records as text under this ending. They stay whole there for a roll-back.
 _EARLIER_ENDING = ".state"
 _ASIDE_ENDING = ".old"
 SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
@@ -182,7 +182,7 @@ class SlotWriter:
         self._directory = directory
         self._private = private
         self._places: dict[str, tuple[int, int]] = {}  # slot and sequence of the newest version that is surely on disk
-        self._stored: set[str] = set()  # names of which a version of this writer is on disk
+        self._stored: set[str] = set()  # names that this writer has saved
         self._unproven: dict[str, int] = {}  # the slot that may hold a whole version whose storing has failed
         self._files: dict[tuple[str, int], int] = {}
         self._named = False  # a file was made whose name may not be on disk yet, whatever became of its content
@@ -220,7 +220,7 @@ class SlotWriter:
     def set_aside(self, name: str) -> None:
         """Rename the slots in which an earlier version keeps a record; OSError when that cannot be.
 
-        What this version has kept before is older than those slots, so it is cleared first.
+        A record that this version saved in an earlier run is older than those slots, so it is cleared first.
         """
         paths = earlier_slots(self._directory, name)
         if not paths:

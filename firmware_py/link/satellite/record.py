@@ -24,7 +24,7 @@ class Record(msgspec.Struct, frozen=True):
 
 
 def to_bytes(record: Record) -> bytes:
-    """Return a record as it is kept."""
+    """Return the record as it is stored."""
     return record_codec.encode(record, _VERSION)
 
 
