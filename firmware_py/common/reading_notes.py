@@ -32,8 +32,8 @@ class Spot(msgspec.Struct, frozen=True):
         return Spot(f"{self.path}.{name}", self.notes)
 
 
-def number(data: Any, _spot: Spot | None = None) -> Any:
-    """Read a number; a whole one in a field of floats stays one, so that it computes as it did."""
+def number(data: Any) -> Any:
+    """Return a number as it is, an integer as an integer; ValueError for anything else."""
     if type(data) is not float and (type(data) is not int or abs(data) > LARGEST_WHOLE):
         raise ValueError(f"expected a number, found {shown(data)}")
     return data
