@@ -69,11 +69,14 @@ def _known(names: Iterable[Any], spot: Spot) -> list[Fault]:
 
 def _number_times(plain: dict[str, Any], spot: Spot, *fields: str) -> None:
     for field in fields:
-        if isinstance(named := plain.get(field), dict):  # anything else is refused when it is decoded
+        named = plain.get(field)
+        if isinstance(named, dict):
             times: list[Any] = [None] * len(Fault)
             for fault in _known(named, spot.below(field)):
                 times[fault] = named[fault.name]
             plain[field] = times
+        elif field in plain:
+            plain[field] = None  # which is refused when it is decoded
 
 
 def _number_bits(plain: dict[str, Any], spot: Spot, *fields: str) -> None:

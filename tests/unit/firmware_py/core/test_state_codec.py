@@ -187,7 +187,7 @@ def test_a_record_of_the_state_that_was_renamed_is_found(monkeypatch):
             "State.position.fix: Object missing required field `t_s`, ignored",
         ]),
         ("fault_latch.active", 3, ["State.fault_latch.active: Expected `int`, got `null`, ignored"]),
-        ("fault_latch.since_s", [], []),
+        ("fault_latch.since_s", [], ["State.fault_latch.since_s: Expected `array`, got `null`, ignored"]),
         ("parameters", 3, ["State.parameters: expected parameters by name, found 3, ignored"]),
         ("plans.fence.identity", 7, ["State.plans.fence: the checksum of the plan is wrong, ignored"]),
         ("plans.fence.author", 7, ["State.plans.fence: field 'author' is not known here, ignored"]),
