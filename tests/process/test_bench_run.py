@@ -9,6 +9,7 @@ from hil.bench.measurements import TABLE
 from hil.bench.setting import quick
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize("name", ["sense", "load", "start"])
 def test_a_measurement_finds_all_its_figures(name, tmp_path):
     setting = replace(

@@ -94,6 +94,7 @@ def parts(out):
     return len(list((out / store.PARTS).glob("*.parquet")))
 
 
+@pytest.mark.proof
 def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path):
     whole = sailed(COMPILED, tmp_path / "whole", "--workers", "1")
     out = tmp_path / "killed"
@@ -125,6 +126,7 @@ def test_a_campaign_that_is_told_to_end_says_how_to_go_on(tmp_path):
     until(lambda: not any(b"spawn_main" in command_line(one) for one in crew))
 
 
+@pytest.mark.proof
 def test_the_autopilot_sails_a_campaign_to_the_same_bits_again_and_any_run_alone(tmp_path):
     out, run = tmp_path / "first", tmp_path / "run"
     first = sailed(FIRMWARE, out, "--workers", "1")

@@ -33,6 +33,7 @@ def rounding(corners, seed, **current):
     return boat.under_way(Mode.AUTO)
 
 
+@pytest.mark.proof
 def test_across_half_her_speed_of_current_she_stays_within_15_m():
     boat = rounding([(500.0, 0.0), (500.0, 400.0)], 1)
     off = cross_tracks(boat, 1500)

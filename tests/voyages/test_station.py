@@ -98,6 +98,7 @@ def stronger(speed_m_s, seed, **more):
     return said_s, abs(math.remainder(into_deg, 360.0))
 
 
+@pytest.mark.proof
 def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into():
     said_s, off_deg = stronger(0.4, 1)
     assert said_s

@@ -187,6 +187,7 @@ def test_small_swings_of_the_compass_do_not_make_her_slower():
     assert water.speed_m_s == pytest.approx(0.9, abs=0.12)
 
 
+@pytest.mark.proof
 def test_a_current_that_turns_is_followed():
     passage = Passage(0.5, 0.0, 0.3)
     for leg in range(40):

@@ -41,6 +41,7 @@ def test_an_hours_figures_have_their_aim():
     assert (used.value, used.met) == (1.6, None)
 
 
+@pytest.mark.proof
 def test_an_evaluation_of_the_swarm_is_measured_beside_its_objective(tmp_path):
     (figure,) = tools.swarm(replace(quick(tmp_path), pairs=1, evaluations=1000)).figures
     assert 0.0 < figure.bare < figure.value < math.inf

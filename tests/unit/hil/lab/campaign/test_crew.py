@@ -95,6 +95,7 @@ def test_what_sails_is_made_ready_once_before_there_are_workers(monkeypatch):
     assert done == [0, 3]  # nothing is left to be sailed, and nothing is compiled
 
 
+@pytest.mark.proof
 def test_a_short_run_makes_ready_what_sails_long_ones():
     row = next(rows(read(), 0, 1))
     before = len(loop.voyage.signatures)

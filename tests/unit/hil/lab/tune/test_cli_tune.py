@@ -127,6 +127,7 @@ def test_the_delivered_controller_is_tuned_and_everything_is_written(tmp_path, c
     assert chosen_there["travel"] < delivered_there["travel"] == 1.0
 
 
+@pytest.mark.proof
 def test_fixed_gains_are_tuned_and_say_that_they_switch_the_delivered_controller_off(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(search, "PRICES", (1.0,))
     found, kept, written = tuned(tmp_path, "--fixed-gains", "--scenarios", "tank,sea", "--evaluations", "150")

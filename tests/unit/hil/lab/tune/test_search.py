@@ -124,6 +124,7 @@ def test_the_same_seed_finds_the_same(sea):
     assert other.front != one.front
 
 
+@pytest.mark.proof
 def test_a_higher_price_buys_less_rudder_work(sea):
     cheap = tune(fresh(sea), PAPER, price=0.1, evaluations=100, only_gains=True)
     dear = tune(fresh(sea), PAPER, price=5.0, evaluations=100, only_gains=True)
