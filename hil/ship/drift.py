@@ -10,11 +10,13 @@ TIME_CONSTANT_S = 100.0
 
 
 class RudderDrift:
-    """A stationary random angle with a time constant of 100 s, on a fixed grid."""
+    """A stationary random angle on a fixed grid."""
 
-    def __init__(self, spread_rad: float, step_s: float, numbers: NormalNumbers) -> None:
-        """Start in the stationary state; spread_rad is the standard deviation."""
-        self._keep = math.exp(-step_s / TIME_CONSTANT_S)
+    def __init__(
+        self, spread_rad: float, step_s: float, numbers: NormalNumbers, memory_s: float = TIME_CONSTANT_S
+    ) -> None:
+        """Start in the stationary state; spread_rad is the standard deviation, memory_s the time constant."""
+        self._keep = math.exp(-step_s / memory_s)
         self._add_rad = spread_rad * math.sqrt(1.0 - self._keep**2)
         self._numbers = numbers
         self.angle_rad = spread_rad * numbers.draw()

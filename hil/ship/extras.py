@@ -1,4 +1,4 @@
-"""The unkindnesses that any sea can be sailed with: one record each, absent by default.
+"""The disturbances that any sea can be sailed with: one record each, absent by default.
 
 They compose: a hull is built of those that are there (hil/ship/hull.py), and what is absent leaves a
 run as it is to the last bit. `hil/ship/extras_table.py` says what each is, reads and prints them.
@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hil.ship.traffic import SCENES
+from hil.ship.waves import DAMPING
 
 
 def number(unit: str, low: float, high: float, default: float | None = None) -> Any:
@@ -49,10 +50,11 @@ class Slide:
 
 @dataclass(frozen=True, slots=True)
 class Orbital:
-    """Orbital motion of a short-crested sea: rms of the velocity vector, and how the waves spread."""
+    """Orbital motion of a short-crested sea: rms of the velocity vector, spread of the directions, damping."""
 
     velocity_m_s: float = number("m/s", 0.0, 3.0, 0.4)
     spread_deg: float = number("deg", 0.0, 60.0, 25.0)
+    damping: float = number("-", 0.02, 0.65, DAMPING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,7 @@ class Receiver:
     latency_s: float = number("s", 0.0, 5.0, 0.5)
     lost: float = number("share", 0.0, 1.0, 0.02)
     gap_s: float = number("s", 1.0, 3600.0, 10.0)
-    filter_s: float = number("s", 0.0, 10.0, 1.0)
+    filter_s: float = number("s", 0.0, 30.0, 1.0)
     noise_m_s: float = number("m/s", 0.0, 1.0, 0.05)
 
 
@@ -125,6 +127,29 @@ class Vessels:
 
 
 @dataclass(frozen=True, slots=True)
+class Yaw:
+    """White disturbance of the yaw acceleration: the diffusion of the heading."""
+
+    diffusion_deg2_s: float = number("deg^2/s", 0.0, 50.0, 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnWaves:
+    """Wave yaw with a period of its own, and its damping."""
+
+    period_s: float = number("s", 0.5, 30.0, 2.5)
+    damping: float = number("-", 0.02, 0.65, 0.18)
+
+
+@dataclass(frozen=True, slots=True)
+class Bias:
+    """Standard deviation and memory of the rudder bias."""
+
+    sd_deg: float = number("deg", 0.0, 20.0, 10.0)
+    memory_s: float = number("s", 10.0, 36000.0, 1000.0)
+
+
+@dataclass(frozen=True, slots=True)
 class Extras:
     """What a sea is sailed with; None is without."""
 
@@ -139,6 +164,9 @@ class Extras:
     delay: Delay | None = None
     supply: Supply | None = None
     vessels: Vessels | None = None
+    yaw: Yaw | None = None
+    own_waves: OwnWaves | None = None
+    bias: Bias | None = None
 
 
 NONE = Extras()

@@ -1,8 +1,8 @@
-"""What `--with` takes: one row for each unkindness of the sea, with its source; how they are read and printed.
+"""The options of `--with`: one row for each disturbance of the sea, with its source; how they are read and printed.
 
-The glider and the float of one boat, her leeway, what is bought for her: each option is one thing, each number
-of it has a range and most a default (hil/ship/extras.py). Sources are named where a number has one; a number
-that nobody has printed is said to be assumed, and its range is what such boats could have.
+Each option is one disturbance, and each of its numbers has a range and most a default (hil/ship/extras.py). The
+source of a number is named where there is one. "Assumed" marks a number without a source; its range is what
+such boats could have.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import MISSING, dataclass, fields, replace
 from typing import Any
 
 from hil.ship.extras import (
+    Bias,
     Compass,
     Delay,
     Extras,
@@ -20,14 +21,17 @@ from hil.ship.extras import (
     Leeway,
     Orbital,
     OtherShip,
+    OwnWaves,
     Receiver,
     Slide,
     Supply,
     Vessels,
     WaveSpeed,
+    Yaw,
 )
 
 LONGEST_TEXT = 500
+RECORDED = "recorded on a wave-propelled vessel of 5 m, 186 h"
 
 
 class ExtrasError(ValueError):
@@ -72,7 +76,8 @@ TABLE: tuple[Option, ...] = (
         "orbital",
         Orbital,
         "orbital",
-        "the waves carry the receiver along and across their way, in step with the yaw that they give her",
+        "the waves move the receiver along and across their direction, in step with the wave yaw unless it has a "
+        "period of its own",
         "linear waves: pi Hs / 2T, 0.39 m/s for 2 m at 8 s; spread at the peak 9 to 16 deg in "
         "swell, 24 deg in a wind sea (Goda and Suzuki 1975: s = 75, 25, 10), wider beside it",
     ),
@@ -88,7 +93,8 @@ TABLE: tuple[Option, ...] = (
         Receiver,
         "receiver",
         "a receiver as bought: late, at times without a fix (1: always), its velocity filtered and noisy",
-        "data sheets: 0.2 to 1 s, 0.05 m/s; gaps in heavy seas are assumed",
+        "data sheets: 0.2 to 1 s, 0.05 m/s; recorded: a filter of 4 to 20 s, noise 0.005 m/s; gaps in heavy seas are "
+        "assumed",
     ),
     Option(
         "compass",
@@ -118,6 +124,27 @@ TABLE: tuple[Option, ...] = (
         "vessels",
         "other ships on straight lines, laid for a boat that steers north from the start, as she hears them",
         "intervals: ITU-R M.1371-5; range and losses assumed: an antenna of 2 m hears ships some 20 nautical miles off",
+    ),
+    Option(
+        "yaw",
+        Yaw,
+        "yaw",
+        "white disturbance of the yaw acceleration: the heading diffuses",
+        f"{RECORDED}: 0.4 to 10 deg^2/s, typically 2",
+    ),
+    Option(
+        "waves",
+        OwnWaves,
+        "own_waves",
+        "the wave yaw has a period of its own, not that of the sea",
+        f"{RECORDED}: 1.9 to 3.6 s, damping 0.09 to 0.59, where the receiver moves with 5.5 to 8.5 s",
+    ),
+    Option(
+        "bias",
+        Bias,
+        "bias",
+        "the rudder bias varies with this standard deviation and memory, not with those of the sea",
+        f"{RECORDED}: 8 to 15 deg, 900 to 3500 s",
     ),
 )
 BY_NAME: Mapping[str, Option] = {row.name: row for row in TABLE}
@@ -251,7 +278,7 @@ def _usage(row: Option) -> str:
 def _words(one: Any) -> str:
     """Return a field's name without its unit."""
     name = str(one.name)
-    for suffix in ("_rad_s", "_m_s", "_deg", "_km", "_s"):
+    for suffix in ("_rad_s", "_m_s", "_deg2_s", "_deg", "_km", "_s"):
         if name.endswith(suffix):
             name = name[: -len(suffix)]
             break

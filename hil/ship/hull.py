@@ -12,8 +12,8 @@ from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
 from hil.ship.compass_error import BoughtCompass
 from hil.ship.delay import PureDelay
-from hil.ship.drift import RudderDrift
-from hil.ship.extras import Extras
+from hil.ship.drift import TIME_CONSTANT_S, RudderDrift
+from hil.ship.extras import Bias, Extras, OwnWaves
 from hil.ship.float_body import FollowingFloat
 from hil.ship.gusts import Gusts
 from hil.ship.kt_plant import KtPlant
@@ -24,7 +24,8 @@ from hil.ship.scenarios import Scenario
 from hil.ship.sideways import Sideways
 from hil.ship.tide import Tide
 from hil.ship.wave_speed import MOST, SpeedInWaves
-from hil.ship.waves import WaveYaw
+from hil.ship.waves import DAMPING, WaveYaw
+from hil.ship.yaw_noise import YawNoise, largest_rate_rad_s
 
 STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND
@@ -46,11 +47,18 @@ class Hull:
         self._ship = _ship_of(model, scenario, extras)
         self._model = self._ship.at_speed(scenario.speed_m_s)
         quickest = self._model if extras.wave_speed is None else self._ship.at_speed(MOST * scenario.speed_m_s)
-        self._plant = KtPlant(quickest, GRID_S)
+        noise_rad_s = (
+            0.0 if extras.yaw is None else largest_rate_rad_s(extras.yaw.diffusion_deg2_s, quickest.turning_lag_s)
+        )
+        self._plant = KtPlant(quickest, GRID_S, disturbance_rad_s=noise_rad_s)
         self._plant.take(self._model)
-        self._drift = RudderDrift(radians(scenario.drift_deg), GRID_S, NormalNumbers(generator(seed, Stream.DRIFT)))
+        bias = extras.bias or Bias(scenario.drift_deg, TIME_CONSTANT_S)
+        numbers = NormalNumbers(generator(seed, Stream.DRIFT))
+        self._drift = RudderDrift(radians(bias.sd_deg), GRID_S, numbers, bias.memory_s)
         self._gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))
-        self._waves = _narrow_band(radians(scenario.wave_yaw_deg), scenario, seed, Stream.WAVES)
+        own = extras.own_waves or OwnWaves(scenario.wave_period_s, DAMPING)
+        numbers = NormalNumbers(generator(seed, Stream.WAVES))
+        self._waves = WaveYaw(radians(scenario.wave_yaw_deg), own.period_s, GRID_S, numbers, own.damping)
         self._orbit = Orbit(
             scenario.orbital_m_s,
             scenario.wave_period_s,
@@ -72,6 +80,9 @@ class Hull:
         """Build what the sea has beside its row; what is None takes no part."""
         extras = scenario.extras
         self._delay = None if extras.delay is None else PureDelay(extras.delay.delay_s, GRID_S)
+        self._noise: YawNoise | None = None
+        if extras.yaw is not None:
+            self._noise = YawNoise(extras.yaw.diffusion_deg2_s, GRID_S, NormalNumbers(generator(seed, Stream.YAW)))
         self._float: FollowingFloat | None = None
         if (body := extras.float_body) is not None:
             self._float = FollowingFloat(body.own_frequency_rad_s, body.damping, GRID_S)
@@ -86,8 +97,10 @@ class Hull:
                 scenario.wave_period_s,
                 radians(scenario.waves_toward_deg),
                 GRID_S,
-                (self._waves, radians(scenario.wave_yaw_deg)),
+                # A wave yaw with a period of its own has nothing to do with the orbit.
+                (self._waves, radians(scenario.wave_yaw_deg) if extras.own_waves is None else 0.0),
                 (NormalNumbers(generator(seed, Stream.ORBIT)), NormalNumbers(generator(seed, Stream.ORBIT_ALONE))),
+                orbital.damping,
             )
         self._speed: SpeedInWaves | None = None
         if extras.wave_speed is not None:
@@ -96,7 +109,8 @@ class Hull:
         if extras.compass is not None:
             # Without waves there is no roll.
             heel_rad = radians(extras.compass.heel_deg) if scenario.wave_period_s > 0.0 else 0.0
-            self._compass = BoughtCompass(extras.compass, GRID_S, _narrow_band(heel_rad, scenario, seed, Stream.ROLL))
+            roll = WaveYaw(heel_rad, scenario.wave_period_s, GRID_S, NormalNumbers(generator(seed, Stream.ROLL)))
+            self._compass = BoughtCompass(extras.compass, GRID_S, roll)
 
     def step(self, rudder_rad: float) -> None:
         """Advance one grid step that ends with the rudder at rudder_rad.
@@ -108,6 +122,8 @@ class Hull:
             rudder_rad = self._delay.step(rudder_rad)
         before_rad = self._plant.heading_rad
         self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._offset_rad())
+        if self._noise is not None:
+            self._plant.yaw_rate_rad_s += self._noise.jump_rad_s(self._model.turning_lag_s)
         middle_rad = 0.5 * (before_rad + self._plant.heading_rad)
         if self._sideways is not None:
             self._track.sideways_m_s = self._sideways.step(middle_rad, self._plant.yaw_rate_rad_s, self.speed_m_s)
@@ -239,8 +255,3 @@ def _ship_of(model: KtModel, scenario: Scenario, extras: Extras) -> KtModel:
         turning_ability_1_s=ship.turning_ability_1_s * other.ability,
         turning_lag_s=ship.turning_lag_s * other.lag,
     )
-
-
-def _narrow_band(spread_rad: float, scenario: Scenario, seed: int, stream: Stream) -> WaveYaw:
-    """Return an angle that swings with the waves."""
-    return WaveYaw(spread_rad, scenario.wave_period_s, GRID_S, NormalNumbers(generator(seed, stream)))

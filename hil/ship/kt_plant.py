@@ -18,12 +18,19 @@ class KtPlant:
     Raises ValueError for a model that is not physical or is too stiff for the grid.
     """
 
-    def __init__(self, model: KtModel, step_s: float, heading_rad: float = 0.0, yaw_rate_rad_s: float = 0.0) -> None:
-        """Start from a heading and a yaw rate; step_s is the grid step."""
+    def __init__(
+        self,
+        model: KtModel,
+        step_s: float,
+        heading_rad: float = 0.0,
+        yaw_rate_rad_s: float = 0.0,
+        disturbance_rad_s: float = 0.0,
+    ) -> None:
+        """Start from a heading and a yaw rate; step_s is the grid step, a disturbance adds so much yaw rate at most."""
         self.heading_rad = heading_rad
         self.yaw_rate_rad_s = yaw_rate_rad_s
         self._model = model
-        self._inner_steps = inner_steps(model, step_s, yaw_rate_rad_s)
+        self._inner_steps = inner_steps(model, step_s, yaw_rate_rad_s, disturbance_rad_s)
         self._inner_s = step_s / self._inner_steps
 
     def take(self, model: KtModel) -> None:
@@ -49,18 +56,18 @@ class KtPlant:
         self.heading_rad, self.yaw_rate_rad_s = heading_rad, yaw_rate_rad_s
 
 
-def inner_steps(model: KtModel, step_s: float, yaw_rate_rad_s: float = 0.0) -> int:
+def inner_steps(model: KtModel, step_s: float, yaw_rate_rad_s: float = 0.0, disturbance_rad_s: float = 0.0) -> int:
     """Return how many Runge-Kutta steps one grid step takes, or raise ValueError.
 
     The yaw rate never exceeds the larger of its start and the steady turn at the largest
-    rudder, so the fastest time constant, T / (1 + 3 alpha r^2), is known beforehand.
+    rudder, plus that of a disturbance, so the fastest time constant, T / (1 + 3 alpha r^2), is known beforehand.
     """
     numbers = (model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad)
     if not all(math.isfinite(number) for number in numbers) or model.turning_lag_s <= 0.0 or model.norrbin_s2 < 0.0:
         raise ValueError(f"not a ship: {model}; T must be positive, alpha not negative, and all of them finite")
     reach_rad = LARGEST_RUDDER_RAD + abs(model.rudder_offset_rad)
     fastest_rad_s = steady_yaw_rate(reach_rad, abs(model.turning_ability_1_s), model.norrbin_s2)
-    rate_rad_s = max(abs(yaw_rate_rad_s), fastest_rad_s)
+    rate_rad_s = max(abs(yaw_rate_rad_s), fastest_rad_s) + disturbance_rad_s
     constant_s = model.turning_lag_s / (1.0 + 3.0 * model.norrbin_s2 * rate_rad_s * rate_rad_s)
     count = math.ceil(step_s / min(LARGEST_STEP_S, STEP_PER_TIME_CONSTANT * constant_s))
     if count > MOST_INNER_STEPS:

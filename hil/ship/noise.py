@@ -29,6 +29,7 @@ class Stream(IntEnum):
     SATELLITE = 14
     SHIPS = 15
     AIR = 16
+    YAW = 17
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

@@ -13,7 +13,7 @@ import math
 
 from firmware_py.common.angles import TWO_PI
 from hil.ship.noise import NormalNumbers
-from hil.ship.waves import WaveYaw
+from hil.ship.waves import DAMPING, WaveYaw
 
 
 class Orbit:
@@ -64,6 +64,7 @@ class ShortCrestedOrbit:
         step_s: float,
         yaw: tuple[WaveYaw, float],
         numbers: tuple[NormalNumbers, NormalNumbers],
+        damping: float = DAMPING,
     ) -> None:
         """Start in the stationary state; `numbers` are for the part apart from the yaw and for a sea without yaw."""
         spread_m = velocity_m_s * period_s / TWO_PI
@@ -71,9 +72,9 @@ class ShortCrestedOrbit:
         self._along_m, self._across_m = spread_m * math.sqrt(1.0 - across * across), spread_m * across
         self._toward_rad = toward_rad
         process, spread = yaw
-        self._own = None if spread > 0.0 else WaveYaw(1.0, period_s, step_s, numbers[1])
+        self._own = None if spread > 0.0 else WaveYaw(1.0, period_s, step_s, numbers[1], damping)
         self._yaw, self._per_yaw = (process, 1.0 / spread) if self._own is None else (self._own, 1.0)
-        self._rest = WaveYaw(1.0, period_s, step_s, numbers[0])
+        self._rest = WaveYaw(1.0, period_s, step_s, numbers[0], damping)
 
     def step(self) -> None:
         """Move on to the next grid step; the process of the yaw is moved by its owner."""

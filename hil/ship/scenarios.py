@@ -17,7 +17,7 @@ class Scenario:
     """One sea; in degrees, because rows are read by people and printed in reports.
 
     `speed_m_s` is the ship's speed through the water, `bias_deg` the rudder angle at which
-    the boat runs straight, `drift_deg` the spread of its wandering (Gauss-Markov, 100 s).
+    the boat runs straight, `drift_deg` the standard deviation of its variation (Gauss-Markov, 100 s).
     `current_toward_deg` is where the current sets, at the start when there is a tide: `tide_s` is
     its period (0: none) and `tide_rotary` how it turns (hil/ship/tide.py). `gust_deg` is the
     strength of gusts, as a rudder angle (hil/ship/gusts.py), `orbital_m_s` how fast the waves carry
@@ -115,6 +115,46 @@ TABLE: tuple[Scenario, ...] = (
             "compass=1:4:-3:1.5:0.5:3:1,kt=0.8:1.3,delay=0.5"
         ),
     ),
+    # Seas with what was recorded on a vessel of 5 m (docs/explanation/physics.md, "The sea as recorded").
+    Scenario(
+        "fjord",
+        "as recorded in sheltered water: little diffusion of the heading, a changing rudder bias",
+        0.5,
+        5.5,
+        0.5,
+        3.0,
+        0.0,
+        0.1,
+        extras=extras_table.parse(
+            "yaw=0.4,waves=2:0.3,bias=8:900,speed=0.1:30,leeway=5,orbital=0.07:60:0.15,receiver=0.2:0:10:4:0.005"
+        ),
+    ),
+    Scenario(
+        "coast",
+        "as recorded along a coast: typical diffusion of the heading, leeway, a slow receiver",
+        0.5,
+        8.0,
+        1.1,
+        3.0,
+        0.0,
+        0.15,
+        extras=extras_table.parse(
+            "yaw=2,waves=2.5:0.18,bias=10:1500,speed=0.2:30,leeway=-15,orbital=0.14:60:0.15,receiver=0.2:0:10:8:0.005"
+        ),
+    ),
+    Scenario(
+        "offshore",
+        "as recorded in the open sea: strong diffusion of the heading, much leeway, a very slow receiver",
+        0.5,
+        8.5,
+        2.4,
+        3.0,
+        0.0,
+        0.2,
+        extras=extras_table.parse(
+            "yaw=6,waves=3.2:0.25,bias=12:3000,speed=0.3:30,leeway=25,orbital=0.42:60:0.15,receiver=0.2:0:10:12:0.005"
+        ),
+    ),
 )
 
 
@@ -131,6 +171,8 @@ def with_extras(scenario: Scenario, text: str) -> Scenario:
     extras = extras_table.parse(text, scenario.extras)
     if extras.orbital is not None and extras.orbital.velocity_m_s > 0.0 and not scenario.wave_period_s > 0.0:
         raise extras_table.ExtrasError(f"option orbital: {scenario.name} has no waves")
+    if extras.own_waves is not None and not scenario.wave_yaw_deg > 0.0:
+        raise extras_table.ExtrasError(f"option waves: {scenario.name} has no wave yaw")
     return replace(scenario, extras=extras)
 
 

@@ -3,7 +3,8 @@
     d2psi/dt2 + 2 zeta omega dpsi/dt + omega^2 psi = white noise
 
 It is added to what the compass sees; no rudder can touch it. It is advanced with its
-exact discretisation, so its spread and its spectrum do not depend on the grid step.
+exact discretisation, so its spread and its spectrum do not depend on the grid step. The
+period is that of the peak of the spectrum, which damping moves below omega.
 """
 
 from __future__ import annotations
@@ -21,7 +22,14 @@ class WaveYaw:
     Between the two ends of a step the angle is the cubic through both angles and rates.
     """
 
-    def __init__(self, spread_rad: float, peak_period_s: float, step_s: float, numbers: NormalNumbers) -> None:
+    def __init__(
+        self,
+        spread_rad: float,
+        peak_period_s: float,
+        step_s: float,
+        numbers: NormalNumbers,
+        damping: float = DAMPING,
+    ) -> None:
         """Start in the stationary state; spread_rad is the standard deviation, 0 for a calm sea."""
         self._step_s = step_s
         self._numbers = numbers
@@ -29,10 +37,9 @@ class WaveYaw:
         self._start = self._end = (0.0, 0.0)
         if self._calm:
             return
-        # The spectrum peaks at omega sqrt(1 - 2 zeta^2); the peak period is the given one.
-        omega_rad_s = 2.0 * math.pi / peak_period_s / math.sqrt(1.0 - 2.0 * DAMPING**2)
+        omega_rad_s = natural_frequency(peak_period_s, damping)
         spreads = (spread_rad, spread_rad * omega_rad_s)
-        self._transition, self._noise = discretised(spreads, omega_rad_s, step_s)
+        self._transition, self._noise = discretised(spreads, omega_rad_s, step_s, damping)
         self._start = (spreads[0] * numbers.draw(), spreads[1] * numbers.draw())
         self._end = self._next(self._start)
 
@@ -73,18 +80,23 @@ class WaveYaw:
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 
+def natural_frequency(peak_period_s: float, damping: float) -> float:
+    """Return omega [rad/s] of a process whose spectrum peaks at omega sqrt(1 - 2 zeta^2), the given period."""
+    return 2.0 * math.pi / peak_period_s / math.sqrt(1.0 - 2.0 * damping**2)
+
+
 def discretised(
-    spreads: tuple[float, float], omega_rad_s: float, step_s: float
+    spreads: tuple[float, float], omega_rad_s: float, step_s: float, damping: float = DAMPING
 ) -> tuple[Matrix, tuple[float, float, float]]:
     """Return the transition matrix of a step and the lower Cholesky factor of its noise.
 
     The stationary covariance is P = diag(spreads^2); the noise that keeps it so is
     P - A P A'.
     """
-    damped_rad_s = omega_rad_s * math.sqrt(1.0 - DAMPING**2)
-    decay = math.exp(-DAMPING * omega_rad_s * step_s)
+    damped_rad_s = omega_rad_s * math.sqrt(1.0 - damping**2)
+    decay = math.exp(-damping * omega_rad_s * step_s)
     cosine, sine = math.cos(damped_rad_s * step_s) * decay, math.sin(damped_rad_s * step_s) * decay
-    lead = DAMPING * omega_rad_s / damped_rad_s * sine
+    lead = damping * omega_rad_s / damped_rad_s * sine
     a00, a01 = cosine + lead, sine / damped_rad_s
     a10, a11 = -omega_rad_s * omega_rad_s / damped_rad_s * sine, cosine - lead
     p0, p1 = spreads[0] ** 2, spreads[1] ** 2

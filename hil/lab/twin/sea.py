@@ -20,14 +20,15 @@ from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Ship
 from hil.ship import drift as drifting
 from hil.ship import gusts
 from hil.ship import wave_speed as speeds
-from hil.ship.extras import Compass, Leeway, Receiver
+from hil.ship.extras import Bias, Compass, Leeway, OwnWaves, Receiver
 from hil.ship.float_body import transition
 from hil.ship.kt_plant import inner_steps
 from hil.ship.manoeuvring import sway_ratios
 from hil.ship.noise import Stream, generator
 from hil.ship.regressions import FLOAT, sway_model
 from hil.ship.scenarios import Scenario
-from hil.ship.waves import DAMPING, discretised
+from hil.ship.waves import DAMPING, discretised, natural_frequency
+from hil.ship.yaw_noise import jump_rad, largest_rate_rad_s
 from hil.sim.device_factory import FREQUENCY_ERROR_PPM
 
 COMPASS_NOISE_DEG = 0.3
@@ -40,23 +41,24 @@ NOTHING, NO_PROCESS = Part(1, series.clear), Part(2, series.clear)
 NO_ROOM = np.empty(0)
 
 
-def process_of(spread: float, period_s: float, seed: int, stream: Stream, steps: int) -> Part:
+def process_of(spread: float, waves: OwnWaves, seed: int, stream: Stream, steps: int) -> Part:
     """Make angle and rate of hil.ship.waves.WaveYaw at each grid step."""
     if spread <= 0.0:
         return NO_PROCESS
-    omega_rad_s = 2.0 * math.pi / period_s / math.sqrt(1.0 - 2.0 * DAMPING**2)
+    omega_rad_s = natural_frequency(waves.period_s, waves.damping)
     spreads = (spread, spread * omega_rad_s)
 
     def swing(out: Floats) -> None:
-        series.swing(spreads, *discretised(spreads, omega_rad_s, GRID_S), state_of(generator(seed, stream)), out)
+        transition, noise = discretised(spreads, omega_rad_s, GRID_S, waves.damping)
+        series.swing(spreads, transition, noise, state_of(generator(seed, stream)), out)
 
     return Part(2 * (steps + 2), swing)
 
 
 def offset_of(scenario: Scenario, seed: int, steps: int) -> Part:
     """Make the rudder angle that drift and gusts add at each grid step."""
-    spread_rad = radians(scenario.drift_deg)
-    keep = math.exp(-GRID_S / drifting.TIME_CONSTANT_S)
+    bias = scenario.extras.bias or Bias(scenario.drift_deg, drifting.TIME_CONSTANT_S)
+    spread_rad, keep = radians(bias.sd_deg), math.exp(-GRID_S / bias.memory_s)
 
     def push(out: Floats) -> None:
         series.wander(
@@ -69,6 +71,14 @@ def offset_of(scenario: Scenario, seed: int, steps: int) -> Part:
             series.add_gust(begin, end, radians(scenario.gust_deg) * math.sqrt(source.exponential(1.0)), out)
 
     return Part(steps + 1, push)
+
+
+def jumps_of(scenario: Scenario, seed: int, steps: int) -> Part:
+    """Make the jump of the yaw rate at the end of each grid step, times the turning lag."""
+    if (yaw := scenario.extras.yaw) is None:
+        return NOTHING
+    jump = jump_rad(yaw.diffusion_deg2_s, GRID_S)
+    return Part(steps + 1, lambda out: series.wander(jump, 0.0, jump, state_of(generator(seed, Stream.YAW)), out))
 
 
 def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, Part]:
@@ -100,11 +110,14 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         ability, lag = ability * other.ability, lag * other.lag
     bias_rad = model.rudder_offset_rad + radians(scenario.bias_deg)
     ship = model._replace(turning_ability_1_s=ability, turning_lag_s=lag, rudder_offset_rad=bias_rad)
-    inner = inner_steps(ship.at_speed(scenario.speed_m_s * (speeds.MOST if extras.wave_speed else 1.0)), GRID_S)
+    quickest = ship.at_speed(scenario.speed_m_s * (speeds.MOST if extras.wave_speed else 1.0))
+    noise_rad_s = largest_rate_rad_s(extras.yaw.diffusion_deg2_s, quickest.turning_lag_s) if extras.yaw else 0.0
+    inner = inner_steps(quickest, GRID_S, disturbance_rad_s=noise_rad_s)
     body, leeway = extras.float_body, extras.leeway or Leeway(0.0)
     (f00, f01), (f10, f11) = STILL if body is None else transition(body.own_frequency_rad_s, body.damping, GRID_S)
     drive, damping_1_m = sway_ratios(sway_model(FLOAT), 1.0)
     yaw_rad = radians(scenario.wave_yaw_deg)
+    alone = orbits_alone(scenario)
     compass = extras.compass or Compass(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     toward_rad = radians(scenario.current_toward_deg)
     return Ship(
@@ -132,8 +145,8 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         drive,
         damping_1_m,
         extras.orbital is not None,
-        not yaw_rad > 0.0,
-        1.0 / yaw_rad if yaw_rad > 0.0 else 1.0,
+        alone,
+        1.0 if alone else 1.0 / yaw_rad,
         *_crests_m(scenario),
         radians(scenario.waves_toward_deg),
         scenario.orbital_m_s > 0.0 and scenario.wave_period_s > 0.0,
@@ -148,8 +161,14 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         scenario.tide_rotary,
         yaw_rad > 0.0,
         _heel_rad(scenario) > 0.0,
+        extras.yaw is not None,
         *places,
     )
+
+
+def orbits_alone(scenario: Scenario) -> bool:
+    """Return whether the orbital motion has nothing to do with the wave yaw."""
+    return not scenario.wave_yaw_deg > 0.0 or scenario.extras.own_waves is not None
 
 
 def _crests_m(scenario: Scenario) -> tuple[float, float]:
@@ -175,19 +194,22 @@ def _heel_rad(scenario: Scenario) -> float:
 def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, ...]:
     """Make what moves by itself at each grid step, in the order of the places of Ship."""
     period_s, orbital = scenario.wave_period_s, scenario.extras.orbital
+    waves = OwnWaves(period_s, DAMPING)
+    crests = OwnWaves(period_s, DAMPING if orbital is None else orbital.damping)
     yaw_rad = radians(scenario.wave_yaw_deg)
     calm = scenario.orbital_m_s <= 0.0 or period_s <= 0.0
     orbit_m = 0.0 if calm else scenario.orbital_m_s * period_s / TWO_PI
     return (
         offset_of(scenario, seed, steps),
-        process_of(yaw_rad, period_s, seed, Stream.WAVES, steps),
-        process_of(orbit_m, period_s, seed, Stream.ORBIT, steps),
-        NO_PROCESS if orbital is None else process_of(1.0, period_s, seed, Stream.ORBIT, steps),
-        process_of(1.0, period_s, seed, Stream.ORBIT_ALONE, steps)
-        if orbital is not None and yaw_rad <= 0.0
+        process_of(yaw_rad, scenario.extras.own_waves or waves, seed, Stream.WAVES, steps),
+        process_of(orbit_m, waves, seed, Stream.ORBIT, steps),
+        NO_PROCESS if orbital is None else process_of(1.0, crests, seed, Stream.ORBIT, steps),
+        process_of(1.0, crests, seed, Stream.ORBIT_ALONE, steps)
+        if orbital is not None and orbits_alone(scenario)
         else NO_PROCESS,
-        process_of(_heel_rad(scenario), period_s, seed, Stream.ROLL, steps),
+        process_of(_heel_rad(scenario), waves, seed, Stream.ROLL, steps),
         *speed_of(scenario, seed, steps),
+        jumps_of(scenario, seed, steps),
     )
 
 

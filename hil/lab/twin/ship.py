@@ -22,8 +22,9 @@ class Ship(NamedTuple):
     """The numbers of a ship and of what is unkind in its sea; `has_` says what there is of it.
 
     `_at` is where in the series the numbers of each grid step begin. The processes of the waves are angle and rate:
-    yaw, `orbit` along the waves, and of a short-crested sea what is `beside` the yaw and, without a yaw, the motion
-    `alone`; the roll of the compass.
+    yaw, `orbit` along the waves, and of a short-crested sea what is `beside` the yaw and, without a yaw or with one of
+    another period, the motion `alone`; the roll of the compass. A `jump` is that of the yaw rate at the end of a step,
+    times the turning lag.
     """
 
     ability_1_s: float
@@ -71,6 +72,7 @@ class Ship(NamedTuple):
     rotary: float
     has_yaw: bool
     has_roll: bool
+    has_noise: bool
     offset_at: int
     yaw_at: int
     orbit_at: int
@@ -79,6 +81,7 @@ class Ship(NamedTuple):
     roll_at: int
     speed_at: int
     waves_at: int
+    jump_at: int
     blade_lost_s: float = math.inf  # from then on the rudder turns nothing
 
 
@@ -249,6 +252,8 @@ def turn_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: f
     offset_rad = ship.bias_rad + series[ship.offset_at + step]
     for _ in range(ship.inner_steps):
         psi, r = rk4_step(psi, r, driven_rad, ship.inner_s, hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA], offset_rad)
+    if ship.has_noise:
+        r += series[ship.jump_at + step] / hull[NOW_T]
     middle_rad = 0.5 * (hull[PSI] + psi)
     hull[RUDDER], hull[PSI], hull[YAW_RATE] = rudder_rad, psi, r
     if ship.has_sideways:

@@ -15,7 +15,7 @@ from hil.ship.scenarios import TABLE as SEAS
 from hil.ship.scenarios import named, sea_of, with_extras
 from hil.ship.wave_speed import MOST
 
-EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3"
+EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3,yaw,waves,bias"
 
 
 def test_a_list_is_read_and_printed_so_that_it_reads_the_same():
@@ -70,6 +70,11 @@ def test_what_cannot_be_read_is_one_line_that_says_what_there_is(text, complaint
 def test_orbital_motion_needs_waves():
     with pytest.raises(ExtrasError, match="calm has no waves"):
         sea_of("calm+orbital")
+
+
+def test_a_period_of_the_wave_yaw_needs_wave_yaw():
+    with pytest.raises(ExtrasError, match="calm has no wave yaw"):
+        sea_of("calm+waves")
 
 
 def test_the_table_has_every_extra_with_text_range_and_source():
@@ -163,12 +168,13 @@ def test_the_way_dies_in_a_calm_with_waves_and_steering_and_comes_back():
 
 
 def test_a_quick_ship_in_quick_groups_stays_a_ship():
-    hull, rows = sailed("storm+speed=0.6:5,kt=10:0.1,float,leeway=45,sway=5,orbital=3:60", 60.0, rudder_deg=45.0)
+    text = "storm+speed=0.6:5,kt=10:0.1,float,leeway=45,sway=5,orbital=3:60:0.65,yaw=50,waves=0.5:0.65,bias=20:10"
+    hull, rows = sailed(text, 60.0, rudder_deg=45.0)
     assert np.all(np.isfinite(rows))
     assert hull.speed_m_s <= MOST * 0.5
 
 
-@pytest.mark.parametrize("name", ["swell", "ocean-1", "ocean-4"])
+@pytest.mark.parametrize("name", ["swell", "ocean-1", "ocean-4", "offshore"])
 def test_a_seed_is_the_same_voyage_twice(name):
     hulls = [sailed(name, 20.0, seed=seed)[0] for seed in (3, 3, 4)]
     seen = [(hull.shown_heading_rad(0.01), *hull.position_in_waves_m(0.01)) for hull in hulls]
@@ -179,3 +185,32 @@ def test_the_yaw_of_the_waves_is_that_of_the_plain_sea():
     plain, more = (sailed(text, 20.0)[0] for text in ("swell", "swell+orbital,leeway,sway,receiver"))
     assert more.heading_rad(0.013) == plain.heading_rad(0.013)
     assert more.position_in_waves_m(0.0) != plain.position_in_waves_m(0.0)
+
+
+def test_white_yaw_disturbance_changes_nothing_else_of_the_sea():
+    hulls = [sailed(text, 20.0)[0] for text in ("swell", "swell+yaw=2")]
+    low_rad = np.array([hull.heading_low_rad(0.0) for hull in hulls])
+    wave_rad = np.array([hull.heading_rad(0.0) for hull in hulls]) - low_rad
+    assert low_rad[0] != low_rad[1]
+    assert wave_rad[0] == pytest.approx(wave_rad[1], abs=1e-12)
+
+
+def test_the_wave_yaw_has_its_own_period_and_the_orbit_that_of_the_sea():
+    hull = Hull(sea_of("swell+waves=2:0.1,orbital=0.4:25:0.1"), OCEAN_RAMBLER, 1)
+    yaw_rad, north_m = [], []
+    for _ in range(400 * STEPS_PER_SECOND):
+        hull.step(0.0)
+        yaw_rad.append(hull.heading_rad(0.0) - hull.heading_low_rad(0.0))
+        north_m.append(hull.position_in_waves_m(0.0)[0] - hull.position_m(0.0)[0])
+    for series, period_s in ((yaw_rad, 2.0), (north_m, 8.0)):
+        upward = np.sum(np.diff(np.sign(series)) > 0)
+        assert 400.0 / upward == pytest.approx(period_s, rel=0.1)
+
+
+def test_the_rudder_bias_has_the_standard_deviation_given_instead_of_the_sea_s():
+    # The same numbers are drawn: the boat turns twice as fast, the cubic term of a slow turn apart.
+    turned = [sailed(text, 60.0)[1][-1, 0] for text in ("calm+bias=2:900", "calm+bias=4:900", "calm+bias=4:10")]
+    assert turned[1] == pytest.approx(2.0 * turned[0], rel=0.01)
+    assert turned[2] != pytest.approx(turned[1], rel=0.1)
+    plain, same = (sailed(text, 20.0)[0] for text in ("swell", "swell+bias=2:100"))
+    assert plain.heading_rad(0.0) == same.heading_rad(0.0)

@@ -9,7 +9,7 @@ from hil.ship import extras_table
 from hil.ship.scenarios import TABLE, UnknownScenarioError, named
 
 # speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge,
-# and the mixtures
+# the mixtures, and the seas as recorded
 ROWS = {
     "calm": (0.4, 0.0, 0.0, 0.0, 0.0, 0.0),
     "tank": (0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
@@ -24,6 +24,9 @@ ROWS = {
     "ocean-2": (0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
     "ocean-3": (0.2, 4.0, 10.0, 3.0, 2.0, 0.2),
     "ocean-4": (0.5, 8.0, 20.0, 6.0, 3.0, 0.3),
+    "fjord": (0.5, 5.5, 0.5, 3.0, 0.0, 0.1),
+    "coast": (0.5, 8.0, 1.1, 3.0, 0.0, 0.15),
+    "offshore": (0.5, 8.5, 2.4, 3.0, 0.0, 0.2),
 }
 
 

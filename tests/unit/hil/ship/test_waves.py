@@ -10,7 +10,7 @@ from hil.ship.drift import RudderDrift
 from hil.ship.gusts import PAUSE_S, Gusts
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.orbit import Orbit
-from hil.ship.waves import WaveYaw
+from hil.ship.waves import WaveYaw, natural_frequency
 
 STEP_S = 0.02
 
@@ -112,3 +112,23 @@ def test_streams_are_independent_and_repeatable():
     assert np.array_equal(first, generator(1, Stream.WAVES).standard_normal(1000))
     for other in (generator(1, Stream.DRIFT), generator(2, Stream.WAVES)):
         assert abs(np.corrcoef(first, other.standard_normal(1000))[0, 1]) < 0.12
+
+
+@pytest.mark.parametrize("damping", [0.18, 0.6])
+def test_damping_gives_the_correlation_of_a_second_order_process(damping):
+    process = WaveYaw(0.2, 2.5, 0.1, NormalNumbers(generator(3, Stream.WAVES)), damping)
+    angles = sampled(process, 60_000)
+    assert np.std(angles) == pytest.approx(0.2, rel=0.03)
+    omega_rad_s = natural_frequency(2.5, damping)
+    damped_rad_s = omega_rad_s * math.sqrt(1.0 - damping**2)
+    for steps in (5, 12, 25):
+        angle_rad = damped_rad_s * 0.1 * steps
+        wave = math.cos(angle_rad) + damping * omega_rad_s / damped_rad_s * math.sin(angle_rad)
+        expected = math.exp(-damping * omega_rad_s * 0.1 * steps) * wave
+        assert np.corrcoef(angles[:-steps], angles[steps:])[0, 1] == pytest.approx(expected, abs=0.03)
+
+
+def test_the_spectrum_peaks_at_the_period_for_any_damping():
+    process = WaveYaw(0.2, 2.5, 0.1, NormalNumbers(generator(3, Stream.WAVES)), 0.4)
+    frequency_hz, power = welch(sampled(process, 120_000), fs=10.0, nperseg=128)
+    assert 1.0 / frequency_hz[np.argmax(power)] == pytest.approx(2.5, rel=0.15)

@@ -228,10 +228,11 @@ def test_the_source_is_chosen_as_the_firmware_chooses():
 
 
 KINDER = "float=0.4:1.2,leeway=6:3:80,sway=0.5,orbital=0.3,speed=0.5:30:8:6,compass=2:3:1:1:1:4:0,kt=0.7:1.3,delay=0.33"
+NOISE = "yaw=4,bias=12:600"
 
 
 @pytest.mark.parametrize(
-    "text", [*(row.name for row in TABLE), "tank+orbital=0.2,compass", f"mission+{KINDER}", "calm+sway,compass"]
+    "text", [*(row.name for row in TABLE), "tank+orbital=0.2,compass", f"mission+{KINDER},{NOISE}", "calm+sway,compass"]
 )
 def test_the_ship_in_her_sea_is_the_harness_s(text):
     scenario, seconds = sea_of(text), 20.0
