@@ -2,7 +2,8 @@
 
 `encode` and `decode` use msgpack, which keeps every float bit for bit, also NaN and infinity. `to_text` and `from_text`
 use JSON with the words NaN, Infinity and -Infinity, where a text is needed. Members of an enumeration are written as
-their numbers; a class of a union needs `tag=True`.
+their numbers; a class of a union needs `tag=True`. NamedTuples of the numeric core, whose fields all have defaults, are
+written by name, too; null in one of their fields is its default.
 
 Encoded records outlive the version that wrote them:
 
@@ -20,10 +21,10 @@ import json
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import Enum
 from functools import cache, partial
-from itertools import cycle
+from itertools import chain, cycle
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -38,7 +39,26 @@ MOST_REPAIRS: Final = 100
 MOST_CHARACTERS: Final = 120  # of a reason
 
 # By the name of the class: the former name of a field and its name of today.
-FORMER_NAMES: dict[str, dict[str, str]] = {}
+FORMER_NAMES: dict[str, dict[str, str]] = {
+    "ConvergenceState": {"told": "not_converging"},
+    "HalfCycle": {"push_rad": "bias_rad", "turned": "is_turn"},
+    "OscillationState": {
+        "halves": "weight",
+        "late": "turn_delay",
+        "softened_s": "reduced_s",
+        "softness": "gain_reduction",
+        "swung_s": "last_cycle_s",
+    },
+    "SupervisorState": {"coming_round": "convergence"},
+    "TurnDelayState": {
+        "as_told_rad": "nominal_rad",
+        "felt_as_told": "nominal_square",
+        "felt_late": "delayed_square",
+        "late_rad": "delayed_rad",
+        "shown_as_told": "nominal_product",
+        "shown_late": "delayed_product",
+    },
+}
 
 _LOCATED = re.compile(r"(.*) - at `(?:key` in `)?\$(.*)`", re.DOTALL)  # the last place: a value may look like one
 _UNKNOWN_CLASS: Final = "Invalid value "
@@ -102,7 +122,8 @@ def to_plain(
     if VERSION in record.__struct_fields__:
         raise TypeError(f"{type(record).__name__}: a field cannot be named {VERSION!r}")
     encode_other = partial(_encode_other, hooks.encode)
-    return {VERSION: version, **msgspec.to_builtins(record, builtin_types=kept, enc_hook=encode_other)}
+    plain = msgspec.to_builtins(record, builtin_types=kept, enc_hook=encode_other)
+    return {VERSION: version, **_name_record(type(record), plain, Spot("", {}), hooks)}
 
 
 def _encode_other(hook: Callable[[Any], Any] | None, value: Any) -> Any:
@@ -122,7 +143,7 @@ def from_plain(
     if not isinstance(plain, dict):
         raise ValueError(f"expected a record of {kind.__name__}, found {shown(plain)}")  # noqa: TRY004 -- bad data
     _check_version(plain, version, spot)
-    _visit_record(kind, plain, spot, hooks)
+    plain = _visit_record(kind, plain, spot, hooks)
     for _ in range(MOST_REPAIRS):
         try:
             return msgspec.convert(plain, kind, dec_hook=hooks.decode), tuple(spot.notes)
@@ -168,94 +189,153 @@ def _drop_unusable(plain: dict[str, Any], error: msgspec.ValidationError, spot: 
     holder.pop(name, None)
 
 
-Visit = Callable[[Any, Spot, Hooks], None]
+Visit = Callable[[Any, Spot, Hooks], Any]
+
+
+def _visit_record(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
+    """Rename the fields of a record that had other names, drop those not known, and prepare the values."""
+    if not isinstance(value, dict):
+        return value  # which msgspec reports
+    _rename(kind, value)
+    if (prepare := hooks.prepare.get(kind)) is not None:
+        prepare(value, spot)
+    visits = _field_visits(kind)
+    _drop_unknown(value, visits.keys() | {kind.__struct_config__.tag_field}, spot)
+    for name, deeper in visits.items():
+        if deeper is not None and name in value:
+            value[name] = deeper(value[name], spot.below(name), hooks)
+    return value
+
+
+def _visit_named(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
+    """Return the values of a NamedTuple in their order, as msgspec expects them; null is a default."""
+    if value is None:
+        value = {}
+    if not isinstance(value, dict):
+        spot.note(f"expected fields by name, found {shown(value)}, ignored")
+        return None
+    _rename(kind, value)
+    _drop_unknown(value, kind._fields, spot)
+    values, hints = [], typing.get_type_hints(kind)
+    for name, deeper in _field_visits(kind).items():
+        found, at = value.get(name), spot.below(name)
+        if deeper is not None:
+            found = deeper(found, at, hooks)
+        if found is not None:
+            try:
+                msgspec.convert(found, hints[name])
+            except msgspec.ValidationError as error:
+                at.note(f"{ascii(str(error))[1:-1][:MOST_CHARACTERS]}, ignored")
+                found = None
+        values.append(kind._field_defaults[name] if found is None else found)
+    return values
+
+
+def _rename(kind: Any, plain: dict[str, Any]) -> None:
+    for former, name in FORMER_NAMES.get(kind.__name__, {}).items():
+        if former in plain and name not in plain:
+            plain[name] = plain.pop(former)
+
+
+def _drop_unknown(plain: dict[str, Any], known: Collection[str], spot: Spot) -> None:
+    for name in [name for name in plain if name not in known]:
+        spot.note(f"field {shown(name)} is not known here, ignored")
+        del plain[name]
+
+
+def _name_record(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
+    """Give the values of the NamedTuples in an encoded record their names."""
+    for name, deeper in _field_visits(kind, naming=True).items():
+        if deeper is not None:
+            value[name] = deeper(value[name], spot, hooks)
+    return value
+
+
+def _name_values(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
+    visits = _field_visits(kind, naming=True).items()
+    return {
+        name: part if deeper is None else deeper(part, spot, hooks)
+        for (name, deeper), part in zip(visits, value, strict=True)
+    }
+
+
+def _visit_other(kind: type, value: Any, spot: Spot, hooks: Hooks) -> Any:
+    if value is not None and (prepare := hooks.prepare.get(kind)) is not None:
+        prepare(value, spot)
+    return value
 
 
 @cache
-def _record_visit(kind: Any) -> Visit:
-    """Return a function that renames the fields of a record that had other names and drops those not known."""
-    hints = typing.get_type_hints(kind)
-    visits = {name: _visit_of(hints[name]) for name in kind.__struct_fields__}
-    known = visits.keys() | {kind.__struct_config__.tag_field}
-
-    def visit(plain: Any, spot: Spot, hooks: Hooks) -> None:
-        if not isinstance(plain, dict):
-            return  # which msgspec reports
-        for former, name in FORMER_NAMES.get(kind.__name__, {}).items():
-            if former in plain and name not in plain:
-                plain[name] = plain.pop(former)
-        if (prepare := hooks.prepare.get(kind)) is not None:
-            prepare(plain, spot)
-        for name in [name for name in plain if name not in known]:
-            spot.note(f"field {shown(name)} is not known here, ignored")
-            del plain[name]
-        for name, deeper in visits.items():
-            if deeper is not None and name in plain:
-                deeper(plain[name], spot.below(name), hooks)
-
-    return visit
+def _field_visits(kind: Any, *, naming: bool = False) -> dict[str, Visit | None]:
+    """Return what visits each field of a record or NamedTuple."""
+    hints, names = typing.get_type_hints(kind), getattr(kind, "__struct_fields__", None) or kind._fields
+    return {name: _visit_of(hints[name], naming=naming) for name in names}
 
 
-def _visit_record(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> None:
-    _record_visit(kind)(value, spot, hooks)
-
-
-def _visit_other(kind: type, value: Any, spot: Spot, hooks: Hooks) -> None:
-    if value is not None and (prepare := hooks.prepare.get(kind)) is not None:
-        prepare(value, spot)
-
-
-def _visit_of(hint: Any) -> Visit | None:
+def _visit_of(hint: Any, *, naming: bool) -> Visit | None:
     """Return what visits the records in a value of this annotation; None where there are none.
 
-    Raises TypeError for a class whose fields msgspec would write without their names.
+    `naming`: after msgspec has encoded it, otherwise before msgspec decodes it. Raises TypeError for a class whose
+    fields msgspec would write without their names.
     """
     if isinstance(hint, type):
-        if issubclass(hint, msgspec.Struct):
-            return partial(_visit_record, hint)  # which looks no deeper yet: a record may hold one of its own class
-        if hasattr(hint, "_fields") or hasattr(hint, "__dataclass_fields__"):
+        if issubclass(hint, msgspec.Struct):  # looks no deeper yet: a record may hold one of its own class
+            return partial(_name_record if naming else _visit_record, hint)
+        if names := getattr(hint, "_fields", None):
+            if getattr(hint, "_field_defaults", {}).keys() != set(names):
+                raise TypeError(f"{hint.__name__}: each field of a stored NamedTuple needs a default")
+            return partial(_name_values if naming else _visit_named, hint)
+        if hasattr(hint, "__dataclass_fields__"):
             raise TypeError(f"{hint.__name__} is no msgspec.Struct: its fields would have no names, or no reports")
-        return None if hint.__module__ == "builtins" or issubclass(hint, Enum) else partial(_visit_other, hint)
+        return (
+            None if naming or hint.__module__ == "builtins" or issubclass(hint, Enum) else partial(_visit_other, hint)
+        )
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return _union_visit([part for part in parts if part is not types.NoneType])
+        return _union_visit([part for part in parts if part is not types.NoneType], naming=naming)
     if origin is tuple:
-        each = [_visit_of(part) for part in parts if part is not Ellipsis]
+        each = [_visit_of(part, naming=naming) for part in parts if part is not Ellipsis]
         return _items_visit(each, repeated=parts[-1] is Ellipsis) if any(each) else None
-    if isinstance(origin, type) and issubclass(origin, Mapping) and (one := _visit_of(parts[1])) is not None:
+    if (
+        isinstance(origin, type)
+        and issubclass(origin, Mapping)
+        and (one := _visit_of(parts[1], naming=naming)) is not None
+    ):
         return _values_visit(one)
     return None
 
 
-def _union_visit(options: Sequence[Any]) -> Visit | None:
+def _union_visit(options: Sequence[Any], *, naming: bool) -> Visit | None:
     """Return what visits a value of several classes: records of more than one are told apart by their tags."""
     records = [option for option in options if isinstance(option, type) and issubclass(option, msgspec.Struct)]
     if len(records) < 2:
-        return next((one for option in options if (one := _visit_of(option)) is not None), None)
+        one = next((one for option in options if (one := _visit_of(option, naming=naming)) is not None), None)
+        return one and (lambda value, spot, hooks: value if value is None else one(value, spot, hooks))
     tag_field = records[0].__struct_config__.tag_field
-    by_tag = {record.__struct_config__.tag: record for record in records}
+    by_tag = {record.__struct_config__.tag: _visit_of(record, naming=naming) for record in records}
 
-    def visit(value: Any, spot: Spot, hooks: Hooks) -> None:
+    def visit(value: Any, spot: Spot, hooks: Hooks) -> Any:
         tag = value.get(tag_field) if isinstance(value, dict) else None
-        if isinstance(tag, str) and tag in by_tag:
-            _visit_record(by_tag[tag], value, spot, hooks)
+        one = by_tag.get(tag) if isinstance(tag, str) else None
+        return value if one is None else one(value, spot, hooks)
 
     return visit
 
 
 def _items_visit(each: Sequence[Visit | None], *, repeated: bool) -> Visit:
-    def visit(value: Any, spot: Spot, hooks: Hooks) -> None:
-        items = value if isinstance(value, (list, tuple)) else ()
-        for item, one in zip(items, cycle(each) if repeated else each, strict=False):
-            if one is not None:
-                one(item, spot, hooks)
+    def visit(value: Any, spot: Spot, hooks: Hooks) -> Any:
+        if not isinstance(value, (list, tuple)):
+            return value
+        visits = cycle(each) if repeated else chain(each, cycle((None,)))
+        return [item if one is None else one(item, spot, hooks) for item, one in zip(value, visits, strict=False)]
 
     return visit
 
 
 def _values_visit(one: Visit) -> Visit:
-    def visit(value: Any, spot: Spot, hooks: Hooks) -> None:
-        for item in value.values() if isinstance(value, dict) else ():
-            one(item, spot, hooks)
+    def visit(value: Any, spot: Spot, hooks: Hooks) -> Any:
+        if not isinstance(value, dict):
+            return value
+        return {name: one(item, spot, hooks) for name, item in value.items()}
 
     return visit

@@ -237,16 +237,75 @@ def test_no_field_is_named_as_the_version():
         encode(Odd(), 1)
 
 
-def test_a_named_tuple_is_refused_because_its_fields_would_lose_their_names():
-    class Point(NamedTuple):
-        x: float
+class Point(NamedTuple):
+    """State of the numeric core: NaN is absence."""
 
+    x_m: float = math.nan
+    seen: bool = False
+
+
+class Track(NamedTuple):
+    newest: Point = Point()
+    corners: tuple[Point, Point] = (Point(), Point(1.0))
+
+
+class Chart(msgspec.Struct, frozen=True):
+    track: Track = Track()
+    other: Track | None = None
+    by_name: Mapping[str, Point] = {}
+
+
+CHART = Chart(Track(Point(2.0, seen=True)), Track(corners=(Point(3.0), Point(-0.0))), {"a": Point(4.0)})
+
+
+def read_chart(change):
+    plain = msgspec.msgpack.decode(encode(CHART, 1))
+    change(plain)
+    return decode(Chart, msgspec.msgpack.encode(plain), 1)
+
+
+@pytest.mark.parametrize("chart", [Chart(), CHART])
+def test_a_named_tuple_is_written_by_name_and_comes_back_to_the_bit(chart):
+    assert "x_m" in to_text(chart, 1)
+    for again, notes in (decode(Chart, encode(chart, 1), 1), from_text(Chart, to_text(chart, 1), 1)):
+        assert repr(again) == repr(chart)
+        assert notes == ()
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "track", "notes"),
+    [
+        (("newest", "x_m"), None, Track(Point(seen=True)), ()),
+        (("newest",), None, Track(), ()),
+        (("corners", 1), None, CHART.track, ()),
+        (("newest", "x_m"), 5, Track(Point(5.0, seen=True)), ()),
+        (("newest", "x_m"), "x", Track(Point(seen=True)), ("track.newest.x_m: Expected `float`, got `str`, ignored",)),
+        (("newest", "y_m"), 1.0, CHART.track, ("track.newest: field 'y_m' is not known here, ignored",)),
+        (("newest",), [1.0, True], Track(), ("track.newest: expected fields by name, found [1.0, True], ignored",)),
+        (("corners",), [], CHART.track, ("track.corners: Expected `array` of length 2, got 0, ignored",)),
+    ],
+)
+def test_a_value_of_a_named_tuple_is_read_or_takes_its_default(path, value, track, notes):
+    chart, said = read_chart(changed("track", *path, value))
+    assert repr(chart.track) == repr(track if path != ("corners", 1) else Track(track.newest, (Point(), Point())))
+    assert said == tuple(f"Chart.{note}" for note in notes)
+
+
+def test_a_missing_or_renamed_field_of_a_named_tuple(monkeypatch):
+    monkeypatch.setitem(record_codec.FORMER_NAMES, "Track", {"latest": "newest"})
+    chart, notes = read_chart(lambda plain: plain["track"].update(latest=plain["track"].pop("newest")))
+    assert (repr(chart), notes) == (repr(CHART), ())
+    chart, notes = read_chart(lambda plain: plain["track"]["newest"].pop("seen"))
+    assert (chart.track.newest, notes) == (Point(2.0), ())
+
+
+def test_a_named_tuple_without_defaults_is_refused():
     class Odd(msgspec.Struct):
         place: Point | None = None
 
-    Odd.__annotations__["place"] = Point | None
-    with pytest.raises(TypeError, match=r"Point is no msgspec\.Struct"):
-        decode(Odd, encode(Odd(), 1), 1)
+    Odd.__annotations__["place"] = NamedTuple("Bare", [("x_m", float)]) | None
+    with pytest.raises(TypeError, match="Bare: each field of a stored NamedTuple needs a default"):
+        encode(Odd(), 1)
 
 
 def test_a_reason_is_printable_and_short():
