@@ -56,7 +56,7 @@ def snapshot_of(
         navigation=guidance_reports.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
         estimate=heading_estimator.report(settings.heading_estimator, state.heading_estimator),
         energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
-        helm_softness=state.supervisor.oscillation.softness,
+        helm_softness=state.supervisor.oscillation.gain_reduction,
         power=power_monitor.report(state.power, inputs.tick.t_s),
         saving=power_saving.saving(state.fault_latch.active),
         traffic=traffic_report(state),

@@ -150,9 +150,10 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
 def _judge_steering(
     settings: Settings, state: State, rudder: RudderStatus, target: SteeringTarget, situation: Situation
 ) -> SupervisorState:
-    """Judge whether the boat answers the rudder, and whether she swings by herself.
+    """Update the monitors of steering, limit cycle and convergence of the heading.
 
-    Disarmed nobody steers, and a silent servo may stand anywhere. She may swing in a mode in which the helm steers her.
+    While the boat is disarmed or the servo is silent, the rudder shows nothing. A limit cycle is possible in a mode in
+    which the heading controller steers.
     """
     armed, x, estimator = state.modes.armed, state.heading_estimator.wave_filter.x, state.heading_estimator
     heading_sd_rad = estimator.wave_filter.spread(kalman.HEADING)
@@ -165,17 +166,17 @@ def _judge_steering(
         shown_rad=estimator.sources.shown_rad,
     )
     steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
-    swinging = OscillationInput(
-        error_rad=target.error_rad if steered and x else None,
-        goal_rad=target.heading_rad,
-        heading_sd_rad=heading_sd_rad,
+    seen = OscillationInput(
+        target.error_rad if steered and x and target.error_rad is not None else math.nan,
+        math.nan if target.heading_rad is None else target.heading_rad,
+        heading_sd_rad,
         rudder_rad=state.rudder.command_rad,
         trim_rad=x[kalman.BIAS_MEAN] if x else 0.0,
-        push_rad=x[kalman.BIAS] - x[kalman.BIAS_MEAN] if x else 0.0,
+        bias_rad=x[kalman.BIAS] - x[kalman.BIAS_MEAN] if x else 0.0,
         speed_m_s=x[kalman.SPEED] if x else 0.0,
         wave_period_s=2.0 * math.pi / estimator.wave_filter.noise_model.omega_rad_s,
     )
-    return supervisor.judge_steering(settings.supervisor, state.supervisor, shown, swinging, rudder.t_s)
+    return supervisor.judge_steering(settings.supervisor, state.supervisor, shown, seen, rudder.t_s)
 
 
 def _steer(
@@ -189,7 +190,7 @@ def _steer(
 ) -> tuple[State, RudderCommand]:
     """Turn what guidance asks for into what the servo is told; the supervisor has the last word."""
     now_s = rudder.t_s
-    softness = supervised.oscillation.softness
+    softness = supervised.oscillation.gain_reduction
     demand_rad, controller = rudder_demand(settings, state, target, softness, now_s, step_s)
     supervised, demand_rad = supervisor.limit_without_heading(
         supervised,
@@ -219,7 +220,7 @@ def _rudder_held(settings: Settings, state: State, now_s: float) -> bool:
 
 
 def _change_events(before: State, after: State) -> tuple[Event, ...]:
-    """Return the events of mode, arming and start, and of a boat that does not come round."""
+    """Return the events of mode, arming, start, and a heading that does not converge."""
     first = before.timing.started_s is None
     events: list[Event] = []
     if first or before.modes.mode is not after.modes.mode:
@@ -228,7 +229,6 @@ def _change_events(before: State, after: State) -> tuple[Event, ...]:
         events.append(Event(Severity.NOTICE, after.greeting))
     if before.modes.armed is not after.modes.armed:
         events.append(Event(Severity.NOTICE, "Armed" if after.modes.armed else "Disarmed"))
-    held, held_before = after.supervisor.coming_round, before.supervisor.coming_round
-    if held is not held_before and held is not None and held.told:
+    if after.supervisor.convergence.not_converging and not before.supervisor.convergence.not_converging:
         events.append(Event(Severity.WARNING, "Rudder hard over for 5 min: she does not come round"))
     return tuple(events)

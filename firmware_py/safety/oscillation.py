@@ -1,218 +1,244 @@
-"""Oscillation of the helm: heading and rudder swing to and fro by themselves, because she is not as she was told.
+"""Detect a limit cycle of heading and rudder, and set the gain reduction that ends it.
 
-It is seen in rudder and heading alone. The heading error is cut where it changes sides. A half swing counts when the
-error was larger than the estimate of the heading makes it, the rudder went to the same side with it, nobody turned
-the goal meanwhile, and it lasted as long as a swing of this boat can last: waves are faster, wind and trim slower.
-It counts by the square of its size, as unlikely sizes do, up to what two of them are enough with: the heading's by
-what it is uncertain, the rudder's by what wind and waves ask for, and by what seems to push her the way the rudder
-stands: a boat that does not answer yet looks so. Several in a row, about as long as each other and none of them much
-smaller than the one before, are an oscillation; a turn that is overshot dies away. The last of them need not be over.
+The detection uses rudder and heading alone. The heading error is cut into half cycles where it changes sides. A half
+cycle counts if the error exceeds the uncertainty of the heading, the rudder followed it to the same side, the goal did
+not turn meanwhile, and its length is that of a limit cycle of this boat: waves are faster, wind and trim slower. Its
+weight is the square of its size, up to a bound that two half cycles reach. The size is the least of three: the error by
+its uncertainty, the rudder by what wind and waves take, and the estimated rudder bias by what wind takes, because a
+rudder that does not turn the boat yet looks like a bias. Half cycles in a row of similar length, none much smaller than
+the one before, are a limit cycle; a turn that overshoots dies away. The last of them need not be complete.
 
-What her turns have told of how late she answers (late_answer.py) counts with them: of a boat that is late, one plain
-half swing is enough.
+The evidence for a delayed yaw response from commanded turns (turn_delay.py) adds to the weights: with it, one plain
+half cycle is enough.
 
-Each time, and while she swings on, the helm is softened by a step. Once it swings no more it stays so for a while, and
-then grows as stiff as it was over tens of minutes. If she swings again by that, or before long, it stays soft for twice
-as long as it was: a boat that is not as she was told will not be so in half an hour either.
+Each detection, and each further half cycle, reduces the gain by a step. Once the limit cycle has ended, the reduction
+is held for a while and then decays over tens of minutes. If the limit cycle returns soon, it is held twice as long.
+
+Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
+(hil/lab/numeric_core.py); NaN is absence.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
-
-import msgspec
-from msgspec.structs import replace
+from typing import Final, NamedTuple
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
-from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel
-from firmware_py.safety import late_answer
-from firmware_py.safety.late_answer import LateAnswerState
+from firmware_py.safety import turn_delay
+from firmware_py.safety.turn_delay import TurnDelayState
 
-LEAST_RAD: Final = radians(1.5)
-LEAST_SPREADS: Final = 2.0  # of the heading's standard deviation
-LEAST_RUDDER_RAD: Final = radians(2.0)  # well beyond the band in which the rudder waits
-RETURN_SHARE: Final = 0.2  # of the least error: so far on the other side it must be to have changed sides
-SHORTEST_LAGS, LONGEST_LAGS = 1.5, 16.0  # a half swing, by the turning lag that the model has
-LONGEST_S: Final = 64.0  # that much at least, for what comes late comes as late at any speed
-SHORTEST_WAVES: Final = 0.75  # and by the period of the waves
-ALIKE_LENGTH: Final = 1.5  # by how many times one may be longer or shorter than the one before
-GROWN, SHRUNK = 2.0, 0.7  # and by how many times larger or smaller
-# The size that counts once. Nothing was told in 96 hours of turns in gusts, which look most like it.
-PLAIN_SPREADS: Final = 2.5
+MIN_ERROR_RAD: Final = radians(1.5)
+MIN_ERROR_SD: Final = 2.0  # of the heading's standard deviation
+MIN_RUDDER_RAD: Final = radians(2.0)  # well beyond the deadband
+RETURN_SHARE: Final = 0.2  # of the minimum error, by which the error has to be on the other side
+MIN_LAGS, MAX_LAGS = 1.5, 16.0  # length of a half cycle, by the turning lag of the model
+MIN_LONGEST_S: Final = 64.0  # lower bound of the maximum length: a delay is as long at any speed
+MIN_WAVE_PERIODS: Final = 0.75
+SIMILAR_LENGTH: Final = 1.5  # ratio of the lengths of two half cycles in a row
+GROWTH, DECAY = 2.0, 0.7  # ratio of their peaks
+# Sizes with a weight of 1. No limit cycle was detected in 96 hours of turns in gusts, which look most like one.
+PLAIN_ERROR_SD: Final = 2.5
 PLAIN_RUDDER_RAD: Final = radians(10.0)
-PLAIN_PUSH_RAD: Final = radians(3.0)
-MOST_COUNT, ENOUGH = 4.0, 7.0
-SOFTER: Final = 8.0
-SOFTEST: Final = 16.0  # where 8 was not enough; by more, a turn takes too long
-QUIET_HALVES: Final = ALIKE_LENGTH  # so many half swings without one that counts: one that is alike would be over
-PATIENT_HALVES: Final = 2.0  # so many of them a softened helm is given to end it, before it is softened more
-HOLD_S, MOST_HOLD_S = 600.0, 86_400.0
-AGAIN_HOLDS: Final = 8.0  # at the first hold that is half an hour as stiff as delivered
+PLAIN_BIAS_RAD: Final = radians(3.0)
+MAX_WEIGHT, ENOUGH = 4.0, 7.0
+REDUCTION_STEP: Final = 8.0
+MAX_REDUCTION: Final = 16.0  # where 8 was not enough; with more, a turn takes too long
+QUIET_HALVES: Final = SIMILAR_LENGTH  # half cycles without one that counts, which end the limit cycle
+PATIENT_HALVES: Final = 2.0  # half cycles after a step before the next
+HOLD_S, MAX_HOLD_S = 600.0, 86_400.0
+AGAIN_HOLDS: Final = 8.0  # after the first hold: half an hour at full gain
 RELAX_S: Final = 1200.0  # by a factor of e
 
 
-class OscillationSettings(msgspec.Struct, frozen=True):
-    """The boat's model."""
+class OscillationInput(NamedTuple):
+    """Heading error and goal of a tick, NaN while the boat does not steer for a heading, and the rudder command.
 
-    model: KtModel
-
-    @classmethod
-    def of(cls, parameters: ParameterSet) -> OscillationSettings:
-        """Read the settings from the parameters."""
-        return cls(model=KtModel.of(parameters))
-
-
-class OscillationInput(msgspec.Struct, frozen=True):
-    """What a tick shows: the error and the goal while the boat is steered for one, else None, and the rest.
-
-    `trim_rad` is the rudder with which she runs straight in the mean, `push_rad` by how much it is another just now.
+    `trim_rad` is the mean rudder bias, `bias_rad` by how much the present one differs from it.
     """
 
-    error_rad: float | None
-    goal_rad: float | None
+    error_rad: float
+    goal_rad: float
     heading_sd_rad: float
     rudder_rad: float
     trim_rad: float
-    push_rad: float
+    bias_rad: float
     speed_m_s: float
     wave_period_s: float
 
 
-class HalfSwing(msgspec.Struct, frozen=True):
-    """A stretch of the error on one side: since when, which side, the goal, how far, and with it rudder and push."""
+class HalfCycle(NamedTuple):
+    """A stretch of the error on one side (1: starboard, -1: port, 0: none under way).
 
-    begun_s: float
-    side: int
-    goal_rad: float
-    peak_rad: float = 0.0
-    rudder_rad: float = -math.pi
-    push_rad: float = -math.pi
-    turned: bool = False  # the goal
-
-
-class OscillationState(msgspec.Struct, frozen=True):
-    """The half swing under way, the last that counted with what those in a row count, and what came of them.
-
-    `softness`: by what factor the helm is softer than as delivered, `hold_s`: how long it stays so after `swung_s`,
-    when the last one of an oscillation ended. `softened_s`: when the last step was taken. `goal_rad` and `updated_s`:
-    of the last tick.
+    `peak_rad`, `rudder_rad` and `bias_rad` are the largest to that side. `is_turn`: the goal has turned.
     """
 
-    half: HalfSwing | None = None
+    begun_s: float = 0.0
+    side: float = 0.0
+    goal_rad: float = 0.0
+    peak_rad: float = 0.0
+    rudder_rad: float = -math.pi
+    bias_rad: float = -math.pi
+    is_turn: bool = False
+
+
+NO_HALF: Final = HalfCycle()
+
+
+class OscillationState(NamedTuple):
+    """Half cycle under way, the last that counted, the sum of the weights in a row, and the gain reduction.
+
+    `gain_reduction` is held for `hold_s` after `last_cycle_s`, when the last half cycle of a limit cycle ended.
+    `reduced_s`: time of the last step. `goal_rad` and `updated_s`: of the last tick.
+    """
+
+    half: HalfCycle = NO_HALF
     goal_rad: float = 0.0
     length_s: float = 0.0
     peak_rad: float = 0.0
-    halves: float = 0.0
+    weight: float = 0.0
     oscillating: bool = False
-    softness: float = 1.0
+    gain_reduction: float = 1.0
     hold_s: float = 0.0
-    swung_s: float = 0.0
-    softened_s: float = -math.inf
-    updated_s: float | None = None
-    late: LateAnswerState = LateAnswerState()
+    last_cycle_s: float = 0.0
+    reduced_s: float = -math.inf
+    updated_s: float = math.nan
+    turn_delay: TurnDelayState = TurnDelayState()
 
 
-def update(
-    settings: OscillationSettings, state: OscillationState, given: OscillationInput, now_s: float
-) -> OscillationState:
-    """Take a tick in."""
-    state = _relaxed(state, now_s)
-    error_rad, goal_rad = given.error_rad, given.goal_rad
-    if error_rad is None or goal_rad is None or not math.isfinite(error_rad + goal_rad + given.rudder_rad):
-        late = LateAnswerState(evidence=state.late.evidence)
-        return replace(state, half=None, halves=0.0, oscillating=False, updated_s=now_s, late=late)
-    half, rudder_rad, goal_before_rad = state.half, given.rudder_rad - given.trim_rad, state.goal_rad
-    turns = half is not None and half.turned and abs(error_rad) >= late_answer.FAR_RAD
-    heading_rad = goal_rad - error_rad
-    late = late_answer.update(settings.model, state.late, heading_rad, rudder_rad, given.speed_m_s, now_s, turns=turns)
-    if half is None:
-        begun = HalfSwing(now_s, 1 if error_rad >= 0.0 else -1, goal_rad, turned=True)
-        return replace(state, goal_rad=goal_rad, updated_s=now_s, late=late, half=begun)
-    least_rad = max(LEAST_RAD, LEAST_SPREADS * given.heading_sd_rad)
-    if error_rad * half.side > -RETURN_SHARE * least_rad:
-        half = HalfSwing(
+START: Final = OscillationState()
+
+
+def update(model: KtModel, state: OscillationState, given: OscillationInput, now_s: float) -> OscillationState:
+    """Return the state after a tick."""
+    state = relaxed(state, now_s)
+    error_rad, goal_rad, half = given.error_rad, given.goal_rad, state.half
+    if not math.isfinite(error_rad + goal_rad + given.rudder_rad):
+        return OscillationState(
+            NO_HALF, state.goal_rad, state.length_s, state.peak_rad, 0.0, False, state.gain_reduction, state.hold_s,
+            state.last_cycle_s, state.reduced_s, now_s, turn_delay.with_evidence(state.turn_delay.evidence),
+        )  # fmt: skip
+    rudder_rad, heading_rad = given.rudder_rad - given.trim_rad, goal_rad - error_rad
+    turning = half.is_turn and abs(error_rad) >= turn_delay.MIN_TURN_RAD
+    delay = turn_delay.update(model, state.turn_delay, heading_rad, rudder_rad, given.speed_m_s, now_s, turning)
+    if half.side == 0.0:
+        return with_half(state, begin_half(now_s, 1.0 if error_rad >= 0.0 else -1.0, goal_rad, True), goal_rad, delay)
+    if error_rad * half.side > -RETURN_SHARE * max(MIN_ERROR_RAD, MIN_ERROR_SD * given.heading_sd_rad):
+        half = HalfCycle(
             half.begun_s,
             half.side,
             half.goal_rad,
             max(half.peak_rad, error_rad * half.side),
             max(half.rudder_rad, rudder_rad * half.side),
-            max(half.push_rad, given.push_rad * half.side),
-            half.turned or abs(wrap_pi(goal_rad - half.goal_rad)) > 0.5 * LEAST_RAD,
+            max(half.bias_rad, given.bias_rad * half.side),
+            half.is_turn or abs(wrap_pi(goal_rad - half.goal_rad)) > 0.5 * MIN_ERROR_RAD,
         )
-        state = replace(state, goal_rad=goal_rad, updated_s=now_s, late=late, half=half)
-        if state.halves == 0.0 or half.turned:
+        state = with_half(state, half, goal_rad, delay)
+        if state.weight == 0.0 or half.is_turn:
             return state
-        return _counted(settings, state, half, given, now_s, lasts=True)
-    state = _counted(settings, replace(state, late=late), half, given, now_s, lasts=False)
-    late = late_answer.turned(settings.model, state.late, given.heading_sd_rad)
-    jumped = abs(wrap_pi(goal_rad - goal_before_rad)) > LEAST_RAD
-    begun = HalfSwing(now_s, -half.side, goal_rad, turned=jumped)
-    return replace(state, goal_rad=goal_rad, updated_s=now_s, late=late, half=begun)
+        return counted(model, state, half, given, now_s, False)
+    jumped = abs(wrap_pi(goal_rad - state.goal_rad)) > MIN_ERROR_RAD
+    state = counted(model, with_half(state, half, goal_rad, delay), half, given, now_s, True)
+    delay = turn_delay.end_turn(model, state.turn_delay, given.heading_sd_rad)
+    return with_half(state, begin_half(now_s, -half.side, goal_rad, jumped), goal_rad, delay)
 
 
-def _counted(
-    settings: OscillationSettings,
+def begin_half(now_s: float, side: float, goal_rad: float, is_turn: bool) -> HalfCycle:  # noqa: FBT001 - compiled
+    """Return a half cycle that begins."""
+    return HalfCycle(now_s, side, goal_rad, 0.0, -math.pi, -math.pi, is_turn)
+
+
+def with_half(state: OscillationState, half: HalfCycle, goal_rad: float, delay: TurnDelayState) -> OscillationState:
+    """Return the state with the half cycle, goal and turn delay of this tick."""
+    return OscillationState(
+        half, goal_rad, state.length_s, state.peak_rad, state.weight, state.oscillating, state.gain_reduction,
+        state.hold_s, state.last_cycle_s, state.reduced_s, state.updated_s, delay,
+    )  # fmt: skip
+
+
+def with_weight(state: OscillationState, length_s: float, peak_rad: float, weight: float) -> OscillationState:
+    """Return the state with the half cycle that counted last, and the sum of the weights."""
+    return OscillationState(
+        state.half, state.goal_rad, length_s, peak_rad, weight, state.oscillating, state.gain_reduction, state.hold_s,
+        state.last_cycle_s, state.reduced_s, state.updated_s, state.turn_delay,
+    )  # fmt: skip
+
+
+def counted(
+    model: KtModel,
     state: OscillationState,
-    half: HalfSwing,
+    half: HalfCycle,
     given: OscillationInput,
     now_s: float,
-    *,
-    lasts: bool,
+    complete: bool,  # noqa: FBT001 - compiled
 ) -> OscillationState:
-    """Count a half swing, or one that lasts so far, and soften the helm by a step when that makes an oscillation."""
+    """Count a half cycle, complete or under way, and reduce the gain by a step if that makes a limit cycle."""
     length_s = now_s - half.begun_s
-    count = _count_of(settings, half, given, length_s)
-    if count == 0.0:
-        return state if lasts else replace(state, halves=0.0)
-    alike = (
-        state.halves > 0.0
-        and length_s <= ALIKE_LENGTH * state.length_s
-        and (lasts or state.length_s <= ALIKE_LENGTH * length_s)
-        and SHRUNK * state.peak_rad <= half.peak_rad <= GROWN * state.peak_rad
+    weight = weight_of(model, half, given, length_s)
+    similar = (
+        state.weight > 0.0
+        and length_s <= SIMILAR_LENGTH * state.length_s
+        and (not complete or state.length_s <= SIMILAR_LENGTH * length_s)
+        and DECAY * state.peak_rad <= half.peak_rad <= GROWTH * state.peak_rad
     )
-    if lasts and not alike:
+    if not complete and (weight == 0.0 or not similar):
         return state
-    halves = state.halves + count if alike else count
-    if halves + state.late.evidence >= ENOUGH:
-        softness, hold_s, softened_s = state.softness, state.hold_s, state.softened_s
-        if softness < SOFTEST and half.begun_s - softened_s > PATIENT_HALVES * state.length_s:
-            softness, softened_s = min(softness * SOFTER, SOFTEST), now_s
-            if not state.oscillating:
-                again = now_s - state.swung_s < AGAIN_HOLDS * hold_s
-                hold_s = min(2.0 * hold_s, MOST_HOLD_S) if again else HOLD_S
-        # What her turns had told has been heeded.
-        late = replace(state.late, evidence=0.0)
-        state = replace(
-            state, oscillating=True, swung_s=now_s, softness=softness, hold_s=hold_s, softened_s=softened_s, late=late
-        )
-    return state if lasts else replace(state, length_s=length_s, peak_rad=half.peak_rad, halves=halves)
+    if weight == 0.0:
+        return with_weight(state, state.length_s, state.peak_rad, 0.0)
+    total = state.weight + weight if similar else weight
+    if total + state.turn_delay.evidence >= ENOUGH:
+        state = reduced(state, half, now_s)
+    return with_weight(state, length_s, half.peak_rad, total) if complete else state
 
 
-def _count_of(settings: OscillationSettings, half: HalfSwing, given: OscillationInput, length_s: float) -> float:
-    """Return how much a half swing of such a length counts."""
-    if half.turned or half.peak_rad < max(LEAST_RAD, LEAST_SPREADS * given.heading_sd_rad):
+def weight_of(model: KtModel, half: HalfCycle, given: OscillationInput, length_s: float) -> float:
+    """Return the weight of a half cycle of such a length, 0 if it does not count."""
+    if half.is_turn or half.peak_rad < max(MIN_ERROR_RAD, MIN_ERROR_SD * given.heading_sd_rad):
         return 0.0
-    if half.rudder_rad < LEAST_RUDDER_RAD or half.push_rad <= 0.0:
+    if half.rudder_rad < MIN_RUDDER_RAD or half.bias_rad <= 0.0:
         return 0.0
-    lag_s = settings.model.at_speed(max(given.speed_m_s, 0.1 * settings.model.speed_m_s)).turning_lag_s
-    shortest_s = max(SHORTEST_LAGS * lag_s, SHORTEST_WAVES * given.wave_period_s)
-    if not shortest_s <= length_s <= max(LONGEST_LAGS * lag_s, LONGEST_S):
+    lag_s = model.turning_lag_s / (max(given.speed_m_s, 0.1 * model.speed_m_s) / model.speed_m_s)
+    shortest_s = max(MIN_LAGS * lag_s, MIN_WAVE_PERIODS * given.wave_period_s)
+    if not shortest_s <= length_s <= max(MAX_LAGS * lag_s, MIN_LONGEST_S):
         return 0.0
-    plain_rad = max(PLAIN_SPREADS * given.heading_sd_rad, LEAST_RAD)
-    size = min(half.peak_rad / plain_rad, half.rudder_rad / PLAIN_RUDDER_RAD, half.push_rad / PLAIN_PUSH_RAD)
-    return min(size * size, MOST_COUNT)
+    plain_rad = max(PLAIN_ERROR_SD * given.heading_sd_rad, MIN_ERROR_RAD)
+    size = min(half.peak_rad / plain_rad, half.rudder_rad / PLAIN_RUDDER_RAD, half.bias_rad / PLAIN_BIAS_RAD)
+    return min(size * size, MAX_WEIGHT)
 
 
-def _relaxed(state: OscillationState, now_s: float) -> OscillationState:
-    """Return the state with an oscillation over that has not been seen for a while, and the helm stiffer after it."""
-    if state.softness == 1.0 and not state.oscillating:
-        return state
-    step_s = 0.0 if state.updated_s is None else clamp(now_s - state.updated_s, 0.0, 1.0)
-    quiet_s = now_s - state.swung_s
-    oscillating = state.oscillating and quiet_s < QUIET_HALVES * state.length_s
-    softness = state.softness
-    if quiet_s > state.hold_s:
-        softness = max(softness * math.exp(-step_s / RELAX_S), 1.0)
-    return replace(state, oscillating=oscillating, softness=softness)
+def reduced(state: OscillationState, half: HalfCycle, now_s: float) -> OscillationState:
+    """Return the state in a limit cycle, with the gain reduced by a step if the last step had time to act.
+
+    The evidence of the turns has had its effect and is cleared.
+    """
+    gain_reduction, hold_s, reduced_s = state.gain_reduction, state.hold_s, state.reduced_s
+    if gain_reduction < MAX_REDUCTION and half.begun_s - reduced_s > PATIENT_HALVES * state.length_s:
+        gain_reduction, reduced_s = min(gain_reduction * REDUCTION_STEP, MAX_REDUCTION), now_s
+        if not state.oscillating:
+            again = now_s - state.last_cycle_s < AGAIN_HOLDS * hold_s
+            hold_s = min(2.0 * hold_s, MAX_HOLD_S) if again else HOLD_S
+    before = state.turn_delay
+    delay = TurnDelayState(
+        before.t_s, before.heading_rad, before.rudder_rad, before.speed_m_s, before.first_rad, before.second_rad,
+        before.third_rad, before.nominal_rad, before.delayed_rad, before.nominal_product, before.nominal_square,
+        before.delayed_product, before.delayed_square, 0.0,
+    )  # fmt: skip
+    return OscillationState(
+        state.half, state.goal_rad, state.length_s, state.peak_rad, state.weight, True, gain_reduction, hold_s, now_s,
+        reduced_s, state.updated_s, delay,
+    )  # fmt: skip
+
+
+def relaxed(state: OscillationState, now_s: float) -> OscillationState:
+    """Return the state with a limit cycle that has not been seen for a while ended, and the gain rising after it."""
+    gain_reduction, oscillating = state.gain_reduction, state.oscillating
+    if gain_reduction != 1.0 or oscillating:
+        step_s = 0.0 if math.isnan(state.updated_s) else clamp(now_s - state.updated_s, 0.0, 1.0)
+        quiet_s = now_s - state.last_cycle_s
+        oscillating = oscillating and quiet_s < QUIET_HALVES * state.length_s
+        if quiet_s > state.hold_s:
+            gain_reduction = max(gain_reduction * math.exp(-step_s / RELAX_S), 1.0)
+    return OscillationState(
+        state.half, state.goal_rad, state.length_s, state.peak_rad, state.weight, oscillating, gain_reduction,
+        state.hold_s, state.last_cycle_s, state.reduced_s, now_s, state.turn_delay,
+    )  # fmt: skip

@@ -14,11 +14,12 @@ from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode, RudderBy
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, RudderStatus, Severity
 from firmware_py.faults.table import TABLE, Fault
+from firmware_py.model.kt import KtModel
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
-from firmware_py.safety import coming_round, oscillation, rudder_monitor, steering_monitor
-from firmware_py.safety.coming_round import ComingRoundState
+from firmware_py.safety import convergence, oscillation, rudder_monitor, steering_monitor
+from firmware_py.safety.convergence import ConvergenceState
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
-from firmware_py.safety.oscillation import OscillationInput, OscillationSettings, OscillationState
+from firmware_py.safety.oscillation import OscillationInput, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState
 
@@ -43,7 +44,7 @@ class SupervisorSettings(msgspec.Struct, frozen=True):
 
     rudder_monitor: RudderMonitorSettings
     steering_monitor: SteeringMonitorSettings
-    oscillation: OscillationSettings
+    model: KtModel
     rudder_limit_rad: float
     failsafe_modes: Mapping[Fault, Mode | None]
     resume: bool
@@ -57,7 +58,7 @@ class SupervisorSettings(msgspec.Struct, frozen=True):
         return cls(
             rudder_monitor=RudderMonitorSettings.of(parameters),
             steering_monitor=SteeringMonitorSettings.of(parameters),
-            oscillation=OscillationSettings.of(parameters),
+            model=KtModel.of(parameters),
             rudder_limit_rad=radians(parameters["RUD_LIMIT_DEG"]),
             failsafe_modes={
                 fault: FAILSAFE_MODES.get(int(parameters[row.parameter]))
@@ -80,8 +81,8 @@ class SupervisorState(msgspec.Struct, frozen=True):
 
     rudder_monitor: RudderMonitorState = RudderMonitorState()
     steering_monitor: SteeringMonitorState = SteeringMonitorState()
-    oscillation: OscillationState = OscillationState()
-    coming_round: ComingRoundState | None = None
+    oscillation: OscillationState = oscillation.START
+    convergence: ConvergenceState = convergence.IDLE
     failsafe: FailsafeState = FailsafeState()
     interrupted: ModeState | None = None
     left: ModeState | None = None
@@ -105,16 +106,16 @@ def judge_steering(
     settings: SupervisorSettings,
     state: SupervisorState,
     shown: SteeringInput,
-    swinging: OscillationInput,
+    seen: OscillationInput,
     now_s: float,
 ) -> SupervisorState:
-    """Judge whether the boat answers the rudder and comes round, whether she swings, and how soft the helm is to be."""
+    """Update the monitors of steering, limit cycle and convergence of the heading."""
     return replace(
         state,
         steering_monitor=steering_monitor.update(settings.steering_monitor, state.steering_monitor, shown, now_s),
-        oscillation=oscillation.update(settings.oscillation, state.oscillation, swinging, now_s),
-        coming_round=coming_round.update(
-            state.coming_round, swinging.error_rad, swinging.rudder_rad, settings.rudder_limit_rad, now_s
+        oscillation=oscillation.update(settings.model, state.oscillation, seen, now_s),
+        convergence=convergence.update(
+            state.convergence, seen.error_rad, seen.rudder_rad, settings.rudder_limit_rad, now_s
         ),
     )
 

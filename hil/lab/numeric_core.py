@@ -1,8 +1,8 @@
 """The firmware's numeric core for the laboratory: the very files that the boat runs, callable from compiled code.
 
-The control law, the observer and the K-T equation stand once, in firmware_py, as functions over floats and NamedTuples
-without None and without I/O. This module registers them with numba, and no other module of `hil` imports them (import
-contract `seam`). A kernel calls a function of the core, and numba compiles it with the kernel:
+The control law, the observer, the monitors and the K-T equation stand once, in firmware_py, as functions over floats
+and NamedTuples without None and without I/O. This module registers them with numba, and no other module of `hil`
+imports them (import contract `seam`). A kernel calls a function of the core, and numba compiles it with the kernel:
 
     from hil.lab.compiled import compiled
     from hil.lab.numeric_core import law
@@ -28,16 +28,17 @@ from firmware_py.control import law, rudder_limit
 from firmware_py.control.law import LawConstants, LawSettings
 from firmware_py.estimate import fixed_gain
 from firmware_py.model import kt
+from firmware_py.safety import convergence, oscillation, turn_delay
 
 __all__ = [
-    "ERROR_MODEL", "MODULES", "LawConstants", "LawSettings", "angles", "fixed_gain", "functions_of", "inner", "kt",
-    "law", "rudder_limit",
+    "ERROR_MODEL", "MODULES", "LawConstants", "LawSettings", "angles", "convergence", "fixed_gain", "functions_of",
+    "inner", "kt", "law", "oscillation", "rudder_limit", "turn_delay",
 ]  # fmt: skip
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 ERROR_MODEL: Final = "numpy"
-MODULES: Final = (angles, kt, fixed_gain, law, rudder_limit)
+MODULES: Final = (angles, kt, fixed_gain, law, rudder_limit, turn_delay, oscillation, convergence)
 
 
 def inner(function: Function) -> Function:

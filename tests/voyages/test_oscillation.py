@@ -10,7 +10,7 @@ import pytest
 from firmware_py.common.intents import SteerHeading
 from firmware_py.common.mode_table import Mode
 from firmware_py.faults.table import TABLE, Fault
-from firmware_py.safety.oscillation import HOLD_S, SOFTER
+from firmware_py.safety.oscillation import HOLD_S, REDUCTION_STEP
 from hil.lab.twin import loop
 from hil.report.figure_file import key_of
 from support import rig, voyage
@@ -72,7 +72,7 @@ def test_a_ship_three_times_as_sluggish_and_late_swings_and_is_steered_softer_un
     assert swing(kept, first_s + 120.0, first_s + 180.0)[1] < 0.2 * swing(kept, first_s - 60.0, first_s)[1]
     # With the rudder bias that the swing had left she lay 12 deg beside her goal then, and for ten minutes.
     assert np.abs(kept[-100:, 0]).max() < 6.0
-    assert boat.snapshot.helm_softness == SOFTER
+    assert boat.snapshot.helm_softness == REDUCTION_STEP
 
 
 @pytest.mark.proof
@@ -202,7 +202,7 @@ def test_a_ship_that_swings_whenever_the_helm_is_stiff_has_a_soft_one_for_longer
     for turn in range(15):
         boat.tick(SteerHeading(math.radians(100.0 * turn % 360.0)))
         boat.run(1200.0)
-        soft.append(boat.snapshot.helm_softness >= SOFTER)
+        soft.append(boat.snapshot.helm_softness >= REDUCTION_STEP)
     pauses_s = np.diff(boat.said(ROW.text))
     assert pauses_s[-1] > pauses_s[0] + 900.0
     assert boat.state.supervisor.oscillation.hold_s >= 8.0 * HOLD_S

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hil.lab.numeric_core import LawSettings
-from hil.lab.twin import helm, late_answer, oscillation, sources
+from hil.lab.twin import helm, sources
 from hil.lab.twin.kalman import Floats
 
 
@@ -40,8 +40,7 @@ STATE = np.dtype(
         *(
             (name, np.float64, (count,))
             for name, count in (
-                ("helm", helm.HELM_STATES), ("known", helm.KNOWN), ("swing", oscillation.WATCH_STATES),
-                ("late", late_answer.LATE_STATES), ("source", sources.SOURCE_STATES),
+                ("helm", helm.HELM_STATES), ("known", helm.KNOWN), ("source", sources.SOURCE_STATES),
             )
         ),
         *(

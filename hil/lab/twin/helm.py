@@ -7,10 +7,9 @@ from hil.lab.compiled import compiled
 from hil.lab.numeric_core import law
 from hil.lab.twin.kalman import Floats
 
-# Columns of the estimate and the model in a tick.
-(E_HEADING, E_CORRECTION, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR,
- M_K, M_T, M_ALPHA, M_SPEED, E_HEADING_SD, E_BIAS_MEAN) = range(13)  # fmt: skip
-KNOWN = 13
+# Columns of the estimate in a tick.
+E_HEADING, E_CORRECTION, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR, E_HEADING_SD, E_BIAS_MEAN = range(9)
+KNOWN = 9
 # Columns of the controller's state; NaN stands for None.
 REF_HEADING, REF_RATE, FEEDFORWARD, FOLLOWED_BIAS = range(4)
 HELM_STATES = 4

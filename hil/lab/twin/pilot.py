@@ -8,8 +8,8 @@ import numpy as np
 
 from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
 from hil.lab.compiled import compiled
-from hil.lab.numeric_core import rudder_limit
-from hil.lab.twin import helm, intake, kalman, late_answer, oscillation, sources, wave_filter
+from hil.lab.numeric_core import oscillation, rudder_limit
+from hil.lab.twin import helm, intake, kalman, sources, wave_filter
 from hil.lab.twin.autopilot import Autopilot, Task
 from hil.lab.twin.devices import THERE_S
 from hil.lab.twin.learning import LOG_OMEGA
@@ -28,12 +28,8 @@ def begin(a: Autopilot) -> None:
     me, boat = a.state, a.boat
     a.filter.w[WATER_SPEED] = boat.cruise_speed_m_s
     forget(a.filter)
-    oscillation.begin_watch(me.swing)
-    late_answer.begin_watch(me.late)
     sources.begin(me.source)
     me.helm[helm.REF_HEADING] = me.helm[helm.FOLLOWED_BIAS] = np.nan
-    for i in range(4):
-        me.known[helm.M_K + i] = boat.model[i]
     me.before_s = me.sample_s = me.goal_rad = np.nan
 
 
@@ -60,14 +56,16 @@ def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
 
 
 @compiled
-def update(a: Autopilot, task: Task, at: Plant, now_s: float) -> None:
+def update(
+    a: Autopilot, task: Task, at: Plant, cycle: oscillation.OscillationState, now_s: float
+) -> oscillation.OscillationState:
     """Do a tick: afterwards the state has the rudder command."""
     take_goals(a, task, now_s)
     headings = intake.judge_sources(a, at, now_s)
     fixes = intake.count_fixes(at, now_s)
     intake.estimate(a, at, headings if a.state.source[sources.IN_USE] == sources.COMPASS else 0, fixes)
     settle(a, at, headings, fixes, now_s)
-    steer(a, now_s)
+    return steer(a, cycle, now_s)
 
 
 @compiled
@@ -106,8 +104,8 @@ def know(a: Autopilot) -> None:
 
 
 @compiled
-def steer(a: Autopilot, now_s: float) -> None:
-    """Look for a limit cycle and set the next rudder command."""
+def steer(a: Autopilot, cycle: oscillation.OscillationState, now_s: float) -> oscillation.OscillationState:
+    """Detect a limit cycle and set the next rudder command."""
     me, f, boat = a.state, a.filter, a.boat
     step_s = 0.0 if math.isnan(me.before_s) else min(max(0.0, now_s - me.before_s), LONGEST_STEP_S)
     begun, armed = f.w[STARTED] > 0.0, is_armed(now_s)
@@ -116,20 +114,28 @@ def steer(a: Autopilot, now_s: float) -> None:
     me.error_rad = wrap_pi(me.goal_rad - me.heading_rad) if steered else np.nan
     if begun:
         know(a)
-    wave_period_s = 2.0 * math.pi / math.exp(f.n[LOG_OMEGA])
-    seen_rad, trim_rad = me.error_rad if begun else np.nan, f.x[kalman.BIAS_MEAN]
-    oscillation.watch(
-        me.swing, me.late, now_s, seen_rad, me.goal_rad, me.command_rad, trim_rad, me.known, wave_period_s
+    trim_rad = f.x[kalman.BIAS_MEAN]
+    seen = oscillation.OscillationInput(
+        me.error_rad if begun else np.nan,
+        me.goal_rad,
+        me.known[helm.E_HEADING_SD],
+        me.command_rad,
+        trim_rad,
+        me.known[helm.E_BIAS] - trim_rad,
+        me.known[helm.E_SPEED],
+        2.0 * math.pi / math.exp(f.n[LOG_OMEGA]),
     )
+    cycle = oscillation.update(a.law.model, cycle, seen, now_s)
     demand_rad = me.command_rad if armed else 0.0
     if steered and begun:
-        softness = me.swing[oscillation.SOFTNESS]
-        demand_rad = helm.steer(a.law, me.helm, me.known, me.error_rad, me.command_rad, step_s, softness)
+        gain_reduction = cycle.gain_reduction
+        demand_rad = helm.steer(a.law, me.helm, me.known, me.error_rad, me.command_rad, step_s, gain_reduction)
     else:
         me.helm[helm.REF_HEADING] = me.helm[helm.FOLLOWED_BIAS] = np.nan
     limits = rudder_limit.RudderLimits(boat.limit_rad, boat.slew_rad_s, boat.deadband_rad)
     me.command_rad = rudder_limit.limited_command(limits, me.command_rad, demand_rad, step_s)
     me.before_s = now_s
+    return cycle
 
 
 @compiled

@@ -611,14 +611,14 @@ def test_whatever_the_devices_say_the_command_stays_within_limit_and_slew(rows, 
         before_rad = command_rad
 
 
-def test_a_boat_that_does_not_come_round_is_told_once():
+def test_a_heading_that_does_not_converge_is_reported_once():
     boat = Boat().under_way()
     boat.tick(SteerHeading(2.0))
     for second in range(40):
         if second == 20:  # five minutes later
-            held = boat.state.supervisor.coming_round
-            held = replace(held, since_s=held.since_s - 295.0)
-            boat.state = replace(boat.state, supervisor=replace(boat.state.supervisor, coming_round=held))
+            supervisor = boat.state.supervisor
+            held = supervisor.convergence._replace(since_s=supervisor.convergence.since_s - 295.0)
+            boat.state = replace(boat.state, supervisor=replace(supervisor, convergence=held))
         for _ in range(10):
             boat.heading_rad, boat.rate_rad_s = 0.5, 0.0
             boat.tick()

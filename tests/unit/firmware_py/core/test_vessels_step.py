@@ -71,7 +71,7 @@ def test_where_a_hand_steers_or_nobody_she_steps_aside_for_nobody(mode):
 def test_from_a_checkpoint_in_the_midst_of_it_the_same_rudder_is_computed():
     boat = under_way(AIS_ACT=1).run(1.0)
     state, notes = state_from_text(state_to_text(boat.state))
-    assert state == boat.state
+    assert state_to_text(state) == state_to_text(boat.state)
     assert notes == ()
     boat.keep_inputs = True
     commands = [boat.tick().command for _ in range(200)]

@@ -2,23 +2,23 @@ import math
 import random
 
 import pytest
-from msgspec.structs import replace
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.safety.late_answer import LEAST, MOST
+from firmware_py.model.kt import KtModel
 from firmware_py.safety.oscillation import (
     HOLD_S,
-    MOST_HOLD_S,
+    MAX_HOLD_S,
+    MAX_REDUCTION,
+    NO_HALF,
     PATIENT_HALVES,
-    SOFTER,
-    SOFTEST,
+    REDUCTION_STEP,
     OscillationInput,
-    OscillationSettings,
     OscillationState,
     update,
 )
+from firmware_py.safety.turn_delay import MAX_EVIDENCE, MIN_EVIDENCE
 
-SETTINGS = OscillationSettings.of(ParameterSet())
+MODEL = KtModel.of(ParameterSet())
 LAG_S = 4.0  # of the model at its own speed
 
 
@@ -43,12 +43,12 @@ class Watch:
         for _ in range(round(10 * seconds)):
             now_s = self.t_s - begun_s
             error, goal = error_deg(now_s), goal_deg(now_s)
-            beside_rad = rad(gain * (error or 0.0))
+            beside_rad = rad(gain * (0.0 if math.isnan(error) else error))
             given = OscillationInput(
-                None if error is None else rad(error), rad(goal), rad(sd_deg), beside_rad + 0.1, 0.1,
+                rad(error), rad(goal), rad(sd_deg), beside_rad + 0.1, 0.1,
                 pushed * beside_rad, speed_m_s, wave_s,
             )  # fmt: skip
-            was, self.state = self.state.oscillating, update(SETTINGS, self.state, given, self.t_s)
+            was, self.state = self.state.oscillating, update(MODEL, self.state, given, self.t_s)
             if self.state.oscillating is not was:
                 self.told.append((self.t_s, self.state.oscillating))
             self.t_s += 0.1
@@ -63,16 +63,16 @@ def test_a_whole_swing_that_is_plain_is_an_oscillation_and_softens_the_helm():
     watch = Watch().see(200.0, swings(5.0, 30.0))
     assert [oscillates for _, oscillates in watch.told] == [True]
     assert 30.0 < watch.told[0][0] < 1.5 * 30.0  # in the second half swing that is whole
-    assert watch.state.softness == SOFTEST
+    assert watch.state.gain_reduction == MAX_REDUCTION
 
 
 def test_a_helm_in_which_she_swings_on_is_softened_by_a_second_step():
     """With eight as the most she swung on by 10 to 40 deg for good, with a float that follows very slowly."""
-    assert SOFTER < SOFTEST
-    assert Watch().see(45.0, swings(5.0, 30.0)).state.softness == SOFTER
-    assert Watch().see((2.4 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0)).state.softness == SOFTER
+    assert REDUCTION_STEP < MAX_REDUCTION
+    assert Watch().see(45.0, swings(5.0, 30.0)).state.gain_reduction == REDUCTION_STEP
+    assert Watch().see((2.4 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0)).state.gain_reduction == REDUCTION_STEP
     watch = Watch().see((4.4 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0))
-    assert watch.state.softness == SOFTEST
+    assert watch.state.gain_reduction == MAX_REDUCTION
     assert [oscillates for _, oscillates in watch.told] == [True]
 
 
@@ -96,11 +96,11 @@ def test_a_goal_that_jumps_to_and_fro_is_no_oscillation():
 def test_it_is_over_when_she_swings_no_more_and_the_helm_grows_stiff_over_tens_of_minutes():
     watch = Watch().see(50.0, swings(5.0, 30.0)).see(60.0, lambda _t_s: 0.1)
     assert [oscillates for _, oscillates in watch.told] == [True, False]
-    softness = watch.state.softness
-    assert softness == SOFTER
-    assert watch.see(HOLD_S - 120.0, lambda _t_s: 0.1).state.softness == softness
-    assert 2.0 < watch.see(1320.0, lambda _t_s: 0.1).state.softness < 3.0
-    assert watch.see(1320.0, lambda _t_s: 0.1).state.softness == 1.0
+    softness = watch.state.gain_reduction
+    assert softness == REDUCTION_STEP
+    assert watch.see(HOLD_S - 120.0, lambda _t_s: 0.1).state.gain_reduction == softness
+    assert 2.0 < watch.see(1320.0, lambda _t_s: 0.1).state.gain_reduction < 3.0
+    assert watch.see(1320.0, lambda _t_s: 0.1).state.gain_reduction == 1.0
 
 
 def test_a_boat_that_swings_whenever_the_helm_is_stiff_gets_a_soft_one_for_ever_longer():
@@ -110,17 +110,17 @@ def test_a_boat_that_swings_whenever_the_helm_is_stiff_gets_a_soft_one_for_ever_
         holds_s.append(watch.state.hold_s)
         watch.see(100.0, lambda _t_s: 0.1)
         # Hours are not gone through tick by tick: what counts is that it has begun to grow stiff.
-        watch.state = replace(watch.state, softness=2.0, half=None, halves=0.0)
+        watch.state = watch.state._replace(gain_reduction=2.0, half=NO_HALF, weight=0.0)
         watch.t_s += watch.state.hold_s
     assert holds_s[:3] == [HOLD_S, 2.0 * HOLD_S, 4.0 * HOLD_S]
-    assert holds_s[-1] == MOST_HOLD_S
-    watch.t_s += 9.0 * MOST_HOLD_S
+    assert holds_s[-1] == MAX_HOLD_S
+    watch.t_s += 9.0 * MAX_HOLD_S
     assert watch.see(50.0, swings(5.0, 30.0)).state.hold_s == HOLD_S
 
 
 def test_swinging_on_in_the_softest_helm_holds_it_no_longer_than_the_first_time():
     watch = Watch().see(300.0, swings(5.0, 30.0))
-    assert (watch.state.softness, watch.state.hold_s) == (SOFTEST, HOLD_S)
+    assert (watch.state.gain_reduction, watch.state.hold_s) == (MAX_REDUCTION, HOLD_S)
 
 
 @pytest.mark.parametrize(
@@ -136,13 +136,13 @@ def test_swinging_on_in_the_softest_helm_holds_it_no_longer_than_the_first_time(
         ("all to one side", lambda t_s: 5.0 + 5.0 * math.sin(t_s / 5.0), {}),
         ("a goal that is moved to and fro", swings(5.0, 30.0), {"goal_deg": swings(5.0, 30.0)}),
         ("a swing that dies away", lambda t_s: 20.0 * math.exp(-t_s / 15.0) * math.cos(t_s / 5.0), {}),
-        ("nobody steers for a heading", lambda _t_s: None, {}),
+        ("nobody steers for a heading", lambda _t_s: math.nan, {}),
     ],
 )
 def test_what_is_no_oscillation(why, error_deg, more):
     watch = Watch().see(1200.0, error_deg, **more)
     assert watch.told == [], why
-    assert watch.state.softness == 1.0
+    assert watch.state.gain_reduction == 1.0
 
 
 def test_irregular_swings_are_the_sea():
@@ -166,12 +166,12 @@ def test_a_turn_that_is_ordered_begins_the_count_anew():
 
 
 def test_a_pause_in_steering_ends_it_and_keeps_the_helm_soft():
-    watch = Watch().see(50.0, swings(5.0, 30.0)).see(1.0, lambda _t_s: None)
+    watch = Watch().see(50.0, swings(5.0, 30.0)).see(1.0, lambda _t_s: math.nan)
     assert not watch.state.oscillating
-    assert watch.state.softness == SOFTER
+    assert watch.state.gain_reduction == REDUCTION_STEP
 
 
-@pytest.mark.parametrize(("late_s", "evidence", "told"), [(1.0, LEAST, []), (16.0, MOST, [True])])
+@pytest.mark.parametrize(("late_s", "evidence", "told"), [(1.0, MIN_EVIDENCE, []), (16.0, MAX_EVIDENCE, [True])])
 def test_of_a_boat_that_turns_late_one_plain_half_swing_is_enough(late_s, evidence, told):
     """She turns by 60 deg after late_s, with the rudder over, and overshoots."""
     watch = Watch().see(20.0, lambda _t_s: 0.0)
@@ -180,10 +180,10 @@ def test_of_a_boat_that_turns_late_one_plain_half_swing_is_enough(late_s, eviden
     watch.see(18.0, swings(-7.0, 36.0), goal_deg=lambda _t_s: 60.0)
     watch.see(2.0, lambda _t_s: 1.0, goal_deg=lambda _t_s: 60.0)
     assert [oscillates for _, oscillates in watch.told] == told
-    assert watch.state.late.evidence == (0.0 if told else evidence)
+    assert watch.state.turn_delay.evidence == (0.0 if told else evidence)
 
 
 def test_what_is_no_number_counts_nothing():
     watch = Watch().see(80.0, swings(5.0, 30.0)).see(1.0, lambda _t_s: math.nan)
-    assert watch.state.half is None
-    assert watch.state.halves == 0.0
+    assert watch.state.half == NO_HALF
+    assert watch.state.weight == 0.0

@@ -14,11 +14,9 @@ from firmware_py.control.heading_controller import HeadingControllerInput, Headi
 from firmware_py.estimate import kalman, learning, over_ground, wave_filter, wave_filter_state
 from firmware_py.estimate import sources as choosing
 from firmware_py.model.heading_estimate import HeadingEstimate
-from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from firmware_py.safety import late_answer as answering
-from firmware_py.safety import oscillation as watching
+from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.lab.numeric_core import LawSettings
-from hil.lab.twin import devices, helm, late_answer, oscillation, sailing, sources
+from hil.lab.twin import devices, helm, sailing, sources
 from hil.lab.twin import kalman as twin_kalman
 from hil.lab.twin import learning as twin_learning
 from hil.lab.twin import over_ground as twin_over_ground
@@ -38,8 +36,6 @@ SHARED = {
     twin_filter: (wave_filter, wave_filter_state, over_ground),
     twin_state: (wave_filter, wave_filter_state),
     twin_over_ground: (wave_filter, over_ground),
-    oscillation: (watching,),
-    late_answer: (answering,),
     sources: (choosing,),
 }
 OTHERS = {"FIRST", "T", "STATES", "HEADING", "COURSE"}  # of the twin alone, or of another kind
@@ -116,7 +112,7 @@ def test_the_helm_steers_as_the_firmware_does(
     given_input = HeadingControllerInput(error, rate, known, command, 0.1, soft)
     after, wanted = heading_controller.steer_by_schedule(LawSettings.of(parameters), state, given_input)
     ours, e = np.array([ref, 0.3 * rate, 0.1, 0.02 if soft > 1.0 and softened else np.nan]), np.zeros(helm.KNOWN)
-    e[: helm.E_HEADING_SD] = (heading, shown, rate, bias, speed, speed_sd, factor, *sailing.boat_of(parameters).model)
+    e[: helm.E_HEADING_SD] = (heading, shown, rate, bias, speed, speed_sd, factor)
     e[helm.E_BIAS_MEAN] = 0.6 * bias
     found = helm.steer(LawSettings.of(parameters), ours, e, error, command, 0.1, soft)
     assert found == (command if wanted is None else wanted)
@@ -126,44 +122,6 @@ def test_the_helm_steers_as_the_firmware_does(
         after.reference.feedforward_rad,
     )
     assert ours[3] == after.bias_rad or (math.isnan(ours[3]) and after.bias_rad is None)
-
-
-def test_the_watch_over_the_helm_softens_when_the_firmware_s_does():
-    """She turns by 1 rad, late, swings for minutes, and swings no more."""
-    model = KtModel.of(PARAMETERS)
-    known, theirs, ours, late = (
-        watching.OscillationSettings(model),
-        watching.OscillationState(),
-        np.zeros(oscillation.WATCH_STATES),
-        np.zeros(late_answer.LATE_STATES),
-    )
-    oscillation.begin_watch(ours)
-    late_answer.begin_watch(late)
-    e = np.zeros(helm.KNOWN)
-    e[helm.E_HEADING_SD], e[helm.E_SPEED] = radians(1.0), 0.38
-    e[helm.M_K], e[helm.M_T], e[helm.M_SPEED] = model.turning_ability_1_s, model.turning_lag_s, model.speed_m_s
-    softest, most = 1.0, 0.0
-    for tick in range(24000):
-        now_s, goal = 0.1 * tick, 2.0 if tick > 1000 else 1.0
-        size = 0.1 if 200.0 < now_s < 500.0 else 0.002
-        error, rudder = size * math.sin(0.22 * now_s), 3.0 * size * math.sin(0.22 * now_s)
-        if 100.0 < now_s < 160.0:
-            error, rudder = min(1.0, (160.0 - now_s) / 45.0), 0.5
-        e[helm.E_BIAS] = 0.01 + 0.6 * rudder
-        steered = not 350.0 < now_s < 351.0
-        seen = error if steered else None
-        input_ = watching.OscillationInput(seen, goal, radians(1.0), rudder, 0.01, e[helm.E_BIAS] - 0.01, 0.38, 4.0)
-        theirs = watching.update(known, theirs, input_, now_s)
-        oscillation.watch(ours, late, now_s, error if steered else np.nan, goal, rudder, 0.01, e, 4.0)
-        assert (ours[oscillation.SOFTNESS], bool(ours[oscillation.OSCILLATING])) == (
-            theirs.softness,
-            theirs.oscillating,
-        )
-        assert late[late_answer.EVIDENCE] == theirs.late.evidence
-        softest, most = max(softest, theirs.softness), max(most, theirs.late.evidence)
-    assert softest == watching.SOFTEST
-    assert 1.0 < theirs.softness < softest  # and stiffer again
-    assert most == answering.MOST
 
 
 def test_a_turn_is_taken_from_the_waves_as_the_firmware_does():

@@ -5,14 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.model.kt import OCEAN_RAMBLER, decay_over
-from firmware_py.safety.late_answer import (
-    LEAST,
-    LEAST_GAIN,
-    MOST,
-    MOST_GAIN,
-    LateAnswerState,
-    explained,
-    turned,
+from firmware_py.safety.turn_delay import (
+    MAX_EVIDENCE,
+    MAX_FACTOR,
+    MIN_EVIDENCE,
+    MIN_FACTOR,
+    TurnDelayState,
+    end_turn,
+    explained_square,
     update,
 )
 
@@ -25,7 +25,7 @@ class Turns:
     def __init__(self, gain=1.0, lags=1.0, late_s=0.0, speed_m_s=0.4):
         self.ship, self.speed_m_s = OCEAN_RAMBLER.at_speed(speed_m_s), speed_m_s
         self.gain, self.lags, self.late = gain, lags, [0.0] * round(10.0 * late_s)
-        self.state, self.t_s, self.heading_rad, self.rate_rad_s = LateAnswerState(), 0.0, 6.0, 0.0
+        self.state, self.t_s, self.heading_rad, self.rate_rad_s = TurnDelayState(), 0.0, 6.0, 0.0
 
     def to(self, goal_rad):
         """Turn to a goal with the rudder over to the last; return the evidence after it."""
@@ -37,11 +37,11 @@ class Turns:
             self.rate_rad_s += gone * (steady_rad_s - self.rate_rad_s)
             self.heading_rad += 0.1 * self.rate_rad_s
             self.t_s += 0.1
-            turns = abs(goal_rad - self.heading_rad) >= FAR_RAD
+            turning = abs(goal_rad - self.heading_rad) >= FAR_RAD
             self.state = update(
-                OCEAN_RAMBLER, self.state, self.heading_rad, 0.4 * side, self.speed_m_s, self.t_s, turns=turns
+                OCEAN_RAMBLER, self.state, self.heading_rad, 0.4 * side, self.speed_m_s, self.t_s, turning
             )
-        self.state = turned(OCEAN_RAMBLER, self.state, SD_RAD)
+        self.state = end_turn(OCEAN_RAMBLER, self.state, SD_RAD)
         return self.state.evidence
 
 
@@ -49,39 +49,39 @@ class Turns:
 @pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
 def test_a_boat_as_told_is_not_late_whatever_she_turns(gain, speed_m_s):
     boat = Turns(gain, speed_m_s=speed_m_s)
-    assert LEAST <= boat.to(7.5) <= -1.0
-    assert LEAST <= boat.to(5.5) <= -2.0
+    assert MIN_EVIDENCE <= boat.to(7.5) <= -1.0
+    assert MIN_EVIDENCE <= boat.to(5.5) <= -2.0
 
 
 @pytest.mark.parametrize(("lags", "late_s"), [(1.0, 12.0), (3.0, 8.0), (10.0, 0.0)])
 def test_a_boat_that_answers_late_is_late_after_a_turn_or_two(lags, late_s):
     boat = Turns(1.0, lags, late_s)
     boat.to(7.5)
-    assert boat.to(5.5) == MOST
+    assert boat.to(5.5) == MAX_EVIDENCE
 
 
 def test_a_boat_that_is_late_no_more_is_so_after_a_turn_or_two():
     boat = Turns(late_s=12.0)
     boat.to(7.5)
-    assert boat.to(5.5) == MOST
+    assert boat.to(5.5) == MAX_EVIDENCE
     boat.late = []
     boat.to(7.5)
     boat.to(5.5)
-    assert boat.to(7.5) == LEAST
+    assert boat.to(7.5) == MIN_EVIDENCE
 
 
 def test_what_is_no_turn_tells_nothing():
-    state = LateAnswerState(evidence=2.0)
+    state = TurnDelayState(evidence=2.0)
     for second in range(100):
-        state = update(OCEAN_RAMBLER, state, 1.0, 0.4, 0.4, float(second), turns=False)
-    assert turned(OCEAN_RAMBLER, state, SD_RAD) is state
+        state = update(OCEAN_RAMBLER, state, 1.0, 0.4, 0.4, float(second), False)
+    assert end_turn(OCEAN_RAMBLER, state, SD_RAD) is state
 
 
 def test_without_way_nothing_is_divided_by_it():
-    state = LateAnswerState()
+    state = TurnDelayState()
     for second in range(100):
-        state = update(OCEAN_RAMBLER, state, 1.0, 0.4, -1.0, float(second), turns=True)
-    assert math.isfinite(turned(OCEAN_RAMBLER, state, SD_RAD).evidence)
+        state = update(OCEAN_RAMBLER, state, 1.0, 0.4, -1.0, float(second), True)
+    assert math.isfinite(end_turn(OCEAN_RAMBLER, state, SD_RAD).evidence)
 
 
 @given(st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(-1.0, 1.0)), min_size=1, max_size=20))
@@ -89,7 +89,9 @@ def test_what_is_explained_is_what_the_best_gain_takes_off_the_squares(shown_and
     def squares(gain):
         return sum((shown - gain * felt) ** 2 for shown, felt in shown_and_felt)
 
-    gains = [LEAST_GAIN + (MOST_GAIN - LEAST_GAIN) * number / 2000.0 for number in range(2001)]
+    gains = [MIN_FACTOR + (MAX_FACTOR - MIN_FACTOR) * number / 2000.0 for number in range(2001)]
     best = squares(0.0) - min(map(squares, gains))
-    told = explained(sum(shown * felt for shown, felt in shown_and_felt), sum(felt**2 for _, felt in shown_and_felt))
+    told = explained_square(
+        sum(shown * felt for shown, felt in shown_and_felt), sum(felt**2 for _, felt in shown_and_felt)
+    )
     assert best - 1e-9 <= told <= best + 1e-4
