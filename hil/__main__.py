@@ -26,6 +26,7 @@ COMMANDS = {
     "serve-json": ("hil.cli.serve_json", "ArduPilot's autopilots on our ship, in our seas, scored as ours is"),
     "report": ("hil.cli.report", "a page with the pictures and figures of logs from a boat, or of a state directory"),
     "identify": ("hil.cli.identify", "identify K, T, alpha and the rudder offset from manoeuvres and onboard logs"),
+    "estimate": ("hil.cli.estimate", "run the autopilot's estimator and monitors over a recording"),
     "compare": ("hil.cli.compare", "controllers side by side in the same seas: the paper's, a tuned PID, ours"),
     "bench": ("hil.cli.bench", "measure the autopilot and the tools on this machine"),
     "sbd-gateway": (

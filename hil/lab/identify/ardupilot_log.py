@@ -19,18 +19,18 @@ from hil.errors import UsageError
 from hil.lab.identify.onboard_log import PRESENT_SHARE, Pair, rising, smoothed_speed
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
-HUNDREDTHS = frozenset("cCeE")  # values written as whole hundredths
+SHARES = {**dict.fromkeys("cCeE", 0.01), "L": 1e-7}  # of units that values are written in as whole numbers
 SEARCHED_BYTES = 1 << 17
 GROUND_STEERING = 26  # of SERVOn_FUNCTION
 FULL_RUDDER_RAD = radians(45.0)
 USUAL_PULSES = {"TRIM": 1500.0, "MIN": 1100.0, "MAX": 1900.0}  # microseconds
 CENTIDEGREES_RAD = radians(0.01)
 WANTED = {
-    "ATT": ("Yaw",),
+    "ATT": ("Yaw", "DesYaw"),
     "STER": ("SteerOut", "TurnRate"),
     "STEE": ("SteerOut", "TurnRate"),
     "RATE": ("Y",),
-    "GPS": ("Spd",),
+    "GPS": ("Status", "Lat", "Lng", "Spd", "GCrs"),
 }
 _ATTITUDE = re.compile(rb"\xa3\x95\x80..ATT\0", re.DOTALL)  # its description
 _TICK = re.compile(rb"\xa3\x95\x80..TICK", re.DOTALL)  # of the record that every log of ours is made of
@@ -48,12 +48,13 @@ def is_one(data: Buffer) -> bool:
 
 def read(path: Path, data: Buffer) -> Recording:
     """Read a log; time is counted from its first heading. UsageError names what is lacking."""
-    series, servos = _gathered(data)
-    headings = rising(series["ATT.Yaw"])
-    if len(headings) < LEAST_ROWS:
-        raise UsageError(f"{path}: {len(headings)} headings (ATT) in it; give a log of a run")
+    series, servos = gathered(data)
+    headings = headings_of(path, series)
     notes: list[str] = []
-    rudder = np.array(_rudder(path, series, servos, notes), dtype=np.float64)
+    pairs = rudder_of(series, servos, notes)
+    if not pairs:
+        raise UsageError(f"{path}: no rudder in it: neither RCOU of a servo with SERVOn_FUNCTION 26, nor STER")
+    rudder = np.array(pairs, dtype=np.float64)
     table = np.array(headings, dtype=np.float64)
     table = table[(table[:, 0] >= rudder[0, 0]) & (table[:, 0] <= rudder[-1, 0])]
     if table.shape[0] < LEAST_ROWS:
@@ -70,7 +71,15 @@ def read(path: Path, data: Buffer) -> Recording:
     )
 
 
-def _gathered(data: Buffer) -> tuple[Series, dict[int, dict[str, float]]]:
+def headings_of(path: Path, series: Series) -> list[Pair]:
+    """Return times and headings [deg], or raise UsageError when there are hardly any."""
+    headings = rising(series["ATT.Yaw"])
+    if len(headings) < LEAST_ROWS:
+        raise UsageError(f"{path}: {len(headings)} headings (ATT) in it; give a log of a run")
+    return headings
+
+
+def gathered(data: Buffer) -> tuple[Series, dict[int, dict[str, float]]]:
     """Return the series, and of each servo its parameters."""
     series: Series = defaultdict(list)
     servos: dict[int, dict[str, float]] = defaultdict(dict)
@@ -89,13 +98,13 @@ def _gathered(data: Buffer) -> tuple[Series, dict[int, dict[str, float]]]:
         labels = WANTED.get(kind.name) or tuple(filter(_CHANNEL.fullmatch, kind.labels))
         for label in labels:
             if label in numbers:
-                share = 0.01 if kind.values[kind.labels.index(label)] in HUNDREDTHS else 1.0
+                share = SHARES.get(kind.values[kind.labels.index(label)], 1.0)
                 series[f"{kind.name}.{label}"].append((numbers["TimeUS"] * 1e-6, numbers[label] * share))
     return series, servos
 
 
-def _rudder(path: Path, series: Series, servos: dict[int, dict[str, float]], notes: list[str]) -> list[Pair]:
-    """Return times and rudder angles: the output to the rudder's servo, else what the steering asked for."""
+def rudder_of(series: Series, servos: dict[int, dict[str, float]], notes: list[str]) -> list[Pair]:
+    """Return times and rudder angles: the output to the rudder's servo, else what the steering asked for, else none."""
     notes.append("full rudder is taken for 45 deg, as ArduPilot does: K is off by as much as hers is another angle")
     for number, servo in sorted(servos.items()):
         pairs = rising(series[f"RCOU.C{number}"])
@@ -110,7 +119,7 @@ def _rudder(path: Path, series: Series, servos: dict[int, dict[str, float]], not
         if len(pairs) >= LEAST_ROWS:
             notes.append(f"{name}.SteerOut is taken for the rudder, so the servo's lag is part of T")
             return [(time_s, CENTIDEGREES_RAD * value) for time_s, value in pairs]
-    raise UsageError(f"{path}: no rudder in it: neither RCOU of a servo with SERVOn_FUNCTION 26, nor STER")
+    return []
 
 
 def _rate(series: Series, time_s: Floats) -> Floats | None:

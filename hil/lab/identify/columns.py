@@ -4,12 +4,56 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians
 from hil.errors import UsageError
 
 NAMES = ("time_s", "rudder_rad", "heading_rad", "yaw_rate_rad_s", "speed_m_s")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The quantities that a kind of table holds: those that it must have, and of `either` one.
+
+    optional, units: what a message says of the others and of the units.
+    """
+
+    names: tuple[str, ...]
+    must: tuple[str, ...]
+    either: tuple[str, ...]
+    optional: str
+    units: str
+
+    def whole(self, found: Collection[str]) -> bool:
+        """Whether what is needed is there."""
+        return not self.missing(found)
+
+    def missing(self, found: Collection[str]) -> list[str]:
+        """Return what is needed and not there."""
+        missing = [name for name in self.must if name not in found]
+        if not missing and self.either and not any(name in found for name in self.either):
+            missing = [" or ".join(self.either)]
+        return missing
+
+
+MANOEUVRE = Layout(
+    NAMES,
+    ("time_s", "rudder_rad"),
+    ("heading_rad", "yaw_rate_rad_s"),
+    "an unmeasured heading, yaw rate or speed may be empty or left out",
+    "degrees and knots are rudder_deg, heading_deg, yaw_rate_deg_s, speed_kn",
+)
+# For `estimate`: speed over ground apart from speed through the water, position and goal, too.
+MOTION = Layout(
+    (*NAMES, "sog_m_s", "cog_rad", "lat_rad", "lon_rad", "goal_rad"),
+    ("time_s", "heading_rad"),
+    (),
+    "all others may be empty or left out",
+    "degrees and knots are heading_deg, rudder_deg, lat_deg, lon_deg, cog_deg, speed_kn, sog_kn",
+)
+GROUND_SPEED = ("sog", "speed_over_ground")
 # quantity -> what else it is called, without its unit
 ALIASES = {
     "time_s": (
@@ -19,17 +63,24 @@ ALIASES = {
     "rudder_rad": ("rudder", "rudder_angle", "delta", "rsa", "rudder_position", "rudder_pos", "rud", "delta_r"),
     "heading_rad": ("heading", "hdg", "hdt", "hdm", "psi", "yaw", "compass", "true_heading", "heading_true"),
     "yaw_rate_rad_s": ("yaw_rate", "yawrate", "rot", "rate_of_turn", "turn_rate", "r", "gyro_z", "gyr_z"),
-    "speed_m_s": ("speed", "sog", "stw", "u", "speed_over_ground", "speed_through_water", "water_speed", "boat_speed"),
+    "speed_m_s": ("speed", "stw", "u", "speed_through_water", "water_speed", "boat_speed", *GROUND_SPEED),
+    "sog_m_s": GROUND_SPEED,
+    "cog_rad": ("course", "course_over_ground", "cmg"),
+    "lat_rad": ("latitude",),
+    "lon_rad": ("longitude", "lng", "long"),
+    "goal_rad": ("goal_heading", "heading_goal"),
 }
 DEGREE, MINUTE_S, KNOT_M_S = radians(1.0), 60.0, 1852.0 / 3600.0
+ANGLE = {"rad": 1.0, "deg": DEGREE}
+SPEED = {"m_s": 1.0, "kn": KNOT_M_S, "kt": KNOT_M_S, "kts": KNOT_M_S, "knots": KNOT_M_S, "km_h": 1 / 3.6}
 NO_ANGLE = 0.0  # size of a rudder's unit that is a share of full or a servo's pulse
 # quantity -> unit as it is written after a name, or is the name -> its size
 UNITS: dict[str, dict[str, float]] = {
     "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "rudder_rad": {"rad": 1.0, "deg": DEGREE, **dict.fromkeys(("percent", "pct", "pwm", "us"), NO_ANGLE)},
-    "heading_rad": {"rad": 1.0, "deg": DEGREE},
+    "rudder_rad": {**ANGLE, **dict.fromkeys(("percent", "pct", "pwm", "us"), NO_ANGLE)},
     "yaw_rate_rad_s": {"rad_s": 1.0, "deg_s": DEGREE, "deg_min": DEGREE / MINUTE_S, "rad_min": 1.0 / MINUTE_S},
-    "speed_m_s": {"m_s": 1.0, "kn": KNOT_M_S, "kt": KNOT_M_S, "kts": KNOT_M_S, "knots": KNOT_M_S, "km_h": 1 / 3.6},
+    **dict.fromkeys(("heading_rad", "cog_rad", "lat_rad", "lon_rad", "goal_rad"), ANGLE),
+    **dict.fromkeys(("speed_m_s", "sog_m_s"), SPEED),
 }
 SPELLINGS = {
     "degrees": "deg",
@@ -75,14 +126,14 @@ def separator_of(header: str) -> str:
     return next((mark for mark in ("\t", ";", ",") if mark in header), " " if len(header.split()) > 1 else ",")
 
 
-def found_columns(header: list[str]) -> dict[str, list[int]]:
+def found_columns(header: list[str], layout: Layout) -> dict[str, list[int]]:
     """Return where each quantity stands, by the first that is there.
 
     The names of the manoeuvre file, other names, and those behind a point, as ROS's field.heading.
     """
     whole, ends = [_plain(text) for text in header], [_plain(_end(text)) for text in header]
     found = {}
-    for quantity in NAMES:
+    for quantity in layout.names:
         ways = (
             [place for place, name in enumerate(whole) if name == quantity],
             *(
@@ -93,14 +144,16 @@ def found_columns(header: list[str]) -> dict[str, list[int]]:
             [place for place, name in enumerate(whole) if quantity == "rudder_rad" and _asked(name) is not None],
         )
         found[quantity] = next(filter(None, ways), [])
+    if ground := found.get("sog_m_s"):
+        found["speed_m_s"] = [place for place in found["speed_m_s"] if place not in ground]
     return {quantity: places for quantity, places in found.items() if places}
 
 
-def columns_of(where: str, header: list[str]) -> dict[str, Column]:
+def columns_of(where: str, header: list[str], layout: Layout) -> dict[str, Column]:
     """Find the columns; UsageError names what is missing."""
     shown = [_shown(text) for text in header]
     found: dict[str, Column] = {}
-    for quantity, all_places in found_columns(header).items():
+    for quantity, all_places in found_columns(header, layout).items():
         places = all_places if quantity != "speed_m_s" else _through_water(all_places, header)
         if len(places) > 1:
             names = " and ".join(dict.fromkeys(shown[place] for place in places))
@@ -112,16 +165,13 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
         unit = next((unit for unit in units if unit is not None), None)
         said = _asked(_plain(name)) if unit is None else unit
         found[quantity] = Column(places[0], shown[places[0]], math.nan if said is None else said, unit is None)
-    missing = [name for name in ("time_s", "rudder_rad") if name not in found]
-    if not missing and "heading_rad" not in found and "yaw_rate_rad_s" not in found:
-        missing = ["heading_rad or yaw_rate_rad_s"]
+    missing, usual = layout.missing(found), ",".join(layout.names)
     if missing and all(re.fullmatch(r"[-+.\deE]*|nan", text.strip()) for text in header):
-        raise UsageError(f"{where}: numbers where the columns' names should be; put a line above, as {','.join(NAMES)}")
+        raise UsageError(f"{where}: numbers where the columns' names should be; put a line above, as {usual}")
     if missing:
         raise UsageError(
             f"{where}: missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}; name the columns "
-            f"{','.join(NAMES)} (an unmeasured heading, yaw rate or speed may be empty or left out; degrees and knots "
-            f"are rudder_deg, heading_deg, yaw_rate_deg_s, speed_kn); {_there(shown)}"
+            f"{usual} ({layout.optional}; {layout.units}); {_there(shown)}"
         )
     return found
 

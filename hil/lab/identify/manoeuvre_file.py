@@ -9,15 +9,13 @@ clock.py reads them. Columns of other names are passed over, and so is what stan
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.common.angles import degrees, radians
 from hil.errors import UsageError
-from hil.lab.identify import holes, repeats, units
+from hil.lab.identify import holes, repeats, rows, units
 from hil.lab.identify.clock import spread_evenly
 from hil.lab.identify.columns import NAMES, NO_ANGLE
 from hil.lab.identify.recording import Floats, Recording
@@ -27,7 +25,6 @@ from hil.lab.identify.table_text import read_text
 RUDDER_UNITS = ("rad", "deg", "any")
 LARGEST_COMMAND = 1e6
 LARGEST_RUDDER_DEG = 60.0  # of a rudder whose unit is guessed
-MOST_LATE = 10  # rows that one comes after where it belongs
 ANGLES = {1.0: "radians", radians(1.0): "degrees"}
 RATES = {1.0: "radians a second", radians(1.0): "degrees a second", radians(1.0) / 60.0: "degrees a minute"}
 
@@ -40,12 +37,12 @@ def read(path: Path, rudder_unit: str = "rad") -> Recording:
     """
     text = read_text(path)
     if len(text.cells) < 2:
-        rows = "one row" if text.cells else "no rows"
-        raise UsageError(f"{path}: {rows} below the column names; record at least a zigzag")
+        count = "one row" if text.cells else "no rows"
+        raise UsageError(f"{path}: {count} below the column names; record at least a zigzag")
     table = Table(path, text.numbers, text.places, text.notes)
     _check_rudder(table, rudder_unit)
     raw = {name: table.column(name, [row[column.place] for row in text.cells]) for name, column in text.places.items()}
-    return _recording(*_in_order(*_sorted(*_once(*_timed(table, raw)))), rudder_unit)
+    return _recording(*_in_order(*rows.in_order(table, raw)), rudder_unit)
 
 
 def _check_rudder(table: Table, unit: str) -> None:
@@ -58,48 +55,6 @@ def _check_rudder(table: Table, unit: str) -> None:
         )
     if column.asked:
         table.notes.append(f"column {column.shown} is what was asked of the rudder, so the servo's lag is part of T")
-
-
-def _timed(table: Table, raw: Raw) -> tuple[Table, Raw]:
-    """Leave out rows without a time, as those are that a logger writes below the last one."""
-    time_s = raw["time_s"]
-    known = np.zeros(0, dtype=bool) if time_s is None else ~np.isnan(time_s)
-    if known.all():
-        return table, raw
-    table.notes.append(f"{np.count_nonzero(~known)} rows have no time, and are left out")
-    return _kept(table, raw, known)
-
-
-def _once(table: Table, raw: Raw) -> tuple[Table, Raw]:
-    """Leave out rows that are the one before to the last digit, the time included."""
-    whole = np.column_stack([values for values in raw.values() if values is not None])
-    same = np.all((whole[1:] == whole[:-1]) | (np.isnan(whole[1:]) & np.isnan(whole[:-1])), axis=1)
-    kept = np.concatenate(([True], ~same))
-    if not same.any() or np.count_nonzero(kept) < 2:
-        return table, raw
-    table.notes.append(f"{np.count_nonzero(same)} rows are the one before to the last digit, and left out")
-    return _kept(table, raw, kept)
-
-
-def _kept(table: Table, raw: Raw, rows: NDArray[np.bool_ | np.intp]) -> tuple[Table, Raw]:
-    numbers = np.asarray(table.numbers)[rows].tolist()
-    return replace(table, numbers=numbers), {
-        name: None if values is None else values[rows] for name, values in raw.items()
-    }
-
-
-def _sorted(table: Table, raw: Raw) -> tuple[Table, Raw]:
-    """Sort rows that come a little late, as of several senders; a clock that was set back is left to be refused."""
-    time_s = raw["time_s"]
-    if time_s is None or np.all(np.diff(time_s) > 0.0):
-        return table, raw
-    order = np.argsort(time_s, kind="stable")
-    moved = np.abs(order - np.arange(order.size))
-    if np.max(moved) > MOST_LATE or np.any(np.diff(time_s[order]) <= 0.0):
-        return table, raw
-    late = np.count_nonzero(np.diff(time_s) < 0.0)
-    table.notes.append(f"{late} row{'s' if late > 1 else ''} came after a later one, and the rows are sorted by time")
-    return _kept(table, raw, order)
 
 
 def _in_order(table: Table, raw: Raw) -> tuple[Table, dict[str, Floats]]:
@@ -117,10 +72,10 @@ def _in_order(table: Table, raw: Raw) -> tuple[Table, dict[str, Floats]]:
             f"{table.places['time_s'].shown} is too coarse to tell neighbouring rows apart: spread evenly"
         )
         time_s = spread
-    _check_order(table, time_s)
+    rows.check_order(table, time_s)
     fresh = repeats.emptied(raw, {name: column.shown for name, column in table.places.items()}, table.notes)
-    filled, rows = holes.filled(table.path, time_s, fresh | {"time_s": time_s}, table.notes)
-    table, columns = _kept(table, filled, rows)
+    filled, present = holes.filled(table.path, time_s, fresh | {"time_s": time_s}, table.notes)
+    table, columns = rows.kept(table, filled, present)
     return table, {name: values for name, values in columns.items() if values is not None}
 
 
@@ -161,16 +116,6 @@ def _recording(table: Table, raw: dict[str, Floats], unit: str) -> Recording:
 
 def _note(table: Table, name: str, unit: str) -> str:
     return f"column {table.places[name].shown} says no unit: taken for {unit}"
-
-
-def _check_order(table: Table, time_s: Floats) -> None:
-    wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
-    if wrong.size:
-        at = int(wrong[0])
-        raise UsageError(
-            f"{table.path}:{table.numbers[at + 1]}: time_s {time_s[at + 1]:g} does not come after {time_s[at]:g}; "
-            "sort the rows by time and remove repeated ones; where the clock was set back, make two files of it"
-        )
 
 
 def _check_degrees(table: Table, rudder: Floats) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.common.angles import radians
 from hil.errors import UsageError
 from hil.lab.identify.clock import number_of, seconds_of, seconds_of_nmea, unit_since_1970
 from hil.lab.identify.columns import Column
@@ -20,7 +21,14 @@ BELIEVED = {
     "heading_rad": (1e6, "give radians"),
     "yaw_rate_rad_s": (30.0, "give radians a second, not degrees"),
     "speed_m_s": (1000.0, "give metres a second"),
+    "sog_m_s": (1000.0, "give metres a second"),
+    "cog_rad": (1e6, "give radians, or degrees as cog_deg"),
+    "goal_rad": (1e6, "give radians, or degrees as goal_deg"),
+    "lat_rad": (radians(90.01), "give degrees as lat_deg, north positive, or radians as lat_rad"),
+    "lon_rad": (radians(360.01), "give degrees as lon_deg, east positive, or radians as lon_rad"),
 }
+# Columns whose sizes are believed in the unit that their name says, and the usual one where it says none.
+NAMED = {"time_s": 1.0, "lat_rad": radians(1.0), "lon_rad": radians(1.0)}
 LONGEST_INTERVAL_S = 10.0  # between rows, where the unit of the time is guessed: nobody logs a manoeuvre so
 MOST_LINES_BELOW = 20  # of a table, that are no rows of it
 # How loggers write that there is nothing.
@@ -65,7 +73,7 @@ class Table:
         if values is None:
             return
         most, remedy = BELIEVED.get(name, (math.inf, ""))
-        most /= self.unit(name, 1.0) if name == "time_s" else 1.0
+        most /= self.unit(name, NAMED[name]) if name in NAMED else 1.0
         wrong = np.flatnonzero(~(np.abs(values) <= most) | ~np.isfinite(values))
         if wrong.size == 0:
             return

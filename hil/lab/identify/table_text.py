@@ -21,7 +21,7 @@ from typing import BinaryIO, cast
 
 from firmware_py.files.reading import open_regular
 from hil.errors import UsageError
-from hil.lab.identify.columns import NAMES, Column, columns_of, found_columns, separator_of
+from hil.lab.identify.columns import MANOEUVRE, Column, Layout, columns_of, found_columns, separator_of
 from hil.lab.identify.table import MOST_LINES_BELOW
 
 MOST_ROWS = 20_000_000
@@ -46,17 +46,17 @@ class Text:
     notes: list[str]
 
 
-def read_text(path: Path) -> Text:
-    """Read a file; UsageError names the line and the remedy."""
+def read_text(path: Path, layout: Layout = MANOEUVRE) -> Text:
+    """Read a file of a layout; UsageError names the line and the remedy."""
     try:
         with ExitStack() as opened:
-            return _table(path, _opened(path, opened))
+            return _table(path, _opened(path, opened), layout)
     except (EOFError, zlib.error, gzip.BadGzipFile):
         raise UsageError(f"{path}: its gzip packing is damaged; pack or copy it anew") from None
     except OSError as error:
-        raise UsageError(f"{path}: {error.strerror}; give a manoeuvre CSV or an onboard .BIN log") from None
+        raise UsageError(f"{path}: {error.strerror}; give a table (CSV) or an onboard .BIN log") from None
     except UnicodeError:
-        raise UsageError(f"{path}: not text; give a manoeuvre CSV, or an onboard log whose name ends in .BIN") from None
+        raise UsageError(f"{path}: not text; give a table (CSV), or an onboard log whose name ends in .BIN") from None
 
 
 def _opened(path: Path, opened: ExitStack) -> io.TextIOWrapper:
@@ -94,10 +94,10 @@ def _lines(path: Path, file: io.TextIOWrapper) -> Iterator[str]:
         yield line
 
 
-def _table(path: Path, file: io.TextIOWrapper) -> Text:
+def _table(path: Path, file: io.TextIOWrapper, layout: Layout) -> Text:
     above: list[str] = []
-    header, separator, at = _header(path, file, above)
-    places = columns_of(f"{path}:{at}", header)
+    header, separator, at = _header(path, file, above, layout)
+    places = columns_of(f"{path}:{at}", header, layout)
     text = Text(places, [], [], [])
     passed = sum(1 for line in above[: at - 1] if line.strip() and not line.startswith(COMMENTS))
     if passed:
@@ -106,7 +106,7 @@ def _table(path: Path, file: io.TextIOWrapper) -> Text:
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=separator == " ")
     odd: list[tuple[int, int]] = []
     for number, fields in _records(path, reader, at):
-        if not text.cells and not odd and (units := _with_units(header, fields)) is not None:
+        if not text.cells and not odd and (units := _with_units(header, fields, layout)) is not None:
             text.places.update(units)
             continue
         if [field.strip() for field in fields] == [field.strip() for field in header]:
@@ -128,7 +128,7 @@ def _table(path: Path, file: io.TextIOWrapper) -> Text:
     return text
 
 
-def _header(path: Path, file: io.TextIOWrapper, above: list[str]) -> tuple[list[str], str, int]:
+def _header(path: Path, file: io.TextIOWrapper, above: list[str], layout: Layout) -> tuple[list[str], str, int]:
     """Return the fields of the line that names most columns, what separates them, and its number; leave off behind it.
 
     above: all lines that were read to find it.
@@ -141,32 +141,31 @@ def _header(path: Path, file: io.TextIOWrapper, above: list[str]) -> tuple[list[
             continue
         separator = separator_of(bare)
         fields = next(_records(path, csv.reader([bare], delimiter=separator, skipinitialspace=True), 0))[1]
-        found = found_columns(fields)
-        count = len(found) if not line.startswith(COMMENTS) or _whole(found) else -1
+        found = found_columns(fields, layout)
+        count = len(found) if not line.startswith(COMMENTS) or layout.whole(found) else -1
         if best is None or count > best[0]:
             best = (count, fields, separator, len(above))
-        if _whole(found) or len(above) >= MOST_LINES_ABOVE:
+        if layout.whole(found) or len(above) >= MOST_LINES_ABOVE:
             break
+    names = ",".join(layout.names)
     if best is None or best[0] < 0:
-        raise UsageError(f"{path}: empty; the first line must name the columns {','.join(NAMES)}")
+        raise UsageError(f"{path}: empty; the first line must name the columns {names}")
     if bare.startswith(("$", "!")) and best[0] == 0:
-        raise UsageError(f"{path}: sentences of NMEA 0183, no table; make one with the columns {','.join(NAMES)}")
+        raise UsageError(
+            f"{path}: sentences of NMEA 0183, no table; make one with the columns {','.join(layout.names)}"
+        )
     return best[1:]
 
 
-def _whole(found: dict[str, list[int]]) -> bool:
-    return "time_s" in found and "rudder_rad" in found and bool({"heading_rad", "yaw_rate_rad_s"} & found.keys())
-
-
-def _with_units(header: list[str], fields: list[str]) -> dict[str, Column] | None:
+def _with_units(header: list[str], fields: list[str], layout: Layout) -> dict[str, Column] | None:
     """Return the columns with the units that stand in a line of their own; None if there are numbers in it."""
     if len(fields) != len(header) or any(character.isdigit() for field in fields for character in field):
         return None
     if not any(field.strip() for field in fields):
         return None
     both = [f"{name} {unit}" for name, unit in zip(header, fields, strict=True)]
-    known = found_columns(both)
-    return columns_of("", both) if known.keys() == found_columns(header).keys() else {}
+    known = found_columns(both, layout)
+    return columns_of("", both, layout) if known.keys() == found_columns(header, layout).keys() else {}
 
 
 def _records(path: Path, reader: Iterator[list[str]], before: int) -> Iterator[tuple[int, list[str]]]:

@@ -36,7 +36,7 @@ def judged(
 
     heading, rate: as if in radians. degrees: the rudder is in degrees, so the others are likely to be, too.
     """
-    if heading is not None and _goes_round_in_degrees(heading):
+    if heading is not None and goes_round_at_360(heading):
         notes = [f"{where}: the heading jumps by 360: it is in degrees, and was converted"]
         turned = np.unwrap(heading * radians(1.0))
         if rate is not None and not _agrees(time_s, turned, rate):
@@ -79,7 +79,8 @@ def _doubtful(heading: Floats | None, fast_rad_s: float, speed_m_s: float | None
     return beyond or fast_rad_s > USUAL_RATE_RAD_S
 
 
-def _goes_round_in_degrees(heading: Floats) -> bool:
+def goes_round_at_360(heading: Floats) -> bool:
+    """Whether headings jump by 360, as those in degrees do at north."""
     jumps = np.abs(np.diff(heading))
     inside = float(np.min(heading)) >= -FULL_DEG[1] and float(np.max(heading)) <= FULL_DEG[1]
     return inside and bool(np.any((jumps > FULL_DEG[0]) & (jumps < FULL_DEG[1])))

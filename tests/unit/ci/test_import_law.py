@@ -54,6 +54,7 @@ def test_the_tree_obeys_the_law(checkout):
         ("hil/devices/volz.py", "from firmware_py.actuator import volz_frames", "Emulators and ship share no codec"),
         ("hil/sim/world.py", "from firmware_py.core import step", "The harness knows formats"),
         ("hil/lab/similarity.py", "from firmware_py.control import law", "The harness knows formats"),
+        ("hil/lab/estimate/boat.py", "from firmware_py.core import state", "The harness knows formats"),
         ("firmware_py/newroom/__init__.py", "", "The flow of the firmware"),
     ],
 )

@@ -58,7 +58,7 @@ BAD = {
     "header alone": (HEADER + "\n", "no rows below the column names"),
     "empty": ("", "empty; the first line must name the columns"),
     "neither heading nor yaw rate": (plain([f"{n},{n % 3 / 10},,,1" for n in range(50)]), "are both empty; fill one"),
-    "binary": (bytes(range(256)) * 40, "not text; give a manoeuvre CSV, or an onboard log whose name ends in .BIN"),
+    "binary": (bytes(range(256)) * 40, "not text; give a table (CSV), or an onboard log whose name ends in .BIN"),
     "not UTF-8": (plain(ROWS).encode() + b"\xff\xfe", "not text"),
     "zeros": (b"\0" * 4096, ""),
 }
@@ -87,7 +87,7 @@ def test_a_bad_file_is_refused_in_one_line_with_file_line_and_remedy(capsys, tmp
         (["{good}:500:600"], "too short, 0 rows; the file holds 0 to 9.9 s"),
         (["{good}:5:1"], "nothing lies from 5 to 1 s"),
         (["{good}:one:2"], "'one' is no number of seconds"),
-        (["{folder}"], "give a manoeuvre CSV"),
+        (["{folder}"], "give a table (CSV)"),
         (["{folder}/none.csv"], "No such file"),
         (["{folder}/none.BIN"], "none.BIN"),
         (["{good}", "--validate", "{folder}/none.csv"], "No such file"),

@@ -1,7 +1,6 @@
 """Tables and logs of others: read as they mean it, or what is wrong with them is named."""
 
 import json
-import struct
 from datetime import timedelta
 
 import numpy as np
@@ -11,6 +10,7 @@ from hil.__main__ import main
 from hil.errors import UsageError
 from hil.lab.identify.columns import NAMES
 from hil.lab.identify.manoeuvre_file import read
+from support.ardupilot_log import log_bytes
 from support.tables import CLOCK, DEGREE, DEGREES, HEADING, ISO, MIDNIGHT, PLAIN, ROWS, RUDDER, TIME, table
 
 NMEA = (*DEGREES[:3], 60 * DEGREES[3], DEGREES[4])
@@ -195,45 +195,9 @@ def test_what_is_wrong_with_a_table_is_named(tmp_path, text, told):
     assert f"{path}{told}" in str(refused.value)
 
 
-# type, name, struct, format characters, labels: as ArduPilot's LogStructure.h has them
-KINDS = {
-    "PARM": (64, "<Q16sff", "QNff", "TimeUS,Name,Value,Default"),
-    "ATT": (65, "<QhhhhHHHHB", "QccccCCCCB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw,AEKF"),
-    "STER": (66, "<Qhfffff", "Qhfffff", "TimeUS,SteerIn,SteerOut,DesLatAcc,LatAcc,DesTurnRate,TurnRate"),
-    "RCOU": (67, "<QHHHH", "QHHHH", "TimeUS,C1,C2,C3,C4"),
-    "GPS": (68, "<QBBf", "QBBf", "TimeUS,I,Status,Spd"),
-}
-
-
-def record(name, *values):
-    number, layout, _, _ = KINDS[name]
-    return b"\xa3\x95" + bytes((number,)) + struct.pack(layout, *values)
-
-
 def ardupilot_log(recording, *, pulses):
-    """Return a log as ArduPilot's Rover writes it; pulses: of the servo, not the steering's wish alone."""
-    parts = []
-    for name, (number, layout, characters, labels) in KINDS.items():
-        length = 3 + struct.calcsize(layout)
-        text = struct.pack("<BB4s16s64s", number, length, name.encode(), characters.encode(), labels.encode())
-        parts.append(b"\xa3\x95\x80" + text)
-    if pulses:
-        for name, value in (
-            ("SERVO2_FUNCTION", 26),
-            ("SERVO2_MIN", 1100),
-            ("SERVO2_MAX", 1900),
-            ("SERVO2_REVERSED", 1),
-        ):
-            parts.append(record("PARM", 0, name.encode(), value, 0.0))
-    rows = zip(recording.time_s, recording.rudder_rad, recording.heading_rad, recording.yaw_rate_rad_s, strict=True)
-    for seconds, rudder, heading, rate in rows:
-        stamp, turn = round(seconds * 1e6) + 5_000_000, np.degrees(rudder)
-        parts.append(record("STER", stamp, 0, turn * 100.0, 0.0, 0.0, 0.0, np.degrees(rate)))
-        parts.append(record("RCOU", stamp, 1500, round(1500 - 400 * turn / 45.0), 1500, 1500))
-        parts.append(record("ATT", stamp, 0, 0, 0, 0, 0, round(np.degrees(heading) % 360.0 * 100.0) % 36000, 0, 0, 3))
-        parts.append(record("GPS", stamp, 0, 3, 0.4))
-        parts.append(record("GPS", stamp, 1, 3, 9.0))
-    return b"".join(parts)
+    columns = (recording.time_s, recording.rudder_rad, recording.heading_rad, recording.yaw_rate_rad_s)
+    return log_bytes(*columns, pulses=pulses)
 
 
 @pytest.mark.parametrize("pulses", [True, False])

@@ -1,0 +1,73 @@
+"""`rambler-hil estimate`: estimator and monitors of the autopilot over a recording."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from hil.cli import outputs, progress
+from hil.lab.estimate import boat, columns, log_file, table_file
+from hil.lab.estimate.judgement import judge
+from hil.lab.estimate.predictions import predict
+from hil.lab.estimate.recording import Recording
+from hil.lab.estimate.summary import Result, as_json, lines_of
+from hil.lab.estimate.tick import watch
+from hil.sim.vehicle_file import load
+
+EPILOG = """\
+TABLE: columns time_s and heading_deg (or _rad), and where recorded rudder_deg, yaw_rate_deg_s, speed_m_s (through the
+water), sog_m_s, cog_deg, lat_deg, lon_deg and goal_deg; cells may be empty. LOG: an onboard log of the autopilot, or
+one of ArduPilot (.BIN, .BIN.gz).
+
+The autopilot's own tick runs at each heading, armed, with the recorded goal or, where none was recorded, with the mean
+heading of a minute. Its rudder command moves nothing: the rudder is the recorded one, amidships where there is none."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = EPILOG
+    parser.add_argument("recording", metavar="TABLE|LOG", type=Path, help="what was recorded of a boat under way")
+    parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: parameters of the boat")
+    parser.add_argument("--params", type=Path, metavar="FILE", help="a parameter file, over the vehicle's parameters")
+    parser.add_argument(
+        "--ship",
+        metavar="K=..,T=..,alpha=..,speed=..",
+        help="the K-T model in 1/s, s, s^2 and the speed in m/s that it holds at, over those of the files; without "
+        "speed= it holds at the recorded mean speed",
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the estimate as CSV, a row for each heading")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary as JSON; - for standard output")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Estimate, print the summary, and write what was asked for."""
+    to_stdout = arguments.json is not None and str(arguments.json) == "-"
+    outputs.check("--out", arguments.out)
+    outputs.check("--json", None if to_stdout else arguments.json)
+    ship = {} if arguments.ship is None else boat.read_ship(arguments.ship)
+    given = dict(load(arguments.vehicle).parameters) if arguments.vehicle is not None else {}
+    if arguments.params is not None:
+        given |= boat.read_parameters(arguments.params)
+    recording = _read(arguments.recording)
+    parameters, notes = boat.parameters_for(recording, given, ship)
+    tell = progress.part_done(sys.stderr, time.monotonic)
+    watched = watch(parameters, recording, lambda done, total: tell("estimating", done / total))
+    predictions = predict(recording, watched)
+    result = Result(recording, parameters, watched, judge(watched, predictions), (*recording.notes, *notes))
+    figures = as_json(result)
+    if arguments.out is not None:
+        outputs.write("--out", arguments.out, columns.as_csv(columns.table_of(recording.time_s, watched, predictions)))
+    if arguments.json is not None:
+        text = json.dumps(figures, indent=1) + "\n"
+        sys.stdout.write(text) if to_stdout else outputs.write("--json", arguments.json, text)
+    if not to_stdout:
+        print("\n".join(lines_of(figures)))
+    return 0
+
+
+def _read(path: Path) -> Recording:
+    return log_file.read(path) if log_file.is_log(path) else table_file.read(path)

@@ -1,0 +1,97 @@
+"""The parameters that a recording is watched with: those of the boat, but for what would act or correct twice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from firmware_py.common.parameter_row import ParameterError, to_single
+from firmware_py.common.parameter_table import INDEX, TABLE
+from firmware_py.common.parameters import ParameterSet, parse_file
+from firmware_py.files.reading import read_text
+from hil.errors import UsageError
+from hil.lab.estimate.recording import Recording
+
+SHIP: Final = {"K": "MDL_K", "T": "MDL_T_S", "alpha": "MDL_ALPHA_S2", "speed": "MDL_SPEED"}
+MOST_BYTES: Final = 1 << 20
+LEAST_SPEED_M_S, MOST_SPEED_M_S = 0.05, 5.0  # of CRUISE_SPEED and MDL_SPEED
+# Corrections of raw devices; tables and ArduPilot's logs hold true headings and rudder angles.
+CORRECTIONS: Final = ("CMP_OFFSET_DEG", "CMP_DEV_", "RUD_CENTRE_DEG", "RUD_REVERSE")
+
+
+def read_ship(text: str) -> dict[str, float]:
+    """Read K=..,T=..,alpha=..,speed=.. as parameters, or raise UsageError."""
+    values: dict[str, float] = {}
+    for word in text.split(","):
+        name, _, number = (part.strip() for part in word.partition("="))
+        if name not in SHIP:
+            raise UsageError(f"--ship: {word.strip()[:30]!r} is none of K=, T=, alpha= and speed=; give K=0.049,T=4")
+        if SHIP[name] in values:
+            raise UsageError(f"--ship: {name} stands there twice; give it once")
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise UsageError(f"--ship: {name}={number[:30]} is not a number; give K in 1/s, T in s, speed in m/s")
+        values[SHIP[name]] = _checked(SHIP[name], value, f"--ship {name}")
+    return values
+
+
+def read_parameters(path: Path) -> dict[str, float]:
+    """Read a parameter file, or raise UsageError."""
+    try:
+        return parse_file(read_text(path, MOST_BYTES), str(path))
+    except OSError as error:
+        raise UsageError(f"--params {path} cannot be read: {error.strerror or error}; give another") from None
+    except UnicodeError:
+        raise UsageError(f"--params {path} is not text; give a parameter file, NAME VALUE in each line") from None
+    except ParameterError as error:
+        raise UsageError(str(error)) from None
+
+
+def parameters_for(
+    recording: Recording, given: Mapping[str, float], ship: Mapping[str, float]
+) -> tuple[ParameterSet, tuple[str, ...]]:
+    """Return the parameters to watch a recording with, and what is to be said of them.
+
+    given: those of the vehicle and the parameter file, over those that the recording itself holds. ship: those that
+    --ship names. No fault may change the mode: what the boat did was not the autopilot's doing.
+    """
+    values = {**recording.parameters, **given, **ship}
+    notes = []
+    if not values.keys() & {"MDL_K", "MDL_T_S"}:
+        notes.append("no ship given: K, T and alpha are the defaults and may be far off; give --ship or --params")
+    if (recorded := _speed(recording)) is not None:
+        speed_m_s, which = recorded
+        begins, scales = "CRUISE_SPEED" not in values, bool(ship) and "MDL_SPEED" not in ship
+        if begins:
+            values["CRUISE_SPEED"] = speed_m_s
+        if scales:
+            values["MDL_SPEED"] = speed_m_s
+        roles = " and ".join((*("the speed to begin with",) * begins, *("the speed of the given ship",) * scales))
+        if roles:
+            notes.append(f"{roles}: the mean speed {which}, {speed_m_s:.2f} m/s")
+    for row in TABLE:
+        acts = row.name.startswith("FS_") and row.name.endswith("_ACT")
+        corrects = not recording.shaft and row.name.startswith(CORRECTIONS)
+        if acts or corrects:
+            values[row.name] = 0.0
+    return ParameterSet([values.get(row.name, row.default) for row in TABLE]), tuple(notes)
+
+
+def _speed(recording: Recording) -> tuple[float, str] | None:
+    """Return the recorded mean speed that says most of that through the water, and which it is."""
+    for speed_m_s, which in ((recording.water_m_s, "through the water"), (recording.ground_m_s, "over ground")):
+        if speed_m_s is not None:
+            return to_single(min(max(speed_m_s, LEAST_SPEED_M_S), MOST_SPEED_M_S)), which
+    return None
+
+
+def _checked(name: str, value: float, where: str) -> float:
+    try:
+        return TABLE[INDEX[name]].check(value)
+    except ParameterError as error:
+        raise UsageError(f"{where}: {error}") from None

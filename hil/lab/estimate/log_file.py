@@ -1,0 +1,178 @@
+"""Reads logs as recordings: those of the autopilot, sample by sample as its ticks had them, and those of ArduPilot."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from msgspec.structs import replace
+
+from firmware_py.common.angles import radians
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import INDEX, TABLE
+from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample, RudderFeedback
+from firmware_py.log.dataflash import Buffer, LogError
+from firmware_py.log.open_file import open_buffer
+from firmware_py.log.reader import LogReader
+from hil.errors import UsageError
+from hil.lab.estimate.recording import Recording
+from hil.lab.identify import ardupilot_log
+from hil.lab.identify.onboard_log import rising
+from hil.lab.identify.recording import LEAST_ROWS
+from hil.report.log_records import records
+
+FIX_3D = 3  # of ArduPilot's GPS.Status
+LONGEST_S = 1e9  # a time beyond it is damage
+
+Sample = TypeVar("Sample", HeadingSample, PositionSample, RudderFeedback)
+
+
+def is_log(path: Path) -> bool:
+    """Whether a name is that of a log."""
+    return path.name.lower().removesuffix(".gz").endswith(".bin")
+
+
+def read(path: Path) -> Recording:
+    """Read a log, the autopilot's or ArduPilot's; UsageError names the remedy."""
+    try:
+        with open_buffer(path) as data:
+            return _of_ardupilot(path, data) if ardupilot_log.is_one(data) else _of_autopilot(path, data)
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror or error}; give the path of a .BIN or .BIN.gz file") from None
+    except LogError as error:
+        raise UsageError(f"{path}: {error}") from None
+
+
+def _of_autopilot(path: Path, data: Buffer) -> Recording:
+    """Return the inputs of the ticks; without feedback the commands are taken for the rudder."""
+    reader = LogReader(path)
+    notes: list[str] = []
+    headings: list[HeadingSample] = []
+    positions: list[PositionSample] = []
+    rudder: list[RudderFeedback] = []
+    commands: list[RudderFeedback] = []
+    parameters: Mapping[str, float] | None = None
+    for tick in reader:
+        headings.extend(tick.inputs.headings)
+        positions.extend(tick.inputs.positions)
+        rudder.extend(tick.inputs.rudder)
+        commands.append(RudderFeedback(tick.inputs.tick.t_s, tick.command.shaft_rad))
+        if parameters is None and tick.checkpoint is not None:
+            parameters = _parameters(tick.checkpoint)
+    if reader.reading.damaged:
+        notes.append(f"{reader.reading.damaged} damaged ticks left out")
+    if parameters is None:
+        notes.append("no stored parameters: the defaults are taken, and the servo's shaft for the rudder angle")
+    if not any(sample.shaft_rad is not None for sample in rudder):
+        rudder = commands
+        notes.append("no rudder feedback: the command is taken for the rudder")
+    headings = [sample for sample in _in_order(headings) if math.isfinite(sample.heading_rad)]
+    if len(headings) < LEAST_ROWS:
+        raise UsageError(f"{path}: {len(headings)} headings in it; give a log of a run with a compass")
+    source = Counter(sample.source for sample in headings).most_common(1)[0][0]
+    begin_s = headings[0].t_s
+    goals = [
+        (t_s - begin_s, goal) for t_s, goal in _goals(data) if 0.0 <= t_s < LONGEST_S and not abs(goal) > 2.0 * math.tau
+    ]
+    speeds = [sample.speed_over_ground_m_s for sample in positions if sample.speed_over_ground_m_s is not None]
+    return Recording(
+        str(path),
+        begin_s,
+        np.array([sample.t_s for sample in headings if sample.source == source]),
+        tuple(_counted(headings, begin_s)),
+        tuple(_counted(_in_order(positions), begin_s)),
+        tuple(replace(sample, torque_on=False) for sample in _counted(_in_order(rudder), begin_s)),
+        np.array([t_s for t_s, _ in goals]),
+        np.array([goal for _, goal in goals]),
+        source=source,
+        shaft=True,
+        ground_m_s=float(np.mean(speeds)) if speeds else None,
+        parameters=parameters or {},
+        notes=tuple(notes),
+    )
+
+
+def _goals(data: Buffer) -> list[tuple[float, float]]:
+    """Return times of ticks and the headings that were steered for."""
+    found, now_s = [], math.nan
+    for name, values in records(data, {"TICK": ("T",), "NAV": ("Goal",)}):
+        value = float(values[0]) if isinstance(values[0], (int, float)) else math.nan
+        if name == "TICK":
+            now_s = value
+        else:
+            found.append((now_s, value))
+    return found
+
+
+def _parameters(checkpoint: str) -> dict[str, float]:
+    """Return the parameters of a stored state that are still known and allowed."""
+    try:
+        stored = json.loads(checkpoint)["parameters"].items()
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return {}
+    values = {}
+    for name, value in stored:
+        if name in INDEX and isinstance(value, (int, float)):
+            try:
+                values[name] = TABLE[INDEX[name]].check(float(value))
+            except (ParameterError, OverflowError):
+                continue
+    return values
+
+
+def _in_order(samples: list[Sample]) -> list[Sample]:
+    """Leave out samples that come before the one before, as behind a restart, or whose time is none."""
+    kept: list[Sample] = []
+    for sample in samples:
+        if math.isfinite(sample.t_s) and (not kept or sample.t_s >= kept[-1].t_s):
+            kept.append(sample)
+    return kept
+
+
+def _counted(samples: list[Sample], begin_s: float) -> list[Sample]:
+    return [replace(sample, t_s=sample.t_s - begin_s) for sample in samples]
+
+
+def _of_ardupilot(path: Path, data: Buffer) -> Recording:
+    """Return attitude, fixes and rudder; ArduPilot's yaw is from true north."""
+    series, servos = ardupilot_log.gathered(data)
+    headings = ardupilot_log.headings_of(path, series)
+    notes: list[str] = []
+    begin_s = headings[0][0]
+    rudder = ardupilot_log.rudder_of(series, servos, notes)
+    goals = series["ATT.DesYaw"] if len({goal for _, goal in series["ATT.DesYaw"]}) > 1 else []
+    labels = ("Lat", "Lng", "Spd", "GCrs")
+    table = {name: dict(series[f"GPS.{name}"]) for name in (*labels, "Status")}
+    fixes = []
+    for t_s, _ in rising(series["GPS.Lat"]):
+        latitude, longitude, speed_m_s, course_deg = (table[name].get(t_s) for name in labels)
+        if latitude is None or longitude is None or table["Status"].get(t_s, FIX_3D) < FIX_3D:
+            continue
+        fixes.append(
+            PositionSample(
+                t_s - begin_s,
+                FixType.FIX_3D,
+                radians(latitude),
+                radians(longitude),
+                speed_over_ground_m_s=speed_m_s,
+                course_over_ground_rad=None if course_deg is None else radians(course_deg) % math.tau,
+            )
+        )
+    speeds = [sample.speed_over_ground_m_s for sample in fixes if sample.speed_over_ground_m_s is not None]
+    return Recording(
+        str(path),
+        begin_s,
+        np.array([t_s for t_s, _ in headings]),
+        tuple(HeadingSample(t_s - begin_s, radians(yaw) % math.tau, NorthReference.TRUE) for t_s, yaw in headings),
+        tuple(fixes),
+        tuple(RudderFeedback(t_s - begin_s, angle, torque_on=False) for t_s, angle in rudder),
+        np.array([t_s - begin_s for t_s, _ in goals]),
+        np.array([radians(goal) for _, goal in goals]),
+        ground_m_s=float(np.mean(speeds)) if speeds else None,
+        notes=tuple(notes),
+    )

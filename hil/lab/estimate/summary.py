@@ -1,0 +1,157 @@
+"""The figures of an estimate: as JSON, and in lines for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from firmware_py.common.parameters import ParameterSet
+from hil.lab.estimate.boat import SHIP
+from hil.lab.estimate.judgement import Judgement
+from hil.lab.estimate.recording import Recording
+from hil.lab.estimate.tick import Watched
+from hil.lab.identify.recording import Floats
+
+HOUR_S = 3600.0
+DIGITS = 6
+# Column -> key of what was learned: the median of the second half, in degrees where the key says so.
+LEARNED = {
+    "speed_m_s": "speed_m_s",
+    "current_north_m_s": "current_north_m_s",
+    "current_east_m_s": "current_east_m_s",
+    "rudder_bias_rad": "rudder_bias_deg",
+    "wave_period_s": "wave_period_s",
+    "compass_noise_rad": "compass_noise_deg",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A recording, the parameters it was watched with, what came of it, and what is to be said."""
+
+    recording: Recording
+    parameters: ParameterSet
+    watched: Watched
+    judgement: Judgement
+    notes: tuple[str, ...]
+
+
+def as_json(result: Result) -> dict[str, Any]:
+    """Return the summary; null is what could not be judged. Times are those of the file."""
+    recording, watched, judged = result.recording, result.watched, result.judgement
+    begin_s, white, waves = recording.begin_s, judged.white, judged.waves
+    hours = max(float(watched.time_s[-1]) / HOUR_S, 1e-9)
+    return {
+        "file": recording.name,
+        "from_s": _time(begin_s),
+        "to_s": _time(begin_s + float(watched.time_s[-1])),
+        "judged_from_s": _time(begin_s + judged.from_s),
+        "headings": int(watched.time_s.size),
+        "rate_hz": _number(1.0 / float(np.median(np.diff(watched.time_s)))),
+        "positions": len(recording.positions),
+        "rudder_recorded": bool(recording.rudder),
+        "ship": {name: _number(result.parameters[row]) for name, row in SHIP.items()},
+        "recorded_speed_through_water_m_s": _number(recording.water_m_s),
+        "recorded_speed_over_ground_m_s": _number(recording.ground_m_s),
+        "recorded_waves": {
+            "period_s": _number(None if waves is None else waves.period_s),
+            "yaw_sd_deg": _degrees(None if waves is None else waves.sd_rad),
+        },
+        "innovations": {
+            "nis": _number(judged.nis),
+            "autocorrelation_lag_1": _number(None if white is None else white.lag_one),
+            "autocorrelation_share_outside_95_percent": _number(None if white is None else white.outside),
+            "white": None if white is None else white.white,
+        },
+        "heading": {
+            "rms_error_deg": _degrees(judged.rms_error_rad),
+            "nees": _number(judged.nees),
+            "compass_rms_error_deg": _degrees(judged.compass_error_rad),
+            "best_low_pass_rms_error_deg": _degrees(judged.low_pass_error_rad),
+            "best_low_pass_s": _number(judged.low_pass_s),
+        },
+        "predictions": {
+            f"{seconds}_s": {
+                "rows": figures.rows,
+                "rms_error_deg": _degrees(figures.rms_error_rad),
+                "r2_against_persistence": _number(figures.r2),
+                "r2_against_low_passed_compass": _number(figures.r2_low_pass),
+                "nees": _number(figures.nees),
+            }
+            for seconds, figures in judged.predictions.items()
+        },
+        "estimated": {key: _learned(watched.columns[name], key) for name, key in LEARNED.items()},
+        "rudder_travel_commanded_deg_per_h": _number(math.degrees(watched.travel_rad) / hours),
+        "rudder_travel_recorded_deg_per_h": _number(_recorded_travel_deg(recording, hours)),
+        "restarts_s": [_time(begin_s + t_s) for t_s in watched.restarts_s],
+        "faults": [
+            {"name": fault.name, "from_s": _time(begin_s + fault.from_s), "to_s": _time(begin_s + fault.to_s)}
+            for fault in watched.faults
+        ],
+        "notes": list(result.notes),
+    }
+
+
+def lines_of(summary: dict[str, Any]) -> Iterator[str]:
+    """Yield the summary as text."""
+    heading, innovations, waves = summary["heading"], summary["innovations"], summary["recorded_waves"]
+    minutes = (summary["to_s"] - summary["from_s"]) / 60.0
+    rate = f"{_shown(summary['rate_hz'])} Hz"
+    yield f"{summary['headings']} headings in {minutes:.0f} min at {rate}, {summary['positions']} positions"
+    yield f"wave yaw as recorded: {_shown(waves['yaw_sd_deg'])} deg, period {_shown(waves['period_s'])} s"
+    yield (
+        f"heading error {_shown(heading['rms_error_deg'])} deg rms, NEES {_shown(heading['nees'])}; compass "
+        f"{_shown(heading['compass_rms_error_deg'])} deg, best low-pass in hindsight "
+        f"{_shown(heading['best_low_pass_rms_error_deg'])} deg"
+    )
+    yield (
+        f"innovations: NIS {_shown(innovations['nis'])}, autocorrelation of lag 1 "
+        f"{_shown(innovations['autocorrelation_lag_1'])}"
+    )
+    for name, figures in summary["predictions"].items():
+        r2, r2_low_pass = figures["r2_against_persistence"], figures["r2_against_low_passed_compass"]
+        yield (
+            f"predicted {name.removesuffix('_s')} s ahead: {_shown(figures['rms_error_deg'])} deg rms, R2 {_shown(r2)} "
+            f"({_shown(r2_low_pass)} against the low-passed compass), NEES {_shown(figures['nees'])}"
+        )
+    travel = f"rudder travel that would have been commanded: {summary['rudder_travel_commanded_deg_per_h']:.0f} deg/h"
+    recorded = summary["rudder_travel_recorded_deg_per_h"]
+    yield travel if recorded is None else f"{travel}; recorded: {recorded:.0f} deg/h"
+    yield f"restarts: {len(summary['restarts_s'])}"
+    yield from (f"{fault['name']} from {fault['from_s']:.1f} s to {fault['to_s']:.1f} s" for fault in summary["faults"])
+    yield from (f"note: {note}" for note in summary["notes"])
+
+
+def _recorded_travel_deg(recording: Recording, hours: float) -> float | None:
+    angles = [sample.shaft_rad for sample in recording.rudder if sample.shaft_rad is not None]
+    return math.degrees(float(np.sum(np.abs(np.diff(angles))))) / hours if len(angles) > 1 else None
+
+
+def _learned(values: Floats, key: str) -> float | None:
+    half = values[values.size // 2 :]
+    known = half[np.isfinite(half)]
+    middle = float(np.median(known)) if known.size else None
+    return _degrees(middle) if key.endswith("_deg") else _number(middle)
+
+
+def _degrees(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else _number(math.degrees(angle_rad))
+
+
+def _number(value: float | None) -> float | None:
+    """Return a number for JSON, None for what is none."""
+    if value is None or not math.isfinite(value):
+        return None
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _time(time_s: float) -> float:
+    return round(time_s, 3)
+
+
+def _shown(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.3g}"

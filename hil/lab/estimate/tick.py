@@ -1,0 +1,217 @@
+"""The autopilot's tick for the laboratory: the only module of `hil` that imports it (import contract `seam`).
+
+The tick is the one that the boat runs. What is taken out of its state beside what it reports is taken in `_row`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Final, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.common.angles import wrap_two_pi
+from firmware_py.common.intents import Arm, Request, SteerHeading
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import HeadingSample, Inputs, PositionSample, RudderFeedback, Tick
+from firmware_py.common.reports import Output, Snapshot
+from firmware_py.core.state import State, settings_of
+from firmware_py.core.step import step
+from firmware_py.estimate import observer
+from firmware_py.faults.fault import Fault
+from firmware_py.modes import HeadingGoal
+from hil.lab.estimate.goals import goals_at
+from hil.lab.estimate.recording import Recording
+from hil.lab.identify.recording import Floats
+
+SLOWEST_TICK_S: Final = 1.0  # the loop turns so often at least
+GAP_INTERVALS: Final = 1.5  # a heading that comes later than this is missing
+TICKS_IN_GAP_S: Final = 120.0  # after which nothing more comes of a gap
+RESTARTED: Final = "Heading estimate is begun anew"
+# What a tick estimates at a heading, in the order of `_row`; then its rudder command, and the compass as corrected.
+COLUMNS: Final = (
+    *("heading_rad", "heading_sd_rad", "yaw_rate_rad_s", "yaw_rate_sd_rad_s", "rudder_bias_rad", "rudder_bias_sd_rad"),
+    *("speed_m_s", "speed_sd_m_s", "current_north_m_s", "current_east_m_s", "current_sd_m_s", "leeway_rad"),
+    *("wave_period_s", "wave_yaw_rad", "compass_noise_rad", "innovation_rad", "innovation_sd_rad"),
+    *("command_rad", "compass_rad"),
+)
+
+Sample = TypeVar("Sample", HeadingSample, PositionSample, RudderFeedback)
+Tell = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StandingFault:
+    """A fault and when it stood, in seconds since the recording's begin."""
+
+    name: str
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What the autopilot made of a recording: columns by COLUMNS at its headings, NaN where not known, and the rest.
+
+    Times are seconds since the recording's begin. goal_rad: what it was ordered to steer at the headings. travel_rad:
+    of the rudder, as it would have commanded it.
+    """
+
+    time_s: Floats
+    columns: Mapping[str, Floats]
+    goal_rad: Floats
+    faults: tuple[StandingFault, ...]
+    restarts_s: tuple[float, ...]
+    travel_rad: float
+    ticks: int
+
+
+def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched:
+    """Run the ticks over a recording. tell: is given how many of how many ticks are done."""
+    times_s, is_row, interval_s = _tick_times(recording)
+    goals = goals_at(recording, times_s)
+    headings, positions, rudder = _Queue(recording.headings), _Queue(recording.positions), _Queue(recording.rudder)
+    state, log = State.at_start(parameters), _Log()
+    settings = settings_of(parameters)
+    for number, (now_s, goal) in enumerate(zip(times_s.tolist(), goals.tolist(), strict=True)):
+        heard = headings.take(now_s, itself=True)
+        inputs = Inputs(
+            Tick(number, now_s, 0.0, 0, 1.0 / interval_s),
+            headings=heard,
+            positions=positions.take(now_s, itself=True),
+            # What the rudder did since the last tick: at a tick it begins what it does until the next.
+            rudder=rudder.take(now_s, itself=False)
+            if recording.rudder
+            else (RudderFeedback(now_s, 0.0, torque_on=False),),
+            requests=_orders(state, goal, now_s),
+        )
+        state, output = step(state, inputs)
+        log.take(output, now_s)
+        if is_row[number]:
+            compass = next(sample for sample in reversed(heard) if sample.source == recording.source)
+            compass_rad = observer.true_heading_rad(settings.heading_estimator.observer, compass)
+            log.rows.append(_row(output.snapshot, compass_rad))
+        tell(number + 1, times_s.size)
+    columns = np.array(log.rows, dtype=np.float64).T
+    return Watched(
+        times_s[is_row],
+        dict(zip(COLUMNS, columns, strict=True)),
+        goals[is_row],
+        log.standing_faults(float(times_s[-1])),
+        tuple(log.restarts_s),
+        log.travel_rad,
+        times_s.size,
+    )
+
+
+def _row(snapshot: Snapshot, compass_rad: float) -> tuple[float, ...]:
+    """Return what a tick estimates, by COLUMNS; the only place that knows where it stands."""
+    estimate, water, nan = snapshot.estimate, snapshot.water, math.nan
+    if estimate is None:
+        return (*(nan for _ in COLUMNS[:-2]), snapshot.rudder_command_rad, compass_rad)
+    return (
+        estimate.heading_rad,
+        estimate.heading_sd_rad,
+        estimate.yaw_rate_rad_s,
+        estimate.yaw_rate_sd_rad_s,
+        estimate.bias_rad,
+        estimate.bias_sd_rad,
+        estimate.speed_m_s,
+        estimate.speed_sd_m_s,
+        nan if water is None else water.current_north_m_s,
+        nan if water is None else water.current_east_m_s,
+        nan if water is None else water.current_sd_m_s,
+        nan if water is None else water.leeway_rad,
+        estimate.wave_period_s,
+        nan,
+        estimate.compass_noise_rad,
+        estimate.innovation_rad,
+        estimate.innovation_sd_rad,
+        snapshot.rudder_command_rad,
+        compass_rad,
+    )
+
+
+def _orders(state: State, goal_rad: float, now_s: float) -> tuple[Request, ...]:
+    """Return what is asked of the autopilot: to steer the goal, as soon as it knows a heading."""
+    modes = state.modes
+    if state.heading_estimator.heading.sample_t_s is None:
+        return ()
+    if modes.armed and modes.mode is Mode.GUIDED and isinstance(modes.goal, HeadingGoal):
+        if modes.goal.heading_rad == wrap_two_pi(goal_rad):
+            return ()
+        return (Request(now_s, SteerHeading(goal_rad)),)
+    return (Request(now_s, Arm(armed=True, force=True)), Request(now_s, SteerHeading(goal_rad, change_mode=True)))
+
+
+def _tick_times(recording: Recording) -> tuple[Floats, NDArray[np.bool_], float]:
+    """Return when to tick, which of these ticks have a heading, and the usual interval.
+
+    In a gap the ticks go on, for the monitors, at the interval of the headings.
+    """
+    at_s = np.unique([sample.t_s for sample in recording.headings if sample.source == recording.source])
+    interval_s = min(float(np.median(np.diff(at_s))), SLOWEST_TICK_S)
+    more = [
+        begin_s + interval_s * np.arange(1, math.ceil(min(end_s - begin_s, TICKS_IN_GAP_S) / interval_s - 0.5))
+        for begin_s, end_s in pairwise(at_s.tolist())
+        if end_s - begin_s > GAP_INTERVALS * interval_s
+    ]
+    between_s = np.concatenate(more) if more else np.zeros(0)
+    times_s = np.concatenate((at_s, between_s))
+    order = np.argsort(times_s, kind="stable")
+    return times_s[order], (np.arange(times_s.size) < at_s.size)[order], interval_s
+
+
+class _Queue(Generic[Sample]):
+    """Samples of one kind, taken in order of time."""
+
+    def __init__(self, samples: Sequence[Sample]) -> None:
+        self._samples: Sequence[Sample] = samples
+        self._next = 0
+
+    def take(self, now_s: float, *, itself: bool) -> tuple[Sample, ...]:
+        """Return the samples since the last call that are before a time, or at it, too."""
+        begin = self._next
+        while self._next < len(self._samples):
+            t_s = self._samples[self._next].t_s
+            if t_s > now_s or (t_s == now_s and not itself):
+                break
+            self._next += 1
+        return tuple(self._samples[begin : self._next])
+
+
+@dataclass(slots=True)
+class _Log:
+    """What the ticks have reported so far."""
+
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    restarts_s: list[float] = field(default_factory=list)
+    faults: list[StandingFault] = field(default_factory=list)
+    since_s: dict[Fault, float] = field(default_factory=dict)
+    travel_rad: float = 0.0
+    command_rad: float = 0.0
+
+    def take(self, output: Output, now_s: float) -> None:
+        """Take a tick."""
+        snapshot = output.snapshot
+        if any(event.text == RESTARTED for event in output.events):
+            self.restarts_s.append(now_s)
+        self.travel_rad += abs(snapshot.rudder_command_rad - self.command_rad)
+        self.command_rad = snapshot.rudder_command_rad
+        standing = {fault for fault in Fault if snapshot.faults >> fault & 1} if snapshot.faults else set()
+        if standing == self.since_s.keys():
+            return
+        for fault in standing - self.since_s.keys():
+            self.since_s[fault] = now_s
+        for fault in self.since_s.keys() - standing:
+            self.faults.append(StandingFault(fault.name, self.since_s.pop(fault), now_s))
+
+    def standing_faults(self, end_s: float) -> tuple[StandingFault, ...]:
+        """Return all faults in order of time; those that still stand end with the recording."""
+        faults = [*self.faults, *(StandingFault(fault.name, since_s, end_s) for fault, since_s in self.since_s.items())]
+        return tuple(sorted(faults, key=lambda fault: (fault.from_s, fault.name)))
