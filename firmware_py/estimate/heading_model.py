@@ -1,0 +1,189 @@
+"""Kalman filter of heading, yaw rate, rudder bias and wave yaw, for given noise levels. Numeric core.
+
+State vector x = (psi, r, b, w, v):
+
+    d psi = r dt
+    d r   = (K (delta - b) - r - alpha r^3) / T dt + sqrt(D) / T dB1     K-T equation (model/kt.py), yaw disturbance D
+    d b   = q dB2                                                        rudder bias, random walk
+    d w   = v dt,  d v = -(omega^2 w + 2 zeta omega v) dt + ... dB3      wave yaw of standard deviation sigma
+
+D is the diffusion of the heading [rad^2/s]: within times much longer than T the heading wanders by sqrt(D t). The
+compass measures psi + w + noise. The second-order wave model is the usual one of dynamic positioning (Fossen,
+Handbook of Marine Craft Hydrodynamics and Motion Control, 2011, section 8.2). Transition and noise of a step are
+exact for a constant rudder angle, but for the cubic term, which is held at its value at the start of the step.
+
+The arithmetic is written out: as plain floats it takes a fifth of the time of array operations, and the compiled code
+of the laboratory gives the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from firmware_py.common.angles import TWO_PI, radians, wrap_pi
+from firmware_py.model.kt import KtModel, decay_over
+
+OUTLIER = 12.0  # a squared innovation counts as at most so many variances (3.5 standard deviations)
+FIRST_HEADING_VARIANCE = radians(18.0) ** 2  # the first heading lies anywhere on a wave
+FIRST_RATE_VARIANCE = radians(3.0) ** 2
+FIRST_BIAS_VARIANCE = radians(12.8) ** 2
+# Added when the boat turns as neither rudder, wave nor disturbance explain: with a lost rudder, in a tow, by hand.
+UNEXPLAINED_RATE_VARIANCE = radians(2.0) ** 2
+UNEXPLAINED_BIAS_VARIANCE = radians(20.0) ** 2
+
+
+class NoiseLevels(NamedTuple):
+    """Natural logarithms of the six noise levels.
+
+    Diffusion D [rad^2/s], standard deviation [rad], period [s] and damping ratio of the wave yaw, standard deviation of
+    the compass noise [rad], walk q of the rudder bias [rad/sqrt(s)].
+    """
+
+    diffusion: float
+    wave_sd: float
+    wave_period: float
+    wave_damping: float
+    compass_noise: float
+    bias_walk: float
+
+
+class Motion(NamedTuple):
+    """State vector and the upper triangle of its covariance, row by row, in the order psi, r, b, w, v."""
+
+    heading_rad: float
+    yaw_rate_rad_s: float
+    bias_rad: float
+    wave_rad: float
+    wave_rate_rad_s: float
+    p00: float
+    p01: float
+    p02: float
+    p03: float
+    p04: float
+    p11: float
+    p12: float
+    p13: float
+    p14: float
+    p22: float
+    p23: float
+    p24: float
+    p33: float
+    p34: float
+    p44: float
+
+
+def begin(heading_rad: float, levels: NoiseLevels) -> Motion:
+    """Return the state at the first heading: at rest, without bias."""
+    wave_variance = math.exp(2.0 * levels.wave_sd)
+    omega_rad_s = TWO_PI * math.exp(-levels.wave_period)
+    return Motion(
+        heading_rad, 0.0, 0.0, 0.0, 0.0,
+        FIRST_HEADING_VARIANCE, 0.0, 0.0, 0.0, 0.0,
+        FIRST_RATE_VARIANCE, 0.0, 0.0, 0.0,
+        FIRST_BIAS_VARIANCE, 0.0, 0.0,
+        wave_variance, 0.0,
+        wave_variance * omega_rad_s * omega_rad_s,
+    )  # fmt: skip
+
+
+def predict(m: Motion, levels: NoiseLevels, model: KtModel, rudder_rad: float, step_s: float) -> Motion:
+    """Return the state after step_s > 0 with the rudder at rudder_rad."""
+    ability_1_s, lag_s = model.turning_ability_1_s, model.turning_lag_s
+    # Yaw: F = [[1, reach, -by_bias], [0, keep, -gain], [0, 0, 1]].
+    decay = decay_over(step_s, lag_s)
+    reach_s = lag_s * (1.0 - decay)
+    cubic = model.norrbin_s2 * m.yaw_rate_rad_s * m.yaw_rate_rad_s
+    steady_rad_s = ability_1_s * (rudder_rad - m.bias_rad) - cubic * m.yaw_rate_rad_s
+    heading_rad = m.heading_rad + steady_rad_s * (step_s - reach_s) + m.yaw_rate_rad_s * reach_s
+    yaw_rate_rad_s = steady_rad_s + (m.yaw_rate_rad_s - steady_rad_s) * decay
+    gain, by_bias = ability_1_s * (1.0 - decay), ability_1_s * (step_s - reach_s)
+    reach, keep = reach_s - 3.0 * cubic * (step_s - reach_s), decay - 3.0 * cubic * (1.0 - decay)
+    diffusion = math.exp(levels.diffusion)
+    q00 = diffusion * (step_s - 2.0 * reach_s + 0.5 * lag_s * (1.0 - decay * decay))
+    q01 = 0.5 * diffusion * (1.0 - decay) * (1.0 - decay)
+    q11 = diffusion * (1.0 - decay * decay) / (2.0 * lag_s)
+    q22 = math.exp(2.0 * levels.bias_walk) * step_s
+    # Wave: F = [[ww, wv], [vw, vv]]; the noise keeps its variances stationary.
+    omega, damping = TWO_PI * math.exp(-levels.wave_period), math.exp(levels.wave_damping)
+    damped = omega * math.sqrt(1.0 - damping * damping)
+    fade = math.exp(-damping * omega * step_s)
+    cosine, sine = fade * math.cos(damped * step_s), fade * math.sin(damped * step_s) / damped
+    ww, wv = cosine + damping * omega * sine, sine
+    vw, vv = -omega * omega * sine, cosine - damping * omega * sine
+    wave_variance = math.exp(2.0 * levels.wave_sd)
+    rate_variance = wave_variance * omega * omega
+    q33 = wave_variance - ww * ww * wave_variance - wv * wv * rate_variance
+    q34 = -ww * vw * wave_variance - wv * vv * rate_variance
+    q44 = rate_variance - vw * vw * wave_variance - vv * vv * rate_variance
+    # F P, then F P F' + Q.
+    a00 = m.p00 + reach * m.p01 - by_bias * m.p02
+    a01 = m.p01 + reach * m.p11 - by_bias * m.p12
+    a02 = m.p02 + reach * m.p12 - by_bias * m.p22
+    a03 = m.p03 + reach * m.p13 - by_bias * m.p23
+    a04 = m.p04 + reach * m.p14 - by_bias * m.p24
+    a11 = keep * m.p11 - gain * m.p12
+    a12 = keep * m.p12 - gain * m.p22
+    a13 = keep * m.p13 - gain * m.p23
+    a14 = keep * m.p14 - gain * m.p24
+    a33 = ww * m.p33 + wv * m.p34
+    a34 = ww * m.p34 + wv * m.p44
+    a43 = vw * m.p33 + vv * m.p34
+    a44 = vw * m.p34 + vv * m.p44
+    return Motion(
+        heading_rad, yaw_rate_rad_s, m.bias_rad,
+        ww * m.wave_rad + wv * m.wave_rate_rad_s, vw * m.wave_rad + vv * m.wave_rate_rad_s,
+        a00 + reach * a01 - by_bias * a02 + q00, keep * a01 - gain * a02 + q01, a02,
+        ww * a03 + wv * a04, vw * a03 + vv * a04,
+        keep * a11 - gain * a12 + q11, a12, ww * a13 + wv * a14, vw * a13 + vv * a14,
+        m.p22 + q22, ww * m.p23 + wv * m.p24, vw * m.p23 + vv * m.p24,
+        ww * a33 + wv * a34 + q33, vw * a33 + vv * a34 + q34, vw * a43 + vv * a44 + q44,
+    )  # fmt: skip
+
+
+def correct(m: Motion, levels: NoiseLevels, heading_rad: float) -> tuple[Motion, float, float]:
+    """Return the state with a compass heading taken in, the innovation [rad] and its variance [rad^2].
+
+    An innovation beyond 3.5 standard deviations counts as one of so much noise that it is not: its influence falls with
+    its size (a Huber-type weight).
+    """
+    k0, k1, k2, k3, k4 = m.p00 + m.p03, m.p01 + m.p13, m.p02 + m.p23, m.p03 + m.p33, m.p04 + m.p34
+    variance = k0 + k3 + math.exp(2.0 * levels.compass_noise)
+    innovation_rad = wrap_pi(heading_rad - m.heading_rad - m.wave_rad)
+    share = 1.0 / max(variance, innovation_rad * innovation_rad / OUTLIER)
+    by = innovation_rad * share
+    corrected = Motion(
+        m.heading_rad + k0 * by, m.yaw_rate_rad_s + k1 * by, m.bias_rad + k2 * by,
+        m.wave_rad + k3 * by, m.wave_rate_rad_s + k4 * by,
+        m.p00 - k0 * k0 * share, m.p01 - k0 * k1 * share, m.p02 - k0 * k2 * share,
+        m.p03 - k0 * k3 * share, m.p04 - k0 * k4 * share,
+        m.p11 - k1 * k1 * share, m.p12 - k1 * k2 * share, m.p13 - k1 * k3 * share, m.p14 - k1 * k4 * share,
+        m.p22 - k2 * k2 * share, m.p23 - k2 * k3 * share, m.p24 - k2 * k4 * share,
+        m.p33 - k3 * k3 * share, m.p34 - k3 * k4 * share,
+        m.p44 - k4 * k4 * share,
+    )  # fmt: skip
+    return corrected, innovation_rad, variance
+
+
+def log_likelihood(innovation_rad: float, variance: float) -> float:
+    """Return the log-likelihood of an innovation, without its constant; an outlier counts as one of 3.5 deviations."""
+    return -0.5 * (math.log(variance) + min(innovation_rad * innovation_rad / variance, OUTLIER))
+
+
+def with_unexplained_turn(m: Motion) -> Motion:
+    """Return the state with yaw rate and bias as uncertain as in a turn that the model does not explain."""
+    return Motion(
+        m.heading_rad, m.yaw_rate_rad_s, m.bias_rad, m.wave_rad, m.wave_rate_rad_s,
+        m.p00, m.p01, m.p02, m.p03, m.p04,
+        m.p11 + UNEXPLAINED_RATE_VARIANCE, m.p12, m.p13, m.p14,
+        m.p22 + UNEXPLAINED_BIAS_VARIANCE, m.p23, m.p24,
+        m.p33, m.p34, m.p44,
+    )  # fmt: skip
+
+
+def is_valid(m: Motion) -> bool:
+    """Return whether state and variances are finite and the variances positive."""
+    numbers = m.heading_rad + m.yaw_rate_rad_s + m.bias_rad + m.wave_rad + m.wave_rate_rad_s
+    variances = m.p00 + m.p11 + m.p22 + m.p33 + m.p44
+    least = min(m.p00, m.p11, m.p22, m.p33, m.p44)
+    return math.isfinite(numbers) and math.isfinite(variances) and least > 0.0
