@@ -26,13 +26,14 @@ from numba.extending import register_jitable
 from firmware_py.common import angles
 from firmware_py.control import law, rudder_limit
 from firmware_py.control.law import LawConstants, LawSettings
-from firmware_py.estimate import fixed_gain, heading_filter, heading_model
+from firmware_py.estimate import fixed_gain, heading_filter, heading_model, water_filter, water_results
 from firmware_py.model import kt
 from firmware_py.safety import convergence, oscillation, turn_delay
 
 __all__ = [
     "ERROR_MODEL", "MODULES", "LawConstants", "LawSettings", "angles", "convergence", "fixed_gain", "functions_of",
     "heading_filter", "heading_model", "inner", "kt", "law", "oscillation", "rudder_limit", "turn_delay",
+    "water_filter", "water_results",
 ]  # fmt: skip
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -40,6 +41,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 ERROR_MODEL: Final = "numpy"
 MODULES: Final = (
     angles, kt, fixed_gain, heading_model, heading_filter, law, rudder_limit, turn_delay, oscillation, convergence,
+    water_filter, water_results,
 )  # fmt: skip
 
 

@@ -1,0 +1,200 @@
+"""What follows from the estimated water: a current too strong, dead reckoning, and a heading from the track.
+
+Numeric core: functions over floats and NamedTuples, without I/O and without None; NaN stands for a value that is
+absent. The covariance is that of (c_N, c_E, U, V) of water_filter.Water, its upper triangle row by row.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from firmware_py.common.angles import clamp, wrap_two_pi
+from firmware_py.estimate.water_filter import (
+    LONGEST_S,
+    MEAN_WALK,
+    MIN_SPEED_M_S,
+    SPEED_MEMORY_S,
+    Water,
+    WaterFilter,
+    deviation,
+    water_of,
+)
+
+Ten = tuple[float, float, float, float, float, float, float, float, float, float]
+
+STRONG_SDS: Final = 2.33  # one-sided normal quantile of 1 %
+PATIENCE_S: Final = 120.0
+STALE_S: Final = 120.0  # without a position for longer the verdict stays
+FIX_SD_M: Final = 5.0
+TIDE_RAD_S: Final = 2.0 * math.pi / 44_712.0  # the principal lunar tide, 12.42 h
+MAX_HEADING_SD_RAD: Final = 0.5
+MAX_SPEED_SDS: Final = 3.0
+
+
+class CurrentVerdict(NamedTuple):
+    """Time of the last test, how long it has contradicted the verdict, and the verdict: 1 too strong, 0 not."""
+
+    t_s: float
+    against_s: float
+    too_strong: float
+
+
+class Reckoning(NamedTuple):
+    """Water when the positions ceased, its covariance, growth of the error, and the way since.
+
+    `walk_m2_s3` is the variance that each axis of the current gains per second, `way_m2_s` that of the position by
+    speed deviation and drift. `cosine_s` and `sine_s` are the integrals of the heading's cosine and sine, `blind_m` the
+    distance through the water for which the heading was not known.
+    """
+
+    current_north_m_s: float
+    current_east_m_s: float
+    speed_m_s: float
+    sideways_m_s: float
+    covariance: Ten
+    walk_m2_s3: float
+    way_m2_s: float
+    cosine_s: float
+    sine_s: float
+    blind_m: float
+
+
+def quadratic(p: Ten, a: float, b: float, c: float, d: float) -> float:
+    """Return g' P g with g = (a, b, c, d)."""
+    return (
+        a * (a * p[0] + 2.0 * (b * p[1] + c * p[2] + d * p[3]))
+        + b * (b * p[4] + 2.0 * (c * p[5] + d * p[6]))
+        + c * (c * p[7] + 2.0 * d * p[8])
+        + d * d * p[9]
+    )
+
+
+def over_ground(water: Water, heading_rad: float) -> tuple[float, float]:
+    """Return the velocity over ground north and east on a heading; that of the current for a heading that is NaN."""
+    if math.isnan(heading_rad):
+        return water.current_north_m_s, water.current_east_m_s
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    return (
+        water.current_north_m_s + water.speed_m_s * cosine - water.sideways_m_s * sine,
+        water.current_east_m_s + water.speed_m_s * sine + water.sideways_m_s * cosine,
+    )
+
+
+def current_excess(water: Water) -> tuple[float, float]:
+    """Return by how much the current exceeds the mean speed through the water, and its standard deviation."""
+    north, east, u, v = water.current_north_m_s, water.current_east_m_s, water.mean_speed_m_s, water.sideways_m_s
+    current, speed = math.sqrt(north * north + east * east), math.sqrt(u * u + v * v)
+    over_current, over_speed = 1.0 / max(current, MIN_SPEED_M_S), 1.0 / max(speed, MIN_SPEED_M_S)
+    variance = quadratic(water.covariance, north * over_current, east * over_current, -u * over_speed, -v * over_speed)
+    return current - speed, deviation(variance)
+
+
+def judge_current(verdict: CurrentVerdict, state: WaterFilter, t_s: float) -> CurrentVerdict:
+    """Return the verdict whether the current is stronger than the boat.
+
+    Null hypothesis: the current is no faster than the boat's mean speed. It is rejected when the estimated excess is
+    more than STRONG_SDS standard deviations for PATIENCE_S, and accepted when the excess is below 0 for as long. For a
+    consistent filter and a current as fast as the boat, at most 1 % of the independent estimates exceed that limit.
+    """
+    if not 0.0 <= t_s - state.t_s <= STALE_S:
+        return CurrentVerdict(math.nan, 0.0, verdict.too_strong)
+    step_s = t_s - verdict.t_s if t_s > verdict.t_s else 0.0
+    excess_m_s, sd_m_s = current_excess(water_of(state, t_s))
+    against = excess_m_s < 0.0 if verdict.too_strong > 0.5 else excess_m_s > STRONG_SDS * sd_m_s
+    against_s = verdict.against_s + step_s if against else 0.0
+    if against_s >= PATIENCE_S:
+        return CurrentVerdict(t_s, 0.0, 1.0 - verdict.too_strong)
+    return CurrentVerdict(t_s, against_s, verdict.too_strong)
+
+
+def begin_reckoning(state: WaterFilter, t_s: float) -> Reckoning:
+    """Return the dead reckoning that begins at a time, with the water as it was last known."""
+    water = water_of(state, t_s)
+    sigma, walk, drift = math.exp(state.levels[0]), math.exp(state.levels[1]), math.exp(state.levels[2])
+    return Reckoning(
+        water.current_north_m_s,
+        water.current_east_m_s,
+        water.mean_speed_m_s,
+        water.sideways_m_s,
+        water.covariance,
+        walk * walk,
+        2.0 * sigma * sigma * SPEED_MEMORY_S + drift * drift,
+        0.0,
+        0.0,
+        0.0,
+    )
+
+
+def sailed(reckoning: Reckoning, heading_rad: float, step_s: float) -> tuple[Reckoning, float, float]:
+    """Return the reckoning after a step, and the velocity over ground in it, north and east; NaN: no heading."""
+    known, u, v = math.isfinite(heading_rad), reckoning.speed_m_s, reckoning.sideways_m_s
+    cosine, sine = (math.cos(heading_rad), math.sin(heading_rad)) if known else (0.0, 0.0)
+    blind_m = reckoning.blind_m
+    if not known:
+        blind_m += step_s * math.sqrt(u * u + v * v)
+    after = Reckoning(
+        reckoning.current_north_m_s,
+        reckoning.current_east_m_s,
+        u,
+        v,
+        reckoning.covariance,
+        reckoning.walk_m2_s3,
+        reckoning.way_m2_s,
+        reckoning.cosine_s + step_s * cosine,
+        reckoning.sine_s + step_s * sine,
+        blind_m,
+    )
+    north_m_s = reckoning.current_north_m_s + u * cosine - v * sine
+    return after, north_m_s, reckoning.current_east_m_s + u * sine + v * cosine
+
+
+def reckoning_sd(reckoning: Reckoning, lasted_s: float) -> float:
+    """Return the standard deviation of the reckoned position along the axis where it is largest.
+
+    Parts: the error of the water when positions ceased, over the way since; the walks of current and mean speed; speed
+    deviation and drift; the current as if all of it were a tide; the way without a heading; the last position.
+    """
+    t, a, b, p = clamp(lasted_s, 0.0, LONGEST_S), reckoning.cosine_s, reckoning.sine_s, reckoning.covariance
+    north, east = quadratic(p, t, 0.0, a, -b), quadratic(p, 0.0, t, b, a)
+    both = 0.5 * (quadratic(p, t, t, a + b, a - b) - north - east)
+    half, differ = 0.5 * (north + east), 0.5 * (north - east)
+    worst = half + math.sqrt(differ * differ + both * both)
+    walked = (reckoning.walk_m2_s3 * t * t + MEAN_WALK * MEAN_WALK * (a * a + b * b)) * t / 3.0
+    phase = TIDE_RAD_S * t
+    current2 = reckoning.current_north_m_s * reckoning.current_north_m_s
+    current2 += reckoning.current_east_m_s * reckoning.current_east_m_s
+    off, turned = phase - math.sin(phase), 1.0 - math.cos(phase)
+    tide = 0.5 * current2 / (TIDE_RAD_S * TIDE_RAD_S) * (off * off + turned * turned)
+    fixed = FIX_SD_M * FIX_SD_M + reckoning.blind_m * reckoning.blind_m
+    return deviation(worst + walked + reckoning.way_m2_s * t + tide + fixed)
+
+
+def heading_from_track(
+    state: WaterFilter, t_s: float, north_m: float, east_m: float, duration_s: float
+) -> tuple[float, float]:
+    """Return the mean heading over a stretch of track that ends at t_s, and its standard deviation, from the water.
+
+    The way through the water is the displacement (north_m, east_m) less that of the current; the heading lies to port
+    of it by the leeway. Both are NaN when the standard deviation is above MAX_HEADING_SD_RAD, and when the speed
+    through the water differs from the expected one by more than MAX_SPEED_SDS: the water has changed.
+    """
+    if not (duration_s > 0.0 and abs(north_m) < math.inf and abs(east_m) < math.inf):
+        return math.nan, math.nan
+    water = water_of(state, t_s)
+    x, y = north_m / duration_s - water.current_north_m_s, east_m / duration_s - water.current_east_m_s
+    speed, u, v = math.sqrt(x * x + y * y), water.mean_speed_m_s, water.sideways_m_s
+    way = math.sqrt(u * u + v * v)
+    if not (speed > MIN_SPEED_M_S and way > MIN_SPEED_M_S):
+        return math.nan, math.nan
+    sigma, drift, noise = math.exp(state.levels[0]), math.exp(state.levels[2]), math.exp(state.levels[3])
+    noise_m2_s2 = (2.0 * noise * noise / duration_s + drift * drift) / duration_s
+    cosine, sine, per2 = x / speed, y / speed, 1.0 / (way * way)
+    along = quadratic(water.covariance, -cosine, -sine, -u / way, -v / way) + noise_m2_s2 + sigma * sigma
+    if abs(speed - way) > MAX_SPEED_SDS * deviation(along):
+        return math.nan, math.nan
+    across = quadratic(water.covariance, sine / speed, -cosine / speed, v * per2, -u * per2)
+    sd_rad = deviation(across + noise_m2_s2 / (speed * speed))
+    if not sd_rad <= MAX_HEADING_SD_RAD:
+        return math.nan, math.nan
+    return wrap_two_pi(math.atan2(y, x) - math.atan2(v, u)), sd_rad
