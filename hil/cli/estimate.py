@@ -11,6 +11,7 @@ from pathlib import Path
 from hil.cli import outputs, progress
 from hil.lab.estimate import boat, columns, log_file, table_file
 from hil.lab.estimate.judgement import judge
+from hil.lab.estimate.page import page_of
 from hil.lab.estimate.predictions import predict
 from hil.lab.estimate.recording import Recording
 from hil.lab.estimate.summary import Result, as_json, lines_of
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the estimate as CSV, a row for each heading")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary as JSON; - for standard output")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the page (.html)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -48,6 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     to_stdout = arguments.json is not None and str(arguments.json) == "-"
     outputs.check("--out", arguments.out)
     outputs.check("--json", None if to_stdout else arguments.json)
+    outputs.check("--page", arguments.page)
     ship = {} if arguments.ship is None else boat.read_ship(arguments.ship)
     given = dict(load(arguments.vehicle).parameters) if arguments.vehicle is not None else {}
     if arguments.params is not None:
@@ -64,6 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         text = json.dumps(figures, indent=1) + "\n"
         sys.stdout.write(text) if to_stdout else outputs.write("--json", arguments.json, text)
+    if arguments.page is not None:
+        outputs.write("--page", arguments.page, page_of(result, predictions, figures))
     if not to_stdout:
         print("\n".join(lines_of(figures)))
     return 0

@@ -6,6 +6,7 @@ import math
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.view.model import numbers
 from hil.report.field_log import FieldLog
@@ -22,17 +23,24 @@ _LEAST_WAVES_DEG: Final = 0.2  # below, the filter's period is that of nothing
 def spectrum_of(log: FieldLog) -> dict[str, Any] | None:
     """Return the spectra for a page, in deg2/Hz; None for a log that is too short, or without an estimate."""
     truth = log.truth
-    steps = np.diff(truth.time_s)
-    if steps.size < 2 or np.array_equal(truth.heading_rad, truth.heading_low_rad):
+    if truth.time_s.size < 3 or np.array_equal(truth.heading_rad, truth.heading_low_rad):
         return None
-    step_s = float(np.median(steps))
-    even_s = np.arange(truth.time_s[0], truth.time_s[-1], step_s)
+    period_s, waves_deg = log.more["wave_period_s"], log.more["wave_sd_deg"]
+    told = np.isfinite(period_s) & (waves_deg > _LEAST_WAVES_DEG)
+    return spectra(truth.time_s, truth.heading_rad, truth.heading_low_rad, period_s[told & _second_half(told)])
+
+
+def spectra(time_s: Array, compass_rad: Array, hull_rad: Array, period_s: Array) -> dict[str, Any] | None:
+    """Return the spectra of headings, unwrapped, for a page; None where the time is too short.
+
+    period_s: of the waves as estimated, whose median is marked.
+    """
+    step_s = float(np.median(np.diff(time_s)))
+    even_s = np.arange(time_s[0], time_s[-1], step_s)
     rows = min(int(SEGMENT_S / step_s), even_s.size)
     if rows * step_s < _LEAST_SEGMENT_S:
         return None
-    compass, steered = (
-        np.degrees(np.interp(even_s, truth.time_s, heading)) for heading in (truth.heading_rad, truth.heading_low_rad)
-    )
+    compass, steered = (np.degrees(np.interp(even_s, time_s, heading)) for heading in (compass_rad, hull_rad))
     hertz: Array = np.asarray(np.fft.rfftfreq(rows, step_s)[1:], dtype=np.float64)
     lines = [
         [label, look, numbers(_smoothed(hertz, density(values, rows, step_s)[1:]), _DIGITS)]
@@ -42,14 +50,15 @@ def spectrum_of(log: FieldLog) -> dict[str, Any] | None:
             ("steered by", "main", steered),
         )
     ]
-    period_s, waves_deg = log.more["wave_period_s"], log.more["wave_sd_deg"]
-    told = np.isfinite(period_s) & (waves_deg > _LEAST_WAVES_DEG)
-    told[: told.size // 2] = False  # it has to learn first
     marks = []
-    if told.any():
-        middle_s = float(np.median(period_s[told]))
+    if period_s.size:
+        middle_s = float(np.median(period_s))
         marks.append([round(1.0 / middle_s, 5), f"filter: {middle_s:.1f} s"])
     return {"frequency_hz": numbers(_places(hertz), _DIGITS), "lines": lines, "marks": marks}
+
+
+def _second_half(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.arange(rows.size) >= rows.size // 2  # it has to learn first
 
 
 def density(values: Array, rows: int, step_s: float) -> Array:

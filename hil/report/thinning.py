@@ -20,11 +20,12 @@ def thinned(truth: Iterable[Truth], rows: int) -> Truth:
     No peak is lost, and nothing is moved by more than the width of a line.
     """
     every = 1 if rows <= WHOLE_ROWS else 2 * math.ceil(rows / MOST_POINTS)
-    kept = [[_extremes(getattr(piece, name), every) for name in COLUMNS] for piece in truth]
+    kept = [[extremes(getattr(piece, name), every) for name in COLUMNS] for piece in truth]
     return Truth(*(np.concatenate(column) for column in zip(*kept, strict=True)))
 
 
-def _extremes(values: Array, every: int) -> Array:
+def extremes(values: Array, every: int) -> Array:
+    """Return the least and the greatest of every so many values, in order."""
     if every == 1:
         return values
     whole = values.size // every * every

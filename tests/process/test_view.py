@@ -229,3 +229,17 @@ def read_all(port):
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
     connection.request("GET", "/events")
     return connection.getresponse().read()
+
+
+def test_the_page_of_an_estimate(tmp_path, browser):
+    path, figures = tmp_path / "page.html", tmp_path / "estimate.json"
+    words = ["estimate", REPLAY / "second_compass.BIN", "--page", path, "--json", figures]
+    assert rambler_hil(*words)[0] == 0
+    browser.open(path.as_uri())
+    browser.wait_for("document.querySelectorAll('path.line').length > 8")
+    assert_fit_for_people(browser, path.as_uri())
+    (fault,) = json.loads(figures.read_text())["faults"]
+    assert fault["name"] in browser.value("document.querySelector('tr[data-time]').innerText")
+    browser.value("document.querySelector('tr[data-time]').click()")
+    assert browser.value("document.querySelector('.said').textContent").endswith(fault["name"])
+    assert browser.complaints == []

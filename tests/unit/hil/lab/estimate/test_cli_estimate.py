@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hil.__main__ import main
+from hil.lab.estimate import page
 from support.ardupilot_log import log_bytes
 from support.paths import ROOT
 from support.recorded_sea import sea, text_of
@@ -187,6 +188,29 @@ def test_json_to_standard_output(recorded, tmp_path, capsys):
     path.write_text(text_of({name: values[:100] for name, values in recorded.columns.items()}))
     assert main(["estimate", str(path), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["headings"] == 100
+
+
+def test_the_page_is_self_contained(recorded, estimated, tmp_path):
+    path = tmp_path / "page.html"
+    few = {name: values[:300] for name, values in recorded.columns.items()}
+    _, summary = estimated(few, "--page", str(path))
+    text = path.read_text()
+    assert "http" not in text.replace("http-equiv", "").replace("http://www.w3.org/", "")
+    block = text.split('<script type="application/json" class="voyage">')[1].split("</script>")[0]
+    voyage = json.loads(block)
+    assert voyage["columns"]["time_s"] == recorded.columns["time_s"][:300].tolist()
+    shown = {line["column"] for panel in voyage["panels"] for line in panel["lines"]}
+    assert shown <= voyage["columns"].keys()
+    assert voyage["spectrum"]["marks"]
+    assert f"{summary['heading']['rms_error_deg']:.3g}" in text
+
+
+def test_a_long_recording_is_thinned_on_the_page(estimated, tmp_path, monkeypatch):
+    monkeypatch.setattr(page, "MOST_ROWS", 100)
+    path = tmp_path / "page.html"
+    estimated(sea(seconds=150.0).columns, "--page", str(path))
+    voyage = json.loads(path.read_text().split('class="voyage">')[1].split("</script>")[0])
+    assert len(voyage["columns"]["time_s"]) == 100
 
 
 GOOD = {"time_s": np.arange(50) * 0.5, "heading_rad": np.linspace(0.1, 0.2, 50)}

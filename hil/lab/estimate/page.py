@@ -1,0 +1,272 @@
+"""The page of an estimate: heading with its band, spectrum, innovations, predictions, faults, figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_py.view.document import PLOTS
+from firmware_py.view.model import Line, Panel, Voyage, voyage
+from hil.lab.estimate.judgement import reference_later, wrapped
+from hil.lab.estimate.predictions import Prediction
+from hil.lab.estimate.summary import Result, lines_of
+from hil.lab.identify.recording import Floats
+from hil.report import page
+from hil.report.page import Cell
+from hil.report.spectrum import spectra
+from hil.report.thinning import extremes
+
+MOST_ROWS: Final = 16_000  # two hours at 2 Hz are drawn whole
+BAND_SDS: Final = 2.0
+WIDEST: Final = 5.0  # times its median, that a band is drawn
+SHOWN_AHEAD_S: Final = (10, 60)
+FAULTS_SHOWN: Final = 500
+WARNING: Final = 4
+NOTE: Final = (
+    "The averaged compass is the compass averaged over one wave period around each moment: it stands for the true "
+    "heading of the hull, which is not recorded. Bands are two standard deviations to either side: 19 of 20 values lie "
+    "within a band that is right."
+)
+PANELS: Final = (
+    Panel(
+        "heading, deg",
+        (
+            Line("compass_deg", "compass", "faint"),
+            Line("low_deg", "low", "second"),
+            Line("high_deg", "high", "second"),
+            Line("heading_deg", "estimate"),
+            Line("goal_deg", "goal", "goal"),
+        ),
+        least=10.0,
+        wrap=True,
+        tall=True,
+    ),
+    Panel(
+        "estimate less averaged compass, deg",
+        (Line("minus_deg", "band", "second"), Line("plus_deg", "band", "second"), Line("error_deg", "error")),
+        least=2.0,
+        zero=True,
+    ),
+    Panel(
+        "innovation by its standard deviation", (Line("innovation", "innovation"),), least=4.0, band=BAND_SDS, zero=True
+    ),
+    *(
+        Panel(
+            f"predicted {seconds} s ahead less what came, deg",
+            (
+                Line(f"minus_{seconds}_deg", "band", "second"),
+                Line(f"plus_{seconds}_deg", "band", "second"),
+                Line(f"miss_{seconds}_deg", "error"),
+            ),
+            least=2.0,
+            zero=True,
+        )
+        for seconds in SHOWN_AHEAD_S
+    ),
+    Panel("yaw rate, deg/s", (Line("yaw_rate_deg_s", "yaw rate"),), least=0.2, zero=True),
+    Panel(
+        "rudder, deg",
+        (
+            Line("command_deg", "would be commanded", "command"),
+            Line("rudder_deg", "recorded"),
+            Line("bias_deg", "bias", "second"),
+        ),
+        least=4.0,
+        zero=True,
+    ),
+    Panel(
+        "speed, m/s",
+        (Line("water_m_s", "in water"), Line("current_m_s", "current", "command")),
+        least=0.2,
+        zero=True,
+    ),
+    Panel(
+        "waves as estimated",
+        (Line("wave_period_s", "period, s"), Line("noise_deg", "compass noise, deg", "command")),
+        least=2.0,
+        zero=True,
+    ),
+    Panel("faults in force", (Line("faults", "faults", "bad"),), least=1.0, zero=True, step=True),
+)
+
+
+def page_of(result: Result, predictions: Mapping[int, Prediction], summary: dict[str, Any]) -> str:
+    """Return the page; summary: the figures as in the JSON."""
+    return page.page(
+        f"Estimate over {result.recording.name}",
+        [
+            page.paragraph(_lead(summary), "lead"),
+            *page.voyage(_voyage(result, predictions)),
+            page.paragraph(NOTE, "note"),
+            page.heading("Figures"),
+            page.table(_figures(summary)),
+            *_predicted(summary),
+            page.heading("Faults"),
+            *_faults(result),
+            page.heading("What was used"),
+            page.table(_used(summary), head=False),
+            page.bullets(summary["notes"]) if summary["notes"] else "",
+            page.heading("Report"),
+            page.verbatim("\n".join(lines_of(summary))),
+        ],
+        PLOTS,
+    )
+
+
+def _lead(summary: dict[str, Any]) -> str:
+    hours = (summary["to_s"] - summary["from_s"]) / 3600.0
+    return f"{summary['headings']} headings in {hours:.2f} h; judged from {summary['judged_from_s']:.0f} s on"
+
+
+def _voyage(result: Result, predictions: Mapping[int, Prediction]) -> Voyage:
+    """Return the plots: times are seconds since the first heading."""
+    watched, judged = result.watched, result.judgement
+    columns, time_s = watched.columns, watched.time_s
+    every = 1 if time_s.size <= MOST_ROWS else 2 * math.ceil(time_s.size / MOST_ROWS)
+    hull = np.unwrap(np.where(np.isfinite(columns["heading_rad"]), columns["heading_rad"], columns["compass_rad"]))
+    compass = hull + wrapped(columns["compass_rad"] - hull)
+    band = _band(columns["heading_sd_rad"])
+    shown = {
+        "compass_deg": np.degrees(compass),
+        "heading_deg": np.degrees(hull),
+        "low_deg": np.degrees(hull - band),
+        "high_deg": np.degrees(hull + band),
+        "goal_deg": np.degrees(watched.goal_rad),
+        "error_deg": np.degrees(wrapped(columns["heading_rad"] - judged.reference_rad)),
+        "plus_deg": np.degrees(band),
+        "minus_deg": -np.degrees(band),
+        "innovation": columns["innovation_rad"]
+        / np.where(columns["innovation_sd_rad"] > 0.0, columns["innovation_sd_rad"], np.nan),
+        "yaw_rate_deg_s": np.degrees(columns["yaw_rate_rad_s"]),
+        "command_deg": np.degrees(columns["command_rad"]),
+        "rudder_deg": np.degrees(_rudder(result)),
+        "bias_deg": np.degrees(columns["rudder_bias_rad"]),
+        "water_m_s": columns["speed_m_s"],
+        "current_m_s": np.hypot(columns["current_north_m_s"], columns["current_east_m_s"]),
+        "wave_period_s": columns["wave_period_s"],
+        "noise_deg": np.degrees(columns["compass_noise_rad"]),
+        "faults": _fault_counts(result),
+        **_misses(result, predictions),
+    }
+    made = voyage(
+        {"time_s": extremes(time_s, every), **{name: extremes(values, every) for name, values in shown.items()}},
+        [(fault.from_s, WARNING, fault.name) for fault in watched.faults[:FAULTS_SHOWN]],
+        PANELS,
+    )
+    learned = columns["wave_period_s"][time_s.size // 2 :]
+    if (spectrum := spectra(time_s, compass, hull, learned[np.isfinite(learned)])) is not None:
+        made["spectrum"] = spectrum
+    return made
+
+
+def _band(sd_rad: Floats) -> Floats:
+    """Return two standard deviations, NaN where they are so large, as at the start, that no more would be seen."""
+    known = sd_rad[np.isfinite(sd_rad)]
+    largest = WIDEST * float(np.median(known)) if known.size else math.inf
+    return np.where(sd_rad <= largest, BAND_SDS * sd_rad, np.nan)
+
+
+def _misses(result: Result, predictions: Mapping[int, Prediction]) -> dict[str, Floats]:
+    shown = {}
+    for seconds in SHOWN_AHEAD_S:
+        prediction = predictions[seconds]
+        later = reference_later(seconds, result.watched.time_s, result.judgement.reference_rad)
+        band = np.degrees(_band(prediction.sd_rad))
+        shown[f"miss_{seconds}_deg"] = np.degrees(wrapped(prediction.heading_rad - later))
+        shown[f"plus_{seconds}_deg"], shown[f"minus_{seconds}_deg"] = band, -band
+    return shown
+
+
+def _rudder(result: Result) -> Floats:
+    """Return the recorded rudder at the headings."""
+    samples = [sample for sample in result.recording.rudder if sample.shaft_rad is not None]
+    time_s = result.watched.time_s
+    if not samples:
+        return np.full(time_s.size, np.nan)
+    angles = np.array([sample.shaft_rad for sample in samples], dtype=np.float64)
+    place = np.searchsorted([sample.t_s for sample in samples], time_s, side="right") - 1
+    return np.where(place >= 0, angles[np.maximum(place, 0)], np.nan)
+
+
+def _fault_counts(result: Result) -> Floats:
+    time_s = result.watched.time_s
+    counts = np.zeros(time_s.size)
+    for fault in result.watched.faults:
+        counts += (time_s >= fault.from_s) & (time_s < fault.to_s)
+    return counts
+
+
+def _figures(summary: dict[str, Any]) -> Iterator[tuple[str | Cell, ...]]:
+    heading, innovations, waves = summary["heading"], summary["innovations"], summary["recorded_waves"]
+    yield "figure", "value", Cell("what is right")
+    yield "heading error, deg rms", _text(heading["rms_error_deg"]), Cell("no more than the best low-pass in hindsight")
+    yield (
+        "best low-pass of the compass in hindsight, deg rms",
+        _text(heading["best_low_pass_rms_error_deg"]),
+        Cell(f"time constant {_text(heading['best_low_pass_s'])} s"),
+    )
+    yield "compass itself, deg rms", _text(heading["compass_rms_error_deg"]), Cell("")
+    yield "NEES of the heading", _text(heading["nees"]), Cell("1; more: it claims to know more than it does")
+    yield "NIS", _text(innovations["nis"]), Cell("1, which alone proves nothing")
+    yield "autocorrelation of the innovations, lag 1", _text(innovations["autocorrelation_lag_1"]), Cell("near 0")
+    yield (
+        "lags of 20 outside the 95 % bound",
+        _text(innovations["autocorrelation_share_outside_95_percent"]),
+        Cell("about 0.05, as a share"),
+    )
+    yield "wave yaw as recorded, deg", _text(waves["yaw_sd_deg"]), Cell("standard deviation in the band of the waves")
+    yield "wave period as recorded, s", _text(waves["period_s"]), Cell("peak of the spectrum of the yaw rate")
+    yield (
+        "rudder travel that would have been commanded, deg/h",
+        _text(summary["rudder_travel_commanded_deg_per_h"]),
+        Cell(f"recorded: {_text(summary['rudder_travel_recorded_deg_per_h'])}"),
+    )
+    yield "restarts of the estimate", str(len(summary["restarts_s"])), Cell("0")
+
+
+def _predicted(summary: dict[str, Any]) -> Iterator[str]:
+    yield page.heading("Predictions with the recorded rudder")
+    if not summary["predictions"]:
+        yield page.paragraph("None." if summary["rudder_recorded"] else "None: the rudder was not recorded.")
+        return
+    rows: list[tuple[str, ...]] = [("ahead", "error, deg rms", "R2", "R2 against the low-passed compass", "NEES")]
+    for name, figures in summary["predictions"].items():
+        names = ("rms_error_deg", "r2_against_persistence", "r2_against_low_passed_compass", "nees")
+        ahead = f"{name.removesuffix('_s')} s"
+        rows.append((ahead, *(_text(figures[key]) for key in names)))
+    yield page.table(rows)
+
+
+def _faults(result: Result) -> Iterator[str]:
+    faults, begin_s = result.watched.faults, result.recording.begin_s
+    if not faults:
+        yield page.paragraph("None.")
+        return
+    if len(faults) > FAULTS_SHOWN:
+        yield page.paragraph(f"The first {FAULTS_SHOWN} of {len(faults)}; the JSON has them all.", "note")
+    lasting = [
+        (fault.from_s, WARNING, f"{fault.name} for {fault.to_s - fault.from_s:.1f} s")
+        for fault in faults[:FAULTS_SHOWN]
+    ]
+    yield page.said(lasting, lambda t_s: f"{begin_s + t_s:.1f} s")
+
+
+def _used(summary: dict[str, Any]) -> Iterator[tuple[str, Cell]]:
+    ship = summary["ship"]
+    yield "ship", Cell(f"K {ship['K']} 1/s, T {ship['T']} s, alpha {ship['alpha']} s², at {ship['speed']} m/s")
+    yield "headings", Cell(f"{summary['headings']} at {_text(summary['rate_hz'])} Hz")
+    yield "positions", Cell(str(summary["positions"]))
+    yield "rudder", Cell("recorded" if summary["rudder_recorded"] else "not recorded: taken for amidships")
+    for name in ("through_water", "over_ground"):
+        speed = summary[f"recorded_speed_{name}_m_s"]
+        yield (
+            f"speed {name.replace('_', ' ')}",
+            Cell("not recorded" if speed is None else f"{_text(speed)} m/s in the mean"),
+        )
+
+
+def _text(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
