@@ -2,6 +2,7 @@
 
 import errno
 import os
+import random
 import threading
 from pathlib import Path
 
@@ -22,6 +23,11 @@ CALLS = (
 )
 KINDS = ("refused", "late", "torn", "short")  # without effect; after it; in the middle of it; fewer bytes than asked
 CUTS = ("nothing", "everything", "first sector", "all but the first sector")  # of what was not forced to disk
+
+
+def sampled(calls, number, seed):
+    """Return so many of the calls, in order, for tests that let each of them fail only as a proof."""
+    return sorted(random.Random(seed).sample(range(calls), min(number, calls)))
 
 
 class FaultyDisk:

@@ -2,6 +2,8 @@
 
 import re
 
+import pytest
+
 from firmware_py.cli.texts.faults import REMEDIES
 from firmware_py.cli.texts.page import SECTIONS, markdown
 from firmware_py.faults.fault import Fault
@@ -29,12 +31,15 @@ def words(form):
     return re.sub(r"<[^<>]*>|PreArm", "", form)
 
 
-# A form without words of its own passes on a text that was made elsewhere.
-FORMS = {form: place for form, place in told() if re.search("[a-z]{3}", words(form))} | dict.fromkeys(PUT_TOGETHER, "")
+@pytest.fixture(scope="module")
+def forms():
+    """Each text and its place in the source. A form without words of its own passes on a text made elsewhere."""
+    found = {form: place for form, place in told() if re.search("[a-z]{3}", words(form))}
+    return found | dict.fromkeys(PUT_TOGETHER, "")
 
 
-def test_every_text_has_an_entry():
-    missing = [f"{form!r} ({place})" for form, place in FORMS.items() if not any(entries_of(form))]
+def test_every_text_has_an_entry(forms):
+    missing = [f"{form!r} ({place})" for form, place in forms.items() if not any(entries_of(form))]
     assert not missing, (
         "texts without an entry: give each a row (text, what it means, what to do) in the module of "
         "firmware_py/cli/texts/ where it fits, with <words> for what is put in, then `make pages`:\n"
@@ -47,8 +52,8 @@ def entries_of(form):
     return (text for text, pattern in PATTERNS.items() if pattern.fullmatch(form))
 
 
-def test_every_entry_has_a_text():
-    described = {text for form in FORMS for text in entries_of(form)}
+def test_every_entry_has_a_text(forms):
+    described = {text for form in forms for text in entries_of(form)}
     assert set(ENTRIES) - described == set()
 
 

@@ -136,8 +136,13 @@ def image_of(directory):
     return {name: stored_content(directory, name) for name in (RESUME_FILE, SATELLITE_FILE)}
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("lasting", [False, True])
+FAULTS = [(kind, lasting) for lasting in (False, True) for kind in KINDS]
+QUICK = (("late", False), ("refused", True))
+
+
+@pytest.mark.parametrize(
+    ("kind", "lasting"), [pytest.param(*one, marks=() if one in QUICK else pytest.mark.proof) for one in FAULTS]
+)
 def test_at_every_failing_call_no_older_record_counts(kind, lasting, tmp_path, monkeypatch):
     """One record is saved at this start, the other is not."""
     monkeypatch.setattr("firmware_py.system.store.RETRY_S", 1000.0)
