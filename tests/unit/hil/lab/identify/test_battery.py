@@ -28,7 +28,15 @@ BOATS = {
     "lost in noise": ((0.01, 5.0, 0.0, 0.0), (0.1, 3000), (0.35, 15.0, 0.5), (60.0, 30.0), "hr"),
     "too short for T": ((0.05, 500.0, 0.0, 0.0), (0.5, 400), (0.35, 20.0, 0.5), (0.3, 0.1), "hr"),
 }
-LONGER = ("bent tanker", "quick", "stiff", "heading alone", "too short for T")  # others show nearly the same
+LONGER = (
+    "bent tanker",
+    "quick",
+    "quick at 1 Hz",
+    "thrusters",
+    "stiff",
+    "heading alone",
+    "too short for T",
+)  # others show nearly the same
 
 
 def make(yard, name, *, held=False):
@@ -154,7 +162,6 @@ def test_a_lone_start_is_not_taken_for_noise(yard):
     time = np.arange(6000) * 0.1
     rudder = yard.zigzag(time, 0.35, 40.0)
     heading, rate = boat.motion(time, rudder)
-    for seed in range(2):
-        waves = yard.wave_yaw(time.size, 0.1, np.radians(1.5), 2.53, np.random.default_rng(seed))
-        found = identify([yard.recorded(time, rudder, heading + waves, rate, seed=seed, channels="h")])
-        assert abs(found.fit.state.starts[0].yaw_rate_rad_s) < np.radians(1.5)
+    waves = yard.wave_yaw(time.size, 0.1, np.radians(1.5), 2.53, np.random.default_rng(0))
+    found = identify([yard.recorded(time, rudder, heading + waves, rate, channels="h")])
+    assert abs(found.fit.state.starts[0].yaw_rate_rad_s) < np.radians(1.5)
