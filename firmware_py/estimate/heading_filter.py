@@ -281,9 +281,11 @@ def _try_candidates(
     )  # fmt: skip
 
 
-def _learn(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rudder_rad: float) -> HeadingFilter:
-    """Take a sample into the extra filters, and move the levels at the end of a window."""
-    step_s, levels = t_s - f.taught_s, f.levels
+def _learn(
+    f: HeadingFilter, levels: NoiseLevels, model: KtModel, t_s: float, heading_rad: float, rudder_rad: float
+) -> HeadingFilter:
+    """Take a sample into the extra filters around levels, and move those of the filter at the end of a window."""
+    step_s = t_s - f.taught_s
     p0, s0 = _scored(f.pairs[0], levels, 0, model, rudder_rad, step_s, heading_rad)
     p1, s1 = _scored(f.pairs[1], levels, 1, model, rudder_rad, step_s, heading_rad)
     p2, s2 = _scored(f.pairs[2], levels, 2, model, rudder_rad, step_s, heading_rad)
@@ -304,7 +306,7 @@ def _learn(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rud
     )  # fmt: skip
     total = f.score
     score = (total[0] + s0, total[1] + s1, total[2] + s2, total[3] + s3, total[4] + s4, total[5] + s5)
-    window_s = f.window_s + step_s
+    levels, window_s = f.levels, f.window_s + step_s
     if window_s >= WINDOW_S:
         levels = stepped(levels, information, score, window_s, age_s)
         score, window_s = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0
@@ -341,7 +343,7 @@ def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rud
         return begin(t_s, heading_rad)
     share = clamp(step_s / AVERAGE_S, 0.0, 0.5)
     f = HeadingFilter(
-        max(t_s, f.t_s), f.begun_s, motion, levels, f.pairs, f.likelihoods, f.information, f.score, f.window_s,
+        max(t_s, f.t_s), f.begun_s, motion, f.levels, f.pairs, f.likelihoods, f.information, f.score, f.window_s,
         f.taught_s, f.rudder_rad_s + angle_rad * max(step_s, 0.0), unexplained_s, innovation_rad, math.sqrt(variance),
         f.innovation_square + share * (square - f.innovation_square),
     )  # fmt: skip
@@ -351,4 +353,4 @@ def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rud
     mean_rad = f.rudder_rad_s / since_s
     if t_s - f.begun_s < FIRST_S:
         return _try_candidates(f, model, t_s, heading_rad, mean_rad)
-    return _learn(f, model, t_s, heading_rad, mean_rad)
+    return _learn(f, levels, model, t_s, heading_rad, mean_rad)
