@@ -11,7 +11,8 @@ from hil.devices.emulator import METRES_PER_DEGREE, Whereabouts
 from hil.devices.nmea_text import bearing, clock_and_date, coordinate, whole_sentence
 from hil.devices.timing import Pace, Transmitter
 
-_NOISE_TIME_S = 60.0  # position errors of a receiver wander (ionosphere, multipath); they are not white
+POSITION_NOISE_M = 1.5
+NOISE_TIME_S = 60.0  # position errors of a receiver wander (ionosphere, multipath); they are not white
 _SATELLITES = 11
 _HDOP = 0.9
 _ALTITUDE_M = 2.0
@@ -36,7 +37,7 @@ class NmeaGpsEmulator:
         rng: np.random.Generator,
         *,
         rate_hz: float = 1.0,
-        position_noise_m: float = 1.5,
+        position_noise_m: float = POSITION_NOISE_M,
         velocity_noise_m_s: float = 0.03,
         phase_s: float = 0.0,
         frequency_error_ppm: float = 0.0,
@@ -54,7 +55,7 @@ class NmeaGpsEmulator:
         self._rng = rng
         self._position_noise_m = position_noise_m
         self._velocity_noise_m_s = velocity_noise_m_s
-        self._keep = math.exp(-1.0 / (rate_hz * _NOISE_TIME_S))
+        self._keep = math.exp(-1.0 / (rate_hz * NOISE_TIME_S))
         self._error_m = rng.normal(0.0, position_noise_m, 2)
         self._latency_s = latency_s
         self._filter = VelocityFilter(velocity_filter_s, phase_s) if velocity_filter_s > 0.0 else None

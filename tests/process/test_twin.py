@@ -55,12 +55,15 @@ def compared(directory, text, seed, goals, seconds, **parameters):
     differs = int(np.sum(rows != np.stack((truth.heading_low_rad, truth.rudder_rad))))
     assert np.array_equal(np.char.mod("%.9g", ours.goal_rad), np.char.mod("%.9g", truth.goal_rad))
     log = next(path for _, path in sorted(log_files(directory / "state" / "logs").items()))
-    ticks = [
-        (tick.inputs.tick.t_s, tick.command.shaft_rad) for tick in read_log(log) if tick.inputs.tick.t_s <= seconds
-    ]
+    logged = [tick for tick in read_log(log) if tick.inputs.tick.t_s <= seconds]
+    ticks = [(tick.inputs.tick.t_s, tick.command.shaft_rad) for tick in logged]
     assert len(ticks) > 9.9 * seconds
     found = record.ticks[:count, [loop.TICK_S, loop.COMMAND_RAD]]
     differs += sum(theirs != tuple(mine) for theirs, mine in zip(ticks, found, strict=False))
+    fixes = [voyage.row_of(sample) for tick in logged for sample in tick.inputs.positions]
+    assert len(fixes) > seconds - 3.0
+    rows = voyage.fixes(sea, ticks, seconds)[: len(fixes)]
+    differs += len(fixes) - int(np.sum(np.all((rows == fixes) | np.isnan(rows) & np.isnan(fixes), axis=1)))
     watched = voyage.watched(record.ticks[:count], told)
     differs += sum(theirs != mine for theirs, mine in zip(watches(log), watched, strict=False))
     return float(record.ticks[:count, loop.SOFTNESS].max()), differs

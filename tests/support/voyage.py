@@ -9,10 +9,11 @@ import numpy as np
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import FixType
 from firmware_py.control.law import LawSettings
 from firmware_py.safety import steering_monitor
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState
-from hil.lab.twin import loop, sailing
+from hil.lab.twin import loop, plant, sailing
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import sea_of
 from hil.sim.goals import Goal
@@ -60,3 +61,26 @@ def lost_and_reversed(ticks, parameters=None):
     """Return when the watch says that she does not answer, and when that she turns the wrong way: [s], of each tick."""
     said = np.array([(state.answer.missing, state.wrong_way.reversed) for state in watched(ticks, parameters)], bool)
     return ticks[said[:, 0], loop.TICK_S], ticks[said[:, 1], loop.TICK_S]
+
+
+def fixes(sea, orders, seconds):
+    """Return the rows of the receiver's fixes in the compiled plant, with the shaft sent to angles at times."""
+    waters, nothing, rows = sailing.waters_of(sea), plant.Record(np.zeros(0), np.zeros(0), np.zeros((0, 0))), []
+    at, from_s = sailing.zeros(plant.PLANT), 0.0
+    plant.begin(at, waters.ship)
+    for to_s, angle_rad in [*orders, (seconds, None)]:
+        for now_s in [*np.arange(from_s, to_s).tolist(), to_s]:
+            plant.until_tick(at, waters, nothing, now_s)
+            rows += [row.copy() for row in at["fixes"][: at["fix_count"]]]
+            at["fix_count"] = at["heading_count"] = 0
+        if angle_rad is not None:
+            plant.send_rudder(at, to_s, angle_rad)
+        from_s = to_s
+    return np.array(rows)
+
+
+def row_of(sample):
+    """Return a position sample of the firmware as a row of the compiled plant's fixes."""
+    numbers = (sample.speed_over_ground_m_s, sample.course_over_ground_rad, sample.latitude_rad, sample.longitude_rad)
+    speed_m_s, course_rad, *place = (math.nan if number is None else number for number in numbers)
+    return (sample.t_s, speed_m_s, course_rad, sample.fix is FixType.NONE, *place)

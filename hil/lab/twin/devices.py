@@ -16,6 +16,7 @@ from firmware_py.common.angles import (
     clamp,
     wrap_two_pi,
 )  # fmt: skip
+from hil.devices.emulator import METRES_PER_DEGREE
 from hil.lab.compiled import compiled
 from hil.lab.twin import ship as ships
 from hil.lab.twin.kalman import Floats
@@ -43,9 +44,18 @@ LOST_BYTES = sum(
     for body in ("RMC,000000.00,V,,,,,,,010126,,,N", "GGA,000000.00,,,,,0,00,99.99,,,,,,", "VTG,,,,,,,,,N")
 )
 
-# What is on its way to the autopilot: when it is there, and a heading; or speed, course and whether there is no fix.
+UNITS_PER_DEGREE = 60.0 * 1e5  # a position is printed in minutes with five decimals
+MIN_COSINE = 1e-3  # as in hil/devices/nmea_gps.py
+
+# Columns of the messages on their way to the autopilot: time of arrival, and a heading; or speed, course, whether there
+# is no fix, and position. Without a fix the others are NaN.
 THERE_S, SAID_RAD = 0, 1
-SPEED_M_S, COURSE_RAD, LOST = 1, 2, 3
+SPEED_M_S, COURSE_RAD, LOST, LATITUDE_RAD, LONGITUDE_RAD = range(1, 6)
+FIX_COLUMNS = 6
+# Columns of the random numbers of a fix: errors of position and velocity, north and east, and above 0 that there is no
+# fix.
+NORTH_ERROR_M, EAST_ERROR_M, NORTH_ERROR_M_S, EAST_ERROR_M_S, NO_FIX = range(5)
+FIX_NUMBERS = 5
 # A shaft on its way: from where, since when, and to where.
 FROM_RAD, SINCE_S, TO_RAD = range(3)
 
@@ -53,8 +63,8 @@ FROM_RAD, SINCE_S, TO_RAD = range(3)
 class Devices(NamedTuple):
     """When compass and receiver sample, and where in the series is what is random about it, sample by sample.
 
-    That of a fix is three numbers: noise of the velocity, north and east [m/s], and above 0 that there is no fix.
-    `filter_s` of 0 is a receiver that does not filter.
+    That of a fix is FIX_NUMBERS numbers. `filter_s` of 0 is a receiver that does not filter. Positions are relative to
+    the start.
     """
 
     compass_phase_s: float
@@ -65,6 +75,8 @@ class Devices(NamedTuple):
     fix_at: int
     latency_s: float
     filter_s: float
+    start_latitude_deg: float
+    start_longitude_deg: float
 
 
 @compiled
@@ -78,11 +90,16 @@ def digits_of(number: float) -> int:
 
 
 @compiled
+def wrap_degrees(angle_deg: float) -> float:
+    """Compute the remainder of an angle by 360, as Python does for floats."""
+    rest_deg = np.fmod(angle_deg, 360.0)
+    return float(rest_deg + 360.0 if rest_deg < 0.0 else rest_deg)
+
+
+@compiled
 def bearing(angle_deg: float, resolution_deg: float) -> float:
     """Round an angle to the resolution and wrap it to [0, 360) (hil/devices/nmea_text.py)."""
-    rounded_deg = np.fmod(np.rint(angle_deg / resolution_deg) * resolution_deg, 360.0)
-    if rounded_deg < 0.0:
-        rounded_deg += 360.0
+    rounded_deg = wrap_degrees(np.rint(angle_deg / resolution_deg) * resolution_deg)
     return 0.0 if 360.0 - rounded_deg < 0.5 * resolution_deg else rounded_deg
 
 
@@ -96,24 +113,55 @@ def heard(devices: Devices, series: ships.Series, sample: int, now_s: float, hea
 
 
 @compiled
-def tell_fix(
-    told: Floats, devices: Devices, series: ships.Series, epoch: int, north_m_s: float, east_m_s: float
+def decoded_coordinate(angle_deg: float) -> float:
+    """Compute the angle [rad] that the autopilot decodes where the receiver prints degrees and minutes."""
+    units = np.rint(abs(angle_deg) * 60.0 * 1e5)
+    whole_deg = np.floor(units / UNITS_PER_DEGREE)
+    minutes = (units - whole_deg * UNITS_PER_DEGREE) / 1e5
+    return math.copysign(whole_deg + minutes / 60.0, angle_deg) * RADIANS_PER_DEGREE
+
+
+@compiled
+def tell_position(
+    told: Floats, devices: Devices, north_m: float, east_m: float, north_error_m: float, east_error_m: float
 ) -> None:
-    """Fill what the receiver says of a velocity, as the sentences round it, and when the burst is complete."""
-    at = devices.fix_at + 3 * epoch
-    north_m_s, east_m_s, lost = north_m_s + series[at], east_m_s + series[at + 1], series[at + 2]
-    speed_m_s = math.hypot(north_m_s, east_m_s)
-    knots = np.rint(speed_m_s * KNOTS_PER_METRE_PER_SECOND * 1000.0) / 1000.0
-    course_deg = np.rint(bearing(math.atan2(east_m_s, north_m_s) * DEGREES_PER_RADIAN, 0.01) * 100.0) / 100.0
-    kilometres_per_hour = np.rint(speed_m_s * KILOMETRES_PER_HOUR * 1000.0) / 1000.0
-    size = LOST_BYTES
-    if not lost > 0.0:
+    """Fill in latitude and longitude of a fix, as the sentences round them, from north and east of the start."""
+    metres_east = METRES_PER_DEGREE * math.cos(devices.start_latitude_deg * RADIANS_PER_DEGREE)
+    latitude_deg = devices.start_latitude_deg + north_m / METRES_PER_DEGREE
+    longitude_deg = devices.start_longitude_deg + east_m / metres_east
+    narrowing = max(math.cos(latitude_deg * RADIANS_PER_DEGREE), MIN_COSINE)
+    longitude_deg += east_error_m / (METRES_PER_DEGREE * narrowing)
+    latitude_deg += north_error_m / METRES_PER_DEGREE
+    told[LATITUDE_RAD] = decoded_coordinate(latitude_deg)
+    told[LONGITUDE_RAD] = decoded_coordinate(wrap_degrees(longitude_deg + 180.0) - 180.0)
+
+
+@compiled
+def tell_fix(
+    told: Floats,
+    devices: Devices,
+    series: ships.Series,
+    epoch: int,
+    place_m: tuple[float, float],
+    velocity_m_s: tuple[float, float],
+) -> None:
+    """Fill in a fix, as the sentences round it, and when the burst is complete; place and velocity without errors."""
+    at = devices.fix_at + FIX_NUMBERS * epoch
+    size, told[LOST] = LOST_BYTES, series[at + NO_FIX]
+    told[SPEED_M_S] = told[COURSE_RAD] = told[LATITUDE_RAD] = told[LONGITUDE_RAD] = np.nan
+    if not told[LOST] > 0.0:
+        north_m_s = velocity_m_s[0] + series[at + NORTH_ERROR_M_S]
+        east_m_s = velocity_m_s[1] + series[at + EAST_ERROR_M_S]
+        speed_m_s = math.hypot(north_m_s, east_m_s)
+        knots = np.rint(speed_m_s * KNOTS_PER_METRE_PER_SECOND * 1000.0) / 1000.0
+        course_deg = np.rint(bearing(math.atan2(east_m_s, north_m_s) * DEGREES_PER_RADIAN, 0.01) * 100.0) / 100.0
+        kilometres_per_hour = np.rint(speed_m_s * KILOMETRES_PER_HOUR * 1000.0) / 1000.0
         size = FIX_BYTES + 2 * digits_of(knots) + 2 * digits_of(course_deg) + digits_of(kilometres_per_hour)
+        told[SPEED_M_S] = knots * METRES_PER_SECOND_PER_KNOT
+        told[COURSE_RAD] = wrap_two_pi(course_deg * RADIANS_PER_DEGREE)
+        tell_position(told, devices, place_m[0], place_m[1], series[at + NORTH_ERROR_M], series[at + EAST_ERROR_M])
     begun_s = devices.fix_phase_s + epoch * devices.fix_period_s + devices.latency_s
     told[THERE_S] = begun_s + size * 10 / RECEIVER_BAUD
-    told[SPEED_M_S] = knots * METRES_PER_SECOND_PER_KNOT
-    told[COURSE_RAD] = wrap_two_pi(course_deg * RADIANS_PER_DEGREE)
-    told[LOST] = lost
 
 
 @compiled

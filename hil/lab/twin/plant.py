@@ -10,7 +10,7 @@ import numpy as np
 from hil.lab.compiled import compiled
 from hil.lab.twin import devices as sensing
 from hil.lab.twin import ship as ships
-from hil.lab.twin.devices import SAID_RAD, THERE_S, Devices
+from hil.lab.twin.devices import FIX_COLUMNS, SAID_RAD, THERE_S, Devices
 from hil.lab.twin.kalman import Floats
 from hil.lab.twin.ship import GRID_S, HULL_STATES, PSI, STEPS_PER_SECOND, Series, Ship
 
@@ -25,7 +25,7 @@ PLANT = np.dtype(
         ("hull", np.float64, (HULL_STATES,)),
         ("shaft", np.float64, (3,)),
         ("headings", np.float64, (QUEUE, 2)),
-        ("fixes", np.float64, (QUEUE, 4)),
+        ("fixes", np.float64, (QUEUE, FIX_COLUMNS)),
         *((name, np.int64) for name in ("heading_count", "fix_count", "step", "sample", "epoch", "filtered", "row")),
         ("first_given", np.bool_),
         *((name, np.float64) for name in ("shaft_rad", "feedback_rad", "north_m_s", "east_m_s", "first_fix_s")),
@@ -109,7 +109,8 @@ def receive(at: Plant, waters: Waters, now_s: float) -> None:
     if not devices.filter_s > 0.0:
         sense_velocity(at, waters, now_s)
     fix = at.fixes[at.fix_count]
-    sensing.tell_fix(fix, devices, waters.series, at.epoch, at.north_m_s, at.east_m_s)
+    place_m = ships.position(at.hull, waters.ship, waters.series, at.step, offset(at, now_s))
+    sensing.tell_fix(fix, devices, waters.series, at.epoch, place_m, (at.north_m_s, at.east_m_s))
     if at.epoch == 0:
         at.first_fix_s = fix[THERE_S]
     at.epoch += 1

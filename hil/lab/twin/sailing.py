@@ -47,11 +47,15 @@ def sail(
     """Sail a run; return the record, with the rows of the ticks if asked for, and how many ticks there were."""
     rows = int(seconds * ROWS_PER_SECOND + 1e-9) + 1
     record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows + MORE_TICKS if ticks else 0, TICK_COLUMNS)))
-    waters = Waters(record_of(sea.ship), sea.series, record_of(sea.devices), np.zeros(max(1, sea.ship.delay_steps)))
     # Arrays of its own: threads that count the users of the same array wait for each other.
     autopilot = Autopilot(record_of(boat), zeros(STATE), zeros(FILTER), zeros(COVARIANCE), law)
     own_task = Task(task.given_s.copy(), task.goals_rad.copy())
-    return record, voyage(zeros(PLANT), waters, autopilot, own_task, record)
+    return record, voyage(zeros(PLANT), waters_of(sea), autopilot, own_task, record)
+
+
+def waters_of(sea: Sea) -> Waters:
+    """Convert a sea to the records that compiled code takes."""
+    return Waters(record_of(sea.ship), sea.series, record_of(sea.devices), np.zeros(max(1, sea.ship.delay_steps)))
 
 
 def zeros(kind: np.dtype[Any]) -> Any:

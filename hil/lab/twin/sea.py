@@ -9,10 +9,10 @@ import numpy as np
 
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from hil.devices.nmea_gps import Gaps
+from hil.devices.nmea_gps import NOISE_TIME_S, POSITION_NOISE_M, Gaps
 from hil.lab.normals import drawn, fill, state_of
 from hil.lab.twin import series
-from hil.lab.twin.devices import Devices
+from hil.lab.twin.devices import EAST_ERROR_M_S, FIX_NUMBERS, NO_FIX, NORTH_ERROR_M, NORTH_ERROR_M_S, Devices
 from hil.lab.twin.kalman import Floats
 from hil.lab.twin.plant import Sea
 from hil.lab.twin.series import Part
@@ -29,7 +29,8 @@ from hil.ship.regressions import FLOAT, sway_model
 from hil.ship.scenarios import Scenario
 from hil.ship.waves import DAMPING, discretised, natural_frequency
 from hil.ship.yaw_noise import jump_rad, largest_rate_rad_s
-from hil.sim.device_factory import FREQUENCY_ERROR_PPM
+from hil.sim.device_factory import FREQUENCY_ERROR_PPM, POSITION_RATE_HZ
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 COMPASS_NOISE_DEG = 0.3
 COMPASS_PERIOD_S, FIX_PERIOD_S = 0.1, 1.0
@@ -214,13 +215,19 @@ def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, ...]:
 
 
 def fixes_of(scenario: Scenario, seed: int, epochs: int, first_s: float, period_s: float) -> Floats:
-    """Return what is random about each fix, as Devices has it."""
+    """Draw the random numbers of each fix, in the columns of devices.FIX_NUMBERS."""
     bought = scenario.extras.receiver or PLAIN
-    numbers = drawn(generator(seed, Stream.POSITION), 2 + 4 * epochs)[2:].reshape(-1, 4)
-    gaps, fixes = Gaps(bought.lost, bought.gap_s, generator(seed, Stream.GAPS)), np.zeros((epochs, 3))
-    fixes[:, :2] = 0.0 + bought.noise_m_s * numbers[:, 2:]
+    numbers = drawn(generator(seed, Stream.POSITION), 2 + 4 * epochs)
+    steps, first_m = numbers[2:].reshape(-1, 4), 0.0 + POSITION_NOISE_M * numbers[:2]
+    gaps, fixes = Gaps(bought.lost, bought.gap_s, generator(seed, Stream.GAPS)), np.zeros((epochs, FIX_NUMBERS))
+    keep = math.exp(-1.0 / (POSITION_RATE_HZ * NOISE_TIME_S))
+    for axis in range(2):
+        errors_m = 0.0 + POSITION_NOISE_M * steps[:, axis]
+        series.follow(first_m[axis], keep, math.sqrt(1.0 - keep**2), errors_m)
+        fixes[:, NORTH_ERROR_M + axis] = errors_m
+    fixes[:, NORTH_ERROR_M_S : EAST_ERROR_M_S + 1] = 0.0 + bought.noise_m_s * steps[:, 2:]
     for k in range(epochs if bought.lost > 0.0 else 0):
-        fixes[k, 2] = gaps.cover(first_s + k * period_s)
+        fixes[k, NO_FIX] = gaps.cover(first_s + k * period_s)
     return fixes
 
 
@@ -249,6 +256,8 @@ def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tup
         first + headings,
         bought.latency_s,
         bought.filter_s,
+        START_LATITUDE_DEG,
+        START_LONGITUDE_DEG,
     )
     return devices, (Part(headings, blur), Part(fixes.size, lambda out: np.copyto(out, fixes)))
 

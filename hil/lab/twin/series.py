@@ -65,6 +65,15 @@ def wander(first: float, keep: float, add: float, state: NDArray[np.uint64], out
 
 
 @compiled
+def follow(first: float, keep: float, add: float, out: Floats) -> None:
+    """Replace normal numbers by a first-order process that they drive, from the value before the first of them."""
+    value = first
+    for k in range(out.size):
+        value = keep * value + add * out[k]
+        out[k] = value
+
+
+@compiled
 def die(fade: float, calm_at_s: float, calm_until_s: float, out: Floats) -> None:
     """Fill in how much of the waves there is, when they die for a while."""
     out[0] = 1.0

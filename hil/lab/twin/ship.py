@@ -86,8 +86,9 @@ class Ship(NamedTuple):
 
 
 # The state of a hull.
-(PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, SHOWN, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED) = range(12)
-HULL_STATES = 12
+(PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, SHOWN, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED, NORTH_M,
+ EAST_M) = range(14)  # fmt: skip
+HULL_STATES = 14
 
 
 @compiled
@@ -198,9 +199,8 @@ def shown_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s:
 
 
 @compiled
-def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> tuple[float, float]:
-    """Return the velocity over the ground with that of the waves, north and east."""
-    heading_rad, t_s = glider_heading(hull, ship, series, step, offset_s), step * GRID_S + offset_s
+def velocity_without_waves(hull: Floats, ship: Ship, heading_rad: float, t_s: float) -> tuple[float, float]:
+    """Compute the velocity over the ground without the waves, north and east (hil/ship/planar.py)."""
     north_m_s, east_m_s = ship.current_north_m_s, ship.current_east_m_s
     if ship.tide_s > 0.0:
         phase_rad = TWO_PI * np.fmod(t_s, ship.tide_s) / ship.tide_s
@@ -208,24 +208,58 @@ def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: floa
         north_m_s, east_m_s = along * north_m_s - across * east_m_s, along * east_m_s + across * north_m_s
     cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
     speed_m_s, sideways_m_s = hull[NOW_SPEED], hull[SIDEWAYS]
-    north_m_s = speed_m_s * cosine - sideways_m_s * sine + north_m_s
-    east_m_s = speed_m_s * sine + sideways_m_s * cosine + east_m_s
+    return (
+        speed_m_s * cosine - sideways_m_s * sine + north_m_s,
+        speed_m_s * sine + sideways_m_s * cosine + east_m_s,
+    )
+
+
+@compiled
+def process_value(series: Series, first: int, step: int, since_s: float, of_rate: bool) -> float:
+    """Compute the rate or the angle of a wave process, since_s into a grid step."""
+    return process_rate(series, first, step, since_s) if of_rate else process_angle(series, first, step, since_s)
+
+
+@compiled
+def waves_motion(
+    hull: Floats, ship: Ship, series: Series, step: int, offset_s: float, of_rate: bool
+) -> tuple[float, float]:
+    """Compute the orbital velocity or, not of_rate, the orbital displacement, north and east (hil/ship/orbit.py)."""
     ahead, aside = math.cos(ship.toward_rad), math.sin(ship.toward_rad)
     more_north = more_east = 0.0
     if ship.has_crests:
         with_yaw_at = ship.alone_at if ship.crests_own else ship.yaw_at
-        with_yaw = ship.crests_per_yaw * process_rate(series, with_yaw_at, step, offset_s)
-        rest = process_rate(series, ship.beside_at, step, offset_s)
+        with_yaw = ship.crests_per_yaw * process_value(series, with_yaw_at, step, offset_s, of_rate)
+        rest = process_value(series, ship.beside_at, step, offset_s, of_rate)
         twice_rad = 2.0 * (ship.toward_rad - float_heading(hull, ship, series, step, offset_s))
         sine, cosine = math.sin(twice_rad), math.cos(twice_rad)
         along_m = ship.crests_along_m * (sine * with_yaw + cosine * rest)
         across_m = ship.crests_across_m * (cosine * with_yaw - sine * rest)
         more_north, more_east = along_m * ahead - across_m * aside, along_m * aside + across_m * ahead
     elif ship.has_orbit:
-        along_m_s = process_rate(series, ship.orbit_at, step, offset_s)
-        more_north, more_east = along_m_s * ahead, along_m_s * aside
+        along = process_value(series, ship.orbit_at, step, offset_s, of_rate)
+        more_north, more_east = along * ahead, along * aside
     share = waves_share(ship, series, step)
-    return north_m_s + share * more_north, east_m_s + share * more_east
+    return share * more_north, share * more_east
+
+
+@compiled
+def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> tuple[float, float]:
+    """Compute the velocity over the ground with that of the waves, north and east."""
+    heading_rad = glider_heading(hull, ship, series, step, offset_s)
+    north_m_s, east_m_s = velocity_without_waves(hull, ship, heading_rad, step * GRID_S + offset_s)
+    more_north_m_s, more_east_m_s = waves_motion(hull, ship, series, step, offset_s, True)
+    return north_m_s + more_north_m_s, east_m_s + more_east_m_s
+
+
+@compiled
+def position(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> tuple[float, float]:
+    """Compute the position north and east of the start with the displacement by the waves."""
+    middle_s = 0.5 * offset_s
+    heading_rad = glider_heading(hull, ship, series, step, middle_s)
+    north_m_s, east_m_s = velocity_without_waves(hull, ship, heading_rad, step * GRID_S + middle_s)
+    more_north_m, more_east_m = waves_motion(hull, ship, series, step, offset_s, False)
+    return hull[NORTH_M] + north_m_s * offset_s + more_north_m, hull[EAST_M] + east_m_s * offset_s + more_east_m
 
 
 @compiled
@@ -258,6 +292,9 @@ def turn_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: f
     hull[RUDDER], hull[PSI], hull[YAW_RATE] = rudder_rad, psi, r
     if ship.has_sideways:
         go_sideways(hull, ship, middle_rad)
+    north_m_s, east_m_s = velocity_without_waves(hull, ship, middle_rad, (step + 0.5) * GRID_S)
+    hull[NORTH_M] += north_m_s * GRID_S
+    hull[EAST_M] += east_m_s * GRID_S
     if ship.has_float:
         behind_rad, rate_rad_s = hull[FLOAT_PSI] - middle_rad, hull[FLOAT_RATE]
         hull[FLOAT_PSI] = middle_rad + ship.f00 * behind_rad + ship.f01 * rate_rad_s

@@ -208,6 +208,7 @@ def test_the_ship_in_her_sea_is_the_harness_s(text):
         ours = ships.shown_heading(state, ship, sea.series, step, offset_s)
         assert ours == hull.shown_heading_rad(offset_s)
         assert ships.velocity(state, ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
+        assert ships.position(state, ship, sea.series, step, offset_s) == hull.position_in_waves_m(offset_s)
         rudder = min(max(rudder + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
         hull.step(rudder)
         in_water = ships.rudder_in_water(ship, waiting, step, rudder)
