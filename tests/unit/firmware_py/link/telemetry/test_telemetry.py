@@ -4,7 +4,7 @@ import math
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.mode_table import Mode
@@ -294,6 +294,7 @@ SNAPSHOTS = st.builds(
 )  # fmt: skip
 
 
+@settings(max_examples=25)
 @given(SNAPSHOTS, NUMBER, NUMBER, COUNT)
 def test_no_snapshot_breaks_a_builder(snapshot, utc_s, load, refused):
     scene = TelemetryContext(snapshot, utc_s, 0.5, 3, load, refused)

@@ -34,13 +34,10 @@ def test_a_run_is_found_while_the_campaign_goes_on(campaign):
 
 
 def test_a_run_that_comes_out_differently_is_told(campaign, tmp_path):
-    found = replay.replay(campaign, 3, tmp_path / "run")
-    (line,) = found.differences
-    assert line.endswith("instead of of no run")
     known = store.read_identity(campaign)
     (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "numpy": "0"}}))
     (line,) = replay.replay(campaign, 3, tmp_path / "run").differences
-    assert "; the campaign was sailed with other versions (numpy), by rambler-hil " in line
+    assert "instead of of no run; the campaign was sailed with other versions (numpy), by rambler-hil " in line
 
 
 def test_a_specification_that_was_changed_is_not_replayed(campaign):

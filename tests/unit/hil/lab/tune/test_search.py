@@ -36,7 +36,7 @@ def fresh(trials: Trials) -> Trials:
 @pytest.fixture(scope="module")
 def tuned(sea):
     trials = fresh(sea)
-    return trials, tune(trials, PAPER, evaluations=250)
+    return trials, tune(trials, PAPER, evaluations=150)
 
 
 def score(error: float, travel: float) -> Score:
@@ -119,7 +119,7 @@ def test_the_tuner_beats_the_paper_s_gains_in_both(tuned):
 
 
 def test_the_same_seed_finds_the_same(sea):
-    one, same, other = (tune(fresh(sea), PAPER, evaluations=100, seed=seed) for seed in (1, 1, 5))
+    one, same, other = (tune(fresh(sea), PAPER, price=1.0, evaluations=30, seed=seed) for seed in (1, 1, 5))
     assert same == one
     assert other.front != one.front
 
@@ -136,6 +136,6 @@ def test_a_higher_price_buys_less_rudder_work(sea):
 
 def test_with_only_the_gains_the_observer_stays_the_vehicle_s(sea):
     present = Setting(30.0, 0.5, 4.0, 0.5)
-    found = tune(fresh(sea), present, evaluations=100, only_gains=True)
+    found = tune(fresh(sea), present, price=1.0, evaluations=50, only_gains=True)
     assert set(found.changed) == {"CTL_K1", "CTL_K2"}
     assert {(one.setting.tau_s, one.setting.deadband_deg) for one in found.front} == {(4.0, 0.5)}
