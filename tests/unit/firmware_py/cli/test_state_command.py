@@ -137,7 +137,7 @@ def test_a_directory_keeps_its_own_key_beside_an_import_without_one(exported, tm
 def test_damage_is_refused_wherever_it_is(exported, old, capsys, tmp_path):
     whole = exported.read_bytes()
     bad = tmp_path / "bad"
-    for place in range(0, len(whole), 7):
+    for place in range(0, len(whole), 29):
         bad.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
         assert re.search("damaged|no state|of format", refused(capsys, bad, old))
     for length in (0, 10, 60, len(whole) - 1):

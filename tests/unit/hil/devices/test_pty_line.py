@@ -36,10 +36,10 @@ def test_every_byte_value_passes_both_ways_unechoed(line, tmp_path):
         assert line.read() == b""
 
 
-def test_ten_thousand_deliveries_are_there_when_deliver_returns(line, tmp_path):
+def test_two_thousand_deliveries_are_there_when_deliver_returns(line, tmp_path):
     sizes = random.Random(1)
     with opened(line, tmp_path / "compass") as peer:
-        for turn in range(10_000):
+        for turn in range(2000):
             data = bytes([turn % 256]) * sizes.randint(1, 40)
             assert line.deliver(data)
             assert os.read(peer, 4096) == data

@@ -37,7 +37,7 @@ def proposed(under_way):
     rig = under_way
     rig.request_handler.values = ParameterSet().replaced("CMP_DEV_B", 2.0)
     assert results(rig.command(START)) == [ACCEPTED]
-    for tick in voyage():
+    for tick in voyage(legs=20):
         list(rig.request_handler.compass_swing.take(tick.inputs, rig.request_handler.values))
     assert rig.request_handler.compass_swing.report.state is CalibrationState.DONE
     return rig
