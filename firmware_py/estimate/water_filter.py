@@ -38,8 +38,9 @@ EVERY_S: Final = 4.5  # between two positions that are used: receiver noise is c
 MEMORY_S: Final = 3600.0  # of the learning
 MOVE: Final = 0.02
 LONGEST_STEP: Final = 0.2  # of a level's logarithm, in one correction
-# Middle, standard deviation and bounds of the logarithms: sigma [m/s], q [m/s/sqrt(s)], g [m/sqrt(s)], rho [m]
-START: Final = (math.log(0.1), math.log(0.0004), math.log(0.05), math.log(0.3))
+# Middle, standard deviation and bounds of the logarithms: sigma [m/s], q [m/s/sqrt(s)], g [m/sqrt(s)], rho [m].
+# The middle of g is for a receiver error of 1 m with a memory of 60 s: sqrt(2 / 60) m/sqrt(s).
+START: Final = (math.log(0.1), math.log(0.0004), math.log(0.15), math.log(0.3))
 SPREAD: Final = (0.7, 0.7, 1.0, 1.0)
 LOW: Final = (math.log(0.01), math.log(0.0001), math.log(0.001), math.log(0.02))
 HIGH: Final = (math.log(0.5), math.log(0.005), math.log(1.0), math.log(20.0))

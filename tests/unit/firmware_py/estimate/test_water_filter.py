@@ -1,60 +1,345 @@
-"""The water filter: speed, leeway and current from positions; turns, gaps, outliers, hostile input."""
+"""The water filter and what follows from it: turns, gaps, outliers, restarts, hostile input; plain and compiled."""
 
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from firmware_py.estimate.water_filter import WaterFilter, begin, correct, take_heading, water_of
+from firmware_py.estimate.water_filter import (
+    REFUSED_S,
+    WaterFilter,
+    begin,
+    correct,
+    moved_origin,
+    take_heading,
+    water_of,
+)
+from firmware_py.estimate.water_results import (
+    PATIENCE_S,
+    CurrentVerdict,
+    begin_reckoning,
+    current_excess,
+    heading_from_track,
+    judge_current,
+    over_ground,
+    reckoning_sd,
+    sailed,
+)
+from hil.lab.compiled import compiled
+from hil.lab.numeric_core import water_filter, water_results
 
 SQUARE = tuple(math.radians(angle) for angle in (0.0, 90.0, 180.0, 270.0))
+NO_VERDICT = CurrentVerdict(math.nan, 0.0, 0.0)
 
 
-def begun(speed_m_s: float = 0.4, north_m: float = 0.0, east_m: float = 0.0) -> WaterFilter:
-    return begin(0.0, north_m, east_m, speed_m_s, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
+def begun(speed_m_s: float = 0.4) -> WaterFilter:
+    return begin(0.0, 0.0, 0.0, speed_m_s, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
 
 
 class Boat:
-    """A boat that sails through a current, with a filter that takes noisy positions of it."""
+    """A boat in a current, and the filter that takes its headings and noisy positions."""
 
-    def __init__(self, state, speed_m_s, current_m_s, leeway_rad=0.0, seed=1, speed_sd_m_s=0.05, noise_m=0.3):
-        self.state, self.speed_m_s, self.current_m_s, self.leeway_rad = state, speed_m_s, current_m_s, leeway_rad
-        self.numbers, self.speed_sd_m_s, self.noise_m = np.random.default_rng(seed), speed_sd_m_s, noise_m
-        self.t_s, self.off_m_s = 0.0, 0.0
-        self.place_m = [state.track.north_m, state.track.east_m]
+    def __init__(self, speed_m_s, current_m_s, leeway_rad=0.0, seed=1, speed_sd_m_s=0.05, state=None):
+        self.state = begun() if state is None else state
+        self.speed_m_s, self.current_m_s, self.leeway_rad = speed_m_s, current_m_s, leeway_rad
+        self.numbers, self.speed_sd_m_s = np.random.default_rng(seed), speed_sd_m_s
+        self.t_s, self.off_m_s, self.since_s, self.place_m = 0.0, 0.0, 0.0, [0.0, 0.0]
+        self.verdict, self.strong_s = NO_VERDICT, math.nan
 
-    def sail(self, heading_rad, duration_s, step_s=1.0, fix_s=5.0, heading_known=True, fixes=True, jump_m=0.0):
-        since_s, keep = 0.0, math.exp(-step_s / 30.0)
+    def sail(self, heading_rad, duration_s, step_s=1.0, fix_s=5.0, known=True, jump_m=0.0):
+        keep = math.exp(-step_s / 30.0)
         for _ in range(round(duration_s / step_s)):
-            self.off_m_s = keep * self.off_m_s + self.speed_sd_m_s * math.sqrt(1.0 - keep * keep) * float(
-                self.numbers.standard_normal()
-            )
-            way_rad, speed_m_s = heading_rad + self.leeway_rad, max(self.speed_m_s + self.off_m_s, 0.0)
+            kick = self.speed_sd_m_s * math.sqrt(1.0 - keep * keep)
+            self.off_m_s = keep * self.off_m_s + kick * float(self.numbers.standard_normal())
+            way_rad, speed_m_s = heading_rad + self.leeway_rad, self.speed_m_s + self.off_m_s
             self.place_m[0] += step_s * (speed_m_s * math.cos(way_rad) + self.current_m_s[0])
             self.place_m[1] += step_s * (speed_m_s * math.sin(way_rad) + self.current_m_s[1])
-            self.t_s, since_s = self.t_s + step_s, since_s + step_s
-            self.state = take_heading(self.state, heading_rad if heading_known else math.nan, step_s)
-            if fixes and since_s >= fix_s - 1e-9:
-                since_s = 0.0
-                seen = [place + jump_m + self.noise_m * float(self.numbers.standard_normal()) for place in self.place_m]
+            self.t_s, self.since_s = self.t_s + step_s, self.since_s + step_s
+            self.state = take_heading(self.state, heading_rad if known else math.nan, step_s)
+            if self.since_s >= fix_s - 1e-9:
+                self.since_s = 0.0
+                seen = [place + jump_m + 0.3 * float(self.numbers.standard_normal()) for place in self.place_m]
                 self.state = correct(self.state, self.t_s, *seen)
+            self.verdict = judge_current(self.verdict, self.state, self.t_s)
+            if self.verdict.too_strong and math.isnan(self.strong_s):
+                self.strong_s = self.t_s
+        return self
+
+    def square(self, legs, leg_s=600.0, **how):
+        for leg in range(legs):
+            self.sail(SQUARE[leg % 4], leg_s, **how)
+        return self
 
     @property
     def water(self):
         return water_of(self.state, self.t_s)
+
+    @property
+    def off_in_sds(self):
+        """The errors of current north and east, mean speed and sideways speed, in standard deviations."""
+        w, true = self.water, (self.current_m_s, self.speed_m_s)
+        p = w.covariance
+        return [
+            (w.current_north_m_s - true[0][0]) / math.sqrt(p[0]),
+            (w.current_east_m_s - true[0][1]) / math.sqrt(p[4]),
+            (w.mean_speed_m_s - true[1] * math.cos(self.leeway_rad)) / math.sqrt(p[7]),
+            (w.sideways_m_s - true[1] * math.sin(self.leeway_rad)) / math.sqrt(p[9]),
+        ]
 
 
 @pytest.mark.parametrize(
     ("speed_m_s", "current_m_s", "leeway_deg"),
     [(0.05, (0.1, -0.05), 0.0), (0.5, (0.15, -0.15), 25.0), (2.5, (-0.3, 0.2), 0.0), (0.5, (0.0, 0.8), -8.0)],
 )
-def test_turns_tell_speed_current_and_leeway_apart(speed_m_s, current_m_s, leeway_deg):
-    boat = Boat(begun(), speed_m_s, current_m_s, math.radians(leeway_deg), speed_sd_m_s=0.1 * speed_m_s)
-    for leg in range(8):
-        boat.sail(SQUARE[leg % 4], 600.0)
+def test_turns_separate_speed_current_and_leeway(speed_m_s, current_m_s, leeway_deg):
+    boat = Boat(speed_m_s, current_m_s, math.radians(leeway_deg), speed_sd_m_s=0.1 * speed_m_s).square(8)
+    assert max(map(abs, boat.off_in_sds)) < 3.0
+    assert boat.water.current_sd_m_s < 0.05
+    assert boat.water.mean_speed_sd_m_s < 0.08
+    assert abs(boat.water.leeway_rad - math.radians(leeway_deg)) < 3.0 * boat.water.leeway_sd_rad
+
+
+def test_on_one_heading_only_the_sum_of_speed_and_current_is_known():
+    boat = Boat(0.6, (-0.3, 0.1)).sail(0.0, 3600.0)
     water = boat.water
-    assert math.dist((water.current_north_m_s, water.current_east_m_s), current_m_s) < 0.03 + 0.01 * speed_m_s
-    assert water.current_sd_m_s < 0.05
-    forward_m_s = speed_m_s * math.cos(math.radians(leeway_deg))
-    assert abs(water.mean_speed_m_s - forward_m_s) < 3.0 * water.mean_speed_sd_m_s < 0.25
-    assert abs(water.leeway_rad - math.radians(leeway_deg)) < 3.0 * water.leeway_sd_rad
+    north_m_s, east_m_s = over_ground(water, 0.0)
+    assert abs(north_m_s - 0.3) < 0.15
+    assert abs(east_m_s - 0.1) < 0.05
+    nn, _, nu, _, _, _, _, uu, _, _ = water.covariance
+    assert math.sqrt(nn + uu + 2.0 * nu) < 0.05
+    assert min(math.sqrt(nn), water.mean_speed_sd_m_s) > 0.15
+    assert max(map(abs, boat.off_in_sds)) < 3.0
+
+
+def test_over_twenty_seeds_the_errors_are_as_large_as_claimed():
+    boats = [Boat(0.5, (0.2, -0.2), 0.1, seed, 0.1) for seed in range(20)]
+    ends = [boat.square(4, step_s=5.0).off_in_sds for boat in boats]
+    assert 0.1 < np.mean(np.square(ends)) < 1.5
+
+
+@pytest.mark.parametrize(("step_s", "fix_s"), [(0.1, 0.1), (1.0, 1.0), (1.0, 5.0), (5.0, 5.0), (1.0, 60.0)])
+def test_any_rate_of_positions_serves(step_s, fix_s):
+    boat = Boat(0.5, (0.15, -0.15)).square(4, step_s=step_s, fix_s=fix_s)
+    assert max(map(abs, boat.off_in_sds)) < 3.5
+    assert boat.water.current_sd_m_s < 0.08
+
+
+def test_a_gap_of_ten_minutes_leaves_the_water_uncertain_but_right():
+    boat = Boat(0.5, (0.15, -0.15)).square(4)
+    before = boat.water.current_sd_m_s
+    boat.sail(0.5, 600.0, fix_s=601.0)
+    assert before < boat.water.current_sd_m_s < 0.1
+    boat.sail(0.5, 60.0)
+    assert math.isnan(boat.state.refused_t_s)
+    assert max(map(abs, boat.off_in_sds)) < 3.0
+
+
+def test_without_a_heading_the_water_stays_and_the_position_becomes_uncertain():
+    boat = Boat(0.5, (0.15, -0.15)).square(4)
+    before, sd_m_s, place_m2 = boat.water, boat.water.current_sd_m_s, boat.state.track.north_m2
+    boat.sail(2.0, 900.0, known=False)
+    after = boat.water
+    assert (after.mean_speed_m_s, after.sideways_m_s) == (before.mean_speed_m_s, before.sideways_m_s)
+    assert (after.current_north_m_s, after.current_east_m_s) == (before.current_north_m_s, before.current_east_m_s)
+    assert after.current_sd_m_s > sd_m_s
+    place = boat.place_m
+    assert math.dist((boat.state.track.north_m, boat.state.track.east_m), place) < 3.0
+    boat.state = correct(boat.state, boat.t_s + 600.0, *place)
+    assert boat.state.track.north_m2 < 10.0 + place_m2
+    boat.t_s += 600.0
+    boat.sail(0.5, 600.0)
+    assert max(map(abs, boat.off_in_sds)) < 3.0
+
+
+def test_single_outliers_are_refused():
+    boat = Boat(0.5, (0.15, -0.15)).square(4)
+    for _ in range(20):
+        boat.sail(0.5, 5.0, jump_m=200.0)
+        assert not math.isnan(boat.state.refused_t_s)
+        boat.sail(0.5, 20.0)
+        assert math.isnan(boat.state.refused_t_s)
+    assert max(map(abs, boat.off_in_sds)) < 3.0
+
+
+@pytest.mark.parametrize("jump_m", [3.0, 8.0, 12.0])
+def test_a_jump_within_the_gate_hardly_moves_the_water(jump_m):
+    boat = Boat(0.5, (0.15, -0.15)).square(4)
+    for _ in range(3):
+        boat.sail(0.5, 120.0, jump_m=jump_m)
+        boat.sail(0.5, 120.0)
+    assert max(map(abs, boat.off_in_sds)) < 3.0
+
+
+def test_a_lasting_jump_restarts_the_position_and_keeps_the_water():
+    boat = Boat(0.5, (0.15, -0.15)).square(4)
+    boat.sail(0.5, REFUSED_S, jump_m=500.0)
+    assert boat.state.track.north_m < boat.place_m[0] + 100.0
+    boat.sail(0.5, 60.0, jump_m=500.0)
+    assert abs(boat.state.track.north_m - boat.place_m[0] - 500.0) < 5.0
+    boat.sail(0.5, 600.0, jump_m=500.0)
+    assert max(map(abs, boat.off_in_sds)) < 3.0
+
+
+def test_another_origin_changes_nothing_but_the_position():
+    boat = Boat(0.5, (0.15, -0.15)).square(3)
+    moved = moved_origin(boat.state, 1000.0, -500.0)
+    assert water_of(moved, boat.t_s) == boat.water
+    one = correct(take_heading(boat.state, 0.1, 5.0), boat.t_s + 5.0, 700.0, 20.0)
+    other = correct(take_heading(moved, 0.1, 5.0), boat.t_s + 5.0, -300.0, 520.0)
+    assert flat(water_of(other, boat.t_s)) == pytest.approx(flat(water_of(one, boat.t_s)), abs=1e-9)
+
+
+def test_a_stored_water_is_known_from_the_first_position_on():
+    stored = begin(0.0, 0.0, 0.0, 0.5, 0.03, 0.15, -0.15, 0.02, 0.0, 0.02)
+    boat = Boat(0.5, (0.15, -0.15), state=stored).sail(0.5, 600.0)
+    assert max(map(abs, boat.off_in_sds)) < 3.0
+    assert boat.water.current_sd_m_s < 0.03
+
+
+def test_the_current_is_too_strong_only_where_it_exceeds_the_speed():
+    assert math.isnan(Boat(0.5, (0.2, -0.2), speed_sd_m_s=0.2).square(8, 900.0).strong_s)
+    boat = Boat(0.5, (0.7, 0.4), speed_sd_m_s=0.1).square(4, 900.0)
+    assert 900.0 < boat.strong_s < 900.0 + 3.0 * PATIENCE_S  # before the first turn the two are not known apart
+    boat.speed_m_s, boat.current_m_s = 1.5, (0.2, 0.0)
+    boat.square(4, 900.0)
+    assert boat.verdict.too_strong == 0.0
+
+
+def test_the_verdict_stays_while_there_are_no_positions():
+    boat = Boat(0.5, (0.7, 0.4)).square(4, 900.0)
+    assert judge_current(boat.verdict, boat.state, boat.t_s + 1e4).too_strong == 1.0
+
+
+def test_current_excess_takes_the_sum_as_known_on_one_heading():
+    boat = Boat(0.5, (0.9, 0.0)).sail(0.0, 3600.0)
+    excess_m_s, sd_m_s = current_excess(boat.water)
+    assert abs(excess_m_s - 0.4) < 3.0 * sd_m_s
+    assert sd_m_s > 0.2
+
+
+def test_the_reckoned_position_errs_as_it_claims():
+    off_in_sds = []
+    for seed in range(12):
+        boat = Boat(0.5, (0.15, -0.1), 0.1, seed, 0.1).square(4, step_s=5.0)
+        reckoning, begun_m = begin_reckoning(boat.state, boat.t_s), list(boat.place_m)
+        north_m = east_m = 0.0
+        for heading_rad in (0.0, 1.0, 2.5):
+            boat.sail(heading_rad, 600.0, step_s=5.0, fix_s=1e9)
+            for _ in range(60):
+                reckoning, north_m_s, east_m_s = sailed(reckoning, heading_rad, 10.0)
+                north_m, east_m = north_m + 10.0 * north_m_s, east_m + 10.0 * east_m_s
+        sd_m = reckoning_sd(reckoning, 1800.0)
+        assert 5.0 < sd_m < 250.0
+        off_in_sds += [(begun_m[i] + (north_m, east_m)[i] - boat.place_m[i]) / sd_m for i in (0, 1)]
+    assert np.mean(np.square(off_in_sds)) < 1.5
+
+
+def test_reckoning_without_a_heading_goes_with_the_current_and_counts_the_way_as_unknown():
+    boat = Boat(0.5, (0.15, -0.1)).square(4)
+    reckoning = begin_reckoning(boat.state, boat.t_s)
+    blind, north_m_s, east_m_s = sailed(reckoning, math.nan, 600.0)
+    assert (north_m_s, east_m_s) == (reckoning.current_north_m_s, reckoning.current_east_m_s)
+    assert reckoning_sd(blind, 600.0) > 0.9 * 600.0 * 0.5
+
+
+def test_the_track_gives_the_heading_with_an_honest_spread():
+    boat, off_in_sds = Boat(0.5, (0.2, -0.2), 0.2, speed_sd_m_s=0.1).square(4), []
+    for number in range(60):
+        before, heading_rad = list(boat.place_m), 0.1 * number
+        boat.sail(heading_rad, 30.0)
+        north_m, east_m = (boat.place_m[i] - before[i] + 0.4 * float(boat.numbers.standard_normal()) for i in (0, 1))
+        found_rad, sd_rad = heading_from_track(boat.state, boat.t_s, north_m, east_m, 30.0)
+        off_in_sds.append(math.remainder(found_rad - heading_rad, 2.0 * math.pi) / sd_rad)
+    assert 0.1 < np.mean(np.square(off_in_sds)) < 1.5
+
+
+@pytest.mark.parametrize("track", [(0.0, 0.0, 30.0), (300.0, 0.0, 30.0), (math.nan, 0.0, 30.0), (9.0, 9.0, 0.0)])
+def test_no_heading_from_a_track_that_shows_none(track):
+    boat = Boat(0.5, (0.0, 0.0)).square(4)
+    assert all(map(math.isnan, heading_from_track(boat.state, boat.t_s, *track)))
+
+
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+SENSIBLE = st.floats(-1e4, 1e4)
+STEPS = st.lists(
+    st.tuples(
+        st.one_of(st.floats(-10.0, 10.0), ANY),
+        st.one_of(st.floats(0.0, 20.0), ANY),
+        st.one_of(SENSIBLE, ANY),
+        st.one_of(SENSIBLE, ANY),
+    ),
+    max_size=40,
+)
+
+
+def flat(value):
+    return [number for part in value for number in flat(part)] if isinstance(value, tuple) else [value]
+
+
+@settings(max_examples=100, deadline=None)
+@given(STEPS)
+def test_no_input_makes_the_state_infinite(steps):
+    state, t_s, verdict = begun(), 0.0, NO_VERDICT
+    for heading_rad, step_s, north_m, east_m in steps:
+        t_s += step_s if 0.0 < step_s < 1e6 else 0.0
+        state = take_heading(state, heading_rad, step_s)
+        state = correct(state, t_s if math.isfinite(step_s) else step_s, north_m, east_m)
+        water = water_of(state, t_s)
+        verdict = judge_current(verdict, state, t_s)
+        reckoning, _, _ = sailed(begin_reckoning(state, t_s), heading_rad, 10.0)
+        assert all(map(math.isfinite, flat((state.track, state.moved, state.levels, state.information))))
+        assert all(map(math.isfinite, flat(water)))
+        assert math.isfinite(reckoning_sd(reckoning, 10.0))
+        heading_from_track(state, t_s, north_m, east_m, step_s)
+
+
+@compiled
+def follow(heading_rad, north_m, east_m, out):
+    """Take a recording with a sample each second through the filter and what follows from it."""
+    state = water_filter.begin(0.0, north_m[0], east_m[0], 0.4, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
+    verdict = water_results.CurrentVerdict(math.nan, 0.0, 0.0)
+    for number in range(1, heading_rad.size):
+        t_s = float(number)
+        state = water_filter.take_heading(state, heading_rad[number - 1], 1.0)
+        state = water_filter.correct(state, t_s, north_m[number], east_m[number])
+        if number % 500 == 0:
+            state = water_filter.moved_origin(state, 0.5, -0.25)
+        water = water_filter.water_of(state, t_s)
+        verdict = water_results.judge_current(verdict, state, t_s)
+        north_m_s, east_m_s = water_results.over_ground(water, heading_rad[number])
+        reckoning, _, reckoned_m_s = water_results.sailed(
+            water_results.begin_reckoning(state, t_s), heading_rad[number], 100.0
+        )
+        found_rad, sd_rad = water_results.heading_from_track(state, t_s, 10.0 * north_m_s, 10.0 * east_m_s, 10.0)
+        row = out[number]
+        row[0], row[1], row[2], row[3] = water.speed_m_s, water.current_sd_m_s, water.leeway_rad, water.leeway_sd_rad
+        row[4], row[5], row[6], row[7] = verdict.against_s, verdict.too_strong, north_m_s, east_m_s
+        row[8], row[9], row[10] = water_results.reckoning_sd(reckoning, 100.0), found_rad, sd_rad
+        row[11], row[12], row[13] = reckoned_m_s, state.levels[0], state.levels[1]
+        row[14], row[15] = state.levels[2], state.levels[3]
+
+
+def test_plain_and_compiled_agree_to_the_last_bit():
+    numbers, seconds = np.random.default_rng(3), 4000
+    heading_rad = np.repeat(numbers.uniform(-4.0, 4.0, seconds // 200 + 1), 200)[:seconds]
+    heading_rad += 0.1 * numbers.standard_normal(seconds)
+    north_m = np.cumsum(0.5 * np.cos(heading_rad) + 0.4) + numbers.standard_normal(seconds)
+    east_m = np.cumsum(0.5 * np.sin(heading_rad) - 0.4) + numbers.standard_normal(seconds)
+    heading_rad[1000:1100], north_m[1500:2000], north_m[2500:], east_m[::97] = math.nan, math.nan, 900.0, 1e4
+    fast, plain = np.zeros((seconds, 16)), np.zeros((seconds, 16))
+    follow(heading_rad, north_m, east_m, fast)
+    follow.py_func(*(Column(column) for column in (heading_rad, north_m, east_m)), plain)
+    assert np.array_equal(fast, plain, equal_nan=True)
+    assert np.isfinite(fast).any()
+
+
+class Column:
+    """A column of numbers, each a float of Python."""
+
+    def __init__(self, numbers):
+        self.numbers, self.size = numbers.tolist(), numbers.size
+
+    def __getitem__(self, number):
+        return self.numbers[number]
