@@ -7,13 +7,13 @@ state is a field of `HeadingControllerState`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
 import msgspec
 
+from firmware_py.common.absence import or_nan, or_none
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control import law
 from firmware_py.control.law import Gains, LawSettings, LawState
@@ -71,14 +71,14 @@ def steer_by_schedule(
     """Return the rudder demand [rad] of the scheduled law with its state; None without an estimate."""
     if given.estimate is None:
         return HeadingControllerState(), None
-    before, bias_rad = state.reference, state.bias_rad
+    before = state.reference
     after, demand_rad = law.steer(
         settings,
         LawState(
             law.IDLE.reference
             if before is None
             else law.Reference(before.heading_rad, before.yaw_rate_rad_s, before.feedforward_rad),
-            math.nan if bias_rad is None else bias_rad,
+            or_nan(state.bias_rad),
         ),
         given.estimate,
         given.error_rad,
@@ -86,8 +86,7 @@ def steer_by_schedule(
         given.step_s,
         given.softness,
     )
-    bias_rad = None if math.isnan(after.bias_rad) else after.bias_rad
-    return HeadingControllerState(Reference(*after.reference), bias_rad), demand_rad
+    return HeadingControllerState(Reference(*after.reference), or_none(after.bias_rad)), demand_rad
 
 
 # By the value of CTL_MODE.

@@ -8,6 +8,7 @@ from typing import Final
 import msgspec
 from msgspec.structs import replace
 
+from firmware_py.common.absence import or_nan
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Event, Inputs, Severity
 from firmware_py.common.silence import learn_interval_s
 from firmware_py.core.freshness import FreshnessSettings
@@ -99,4 +100,4 @@ def _spoken(
     last_s: float | None, interval_s: float | None, t_s: float, shortest_s: float
 ) -> tuple[float, float | None]:
     """Return time and interval after a sample of t_s."""
-    return t_s, interval_s if last_s is None else learn_interval_s(interval_s, t_s - last_s, shortest_s)
+    return t_s, interval_s if last_s is None else learn_interval_s(or_nan(interval_s), t_s - last_s, shortest_s)

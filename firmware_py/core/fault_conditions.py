@@ -9,8 +9,9 @@ from firmware_py.common.records import DeviceState
 from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.state import Settings, State, fence_enabled
 from firmware_py.core.tick_timing import TickTiming
+from firmware_py.estimate import sources
 from firmware_py.estimate.heading_estimator import HeadingTimeouts
-from firmware_py.estimate.sources import SourceSettings, SourceState
+from firmware_py.estimate.sources import SourceState
 from firmware_py.faults.row import FaultInput
 from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState
@@ -24,8 +25,8 @@ def fault_input(
 ) -> FaultInput:
     """Return what the conditions of the faults look at, after the state has taken the inputs of the tick in."""
     servo, position, devices = state.rudder.feedback, state.position, state.devices
-    sources, rudder_monitor = state.heading_estimator.sources, state.supervisor.rudder_monitor
-    frozen, jumping = frozen_or_jumping(settings.heading_estimator.sources, sources, timeouts.compass_s, now_s)
+    compasses, rudder_monitor = state.heading_estimator.sources, state.supervisor.rudder_monitor
+    frozen, jumping = frozen_or_jumping(settings.heading_estimator.frozen_s, compasses, timeouts.compass_s, now_s)
     a_s, b_s = devices.compass_s
     a_timeout_s, b_timeout_s = timeouts.compass_s
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
@@ -40,7 +41,7 @@ def fault_input(
         ),
         compass_frozen=frozen,
         compass_jumping=jumping,
-        compasses_disagree=sources.disagree(),
+        compasses_disagree=sources.disagree(compasses),
         position_old=freshness.position is Age.OLD
         and (position.fix is not None or _misses_fixes(state.modes, state.timing, now_s)),
         position_held_back=(
@@ -89,16 +90,20 @@ def _misses_fixes(modes: ModeState, timing: TickTiming, now_s: float) -> bool:
 
 
 def frozen_or_jumping(
-    settings: SourceSettings, state: SourceState, timeouts_s: tuple[float, float], now_s: float
+    frozen_s: float, state: SourceState, timeouts_s: tuple[float, float], now_s: float
 ) -> tuple[bool, bool]:
-    """Return whether a compass is frozen, and whether one jumps; one that has stopped measuring does not besides.
+    """Return whether a compass is frozen, and whether one jumps, which a frozen one does not.
 
-    Nor does one that has differed from the other since it was heard, or has come to differ slowly: they disagree.
+    One that has differed from the other from the start, or slowly came to differ, does not jump: they disagree.
     """
-    frozen, jumping, disagree = False, False, state.disagree()
+    frozen, jumping, disagree = False, False, sources.disagree(state)
     for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True):
-        if compass.frozen(now_s, settings, timeout_s):
+        if sources.is_frozen(compass, now_s, frozen_s, timeout_s):
             frozen = True
-        elif compass.jumping() and compass.speaks(now_s, timeout_s) and (compass.agreed or not disagree):
+        elif (
+            sources.is_jumping(compass)
+            and sources.is_heard(compass, now_s, timeout_s)
+            and (compass.agreed or not disagree)
+        ):
             jumping = True
     return frozen, jumping

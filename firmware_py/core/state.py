@@ -9,6 +9,7 @@ import functools
 
 import msgspec
 
+from firmware_py.common.absence import or_nan
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind, Plans, homes
 from firmware_py.common.reports import Home
@@ -127,17 +128,17 @@ def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTi
     a_interval_s, b_interval_s = devices.compass_interval_s
     return HeadingTimeouts(
         compass_s=(
-            timeout_s(a_interval_s, limits.heading_timeout_s),
-            timeout_s(b_interval_s, limits.heading_timeout_s),
+            timeout_s(or_nan(a_interval_s), limits.heading_timeout_s),
+            timeout_s(or_nan(b_interval_s), limits.heading_timeout_s),
         ),
-        position_s=timeout_s(devices.position_interval_s, limits.position_timeout_s),
+        position_s=timeout_s(or_nan(devices.position_interval_s), limits.position_timeout_s),
     )
 
 
 def freshness_of(settings: Settings, state: State, timeouts: HeadingTimeouts, now_s: float) -> Freshness:
     """Judge how old heading, position and the servo's feedback are at now_s."""
     started_s = state.timing.started_s
-    rudder_timeout_s = timeout_s(state.devices.rudder_interval_s, settings.freshness.rudder_timeout_s)
+    rudder_timeout_s = timeout_s(or_nan(state.devices.rudder_interval_s), settings.freshness.rudder_timeout_s)
     heading, fix = state.heading_estimator, state.position.fix
     heading_timeout_s = timeouts.of(heading.sources.in_use)
     return Freshness(

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
+from firmware_py.common.absence import or_nan, or_none
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Request, Verdict
 from firmware_py.common.mode_table import MODES, RudderBy
@@ -33,7 +34,7 @@ from firmware_py.core.state import (
     situation_of,
 )
 from firmware_py.core.vessels_step import avoid_vessels, watch_vessels
-from firmware_py.estimate import kalman, position
+from firmware_py.estimate import kalman, position, sources
 from firmware_py.faults import latch
 from firmware_py.faults.fault import Fault
 from firmware_py.guidance import guidance, guidance_reports
@@ -163,12 +164,12 @@ def _judge_steering(
         heading_sd_rad=heading_sd_rad,
         speed_m_s=x[kalman.SPEED] if x else settings.supervisor.steering_monitor.model.speed_m_s,
         error_rad=target.error_rad,
-        shown_rad=estimator.sources.shown_rad,
+        shown_rad=or_none(sources.compass_in_use(estimator.sources).raw_rad),
     )
     steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
     seen = OscillationInput(
-        target.error_rad if steered and x and target.error_rad is not None else math.nan,
-        math.nan if target.heading_rad is None else target.heading_rad,
+        or_nan(target.error_rad if steered and x else None),
+        or_nan(target.heading_rad),
         heading_sd_rad,
         rudder_rad=state.rudder.command_rad,
         trim_rad=x[kalman.BIAS_MEAN] if x else 0.0,

@@ -19,23 +19,27 @@ from firmware_py.common.reports import Estimate
 from firmware_py.estimate import declination, kalman, observer, sources, standstill, track_average, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
-from firmware_py.estimate.sources import Source, SourceSettings, SourceState, TrueHeadingSample
+from firmware_py.estimate.sources import Source, SourceState, TrueHeadingSample
 from firmware_py.estimate.track_average import Stretch
-from firmware_py.estimate.wave_filter_state import Velocity, WaveFilterSettings, WaveFilterState, water_of
+from firmware_py.estimate.wave_filter_state import Heading, Velocity, WaveFilterSettings, WaveFilterState, water_of
 from firmware_py.model.heading_estimate import HeadingEstimate
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
 LONGEST_CARRIED_S: Final = 2.0  # a yaw rate says nothing of what comes later
 COMPASSES: Final = (Source.COMPASS_A, Source.COMPASS_B)
+NAMES: Final = ("compass A", "compass B", "course over ground", "no heading source")
 
 
 class HeadingEstimatorSettings(msgspec.Struct, frozen=True):
-    """How the heading is estimated."""
+    """How the heading is estimated.
+
+    `frozen_s`: a compass that shows the same number for longer has stopped measuring (0: any time is allowed).
+    """
 
     observer: ObserverSettings
     wave_filter: WaveFilterSettings
-    sources: SourceSettings
+    frozen_s: float
     observer_only: bool
     declination_by_model: bool
     course_speed_m_s: float
@@ -46,7 +50,7 @@ class HeadingEstimatorSettings(msgspec.Struct, frozen=True):
         return cls(
             observer=ObserverSettings.of(parameters),
             wave_filter=WaveFilterSettings.of(parameters),
-            sources=SourceSettings.of(parameters),
+            frozen_s=parameters["CMP_FROZEN_S"],
             observer_only=parameters["EST_MODE"] == 0,
             declination_by_model=parameters["CMP_DECL_AUTO"] == 1,
             course_speed_m_s=parameters["COG_SPEED_MIN"],
@@ -73,7 +77,7 @@ class HeadingEstimatorState(msgspec.Struct, frozen=True):
 
     heading: HeadingState = HeadingState()
     wave_filter: WaveFilterState = WaveFilterState()
-    sources: SourceState = SourceState()
+    sources: SourceState = sources.START
     declination: Declination = Declination()
     stretch: Stretch | None = None
     deaf: WaveFilterState | None = None
@@ -118,8 +122,9 @@ def update(
         state = HeadingEstimatorState(before, fresh, declination=state.declination)
         events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
     state = _with_samples(settings, state, true_headings, before, now_s)
-    source_state, source_events = _select_source(settings, state, timeouts, now_s)
-    samples = sources.samples_in_use(source_state, true_headings)
+    source_state = _select_source(settings, state, timeouts, now_s)
+    source_events = change_events(state.sources.in_use, source_state.in_use)
+    samples = samples_in_use(source_state, true_headings)
     stretch, velocities = over_ground(state.stretch, positions, before.heading_rad)
     waves = wave_filter.update(settings.wave_filter, state.wave_filter, samples, velocities, rudder_rad)
     deaf = state.deaf
@@ -168,13 +173,13 @@ def _with_samples(
     before: HeadingState,
     now_s: float,
 ) -> HeadingEstimatorState:
-    """Take in what the compasses say; one that stands still while she turns has not been heard since it does."""
+    """Return the state after the samples of the compasses; what a compass that stands still repeated is undone."""
     waves, source_state = state.wave_filter, sources.decay_offsets(state.sources, clamp(now_s - before.t_s, 0.0, 1.0))
-    expected_rad = waves.x[kalman.FLOAT] + waves.x[kalman.WAVE] if waves.x else None
+    expected_rad = waves.x[kalman.FLOAT] + waves.x[kalman.WAVE] if waves.x else math.nan
     for sample in samples:
         source_state = sources.add_sample(source_state, sample, expected_rad)
     deaf = standstill.deaf_filter(settings.wave_filter, state.deaf, waves, source_state, now_s)
-    found = standstill.contradicted(source_state, samples, deaf) if settings.sources.frozen_s > 0.0 else None
+    found = standstill.contradicted(source_state, samples, deaf) if settings.frozen_s > 0.0 else None
     if deaf is not None and found is not None:
         return replace(state, sources=found, wave_filter=deaf, deaf=None)
     if source_state is state.sources and deaf is state.deaf:
@@ -184,8 +189,8 @@ def _with_samples(
 
 def _select_source(
     settings: HeadingEstimatorSettings, state: HeadingEstimatorState, timeouts: HeadingTimeouts, now_s: float
-) -> tuple[SourceState, tuple[Event, ...]]:
-    """Judge the sources by what they have said and choose one."""
+) -> SourceState:
+    """Judge the sources by their samples and choose one."""
     waves, source_state = state.wave_filter, state.sources
     course_ok = (
         bool(waves.x)  # not begun, or begun anew, it may know of a fix and of nothing else
@@ -194,7 +199,25 @@ def _select_source(
         and waves.spread(kalman.HEADING) <= WIDEST_COURSE_RAD
         and waves.x[kalman.SPEED] >= settings.course_speed_m_s
     )
-    return sources.select(source_state, now_s, settings.sources, timeouts.compass_s, course_ok=course_ok)
+    return sources.select(source_state, now_s, settings.frozen_s, timeouts.compass_s, course_ok)
+
+
+def samples_in_use(state: SourceState, samples: Sequence[TrueHeadingSample]) -> list[Heading]:
+    """Return time and heading of the samples of the source in use, with its offset."""
+    offset_rad = sources.compass_in_use(state).offset_rad
+    return [Heading(sample.t_s, sample.heading_rad + offset_rad) for sample in samples if sample.source == state.in_use]
+
+
+def change_events(before: Source, after: Source) -> tuple[Event, ...]:
+    """Return the event of a change of source."""
+    if after is before:
+        return ()
+    if after is Source.NONE:
+        return (Event(Severity.ERROR, f"Heading lost: {NAMES[before]} fails"),)
+    if before is Source.NONE:
+        return (Event(Severity.INFO, f"Heading from {NAMES[after]}"),)
+    severity = Severity.WARNING if after > before else Severity.NOTICE
+    return (Event(severity, f"Heading from {NAMES[after]}, not {NAMES[before]}"),)
 
 
 def over_ground(

@@ -13,10 +13,8 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from msgspec.structs import replace
-
 from firmware_py.common.angles import radians, wrap_pi
-from firmware_py.estimate import kalman, wave_filter
+from firmware_py.estimate import kalman, sources, wave_filter
 from firmware_py.estimate.sources import CompassState, SourceState, TrueHeadingSample
 from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState
 
@@ -33,8 +31,8 @@ def deaf_filter(
 
     `heard` is the filter of the tick before, which such a filter begins with.
     """
-    compass = _in_use(state)
-    if compass is None or compass.t_s is None or compass.t_s == compass.changed_s or not heard.x:
+    compass = sources.compass_in_use(state)
+    if math.isnan(compass.t_s) or compass.t_s == compass.changed_s or not heard.x:
         return None
     return wave_filter.carry_on(settings, heard if deaf is None else deaf, now_s)
 
@@ -43,15 +41,14 @@ def contradicted(
     state: SourceState, samples: Sequence[TrueHeadingSample], deaf: WaveFilterState | None
 ) -> SourceState | None:
     """Return the sources with the compass in use found to stand still by its last sample; None where it is not."""
-    compass = _in_use(state)
-    said = [sample for sample in samples if sample.source == state.in_use]
-    if compass is None or not said or deaf is None or not deaf.x or compass.beyond_its_way <= 1.0:
+    compass = sources.compass_in_use(state)
+    said, ratio = [sample for sample in samples if sample.source == state.in_use], sources.standstill_ratio(compass)
+    if not said or deaf is None or not deaf.x or ratio <= 1.0:
         return None
-    spreads = max(SPREADS / math.sqrt(compass.beyond_its_way), LEAST_SPREADS)
+    spreads = max(SPREADS / math.sqrt(ratio), LEAST_SPREADS)
     if not (_shown_otherwise(deaf, said[-1].heading_rad + compass.offset_rad, spreads) or _swinging(deaf, compass)):
         return None
-    a, b = (replace(one, contradicted=True) if one is compass else one for one in state.compasses)
-    return replace(state, compasses=(a, b))
+    return sources.contradict(state)
 
 
 def _shown_otherwise(deaf: WaveFilterState, shown_rad: float, spreads: float) -> bool:
@@ -69,11 +66,6 @@ def _shown_otherwise(deaf: WaveFilterState, shown_rad: float, spreads: float) ->
 def _swinging(deaf: WaveFilterState, compass: CompassState) -> bool:
     """Whether a compass that stands still has done so for a whole wave that swung her."""
     model = deaf.noise_model
-    since_s, changed_s = compass.sound_since_s, compass.changed_s
-    learnt = since_s is not None and changed_s - since_s >= LEARNT_S
-    stands_s = 0.0 if compass.t_s is None else compass.t_s - changed_s
+    learnt = compass.changed_s - compass.sound_since_s >= LEARNT_S
+    stands_s = compass.t_s - compass.changed_s
     return learnt and model.wave_spread_rad >= SWINGING_RAD and stands_s > 2.0 * math.pi / model.omega_rad_s
-
-
-def _in_use(state: SourceState) -> CompassState | None:
-    return state.compasses[state.in_use] if state.in_use < len(state.compasses) else None

@@ -23,25 +23,25 @@ from typing import Any, Final, TypeVar
 
 from numba.extending import register_jitable
 
-from firmware_py.common import angles
+from firmware_py.common import angles, silence
 from firmware_py.control import law, rudder_limit
 from firmware_py.control.law import LawConstants, LawSettings
-from firmware_py.estimate import fixed_gain, heading_filter, heading_model, water_filter, water_results
-from firmware_py.model import kt
+from firmware_py.estimate import fixed_gain, heading_filter, heading_model, sources, stay, water_filter, water_results
+from firmware_py.model import heading_estimate, kt
 from firmware_py.safety import convergence, oscillation, turn_delay
 
 __all__ = [
     "ERROR_MODEL", "MODULES", "LawConstants", "LawSettings", "angles", "convergence", "fixed_gain", "functions_of",
-    "heading_filter", "heading_model", "inner", "kt", "law", "oscillation", "rudder_limit", "turn_delay",
-    "water_filter", "water_results",
+    "heading_estimate", "heading_filter", "heading_model", "inner", "kt", "law", "oscillation", "rudder_limit",
+    "silence", "sources", "stay", "turn_delay", "water_filter", "water_results",
 ]  # fmt: skip
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 ERROR_MODEL: Final = "numpy"
 MODULES: Final = (
-    angles, kt, fixed_gain, heading_model, heading_filter, law, rudder_limit, turn_delay, oscillation, convergence,
-    water_filter, water_results,
+    angles, silence, kt, heading_estimate, fixed_gain, stay, sources, heading_model, heading_filter, water_filter,
+    water_results, law, rudder_limit, turn_delay, oscillation, convergence,
 )  # fmt: skip
 
 

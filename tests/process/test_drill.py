@@ -58,7 +58,7 @@ MUTATIONS = (
         "outside the fence",
     ),
     ("loop.py", "    amidships = 0\n", "    amidships = SAFE_READINGS\n", "told to end"),
-    ("estimate/sources.py", "if since_s is None:", "if since_s is None or source == 1:", "first of two compasses"),
+    ("estimate/sources.py", "if is_usable(b,", "if False and is_usable(b,", "first of two compasses"),
     ("faults/latch.py", ">= row.debounce_s)", ">= 0.0)", "troubles of a second"),
     ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),
     ("safety/failsafe.py", "(active=state.active)\n    # A", "()\n    # A", "operator steers on"),

@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.lab.numeric_core import LawSettings
-from hil.lab.twin import helm, sources
+from hil.lab.numeric_core import LawSettings, law, oscillation, sources
 from hil.lab.twin.kalman import Floats
 
 
@@ -33,26 +32,35 @@ class Task(NamedTuple):
     goals_rad: Floats
 
 
-# The state of the autopilot: first that of its parts, then its own. NaN stands for an absent value; `goals` counts the
-# goals that have been given.
+# State of the autopilot beside the filter's and CoreState; NaN stands for an absent value. `goals` counts the goals
+# that have been given.
 STATE = np.dtype(
     [
         *(
-            (name, np.float64, (count,))
-            for name, count in (
-                ("helm", helm.HELM_STATES), ("known", helm.KNOWN), ("source", sources.SOURCE_STATES),
-            )
-        ),
-        *(
             (name, np.float64)
             for name in (
-                "before_s", "command_rad", "heading_rad", "rate_rad_s", "steered_s", "sample_s", "goal_rad",
-                "newest_s", "error_rad",
+                "before_s", "command_rad", "heading_rad", "heading_sd_rad", "rate_rad_s", "steered_s", "sample_s",
+                "goal_rad", "newest_s", "error_rad",
             )
         ),
         ("goals", np.int64),
     ]
 )  # fmt: skip
+
+
+class CoreState(NamedTuple):
+    """States of the firmware's functions that the loop calls, and time and interval of headings and fixes."""
+
+    sources: sources.SourceState
+    heading_s: float
+    heading_interval_s: float
+    fix_s: float
+    fix_interval_s: float
+    law: law.LawState
+    oscillation: oscillation.OscillationState
+
+
+START = CoreState(sources.START, np.nan, np.nan, np.nan, np.nan, law.IDLE, oscillation.START)
 
 
 class Autopilot(NamedTuple):

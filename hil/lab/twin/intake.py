@@ -8,8 +8,9 @@ import numpy as np
 
 from firmware_py.common.angles import clamp, radians
 from hil.lab.compiled import compiled
-from hil.lab.twin import kalman, over_ground, sources, wave_filter
-from hil.lab.twin.autopilot import Autopilot
+from hil.lab.numeric_core import silence, sources
+from hil.lab.twin import kalman, over_ground, wave_filter
+from hil.lab.twin.autopilot import Autopilot, CoreState
 from hil.lab.twin.devices import LOST, SAID_RAD, THERE_S
 from hil.lab.twin.kalman import Floats
 from hil.lab.twin.plant import Plant
@@ -20,23 +21,24 @@ WIDEST_COURSE_RAD = radians(20.0)
 
 
 @compiled
-def judge_sources(a: Autopilot, at: Plant, now_s: float) -> int:
-    """Judge the headings that are there and choose the source; return how many there are."""
-    me, f, boat, s = a.state, a.filter, a.boat, a.state.source
-    lost_after_s = sources.timeout_s(s[sources.INTERVAL], boat.compass_timeout_s)
-    fix_lost_after_s = sources.timeout_s(s[sources.FIX_INTERVAL], boat.position_timeout_s)
-    if sources.contradicts(s, now_s, lost_after_s):
+def judge_sources(a: Autopilot, at: Plant, core: CoreState, now_s: float) -> tuple[CoreState, int]:
+    """Take the headings that are there and choose the source; return the state and how many there are."""
+    me, f, boat, state = a.state, a.filter, a.boat, core.sources
+    heading_s, interval_s = core.heading_s, core.heading_interval_s
+    lost_after_s = silence.timeout_s(interval_s, boat.compass_timeout_s)
+    fix_lost_after_s = silence.timeout_s(core.fix_interval_s, boat.position_timeout_s)
+    if sources.needs_restart(state, now_s, (lost_after_s, lost_after_s)):
         restart(f)
-        sources.restart(s)
-    sources.decay_offset(s, clamp(now_s - me.steered_s, 0.0, 1.0))
+        state = sources.START
+    state = sources.decay_offsets(state, clamp(now_s - me.steered_s, 0.0, 1.0))
     begun = f.w[STARTED] > 0.0
     expected_rad = f.x[kalman.FLOAT] + f.x[kalman.WAVE] if begun else np.nan
     me.newest_s, there = np.nan, 0
     while there < at.heading_count and at.headings[there, THERE_S] <= now_s:
         t_s, said_rad = at.headings[there, THERE_S], at.headings[there, SAID_RAD]
-        sources.add_sample(s, t_s, said_rad, said_rad, expected_rad)
-        sources.learn_interval(s, sources.TOLD, sources.INTERVAL, t_s, boat.compass_timeout_s)
-        me.newest_s = t_s
+        state = sources.add_sample(state, sources.TrueHeadingSample(t_s, said_rad, said_rad, 0), expected_rad)
+        interval_s = silence.learn_interval_s(interval_s, t_s - heading_s, boat.compass_timeout_s)
+        me.newest_s = heading_s = t_s
         there += 1
     course_ok = (
         begun
@@ -44,8 +46,21 @@ def judge_sources(a: Autopilot, at: Plant, now_s: float) -> int:
         and math.sqrt(a.covariance.p[kalman.HEADING, kalman.HEADING]) <= WIDEST_COURSE_RAD
         and f.x[kalman.SPEED] >= boat.course_speed_m_s
     )
-    sources.select(s, now_s, lost_after_s, boat.frozen_s, course_ok)
-    return there
+    state = sources.select(state, now_s, boat.frozen_s, (lost_after_s, lost_after_s), course_ok)
+    return CoreState(state, heading_s, interval_s, core.fix_s, core.fix_interval_s, core.law, core.oscillation), there
+
+
+@compiled
+def learn_fixes(a: Autopilot, at: Plant, core: CoreState, fixes: int) -> CoreState:
+    """Return the state with the interval of the fixes after so many of them."""
+    fix_s, interval_s = core.fix_s, core.fix_interval_s
+    for fix in range(fixes):
+        t_s = at.fixes[fix, THERE_S]
+        interval_s = silence.learn_interval_s(interval_s, t_s - fix_s, a.boat.position_timeout_s)
+        fix_s = t_s
+    return CoreState(
+        core.sources, core.heading_s, core.heading_interval_s, fix_s, interval_s, core.law, core.oscillation
+    )
 
 
 @compiled
@@ -61,14 +76,14 @@ def count_fixes(at: Plant, now_s: float) -> int:
 
 
 @compiled
-def estimate(a: Autopilot, at: Plant, headings: int, fixes: int) -> None:
+def estimate(a: Autopilot, at: Plant, offset_rad: float, headings: int, fixes: int) -> None:
     """Take so many headings and fixes in, in order of their times, a heading first."""
     f, c, model = a.filter, a.covariance, a.boat.model
     heading = fix = 0
     while heading < headings or fix < fixes:
         there = at.headings[heading]
         if heading < headings and (fix == fixes or there[THERE_S] <= at.fixes[fix, THERE_S]):
-            said_rad = there[SAID_RAD] + a.state.source[sources.OFFSET]
+            said_rad = there[SAID_RAD] + offset_rad
             wave_filter.correct_heading(f, c, model, there[THERE_S], said_rad)
             heading += 1
         else:

@@ -7,12 +7,10 @@ tests/process/test_twin.py holds the whole of it against the real autopilot on p
 
 from __future__ import annotations
 
-import numpy as np
-
 from hil.lab.compiled import compiled
-from hil.lab.numeric_core import oscillation
-from hil.lab.twin import helm, kalman, pilot, plant, sources
-from hil.lab.twin.autopilot import Autopilot, Task
+from hil.lab.numeric_core import sources
+from hil.lab.twin import kalman, pilot, plant
+from hil.lab.twin.autopilot import START, Autopilot, CoreState, Task
 from hil.lab.twin.kalman import Floats
 from hil.lab.twin.plant import Plant, Record, Waters
 from hil.lab.twin.wave_filter_state import RUDDER
@@ -27,15 +25,15 @@ TICK_COLUMNS = 11
 
 
 @compiled
-def note(row: Floats, a: Autopilot, cycle: oscillation.OscillationState, now_s: float) -> None:
+def note(row: Floats, a: Autopilot, core: CoreState, now_s: float) -> None:
     """Fill the row of a tick."""
     me, f = a.state, a.filter
     row[TICK_S], row[COMMAND_RAD], row[MEASURED_RAD] = now_s, me.command_rad, f.w[RUDDER]
     row[HEADING_RAD], row[YAW_RATE_RAD_S] = me.heading_rad, me.rate_rad_s
-    row[HEADING_SD_RAD], row[SPEED_M_S] = me.known[helm.E_HEADING_SD], f.x[kalman.SPEED]
+    row[HEADING_SD_RAD], row[SPEED_M_S] = me.heading_sd_rad, f.x[kalman.SPEED]
     row[ERROR_RAD] = me.error_rad
-    row[SHOWN_RAD] = me.source[sources.RAW] if me.source[sources.IN_USE] == sources.COMPASS else np.nan
-    row[SOFTNESS], row[OSCILLATING] = cycle.gain_reduction, cycle.oscillating
+    row[SHOWN_RAD] = sources.compass_in_use(core.sources).raw_rad
+    row[SOFTNESS], row[OSCILLATING] = core.oscillation.gain_reduction, core.oscillation.oscillating
 
 
 @compiled
@@ -43,14 +41,14 @@ def voyage(at: Plant, waters: Waters, a: Autopilot, task: Task, record: Record) 
     """Sail as long as there are rows, and fill them; return how many ticks there were."""
     plant.begin(at, waters.ship)
     pilot.begin(a)
-    cycle = oscillation.START
+    core = START
     last, ticks, deadline_s = record.heading_rad.size - 1, 0, 0.0
     while at.row < last and ticks < last + 1 + MORE_TICKS:
         plant.until_tick(at, waters, record, deadline_s)
-        cycle = pilot.update(a, task, at, cycle, deadline_s)
+        core = pilot.update(a, task, at, core, deadline_s)
         plant.send_rudder(at, deadline_s, a.boat.servo_sign * a.state.command_rad)
         if record.ticks.shape[0] > 0:
-            note(record.ticks[ticks], a, cycle, deadline_s)
+            note(record.ticks[ticks], a, core, deadline_s)
         ticks += 1
         deadline_s = pilot.next_deadline(deadline_s, a.state.newest_s)
     return ticks

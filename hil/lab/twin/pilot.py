@@ -1,4 +1,7 @@
-"""A tick of the autopilot: goals, heading source, estimate, limit cycle detection and heading controller."""
+"""A tick of the autopilot: goals, heading source, estimate, limit cycle detection and heading controller.
+
+Sources, detection and controller are the firmware's own functions (hil/lab/numeric_core.py).
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,9 @@ import numpy as np
 
 from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
 from hil.lab.compiled import compiled
-from hil.lab.numeric_core import oscillation, rudder_limit
-from hil.lab.twin import helm, intake, kalman, sources, wave_filter
-from hil.lab.twin.autopilot import Autopilot, Task
-from hil.lab.twin.devices import THERE_S
+from hil.lab.numeric_core import heading_estimate, law, oscillation, rudder_limit, silence, sources
+from hil.lab.twin import intake, kalman, wave_filter
+from hil.lab.twin.autopilot import Autopilot, CoreState, Task
 from hil.lab.twin.learning import LOG_OMEGA
 from hil.lab.twin.plant import Plant
 from hil.lab.twin.wave_filter_state import RUDDER, SAMPLE_T, STARTED, WATER_SPEED, forget
@@ -25,11 +27,9 @@ LONGEST_STEP_S = 1.0
 @compiled
 def begin(a: Autopilot) -> None:
     """Set the state before the first tick."""
-    me, boat = a.state, a.boat
-    a.filter.w[WATER_SPEED] = boat.cruise_speed_m_s
+    me = a.state
+    a.filter.w[WATER_SPEED] = a.boat.cruise_speed_m_s
     forget(a.filter)
-    sources.begin(me.source)
-    me.helm[helm.REF_HEADING] = me.helm[helm.FOLLOWED_BIAS] = np.nan
     me.before_s = me.sample_s = me.goal_rad = np.nan
 
 
@@ -56,26 +56,22 @@ def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
 
 
 @compiled
-def update(
-    a: Autopilot, task: Task, at: Plant, cycle: oscillation.OscillationState, now_s: float
-) -> oscillation.OscillationState:
+def update(a: Autopilot, task: Task, at: Plant, core: CoreState, now_s: float) -> CoreState:
     """Do a tick: afterwards the state has the rudder command."""
     take_goals(a, task, now_s)
-    headings = intake.judge_sources(a, at, now_s)
+    core, headings = intake.judge_sources(a, at, core, now_s)
     fixes = intake.count_fixes(at, now_s)
-    intake.estimate(a, at, headings if a.state.source[sources.IN_USE] == sources.COMPASS else 0, fixes)
-    settle(a, at, headings, fixes, now_s)
-    return steer(a, cycle, now_s)
+    offset_rad = sources.compass_in_use(core.sources).offset_rad
+    intake.estimate(a, at, offset_rad, headings if sources.uses_compass(core.sources) else 0, fixes)
+    core = intake.learn_fixes(a, at, core, fixes)
+    settle(a, at, core.sources.in_use == sources.Source.COURSE, headings, fixes, now_s)
+    return steer(a, core, now_s)
 
 
 @compiled
-def settle(a: Autopilot, at: Plant, headings: int, fixes: int, now_s: float) -> None:
+def settle(a: Autopilot, at: Plant, by_course: bool, headings: int, fixes: int, now_s: float) -> None:
     """Drop the samples of a tick, and propagate the heading to it."""
-    me, f, s, boat = a.state, a.filter, a.state.source, a.boat
-    for fix in range(fixes):
-        sources.learn_interval(
-            s, sources.FIX_TOLD, sources.FIX_INTERVAL, at.fixes[fix, THERE_S], boat.position_timeout_s
-        )
+    me, f, boat = a.state, a.filter, a.boat
     at.heading_count -= headings
     at.fix_count -= fixes
     intake.drop(at.headings, headings, at.heading_count)
@@ -83,7 +79,7 @@ def settle(a: Autopilot, at: Plant, headings: int, fixes: int, now_s: float) -> 
     f.w[RUDDER] = boat.servo_sign * at.feedback_rad
     if f.w[STARTED] > 0.0:
         me.heading_rad, me.rate_rad_s = wave_filter.predict_heading(f, boat.model, now_s)
-        if s[sources.IN_USE] == sources.COURSE:
+        if by_course:
             me.sample_s = now_s
         elif not me.sample_s > f.w[SAMPLE_T]:
             me.sample_s = f.w[SAMPLE_T]
@@ -91,51 +87,54 @@ def settle(a: Autopilot, at: Plant, headings: int, fixes: int, now_s: float) -> 
 
 
 @compiled
-def know(a: Autopilot) -> None:
-    """Fill what the controller knows of an estimate that has begun."""
-    me, x, p, e = a.state, a.filter.x, a.covariance.p, a.state.known
-    e[helm.E_HEADING], e[helm.E_RATE] = me.heading_rad, me.rate_rad_s
-    e[helm.E_CORRECTION] = max(2.0 * p[kalman.HEADING, kalman.RATE], 0.0)
-    e[helm.E_HEADING_SD] = math.sqrt(p[kalman.HEADING, kalman.HEADING])
-    e[helm.E_BIAS], e[helm.E_BIAS_MEAN] = x[kalman.BIAS], x[kalman.BIAS_MEAN]
-    e[helm.E_SPEED] = x[kalman.SPEED]
-    e[helm.E_SPEED_SD] = math.sqrt(p[kalman.SPEED, kalman.SPEED])
-    e[helm.E_FACTOR] = x[kalman.FACTOR]
+def heading_estimate_of(a: Autopilot) -> heading_estimate.HeadingEstimate:
+    """Return the input of the control law."""
+    me, x, p = a.state, a.filter.x, a.covariance.p
+    return heading_estimate.HeadingEstimate(
+        me.heading_rad,
+        max(2.0 * p[kalman.HEADING, kalman.RATE], 0.0),
+        me.rate_rad_s,
+        x[kalman.BIAS],
+        x[kalman.BIAS_MEAN],
+        x[kalman.SPEED],
+        math.sqrt(p[kalman.SPEED, kalman.SPEED]),
+        x[kalman.FACTOR],
+    )
 
 
 @compiled
-def steer(a: Autopilot, cycle: oscillation.OscillationState, now_s: float) -> oscillation.OscillationState:
+def steer(a: Autopilot, core: CoreState, now_s: float) -> CoreState:
     """Detect a limit cycle and set the next rudder command."""
     me, f, boat = a.state, a.filter, a.boat
     step_s = 0.0 if math.isnan(me.before_s) else min(max(0.0, now_s - me.before_s), LONGEST_STEP_S)
     begun, armed = f.w[STARTED] > 0.0, is_armed(now_s)
-    lost_after_s = sources.timeout_s(me.source[sources.INTERVAL], boat.compass_timeout_s)
+    lost_after_s = silence.timeout_s(core.heading_interval_s, boat.compass_timeout_s)
     steered = armed and now_s - me.sample_s <= lost_after_s and not math.isnan(me.goal_rad)
     me.error_rad = wrap_pi(me.goal_rad - me.heading_rad) if steered else np.nan
-    if begun:
-        know(a)
-    trim_rad = f.x[kalman.BIAS_MEAN]
+    known = heading_estimate_of(a)
+    me.heading_sd_rad = math.sqrt(a.covariance.p[kalman.HEADING, kalman.HEADING])
     seen = oscillation.OscillationInput(
         me.error_rad if begun else np.nan,
         me.goal_rad,
-        me.known[helm.E_HEADING_SD],
+        me.heading_sd_rad,
         me.command_rad,
-        trim_rad,
-        me.known[helm.E_BIAS] - trim_rad,
-        me.known[helm.E_SPEED],
+        known.bias_mean_rad,
+        known.bias_rad - known.bias_mean_rad,
+        known.speed_m_s,
         2.0 * math.pi / math.exp(f.n[LOG_OMEGA]),
     )
-    cycle = oscillation.update(a.law.model, cycle, seen, now_s)
-    demand_rad = me.command_rad if armed else 0.0
+    cycle = oscillation.update(a.law.model, core.oscillation, seen, now_s)
+    law_state, demand_rad = law.IDLE, me.command_rad if armed else 0.0
     if steered and begun:
-        gain_reduction = cycle.gain_reduction
-        demand_rad = helm.steer(a.law, me.helm, me.known, me.error_rad, me.command_rad, step_s, gain_reduction)
-    else:
-        me.helm[helm.REF_HEADING] = me.helm[helm.FOLLOWED_BIAS] = np.nan
+        law_state, demand_rad = law.steer(
+            a.law, core.law, known, me.error_rad, me.command_rad, step_s, cycle.gain_reduction
+        )
     limits = rudder_limit.RudderLimits(boat.limit_rad, boat.slew_rad_s, boat.deadband_rad)
     me.command_rad = rudder_limit.limited_command(limits, me.command_rad, demand_rad, step_s)
     me.before_s = now_s
-    return cycle
+    return CoreState(
+        core.sources, core.heading_s, core.heading_interval_s, core.fix_s, core.fix_interval_s, law_state, cycle
+    )
 
 
 @compiled

@@ -1,12 +1,14 @@
 """A source is lost by its own rate, and no gap makes it slow for long."""
 
+import math
+
 import pytest
 
 from firmware_py.common.silence import learn_interval_s, timeout_s
 
 
 def learned(*steps_s, shortest_s=1.0):
-    interval_s = None
+    interval_s = math.nan
     for step_s in steps_s:
         interval_s = learn_interval_s(interval_s, step_s, shortest_s)
     return timeout_s(interval_s, shortest_s)
@@ -20,7 +22,7 @@ def test_two_samples_may_not_be_missed_and_one_may(step_s, lost_s):
 
 
 def test_before_a_second_sample_a_source_is_taken_to_be_slow():
-    assert timeout_s(None, 1.0) == 2.5
+    assert timeout_s(math.nan, 1.0) == 2.5
 
 
 def test_a_source_learned_as_slower_than_a_shorter_time_out_allows_is_lost_after_five_of_them():

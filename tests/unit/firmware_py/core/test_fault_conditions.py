@@ -1,29 +1,30 @@
-"""What is said of two compasses: which is frozen, which jumps, and whether they disagree."""
+"""Faults of two compasses: which is frozen, which jumps, and whether they disagree."""
 
+import math
 import random
 
 import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.core.fault_conditions import frozen_or_jumping
-from firmware_py.estimate.sources import Source, SourceSettings, SourceState, TrueHeadingSample, add_sample, select
+from firmware_py.estimate.sources import Source, SourceState, TrueHeadingSample, add_sample, disagree, select
 
 FROZEN, JUMPING, DISAGREE = (True, False, False), (False, True, False), (False, False, True)
 WELL, BOTH = (False, False, False), (False, True, True)
-TIMEOUTS_S = (1.0, 1.0)
+FROZEN_S, TIMEOUTS_S = 30.0, (1.0, 1.0)
 
 
 class Compasses:
     """Two compasses around an estimate, ten times a second, and what was said of them."""
 
     def __init__(self):
-        self.settings, self.state, self.rng, self.ticks = SourceSettings(30.0), SourceState(), random.Random(3), 0
+        self.state, self.rng, self.ticks = SourceState(), random.Random(3), 0
 
     def run(self, seconds, a_deg=0.0, b_deg=0.0, *, spread_deg=0.3):
         """Go on with each so far off the estimate, None is silent; return what was said, each once, in order."""
         said = []
         for _ in range(round(10 * seconds)):
-            expected_rad = 1.0 if self.ticks else None
+            expected_rad = 1.0 if self.ticks else math.nan
             self.ticks += 1
             now_s = 0.1 * self.ticks
             for source, off_deg in ((0, a_deg), (1, b_deg)):
@@ -31,8 +32,8 @@ class Compasses:
                     heading_rad = 1.0 + radians(self.rng.gauss(off_deg, spread_deg if source else 0.3))
                     sample = TrueHeadingSample(now_s, heading_rad, heading_rad, source)
                     self.state = add_sample(self.state, sample, expected_rad)
-            self.state, _ = select(self.state, now_s, self.settings, TIMEOUTS_S, course_ok=False)
-            found = (*frozen_or_jumping(self.settings, self.state, TIMEOUTS_S, now_s), self.state.disagree())
+            self.state = select(self.state, now_s, FROZEN_S, TIMEOUTS_S, False)
+            found = (*frozen_or_jumping(FROZEN_S, self.state, TIMEOUTS_S, now_s), disagree(self.state))
             said += [found] if said[-1:] != [found] else []
         return said
 

@@ -571,7 +571,7 @@ def test_the_same_inputs_give_the_same_rudder_from_any_checkpoint():
             state, _ = state_from_text(state_to_text(state))
         state, again = step(state, inputs)
         assert again == output
-    assert state == boat.state
+    assert state_to_text(state) == state_to_text(boat.state)
 
 
 ODD = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, math.nan, math.inf])

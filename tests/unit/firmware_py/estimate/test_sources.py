@@ -4,16 +4,17 @@ import random
 import pytest
 
 from firmware_py.common.angles import radians, wrap_pi
+from firmware_py.estimate.heading_estimator import change_events, samples_in_use
 from firmware_py.estimate.sources import (
     PROBATION_S,
     CompassState,
     Source,
-    SourceSettings,
     SourceState,
     TrueHeadingSample,
     add_sample,
     decay_offsets,
-    samples_in_use,
+    is_frozen,
+    is_jumping,
     select,
     update_compass,
 )
@@ -26,7 +27,7 @@ class Watch:
     """Two compasses around an estimate, ten times a second."""
 
     def __init__(self, frozen_s=FROZEN_S):
-        self.settings = SourceSettings(frozen_s)
+        self.frozen_s = frozen_s
         self.state = SourceState()
         self.t_s = 0.0
         self.rng = random.Random(3)
@@ -45,8 +46,9 @@ class Watch:
                     samples.append(TrueHeadingSample(self.t_s, value, value, source))
             for sample in samples:
                 self.state = add_sample(self.state, sample, expected)
-            self.state, told = select(self.state, self.t_s, self.settings, (TIMEOUT_S, TIMEOUT_S), course_ok=course_ok)
-            self.told += [event.text for event in told]
+            before = self.state.in_use
+            self.state = select(self.state, self.t_s, self.frozen_s, (TIMEOUT_S, TIMEOUT_S), course_ok)
+            self.told += [event.text for event in change_events(before, self.state.in_use)]
             self.used = samples_in_use(self.state, samples)
         return self.state.in_use
 
@@ -145,15 +147,15 @@ def test_one_heading_far_off_is_no_jump_however_slow_the_compass(interval_s):
         state = update_compass(state, TrueHeadingSample(number * interval_s, 1.0, 1.0, 0), 1.0)
     off_s = 10 * interval_s
     off = update_compass(state, TrueHeadingSample(off_s, 3.0, 3.0, 0), 1.0)
-    assert not off.jumping()
-    assert not update_compass(off, TrueHeadingSample(off_s + interval_s, 1.0, 1.0, 0), 1.0).jumping()
+    assert not is_jumping(off)
+    assert not is_jumping(update_compass(off, TrueHeadingSample(off_s + interval_s, 1.0, 1.0, 0), 1.0))
     for number in range(1, 1 + max(1, round(1.6 / interval_s))):
         off = update_compass(off, TrueHeadingSample(off_s + number * interval_s, 3.0, 3.0, 0), 1.0)
-    assert off.jumping()
+    assert is_jumping(off)
 
 
 def frozen(watch):
-    return watch.state.compasses[0].frozen(watch.t_s, watch.settings, TIMEOUT_S)
+    return is_frozen(watch.state.compasses[0], watch.t_s, watch.frozen_s, TIMEOUT_S)
 
 
 def test_a_compass_that_comes_back_with_the_number_that_it_left_with_is_not_frozen():
@@ -224,6 +226,7 @@ def test_a_source_is_judged_with_the_offset_that_it_started_with():
 
 
 def test_without_an_estimate_nothing_is_known_of_how_far_it_is_off():
-    state = shown(5.0, 0.3, expected=None)
-    assert (state.difference_rad, state.steady_rad, state.agreed) == (0.0, None, False)
+    state = shown(5.0, 0.3, expected=math.nan)
+    assert (state.difference_rad, state.agreed) == (0.0, False)
+    assert math.isnan(state.steady_rad)
     assert state.near_s == pytest.approx(5.0)

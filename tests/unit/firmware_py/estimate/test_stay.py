@@ -9,7 +9,6 @@ from firmware_py.common.angles import radians
 from firmware_py.estimate.sources import (
     CONTRADICTED_S,
     PROBATION_S,
-    SourceSettings,
     SourceState,
     TrueHeadingSample,
     add_sample,
@@ -18,7 +17,7 @@ from firmware_py.estimate.sources import (
 )
 from firmware_py.estimate.stay import STAYED_S
 
-EXPECTED, SETTINGS, TIMEOUTS_S = 1.0, SourceSettings(30.0), (1.0, 1.0)
+EXPECTED, FROZEN_S, TIMEOUTS_S = 1.0, 30.0, (1.0, 1.0)
 
 
 def believed_s(off_deg, *, course=False, other=False, interval_s=0.1, lasts_s=70.0):
@@ -30,7 +29,7 @@ def believed_s(off_deg, *, course=False, other=False, interval_s=0.1, lasts_s=70
         for source, off in ((0, off_rad), *(((1, 0.0),) if other else ())):
             heading = (EXPECTED + off + rng.gauss(0.0, 0.005)) % (2.0 * math.pi)
             state = add_sample(state, TrueHeadingSample(since_s, heading, heading, source), EXPECTED)
-        state, _ = select(state, since_s, SETTINGS, TIMEOUTS_S, course_ok=course)
+        state = select(state, since_s, FROZEN_S, TIMEOUTS_S, course)
         if needs_restart(state, since_s, TIMEOUTS_S):
             return since_s
     return None

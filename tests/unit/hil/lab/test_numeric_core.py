@@ -4,6 +4,7 @@ import ast
 import inspect
 import math
 import struct
+from enum import IntEnum
 from types import ModuleType
 from typing import get_args, get_origin, get_type_hints
 
@@ -43,6 +44,8 @@ STEP_S = 0.1
 
 def drawn(kind, numbers: np.random.Generator, edge_part: float):
     """Return a random argument of a kind: mostly of the size that the boat knows, or an edge of the floats."""
+    if inspect.isclass(kind) and issubclass(kind, IntEnum):
+        return list(kind)[numbers.integers(len(kind))]
     if kind is int:
         return int(numbers.integers(4))
     if get_origin(kind) is tuple:
@@ -160,11 +163,11 @@ def test_the_core_stands_on_nothing_but_the_core_and_knows_no_none(module: Modul
     tree = ast.parse(inspect.getsource(module))
     names = {one.__name__ for one in MODULES} | {
         "__future__",
+        "enum",
         "math",
         "typing",
         "numpy",
         "numpy.typing",
-        HeadingEstimate.__module__,
     }
     for node in tree.body:
         if isinstance(node, ast.Import):

@@ -4,19 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control import heading_controller
-from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState, Reference
 from firmware_py.estimate import kalman, learning, over_ground, wave_filter, wave_filter_state
-from firmware_py.estimate import sources as choosing
-from firmware_py.model.heading_estimate import HeadingEstimate
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.lab.numeric_core import LawSettings
-from hil.lab.twin import devices, helm, sailing, sources
+from hil.lab.twin import devices, sailing
 from hil.lab.twin import kalman as twin_kalman
 from hil.lab.twin import learning as twin_learning
 from hil.lab.twin import over_ground as twin_over_ground
@@ -36,7 +29,6 @@ SHARED = {
     twin_filter: (wave_filter, wave_filter_state, over_ground),
     twin_state: (wave_filter, wave_filter_state),
     twin_over_ground: (wave_filter, over_ground),
-    sources: (choosing,),
 }
 OTHERS = {"FIRST", "T", "STATES", "HEADING", "COURSE"}  # of the twin alone, or of another kind
 
@@ -94,36 +86,6 @@ def test_a_measurement_is_taken_in_as_the_firmware_does(size):
         assert tuple(x) == moved
 
 
-spread, correction = st.floats(0.0005, 0.3), st.floats(0.0, 0.002)
-
-
-@settings(max_examples=200)
-@given(
-    st.floats(0.0, 6.28), correction, st.floats(-0.3, 0.3), st.floats(-0.5, 0.5), st.floats(0.05, 2.0), spread,
-    st.floats(0.5, 2.0), st.floats(-3.2, 3.2), st.floats(-0.5, 0.5), st.floats(1.0, 8.0), st.floats(0.0, 6.28),
-    st.booleans(),
-)  # fmt: skip
-def test_the_helm_steers_as_the_firmware_does(
-    heading, shown, rate, bias, speed, speed_sd, factor, error, command, soft, ref, softened
-):
-    parameters = PARAMETERS.replaced("CTL_PRICE", 1.5).replaced("CTL_TRIM_DEG", 2.0)
-    known = HeadingEstimate(heading, shown, rate, bias, 0.6 * bias, speed, speed_sd, factor)
-    state = HeadingControllerState(Reference(ref, 0.3 * rate, 0.1), 0.02 if soft > 1.0 and softened else None)
-    given_input = HeadingControllerInput(error, rate, known, command, 0.1, soft)
-    after, wanted = heading_controller.steer_by_schedule(LawSettings.of(parameters), state, given_input)
-    ours, e = np.array([ref, 0.3 * rate, 0.1, 0.02 if soft > 1.0 and softened else np.nan]), np.zeros(helm.KNOWN)
-    e[: helm.E_HEADING_SD] = (heading, shown, rate, bias, speed, speed_sd, factor)
-    e[helm.E_BIAS_MEAN] = 0.6 * bias
-    found = helm.steer(LawSettings.of(parameters), ours, e, error, command, 0.1, soft)
-    assert found == (command if wanted is None else wanted)
-    assert tuple(ours[:3]) == (
-        after.reference.heading_rad,
-        after.reference.yaw_rate_rad_s,
-        after.reference.feedforward_rad,
-    )
-    assert ours[3] == after.bias_rad or (math.isnan(ours[3]) and after.bias_rad is None)
-
-
 def test_a_turn_is_taken_from_the_waves_as_the_firmware_does():
     """The compass circles against the rudder; that the estimate would go astray is its own test."""
     model, numbers = np.array(sailing.boat_of(PARAMETERS).model), np.random.default_rng(4)
@@ -144,45 +106,6 @@ def test_a_turn_is_taken_from_the_waves_as_the_firmware_does():
         given_back += theirs.slow_wave_rad == 0.0 != before_rad
     assert np.array_equal(covariance["p"][:, :18].ravel(), np.frombuffer(theirs.p))
     assert given_back > 0
-
-
-def test_the_source_is_chosen_as_the_firmware_chooses():
-    theirs, ours = choosing.SourceState(), np.zeros(sources.SOURCE_STATES)
-    sources.begin(ours)
-    known, numbers = choosing.SourceSettings.of(PARAMETERS), np.random.default_rng(3)
-    seen, believed = set(), []
-    for tick in range(4600):
-        now_s, heading = 0.1 * tick, 1.0 + 0.01 * numbers.standard_normal()
-        if 100.0 < now_s < 104.0 or 340.0 < now_s < 352.0:
-            heading += 1.0  # a jump; then silence, and a compass that stands still
-        elif 200.0 < now_s < 300.0 or abs(now_s - 170.0) < 20.05:  # around its silence, the same
-            heading = 1.0
-        elif 320.0 < now_s < 326.0 or 420.0 < now_s < 426.0:
-            heading += min(now_s % 20.0, 2.0)  # knocked round, within two seconds
-        elif 440.0 < now_s < 445.0:
-            heading += 8.0 * now_s  # turns without end
-        theirs, step_s = choosing.decay_offsets(theirs, 0.1), 0.1
-        sources.decay_offset(ours, step_s)
-        if not 150.0 < now_s < 190.0:
-            theirs = choosing.add_sample(theirs, choosing.TrueHeadingSample(now_s, heading, heading, 0), 1.01)
-            sources.add_sample(ours, now_s, heading, heading, 1.01)
-        course_ok = tick % 2000 < 1000
-        theirs, _ = choosing.select(theirs, now_s, known, (1.0, 1.0), course_ok=course_ok)
-        sources.select(ours, now_s, 1.0, known.frozen_s, course_ok)
-        compass = theirs.compasses[0]
-        assert ours[sources.IN_USE] == int(theirs.in_use)
-        assert (ours[sources.OFFSET], ours[sources.DIFFERENCE]) == (compass.offset_rad, compass.difference_rad)
-        assert sources.contradicts(ours, now_s, 1.0) == choosing.needs_restart(theirs, now_s, (1.0, 1.0))
-        stay = compass.stay
-        assert math.isnan(ours[sources.STAYS_SINCE]) == (stay is None)
-        if stay is not None:
-            shown = (ours[sources.STAYS_AROUND], ours[sources.STAYS_SINCE], ours[sources.TURNED] > 0.0)
-            assert shown == (stay.around_rad, stay.since_s, stay.turned)
-        if choosing.needs_restart(theirs, now_s, (1.0, 1.0)):
-            believed.append((int(now_s), stay.turned))
-        seen.add(theirs.in_use)
-    assert seen == {choosing.Source.COMPASS_A, choosing.Source.COURSE, choosing.Source.NONE}
-    assert {(324, True), (351, False), (424, True)} <= set(believed)
 
 
 KINDER = "float=0.4:1.2,leeway=6:3:80,sway=0.5,orbital=0.3,speed=0.5:30:8:6,compass=2:3:1:1:1:4:0,kt=0.7:1.3,delay=0.33"

@@ -1,0 +1,15 @@
+"""Absent values at the border of the numeric core: NaN there, None in the records of a tick."""
+
+from __future__ import annotations
+
+import math
+
+
+def or_nan(value: float | None) -> float:
+    """Return NaN for a value that is absent."""
+    return math.nan if value is None else value
+
+
+def or_none(value: float) -> float | None:
+    """Return None for a value that is NaN."""
+    return None if math.isnan(value) else value
