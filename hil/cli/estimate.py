@@ -13,7 +13,7 @@ from hil.lab.estimate import boat, columns, log_file, table_file
 from hil.lab.estimate.judgement import judge
 from hil.lab.estimate.page import page_of
 from hil.lab.estimate.predictions import predict
-from hil.lab.estimate.recording import Recording
+from hil.lab.estimate.recording import Recording, check_interval
 from hil.lab.estimate.summary import Result, as_json, lines_of
 from hil.lab.estimate.tick import watch
 from hil.sim.vehicle_file import load
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters, notes = boat.parameters_for(recording, given, ship)
     tell = progress.part_done(sys.stderr, time.monotonic)
     watched = watch(parameters, recording, lambda done, total: tell("estimating", done / total))
-    predictions = predict(recording, watched)
+    predictions = predict(watched)
     result = Result(recording, parameters, watched, judge(watched, predictions), (*recording.notes, *notes))
     figures = as_json(result)
     if arguments.out is not None:
@@ -75,4 +75,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read(path: Path) -> Recording:
-    return log_file.read(path) if log_file.is_log(path) else table_file.read(path)
+    recording = log_file.read(path) if log_file.is_log(path) else table_file.read(path)
+    check_interval(recording)
+    return recording

@@ -182,13 +182,11 @@ def _misses(result: Result, predictions: Mapping[int, Prediction]) -> dict[str, 
 
 def _rudder(result: Result) -> Floats:
     """Return the recorded rudder at the headings."""
-    samples = [sample for sample in result.recording.rudder if sample.shaft_rad is not None]
-    time_s = result.watched.time_s
-    if not samples:
-        return np.full(time_s.size, np.nan)
-    angles = np.array([sample.shaft_rad for sample in samples], dtype=np.float64)
-    place = np.searchsorted([sample.t_s for sample in samples], time_s, side="right") - 1
-    return np.where(place >= 0, angles[np.maximum(place, 0)], np.nan)
+    watched = result.watched
+    if not watched.rudder_s.size:
+        return np.full(watched.time_s.size, np.nan)
+    place = np.searchsorted(watched.rudder_s, watched.time_s, side="right") - 1
+    return np.where(place >= 0, watched.rudder_rad[np.maximum(place, 0)], np.nan)
 
 
 def _fault_counts(result: Result) -> Floats:

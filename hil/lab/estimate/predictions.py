@@ -1,28 +1,126 @@
-"""The heading predicted with the recorded rudder, by the filter's own transition."""
+"""The heading predicted with the recorded rudder, by the filter's own step (firmware_py/estimate/heading_model.py).
+
+From each row the filter's state is predicted in short steps, each with the mean of the rudder over it; the noise levels
+stay as they were learned by then. The recorded rudder holds from one sample to the next.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from hil.lab.estimate.recording import Recording
+from hil.lab.compiled import compiled
 from hil.lab.estimate.tick import Watched
 from hil.lab.identify.recording import Floats
+from hil.lab.numeric_core import heading_model, kt
 
 AHEAD_S: Final = (5, 10, 30, 60)
+LONGEST_STEP_S: Final = 0.5
+STEPS_IN_LAG: Final = 4.0
+LONGEST_HOLD_S: Final = 5.0  # of a rudder sample; behind it the rudder is not known
+KNOWN_SHARE: Final = 0.95  # of the time ahead, in which the rudder must be
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """For each row the heading some seconds later, unwrapped from the estimate, and its standard deviation."""
+    """For each row the heading some seconds later and its standard deviation, NaN where the rudder is not known."""
 
     heading_rad: Floats
     sd_rad: Floats
 
 
-def predict(recording: Recording, _watched: Watched) -> dict[int, Prediction]:
-    """Return predictions by how many seconds they look ahead; NaN where the rudder was not recorded."""
-    rows = recording.time_s.size
-    return {seconds: Prediction(np.full(rows, np.nan), np.full(rows, np.nan)) for seconds in AHEAD_S}
+def predict(watched: Watched) -> dict[int, Prediction]:
+    """Return predictions by how many seconds they look ahead."""
+    rows = watched.time_s.size
+    found = {seconds: Prediction(np.full(rows, np.nan), np.full(rows, np.nan)) for seconds in AHEAD_S}
+    if not watched.rudder_s.size or not np.isfinite(watched.motions).any():
+        return found
+    knots = _rudder_integral(watched.rudder_s, watched.rudder_rad)
+    lag_s = float(np.nanmin(watched.models[:, 1]))
+    step_s = max(min(LONGEST_STEP_S, lag_s / STEPS_IN_LAG), float(np.median(np.diff(watched.time_s))) / 2.0)
+    ahead_s = np.array(AHEAD_S, dtype=np.float64)
+    heading, sd = np.full((rows, ahead_s.size), np.nan), np.full((rows, ahead_s.size), np.nan)
+    predicted(watched.time_s, watched.motions, watched.levels, watched.models, *knots, ahead_s, step_s, heading, sd)
+    for place, seconds in enumerate(AHEAD_S):
+        found[seconds] = Prediction(heading[:, place], sd[:, place] * watched.inflation)
+    return found
+
+
+def _rudder_integral(time_s: Floats, rudder_rad: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return times, and at each the integral of the rudder and the time for which it was known."""
+    fresh = np.concatenate(([True], np.diff(time_s) > 0.0))
+    time_s, rudder_rad = time_s[fresh], rudder_rad[fresh]
+    usual_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else LONGEST_HOLD_S
+    lasts_s = np.append(np.diff(time_s), min(usual_s, LONGEST_HOLD_S))
+    held_s = np.minimum(lasts_s, LONGEST_HOLD_S)
+    knots = np.stack((time_s, time_s + held_s), axis=1).ravel()
+    gains = np.stack((held_s, lasts_s - held_s), axis=1).ravel()
+    values = np.stack((rudder_rad, rudder_rad), axis=1).ravel()
+    known = np.stack((held_s, np.zeros_like(held_s)), axis=1).ravel()
+    integral = np.concatenate(([0.0], np.cumsum(values * gains)))[:-1]
+    return knots, integral, np.concatenate(([0.0], np.cumsum(known)))[:-1]
+
+
+@compiled
+def predicted(
+    at_s: Floats,
+    motions: Floats,
+    levels: Floats,
+    models: Floats,
+    knots_s: Floats,
+    integral: Floats,
+    known: Floats,
+    ahead_s: Floats,
+    step_s: float,
+    heading_rad: Floats,
+    sd_rad: Floats,
+) -> None:
+    """Fill heading and standard deviation, (rows, times ahead), whose times must rise."""
+    first = 0
+    for row in range(at_s.shape[0]):
+        m = motions[row]
+        if not math.isfinite(m[0]):
+            continue
+        motion = heading_model.Motion(
+            m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10], m[11], m[12], m[13], m[14], m[15], m[16],
+            m[17], m[18], m[19],
+        )  # fmt: skip
+        level = levels[row]
+        noise = heading_model.NoiseLevels(level[0], level[1], level[2], level[3], level[4], level[5])
+        model = kt.KtModel(models[row, 0], models[row, 1], models[row, 2], 0.0, 1.0)
+        begin_s = at_s[row]
+        while first + 1 < knots_s.shape[0] and knots_s[first + 1] <= begin_s:
+            first += 1
+        place = first
+        begin_area, begin_known = at(knots_s, integral, place, begin_s), at(knots_s, known, place, begin_s)
+        now_s, area = begin_s, begin_area
+        for number in range(ahead_s.shape[0]):
+            end_s = begin_s + ahead_s[number]
+            steps = max(1, math.ceil((end_s - now_s) / step_s - 1e-9))
+            from_s = now_s
+            for step in range(steps):
+                next_s = from_s + (end_s - from_s) * (step + 1) / steps
+                while place + 1 < knots_s.shape[0] and knots_s[place + 1] <= next_s:
+                    place += 1
+                next_area = at(knots_s, integral, place, next_s)
+                motion = heading_model.predict(
+                    motion, noise, model, (next_area - area) / (next_s - now_s), next_s - now_s
+                )
+                now_s, area = next_s, next_area
+            if begin_s < knots_s[0] or at(knots_s, known, place, end_s) - begin_known < KNOWN_SHARE * ahead_s[number]:
+                break
+            heading_rad[row, number] = motion.heading_rad
+            sd_rad[row, number] = math.sqrt(motion.p00)
+
+
+@compiled
+def at(knots_s: Floats, values: Floats, place: int, t_s: float) -> float:
+    """Return the value at a time from knot `place` on, on the line to the next knot; level outside."""
+    value: float = values[place]
+    if place + 1 < knots_s.shape[0] and knots_s[place] < t_s and knots_s[place] < knots_s[place + 1]:
+        share = (t_s - knots_s[place]) / (knots_s[place + 1] - knots_s[place])
+        value += share * (values[place + 1] - values[place])
+    return value

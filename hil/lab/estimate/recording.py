@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
 
 from firmware_py.common.records import HeadingSample, PositionSample, RudderFeedback
+from hil.errors import UsageError
 from hil.lab.identify.recording import Floats
+
+LONGEST_INTERVAL_S: Final = 5.0  # between headings: the autopilot's longest timeout of a compass
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,3 +40,13 @@ class Recording:
     ground_m_s: float | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+
+def check_interval(recording: Recording) -> None:
+    """Refuse headings that come too seldom; UsageError names the remedy."""
+    usual_s = float(np.median(np.diff(recording.time_s)))
+    if not usual_s <= LONGEST_INTERVAL_S:
+        raise UsageError(
+            f"{recording.name}: the headings are {usual_s:g} s apart; give at most {LONGEST_INTERVAL_S:g} s, better "
+            "0.05 to 1 s (are the times milliseconds? name the column time_ms)"
+        )

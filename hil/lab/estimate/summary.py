@@ -86,7 +86,7 @@ def as_json(result: Result) -> dict[str, Any]:
         },
         "estimated": {key: _learned(watched.columns[name], key) for name, key in LEARNED.items()},
         "rudder_travel_commanded_deg_per_h": _number(math.degrees(watched.travel_rad) / hours),
-        "rudder_travel_recorded_deg_per_h": _number(_recorded_travel_deg(recording, hours)),
+        "rudder_travel_recorded_deg_per_h": _number(_recorded_travel_deg(watched, hours)),
         "restarts_s": [_time(begin_s + t_s) for t_s in watched.restarts_s],
         "faults": [
             {"name": fault.name, "from_s": _time(begin_s + fault.from_s), "to_s": _time(begin_s + fault.to_s)}
@@ -126,9 +126,9 @@ def lines_of(summary: dict[str, Any]) -> Iterator[str]:
     yield from (f"note: {note}" for note in summary["notes"])
 
 
-def _recorded_travel_deg(recording: Recording, hours: float) -> float | None:
-    angles = [sample.shaft_rad for sample in recording.rudder if sample.shaft_rad is not None]
-    return math.degrees(float(np.sum(np.abs(np.diff(angles))))) / hours if len(angles) > 1 else None
+def _recorded_travel_deg(watched: Watched, hours: float) -> float | None:
+    angles = watched.rudder_rad
+    return math.degrees(float(np.sum(np.abs(np.diff(angles))))) / hours if angles.size > 1 else None
 
 
 def _learned(values: Floats, key: str) -> float | None:

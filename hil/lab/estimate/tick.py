@@ -32,6 +32,7 @@ from hil.lab.identify.recording import Floats
 SLOWEST_TICK_S: Final = 1.0  # the loop turns so often at least
 GAP_INTERVALS: Final = 1.5  # a heading that comes later than this is missing
 TICKS_IN_GAP_S: Final = 120.0  # after which nothing more comes of a gap
+LEVELS: Final = 6
 RESTARTED: Final = "Heading estimate is begun anew"
 # What a tick estimates at a heading, in the order of `_row`; then its rudder command, and the compass as corrected.
 COLUMNS: Final = (
@@ -59,7 +60,9 @@ class Watched:
     """What the autopilot made of a recording: columns by COLUMNS at its headings, NaN where not known, and the rest.
 
     Times are seconds since the recording's begin. goal_rad: what it was ordered to steer at the headings. travel_rad:
-    of the rudder, as it would have commanded it.
+    of the rudder, as it would have commanded it. rudder_s, rudder_rad: the recorded rudder, in its own frame. motions,
+    levels: state and noise levels of the heading filter at the headings, as heading_model.py has them; models: K, T and
+    alpha at the speed there; inflation: by what the filter's standard deviations are enlarged.
     """
 
     time_s: Floats
@@ -69,6 +72,12 @@ class Watched:
     restarts_s: tuple[float, ...]
     travel_rad: float
     ticks: int
+    rudder_s: Floats
+    rudder_rad: Floats
+    motions: Floats
+    levels: Floats
+    models: Floats
+    inflation: Floats
 
 
 def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched:
@@ -96,8 +105,12 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
             compass = next(sample for sample in reversed(heard) if sample.source == recording.source)
             compass_rad = observer.true_heading_rad(settings.heading_estimator.observer, compass)
             log.rows.append(_row(output.snapshot, compass_rad))
+            log.filters.append(_filter_row())
         tell(number + 1, times_s.size)
     columns = np.array(log.rows, dtype=np.float64).T
+    filters = np.array(log.filters, dtype=np.float64)
+    shafts = [(sample.t_s, sample.shaft_rad) for sample in recording.rudder if sample.shaft_rad is not None]
+    to_rudder = settings.rudder.linkage.to_rudder
     return Watched(
         times_s[is_row],
         dict(zip(COLUMNS, columns, strict=True)),
@@ -106,7 +119,18 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
         tuple(log.restarts_s),
         log.travel_rad,
         times_s.size,
+        np.array([t_s for t_s, _ in shafts]),
+        np.array([to_rudder(shaft_rad) for _, shaft_rad in shafts]),
+        filters[:, : -LEVELS - 4],
+        filters[:, -LEVELS - 4 : -4],
+        filters[:, -4:-1],
+        filters[:, -1],
     )
+
+
+def _filter_row() -> tuple[float, ...]:
+    """Return state and covariance of the heading filter, its levels, K, T and alpha, and the inflation."""
+    return (math.nan,) * (20 + LEVELS + 4)
 
 
 def _row(snapshot: Snapshot, compass_rad: float) -> tuple[float, ...]:
@@ -190,6 +214,7 @@ class _Log:
     """What the ticks have reported so far."""
 
     rows: list[tuple[float, ...]] = field(default_factory=list)
+    filters: list[tuple[float, ...]] = field(default_factory=list)
     restarts_s: list[float] = field(default_factory=list)
     faults: list[StandingFault] = field(default_factory=list)
     since_s: dict[Fault, float] = field(default_factory=dict)

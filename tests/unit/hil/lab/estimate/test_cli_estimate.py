@@ -238,6 +238,7 @@ def changed(name, row, text):
             {**CELLS, "heading_rad": [str(350 + n) if n < 10 else str(n - 10) for n in range(50)]},
             "name the column heading_deg",
         ),
+        ({**CELLS, "time_s": [str(500 * n) for n in range(50)]}, ": the headings are 500 s apart; give at most 5 s"),
         ({name: cells[:5] for name, cells in CELLS.items()}, ": 5 rows below the column names"),
     ],
 )
