@@ -24,7 +24,7 @@ water), sog_m_s, cog_deg, lat_deg, lon_deg and goal_deg; cells may be empty. LOG
 one of ArduPilot (.BIN, .BIN.gz).
 
 The autopilot's own tick runs at each heading, armed, with the recorded goal or, where none was recorded, with the mean
-heading of a minute. Its rudder command moves nothing: the rudder is the recorded one, amidships where there is none."""
+heading of a minute. Its rudder command moves nothing: monitors and estimator are given the recorded rudder."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -139,7 +139,7 @@ def _recording(table: Table, time_s: Floats, columns: dict[str, Floats]) -> Reco
         if math.isfinite(angle)
     ]
     rudder = [
-        RudderFeedback(t_s, angle, torque_on=False)
+        RudderFeedback(t_s, angle)
         for t_s, angle in zip(since_s, _cells(columns, "rudder_rad", len(since_s)), strict=True)
         if angle is not None
     ]

@@ -1,6 +1,7 @@
 """The autopilot's tick for the laboratory: the only module of `hil` that imports it (import contract `seam`).
 
-The tick is the one that the boat runs. What is taken out of its state beside what it reports is taken in `_row`.
+The tick is the one that the boat runs, and the controller is called once more beside it, for the command that it would
+give: in the tick the recorded rudder stands for the command, so that the monitors judge what was done.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from itertools import pairwise
 from typing import Final, Generic, TypeVar
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from firmware_py.common.angles import wrap_two_pi
@@ -20,10 +22,14 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, Inputs, PositionSample, RudderFeedback, Tick
 from firmware_py.common.reports import Output, Snapshot
-from firmware_py.core.state import State, settings_of
+from firmware_py.control.heading_controller import HeadingControllerState
+from firmware_py.control.rudder_limit import limited_command
+from firmware_py.core.rudder_demand import IDLE, rudder_demand
+from firmware_py.core.state import Settings, State, settings_of
 from firmware_py.core.step import step
 from firmware_py.estimate import observer
 from firmware_py.faults.fault import Fault
+from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import HeadingGoal
 from hil.lab.estimate.goals import goals_at
 from hil.lab.estimate.recording import Recording
@@ -87,37 +93,41 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
     headings, positions, rudder = _Queue(recording.headings), _Queue(recording.positions), _Queue(recording.rudder)
     state, log = State.at_start(parameters), _Log()
     settings = settings_of(parameters)
+    to_rudder, angle_rad, helm = settings.rudder.linkage.to_rudder, 0.0, _Helm()
     for number, (now_s, goal) in enumerate(zip(times_s.tolist(), goals.tolist(), strict=True)):
         heard = headings.take(now_s, itself=True)
+        # What the rudder did since the last tick: at a tick it begins what it does until the next.
+        feedback = rudder.take(now_s, itself=False) if recording.rudder else (RudderFeedback(now_s, 0.0),)
+        for sample in feedback:
+            angle_rad = angle_rad if sample.shaft_rad is None else to_rudder(sample.shaft_rad)
         inputs = Inputs(
             Tick(number, now_s, 0.0, 0, 1.0 / interval_s),
             headings=heard,
             positions=positions.take(now_s, itself=True),
-            # What the rudder did since the last tick: at a tick it begins what it does until the next.
-            rudder=rudder.take(now_s, itself=False)
-            if recording.rudder
-            else (RudderFeedback(now_s, 0.0, torque_on=False),),
+            rudder=feedback,
             requests=_orders(state, goal, now_s),
         )
-        state, output = step(state, inputs)
+        # The monitors judge what was done: the recorded angle stands for the command.
+        before = replace(state, rudder=replace(state.rudder, command_rad=angle_rad))
+        state, output = step(before, inputs)
+        helm.steer(settings, state, output.snapshot, before.timing.step_s(now_s))
         log.take(output, now_s)
         if is_row[number]:
             compass = next(sample for sample in reversed(heard) if sample.source == recording.source)
             compass_rad = observer.true_heading_rad(settings.heading_estimator.observer, compass)
-            log.rows.append(_row(output.snapshot, compass_rad))
+            log.rows.append(_row(output.snapshot, helm.command_rad, compass_rad))
             log.filters.append(_filter_row())
         tell(number + 1, times_s.size)
     columns = np.array(log.rows, dtype=np.float64).T
     filters = np.array(log.filters, dtype=np.float64)
     shafts = [(sample.t_s, sample.shaft_rad) for sample in recording.rudder if sample.shaft_rad is not None]
-    to_rudder = settings.rudder.linkage.to_rudder
     return Watched(
         times_s[is_row],
         dict(zip(COLUMNS, columns, strict=True)),
         goals[is_row],
         log.standing_faults(float(times_s[-1])),
         tuple(log.restarts_s),
-        log.travel_rad,
+        helm.travel_rad,
         times_s.size,
         np.array([t_s for t_s, _ in shafts]),
         np.array([to_rudder(shaft_rad) for _, shaft_rad in shafts]),
@@ -133,11 +143,11 @@ def _filter_row() -> tuple[float, ...]:
     return (math.nan,) * (20 + LEVELS + 4)
 
 
-def _row(snapshot: Snapshot, compass_rad: float) -> tuple[float, ...]:
+def _row(snapshot: Snapshot, command_rad: float, compass_rad: float) -> tuple[float, ...]:
     """Return what a tick estimates, by COLUMNS; the only place that knows where it stands."""
     estimate, water, nan = snapshot.estimate, snapshot.water, math.nan
     if estimate is None:
-        return (*(nan for _ in COLUMNS[:-2]), snapshot.rudder_command_rad, compass_rad)
+        return (*(nan for _ in COLUMNS[:-2]), command_rad, compass_rad)
     return (
         estimate.heading_rad,
         estimate.heading_sd_rad,
@@ -156,7 +166,7 @@ def _row(snapshot: Snapshot, compass_rad: float) -> tuple[float, ...]:
         estimate.compass_noise_rad,
         estimate.innovation_rad,
         estimate.innovation_sd_rad,
-        snapshot.rudder_command_rad,
+        command_rad,
         compass_rad,
     )
 
@@ -210,6 +220,24 @@ class _Queue(Generic[Sample]):
 
 
 @dataclass(slots=True)
+class _Helm:
+    """What the heading controller would command if its own command before had been carried out."""
+
+    controller: HeadingControllerState = IDLE
+    command_rad: float = 0.0
+    travel_rad: float = 0.0
+
+    def steer(self, settings: Settings, state: State, snapshot: Snapshot, step_s: float) -> None:
+        """Take a tick."""
+        target = SteeringTarget(snapshot.goal_heading_rad, snapshot.heading_error_rad)
+        own = replace(state, rudder=replace(state.rudder, command_rad=self.command_rad), controller=self.controller)
+        demand_rad, self.controller = rudder_demand(settings, own, target, snapshot.helm_softness, snapshot.t_s, step_s)
+        before_rad = self.command_rad
+        self.command_rad = limited_command(settings.rudder.limits, before_rad, demand_rad, step_s)
+        self.travel_rad += abs(self.command_rad - before_rad)
+
+
+@dataclass(slots=True)
 class _Log:
     """What the ticks have reported so far."""
 
@@ -218,16 +246,12 @@ class _Log:
     restarts_s: list[float] = field(default_factory=list)
     faults: list[StandingFault] = field(default_factory=list)
     since_s: dict[Fault, float] = field(default_factory=dict)
-    travel_rad: float = 0.0
-    command_rad: float = 0.0
 
     def take(self, output: Output, now_s: float) -> None:
         """Take a tick."""
         snapshot = output.snapshot
         if any(event.text == RESTARTED for event in output.events):
             self.restarts_s.append(now_s)
-        self.travel_rad += abs(snapshot.rudder_command_rad - self.command_rad)
-        self.command_rad = snapshot.rudder_command_rad
         standing = {fault for fault in Fault if snapshot.faults >> fault & 1} if snapshot.faults else set()
         if standing == self.since_s.keys():
             return
