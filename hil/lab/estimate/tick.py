@@ -114,8 +114,7 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
         log.take(output, now_s)
         if is_row[number]:
             compass = next(sample for sample in reversed(heard) if sample.source == recording.source)
-            compass_rad = observer.true_heading_rad(settings.heading_estimator.observer, compass)
-            log.rows.append(_row(output.snapshot, helm.command_rad, compass_rad))
+            log.rows.append(_row(output.snapshot, helm.command_rad, _true_heading_rad(settings, state, compass)))
             log.filters.append(_filter_row())
         tell(number + 1, times_s.size)
     columns = np.array(log.rows, dtype=np.float64).T
@@ -136,6 +135,15 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
         filters[:, -4:-1],
         filters[:, -1],
     )
+
+
+def _true_heading_rad(settings: Settings, state: State, sample: HeadingSample) -> float:
+    """Return what a compass shows, corrected as the estimator does."""
+    corrections = settings.heading_estimator.observer
+    declination_rad = state.heading_estimator.declination.declination_rad
+    if settings.heading_estimator.declination_by_model and declination_rad is not None:
+        corrections = replace(corrections, declination_rad=declination_rad)
+    return observer.true_heading_rad(corrections, sample)
 
 
 def _filter_row() -> tuple[float, ...]:
