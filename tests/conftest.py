@@ -1,5 +1,6 @@
 """Settings for all tests: examples drawn the same every time, no files left behind, and time for the long proofs."""
 
+import gc
 import signal
 from pathlib import Path
 
@@ -33,6 +34,11 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("proof") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(PROOF_S))
+
+
+def pytest_collection_finish():
+    """Keep the thousands of tests out of each garbage collection to come."""
+    gc.freeze()
 
 
 def pytest_addoption(parser):

@@ -61,7 +61,7 @@ def test_too_little_is_no_correlation():
     assert statistics.rank_correlation(spoilt, numbers, ALONE).value == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("size", [300, 12_345])
+@pytest.mark.parametrize("size", [300, pytest.param(12_345, marks=pytest.mark.proof)])
 def test_the_bootstrap_of_a_mean_is_as_wide_as_theory_says(size):
     values = np.random.default_rng(5).normal(3.0, 2.0, size)
     found = statistics.mean(values, 1)
