@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import pytest
 
-from hil.bench.measurements import TABLE
 from hil.bench.setting import quick
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize("name", ["sense", "load", "start"])
 def test_a_measurement_finds_all_its_figures(name, tmp_path):
+    from hil.bench.measurements import TABLE  # noqa: PLC0415 - with numba and scipy: no time of each collection
+
     setting = replace(
         quick(tmp_path),
         lock_s=1.0,

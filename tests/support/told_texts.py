@@ -41,7 +41,7 @@ def told():
     """Yield the form, with a hole for each value, and the place of every text that is made."""
     for path in sorted(ROOT.rglob("*.py")):
         if path.relative_to(ROOT).parts[0] not in _ASHORE:
-            for node, scopes in _calls(_tree(path), ()):
+            for node, scopes in _calls_of(path):
                 for argument in _texts_of(node):
                     forms = dict.fromkeys(re.sub("(<>)+", HOLE, form) for form in _Forms(path, scopes).of(argument))
                     yield from ((form, f"{path.relative_to(ROOT)}: {ast.unparse(argument)}") for form in forms if form)
@@ -50,6 +50,11 @@ def told():
 @cache
 def _tree(path):
     return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def _calls_of(path):
+    return list(_calls(_tree(path), ()))
 
 
 def _calls(node, scopes):
@@ -131,7 +136,7 @@ class _Forms:
         """Return the forms that callers in the same module pass for a parameter."""
         names = [argument.arg for argument in function.args.args if argument.arg != "self"]
         forms = []
-        for call, scopes in _calls(_tree(self.path), ()):
+        for call, scopes in _calls_of(self.path):
             if (
                 not isinstance(call, ast.Call)
                 or isinstance(function, ast.Lambda)
@@ -157,6 +162,7 @@ class _Forms:
         return [form for value in values for form in inside.of(value)]
 
 
+@cache
 def _assigned(scope, name):
     """Return all that a name is given in a function: by =, by :=, and in a pair by either branch."""
     values = []
@@ -176,6 +182,7 @@ def _assigned(scope, name):
     return values
 
 
+@cache
 def _origins(path):
     """Return the modules of the firmware that a module takes names from, by name."""
     origins = {}
@@ -196,6 +203,7 @@ def _constant(path, name):
     return (path, None) if origin is None else _constant(origin, name)
 
 
+@cache
 def _function(path, name):
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.FunctionDef) and node.name == name:
