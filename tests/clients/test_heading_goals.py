@@ -101,7 +101,6 @@ REACHED = {
     "SET_ATTITUDE_TARGET",
     "GUIDED_CHANGE_HEADING, heading",
     "NAV_SET_YAW_SPEED, absolute",
-    "DO_REPOSITION",
 }
 
 

@@ -14,21 +14,21 @@ LEG_S = 600.0
 ALLOWED = {Fault.CURRENT_STRONG}  # of a storm, it is true
 
 
-def faults_of(name, seed, legs):
-    """The faults that stood at any time, steering for a new heading every ten minutes."""
+def faults_of(name, seed, legs, leg_s=LEG_S):
+    """The faults that stood at any time, steering for a new heading with each leg."""
     boat = rig.Sailing(rig.sea(name), seed).under_way(Mode.GUIDED)
     turns, goal_rad, seen = random.Random(seed), 0.0, 0
     for _ in range(legs):
         goal_rad += math.radians(turns.uniform(-120.0, 120.0))
         boat.tick(SteerHeading(goal_rad))
-        for _ in range(round(10.0 * LEG_S) - 1):
+        for _ in range(round(10.0 * leg_s) - 1):
             boat.tick()
             seen |= boat.snapshot.faults
     return {fault for fault in Fault if seen >> fault & 1} - ALLOWED
 
 
 def test_no_fault_is_told_in_a_swell():
-    assert not faults_of("swell", 1, 1)
+    assert not faults_of("swell", 1, 2, leg_s=150.0)
 
 
 @pytest.mark.proof

@@ -62,7 +62,7 @@ def sailed(boat, most_s):
 
 
 def test_every_kind_of_item_is_sailed():
-    boat = rig.Sailing(rig.scenario(0.8, 0.2), 1, mission(*every_kind()), LOIT_RADIUS=60.0)
+    boat = rig.Sailing(rig.scenario(1.2, 0.2), 1, mission(*every_kind()), LOIT_RADIUS=60.0)
     boat.under_way(Mode.AUTO)
     reached, doing = sailed(boat, 5000)
     assert reached == [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 10, 11]
@@ -73,7 +73,7 @@ def test_every_kind_of_item_is_sailed():
     home = boat.snapshot.home
     assert (home.latitude_rad, home.longitude_rad) == pytest.approx(placed(20, 20), abs=1e-8)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
-    boat.run(300.0)
+    boat.run(120.0)
     assert math.hypot(*boat.where) < 70.0
 
 
@@ -132,7 +132,7 @@ def test_what_cannot_be_is_refused_with_the_reason():
 def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     boat = rig.Sailing(rig.scenario(0.6, 0.3), 1, mission(item(16, 1500, 0)))
     boat.under_way(Mode.AUTO)
-    boat.run(600.0)
+    boat.run(300.0)
     boat.jump_m = (10_000.0, 0.0)
     boat.run(60.0)
     assert boat.snapshot.mission.state is MissionState.ACTIVE

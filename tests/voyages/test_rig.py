@@ -13,7 +13,7 @@ def test_both_hulls_keep_the_same_station(speed_m_s, current_m_s):
     for hull in ({}, {"hull": rig.FineHull}):
         boat = rig.Sailing(rig.scenario(speed_m_s, current_m_s, wave_deg=0.0), 1, LOIT_RADIUS=60.0, **hull)
         boat.under_way(Mode.LOITER)
-        boat.run(600.0)
+        boat.run(400.0)
         figures.append(np.array(boat.track)[:, 1:3])
     # Without waves only the grid and the wandering of the rudder's bias differ.
     assert np.abs(figures[0][:200] - figures[1][:200]).max() < 8.0
