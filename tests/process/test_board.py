@@ -10,6 +10,7 @@ import pytest
 
 from hil.sim.device_factory import COMPASSES, POSITION, SERVOS
 from hil.sim.truth import read
+from support.harness import without_pictures
 from support.program import Program, unused_ports
 from support.wire import Wire
 
@@ -47,7 +48,9 @@ def vehicle_file(path, ports, bauds):
 def program(tmp_path):
     """Start programs that are gone after the test."""
     with ExitStack() as stack:
-        yield lambda name, *command: stack.enter_context(closing(Program(name, command, tmp_path)))
+        yield lambda name, *command: stack.enter_context(
+            closing(Program(name, command, tmp_path, env=without_pictures()))
+        )
 
 
 def heard(program, file, seconds=3):
@@ -135,7 +138,7 @@ def listening(port):
 
 
 def test_an_autopilot_at_the_far_ends_of_the_wires_is_given_goals(program, tmp_path):
-    summary = sailed_over_wires(program, tmp_path, 9600, ["calm", "--goal", "0:0,4:40", "--seconds", "14"])
+    summary = sailed_over_wires(program, tmp_path, 9600, ["calm", "--goal", "0:0,4:40", "--seconds", "20"])
     assert all(goal["accepted_s"] is not None for goal in summary["goals"])
     assert read(tmp_path / "out" / "truth.csv").rudder_rad.max() > 0.2
 

@@ -358,9 +358,13 @@ def test_every_row_has_a_drill():
     assert sorted(drill.fault for drill in DRILLS) == sorted(set(TABLE) - {Fault.VESSEL_NEAR})
 
 
+# A helm that oscillates and a servo the wrong way round: in the suite by tests/voyages.
+LONG = {Fault.HELM_OSCILLATES, Fault.STEERING_REVERSED}
+
+
 @pytest.mark.parametrize(
     "drill",
-    DRILLS,
+    [pytest.param(drill, marks=pytest.mark.proof) if drill.fault in LONG else drill for drill in DRILLS],
     ids=lambda drill: drill.fault.name,
 )
 def test_a_fault_is_told_acted_on_and_over_again(fault_bench, drill, tmp_path):
@@ -394,19 +398,20 @@ def test_a_clock_stepped_by_a_year_moves_nothing_in_the_loop(fault_bench):
     assert bench.widest_deg(14.0) > 10.0
 
 
-@pytest.mark.parametrize("heading_deg", [-3e38, 3e38, math.inf, math.nan])
-def test_an_absurd_heading_setpoint_is_refused_and_moves_nothing(fault_bench, heading_deg):
+def test_an_absurd_heading_setpoint_is_refused_and_moves_nothing(fault_bench):
     bench = fault_bench()
     bench.under_way(GUIDED)
     bench.run(8.0)
-    t0_s = bench.now_s
-    bench.order(CHANGE_HEADING, 1.0, heading_deg)
-    bench.run(8.0)
-    assert bench.station._open[0].refusal == "DENIED"
-    undisturbed(bench, t0_s)
+    for heading_deg in (-3e38, 3e38, math.inf, math.nan):
+        t0_s = bench.now_s
+        bench.station._open.clear()
+        bench.order(CHANGE_HEADING, 1.0, heading_deg)
+        bench.run(8.0)
+        assert bench.station._open[0].refusal == "DENIED", heading_deg
+        undisturbed(bench, t0_s)
 
 
-@pytest.mark.parametrize("compass", ["nmea", "pni"])
+@pytest.mark.parametrize("compass", ["nmea", pytest.param("pni", marks=pytest.mark.proof)])
 def test_the_rudder_never_stays_far_over_without_a_heading(fault_bench, compass):
     """A compass that freezes in a turn has her chase it; even told to hold on for ever she ends amidships."""
     bench = fault_bench(goals=TURN, compass=compass, settings={"CTL_HOLD_S": 600})
@@ -470,7 +475,7 @@ def test_the_other_servo_keeps_steering_when_it_is_asked_to_rest(fault_bench):
     assert bench.texts_since(3.0) == []
 
 
-@pytest.mark.parametrize("compass", ["nmea", "pni"])
+@pytest.mark.parametrize("compass", ["pni", pytest.param("nmea", marks=pytest.mark.proof)])
 def test_a_jam_at_20_degrees_is_seen_on_the_other_servo_too(fault_bench, compass):
     bench = fault_bench(servo="volz", compass=compass, goals=TURN)
     bench.under_way(GUIDED)
@@ -485,7 +490,6 @@ def test_a_jam_at_20_degrees_is_seen_on_the_other_servo_too(fault_bench, compass
 @pytest.mark.parametrize(
     ("rate_hz", "seconds", "found_s"),
     [
-        (1.0, 150.0, 4.0),
         (0.5, 150.0, 6.5),
         pytest.param(1.0, 3600.0, 4.0, marks=[pytest.mark.proof, pytest.mark.timeout(900)]),
     ],

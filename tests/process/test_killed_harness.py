@@ -66,8 +66,13 @@ def runs(pid):
         return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-@pytest.mark.parametrize("words", [("compare", "tank", "--only", "ours", "--seeds", "8"), ("drill", "--jobs", "2")])
+@pytest.mark.parametrize(
+    ("words", "number"),
+    [
+        (("compare", "tank", "--only", "ours", "--seeds", "8"), signal.SIGKILL),
+        (("drill", "--jobs", "2"), signal.SIGTERM),
+    ],
+)
 def test_workers_do_not_outlive_who_has_begun_them(words, number, tmp_path):
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     command = [sys.executable, "-m", "hil", *words]

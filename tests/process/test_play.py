@@ -10,6 +10,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.modes import Mode
+from support.harness import without_pictures
 from support.program import Program, unused_ports
 from support.station import Station
 
@@ -19,7 +20,7 @@ def test_who_plays_steers_as_he_likes_and_ends_it_when_he_likes(tmp_path):
     out = tmp_path / "out"
     words = ["run", "calm", "--play", "--speed", "20", "--link", f"udpout:127.0.0.1:{port}", "--out", str(out)]
     with (
-        closing(Program("play", [sys.executable, "-m", "hil", *words], tmp_path)) as game,
+        closing(Program("play", [sys.executable, "-m", "hil", *words], tmp_path, env=without_pictures())) as game,
         closing(mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")) as link,
     ):
         game.expect("Ctrl-C ends the game")
@@ -43,7 +44,7 @@ def test_who_plays_may_shut_her_down_and_has_the_figures(speed, tmp_path):
     out = tmp_path / "out"
     words = ["run", "calm", "--play", "--speed", speed, "--link", f"udpout:127.0.0.1:{port}", "--out", str(out)]
     with (
-        closing(Program("play", [sys.executable, "-m", "hil", *words], tmp_path)) as game,
+        closing(Program("play", [sys.executable, "-m", "hil", *words], tmp_path, env=without_pictures())) as game,
         closing(mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")) as link,
     ):
         station = Station(link, tmp_path)

@@ -28,7 +28,7 @@ def programs():
         program.close()
 
 
-def test_a_station_sees_her_report_and_orders_a_mode_by_satellite(tmp_path, programs):
+def test_a_station_sees_her_report_and_orders_a_mode_by_satellite(tmp_path, programs, request):
     key, state, post = tmp_path / "key.txt", tmp_path / "state", tmp_path / "post"
     key.write_text("a passphrase\n")
     state.mkdir()
@@ -38,6 +38,7 @@ def test_a_station_sees_her_report_and_orders_a_mode_by_satellite(tmp_path, prog
     post.mkdir()
     (port,) = unused_ports(["udpin"])
     station = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="common", source_system=255)
+    request.addfinalizer(station.close)
     gateway = programs(
         "gateway", tmp_path, "hil", "sbd-gateway", post, "--station", f"udpout:127.0.0.1:{port}", "--key-file", key
     )

@@ -9,6 +9,7 @@ import struct
 import sys
 from contextlib import closing
 
+from support.harness import without_pictures
 from support.program import Program
 
 RATE_HZ = 100  # 6000 such frames add up to a little less than a minute
@@ -18,7 +19,7 @@ def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
     out = tmp_path / "out"
     words = ["serve-json", "tank", "--port", "0", "--seconds", "60", "--goal", "0:20", "--out", str(out)]
     with (
-        closing(Program("ship", [sys.executable, "-m", "hil", *words], tmp_path)) as ship,
+        closing(Program("ship", [sys.executable, "-m", "hil", *words], tmp_path, env=without_pictures())) as ship,
         closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as autopilot,
         closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as second,
     ):
@@ -52,7 +53,7 @@ def test_a_ship_that_nobody_steered_has_a_page_and_is_replaced_with_a_word(tmp_p
     words = [sys.executable, "-m", "hil", "serve-json", "tank", "--port", "0", "--out", str(out)]
     for replaced in (False, True):
         (out / "report.html").unlink(missing_ok=True)
-        with closing(Program("ship", words, tmp_path)) as ship:
+        with closing(Program("ship", words, tmp_path, env=without_pictures())) as ship:
             ship.expect("waiting on udp")
             ship.send_signal(signal.SIGTERM)
             assert ship.exit_code() == 0

@@ -19,10 +19,14 @@ GUIDED = 15
 
 
 def status_of(boat, *words):
+    """Return the exit code and the output of the command; the devices go on while it runs, however long it takes."""
     command = [sys.executable, "-m", "firmware_py", "status", "--state", str(boat.state), *words]
-    ended = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
-    assert ended.stderr == ""
-    return ended.returncode, json.loads(ended.stdout) if "--json" in words else ended.stdout
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while boat.process is not None and boat.process.running() and process.poll() is None:
+            boat.run(0.05)
+        said, errors = process.communicate()
+    assert errors == ""
+    return process.returncode, json.loads(said) if "--json" in words else said
 
 
 def until(boat, wanted):
@@ -31,7 +35,7 @@ def until(boat, wanted):
 
 
 def until_said(boat, is_wanted, *words):
-    """Let time go on until the command says what is wanted: her devices stand still while it runs."""
+    """Let time go on until the command says what is wanted."""
     for _ in range(30):
         code, said = status_of(boat, *words)
         if is_wanted(said):

@@ -27,10 +27,10 @@ UPDATE_S = 40.0  # about what one takes before its trial, on two busy cores
 MEMORY = Path("/dev/shm")  # the disk's own time is of no interest here
 
 
-def ended_everywhere(tmp_path, kind, code=0):
+def ended_everywhere(tmp_path, kind, code=0, every=1):
     program, bundle = Path(ROOT) / "tests/support/killed_update.py", small_bundle(tmp_path, code)
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
-        command = [sys.executable, str(program), folder, str(bundle), kind]
+        command = [sys.executable, str(program), folder, str(bundle), kind, str(every)]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     told = [json.loads(line) for line in done.stdout.splitlines()]
@@ -53,8 +53,9 @@ def test_wherever_it_is_ended_she_steers_and_the_next_update_goes_through(tmp_pa
     assert told[-1]["starts"] == ["steers new"] * 3 + ["steers old"]
 
 
-def test_one_that_does_not_start_is_taken_back_wherever_its_update_was_ended(tmp_path):
-    told = ended_everywhere(tmp_path, "kill", code=1)
+@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.proof)])
+def test_one_that_does_not_start_is_taken_back_wherever_its_update_was_ended(tmp_path, every):
+    told = ended_everywhere(tmp_path, "kill", code=1, every=every)
     for one in told:
         assert one["starts"] in (["steers old"] * 4, [""] * 3 + ["steers old"]), one
     assert told[-1]["starts"][0] == ""

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -30,11 +31,20 @@ LAST_TEXT = "[...document.querySelectorAll('tr[data-time] td.words')].pop().text
 SHOWN = "[Number(document.querySelector('.now').dataset.time), document.querySelector('#now-heading').textContent]"
 
 
-@pytest.fixture
-def browser(tmp_path):
-    made = Browser(tmp_path / "browser")
+@pytest.fixture(scope="module")
+def shared_browser(tmp_path_factory):
+    made = Browser(tmp_path_factory.mktemp("browser"))
     yield made
     made.close()
+
+
+@pytest.fixture
+def browser(shared_browser):
+    """A browser that has shown nothing yet; its start takes a second of a processor."""
+    shared_browser.open("about:blank")
+    shared_browser.complaints.clear()
+    shared_browser.requests.clear()
+    return shared_browser
 
 
 def address_of(process):
@@ -65,7 +75,7 @@ def assert_fit_for_people(browser, url):
 
 def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp_path, browser):
     out = tmp_path / "run"
-    words = ["run", "tank", "--speed", "15", "--goal", "0:30", "--seconds", "200", *LOW_BATTERY]
+    words = ["run", "tank", "--speed", "30", "--goal", "0:30", "--seconds", "200", *LOW_BATTERY]
     process = start_rambler_hil(*words, "--view", "127.0.0.1:0", "--out", out)
     browser.look(400, 900)
     browser.open(address := address_of(process))
@@ -75,6 +85,7 @@ def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp
         moment = browser.value(SHOWN)
         if not seen or moment[0] > seen[-1][0]:
             seen.append(moment)
+        time.sleep(0.05)
     browser.wait_for(
         "['Battery is low', 'Vessels', 'A vessel comes near'].every((one) => document.body.innerText.includes(one))"
     )
@@ -175,9 +186,9 @@ def test_browsers_come_back_to_a_service_that_was_started_anew_and_to_one_that_h
 
 
 def test_readers_change_nothing_of_a_run(tmp_path):
-    words = ["run", "sea", "--seconds", "40", "--goal", "0:30", "--set", "BOOT_RESUME=2"]
+    words = ["run", "sea", "--seconds", "20", "--goal", "0:30", "--set", "BOOT_RESUME=2"]
     assert rambler_hil(*words, "--speed", "max", "--out", tmp_path / "alone")[0] == 0
-    process = start_rambler_hil(*words, "--speed", "10", "--view", "127.0.0.1:0", "--out", tmp_path / "watched")
+    process = start_rambler_hil(*words, "--speed", "5", "--view", "127.0.0.1:0", "--out", tmp_path / "watched")
     port = int(address_of(process).rstrip("/").rpartition(":")[2])
     told = []
 

@@ -172,13 +172,14 @@ def after(place, how):
     return told | {"left": sorted(path.name for path in (place / "opt").iterdir())}
 
 
-def main(folder, bundle, kind):
+def main(folder, bundle, kind, every="1"):
     """Print a line of JSON for each step at which an update was ended, the last one for the update that was not.
 
-    What becomes of a tree is found out once for trees that are equal.
+    `every` is the distance between two steps that are tried. What becomes of a tree is found out once for trees that
+    are equal.
     """
     place, known = Path(folder) / "place", {}
-    for at in itertools.count():
+    for at in itertools.count(step=int(every)):
         begin(place, bundle)
         how = ended_at(place, at, kind)
         content = (how, content_of(place))
