@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.common.angles import clamp, radians
+from firmware_py.common.angles import PI, clamp, radians, wrap_pi
 from firmware_py.estimate import heading_model
 from firmware_py.estimate.heading_model import Motion, NoiseLevels
 from firmware_py.model.kt import KtModel
@@ -319,10 +319,11 @@ def _learn(
 def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rudder_rad: float) -> HeadingFilter:
     """Return the filter with one true heading taken in.
 
-    rudder_rad is the measured rudder angle since the heading before, NaN where it is not measured. A heading that is
-    not finite, or late, changes nothing; the first one, one after a long silence, and numbers that are none start the
-    filter again.
+    rudder_rad is the measured rudder angle since the heading before, NaN where it is not measured; an angle beyond a
+    half turn is not taken. A heading that is not finite, or late, changes nothing; the first one, one after a long
+    silence, and a state that is not finite start the filter again.
     """
+    heading_rad = wrap_pi(heading_rad)
     if not (math.isfinite(t_s) and math.isfinite(heading_rad)):
         return f
     step_s = t_s - f.t_s
@@ -330,8 +331,9 @@ def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rud
         return begin(t_s, heading_rad)
     if step_s < -LATEST_S:
         return f
-    angle_rad = rudder_rad if math.isfinite(rudder_rad) else 0.0
-    levels, motion = levels_for(f.levels, rudder_rad), f.motion
+    angle_rad = rudder_rad if abs(rudder_rad) <= PI else math.nan
+    levels, motion = levels_for(f.levels, angle_rad), f.motion
+    angle_rad = 0.0 if math.isnan(angle_rad) else angle_rad
     if step_s > 0.0:
         motion = heading_model.predict(motion, levels, model, angle_rad, step_s)
     motion, innovation_rad, variance = heading_model.correct(motion, levels, heading_rad)
