@@ -28,6 +28,7 @@ from hil.lab.numeric_core import (
     water_filter,
     water_results,
 )
+from support.heading_recording import Sea, learned_rows, recorded
 
 EDGES = (
     *(math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, math.pi, -math.pi, math.nextafter(math.pi, 0.0)),
@@ -138,7 +139,7 @@ class Column:
     """A column of numbers, each a float of Python."""
 
     def __init__(self, numbers):
-        self.numbers = numbers.tolist()
+        self.numbers, self.size = numbers.tolist(), numbers.size
 
     def __getitem__(self, number):
         return self.numbers[number]
@@ -156,6 +157,33 @@ def test_a_closed_loop_agrees_to_the_last_bit(seed):
 @pytest.mark.parametrize("seed", range(20))
 def test_a_long_closed_loop_agrees_to_the_last_bit(seed):
     agrees(100 + seed, 30_000)
+
+
+def filters_agree(seed: int, seconds: float) -> None:
+    """Filter a recording plain and compiled: with outliers, gaps, late headings, a restart and an unknown rudder."""
+    t_s, compass_rad, rudder_rad, _ = (column.copy() for column in recorded(Sea(), seed, seconds))
+    n = t_s.size
+    compass_rad[n // 3 : n // 3 + 40] += 2.0
+    compass_rad[n // 7], rudder_rad[n // 2 : n // 2 + 60] = math.nan, math.nan
+    t_s[n // 5 :] += 30.0
+    t_s[n // 4 : n // 4 + 2] -= 1.2
+    t_s[-n // 8 :] += 700.0
+    fast, plain = np.zeros((n, 4)), np.zeros((n, 4))
+    end = learned_rows(t_s, compass_rad, rudder_rad, kt.OCEAN_RAMBLER, fast)
+    columns = (Column(t_s), Column(compass_rad), Column(rudder_rad))
+    assert bits(learned_rows.py_func(*columns, kt.OCEAN_RAMBLER, plain)) == bits(end)
+    assert np.array_equal(fast, plain)
+    assert end.begun_s > 700.0
+
+
+def test_the_heading_filter_agrees_over_a_recording_to_the_last_bit():
+    filters_agree(1, 600.0)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("seed", range(10))
+def test_the_heading_filter_agrees_over_long_recordings_to_the_last_bit(seed):
+    filters_agree(100 + seed, 5400.0)
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
