@@ -36,9 +36,15 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.timeout(PROOF_S))
 
 
+def pytest_collection():
+    """Collect without garbage collections, which find nothing: what is collected stays."""
+    gc.disable()
+
+
 def pytest_collection_finish():
     """Keep the thousands of tests out of each garbage collection to come."""
     gc.freeze()
+    gc.enable()
 
 
 def pytest_addoption(parser):
