@@ -49,6 +49,13 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
         "softness": "gain_reduction",
         "swung_s": "last_cycle_s",
     },
+    "ResponseState": {
+        "felt_rad": "rudder_rad",
+        "lacks_other_rad": "lacks_disturbance_rad",
+        "other_rad": "disturbance_rad",
+    },
+    "SteeringLossState": {"missing": "lost", "other_variance": "disturbance_variance"},
+    "SteeringMonitorState": {"answer": "loss", "wrong_way": "reversal"},
     "SupervisorState": {"coming_round": "convergence"},
     "TurnDelayState": {
         "as_told_rad": "nominal_rad",

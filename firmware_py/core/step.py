@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from firmware_py.common.absence import or_nan, or_none
+from firmware_py.common.absence import or_nan
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Request, Verdict
 from firmware_py.common.mode_table import MODES, RudderBy
@@ -160,11 +160,11 @@ def _judge_steering(
     heading_sd_rad = estimator.wave_filter.spread(kalman.HEADING)
     shown = SteeringInput(
         rudder_rad=rudder.angle_rad,
-        heading_rad=situation.heading_rad if armed and situation.rudder_ok else None,
+        heading_rad=or_nan(situation.heading_rad if armed and situation.rudder_ok else None),
         heading_sd_rad=heading_sd_rad,
-        speed_m_s=x[kalman.SPEED] if x else settings.supervisor.steering_monitor.model.speed_m_s,
-        error_rad=target.error_rad,
-        shown_rad=or_none(sources.compass_in_use(estimator.sources).raw_rad),
+        speed_m_s=x[kalman.SPEED] if x else settings.supervisor.model.speed_m_s,
+        error_rad=or_nan(target.error_rad),
+        shown_rad=sources.compass_in_use(estimator.sources).raw_rad,
     )
     steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
     seen = OscillationInput(

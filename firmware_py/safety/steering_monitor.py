@@ -1,127 +1,132 @@
-"""Steering authority: whether the boat turns when the rudder moves, and the way it is to turn her.
+"""Steering monitor: whether the boat responds to its rudder, and turns the way that the rudder commands.
 
-Headings and rudder are taken together by blocks, for both judges: whether she answers at all (rudder_answer.py), and
-whether she turns the other way, again and again, as one does whose servo is set up the wrong way round (wrong_way.py).
+It averages headings and rudder over blocks, for both tests: loss of steering (steering_loss.py) and reversed steering,
+as of a servo that is set up the wrong way round (steering_reversal.py).
+
+Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
+(hil/lab/numeric_core.py); NaN is absence.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
-
-import msgspec
-from msgspec.structs import replace
+from typing import Final, NamedTuple
 
 from firmware_py.common.angles import clamp, wrap_pi
-from firmware_py.common.parameters import ParameterSet
-from firmware_py.model.kt import KtModel
-from firmware_py.safety import rudder_answer, wrong_way
-from firmware_py.safety.rudder_answer import RudderAnswerState
+from firmware_py.model.kt import KtModel, scaled
+from firmware_py.safety import steering_loss, steering_reversal
+from firmware_py.safety.steering_loss import SteeringLossState
+from firmware_py.safety.steering_reversal import ReversalState, Turn
 from firmware_py.safety.turn_order import ordered_s
-from firmware_py.safety.wrong_way import Turn, WrongWay
 
-SLOW_S: Final = 60.0  # what changes slower than this is trim
+SLOW_S: Final = 60.0  # slower changes of the rudder are trim
 BLOCK_S: Final = 2.0
 
 
-class SteeringMonitorSettings(msgspec.Struct, frozen=True):
-    """The boat's model, and which way round the servo is set up."""
+class SteeringInput(NamedTuple):
+    """Measured rudder of a tick, estimated heading and its standard deviation, speed, heading error.
 
-    model: KtModel
-    servo_reversed: bool = False
-
-    @classmethod
-    def of(cls, parameters: ParameterSet) -> SteeringMonitorSettings:
-        """Read the settings from the parameters."""
-        return cls(model=KtModel.of(parameters), servo_reversed=bool(parameters["RUD_REVERSE"]))
-
-
-class SteeringInput(msgspec.Struct, frozen=True):
-    """What a tick shows: the measured rudder, the estimated heading and its standard deviation, the speed, the error.
-
-    `heading_rad` is None while nothing is to be learned. `shown_rad` is what the compass shows, None without one.
-    `error_rad` is how far the boat is off the heading to steer, None while nobody steers for one.
+    `heading_rad` is NaN while nothing can be learned. `shown_rad` is the heading of the compass (NaN: none),
+    `error_rad` the goal less the heading (NaN: the boat does not steer for a heading).
     """
 
     rudder_rad: float
-    heading_rad: float | None
+    heading_rad: float
     heading_sd_rad: float
     speed_m_s: float
-    error_rad: float | None
-    shown_rad: float | None = None
+    error_rad: float
+    shown_rad: float = math.nan
 
 
-class Block(msgspec.Struct, frozen=True):
-    """A stretch of time: when and with what headings it began, and the integral of the rudder [rad s] up to `t_s`."""
+class Block(NamedTuple):
+    """A stretch of time: its begin (NaN: none) with the headings there, and the integral of the rudder up to `t_s`."""
 
-    begun_s: float
-    heading_rad: float
-    t_s: float
+    begun_s: float = math.nan
+    heading_rad: float = 0.0
+    t_s: float = 0.0
     rudder_rad_s: float = 0.0
-    shown_rad: float | None = None
+    shown_rad: float = math.nan
 
 
-class SteeringMonitorState(msgspec.Struct, frozen=True):
-    """The block under way, the slow parts of rudder and speed, and the judges.
+class SteeringMonitorState(NamedTuple):
+    """Block under way, the slow parts of rudder and speed (NaN: none yet), and the states of both tests.
 
-    The slow parts begin amidships: at the start the boat may be in the middle of a turn. They wait while the rudder
-    orders one, or a long turn would become the trim, and a turn that does not come a loss of way. `order_s`: for how
-    long it has, to starboard, negative to port.
+    The slow rudder begins amidships: at the start the boat may be in a turn. The slow parts do not change while the
+    rudder commands a turn, or a long turn would become trim, and a turn that does not come a loss of speed. `order_s`:
+    for how long the rudder has commanded a turn to starboard, negative to port.
     """
 
     order_s: float = 0.0
     slow_rudder_rad: float = 0.0
-    slow_speed_m_s: float | None = None
-    block: Block | None = None
-    wrong_way: WrongWay = WrongWay()
-    answer: RudderAnswerState = RudderAnswerState()
+    slow_speed_m_s: float = math.nan
+    block: Block = Block()
+    reversal: ReversalState = ReversalState()
+    loss: SteeringLossState = SteeringLossState()
+
+
+NO_BLOCK: Final = Block()
+START: Final = SteeringMonitorState()
 
 
 def update(
-    settings: SteeringMonitorSettings, state: SteeringMonitorState, given: SteeringInput, now_s: float
+    model: KtModel,
+    servo_reversed: bool,  # noqa: FBT001 - compiled
+    state: SteeringMonitorState,
+    given: SteeringInput,
+    now_s: float,
 ) -> SteeringMonitorState:
-    """Take a tick in. The turn is that of the heading over a block, and the rudder its mean.
+    """Return the state after a tick. The turn is that of the heading over a block, the rudder its mean.
 
-    The estimated yaw rate would not do: it expects a turn of the rudder, and the heading is drawn back to what the
-    compass says.
+    The estimated yaw rate would not do: it expects a turn from the rudder, and the heading is corrected to what the
+    compass shows.
     """
-    if settings.servo_reversed is not state.wrong_way.servo_reversed:
-        state = replace(state, wrong_way=WrongWay(servo_reversed=settings.servo_reversed))
-    if given.heading_rad is None or not math.isfinite(given.rudder_rad):
-        if state.block is None:
-            return state
-        return replace(state, block=None, answer=rudder_answer.interrupted(state.answer))
-    block = state.block
-    if block is None or now_s < block.t_s:
-        return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
+    block, reversal, loss = state.block, state.reversal, state.loss
+    if servo_reversed != reversal.servo_reversed:
+        reversal = steering_reversal.begin(servo_reversed)
+    if not math.isfinite(given.heading_rad) or not math.isfinite(given.rudder_rad):
+        if not math.isnan(block.begun_s):
+            loss = steering_loss.interrupted(loss)
+        return with_tests(state, NO_BLOCK, reversal, loss)
+    begins = Block(now_s, given.heading_rad, now_s, 0.0, given.shown_rad)
+    if math.isnan(block.begun_s) or now_s < block.t_s:
+        return with_tests(state, begins, reversal, loss)
     rudder_rad_s = block.rudder_rad_s + given.rudder_rad * (now_s - block.t_s)
     step_s = now_s - block.begun_s
     if step_s < BLOCK_S:
-        return replace(state, block=Block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad))
-    turned_rad = wrap_pi(given.heading_rad - block.heading_rad)
-    begun_rad = block.shown_rad
-    shown_rad = 0.0 if begun_rad is None or given.shown_rad is None else wrap_pi(given.shown_rad - begun_rad)
-    state = compare(settings.model, state, given, Turn(rudder_rad_s / step_s, turned_rad, shown_rad, step_s))
-    return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
+        block = Block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad)
+        return with_tests(state, block, reversal, loss)
+    turned_rad, shown_rad = wrap_pi(given.heading_rad - block.heading_rad), wrap_pi(given.shown_rad - block.shown_rad)
+    turn = Turn(rudder_rad_s / step_s, turned_rad, 0.0 if math.isnan(shown_rad) else shown_rad, step_s)
+    return compare(model, with_tests(state, begins, reversal, loss), given, turn)
+
+
+def with_tests(
+    state: SteeringMonitorState, block: Block, reversal: ReversalState, loss: SteeringLossState
+) -> SteeringMonitorState:
+    """Return the state with the block under way and the states of the tests."""
+    return SteeringMonitorState(
+        state.order_s, state.slow_rudder_rad, state.slow_speed_m_s, block, reversal, loss
+    )  # fmt: skip
 
 
 def compare(model: KtModel, state: SteeringMonitorState, given: SteeringInput, turn: Turn) -> SteeringMonitorState:
-    """Let the judges see what the boat turned in a block."""
-    block, step_s, error_rad = (turn.rudder_rad, turn.turned_rad, turn.step_s), turn.step_s, given.error_rad
-    sd_rad, speed_m_s = given.heading_sd_rad, given.speed_m_s
-    answer = rudder_answer.update(model, state.answer, block, sd_rad, speed_m_s, error_rad)
-    slow_speed_m_s = speed_m_s if state.slow_speed_m_s is None else state.slow_speed_m_s
-    model = model.at_speed(clamp(slow_speed_m_s, 0.1 * model.speed_m_s, 10.0 * model.speed_m_s))
-    way = wrong_way.update(model, state.wrong_way, turn, state.slow_rudder_rad, error_rad, sd_rad)
-    over_rad = turn.rudder_rad - state.slow_rudder_rad
-    order_s = ordered_s(state.order_s, over_rad, error_rad, step_s)
-    state = replace(state, wrong_way=way, order_s=order_s, answer=answer)
-    # By hand she may be kept straight with any trim.
-    if order_s != 0.0 and error_rad is not None:
-        return state
-    part = 1.0 - math.exp(-step_s / SLOW_S)
-    return replace(
-        state,
-        slow_rudder_rad=state.slow_rudder_rad + part * over_rad,
-        slow_speed_m_s=slow_speed_m_s + part * (speed_m_s - slow_speed_m_s),
+    """Return the state after both tests of a block."""
+    step_s, error_rad, sd_rad, speed_m_s = turn.step_s, given.error_rad, given.heading_sd_rad, given.speed_m_s
+    slow_rudder_rad = state.slow_rudder_rad
+    loss = steering_loss.update(
+        model, state.loss, turn.rudder_rad, turn.turned_rad, step_s, sd_rad, speed_m_s, error_rad
     )
+    slow_speed_m_s = speed_m_s if math.isnan(state.slow_speed_m_s) else state.slow_speed_m_s
+    scaled_m_s = clamp(slow_speed_m_s, 0.1 * model.speed_m_s, 10.0 * model.speed_m_s)
+    ability_1_s, lag_s, norrbin_s2 = scaled(model, scaled_m_s / model.speed_m_s)
+    at_speed = KtModel(ability_1_s, lag_s, norrbin_s2, model.rudder_offset_rad, scaled_m_s)
+    reversal = steering_reversal.update(at_speed, state.reversal, turn, slow_rudder_rad, error_rad, sd_rad)
+    over_rad = turn.rudder_rad - slow_rudder_rad
+    order_s = ordered_s(state.order_s, over_rad, error_rad, step_s)
+    slow_after_m_s = state.slow_speed_m_s
+    # By hand the boat may be kept straight with any trim.
+    if order_s == 0.0 or math.isnan(error_rad):
+        part = 1.0 - math.exp(-step_s / SLOW_S)
+        slow_rudder_rad += part * over_rad
+        slow_after_m_s = slow_speed_m_s + part * (speed_m_s - slow_speed_m_s)
+    return SteeringMonitorState(order_s, slow_rudder_rad, slow_after_m_s, state.block, reversal, loss)

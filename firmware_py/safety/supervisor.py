@@ -21,7 +21,7 @@ from firmware_py.safety.convergence import ConvergenceState
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
 from firmware_py.safety.oscillation import OscillationInput, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
-from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState
+from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorState
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
@@ -43,8 +43,8 @@ class SupervisorSettings(msgspec.Struct, frozen=True):
     """
 
     rudder_monitor: RudderMonitorSettings
-    steering_monitor: SteeringMonitorSettings
     model: KtModel
+    servo_reversed: bool
     rudder_limit_rad: float
     failsafe_modes: Mapping[Fault, Mode | None]
     resume: bool
@@ -57,8 +57,8 @@ class SupervisorSettings(msgspec.Struct, frozen=True):
         """Read the settings from the parameters."""
         return cls(
             rudder_monitor=RudderMonitorSettings.of(parameters),
-            steering_monitor=SteeringMonitorSettings.of(parameters),
             model=KtModel.of(parameters),
+            servo_reversed=bool(parameters["RUD_REVERSE"]),
             rudder_limit_rad=radians(parameters["RUD_LIMIT_DEG"]),
             failsafe_modes={
                 fault: FAILSAFE_MODES.get(int(parameters[row.parameter]))
@@ -80,7 +80,7 @@ class SupervisorState(msgspec.Struct, frozen=True):
     """
 
     rudder_monitor: RudderMonitorState = RudderMonitorState()
-    steering_monitor: SteeringMonitorState = SteeringMonitorState()
+    steering_monitor: SteeringMonitorState = steering_monitor.START
     oscillation: OscillationState = oscillation.START
     convergence: ConvergenceState = convergence.IDLE
     failsafe: FailsafeState = FailsafeState()
@@ -112,7 +112,9 @@ def judge_steering(
     """Update the monitors of steering, limit cycle and convergence of the heading."""
     return replace(
         state,
-        steering_monitor=steering_monitor.update(settings.steering_monitor, state.steering_monitor, shown, now_s),
+        steering_monitor=steering_monitor.update(
+            settings.model, settings.servo_reversed, state.steering_monitor, shown, now_s
+        ),
         oscillation=oscillation.update(settings.model, state.oscillation, seen, now_s),
         convergence=convergence.update(
             state.convergence, seen.error_rad, seen.rudder_rad, settings.rudder_limit_rad, now_s

@@ -28,12 +28,21 @@ from firmware_py.control import law, rudder_limit
 from firmware_py.control.law import LawConstants, LawSettings
 from firmware_py.estimate import fixed_gain, heading_filter, heading_model, sources, stay, water_filter, water_results
 from firmware_py.model import heading_estimate, kt
-from firmware_py.safety import convergence, oscillation, turn_delay
+from firmware_py.safety import (
+    convergence,
+    oscillation,
+    steering_loss,
+    steering_monitor,
+    steering_reversal,
+    turn_delay,
+    turn_order,
+)
 
 __all__ = [
     "ERROR_MODEL", "MODULES", "LawConstants", "LawSettings", "angles", "convergence", "fixed_gain", "functions_of",
     "heading_estimate", "heading_filter", "heading_model", "inner", "kt", "law", "oscillation", "rudder_limit",
-    "silence", "sources", "stay", "turn_delay", "water_filter", "water_results",
+    "silence", "sources", "stay", "steering_loss", "steering_monitor", "steering_reversal", "turn_delay", "turn_order",
+    "water_filter", "water_results",
 ]  # fmt: skip
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -42,6 +51,7 @@ ERROR_MODEL: Final = "numpy"
 MODULES: Final = (
     angles, silence, kt, heading_estimate, fixed_gain, stay, sources, heading_model, heading_filter, water_filter,
     water_results, law, rudder_limit, turn_delay, oscillation, convergence,
+    turn_order, steering_loss, steering_reversal, steering_monitor,
 )  # fmt: skip
 
 

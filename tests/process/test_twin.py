@@ -31,14 +31,15 @@ RECORDED = ("fjord", "coast", "offshore")  # disturbances move the heading there
 MORE = ("sea+float=0.3:0.6,receiver=0:1", *SOFTENED, "swell+kt=0.5:2,delay=2")
 
 
-def watches(log):
-    """Yield what the firmware's watch over the steering holds after each tick, as a replay computes it."""
+def monitored(log):
+    """Yield evidence and verdicts of the firmware's steering monitor after each tick, as a replay computes them."""
     state = None
     for tick in read_log(log):
         if state is None:
             state, _ = state_from_text(tick.checkpoint)
         state, _ = step(state, tick.inputs)
-        yield state.supervisor.steering_monitor
+        loss, reversal = state.supervisor.steering_monitor.loss, state.supervisor.steering_monitor.reversal
+        yield loss.boats[0].evidence, loss.lost, reversal.reversed
 
 
 def compared(directory, text, seed, goals, seconds, **parameters):
@@ -64,8 +65,8 @@ def compared(directory, text, seed, goals, seconds, **parameters):
     assert len(fixes) > seconds - 3.0
     rows = voyage.fixes(sea, ticks, seconds)[: len(fixes)]
     differs += len(fixes) - int(np.sum(np.all((rows == fixes) | np.isnan(rows) & np.isnan(fixes), axis=1)))
-    watched = voyage.watched(record.ticks[:count], told)
-    differs += sum(theirs != mine for theirs, mine in zip(watches(log), watched, strict=False))
+    monitors = record.ticks[:count, [loop.LOSS_EVIDENCE, loop.LOST, loop.REVERSED]]
+    differs += sum(theirs != tuple(mine) for theirs, mine in zip(monitored(log), monitors, strict=False))
     return float(record.ticks[:count, loop.SOFTNESS].max()), differs
 
 

@@ -156,7 +156,7 @@ def test_a_wrong_servo_direction_is_told_within_three_minutes(name, figures):
     with_way_s = []
     for seed, turn_deg in itertools.product(range(1, 11), (0.0, 60.0)):
         ticks, record = voyage.sail(name, seed, [(0.0, math.radians(turn_deg))], 600.0, parameters=parameters)
-        _, reversed_s = voyage.lost_and_reversed(ticks, parameters)
+        _, reversed_s = voyage.lost_and_reversed(ticks)
         # One that lies on her heading with the rudder amidships shows nothing until it goes over.
         over_s = ticks[np.abs(ticks[:, loop.COMMAND_RAD]) > OVER_RAD, loop.TICK_S]
         told_s.append(reversed_s[0] - over_s[0] if reversed_s.size else math.inf)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.lab.numeric_core import LawSettings, law, oscillation, sources
+from hil.lab.numeric_core import LawSettings, law, oscillation, sources, steering_monitor
 from hil.lab.twin.kalman import Floats
 
 
@@ -48,19 +48,28 @@ STATE = np.dtype(
 )  # fmt: skip
 
 
-class CoreState(NamedTuple):
-    """States of the firmware's functions that the loop calls, and time and interval of headings and fixes."""
+class Intake(NamedTuple):
+    """State of the heading sources, and time and interval of headings and fixes."""
 
     sources: sources.SourceState
     heading_s: float
     heading_interval_s: float
     fix_s: float
     fix_interval_s: float
+
+
+class CoreState(NamedTuple):
+    """States of the firmware's functions that the loop calls."""
+
+    intake: Intake
     law: law.LawState
     oscillation: oscillation.OscillationState
+    steering: steering_monitor.SteeringMonitorState
 
 
-START = CoreState(sources.START, np.nan, np.nan, np.nan, np.nan, law.IDLE, oscillation.START)
+START = CoreState(
+    Intake(sources.START, np.nan, np.nan, np.nan, np.nan), law.IDLE, oscillation.START, steering_monitor.START
+)
 
 
 class Autopilot(NamedTuple):

@@ -10,7 +10,7 @@ from firmware_py.common.angles import clamp, radians
 from hil.lab.compiled import compiled
 from hil.lab.numeric_core import silence, sources
 from hil.lab.twin import kalman, over_ground, wave_filter
-from hil.lab.twin.autopilot import Autopilot, CoreState
+from hil.lab.twin.autopilot import Autopilot, Intake
 from hil.lab.twin.devices import LOST, SAID_RAD, THERE_S
 from hil.lab.twin.kalman import Floats
 from hil.lab.twin.plant import Plant
@@ -21,12 +21,12 @@ WIDEST_COURSE_RAD = radians(20.0)
 
 
 @compiled
-def judge_sources(a: Autopilot, at: Plant, core: CoreState, now_s: float) -> tuple[CoreState, int]:
+def judge_sources(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intake, int]:
     """Take the headings that are there and choose the source; return the state and how many there are."""
-    me, f, boat, state = a.state, a.filter, a.boat, core.sources
-    heading_s, interval_s = core.heading_s, core.heading_interval_s
+    me, f, boat, state = a.state, a.filter, a.boat, before.sources
+    heading_s, interval_s = before.heading_s, before.heading_interval_s
     lost_after_s = silence.timeout_s(interval_s, boat.compass_timeout_s)
-    fix_lost_after_s = silence.timeout_s(core.fix_interval_s, boat.position_timeout_s)
+    fix_lost_after_s = silence.timeout_s(before.fix_interval_s, boat.position_timeout_s)
     if sources.needs_restart(state, now_s, (lost_after_s, lost_after_s)):
         restart(f)
         state = sources.START
@@ -47,20 +47,18 @@ def judge_sources(a: Autopilot, at: Plant, core: CoreState, now_s: float) -> tup
         and f.x[kalman.SPEED] >= boat.course_speed_m_s
     )
     state = sources.select(state, now_s, boat.frozen_s, (lost_after_s, lost_after_s), course_ok)
-    return CoreState(state, heading_s, interval_s, core.fix_s, core.fix_interval_s, core.law, core.oscillation), there
+    return Intake(state, heading_s, interval_s, before.fix_s, before.fix_interval_s), there
 
 
 @compiled
-def learn_fixes(a: Autopilot, at: Plant, core: CoreState, fixes: int) -> CoreState:
+def learn_fixes(a: Autopilot, at: Plant, before: Intake, fixes: int) -> Intake:
     """Return the state with the interval of the fixes after so many of them."""
-    fix_s, interval_s = core.fix_s, core.fix_interval_s
+    fix_s, interval_s = before.fix_s, before.fix_interval_s
     for fix in range(fixes):
         t_s = at.fixes[fix, THERE_S]
         interval_s = silence.learn_interval_s(interval_s, t_s - fix_s, a.boat.position_timeout_s)
         fix_s = t_s
-    return CoreState(
-        core.sources, core.heading_s, core.heading_interval_s, fix_s, interval_s, core.law, core.oscillation
-    )
+    return Intake(before.sources, before.heading_s, before.heading_interval_s, fix_s, interval_s)
 
 
 @compiled

@@ -20,8 +20,8 @@ MORE_TICKS = 8  # than rows there are not
 # Columns of the ticks of a record.
 # Those of what the autopilot makes of a tick are NaN while it steers for no heading, or shows none.
 (TICK_S, COMMAND_RAD, MEASURED_RAD, HEADING_RAD, YAW_RATE_RAD_S, HEADING_SD_RAD, SPEED_M_S, ERROR_RAD, SHOWN_RAD,
- SOFTNESS, OSCILLATING) = range(11)  # fmt: skip
-TICK_COLUMNS = 11
+ SOFTNESS, OSCILLATING, LOSS_EVIDENCE, LOST, REVERSED) = range(14)  # fmt: skip
+TICK_COLUMNS = 14
 
 
 @compiled
@@ -32,8 +32,11 @@ def note(row: Floats, a: Autopilot, core: CoreState, now_s: float) -> None:
     row[HEADING_RAD], row[YAW_RATE_RAD_S] = me.heading_rad, me.rate_rad_s
     row[HEADING_SD_RAD], row[SPEED_M_S] = me.heading_sd_rad, f.x[kalman.SPEED]
     row[ERROR_RAD] = me.error_rad
-    row[SHOWN_RAD] = sources.compass_in_use(core.sources).raw_rad
+    row[SHOWN_RAD] = sources.compass_in_use(core.intake.sources).raw_rad
     row[SOFTNESS], row[OSCILLATING] = core.oscillation.gain_reduction, core.oscillation.oscillating
+    loss = core.steering.loss
+    row[LOSS_EVIDENCE], row[LOST] = loss.boats[0].evidence, loss.lost
+    row[REVERSED] = core.steering.reversal.reversed
 
 
 @compiled

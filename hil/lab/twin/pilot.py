@@ -1,6 +1,6 @@
-"""A tick of the autopilot: goals, heading source, estimate, limit cycle detection and heading controller.
+"""A tick of the autopilot: goals, heading source, estimate, monitors and heading controller.
 
-Sources, detection and controller are the firmware's own functions (hil/lab/numeric_core.py).
+Sources, monitors and controller are the firmware's own functions (hil/lab/numeric_core.py).
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 
 from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
 from hil.lab.compiled import compiled
-from hil.lab.numeric_core import heading_estimate, law, oscillation, rudder_limit, silence, sources
+from hil.lab.numeric_core import heading_estimate, law, oscillation, rudder_limit, silence, sources, steering_monitor
 from hil.lab.twin import intake, kalman, wave_filter
-from hil.lab.twin.autopilot import Autopilot, CoreState, Task
+from hil.lab.twin.autopilot import Autopilot, CoreState, Intake, Task
 from hil.lab.twin.learning import LOG_OMEGA
 from hil.lab.twin.plant import Plant
 from hil.lab.twin.wave_filter_state import RUDDER, SAMPLE_T, STARTED, WATER_SPEED, forget
@@ -59,13 +59,13 @@ def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
 def update(a: Autopilot, task: Task, at: Plant, core: CoreState, now_s: float) -> CoreState:
     """Do a tick: afterwards the state has the rudder command."""
     take_goals(a, task, now_s)
-    core, headings = intake.judge_sources(a, at, core, now_s)
+    taken, headings = intake.judge_sources(a, at, core.intake, now_s)
     fixes = intake.count_fixes(at, now_s)
-    offset_rad = sources.compass_in_use(core.sources).offset_rad
-    intake.estimate(a, at, offset_rad, headings if sources.uses_compass(core.sources) else 0, fixes)
-    core = intake.learn_fixes(a, at, core, fixes)
-    settle(a, at, core.sources.in_use == sources.Source.COURSE, headings, fixes, now_s)
-    return steer(a, core, now_s)
+    offset_rad = sources.compass_in_use(taken.sources).offset_rad
+    intake.estimate(a, at, offset_rad, headings if sources.uses_compass(taken.sources) else 0, fixes)
+    taken = intake.learn_fixes(a, at, taken, fixes)
+    settle(a, at, taken.sources.in_use == sources.Source.COURSE, headings, fixes, now_s)
+    return steer(a, core, taken, now_s)
 
 
 @compiled
@@ -103,12 +103,12 @@ def heading_estimate_of(a: Autopilot) -> heading_estimate.HeadingEstimate:
 
 
 @compiled
-def steer(a: Autopilot, core: CoreState, now_s: float) -> CoreState:
-    """Detect a limit cycle and set the next rudder command."""
+def steer(a: Autopilot, core: CoreState, taken: Intake, now_s: float) -> CoreState:
+    """Update the monitors of limit cycle and steering, and set the next rudder command."""
     me, f, boat = a.state, a.filter, a.boat
     step_s = 0.0 if math.isnan(me.before_s) else min(max(0.0, now_s - me.before_s), LONGEST_STEP_S)
     begun, armed = f.w[STARTED] > 0.0, is_armed(now_s)
-    lost_after_s = silence.timeout_s(core.heading_interval_s, boat.compass_timeout_s)
+    lost_after_s = silence.timeout_s(taken.heading_interval_s, boat.compass_timeout_s)
     steered = armed and now_s - me.sample_s <= lost_after_s and not math.isnan(me.goal_rad)
     me.error_rad = wrap_pi(me.goal_rad - me.heading_rad) if steered else np.nan
     known = heading_estimate_of(a)
@@ -124,6 +124,15 @@ def steer(a: Autopilot, core: CoreState, now_s: float) -> CoreState:
         2.0 * math.pi / math.exp(f.n[LOG_OMEGA]),
     )
     cycle = oscillation.update(a.law.model, core.oscillation, seen, now_s)
+    given = steering_monitor.SteeringInput(
+        f.w[RUDDER],
+        me.heading_rad if steered else np.nan,
+        me.heading_sd_rad,
+        known.speed_m_s if begun else a.law.model.speed_m_s,
+        me.error_rad,
+        sources.compass_in_use(taken.sources).raw_rad,
+    )
+    steering = steering_monitor.update(a.law.model, boat.servo_sign < 0.0, core.steering, given, now_s)
     law_state, demand_rad = law.IDLE, me.command_rad if armed else 0.0
     if steered and begun:
         law_state, demand_rad = law.steer(
@@ -132,9 +141,7 @@ def steer(a: Autopilot, core: CoreState, now_s: float) -> CoreState:
     limits = rudder_limit.RudderLimits(boat.limit_rad, boat.slew_rad_s, boat.deadband_rad)
     me.command_rad = rudder_limit.limited_command(limits, me.command_rad, demand_rad, step_s)
     me.before_s = now_s
-    return CoreState(
-        core.sources, core.heading_s, core.heading_interval_s, core.fix_s, core.fix_interval_s, law_state, cycle
-    )
+    return CoreState(taken, law_state, cycle, steering)
 
 
 @compiled

@@ -2,16 +2,15 @@ import math
 import random
 
 import pytest
-from msgspec.structs import replace
 
 from firmware_py.common.angles import wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.model.kt import rk4_step
-from firmware_py.safety.rudder_answer import interrupted
-from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState, update
+from firmware_py.model.kt import KtModel, rk4_step
+from firmware_py.safety.steering_loss import interrupted
+from firmware_py.safety.steering_monitor import NO_BLOCK, SteeringInput, SteeringMonitorState, update
 
 K, T = 0.049, 4.0
-SETTINGS = SteeringMonitorSettings.of(ParameterSet())
+MODEL = KtModel.of(ParameterSet())
 SD_RAD = math.radians(0.5)
 
 
@@ -23,16 +22,16 @@ class Boat:
         self.noise, self.noise_rad = random.Random(seed), noise_rad
         self.told = []  # (t_s, lost)
 
-    def tick(self, rudder_rad, error_rad=None, answers=1.0, later=1.0, pushed_rad=0.0):
+    def tick(self, rudder_rad, error_rad=math.nan, answers=1.0, later=1.0, pushed_rad=0.0):
         push_rad = answers * (rudder_rad - self.bias_rad) + pushed_rad
         self.heading, self.rate = rk4_step(self.heading, self.rate, push_rad, 0.1, K, T * later, 17.0, 0.0)
         shown_rad = wrap_two_pi(self.heading + self.noise.gauss(0.0, self.noise_rad))
-        before, self.t_s = self.state.answer.missing, self.t_s + 0.1
+        before, self.t_s = self.state.loss.lost, self.t_s + 0.1
         self.state = update(
-            SETTINGS, self.state, SteeringInput(rudder_rad, shown_rad, SD_RAD, 0.4, error_rad, shown_rad), self.t_s
+            MODEL, False, self.state, SteeringInput(rudder_rad, shown_rad, SD_RAD, 0.4, error_rad, shown_rad), self.t_s
         )
-        if self.state.answer.missing is not before:
-            self.told.append((self.t_s, self.state.answer.missing))
+        if self.state.loss.lost is not before:
+            self.told.append((self.t_s, self.state.loss.lost))
 
     def steer(self, seconds, goal_rad, **ship):
         """Steer for a heading, as a helm does that has 30 deg of rudder."""
@@ -102,18 +101,17 @@ def test_gusts_that_the_helm_holds_her_against_are_no_lost_blade():
 
 def test_a_servo_that_is_set_up_the_wrong_way_round_is_told_and_its_mending_too():
     boat = Boat(bias_rad=0.0).steer(120.0, 7.0, answers=-1.0)
-    assert boat.state.wrong_way.reversed
+    assert boat.state.reversal.reversed
     for goal_rad in (9.0, 6.0, 9.0):
         boat.steer(60.0, goal_rad)
-    assert not boat.state.wrong_way.reversed
+    assert not boat.state.reversal.reversed
 
 
 def test_a_wrong_servo_direction_is_judged_anew_once_the_parameter_has_changed():
     boat = Boat(bias_rad=0.0).steer(120.0, 7.0, answers=-1.0)
-    other = SteeringMonitorSettings.of(ParameterSet().replaced("RUD_REVERSE", 1))
-    given = SteeringInput(0.0, None, SD_RAD, 0.4, None)
-    assert update(SETTINGS, boat.state, given, boat.t_s).wrong_way.reversed
-    assert not update(other, boat.state, given, boat.t_s).wrong_way.reversed
+    given = SteeringInput(0.0, math.nan, SD_RAD, 0.4, math.nan)
+    assert update(MODEL, False, boat.state, given, boat.t_s).reversal.reversed
+    assert not update(MODEL, True, boat.state, given, boat.t_s).reversal.reversed
 
 
 def test_an_estimate_that_takes_the_wrong_turn_for_waves_hides_nothing():
@@ -121,8 +119,8 @@ def test_an_estimate_that_takes_the_wrong_turn_for_waves_hides_nothing():
     state = SteeringMonitorState()
     for tick in range(1800):
         shown_rad = wrap_two_pi(-0.03 * 0.1 * tick)
-        state = update(SETTINGS, state, SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0, shown_rad), 0.1 * tick)
-    assert state.wrong_way.reversed
+        state = update(MODEL, False, state, SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0, shown_rad), 0.1 * tick)
+    assert state.reversal.reversed
 
 
 @pytest.mark.parametrize("answers", [0.0, 0.3, 1.0])
@@ -130,12 +128,12 @@ def test_a_lost_or_weak_rudder_is_no_wrong_one(answers):
     boat = Boat()
     for goal_rad in (7.5, 5.0, 8.0):
         boat.steer(120.0, goal_rad, answers=answers, pushed_rad=-0.01)
-        assert not boat.state.wrong_way.reversed
+        assert not boat.state.reversal.reversed
 
 
 def test_a_blade_lost_while_she_is_steered_by_hand_is_told():
     assert Boat().weave(300.0).told == []
-    assert Boat().weave(300.0, answers=0.0).state.answer.missing
+    assert Boat().weave(300.0, answers=0.0).state.loss.lost
 
 
 def test_a_lost_blade_stays_lost_while_she_drifts_where_the_sea_takes_her():
@@ -168,8 +166,8 @@ def test_what_the_heading_could_have_missed_is_not_told():
     for sd_rad in (SD_RAD, math.radians(40.0)):
         state = SteeringMonitorState()
         for tick in range(400):
-            state = update(SETTINGS, state, SteeringInput(0.5, 1.0, sd_rad, 0.4, 1.0), 0.1 * tick)
-        told.append(state.answer.missing)
+            state = update(MODEL, False, state, SteeringInput(0.5, 1.0, sd_rad, 0.4, 1.0), 0.1 * tick)
+        told.append(state.loss.lost)
     assert told == [True, False]
 
 
@@ -185,15 +183,15 @@ def test_a_rudder_that_holds_her_against_the_wind_speaks_not_against_her():
     state = SteeringMonitorState()
     for tick in range(6000):
         gust_rad = 0.3 * max(0.0, math.sin(0.1 * tick / 8.0)) ** 2
-        state = update(SETTINGS, state, SteeringInput(0.05 + gust_rad, 1.0, SD_RAD, 0.4, 0.1), 0.1 * tick)
-        assert not state.answer.missing
+        state = update(MODEL, False, state, SteeringInput(0.05 + gust_rad, 1.0, SD_RAD, 0.4, 0.1), 0.1 * tick)
+        assert not state.loss.lost
 
 
 def test_a_rudder_that_stops_a_turn_is_no_order_to_turn():
     state = SteeringMonitorState()
     for tick in range(6000):
-        state = update(SETTINGS, state, SteeringInput(-0.5, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick)
-        assert not state.answer.missing
+        state = update(MODEL, False, state, SteeringInput(-0.5, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick)
+        assert not state.loss.lost
 
 
 def test_a_turn_that_is_under_way_at_the_start_is_not_taken_for_the_trim():
@@ -209,18 +207,20 @@ def test_a_turn_that_is_under_way_at_the_start_is_not_taken_for_the_trim():
 def test_what_is_no_number_and_what_nobody_sees_begin_a_new_block():
     boat = Boat().steer(20.0, 7.0)
     given = SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0)
-    for odd in (replace(given, heading_rad=None), replace(given, rudder_rad=math.nan)):
-        state = update(SETTINGS, boat.state, odd, boat.t_s + 0.1)
-        assert state == replace(boat.state, block=None, answer=interrupted(boat.state.answer))
-        assert update(SETTINGS, state, odd, boat.t_s + 0.2) is state
+    for odd in (given._replace(heading_rad=math.nan), given._replace(rudder_rad=math.nan)):
+        state = update(MODEL, False, boat.state, odd, boat.t_s + 0.1)
+        assert state == boat.state._replace(block=NO_BLOCK, loss=interrupted(boat.state.loss))
+        assert update(MODEL, False, state, odd, boat.t_s + 0.2) == state
 
 
 def test_the_mean_of_the_rudder_over_the_block_is_what_counts():
     """The rudder goes over at the end of a block: the block has not seen it."""
     state = SteeringMonitorState()
     for tick in range(21):
-        state = update(SETTINGS, state, SteeringInput(0.5 if tick == 20 else 0.0, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick)
-    assert state.answer.rudders_rad[0] == pytest.approx(0.05 * 0.5)
+        state = update(
+            MODEL, False, state, SteeringInput(0.5 if tick == 20 else 0.0, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick
+        )
+    assert state.loss.rudders_rad[0] == pytest.approx(0.05 * 0.5)
 
 
 def test_a_rudder_that_goes_to_the_other_side_tells_nothing_at_first():
@@ -229,8 +229,8 @@ def test_a_rudder_that_goes_to_the_other_side_tells_nothing_at_first():
     for side in (1.0, -1.0, 1.0, -1.0):
         for tick in range(300):
             boat.tick(side * 0.5, side, answers=-1.0 if tick < 100 else 0.5)
-    assert not boat.state.answer.missing
-    assert not boat.state.wrong_way.reversed
+    assert not boat.state.loss.lost
+    assert not boat.state.reversal.reversed
 
 
 def test_where_the_rudder_keeps_her_straight_is_learned_in_a_minute_and_not_in_a_turn():
@@ -250,7 +250,7 @@ def test_a_block_is_two_seconds():
     boat = Boat()
     for _ in range(19):
         boat.tick(0.3, 0.0)
-    assert boat.state.answer.rudders_rad[0] == 0.0
+    assert boat.state.loss.rudders_rad[0] == 0.0
     for _ in range(3):
         boat.tick(0.3, 0.0)
-    assert boat.state.answer.rudders_rad[:2] == (pytest.approx(0.3), 0.0)
+    assert boat.state.loss.rudders_rad[:2] == (pytest.approx(0.3), 0.0)

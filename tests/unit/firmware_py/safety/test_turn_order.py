@@ -16,12 +16,12 @@ OVER_RAD, OFF_RAD = radians(20.0), radians(60.0)
         (11.5, 60.0, False),
         (30.0, 14.5, False),
         (30.0, -60.0, False),  # it stops a turn
-        (12.5, None, True),  # by hand
-        (11.5, None, False),
+        (12.5, math.nan, True),  # by hand
+        (11.5, math.nan, False),
     ],
 )
 def test_a_rudder_well_over_to_where_she_is_to_turn_far_is_an_order(over_deg, error_deg, orders):
-    assert is_order(radians(over_deg), None if error_deg is None else radians(error_deg)) is orders
+    assert is_order(radians(over_deg), radians(error_deg)) is orders
 
 
 def test_an_order_is_counted_to_its_side_and_anew_to_the_other():

@@ -6,13 +6,13 @@ import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER, decay_over
-from firmware_py.safety.rudder_answer import (
+from firmware_py.safety.steering_loss import (
     BOATS,
+    CORRELATION_S,
+    DISTURBANCE_RAD,
     GUSTS_SQUARE_S,
-    OTHERS_RAD,
-    OTHERS_S,
-    UNSURE,
-    RudderAnswerState,
+    NOISE_SHARE,
+    SteeringLossState,
     interrupted,
     update,
 )
@@ -24,7 +24,7 @@ class Boat:
     """A boat that answers late by blocks, with a part of her turning ability and a longer lag, pushed by wind."""
 
     def __init__(self, answers=1.0, late=0, lags=1.0, wind_rad=-0.09, speed_m_s=SPEED_M_S, sd_rad=SD_RAD):
-        self.state, self.rate_rad_s, self.rudders = RudderAnswerState(), 0.0, [0.0] * late
+        self.state, self.rate_rad_s, self.rudders = SteeringLossState(), 0.0, [0.0] * late
         self.answers, self.lags, self.wind_rad = answers, lags, wind_rad
         self.ship, self.speed_m_s, self.sd_rad = OCEAN_RAMBLER.at_speed(speed_m_s), speed_m_s, sd_rad
 
@@ -35,21 +35,22 @@ class Boat:
         gone = 1.0 - decay_over(BLOCK_S, self.lags * self.ship.turning_lag_s)
         self.rate_rad_s += gone * (steady_rad_s - self.rate_rad_s)
         turned_rad = self.rate_rad_s * BLOCK_S + noise_rad
-        block = (rudder_rad, turned_rad, BLOCK_S)
-        self.state = update(OCEAN_RAMBLER, self.state, block, self.sd_rad, self.speed_m_s, error_rad)
+        self.state = update(
+            OCEAN_RAMBLER, self.state, rudder_rad, turned_rad, BLOCK_S, self.sd_rad, self.speed_m_s, error_rad
+        )
         return turned_rad
 
     def hold(self, seconds, rudder_rad, error_rad):
         """Hold the rudder over; return after how long another is told of her answer than before, None where none is."""
-        was = self.state.missing
+        was = self.state.lost
         for block in range(round(seconds / BLOCK_S)):
             self.block(rudder_rad, error_rad)
-            if self.state.missing is not was:
+            if self.state.lost is not was:
                 return (block + 1) * BLOCK_S
         return None
 
 
-@pytest.mark.parametrize("error_rad", [-1.0, None])
+@pytest.mark.parametrize("error_rad", [-1.0, math.nan])
 def test_wind_that_turns_her_to_her_goal_is_no_answer(error_rad):
     """A sixth of what the rudder would turn her, and to the same side."""
     boat = Boat()
@@ -118,7 +119,7 @@ def test_only_a_rudder_that_is_to_bring_her_where_she_is_not_speaks_against_her(
 
 
 def test_how_much_wind_and_trim_wander_is_learned_in_half_an_hour():
-    numbers, wander_rad, boat, keep = random.Random(3), 0.0, Boat(), math.exp(-BLOCK_S / OTHERS_S)
+    numbers, wander_rad, boat, keep = random.Random(3), 0.0, Boat(), math.exp(-BLOCK_S / CORRELATION_S)
     for _ in range(1800):
         wander_rad = keep * wander_rad + math.sqrt(1.0 - keep * keep) * radians(numbers.gauss(0.0, 5.0))
         boat.wind_rad = wander_rad - 0.09
@@ -140,18 +141,18 @@ def test_the_evidence_is_the_ratio_of_the_likelihoods_of_all_that_was_seen(seed)
     """Computed at once, with the covariance of all headings, for the boat as told at her least and for none."""
     boat, numbers, turned_rad, count = Boat(answers=0.0, wind_rad=0.0, sd_rad=radians(6.0)), random.Random(seed), [], 12
     for _ in range(count):
-        turned_rad.append(boat.block(radians(25.0), None, noise_rad=numbers.gauss(0.0, radians(0.1))))
+        turned_rad.append(boat.block(radians(25.0), math.nan, noise_rad=numbers.gauss(0.0, radians(0.1))))
         assert boat.state.boats[0].evidence > 0.0
     decay = decay_over(BLOCK_S, boat.ship.turning_lag_s) ** np.arange(count)
     gone = 1.0 - decay_over(BLOCK_S, boat.ship.turning_lag_s)
     felt_rad = radians(25.0) * (1.0 - decay * gone * boat.ship.turning_lag_s / BLOCK_S)
     by_rudder, until_now = boat.ship.turning_ability_1_s * BLOCK_S, np.tril(np.ones((count, count)))
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    others = OTHERS_RAD**2 * np.exp(-BLOCK_S * apart / OTHERS_S) + GUSTS_SQUARE_S / BLOCK_S * np.eye(count)
-    unsure = (UNSURE * boat.sd_rad) ** 2 * (np.eye(count) + np.ones((count, count)))
+    others = DISTURBANCE_RAD**2 * np.exp(-BLOCK_S * apart / CORRELATION_S) + GUSTS_SQUARE_S / BLOCK_S * np.eye(count)
+    unsure = (NOISE_SHARE * boat.sd_rad) ** 2 * (np.eye(count) + np.ones((count, count)))
     inverse = np.linalg.inv(by_rudder**2 * until_now @ others @ until_now.T + unsure)
     heading_rad = until_now @ turned_rad
-    beyond_rad = heading_rad - BOATS[0][3] * by_rudder * until_now @ felt_rad
+    beyond_rad = heading_rad - BOATS[0].least_part * by_rudder * until_now @ felt_rad
     ratio = 0.5 * (beyond_rad @ inverse @ beyond_rad - heading_rad @ inverse @ heading_rad)
     assert boat.state.boats[0].evidence == pytest.approx(ratio)
 
@@ -166,7 +167,7 @@ def test_a_heading_that_was_not_seen_for_a_while_leaves_what_was_learned_and_the
     assert [after.mean_rad for after in state.boats] == [before.mean_rad for before in boat.state.boats]
     assert (state.wander, state.speed_m_s) == (boat.state.wander, boat.state.speed_m_s)
     assert boat.hold(120.0, radians(-25.0), -1.0) is not None
-    assert interrupted(boat.state).missing
+    assert interrupted(boat.state).lost
 
 
 def test_a_blade_that_is_lost_stays_so_while_the_wind_turns_her_about():
@@ -179,7 +180,7 @@ def test_a_blade_that_is_lost_stays_so_while_the_wind_turns_her_about():
     for _ in range(500):
         boat.wind_rad += 0.02 * (-0.09 - boat.wind_rad) + 0.2 * radians(numbers.gauss(0.0, 2.0))
         boat.block(radians(-25.0), -1.0)
-        assert boat.state.missing
+        assert boat.state.lost
 
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.9])
@@ -190,7 +191,7 @@ def test_wind_that_turns_her_as_half_a_rudder_would_against_it_hides_a_lost_blad
     half.wind_rad, lost.wind_rad = -0.25 * over_rad, 0.25 * over_rad
     for _ in range(300):
         assert half.block(over_rad, 1.0) == pytest.approx(lost.block(over_rad, 1.0))
-        assert not half.state.missing
-        assert not lost.state.missing
+        assert not half.state.lost
+        assert not lost.state.lost
     lost = Boat(answers=0.0, speed_m_s=speed_m_s, wind_rad=0.125 * over_rad)
     assert lost.hold(120.0, over_rad, 1.0) is not None

@@ -4,7 +4,7 @@ import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER
-from firmware_py.safety.wrong_way import Turn, WrongWay, update
+from firmware_py.safety.steering_reversal import ReversalState, Turn, update
 
 BLOCK_S, RUDDER_RAD = 2.0, 0.5
 FULL_RAD = OCEAN_RAMBLER.turning_ability_1_s * RUDDER_RAD * BLOCK_S  # what she turns in a block at last
@@ -14,7 +14,7 @@ class Boat:
     """A boat with the rudder over to where she is to turn, that turns by parts of what she should."""
 
     def __init__(self, sd_deg=1.0):
-        self.way, self.sd_rad = WrongWay(), radians(sd_deg)
+        self.way, self.sd_rad = ReversalState(), radians(sd_deg)
 
     def turn(self, seconds, estimated, shown, rudder_rad=RUDDER_RAD, error_rad=1.0):
         """Return after how long another is told of her than before, None where none is."""
@@ -62,7 +62,7 @@ def test_what_was_seen_is_forgotten_in_two_minutes_while_nothing_is_ordered():
 
 def test_no_more_than_12_deg_is_taken_for_trim():
     """A rudder that was over for long is what turned her, and not what held her straight."""
-    way, turn = WrongWay(), Turn(RUDDER_RAD, -FULL_RAD, -FULL_RAD, BLOCK_S)
+    way, turn = ReversalState(), Turn(RUDDER_RAD, -FULL_RAD, -FULL_RAD, BLOCK_S)
     for _ in range(20):
         way = update(OCEAN_RAMBLER, way, turn, RUDDER_RAD, 1.0, radians(1.0))
     assert way.reversed
