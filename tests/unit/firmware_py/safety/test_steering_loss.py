@@ -21,7 +21,7 @@ SPEED_M_S, BLOCK_S, SD_RAD = 0.9, 2.0, radians(1.0)
 
 
 class Boat:
-    """A boat that answers late by blocks, with a part of her turning ability and a longer lag, pushed by wind."""
+    """A boat in wind that responds late by blocks, with a part of its turning ability and a longer lag."""
 
     def __init__(self, answers=1.0, late=0, lags=1.0, wind_rad=-0.09, speed_m_s=SPEED_M_S, sd_rad=SD_RAD):
         self.state, self.rate_rad_s, self.rudders = SteeringLossState(), 0.0, [0.0] * late
@@ -29,7 +29,7 @@ class Boat:
         self.ship, self.speed_m_s, self.sd_rad = OCEAN_RAMBLER.at_speed(speed_m_s), speed_m_s, sd_rad
 
     def block(self, rudder_rad, error_rad, noise_rad=0.0):
-        """Hold the rudder over for a block; return what she turned in it."""
+        """Hold the rudder over for a block; return the turn in it."""
         self.rudders.append(rudder_rad)
         steady_rad_s = self.ship.turning_ability_1_s * (self.answers * self.rudders.pop(0) + self.wind_rad)
         gone = 1.0 - decay_over(BLOCK_S, self.lags * self.ship.turning_lag_s)
@@ -41,7 +41,7 @@ class Boat:
         return turned_rad
 
     def hold(self, seconds, rudder_rad, error_rad):
-        """Hold the rudder over; return after how long another is told of her answer than before, None where none is."""
+        """Hold the rudder over; return after how long the verdict changes, None if it does not."""
         was = self.state.lost
         for block in range(round(seconds / BLOCK_S)):
             self.block(rudder_rad, error_rad)
@@ -51,8 +51,8 @@ class Boat:
 
 
 @pytest.mark.parametrize("error_rad", [-1.0, math.nan])
-def test_wind_that_turns_her_to_her_goal_is_no_answer(error_rad):
-    """A sixth of what the rudder would turn her, and to the same side."""
+def test_wind_that_turns_the_boat_to_its_goal_is_no_response(error_rad):
+    """A sixth of the turn by the rudder, and to the same side."""
     boat = Boat()
     assert boat.hold(120.0, radians(5.0), 0.0) is None
     boat.answers = 0.0
@@ -61,14 +61,14 @@ def test_wind_that_turns_her_to_her_goal_is_no_answer(error_rad):
 
 @pytest.mark.parametrize("late", [0, 1, 3, 6])
 @pytest.mark.parametrize(("answers", "lags"), [(0.5, 1.0), (1.0, 1.0), (2.0, 1.0), (1.0, 3.0), (0.5, 3.0), (-1.0, 1.0)])
-def test_a_boat_that_answers_late_or_weakly_or_the_other_way_answers(answers, lags, late):
+def test_a_late_weak_or_opposite_response_is_a_response(answers, lags, late):
     boat = Boat(answers, late, lags)
     assert boat.hold(120.0, radians(5.0), 0.0) is None
     for side in (-1.0, 1.0, -1.0):
         assert boat.hold(60.0, radians(5.0 + side * 25.0), side) is None
 
 
-def test_a_helm_that_holds_her_against_gusts_tells_nothing():
+def test_a_rudder_that_holds_the_boat_against_gusts_adds_no_evidence():
     boat = Boat()
     for block in range(300):
         rudder_rad = radians(5.0) + 0.4 * math.sin(block / 5.0)
@@ -87,9 +87,7 @@ def test_a_helm_that_holds_her_against_gusts_tells_nothing():
         (0.9, 6.0, 38.0, 14.0),
     ],
 )
-def test_how_long_it_takes_is_a_matter_of_her_way_and_of_how_well_her_heading_is_known(
-    speed_m_s, sd_deg, lost_s, again_s
-):
+def test_the_detection_time_depends_on_speed_and_heading_uncertainty(speed_m_s, sd_deg, lost_s, again_s):
     boat = Boat(speed_m_s=speed_m_s, sd_rad=radians(sd_deg))
     assert boat.hold(400.0, radians(5.0), 0.0) is None
     boat.answers = 0.0
@@ -98,7 +96,7 @@ def test_how_long_it_takes_is_a_matter_of_her_way_and_of_how_well_her_heading_is
     assert (lost, boat.hold(200.0, radians(30.0), 1.0)) == (lost_s, again_s)
 
 
-def test_the_speed_is_the_mean_of_the_first_200_s_and_is_forgotten_in_as_much():
+def test_the_mean_speed_has_a_memory_of_200_s():
     boat = Boat()
     for block in range(100):
         boat.speed_m_s = 0.4 if block % 2 else 0.8
@@ -110,15 +108,15 @@ def test_the_speed_is_the_mean_of_the_first_200_s_and_is_forgotten_in_as_much():
     assert boat.state.speed_m_s == pytest.approx(1.6 - math.exp(-1.0), abs=0.01)
 
 
-@pytest.mark.parametrize(("error_deg", "told"), [(9.0, False), (11.0, True), (-11.0, False)])
-def test_only_a_rudder_that_is_to_bring_her_where_she_is_not_speaks_against_her(error_deg, told):
+@pytest.mark.parametrize(("error_deg", "reported"), [(9.0, False), (11.0, True), (-11.0, False)])
+def test_only_a_rudder_that_is_to_reduce_a_large_error_adds_evidence(error_deg, reported):
     boat = Boat()
     boat.hold(120.0, radians(5.0), 0.0)
     boat.answers = 0.0
-    assert (boat.hold(120.0, radians(30.0), radians(error_deg)) is not None) is told
+    assert (boat.hold(120.0, radians(30.0), radians(error_deg)) is not None) is reported
 
 
-def test_how_much_wind_and_trim_wander_is_learned_in_half_an_hour():
+def test_the_wander_of_wind_and_trim_is_learned_in_half_an_hour():
     numbers, wander_rad, boat, keep = random.Random(3), 0.0, Boat(), math.exp(-BLOCK_S / CORRELATION_S)
     for _ in range(1800):
         wander_rad = keep * wander_rad + math.sqrt(1.0 - keep * keep) * radians(numbers.gauss(0.0, 5.0))
@@ -137,8 +135,8 @@ def test_how_much_wind_and_trim_wander_is_learned_in_half_an_hour():
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_evidence_is_the_ratio_of_the_likelihoods_of_all_that_was_seen(seed):
-    """Computed at once, with the covariance of all headings, for the boat as told at her least and for none."""
+def test_the_evidence_is_the_likelihood_ratio_of_all_headings(seed):
+    """Computed at once, with the covariance of all headings, for the least nominal response and for none."""
     boat, numbers, turned_rad, count = Boat(answers=0.0, wind_rad=0.0, sd_rad=radians(6.0)), random.Random(seed), [], 12
     for _ in range(count):
         turned_rad.append(boat.block(radians(25.0), math.nan, noise_rad=numbers.gauss(0.0, radians(0.1))))
@@ -157,7 +155,7 @@ def test_the_evidence_is_the_ratio_of_the_likelihoods_of_all_that_was_seen(seed)
     assert boat.state.boats[0].evidence == pytest.approx(ratio)
 
 
-def test_a_heading_that_was_not_seen_for_a_while_leaves_what_was_learned_and_the_verdict():
+def test_an_interruption_keeps_verdict_and_learned_values():
     boat = Boat(answers=0.0)
     boat.hold(120.0, radians(5.0), 0.0)
     boat.hold(20.0, radians(-25.0), -1.0)
@@ -170,8 +168,8 @@ def test_a_heading_that_was_not_seen_for_a_while_leaves_what_was_learned_and_the
     assert interrupted(boat.state).lost
 
 
-def test_a_blade_that_is_lost_stays_so_while_the_wind_turns_her_about():
-    """What else turns her wanders as it does in the weak sea, ten times as long as it takes to tell."""
+def test_a_lost_blade_stays_lost_while_the_wind_turns_the_boat():
+    """The disturbance wanders as in the weak sea, for ten times the detection time."""
     boat = Boat(speed_m_s=0.2)
     assert boat.hold(400.0, radians(5.0), 0.0) is None
     boat.answers = 0.0
@@ -184,8 +182,8 @@ def test_a_blade_that_is_lost_stays_so_while_the_wind_turns_her_about():
 
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.9])
-def test_wind_that_turns_her_as_half_a_rudder_would_against_it_hides_a_lost_blade_and_half_as_much_does_not(speed_m_s):
-    """The limit of any test: headings that are the same tell nothing."""
+def test_wind_like_half_a_rudder_hides_a_lost_blade_and_half_of_it_does_not(speed_m_s):
+    """The limit of any test: the headings are the same."""
     over_rad = radians(28.0)
     half, lost = Boat(answers=0.5, speed_m_s=speed_m_s), Boat(answers=0.0, speed_m_s=speed_m_s)
     half.wind_rad, lost.wind_rad = -0.25 * over_rad, 0.25 * over_rad

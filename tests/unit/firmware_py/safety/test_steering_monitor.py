@@ -15,12 +15,12 @@ SD_RAD = math.radians(0.5)
 
 
 class Boat:
-    """A boat and her monitor, tick by tick; `answers` is the part of K that she has, `later` of T."""
+    """A boat and its monitor, tick by tick; `answers` is its part of K, `later` that of T."""
 
     def __init__(self, bias_rad=0.08, noise_rad=0.004, seed=1):
         self.state, self.t_s, self.heading, self.rate, self.bias_rad = SteeringMonitorState(), 0.0, 6.0, 0.0, bias_rad
         self.noise, self.noise_rad = random.Random(seed), noise_rad
-        self.told = []  # (t_s, lost)
+        self.reported = []  # (t_s, lost)
 
     def tick(self, rudder_rad, error_rad=math.nan, answers=1.0, later=1.0, pushed_rad=0.0):
         push_rad = answers * (rudder_rad - self.bias_rad) + pushed_rad
@@ -31,10 +31,10 @@ class Boat:
             MODEL, False, self.state, SteeringInput(rudder_rad, shown_rad, SD_RAD, 0.4, error_rad, shown_rad), self.t_s
         )
         if self.state.loss.lost is not before:
-            self.told.append((self.t_s, self.state.loss.lost))
+            self.reported.append((self.t_s, self.state.loss.lost))
 
     def steer(self, seconds, goal_rad, **ship):
-        """Steer for a heading, as a helm does that has 30 deg of rudder."""
+        """Steer for a heading with up to 30 deg of rudder."""
         for _ in range(round(10 * seconds)):
             error_rad = goal_rad - self.heading
             rudder_rad = self.bias_rad + 2.0 * error_rad - 6.0 * self.rate
@@ -48,58 +48,58 @@ class Boat:
         return self
 
 
-def test_turns_that_she_makes_tell_nothing():
+def test_normal_turns_are_no_loss():
     boat = Boat()
     for goal_rad in (7.0, 5.0, 8.0, 5.5, 8.6):
         boat.steer(120.0, goal_rad)
-    assert boat.told == []
+    assert boat.reported == []
 
 
 @pytest.mark.parametrize(("answers", "later"), [(0.5, 1.0), (1.0, 3.0), (1.0 / 3.0, 3.0), (3.0, 1.0)])
-def test_a_ship_that_is_not_as_she_was_told_is_no_ship_without_a_rudder(answers, later):
+def test_a_boat_that_differs_from_its_model_has_not_lost_steering(answers, later):
     boat = Boat()
     for goal_rad in (7.0, 5.0, 8.0):
         boat.steer(240.0, goal_rad, answers=answers, later=later)
-    assert boat.told == []
+    assert boat.reported == []
 
 
-def test_a_rudder_that_has_just_been_put_over_tells_nothing():
+def test_a_rudder_that_has_just_moved_is_no_evidence():
     """Whatever the boat does in the first two turning lags."""
     boat = Boat(noise_rad=0.0)
     for _ in range(80):
         boat.tick(boat.bias_rad + math.radians(30.0), 1.0, answers=0.0)
-    assert boat.steer(120.0, boat.heading + 1.0).told == []
+    assert boat.steer(120.0, boat.heading + 1.0).reported == []
 
 
-def test_a_blade_lost_in_a_turn_is_told_within_a_minute_and_its_return_too():
+def test_a_blade_lost_in_a_turn_is_found_within_a_minute_and_its_return_too():
     boat = Boat().steer(60.0, 6.0)
     boat.steer(60.0, 7.5, answers=0.0)
-    assert [lost for _, lost in boat.told] == [True]
+    assert [lost for _, lost in boat.reported] == [True]
     boat.steer(60.0, 7.5)
-    assert [lost for _, lost in boat.told] == [True, False]
+    assert [lost for _, lost in boat.reported] == [True, False]
 
 
 @pytest.mark.parametrize("lost_s", [360.0, 1800.0])
-def test_however_long_a_blade_was_lost_its_return_is_told_as_soon(lost_s):
+def test_the_return_of_a_blade_is_found_as_soon_after_any_time(lost_s):
     boat = Boat().steer(60.0, 6.0)
     for _ in range(round(lost_s / 120.0)):
         boat.steer(60.0, boat.heading - 1.5, answers=0.0).steer(60.0, boat.heading + 1.5, answers=0.0)
-    assert [lost for _, lost in boat.told] == [True]
+    assert [lost for _, lost in boat.reported] == [True]
     boat.steer(120.0, boat.heading - 1.5).steer(120.0, boat.heading + 1.5)
-    assert [lost for _, lost in boat.told] == [True, False]
-    assert boat.told[1][0] < 60.0 + lost_s + 60.0
+    assert [lost for _, lost in boat.reported] == [True, False]
+    assert boat.reported[1][0] < 60.0 + lost_s + 60.0
 
 
-def test_gusts_that_the_helm_holds_her_against_are_no_lost_blade():
-    """However the rudder goes over, she is where she is to be."""
+def test_gusts_that_the_rudder_balances_are_no_lost_blade():
+    """The boat is at its goal, however the rudder moves."""
     boat = Boat(bias_rad=0.0)
     for tick in range(6000):
         gust_rad = 0.4 * math.sin(0.1 * tick / 10.0)
         boat.tick(gust_rad, 0.1, pushed_rad=-gust_rad)
-    assert boat.told == []
+    assert boat.reported == []
 
 
-def test_a_servo_that_is_set_up_the_wrong_way_round_is_told_and_its_mending_too():
+def test_a_reversed_servo_is_found_and_its_repair_too():
     boat = Boat(bias_rad=0.0).steer(120.0, 7.0, answers=-1.0)
     assert boat.state.reversal.reversed
     for goal_rad in (9.0, 6.0, 9.0):
@@ -107,15 +107,15 @@ def test_a_servo_that_is_set_up_the_wrong_way_round_is_told_and_its_mending_too(
     assert not boat.state.reversal.reversed
 
 
-def test_a_wrong_servo_direction_is_judged_anew_once_the_parameter_has_changed():
+def test_the_reversal_test_restarts_when_the_parameter_changes():
     boat = Boat(bias_rad=0.0).steer(120.0, 7.0, answers=-1.0)
     given = SteeringInput(0.0, math.nan, SD_RAD, 0.4, math.nan)
     assert update(MODEL, False, boat.state, given, boat.t_s).reversal.reversed
     assert not update(MODEL, True, boat.state, given, boat.t_s).reversal.reversed
 
 
-def test_an_estimate_that_takes_the_wrong_turn_for_waves_hides_nothing():
-    """The heading stays where it is, the compass goes round."""
+def test_an_estimate_that_takes_an_opposite_turn_for_waves_hides_nothing():
+    """The estimated heading is constant, the compass turns."""
     state = SteeringMonitorState()
     for tick in range(1800):
         shown_rad = wrap_two_pi(-0.03 * 0.1 * tick)
@@ -124,32 +124,32 @@ def test_an_estimate_that_takes_the_wrong_turn_for_waves_hides_nothing():
 
 
 @pytest.mark.parametrize("answers", [0.0, 0.3, 1.0])
-def test_a_lost_or_weak_rudder_is_no_wrong_one(answers):
+def test_a_lost_or_weak_rudder_is_not_reversed(answers):
     boat = Boat()
     for goal_rad in (7.5, 5.0, 8.0):
         boat.steer(120.0, goal_rad, answers=answers, pushed_rad=-0.01)
         assert not boat.state.reversal.reversed
 
 
-def test_a_blade_lost_while_she_is_steered_by_hand_is_told():
-    assert Boat().weave(300.0).told == []
+def test_a_blade_lost_while_steering_by_hand_is_found():
+    assert Boat().weave(300.0).reported == []
     assert Boat().weave(300.0, answers=0.0).state.loss.lost
 
 
-def test_a_lost_blade_stays_lost_while_she_drifts_where_the_sea_takes_her():
-    """She is turned by the sea, slowly, toward her goal even: a long turn does not become the trim."""
+def test_a_lost_blade_stays_lost_while_the_boat_drifts():
+    """The sea turns the boat slowly, even toward its goal: a long turn does not become trim."""
     boat = Boat().steer(60.0, 6.0)
     boat.steer(900.0, 7.5, answers=0.0, pushed_rad=0.008)
-    assert [lost for _, lost in boat.told] == [True]
+    assert [lost for _, lost in boat.reported] == [True]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("trim_rad", [0.08, 0.12, 0.15])
-def test_what_turns_her_against_her_trim_is_no_answer_of_a_lost_blade(trim_rad, side):
-    """The wind that the rudder held her against turns her toward her goal, and by a good part of what was ordered."""
+def test_a_turn_by_the_wind_is_no_response_of_a_lost_blade(trim_rad, side):
+    """The wind that the rudder balanced turns the boat toward its goal, by a good part of the commanded turn."""
     boat = Boat(bias_rad=-side * trim_rad).steer(400.0, 6.0)
     boat.steer(60.0, boat.heading + 1.5 * side, answers=0.0, pushed_rad=side * trim_rad)
-    assert [lost for _, lost in boat.told] == [True]
+    assert [lost for _, lost in boat.reported] == [True]
 
 
 @pytest.mark.parametrize("answers", [0.35, 0.5])
@@ -157,29 +157,29 @@ def test_a_weak_rudder_that_the_wind_helps_is_not_lost(answers):
     boat = Boat(bias_rad=-0.3).steer(400.0, 6.0, answers=answers)
     for turn_rad in (1.5, -1.5, 1.5):
         boat.steer(120.0, boat.heading + turn_rad, answers=answers)
-    assert boat.told == []
+    assert boat.reported == []
 
 
-def test_what_the_heading_could_have_missed_is_not_told():
+def test_a_turn_that_the_heading_could_have_missed_is_no_evidence():
     """A heading that is uncertain by 40 deg shows no turn of 60 deg."""
-    told = []
+    reported = []
     for sd_rad in (SD_RAD, math.radians(40.0)):
         state = SteeringMonitorState()
         for tick in range(400):
             state = update(MODEL, False, state, SteeringInput(0.5, 1.0, sd_rad, 0.4, 1.0), 0.1 * tick)
-        told.append(state.loss.lost)
-    assert told == [True, False]
+        reported.append(state.loss.lost)
+    assert reported == [True, False]
 
 
-def test_a_rudder_at_rest_tells_nothing():
+def test_a_rudder_at_rest_is_no_evidence():
     boat = Boat()
     for _ in range(6000):
         boat.tick(boat.bias_rad, 0.0, answers=0.0)
-    assert boat.told == []
+    assert boat.reported == []
 
 
-def test_a_rudder_that_holds_her_against_the_wind_speaks_not_against_her():
-    """She is kept on her heading, so she does not turn, however much the rudder moves."""
+def test_a_rudder_that_balances_the_wind_is_no_evidence():
+    """The boat is at its heading, so it does not turn, however much the rudder moves."""
     state = SteeringMonitorState()
     for tick in range(6000):
         gust_rad = 0.3 * max(0.0, math.sin(0.1 * tick / 8.0)) ** 2
@@ -187,7 +187,7 @@ def test_a_rudder_that_holds_her_against_the_wind_speaks_not_against_her():
         assert not state.loss.lost
 
 
-def test_a_rudder_that_stops_a_turn_is_no_order_to_turn():
+def test_a_rudder_that_stops_a_turn_commands_none():
     state = SteeringMonitorState()
     for tick in range(6000):
         state = update(MODEL, False, state, SteeringInput(-0.5, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick)
@@ -195,16 +195,16 @@ def test_a_rudder_that_stops_a_turn_is_no_order_to_turn():
 
 
 def test_a_turn_that_is_under_way_at_the_start_is_not_taken_for_the_trim():
-    """Its rudder is far from the one that follows it, and then she does not turn: rightly."""
+    """Its rudder is far from the next one, with which the boat rightly does not turn."""
     boat = Boat()
     for _ in range(350):
         boat.tick(-0.5, -1.0)
     for _ in range(1450):
         boat.tick(0.08, 0.0)
-    assert boat.told == []
+    assert boat.reported == []
 
 
-def test_what_is_no_number_and_what_nobody_sees_begin_a_new_block():
+def test_absent_heading_or_rudder_begins_a_new_block():
     boat = Boat().steer(20.0, 7.0)
     given = SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0)
     for odd in (given._replace(heading_rad=math.nan), given._replace(rudder_rad=math.nan)):
@@ -214,7 +214,7 @@ def test_what_is_no_number_and_what_nobody_sees_begin_a_new_block():
 
 
 def test_the_mean_of_the_rudder_over_the_block_is_what_counts():
-    """The rudder goes over at the end of a block: the block has not seen it."""
+    """The rudder moves at the end of the block, which does not count."""
     state = SteeringMonitorState()
     for tick in range(21):
         state = update(
@@ -223,8 +223,8 @@ def test_the_mean_of_the_rudder_over_the_block_is_what_counts():
     assert state.loss.rudders_rad[0] == pytest.approx(0.05 * 0.5)
 
 
-def test_a_rudder_that_goes_to_the_other_side_tells_nothing_at_first():
-    """A boat that answers ten seconds late turns the wrong way for as long."""
+def test_a_rudder_that_changes_sides_is_no_evidence_at_first():
+    """A boat with a delay of ten seconds turns the other way for as long."""
     boat = Boat()
     for side in (1.0, -1.0, 1.0, -1.0):
         for tick in range(300):
@@ -233,7 +233,7 @@ def test_a_rudder_that_goes_to_the_other_side_tells_nothing_at_first():
     assert not boat.state.reversal.reversed
 
 
-def test_where_the_rudder_keeps_her_straight_is_learned_in_a_minute_and_not_in_a_turn():
+def test_the_trim_is_learned_in_a_minute_and_not_in_a_turn():
     boat = Boat()
     for _ in range(602):
         boat.tick(0.1, 0.0)

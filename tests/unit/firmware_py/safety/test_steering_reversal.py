@@ -7,17 +7,17 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from firmware_py.safety.steering_reversal import ReversalState, Turn, update
 
 BLOCK_S, RUDDER_RAD = 2.0, 0.5
-FULL_RAD = OCEAN_RAMBLER.turning_ability_1_s * RUDDER_RAD * BLOCK_S  # what she turns in a block at last
+FULL_RAD = OCEAN_RAMBLER.turning_ability_1_s * RUDDER_RAD * BLOCK_S  # turn in a block at the final rate
 
 
 class Boat:
-    """A boat with the rudder over to where she is to turn, that turns by parts of what she should."""
+    """A boat with the rudder over to its goal that turns by parts of the expected turn."""
 
     def __init__(self, sd_deg=1.0):
         self.way, self.sd_rad = ReversalState(), radians(sd_deg)
 
     def turn(self, seconds, estimated, shown, rudder_rad=RUDDER_RAD, error_rad=1.0):
-        """Return after how long another is told of her than before, None where none is."""
+        """Return after how long the verdict changes, None if it does not."""
         was = self.way.reversed
         for block in range(round(seconds / BLOCK_S)):
             turn = Turn(rudder_rad, estimated * FULL_RAD, shown * FULL_RAD, BLOCK_S)
@@ -27,30 +27,30 @@ class Boat:
         return None
 
 
-@pytest.mark.parametrize(("part", "told_s"), [(-0.45, None), (-0.55, 36.0), (-1.0, 36.0), (0.0, None), (1.0, None)])
-def test_half_of_the_turn_the_other_way_is_a_wrong_servo_and_less_is_not(part, told_s):
-    """Told after the 16 s in which she may be late, and 20 more."""
-    assert Boat().turn(400.0, part, part) == told_s
+@pytest.mark.parametrize(("part", "reported_s"), [(-0.45, None), (-0.55, 36.0), (-1.0, 36.0), (0.0, None), (1.0, None)])
+def test_half_of_the_turn_the_other_way_is_reversed_steering_and_less_is_not(part, reported_s):
+    """Reported after 16 s, in which the response may be late, and 20 s more."""
+    assert Boat().turn(400.0, part, part) == reported_s
 
 
-def test_a_turn_of_60_deg_is_enough_however_uncertain_her_heading_is():
-    """Of 2.8 deg in 2 s."""
+def test_a_turn_of_60_deg_is_enough_at_any_uncertainty():
+    """With 2.8 deg in 2 s."""
     assert Boat(sd_deg=90.0).turn(400.0, -1.0, 0.0) == 16.0 + 44.0
 
 
-@pytest.mark.parametrize(("part", "told_s"), [(-0.55, None), (-0.65, 16.0 + 108.0)])
-def test_the_compass_tells_what_the_estimate_takes_for_waves_after_150_deg(part, told_s):
-    assert Boat().turn(400.0, 0.0, part) == told_s
+@pytest.mark.parametrize(("part", "reported_s"), [(-0.55, None), (-0.65, 16.0 + 108.0)])
+def test_after_150_deg_the_compass_is_enough(part, reported_s):
+    assert Boat().turn(400.0, 0.0, part) == reported_s
 
 
-def test_a_wrong_servo_that_was_mended_is_told():
+def test_the_end_of_a_reversal_is_found():
     boat = Boat()
     assert boat.turn(400.0, -1.0, -1.0) is not None
     assert boat.turn(400.0, 1.0, 1.0) == 20.0
     assert not boat.way.reversed
 
 
-def test_what_was_seen_is_forgotten_in_two_minutes_while_nothing_is_ordered():
+def test_the_evidence_decays_in_two_minutes_without_a_commanded_turn():
     boat = Boat()
     boat.turn(30.0, -1.0, -1.0)
     seen = boat.way.by_estimate
@@ -61,7 +61,7 @@ def test_what_was_seen_is_forgotten_in_two_minutes_while_nothing_is_ordered():
 
 
 def test_no_more_than_12_deg_is_taken_for_trim():
-    """A rudder that was over for long is what turned her, and not what held her straight."""
+    """A rudder that was over for long turned the boat; it is no trim."""
     way, turn = ReversalState(), Turn(RUDDER_RAD, -FULL_RAD, -FULL_RAD, BLOCK_S)
     for _ in range(20):
         way = update(OCEAN_RAMBLER, way, turn, RUDDER_RAD, 1.0, radians(1.0))

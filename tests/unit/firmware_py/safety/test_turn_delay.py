@@ -20,7 +20,7 @@ SD_RAD, FAR_RAD = math.radians(1.0), math.radians(8.0)
 
 
 class Turns:
-    """A boat at a speed that makes turns, late, with a part of her turning ability and a longer lag."""
+    """A boat at a speed that turns with a delay, a part of its turning ability and a longer lag."""
 
     def __init__(self, gain=1.0, lags=1.0, late_s=0.0, speed_m_s=0.4):
         self.ship, self.speed_m_s = OCEAN_RAMBLER.at_speed(speed_m_s), speed_m_s
@@ -28,7 +28,7 @@ class Turns:
         self.state, self.t_s, self.heading_rad, self.rate_rad_s = TurnDelayState(), 0.0, 6.0, 0.0
 
     def to(self, goal_rad):
-        """Turn to a goal with the rudder over to the last; return the evidence after it."""
+        """Turn to a goal with the rudder over until the end; return the evidence after it."""
         side = math.copysign(1.0, goal_rad - self.heading_rad)
         while (goal_rad - self.heading_rad) * side > 0.0:
             self.late.append(0.4 * side)
@@ -47,20 +47,20 @@ class Turns:
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.4, 0.9])
 @pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
-def test_a_boat_as_told_is_not_late_whatever_she_turns(gain, speed_m_s):
+def test_a_nominal_boat_has_no_delay_at_any_turning_ability(gain, speed_m_s):
     boat = Turns(gain, speed_m_s=speed_m_s)
     assert MIN_EVIDENCE <= boat.to(7.5) <= -1.0
     assert MIN_EVIDENCE <= boat.to(5.5) <= -2.0
 
 
 @pytest.mark.parametrize(("lags", "late_s"), [(1.0, 12.0), (3.0, 8.0), (10.0, 0.0)])
-def test_a_boat_that_answers_late_is_late_after_a_turn_or_two(lags, late_s):
+def test_a_delay_is_found_in_two_turns(lags, late_s):
     boat = Turns(1.0, lags, late_s)
     boat.to(7.5)
     assert boat.to(5.5) == MAX_EVIDENCE
 
 
-def test_a_boat_that_is_late_no_more_is_so_after_a_turn_or_two():
+def test_the_end_of_a_delay_is_found_in_three_turns():
     boat = Turns(late_s=12.0)
     boat.to(7.5)
     assert boat.to(5.5) == MAX_EVIDENCE
@@ -70,14 +70,14 @@ def test_a_boat_that_is_late_no_more_is_so_after_a_turn_or_two():
     assert boat.to(7.5) == MIN_EVIDENCE
 
 
-def test_what_is_no_turn_tells_nothing():
+def test_without_a_turn_there_is_no_evidence():
     state = TurnDelayState(evidence=2.0)
     for second in range(100):
         state = update(OCEAN_RAMBLER, state, 1.0, 0.4, 0.4, float(second), False)
     assert end_turn(OCEAN_RAMBLER, state, SD_RAD) is state
 
 
-def test_without_way_nothing_is_divided_by_it():
+def test_a_speed_of_zero_is_no_divisor():
     state = TurnDelayState()
     for second in range(100):
         state = update(OCEAN_RAMBLER, state, 1.0, 0.4, -1.0, float(second), True)
@@ -85,13 +85,13 @@ def test_without_way_nothing_is_divided_by_it():
 
 
 @given(st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(-1.0, 1.0)), min_size=1, max_size=20))
-def test_what_is_explained_is_what_the_best_gain_takes_off_the_squares(shown_and_felt):
+def test_the_explained_square_is_that_of_the_best_factor(shown_and_felt):
     def squares(gain):
         return sum((shown - gain * felt) ** 2 for shown, felt in shown_and_felt)
 
     gains = [MIN_FACTOR + (MAX_FACTOR - MIN_FACTOR) * number / 2000.0 for number in range(2001)]
     best = squares(0.0) - min(map(squares, gains))
-    told = explained_square(
+    found = explained_square(
         sum(shown * felt for shown, felt in shown_and_felt), sum(felt**2 for _, felt in shown_and_felt)
     )
-    assert best - 1e-9 <= told <= best + 1e-4
+    assert best - 1e-9 <= found <= best + 1e-4

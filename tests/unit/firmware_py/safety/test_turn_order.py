@@ -20,11 +20,11 @@ OVER_RAD, OFF_RAD = radians(20.0), radians(60.0)
         (11.5, math.nan, False),
     ],
 )
-def test_a_rudder_well_over_to_where_she_is_to_turn_far_is_an_order(over_deg, error_deg, orders):
+def test_a_rudder_far_over_toward_a_far_goal_commands_a_turn(over_deg, error_deg, orders):
     assert is_order(radians(over_deg), radians(error_deg)) is orders
 
 
-def test_an_order_is_counted_to_its_side_and_anew_to_the_other():
+def test_a_command_is_timed_to_its_side_and_again_to_the_other():
     assert ordered_s(0.0, OVER_RAD, OFF_RAD, 2.0) == 2.0
     assert ordered_s(6.0, OVER_RAD, OFF_RAD, 2.0) == 8.0
     assert ordered_s(6.0, -OVER_RAD, -OFF_RAD, 2.0) == -2.0
