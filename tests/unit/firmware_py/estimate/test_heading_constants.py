@@ -1,0 +1,116 @@
+"""The constants of the heading filter against others; docs/decisions/0012-heading-filter.md has the measured table."""
+
+import inspect
+from functools import cache
+from types import FunctionType, ModuleType
+
+import numpy as np
+import pytest
+
+from firmware_py.estimate import heading_filter
+from hil.lab.compiled import compiled_here
+from hil.lab.numeric_core import functions_of, inner
+from support.heading_recording import (
+    OLD_SEAS,
+    Estimates,
+    Sea,
+    best_low_pass_deg,
+    learned_rows,
+    mean_scores,
+    recorded,
+    scores,
+)
+
+SEEDS = range(1, 4)
+SEAS = {
+    "D 0": (Sea(0.0), True),
+    "D 2": (Sea(), True),
+    "D 6": (Sea(6.0, bias_sd_deg=12.0, bias_memory_s=3000.0), True),
+    "D 0, no rudder": (Sea(0.0), False),
+    "offshore": (Sea(6.0, 2.4, 3.2, compass_noise_deg=0.3, compass_hz=10.0), True),
+    "tank": (OLD_SEAS["tank"], True),
+    "sea": (OLD_SEAS["sea"], True),
+    "weak": (OLD_SEAS["weak"], True),
+    "swell": (OLD_SEAS["swell"], True),
+    "storm": (OLD_SEAS["storm"], True),
+}
+MOVES = "MOVES = NoiseLevels(0.3, 0.2, 0.05, 0.3, 0.4, 0.4)"
+SPREAD = "SPREAD = NoiseLevels(2.5, 1.0, 0.6, 0.5, 0.7, 1.0)"
+MEMORY = "SHORTEST_MEMORY_S, LONGEST_MEMORY_S, MEMORY_SHARE = 100.0, 1800.0, 0.5"
+FULL = "matrix[i, j] = matrix[j, i] = information[entry]"
+VARIANTS = {
+    "diagonal information": (FULL, f"{FULL} if i == j else 0.0"),
+    "moves all 0.1": (MOVES, "MOVES = NoiseLevels(0.1, 0.1, 0.1, 0.1, 0.1, 0.1)"),
+    "moves all 0.2": (MOVES, "MOVES = NoiseLevels(0.2, 0.2, 0.2, 0.2, 0.2, 0.2)"),
+    "moves all 0.4": (MOVES, "MOVES = NoiseLevels(0.4, 0.4, 0.4, 0.4, 0.4, 0.4)"),
+    "window 5 s": ("WINDOW_S = 15.0", "WINDOW_S = 5.0"),
+    "window 30 s": ("WINDOW_S = 15.0", "WINDOW_S = 30.0"),
+    "largest step 0.25": ("LONGEST_MOVE = 0.5", "LONGEST_MOVE = 0.25"),
+    "largest step 1": ("LONGEST_MOVE = 0.5", "LONGEST_MOVE = 1.0"),
+    "memory 900 s": (MEMORY, MEMORY.replace("100.0, 1800.0", "900.0, 900.0")),
+    "memory 1800 s": (MEMORY, MEMORY.replace("100.0", "1800.0")),
+    "memory grows to 900 s": (MEMORY, MEMORY.replace("1800.0", "900.0")),
+    "memory grows to 3600 s": (MEMORY, MEMORY.replace("1800.0", "3600.0")),
+    "spread of D 1.5": (SPREAD, SPREAD.replace("2.5", "1.5")),
+    "spreads halved": (SPREAD, "SPREAD = NoiseLevels(1.25, 0.5, 0.3, 0.25, 0.35, 0.5)"),
+    "spreads doubled": (SPREAD, "SPREAD = NoiseLevels(5.0, 2.0, 1.2, 1.0, 1.4, 2.0)"),
+    "learning at 1 Hz": ("LEARNING_STEP_S = 0.4", "LEARNING_STEP_S = 1.0"),
+    "learning at 10 Hz": ("LEARNING_STEP_S = 0.4", "LEARNING_STEP_S = 0.099"),
+    "no candidates": ("FIRST_S = 60.0", "FIRST_S = 0.0"),
+    "candidates for 180 s": ("FIRST_S = 60.0", "FIRST_S = 180.0"),
+    "no unexplained turns": ("UNEXPLAINED, UNEXPLAINED_S = 9.0, 2.0", "UNEXPLAINED, UNEXPLAINED_S = 1e9, 2.0"),
+    "unknown rudder: 1 deg/sqrt(s)": ("math.log(radians(2.0))", "math.log(radians(1.0))"),
+    "unknown rudder: 4 deg/sqrt(s)": ("math.log(radians(2.0))", "math.log(radians(4.0))"),
+}
+
+
+def kernel_of(old: str, new: str):
+    """Compile a copy of the heading filter with one text replaced."""
+    text, module = inspect.getsource(heading_filter), ModuleType("heading_filter_variant")
+    assert text.count(old) == 1
+    exec(text.replace(old, new), vars(module))
+    for function in functions_of(module):
+        inner(function)
+    names = {**learned_rows.py_func.__globals__, "begin": module.begin, "update": module.update}
+    return compiled_here(FunctionType(learned_rows.py_func.__code__, names))
+
+
+@cache
+def recordings(name: str):
+    return [recorded(SEAS[name][0], seed) for seed in SEEDS]
+
+
+def judged(kernel, name: str):
+    """Return the mean scores of a filter on the recordings of a sea."""
+    sea, rudder_known = SEAS[name]
+    found = []
+    for recording in recordings(name):
+        out = np.empty((recording.t_s.size, 4))
+        rudder_rad = recording.rudder_rad if rudder_known else np.full(recording.t_s.size, np.nan)
+        kernel(recording.t_s, recording.compass_rad, rudder_rad, sea.model, out)
+        found.append(scores(sea, recording, Estimates(out[:, :3], out[:, 3]), None, None))
+    return mean_scores(found)
+
+
+def row_of(kernel, what: str):
+    """Judge a filter on all seas and print its row of the table: error [deg] (NEES)."""
+    row = [judged(kernel, name) for name in SEAS]
+    print("| " + " | ".join([what, *(f"{one.error_deg:.2f} ({one.nees:.2f})" for one in row)]) + " |", flush=True)
+    return row
+
+
+@cache
+def reference():
+    print("| " + " | ".join(["", *SEAS]) + " |")
+    low_pass = (np.mean([best_low_pass_deg(one) for one in recordings(name)]) for name in SEAS)
+    print("| " + " | ".join(["best low-pass", *(f"{one:.2f}" for one in low_pass)]) + " |")
+    return row_of(learned_rows, "as it is")
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("what", VARIANTS)
+def test_no_other_constant_is_clearly_better(what):
+    ours = reference()
+    theirs = row_of(kernel_of(*VARIANTS[what]), what)
+    ratios = [other.error_deg / own.error_deg for other, own in zip(theirs, ours, strict=True)]
+    assert np.exp(np.mean(np.log(ratios))) > 0.97
