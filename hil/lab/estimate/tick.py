@@ -39,6 +39,7 @@ SLOWEST_TICK_S: Final = 1.0  # the loop turns so often at least
 GAP_INTERVALS: Final = 1.5  # a heading that comes later than this is missing
 TICKS_IN_GAP_S: Final = 120.0  # after which nothing more comes of a gap
 LEVELS: Final = 6
+TELL_EVERY: Final = 500  # ticks
 RESTARTED: Final = "Heading estimate is begun anew"
 # What a tick estimates at a heading, in the order of `_row`; then its rudder command, and the compass as corrected.
 COLUMNS: Final = (
@@ -116,7 +117,8 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
             compass = next(sample for sample in reversed(heard) if sample.source == recording.source)
             log.rows.append(_row(output.snapshot, helm.command_rad, _true_heading_rad(settings, state, compass)))
             log.filters.append(_filter_row())
-        tell(number + 1, times_s.size)
+        if number % TELL_EVERY == 0 or number + 1 == times_s.size:
+            tell(number + 1, times_s.size)
     columns = np.array(log.rows, dtype=np.float64).T
     filters = np.array(log.filters, dtype=np.float64)
     shafts = [(sample.t_s, sample.shaft_rad) for sample in recording.rudder if sample.shaft_rad is not None]
