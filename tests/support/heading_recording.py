@@ -178,6 +178,13 @@ def recorded(sea: Sea, seed: int, seconds: float = 5400.0) -> Recording:
     return columns
 
 
+def with_turn(recording: Recording, rate_deg_s: float) -> Recording:
+    """Return a recording in which something else than the rudder turns the boat by 90 deg from 1200 s on."""
+    turn_rad = radians(rate_deg_s) * np.clip(recording.t_s - 1200.0, 0.0, 90.0 / rate_deg_s)
+    compass_rad = (recording.compass_rad + turn_rad) % (2.0 * math.pi)
+    return recording._replace(compass_rad=compass_rad, true_rad=recording.true_rad + turn_rad)
+
+
 @compiled
 def informed_rows(compass_rad, steered_rad, transition, by_rudder, noise, compass_variance, first, out):
     """Run the Kalman filter with constant matrices; fill its state and the standard deviation of the heading."""

@@ -19,6 +19,8 @@ from support.heading_recording import (
     mean_scores,
     recorded,
     scores,
+    with_turn,
+    wrapped,
 )
 
 SEEDS = range(1, 4)
@@ -64,6 +66,7 @@ VARIANTS = {
 }
 
 
+@cache
 def kernel_of(old: str, new: str):
     """Compile a copy of the heading filter with one text replaced."""
     text, module = inspect.getsource(heading_filter), ModuleType("heading_filter_variant")
@@ -114,3 +117,33 @@ def test_no_other_constant_is_clearly_better(what):
     theirs = row_of(kernel_of(*VARIANTS[what]), what)
     ratios = [other.error_deg / own.error_deg for other, own in zip(theirs, ours, strict=True)]
     assert np.exp(np.mean(np.log(ratios))) > 0.97
+
+
+def errors_deg(kernel, sea: Sea, recording):
+    """Return the errors of a filter over a recording."""
+    out = np.empty((recording.t_s.size, 4))
+    kernel(recording.t_s, recording.compass_rad, recording.rudder_rad, sea.model, out)
+    return np.degrees(np.abs(wrapped(out[:, 0] - recording.true_rad)))
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("name", ["weak", "swell", "storm"])
+def test_without_candidates_large_waves_are_not_found(name):
+    sea, rms_deg = OLD_SEAS[name], []
+    for kernel in (learned_rows, kernel_of(*VARIANTS["no candidates"])):
+        errors = [errors_deg(kernel, sea, recorded(sea, seed, 300.0))[1200:] for seed in SEEDS]
+        rms_deg.append(float(np.sqrt(np.mean(np.square(errors)))))
+    print(f"{name}, 2 to 5 min: {rms_deg[0]:.1f} deg, without candidates {rms_deg[1]:.1f} deg")
+    assert rms_deg[1] > 2.0 * rms_deg[0]
+
+
+@pytest.mark.proof
+def test_without_a_rule_for_unexplained_turns_the_error_lasts():
+    sea = Sea(0.0)
+    recording = with_turn(recorded(sea, 1, 1500.0), 10.0)
+    ours, theirs = (
+        errors_deg(kernel, sea, recording)[recording.t_s > 1229.0].max()
+        for kernel in (learned_rows, kernel_of(*VARIANTS["no unexplained turns"]))
+    )
+    print(f"20 s after an unexplained turn: {ours:.1f} deg, without the rule {theirs:.1f} deg")
+    assert theirs > 10.0 * ours

@@ -32,6 +32,7 @@ from support.heading_recording import (
     compared,
     learned,
     recorded,
+    with_turn,
     wrapped,
 )
 
@@ -171,11 +172,7 @@ def test_large_waves_are_found_in_the_first_minutes():
 @pytest.mark.parametrize("rate_deg_s", [3.0, 10.0, 20.0])
 def test_a_turn_that_the_rudder_does_not_explain_is_followed_within_seconds(rate_deg_s, diffusion_deg2_s):
     sea = Sea(diffusion_deg2_s)
-    recording = recorded(sea, 1, 1500.0)
-    turn_rad = radians(rate_deg_s) * np.clip(recording.t_s - 1200.0, 0.0, 90.0 / rate_deg_s)
-    recording = recording._replace(
-        compass_rad=(recording.compass_rad + turn_rad) % (2.0 * math.pi), true_rad=recording.true_rad + turn_rad
-    )
+    recording = with_turn(recorded(sea, 1, 1500.0), rate_deg_s)
     estimates, _ = learned(sea, recording)
     error_rad = np.abs(wrapped(estimates.states[:, 0] - recording.true_rad))
     assert error_rad[recording.t_s > max(1212.0, 1206.0 + 90.0 / rate_deg_s)].max() < radians(4.0)
