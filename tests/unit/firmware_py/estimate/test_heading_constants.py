@@ -147,3 +147,13 @@ def test_without_a_rule_for_unexplained_turns_the_error_lasts():
     )
     print(f"20 s after an unexplained turn: {ours:.1f} deg, without the rule {theirs:.1f} deg")
     assert theirs > 10.0 * ours
+
+
+@pytest.mark.proof
+def test_the_full_information_learns_large_disturbances_sooner_than_its_diagonal():
+    sea, rms_deg = Sea(6.0), []
+    for kernel in (learned_rows, kernel_of(*VARIANTS["diagonal information"])):
+        errors = [errors_deg(kernel, sea, recorded(sea, seed, 900.0))[600:] for seed in range(1, 11)]
+        rms_deg.append(float(np.mean(np.sqrt(np.mean(np.square(errors), axis=1)))))
+    print(f"D 6, 5 to 15 min: {rms_deg[0]:.2f} deg, with diagonal information {rms_deg[1]:.2f} deg")
+    assert rms_deg[1] > 1.05 * rms_deg[0]
