@@ -178,11 +178,9 @@ def update(
     if first.evidence == 0.0 and not state.lost:
         off_rad = first.disturbance_rad - first.mean_rad
         wander += step_s / LEARNED_S * (off_rad * off_rad + disturbance_variance - wander)
-    lost = state.lost
-    if not lost and least_evidence(boats) > ENOUGH:
-        lost, boats = True, restarted(boats, LOST)
-    elif lost and most_evidence(boats) > AGAIN:
-        lost, boats = False, restarted(boats, RECOVERED)
+    lost = most_evidence(boats) <= AGAIN if state.lost else least_evidence(boats) > ENOUGH
+    if lost != state.lost:
+        boats = restarted(boats, LOST if lost else RECOVERED)
     return SteeringLossState(
         rudders_rad, speed_m_s, seen_s, near_s, heading * (1.0 - by_heading), covariance * (1.0 - by_heading),
         disturbance_variance, wander, boats, lost,

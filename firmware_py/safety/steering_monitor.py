@@ -81,52 +81,47 @@ def update(
     compass shows.
     """
     block, reversal, loss = state.block, state.reversal, state.loss
+    order_s, slow_rudder_rad, slow_speed_m_s = state.order_s, state.slow_rudder_rad, state.slow_speed_m_s
     if servo_reversed != reversal.servo_reversed:
         reversal = steering_reversal.begin(servo_reversed)
+    step_s = now_s - block.begun_s
+    rudder_rad_s = block.rudder_rad_s + given.rudder_rad * (now_s - block.t_s)
     if not math.isfinite(given.heading_rad) or not math.isfinite(given.rudder_rad):
         if not math.isnan(block.begun_s):
             loss = steering_loss.interrupted(loss)
-        return with_tests(state, NO_BLOCK, reversal, loss)
-    begins = Block(now_s, given.heading_rad, now_s, 0.0, given.shown_rad)
-    if math.isnan(block.begun_s) or now_s < block.t_s:
-        return with_tests(state, begins, reversal, loss)
-    rudder_rad_s = block.rudder_rad_s + given.rudder_rad * (now_s - block.t_s)
-    step_s = now_s - block.begun_s
-    if step_s < BLOCK_S:
+        block = NO_BLOCK
+    elif step_s < BLOCK_S and now_s >= block.t_s:
         block = Block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad)
-        return with_tests(state, block, reversal, loss)
+    else:
+        if step_s >= BLOCK_S and now_s >= block.t_s:
+            turn = turn_of(block, given, rudder_rad_s, step_s)
+            speed_m_s = given.speed_m_s if math.isnan(slow_speed_m_s) else slow_speed_m_s
+            loss = steering_loss.update(
+                model, loss, turn.rudder_rad, turn.turned_rad, step_s, given.heading_sd_rad, given.speed_m_s,
+                given.error_rad,
+            )  # fmt: skip
+            reversal = steering_reversal.update(
+                at_speed(model, speed_m_s), reversal, turn, slow_rudder_rad, given.error_rad, given.heading_sd_rad
+            )
+            over_rad = turn.rudder_rad - slow_rudder_rad
+            order_s = ordered_s(order_s, over_rad, given.error_rad, step_s)
+            # By hand the boat may be kept straight with any trim.
+            if order_s == 0.0 or math.isnan(given.error_rad):
+                part = 1.0 - math.exp(-step_s / SLOW_S)
+                slow_rudder_rad += part * over_rad
+                slow_speed_m_s = speed_m_s + part * (given.speed_m_s - speed_m_s)
+        block = Block(now_s, given.heading_rad, now_s, 0.0, given.shown_rad)
+    return SteeringMonitorState(order_s, slow_rudder_rad, slow_speed_m_s, block, reversal, loss)
+
+
+def turn_of(block: Block, given: SteeringInput, rudder_rad_s: float, step_s: float) -> Turn:
+    """Return the turn of a block that ends, 0 by a compass that was absent."""
     turned_rad, shown_rad = wrap_pi(given.heading_rad - block.heading_rad), wrap_pi(given.shown_rad - block.shown_rad)
-    turn = Turn(rudder_rad_s / step_s, turned_rad, 0.0 if math.isnan(shown_rad) else shown_rad, step_s)
-    return compare(model, with_tests(state, begins, reversal, loss), given, turn)
+    return Turn(rudder_rad_s / step_s, turned_rad, 0.0 if math.isnan(shown_rad) else shown_rad, step_s)
 
 
-def with_tests(
-    state: SteeringMonitorState, block: Block, reversal: ReversalState, loss: SteeringLossState
-) -> SteeringMonitorState:
-    """Return the state with the block under way and the states of the tests."""
-    return SteeringMonitorState(
-        state.order_s, state.slow_rudder_rad, state.slow_speed_m_s, block, reversal, loss
-    )  # fmt: skip
-
-
-def compare(model: KtModel, state: SteeringMonitorState, given: SteeringInput, turn: Turn) -> SteeringMonitorState:
-    """Return the state after both tests of a block."""
-    step_s, error_rad, sd_rad, speed_m_s = turn.step_s, given.error_rad, given.heading_sd_rad, given.speed_m_s
-    slow_rudder_rad = state.slow_rudder_rad
-    loss = steering_loss.update(
-        model, state.loss, turn.rudder_rad, turn.turned_rad, step_s, sd_rad, speed_m_s, error_rad
-    )
-    slow_speed_m_s = speed_m_s if math.isnan(state.slow_speed_m_s) else state.slow_speed_m_s
-    scaled_m_s = clamp(slow_speed_m_s, 0.1 * model.speed_m_s, 10.0 * model.speed_m_s)
-    ability_1_s, lag_s, norrbin_s2 = scaled(model, scaled_m_s / model.speed_m_s)
-    at_speed = KtModel(ability_1_s, lag_s, norrbin_s2, model.rudder_offset_rad, scaled_m_s)
-    reversal = steering_reversal.update(at_speed, state.reversal, turn, slow_rudder_rad, error_rad, sd_rad)
-    over_rad = turn.rudder_rad - slow_rudder_rad
-    order_s = ordered_s(state.order_s, over_rad, error_rad, step_s)
-    slow_after_m_s = state.slow_speed_m_s
-    # By hand the boat may be kept straight with any trim.
-    if order_s == 0.0 or math.isnan(error_rad):
-        part = 1.0 - math.exp(-step_s / SLOW_S)
-        slow_rudder_rad += part * over_rad
-        slow_after_m_s = slow_speed_m_s + part * (speed_m_s - slow_speed_m_s)
-    return SteeringMonitorState(order_s, slow_rudder_rad, slow_after_m_s, state.block, reversal, loss)
+def at_speed(model: KtModel, speed_m_s: float) -> KtModel:
+    """Return the model at a speed, a tenth to ten times that of the model."""
+    speed_m_s = clamp(speed_m_s, 0.1 * model.speed_m_s, 10.0 * model.speed_m_s)
+    ability_1_s, lag_s, norrbin_s2 = scaled(model, speed_m_s / model.speed_m_s)
+    return KtModel(ability_1_s, lag_s, norrbin_s2, model.rudder_offset_rad, speed_m_s)
