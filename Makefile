@@ -58,7 +58,7 @@ sail: $(SAIL_READY)
 
 # More workers than cores: many tests wait for programs that they have started.
 test: $(READY)
-	@echo "running the tests: 6 to 10 minutes on two cores on two cores"
+	@echo "running the tests: 6 to 10 minutes on two cores"
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 $(FUZZ_READY): $(READY)

@@ -275,7 +275,8 @@ def _visit_other(kind: type, value: Any, spot: Spot, hooks: Hooks) -> Any:
 @cache
 def _field_visits(kind: Any, *, naming: bool = False) -> dict[str, Visit | None]:
     """Return what visits each field of a record or NamedTuple."""
-    hints, names = typing.get_type_hints(kind), getattr(kind, "__struct_fields__", None) or kind._fields
+    names = kind.__struct_fields__ if issubclass(kind, msgspec.Struct) else kind._fields
+    hints = typing.get_type_hints(kind)
     return {name: _visit_of(hints[name], naming=naming) for name in names}
 
 

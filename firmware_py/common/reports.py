@@ -51,10 +51,7 @@ class Water(msgspec.Struct, frozen=True):
     """Speed through the water, the current over the ground and the leeway, with standard deviations.
 
     The way through the water lies `leeway_rad` to starboard of the heading. `current_sd_m_s` is that of the worse
-    known direction. The float follows the glider as a second-order system of the frequency `follow_rad_s`, the way over
-    the ground lags `course_lag_s` behind the heading in a turn, and the waves carry the receiver to and fro by
-    `orbit_m_s` along either axis (standard deviation). `too_strong`: the current is
-    stronger than the boat, so that it cannot hold a place against it.
+    known direction. `too_strong`: the current is stronger than the boat, so that it cannot hold a place against it.
     """
 
     speed_m_s: float
@@ -64,9 +61,6 @@ class Water(msgspec.Struct, frozen=True):
     current_sd_m_s: float
     leeway_rad: float = 0.0
     leeway_sd_rad: float = 0.0
-    follow_rad_s: float = 0.0
-    course_lag_s: float = 0.0
-    orbit_m_s: float = 0.0
     too_strong: bool = False
 
 
@@ -98,12 +92,12 @@ class Navigation(msgspec.Struct, frozen=True):
 
 
 class Estimate(msgspec.Struct, frozen=True):
-    """What the wave filter knows, with standard deviations; headings are without the yaw of the waves.
+    """Estimated motion with standard deviations, and the learned noise levels; headings are without the wave yaw.
 
     `source` is what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3.
-    `bias_rad` is the rudder angle at which the boat runs straight, `turning_factor` by what it turns better
-    than its model says. `innovation_rad` is what the last heading differed from the expected one,
-    `innovation_square` the average of such differences squared, by their variance: 1 for an honest filter.
+    `bias_rad` is the rudder angle at which the boat runs straight. `innovation_rad` is the difference of the last
+    heading from the expected one, `innovation_square` the mean square of such differences by their variance, and
+    `prediction_square` that of predictions over half a minute: 1 for a consistent filter.
     """
 
     source: int
@@ -120,10 +114,14 @@ class Estimate(msgspec.Struct, frozen=True):
     speed_sd_m_s: float
     current_north_m_s: float
     current_east_m_s: float
-    turning_factor: float
     innovation_rad: float
     innovation_sd_rad: float
     innovation_square: float
+    wave_yaw_rad: float = 0.0
+    wave_damping: float = 0.0
+    yaw_diffusion_rad2_s: float = 0.0
+    bias_walk_rad_sqrt_s: float = 0.0
+    prediction_square: float = 1.0
 
 
 class Energy(msgspec.Struct, frozen=True):

@@ -201,10 +201,10 @@ def advance_reference(
 
 
 def ship_at_speed(settings: LawSettings, estimate: HeadingEstimate, bias_rad: float) -> Ship:
-    """Return the model at the estimated speed (similarity, paper eq. 7), with the estimated turning factor."""
+    """Return the model at the estimated speed (similarity, paper eq. 7)."""
     ability_1_s, lag_s, norrbin_s2 = scaled(settings.model, estimate.speed_m_s / settings.model.speed_m_s)
     return Ship(
-        ability_1_s * estimate.turning_factor,
+        ability_1_s,
         lag_s,
         norrbin_s2,
         settings.limit_rad,

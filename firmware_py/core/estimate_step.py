@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from msgspec.structs import replace
@@ -12,6 +13,7 @@ from firmware_py.core import device_reports, last_place, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
 from firmware_py.estimate import heading_estimator, place_and_velocity, position, reckoning, water
 from firmware_py.estimate.position import PositionState
+from firmware_py.estimate.sources import Source
 
 FIRST_PLACE_S: Final = 1800.0  # for so long a receiver's first place may prove wrong
 
@@ -22,7 +24,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     rudder_state, rudder_status = rudder.update(settings.rudder, state.rudder, inputs)
     # As known before this tick: a gap must not excuse itself.
     timeouts = heading_timeouts_of(settings, state.devices)
-    heading, in_use = state.heading_estimator.heading, state.heading_estimator.sources.in_use
+    heading, in_use = state.heading_estimator.heading, Source(state.heading_estimator.tick.sources.in_use)
     heading_rad = heading.heading_rad if heading.fresh(now_s, timeouts.of(in_use)) else None
     place = _carried_on(state, now_s, heading_rad, timeouts.position_s)
     home = state.home
@@ -50,7 +52,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         state.heading_estimator,
         inputs.headings,
         credible,
-        rudder_status.angle_rad,
+        _rudder_of_estimate_rad(rudder_status),
         timeouts,
         now_s,
     )
@@ -65,23 +67,28 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         heading_estimator=heading_state,
         position=place,
         agreement=agreement,
-        water=water.update(state.water, heading_state.wave_filter, now_s),
         home=home,
     )
     return state, rudder_status, (*told, *events, *device_events)
 
 
+def _rudder_of_estimate_rad(rudder: RudderStatus) -> float:
+    """Return the rudder angle that the estimate takes; NaN for a servo without torque and without a measured angle."""
+    return math.nan if not rudder.measured and rudder.torque_on is False else rudder.angle_rad
+
+
 def _carried_on(state: State, now_s: float, heading_rad: float | None, silent_s: float) -> PositionState:
     """Return the place carried on to now, reckoned by the last known water when fixes are missing for silent_s."""
-    place, waves = state.position, state.heading_estimator.wave_filter
+    place, known = state.position, state.heading_estimator.water
     if place.fix is None and place.reckoning is None:
         return place
     if state.timing.started_s is None and place.reckoning is not None:
         place = last_place.counted_from(place, now_s)
     if place.fix is not None and place.reckoning is None and now_s - place.fix.t_s > silent_s:
-        place = replace(place, reckoning=reckoning.begin(waves, state.water.slow_m_s, now_s))
+        place = replace(place, reckoning=reckoning.begin(known, now_s))
     if place.reckoning is None:
-        return position.predict(place, now_s, water.over_ground_m_s(waves, heading_rad))
+        velocity_m_s = water.over_ground_m_s(known, math.nan if heading_rad is None else heading_rad)
+        return position.predict(place, now_s, velocity_m_s)
     step_s = max(0.0, now_s - place.t_s)
     sailed, over_ground_m_s = reckoning.sail(place.reckoning, heading_rad, step_s, under_way=state.modes.armed)
     return position.predict(replace(place, reckoning=sailed), now_s, over_ground_m_s)

@@ -25,8 +25,8 @@ def fault_input(
 ) -> FaultInput:
     """Return what the conditions of the faults look at, after the state has taken the inputs of the tick in."""
     servo, position, devices = state.rudder.feedback, state.position, state.devices
-    compasses, rudder_monitor = state.heading_estimator.sources, state.supervisor.rudder_monitor
-    frozen, jumping = frozen_or_jumping(settings.heading_estimator.frozen_s, compasses, timeouts.compass_s, now_s)
+    compasses, rudder_monitor = state.heading_estimator.tick.sources, state.supervisor.rudder_monitor
+    frozen, jumping = frozen_or_jumping(settings.heading_estimator.tick.frozen_s, compasses, timeouts.compass_s, now_s)
     a_s, b_s = devices.compass_s
     a_timeout_s, b_timeout_s = timeouts.compass_s
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
@@ -58,6 +58,7 @@ def fault_input(
         rudder_overloaded=rudder_monitor.overloaded,
         steering_lost=state.supervisor.steering_monitor.loss.lost,
         steering_reversed=state.supervisor.steering_monitor.reversal.reversed,
+        estimate_inconsistent=state.heading_estimator.tick.check.is_rejected,
         oscillating=state.supervisor.oscillation.oscillating,
         supply_v=None if servo is None else servo.voltage_v,
         supply_low_v=settings.supervisor.low_v,
@@ -68,7 +69,7 @@ def fault_input(
         keep_charge=limits.keep_charge,
         keep_v=limits.keep_v,
         power_silent=power_monitor.silent(state.power, now_s),
-        current_too_strong=state.water.too_strong,
+        current_too_strong=state.heading_estimator.water.verdict.too_strong > 0.5,
         mission_unusable=state.modes.armed and state.modes.mode is Mode.AUTO and state.guidance.mission.unusable,
         outside_fence=margin_m is not None and margin_m < 0.0,
         storage=None if devices.storage is None else devices.storage.state,

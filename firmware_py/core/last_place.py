@@ -15,9 +15,8 @@ from msgspec.structs import replace
 from firmware_py.common.geodesy import Place
 from firmware_py.estimate import position, reckoning
 from firmware_py.estimate.position import PositionState
-from firmware_py.estimate.reckoning import COVARIANCES, Reckoning
+from firmware_py.estimate.reckoning import Reckoning
 from firmware_py.estimate.water import WaterState
-from firmware_py.estimate.wave_filter_state import WaveFilterState
 
 STEP_M: Final = 25.0  # a restart is to count her no further on than this from the place kept
 
@@ -33,27 +32,25 @@ class LastPlace(msgspec.Struct, frozen=True):
     reckoning: Reckoning
 
 
-def of_state(place: PositionState, waves: WaveFilterState, water: WaterState) -> LastPlace | None:
+def of_state(place: PositionState, water: WaterState) -> LastPlace | None:
     """Return what is to be kept of the place; None while there is none to be reckoned on from."""
     if place.fix is None and place.reckoning is None:
         return None
-    reckoned = place.reckoning or reckoning.begin(waves, water.slow_m_s, 0.0)
-    if reckoned is None:
-        return None
+    reckoned = place.reckoning or reckoning.begin(water, place.t_s)
     reckoned = replace(reckoned, begun_s=-position.unfixed_s(place))
     return LastPlace(place.latitude_rad, place.longitude_rad, reckoned)
 
 
 def good_for_s(last: LastPlace, at_most_s: float) -> float:
     """Return how long it is as good as a newer one: she does not come far in it, nor is counted on far."""
-    water = last.reckoning
+    water = last.reckoning.water
     fastest_m_s = math.hypot(water.current_north_m_s, water.current_east_m_s) + abs(water.speed_m_s)
     return STEP_M / max(fastest_m_s, STEP_M / at_most_s)
 
 
 def water_of(last: LastPlace) -> tuple[float, float, float]:
     """Return the current, north and east, and the speed that were reckoned with [m/s]."""
-    water = last.reckoning
+    water = last.reckoning.water
     return water.current_north_m_s, water.current_east_m_s, water.speed_m_s
 
 
@@ -79,4 +76,4 @@ def counted_from(state: PositionState, now_s: float) -> PositionState:
 
 def _usable(last: LastPlace) -> bool:
     on_earth = abs(last.latitude_rad) <= 0.5 * math.pi and abs(last.longitude_rad) <= math.pi
-    return on_earth and len(last.reckoning.covariance) == COVARIANCES and last.reckoning.begun_s <= 0.0
+    return on_earth and last.reckoning.begun_s <= 0.0

@@ -82,7 +82,7 @@ def resume_of(state: State, now: Moment) -> Resume:
         nav.fence_enabled,
         state.home,
         _expected_water(state),
-        last_place.of_state(state.position, state.heading_estimator.wave_filter, state.water),
+        last_place.of_state(state.position, state.heading_estimator.water),
         now.boot,
         now.machine_s,
     )
@@ -98,7 +98,7 @@ def _lasting_modes(state: State) -> ModeState:
 
 
 def _expected_water(state: State) -> tuple[float, float, float]:
-    north_m_s, east_m_s, speed_m_s, _ = water.known(state.heading_estimator.wave_filter)
+    north_m_s, east_m_s, speed_m_s, _ = water.known(state.heading_estimator.water)
     step = CURRENT_STEP_M_S
     return _rounded(north_m_s, step), _rounded(east_m_s, step), _rounded(speed_m_s, step)
 

@@ -23,16 +23,15 @@ def snapshot_of(
 ) -> Snapshot:
     """Return the snapshot of a tick that has been computed."""
     heading, heading_ok = state.heading_estimator.heading, situation.heading_rad is not None
-    shown_rad, shown_rate_rad_s = heading_estimator.shown_heading(settings.heading_estimator, state.heading_estimator)
     task = state.guidance.status
     return Snapshot(
         t_s=inputs.tick.t_s,
         tick=inputs.tick.index,
         mode=state.modes.mode,
         armed=state.modes.armed,
-        heading_rad=shown_rad if heading.sample_t_s is not None else None,
+        heading_rad=heading.heading_rad if heading.sample_t_s is not None else None,
         heading_ok=heading_ok,
-        yaw_rate_rad_s=shown_rate_rad_s if heading_ok else None,
+        yaw_rate_rad_s=heading.yaw_rate_rad_s if heading_ok else None,
         roll_rad=heading.roll_rad,
         pitch_rad=heading.pitch_rad,
         goal_heading_rad=target.heading_rad,

@@ -19,11 +19,11 @@ from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
 from firmware_py.core.rudder import RudderSettings, RudderState
 from firmware_py.core.tick_timing import TickTiming
-from firmware_py.estimate import position, reckoning, water
+from firmware_py.estimate import heading_estimator, position, reckoning
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
 from firmware_py.estimate.place_and_velocity import AgreementState
 from firmware_py.estimate.position import PositionSettings, PositionState
-from firmware_py.estimate.water import WaterState
+from firmware_py.estimate.sources import Source
 from firmware_py.faults.latch import LatchState, arming_obstacle
 from firmware_py.guidance import guidance, step_aside
 from firmware_py.guidance.guidance import GuidanceSettings, GuidanceState
@@ -91,7 +91,6 @@ class State(msgspec.Struct, frozen=True):
     rudder: RudderState = RudderState()
     heading_estimator: HeadingEstimatorState = HeadingEstimatorState()
     position: PositionState = PositionState()
-    water: WaterState = WaterState()
     fault_latch: LatchState = LatchState()
     supervisor: SupervisorState = SupervisorState()
     guidance: GuidanceState = GuidanceState()
@@ -140,7 +139,7 @@ def freshness_of(settings: Settings, state: State, timeouts: HeadingTimeouts, no
     started_s = state.timing.started_s
     rudder_timeout_s = timeout_s(or_nan(state.devices.rudder_interval_s), settings.freshness.rudder_timeout_s)
     heading, fix = state.heading_estimator, state.position.fix
-    heading_timeout_s = timeouts.of(heading.sources.in_use)
+    heading_timeout_s = timeouts.of(Source(heading.tick.sources.in_use))
     return Freshness(
         heading=age_of(heading.heading.sample_t_s, started_s, now_s, heading_timeout_s),
         position=age_of(None if fix is None else fix.t_s, started_s, now_s, timeouts.position_s),
@@ -154,7 +153,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     return Situation(
         heading_rad=heading.heading_rad if freshness.heading is Age.FRESH else None,
-        water=water.report(state.water, state.heading_estimator.wave_filter),
+        water=heading_estimator.water_report(state.heading_estimator),
         position_ok=freshness.position is Age.FRESH,
         reckoned_sd_m=_reckoned_sd_m(settings, state, freshness),
         # A released servo of some makes gives no angle, but it answers.

@@ -34,7 +34,7 @@ from firmware_py.core.state import (
     situation_of,
 )
 from firmware_py.core.vessels_step import avoid_vessels, watch_vessels
-from firmware_py.estimate import kalman, position, sources
+from firmware_py.estimate import heading_filter, heading_tick, position, sources, water
 from firmware_py.faults import latch
 from firmware_py.faults.fault import Fault
 from firmware_py.guidance import guidance, guidance_reports
@@ -156,26 +156,29 @@ def _judge_steering(
     While the boat is disarmed or the servo is silent, the rudder shows nothing. A limit cycle is possible in a mode in
     which the heading controller steers.
     """
-    armed, x, estimator = state.modes.armed, state.heading_estimator.wave_filter.x, state.heading_estimator
-    heading_sd_rad = estimator.wave_filter.spread(kalman.HEADING)
+    armed, estimator = state.modes.armed, state.heading_estimator
+    tick, water_state = estimator.tick, estimator.water
+    started, heading_sd_rad = heading_filter.has_started(tick.filter), heading_tick.heading_sd(tick)
+    speed_m_s = water.model_speed(water_state)
     shown = SteeringInput(
         rudder_rad=rudder.angle_rad,
         heading_rad=or_nan(situation.heading_rad if armed and situation.rudder_ok else None),
         heading_sd_rad=heading_sd_rad,
-        speed_m_s=x[kalman.SPEED] if x else settings.supervisor.model.speed_m_s,
+        speed_m_s=speed_m_s,
         error_rad=or_nan(target.error_rad),
-        shown_rad=sources.compass_in_use(estimator.sources).raw_rad,
+        shown_rad=sources.compass_in_use(tick.sources).raw_rad,
     )
     steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
     seen = OscillationInput(
-        or_nan(target.error_rad if steered and x else None),
+        or_nan(target.error_rad if steered and started else None),
         or_nan(target.heading_rad),
         heading_sd_rad,
         rudder_rad=state.rudder.command_rad,
-        trim_rad=x[kalman.BIAS_MEAN] if x else 0.0,
-        bias_rad=x[kalman.BIAS] - x[kalman.BIAS_MEAN] if x else 0.0,
-        speed_m_s=x[kalman.SPEED] if x else 0.0,
-        wave_period_s=2.0 * math.pi / estimator.wave_filter.noise_model.omega_rad_s,
+        trim_rad=tick.bias_mean_rad,
+        bias_rad=tick.filter.motion.bias_rad - tick.bias_mean_rad,
+        speed_m_s=speed_m_s,
+        wave_period_s=math.exp(tick.filter.levels.wave_period),
+        diffusion_rad2_s=math.exp(tick.filter.levels.diffusion),
     )
     return supervisor.judge_steering(settings.supervisor, state.supervisor, shown, seen, rudder.t_s)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
+from firmware_py.common.absence import or_nan
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import MODES
@@ -36,7 +37,7 @@ def watch_vessels(
             place = Place(state.position.latitude_rad, state.position.longitude_rad)
             estimator = state.heading_estimator
             heading_rad = estimator.heading.heading_rad if freshness.heading is Age.FRESH else None
-            velocity_m_s = water.over_ground_m_s(estimator.wave_filter, heading_rad)
+            velocity_m_s = water.over_ground_m_s(estimator.water, or_nan(heading_rad))
             own = OwnMotion(place, velocity_m_s, *_own_ways_m_s(state))
         told, more = traffic.update(settings.traffic, told, inputs.vessels, own, now_s)
         events = (*events, *more)
@@ -85,16 +86,16 @@ def _followed_line(state: GuidanceState) -> tuple[float, float] | None:
 
 def _own_ways_m_s(state: State) -> tuple[Velocity, ...]:
     """Return how she would move over ground on her own way and, off a line, back to it; none while she is on it."""
-    waves, way_rad = state.heading_estimator.wave_filter, state.aside.way_rad
+    known, way_rad = state.heading_estimator.water, state.aside.way_rad
     followed, target = _followed_line(state.guidance), state.guidance.status.heading_target
     if way_rad is None:
         return ()
     if followed is None or target is None:
-        return (water.over_ground_m_s(waves, way_rad),)
-    north_m_s, east_m_s, speed_m_s, leeway_rad = water.known(waves)
+        return (water.over_ground_m_s(known, way_rad),)
+    north_m_s, east_m_s, speed_m_s, leeway_rad = water.known(known)
     courses = followed[1], target.angle_rad
     headings = [heading_for_course(one, speed_m_s, north_m_s, east_m_s, leeway_rad) for one in courses]
-    return tuple(water.over_ground_m_s(waves, heading_rad) for heading_rad in headings)
+    return tuple(water.over_ground_m_s(known, heading_rad) for heading_rad in headings)
 
 
 def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarget, tuple[Event, ...]]:

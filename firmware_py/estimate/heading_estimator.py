@@ -1,7 +1,4 @@
-"""The boat's heading in a tick, from the samples of compasses and receiver.
-
-Only puts together what the estimate's parts compute; core/step calls it.
-"""
+"""Heading of a tick, from the samples of compasses and receiver: the records of the tick around heading_tick.py."""
 
 from __future__ import annotations
 
@@ -12,75 +9,67 @@ from typing import Final
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.common.angles import clamp, radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
-from firmware_py.common.reports import Estimate
-from firmware_py.estimate import declination, kalman, observer, sources, standstill, track_average, wave_filter
+from firmware_py.common.reports import Estimate, Water
+from firmware_py.estimate import (
+    declination,
+    heading_filter,
+    heading_tick,
+    observer,
+    prediction_check,
+    sources,
+    water,
+)
 from firmware_py.estimate.declination import Declination
+from firmware_py.estimate.heading_tick import HeadingSettings, HeadingTick
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
-from firmware_py.estimate.sources import Source, SourceState, TrueHeadingSample
-from firmware_py.estimate.track_average import Stretch
-from firmware_py.estimate.wave_filter_state import Heading, Velocity, WaveFilterSettings, WaveFilterState, water_of
+from firmware_py.estimate.sources import Source, TrueHeadingSample
+from firmware_py.estimate.water import WaterState
 from firmware_py.model.heading_estimate import HeadingEstimate
+from firmware_py.model.kt import KtModel
 
-SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
-WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
-LONGEST_CARRIED_S: Final = 2.0  # a yaw rate says nothing of what comes later
 COMPASSES: Final = (Source.COMPASS_A, Source.COMPASS_B)
-NAMES: Final = ("compass A", "compass B", "course over ground", "no heading source")
+NAMES: Final = {Source.COMPASS_A: "compass A", Source.COMPASS_B: "compass B", Source.COURSE: "course over ground"}
 
 
 class HeadingEstimatorSettings(msgspec.Struct, frozen=True):
-    """How the heading is estimated.
-
-    `frozen_s`: a compass that shows the same number for longer has stopped measuring (0: any time is allowed).
-    """
+    """How the heading is estimated."""
 
     observer: ObserverSettings
-    wave_filter: WaveFilterSettings
-    frozen_s: float
+    tick: HeadingSettings
     observer_only: bool
     declination_by_model: bool
-    course_speed_m_s: float
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> HeadingEstimatorSettings:
         """Read the settings from the parameters."""
         return cls(
             observer=ObserverSettings.of(parameters),
-            wave_filter=WaveFilterSettings.of(parameters),
-            frozen_s=parameters["CMP_FROZEN_S"],
+            tick=HeadingSettings.of(parameters),
             observer_only=parameters["EST_MODE"] == 0,
             declination_by_model=parameters["CMP_DECL_AUTO"] == 1,
-            course_speed_m_s=parameters["COG_SPEED_MIN"],
         )
 
 
 class HeadingTimeouts(msgspec.Struct, frozen=True):
-    """After what silence compass A, compass B and the fixes, which give the course over ground, are lost."""
+    """Time-outs of compass A, compass B and the fixes, which give the course over ground."""
 
     compass_s: tuple[float, float]
     position_s: float
 
     def of(self, source: Source) -> float:
-        """Return the time-out of what is steered by; what is no compass is judged by compass A's."""
+        """Return the time-out of a source; one that is no compass is judged by that of compass A."""
         return self.compass_s[source if source in COMPASSES else 0]
 
 
 class HeadingEstimatorState(msgspec.Struct, frozen=True):
-    """Heading and yaw rate of the tick, the wave filter, the heading sources and the declination of the place.
-
-    `stretch` is the stretch of track under way, where the receiver states no velocity; `deaf` the wave filter without
-    what the compass in use repeats, None while it changes.
-    """
+    """Heading and yaw rate of the tick, the filter with its sources, the water, and the declination of the place."""
 
     heading: HeadingState = HeadingState()
-    wave_filter: WaveFilterState = WaveFilterState()
-    sources: SourceState = sources.START
+    tick: HeadingTick = heading_tick.START
+    water: WaterState = water.START
     declination: Declination = Declination()
-    stretch: Stretch | None = None
-    deaf: WaveFilterState | None = None
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> HeadingEstimatorState:
@@ -88,9 +77,9 @@ class HeadingEstimatorState(msgspec.Struct, frozen=True):
         return expecting(cls(), (0.0, 0.0, parameters["CRUISE_SPEED"]))
 
 
-def expecting(state: HeadingEstimatorState, water: tuple[float, float, float]) -> HeadingEstimatorState:
-    """Return a state before the first heading that expects this current, north and east, and speed [m/s]."""
-    return replace(state, wave_filter=replace(state.wave_filter, expected_water=water))
+def expecting(state: HeadingEstimatorState, water_m_s: tuple[float, float, float]) -> HeadingEstimatorState:
+    """Return a state before the first position that expects this current, north and east, and speed [m/s]."""
+    return replace(state, water=water.expecting(*water_m_s))
 
 
 def update(
@@ -102,8 +91,11 @@ def update(
     timeouts: HeadingTimeouts,
     now_s: float,
 ) -> tuple[HeadingEstimatorState, tuple[Event, ...]]:
-    """Take a tick's samples in; return the state, with the heading that is steered by, and the events."""
-    before = state.heading
+    """Take a tick's samples in; return the state, with the heading that is steered by, and the events.
+
+    rudder_rad is the rudder angle measured at this tick, NaN where it is not known.
+    """
+    before, tick = state.heading, state.tick
     observer_settings = settings.observer
     if settings.declination_by_model:
         state = _with_declination(state, positions)
@@ -117,45 +109,88 @@ def update(
         if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
     ]
     events: tuple[Event, ...] = ()
-    if sources.needs_restart(state.sources, now_s, timeouts.compass_s):
-        fresh = WaveFilterState(expected_water=water_of(state.wave_filter))
-        state = HeadingEstimatorState(before, fresh, declination=state.declination)
+    if heading_tick.needs_restart(tick, now_s, timeouts.compass_s):
         events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
-    state = _with_samples(settings, state, true_headings, before, now_s)
-    source_state = _select_source(settings, state, timeouts, now_s)
-    source_events = change_events(state.sources.in_use, source_state.in_use)
-    samples = samples_in_use(source_state, true_headings)
-    stretch, velocities = over_ground(state.stretch, positions, before.heading_rad)
-    waves = wave_filter.update(settings.wave_filter, state.wave_filter, samples, velocities, rudder_rad)
-    deaf = state.deaf
-    if deaf is not None:
-        deaf = wave_filter.update(settings.wave_filter, deaf, (), velocities, rudder_rad)
+    source_before = tick.sources.in_use if not events else Source.NONE
+    model = water.model_at_speed(settings.tick.model, state.water)
+    tick = heading_tick.begin_tick(tick, now_s, now_s - before.t_s, timeouts.compass_s)
+    for sample in true_headings:
+        tick = heading_tick.add_sample(tick, sample)
+    tick = heading_tick.select(
+        tick,
+        settings.tick,
+        model,
+        now_s,
+        timeouts.compass_s,
+        water.known(state.water)[2],
+        now_s - state.water.fix_t_s,
+        timeouts.position_s,
+    )
+    in_use = tick.sources.in_use
+    if in_use != source_before:
+        events = (*events, change_event(source_before, Source(in_use)))
+    for sample in true_headings:
+        if sample.source == in_use:
+            timeout_s = timeouts.of(Source(in_use))
+            tick = heading_tick.take_heading(tick, settings.tick, model, sample.t_s, sample.heading_rad, timeout_s)
+    water_state = state.water
+    for fix in positions:
+        if fix.fix is FixType.NONE or fix.latitude_rad is None or fix.longitude_rad is None:
+            continue
+        water_state, course_rad, sd_rad = water.take_position(water_state, fix.t_s, fix.latitude_rad, fix.longitude_rad)
+        if in_use == Source.COURSE:
+            tick = heading_tick.take_course(tick, model, fix.t_s, course_rad, sd_rad)
+    tick = heading_tick.end_tick(tick, rudder_rad)
+    heading = _steered(settings, observer_settings, state, tick, model, headings, timeouts, rudder_rad, now_s)
+    if heading.t_s == now_s:
+        by_compass = sources.uses_compass(tick.sources)
+        water_state = water.take_heading(
+            water_state, heading.heading_rad if by_compass else math.nan, now_s - before.t_s
+        )
+    water_state = water.update(water_state, now_s)
+    return HeadingEstimatorState(heading, tick, water_state, state.declination), events
+
+
+def _steered(
+    settings: HeadingEstimatorSettings,
+    observer_settings: ObserverSettings,
+    state: HeadingEstimatorState,
+    tick: HeadingTick,
+    model: KtModel,
+    headings: Sequence[HeadingSample],
+    timeouts: HeadingTimeouts,
+    rudder_rad: float,
+    now_s: float,
+) -> HeadingState:
+    """Return heading and yaw rate to steer by at now_s, and the age of what they come from."""
+    before = state.heading
     if settings.observer_only:
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
         observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
-        heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
-        return HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf), ()
-    if not waves.x:
-        state = HeadingEstimatorState(before, waves, source_state, state.declination, stretch, deaf)
-        return state, events + source_events
-    heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.wave_filter, waves, now_s)
-    # Fixes come rarely; whether they still come has been judged by their own timeout. A compass that comes back after
-    # them may speak in the next tick only.
-    sample_t_s = now_s if source_state.in_use is Source.COURSE else _later(before.sample_t_s, waves.sample_t_s)
+        return observer.update(observer_settings, before, of_first, rudder_rad, now_s)
+    if not heading_filter.has_started(tick.filter):
+        return before
+    heading_rad, yaw_rate_rad_s = heading_tick.heading_at(tick, model, now_s)
+    # Fixes come rarely; their own time-out has judged whether they still come.
+    sample_t_s: float | None = now_s
+    if tick.sources.in_use != Source.COURSE:
+        sample_t_s = tick.filter.t_s if before.sample_t_s is None else max(before.sample_t_s, tick.filter.t_s)
     newest = headings[-1] if headings else before
-    heading = HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
-    state = HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf)
-    return state, events + source_events
+    return HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
 
 
-def _later(one_s: float | None, other_s: float | None) -> float | None:
-    if one_s is None or other_s is None:
-        return other_s if one_s is None else one_s
-    return max(one_s, other_s)
+def change_event(before: Source, after: Source) -> Event:
+    """Return the event of a change of source."""
+    if after is Source.NONE:
+        return Event(Severity.ERROR, f"Heading lost: {NAMES[before]} fails")
+    if before is Source.NONE:
+        return Event(Severity.INFO, f"Heading from {NAMES[after]}")
+    worse = after > before
+    return Event(Severity.WARNING if worse else Severity.NOTICE, f"Heading from {NAMES[after]}, not {NAMES[before]}")
 
 
 def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:
-    """Return the state with the declination of where the boat is."""
+    """Return the state with the declination of the place."""
     latest = state.declination
     for sample in positions:
         latitude_rad, longitude_rad = sample.latitude_rad, sample.longitude_rad
@@ -166,140 +201,60 @@ def _with_declination(state: HeadingEstimatorState, positions: Sequence[Position
     return state if latest is state.declination else replace(state, declination=latest)
 
 
-def _with_samples(
-    settings: HeadingEstimatorSettings,
-    state: HeadingEstimatorState,
-    samples: Sequence[TrueHeadingSample],
-    before: HeadingState,
-    now_s: float,
-) -> HeadingEstimatorState:
-    """Return the state after the samples of the compasses; what a compass that stands still repeated is undone."""
-    waves, source_state = state.wave_filter, sources.decay_offsets(state.sources, clamp(now_s - before.t_s, 0.0, 1.0))
-    expected_rad = waves.x[kalman.FLOAT] + waves.x[kalman.WAVE] if waves.x else math.nan
-    for sample in samples:
-        source_state = sources.add_sample(source_state, sample, expected_rad)
-    deaf = standstill.deaf_filter(settings.wave_filter, state.deaf, waves, source_state, now_s)
-    found = standstill.contradicted(source_state, samples, deaf) if settings.frozen_s > 0.0 else None
-    if deaf is not None and found is not None:
-        return replace(state, sources=found, wave_filter=deaf, deaf=None)
-    if source_state is state.sources and deaf is state.deaf:
-        return state
-    return replace(state, sources=source_state, deaf=deaf)
-
-
-def _select_source(
-    settings: HeadingEstimatorSettings, state: HeadingEstimatorState, timeouts: HeadingTimeouts, now_s: float
-) -> SourceState:
-    """Judge the sources by their samples and choose one."""
-    waves, source_state = state.wave_filter, state.sources
-    course_ok = (
-        bool(waves.x)  # not begun, or begun anew, it may know of a fix and of nothing else
-        and waves.fix_t_s is not None
-        and now_s - waves.fix_t_s <= timeouts.position_s
-        and waves.spread(kalman.HEADING) <= WIDEST_COURSE_RAD
-        and waves.x[kalman.SPEED] >= settings.course_speed_m_s
-    )
-    return sources.select(source_state, now_s, settings.frozen_s, timeouts.compass_s, course_ok)
-
-
-def samples_in_use(state: SourceState, samples: Sequence[TrueHeadingSample]) -> list[Heading]:
-    """Return time and heading of the samples of the source in use, with its offset."""
-    offset_rad = sources.compass_in_use(state).offset_rad
-    return [Heading(sample.t_s, sample.heading_rad + offset_rad) for sample in samples if sample.source == state.in_use]
-
-
-def change_events(before: Source, after: Source) -> tuple[Event, ...]:
-    """Return the event of a change of source."""
-    if after is before:
-        return ()
-    if after is Source.NONE:
-        return (Event(Severity.ERROR, f"Heading lost: {NAMES[before]} fails"),)
-    if before is Source.NONE:
-        return (Event(Severity.INFO, f"Heading from {NAMES[after]}"),)
-    severity = Severity.WARNING if after > before else Severity.NOTICE
-    return (Event(severity, f"Heading from {NAMES[after]}, not {NAMES[before]}"),)
-
-
-def over_ground(
-    stretch: Stretch | None, positions: Sequence[PositionSample], heading_rad: float
-) -> tuple[Stretch | None, list[Velocity]]:
-    """Return the velocities over the ground that the fixes of a tick state, or come to from stretch to stretch."""
-    stated = []
-    if stretch is not None:
-        stretch = stretch.with_heading(heading_rad)
-    for sample in positions:
-        speed_m_s, course_rad = sample.speed_over_ground_m_s, sample.course_over_ground_rad
-        if sample.fix is FixType.NONE:
-            continue
-        if speed_m_s is None:
-            stretch, mean = track_average.take_fix(stretch, sample)
-            if mean is not None:
-                stated.append(Velocity(mean.t_s, mean.speed_m_s, mean.course_rad, (mean.cosine, mean.sine)))
-        elif course_rad is not None:
-            stretch = None
-            stated.append(Velocity(sample.t_s, speed_m_s, course_rad))
-        elif speed_m_s < SLOWEST_COURSE_M_S:
-            stretch = None
-            stated.append(Velocity(sample.t_s, speed_m_s, 0.0))
-    return stretch, stated
-
-
 def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> HeadingEstimate | None:
-    """Return what the filter gives to steer by; None where it does not steer, or has not begun."""
-    heading, waves = state.heading, state.wave_filter
-    if settings.observer_only or not waves.x:
+    """Return the estimate to steer by; None where the filter does not steer: not started, or not consistent."""
+    tick = state.tick
+    if settings.observer_only or not heading_tick.is_trusted(tick):
         return None
-    x = waves.x
-    # By place, which a NamedTuple takes in half the time of keywords.
-    return HeadingEstimate(
-        heading.heading_rad,
-        max(2.0 * waves.covariance(kalman.HEADING, kalman.RATE), 0.0),
-        heading.yaw_rate_rad_s,
-        x[kalman.BIAS],
-        x[kalman.BIAS_MEAN],
-        x[kalman.SPEED],
-        waves.spread(kalman.SPEED),
-        x[kalman.FACTOR],
-    )
-
-
-def shown_heading(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> tuple[float, float]:
-    """Return the heading and yaw rate that an operator is shown: those of the body that the compass rides on.
-
-    It is what the compass shows without the waves and what one sees of the boat. The glider, which is steered by,
-    is ahead of it in a turn; on a steady course both are the same.
-    """
-    heading, waves = state.heading, state.wave_filter
-    if settings.observer_only or not waves.x:
-        return heading.heading_rad, heading.yaw_rate_rad_s
-    rate_rad_s = waves.x[kalman.FLOAT_RATE]
-    since_s = clamp(heading.t_s - waves.t_s, 0.0, LONGEST_CARRIED_S)
-    return wrap_two_pi(waves.x[kalman.FLOAT] + since_s * rate_rad_s), rate_rad_s
+    heading = state.heading
+    return heading_tick.estimate_of(tick, heading.heading_rad, heading.yaw_rate_rad_s, state.water)
 
 
 def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> Estimate | None:
-    """Return what the filter estimates, for the log and the link; None where it does not steer, or has not begun."""
-    heading, waves = state.heading, state.wave_filter
-    if settings.observer_only or not waves.x:
+    """Return the estimate for the log and the link; None where the filter does not steer, or has not started."""
+    heading, tick = state.heading, state.tick
+    if settings.observer_only or not heading_filter.has_started(tick.filter):
         return None
-    x, model = waves.x, waves.noise_model
+    f, m, levels = tick.filter, tick.filter.motion, tick.filter.levels
+    now = water.estimated(state.water, heading.t_s)
+    grown = prediction_check.inflation(tick.check)
     return Estimate(
-        int(state.sources.in_use),
+        int(tick.sources.in_use),
         heading.heading_rad,
-        waves.spread(kalman.HEADING),
+        heading_tick.heading_sd(tick),
         heading.yaw_rate_rad_s,
-        waves.spread(kalman.RATE),
-        x[kalman.BIAS],
-        waves.spread(kalman.BIAS),
-        wave_period_s=2.0 * math.pi / model.omega_rad_s,
-        wave_sd_rad=model.wave_spread_rad,
-        compass_noise_rad=math.exp(0.5 * model.log_noise),
-        speed_m_s=x[kalman.SPEED],
-        speed_sd_m_s=waves.spread(kalman.SPEED),
-        current_north_m_s=x[kalman.NORTH],
-        current_east_m_s=x[kalman.EAST],
-        turning_factor=x[kalman.FACTOR],
-        innovation_rad=waves.innovation_rad,
-        innovation_sd_rad=waves.innovation_sd_rad,
-        innovation_square=model.average_square,
+        grown * math.sqrt(m.p11),
+        m.bias_rad,
+        grown * math.sqrt(m.p22),
+        wave_period_s=math.exp(levels.wave_period),
+        wave_sd_rad=math.exp(levels.wave_sd),
+        compass_noise_rad=math.exp(levels.compass_noise),
+        speed_m_s=now.speed_m_s,
+        speed_sd_m_s=now.speed_sd_m_s,
+        current_north_m_s=now.current_north_m_s,
+        current_east_m_s=now.current_east_m_s,
+        innovation_rad=f.innovation_rad,
+        innovation_sd_rad=f.innovation_sd_rad,
+        innovation_square=f.innovation_square,
+        wave_yaw_rad=m.wave_rad,
+        wave_damping=math.exp(levels.wave_damping),
+        yaw_diffusion_rad2_s=math.exp(levels.diffusion),
+        bias_walk_rad_sqrt_s=math.exp(levels.bias_walk),
+        prediction_square=tick.check.mean_square,
+    )
+
+
+def water_report(state: HeadingEstimatorState) -> Water:
+    """Return the water to steer by; before the first position it is what was expected."""
+    north_m_s, east_m_s, speed_m_s, leeway_rad = water.known(state.water)
+    now = water.estimated(state.water, state.heading.t_s)
+    return Water(
+        speed_m_s,
+        math.hypot(now.mean_speed_sd_m_s, water.CHANGES_M_S),
+        north_m_s,
+        east_m_s,
+        math.hypot(now.current_sd_m_s, water.CHANGES_M_S),
+        leeway_rad,
+        now.leeway_sd_rad,
+        state.water.verdict.too_strong > 0.5,
     )

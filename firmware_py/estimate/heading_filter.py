@@ -20,7 +20,7 @@ filter.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ WINDOW_S = 15.0
 SHORTEST_MEMORY_S, LONGEST_MEMORY_S, MEMORY_SHARE = 100.0, 1800.0, 0.5  # of the time since the start
 LEARNING_STEP_S = 0.4
 UNKNOWN_RUDDER_WALK = math.log(radians(2.0))  # the bias follows a rudder that is not measured
-FIRST_S = 60.0
+FIRST_S, CHOICE_S = 60.0, 5.0
 CANDIDATE_SDS_RAD = (radians(1.0), radians(4.0), radians(16.0))
 CANDIDATE_PERIODS_S = (2.2, 3.6, 6.0, 10.0)
 # A turn is unexplained when the innovations stay beyond 3 standard deviations for so long.
@@ -66,8 +66,16 @@ AVERAGE_S = 60.0
 class Pair(NamedTuple):
     """The two extra filters of a noise level: with the level moved up and down."""
 
-    up: Motion
-    down: Motion
+    up: Motion = Motion()
+    down: Motion = Motion()
+
+
+Six = tuple[float, float, float, float, float, float]
+Pairs = tuple[Pair, Pair, Pair, Pair, Pair, Pair]
+NO_PAIRS: Final = (Pair(), Pair(), Pair(), Pair(), Pair(), Pair())
+ZEROS: Final = (0.0,) * 6
+CANDIDATES: Final = (0.0,) * 12
+TRIANGLE: Final = (0.0,) * 21
 
 
 class HeadingFilter(NamedTuple):
@@ -80,21 +88,21 @@ class HeadingFilter(NamedTuple):
     over about a minute. A filter that has not started has NaN for its time.
     """
 
-    t_s: float
-    begun_s: float
-    motion: Motion
-    levels: NoiseLevels
-    pairs: tuple[Pair, Pair, Pair, Pair, Pair, Pair]
-    likelihoods: tuple[float, ...]
-    information: tuple[float, ...]
-    score: tuple[float, ...]
-    window_s: float
-    taught_s: float
-    rudder_rad_s: float
-    unexplained_s: float
-    innovation_rad: float
-    innovation_sd_rad: float
-    innovation_square: float
+    t_s: float = math.nan
+    begun_s: float = math.nan
+    motion: Motion = Motion()
+    levels: NoiseLevels = PRIOR
+    pairs: Pairs = NO_PAIRS
+    likelihoods: tuple[float, ...] = CANDIDATES
+    information: tuple[float, ...] = TRIANGLE
+    score: Six = ZEROS
+    window_s: float = 0.0
+    taught_s: float = math.nan
+    rudder_rad_s: float = 0.0
+    unexplained_s: float = 0.0
+    innovation_rad: float = 0.0
+    innovation_sd_rad: float = 0.0
+    innovation_square: float = 1.0
 
 
 def candidate(number: int) -> NoiseLevels:
@@ -116,7 +124,6 @@ def _candidates(number: int, heading_rad: float) -> Pair:
 
 def begin(t_s: float, heading_rad: float) -> HeadingFilter:
     """Return the filter at its first heading."""
-    no_candidates = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return HeadingFilter(
         t_s,
         t_s,
@@ -126,25 +133,11 @@ def begin(t_s: float, heading_rad: float) -> HeadingFilter:
             _candidates(0, heading_rad), _candidates(1, heading_rad), _candidates(2, heading_rad),
             _candidates(3, heading_rad), _candidates(4, heading_rad), _candidates(5, heading_rad),
         ),
-        no_candidates,
-        (
-            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        ),
-        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        0.0,
-        t_s,
-        0.0,
-        0.0,
-        0.0,
-        math.sqrt(heading_model.FIRST_HEADING_VARIANCE),
-        1.0,
+        CANDIDATES, TRIANGLE, ZEROS, 0.0, t_s, 0.0, 0.0, 0.0, math.sqrt(heading_model.FIRST_HEADING_VARIANCE), 1.0,
     )  # fmt: skip
 
 
-def not_started() -> HeadingFilter:
-    """Return the filter before its first heading."""
-    return begin(math.nan, 0.0)
+NOT_STARTED: Final = HeadingFilter()
 
 
 def has_started(f: HeadingFilter) -> bool:
@@ -236,7 +229,7 @@ def stepped(
     step = solved(matrix, right)
     largest = 0.0
     for i in range(LEVELS):
-        largest = max(largest, abs(step[i]))
+        largest = max(largest, abs(float(step[i])))
     by = 1.0 if largest <= LONGEST_MOVE else LONGEST_MOVE / largest
     return NoiseLevels(
         clamp(levels.diffusion + by * float(step[0]), LOWEST.diffusion, HIGHEST.diffusion),
@@ -265,14 +258,14 @@ def _try_candidates(
         old[6] + a3, old[7] + b3, old[8] + a4, old[9] + b4, old[10] + a5, old[11] + b5,
     )  # fmt: skip
     motion, levels, window_s = f.motion, f.levels, f.window_s + step_s
-    if window_s >= WINDOW_S:
+    if window_s >= CHOICE_S:
         window_s, best = 0.0, 0
         for number in range(1, 2 * LEVELS):
             if sums[number] > sums[best]:
                 best = number
         pair = pairs[best // 2]
         motion, levels = pair.up if best % 2 == 0 else pair.down, candidate(best)
-        if t_s - f.begun_s + WINDOW_S > FIRST_S:
+        if t_s - f.begun_s + CHOICE_S > FIRST_S:
             same = Pair(motion, motion)
             pairs = (same, same, same, same, same, same)
     return HeadingFilter(
@@ -309,7 +302,7 @@ def _learn(
     levels, window_s = f.levels, f.window_s + step_s
     if window_s >= WINDOW_S:
         levels = stepped(levels, information, score, window_s, age_s)
-        score, window_s = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0
+        score, window_s = ZEROS, 0.0
     return HeadingFilter(
         f.t_s, f.begun_s, f.motion, levels, (p0, p1, p2, p3, p4, p5), f.likelihoods, information, score, window_s, t_s,
         0.0, f.unexplained_s, f.innovation_rad, f.innovation_sd_rad, f.innovation_square,
@@ -356,3 +349,49 @@ def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rud
     if t_s - f.begun_s < FIRST_S:
         return _try_candidates(f, model, t_s, heading_rad, mean_rad)
     return _learn(f, levels, model, t_s, heading_rad, mean_rad)
+
+
+def correct_course(
+    f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, sd_rad: float, rudder_rad: float
+) -> HeadingFilter:
+    """Return a filter that has started with a heading from the track taken in; nothing is learned of it."""
+    step_s = t_s - f.t_s
+    if not (0.0 < step_s <= LONGEST_GAP_S and math.isfinite(heading_rad) and sd_rad > 0.0):
+        return f
+    motion = heading_model.predict(f.motion, f.levels, model, rudder_rad, step_s)
+    return with_motion(f, t_s, heading_model.correct_course(motion, heading_rad, sd_rad))
+
+
+def relearned(f: HeadingFilter) -> HeadingFilter:
+    """Return the filter with its learning started again, as in the first minute, because its levels fit no more."""
+    heading_rad = f.motion.heading_rad + f.motion.wave_rad
+    pairs = (
+        _candidates(0, heading_rad), _candidates(1, heading_rad), _candidates(2, heading_rad),
+        _candidates(3, heading_rad), _candidates(4, heading_rad), _candidates(5, heading_rad),
+    )  # fmt: skip
+    return HeadingFilter(
+        f.t_s,
+        f.t_s,
+        f.motion,
+        f.levels,
+        pairs,
+        CANDIDATES,
+        TRIANGLE,
+        ZEROS,
+        0.0,
+        f.t_s,
+        0.0,
+        0.0,
+        f.innovation_rad,
+        f.innovation_sd_rad,
+        f.innovation_square,
+    )
+
+
+def with_motion(f: HeadingFilter, t_s: float, motion: Motion) -> HeadingFilter:
+    """Return the filter with another state; the extra filters start again from it."""
+    same = Pair(motion, motion)
+    return HeadingFilter(
+        t_s, f.begun_s, motion, f.levels, (same, same, same, same, same, same), f.likelihoods, f.information, f.score,
+        f.window_s, t_s, 0.0, 0.0, f.innovation_rad, f.innovation_sd_rad, f.innovation_square,
+    )  # fmt: skip

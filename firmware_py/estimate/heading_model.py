@@ -22,7 +22,7 @@ import math
 from typing import NamedTuple
 
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
-from firmware_py.model.kt import KtModel, decay_over
+from firmware_py.model.kt import KtModel, decay_over, exact_step
 
 OUTLIER = 12.0  # a squared innovation counts as at most so many variances (3.5 standard deviations)
 FIRST_HEADING_VARIANCE = radians(18.0) ** 2  # the first heading lies anywhere on a wave
@@ -40,37 +40,37 @@ class NoiseLevels(NamedTuple):
     the compass noise [rad], walk q of the rudder bias [rad/sqrt(s)].
     """
 
-    diffusion: float
-    wave_sd: float
-    wave_period: float
-    wave_damping: float
-    compass_noise: float
-    bias_walk: float
+    diffusion: float = 0.0
+    wave_sd: float = 0.0
+    wave_period: float = 0.0
+    wave_damping: float = 0.0
+    compass_noise: float = 0.0
+    bias_walk: float = 0.0
 
 
 class Motion(NamedTuple):
     """State vector and the upper triangle of its covariance, row by row, in the order psi, r, b, w, v."""
 
-    heading_rad: float
-    yaw_rate_rad_s: float
-    bias_rad: float
-    wave_rad: float
-    wave_rate_rad_s: float
-    p00: float
-    p01: float
-    p02: float
-    p03: float
-    p04: float
-    p11: float
-    p12: float
-    p13: float
-    p14: float
-    p22: float
-    p23: float
-    p24: float
-    p33: float
-    p34: float
-    p44: float
+    heading_rad: float = 0.0
+    yaw_rate_rad_s: float = 0.0
+    bias_rad: float = 0.0
+    wave_rad: float = 0.0
+    wave_rate_rad_s: float = 0.0
+    p00: float = 0.0
+    p01: float = 0.0
+    p02: float = 0.0
+    p03: float = 0.0
+    p04: float = 0.0
+    p11: float = 0.0
+    p12: float = 0.0
+    p13: float = 0.0
+    p14: float = 0.0
+    p22: float = 0.0
+    p23: float = 0.0
+    p24: float = 0.0
+    p33: float = 0.0
+    p34: float = 0.0
+    p44: float = 0.0
 
 
 def begin(heading_rad: float, levels: NoiseLevels) -> Motion:
@@ -187,3 +187,30 @@ def is_valid(m: Motion) -> bool:
     variances = m.p00 + m.p11 + m.p22 + m.p33 + m.p44
     least = min(m.p00, m.p11, m.p22, m.p33, m.p44)
     return math.isfinite(numbers) and math.isfinite(variances) and least > 0.0
+
+
+def correct_course(m: Motion, heading_rad: float, sd_rad: float) -> Motion:
+    """Return the state with a heading taken in that has no wave yaw and its own standard deviation [rad]."""
+    k0, k1, k2, k3, k4 = m.p00, m.p01, m.p02, m.p03, m.p04
+    innovation_rad = wrap_pi(heading_rad - m.heading_rad)
+    share = 1.0 / max(k0 + sd_rad * sd_rad, innovation_rad * innovation_rad / OUTLIER)
+    by = innovation_rad * share
+    return Motion(
+        m.heading_rad + k0 * by, m.yaw_rate_rad_s + k1 * by, m.bias_rad + k2 * by,
+        m.wave_rad + k3 * by, m.wave_rate_rad_s + k4 * by,
+        m.p00 - k0 * k0 * share, m.p01 - k0 * k1 * share, m.p02 - k0 * k2 * share,
+        m.p03 - k0 * k3 * share, m.p04 - k0 * k4 * share,
+        m.p11 - k1 * k1 * share, m.p12 - k1 * k2 * share, m.p13 - k1 * k3 * share, m.p14 - k1 * k4 * share,
+        m.p22 - k2 * k2 * share, m.p23 - k2 * k3 * share, m.p24 - k2 * k4 * share,
+        m.p33 - k3 * k3 * share, m.p34 - k3 * k4 * share,
+        m.p44 - k4 * k4 * share,
+    )  # fmt: skip
+
+
+def ahead(m: Motion, model: KtModel, rudder_rad: float, step_s: float) -> tuple[float, float]:
+    """Return heading [rad] and yaw rate [rad/s] after a step, without their covariance."""
+    decay = decay_over(step_s, model.turning_lag_s)
+    cubic = model.norrbin_s2 * m.yaw_rate_rad_s * m.yaw_rate_rad_s * m.yaw_rate_rad_s
+    steady_rad_s = model.turning_ability_1_s * (rudder_rad - m.bias_rad) - cubic
+    turned_rad, yaw_rate_rad_s = exact_step(m.yaw_rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
+    return m.heading_rad + turned_rad, yaw_rate_rad_s

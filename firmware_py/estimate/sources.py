@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.estimate.stay import NO_STAY, SPIN_NOISE_RAD, SPIN_RAD_S, STAYED_S, Stay, stays
 
-JUMP_RAD: Final = radians(20.0)  # the gate of the filter: a heading that it refuses is not sound
+JUMP_RAD: Final = radians(20.0)  # of a heading from the estimate with its wave yaw
 JUMP_S: Final = 1.5
 FIRST_JUMP_S: Final = 1.0  # counted for a first heading outside: one alone is no jump, however slow the compass
 PROBATION_S: Final = 10.0

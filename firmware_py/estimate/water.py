@@ -1,119 +1,209 @@
-"""Speed through the water, current and leeway, as the wave filter knows them, and whether the current is too strong.
+"""Speed through the water, current and leeway in a tick, from positions. Numeric core; the filter is water_filter.py.
 
-On a steady heading only the sum of the speed and the current along it can be seen; every turn tells the two apart, and
-the leeway from the current across. What is not seen stays as uncertain as the standard deviations say.
+On a steady heading only the sum of the speed and the current along it can be known; every turn separates the two, and
+the leeway from the current across. The standard deviations say so.
 
-The filter's values scatter from fix to fix within that uncertainty, and across a current nearly as fast as the boat a
-course becomes a heading that swings with them, and the rudder after it. So they are steered by and told slowly, never
-further from the filter's than its standard deviation.
+The estimate scatters from position to position within its standard deviation; across a current nearly as fast as the
+boat, a course becomes a heading that scatters with it, and the rudder after it. So guidance steers by slow values,
+which follow the estimate within its standard deviation.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Final, NamedTuple
 
-import msgspec
+from firmware_py.common.angles import clamp, wrap_pi
+from firmware_py.common.geodesy import EARTH_RADIUS_M
+from firmware_py.estimate import water_filter, water_results
+from firmware_py.estimate.water_filter import Water, WaterFilter
+from firmware_py.estimate.water_results import CurrentVerdict
+from firmware_py.model.kt import KtModel, scaled
 
-from firmware_py.common.angles import clamp
-from firmware_py.common.reports import Water
-from firmware_py.estimate import kalman
-from firmware_py.estimate.wave_filter_state import FIRST, FIRST_COURSE_LAG_S, WaveFilterState, water_of
-
-# The current counts as stronger when it is by a standard deviation, for so long; and no longer when weaker.
-STRONG_AFTER_S, WEAK_AFTER_S = 120.0, 120.0
-WEAK_PART = 0.97
-SLOW_S = 30.0
-# The filter takes the water for smoother than small eddies leave it: so much it may have changed while it averaged.
-CHANGES_M_S = 0.03
+# Standard deviations of the water that is expected before any position.
+FIRST_SPEED_SD_M_S, FIRST_CURRENT_SD_M_S, FIRST_SIDEWAYS_SD_M_S = 0.3, 0.3, 0.1
+SLOW_S: Final = 30.0
+CHANGES_M_S: Final = 0.03  # by which small eddies differ from the current that the filter averages
+FARTHEST_M: Final = 5000.0  # from the origin, which then moves
+SPEED_RATIOS: Final = (0.1, 10.0)
+SURE_SPEED_SD_M_S: Final = 0.05
+STRETCH_S: Final = 10.0  # of the track, for a heading from it
 
 
-class WaterState(msgspec.Struct, frozen=True):
-    """How long the current has been stronger (+) or weaker (-) than the boat, until t_s, and the verdict.
+class Expected(NamedTuple):
+    """Current north and east and the speed through the water [m/s]."""
 
-    `slow_m_s`: current north and east and the speed as they are steered by, None for the filter's own.
+    north_m_s: float = 0.0
+    east_m_s: float = 0.0
+    speed_m_s: float = 0.5
+
+
+class Place(NamedTuple):
+    """The origin of the positions."""
+
+    latitude_rad: float = 0.0
+    longitude_rad: float = 0.0
+
+
+class Stretch(NamedTuple):
+    """Begin of a stretch of track; NaN: there is none."""
+
+    t_s: float = math.nan
+    north_m: float = 0.0
+    east_m: float = 0.0
+
+
+NO_STRETCH: Final = Stretch()
+NO_PLACE: Final = Place()
+NOTHING_EXPECTED: Final = Expected()
+NO_FILTER: Final = WaterFilter()
+NO_VERDICT: Final = CurrentVerdict()
+
+
+class WaterState(NamedTuple):
+    """Time of the last position (NaN: there was none), filter, verdict on the current, and the slow values.
+
+    `slow_t_s` is the time of the slow values; NaN: there are none, and `expected` is steered by.
     """
 
-    t_s: float | None = None
-    strong_s: float = 0.0
-    too_strong: bool = False
-    slow_m_s: tuple[float, float, float] | None = None
+    fix_t_s: float = math.nan
+    filter: WaterFilter = NO_FILTER
+    verdict: CurrentVerdict = NO_VERDICT
+    slow_t_s: float = math.nan
+    slow: Expected = NOTHING_EXPECTED
+    expected: Expected = NOTHING_EXPECTED
+    origin: Place = NO_PLACE
+    stretch: Stretch = NO_STRETCH
 
 
-def report(state: WaterState, waves: WaveFilterState) -> Water:
-    """Return the estimate for those who steer by it; before the first heading it is what was expected."""
-    north_m_s, east_m_s, speed_m_s, leeway_rad = known(waves)
-    if state.slow_m_s is not None:
-        north_m_s, east_m_s, speed_m_s = state.slow_m_s
-    x, model, course_lag_s = waves.x, waves.noise_model, FIRST_COURSE_LAG_S
-    if x:
-        nn, ne, _, ee, _, uu = waves.water_covariance()
-        half, differ = 0.5 * (nn + ee), 0.5 * (nn - ee)
-        worst = half + math.sqrt(differ * differ + ne * ne)
-        speed_sd_m_s, leeway_sd_rad = math.hypot(math.sqrt(uu), CHANGES_M_S), waves.spread(kalman.LEEWAY)
-        course_lag_s = x[kalman.COURSE_LAG]
-    else:
-        worst, speed_sd_m_s = FIRST[kalman.NORTH] ** 2, FIRST[kalman.SPEED]
-        leeway_sd_rad = FIRST[kalman.LEEWAY]
-    return Water(
-        speed_m_s,
-        speed_sd_m_s,
-        north_m_s,
-        east_m_s,
-        math.sqrt(max(worst, 0.0) + CHANGES_M_S * CHANGES_M_S),
-        leeway_rad,
-        leeway_sd_rad,
-        model.follow_rad_s,
-        course_lag_s,
-        model.orbit_m_s,
-        state.too_strong,
-    )
+def begin_filter(t_s: float, e: Expected) -> WaterFilter:
+    """Return the filter at a first position, with the water that is expected."""
+    return water_filter.begin(
+        t_s, 0.0, 0.0, e.speed_m_s, FIRST_SPEED_SD_M_S, e.north_m_s, e.east_m_s, FIRST_CURRENT_SD_M_S, 0.0,
+        FIRST_SIDEWAYS_SD_M_S,
+    )  # fmt: skip
 
 
-def known(waves: WaveFilterState) -> tuple[float, float, float, float]:
-    """Return current north and east [m/s], speed through the water [m/s] and leeway [rad], without their spreads."""
-    return (*water_of(waves), waves.x[kalman.LEEWAY] if waves.x else 0.0)
+def expecting(north_m_s: float, east_m_s: float, speed_m_s: float) -> WaterState:
+    """Return the state before the first position that expects this current and speed [m/s]."""
+    e = Expected(north_m_s, east_m_s, speed_m_s)
+    return WaterState(math.nan, begin_filter(0.0, e), NO_VERDICT, math.nan, e, e, NO_PLACE, NO_STRETCH)
 
 
-def over_ground_m_s(waves: WaveFilterState, heading_rad: float | None) -> tuple[float, float]:
-    """Return the boat's velocity over ground on a heading, north and east; without one that of the water."""
-    north_m_s, east_m_s, speed_m_s, leeway_rad = known(waves)
-    if heading_rad is None:
+START: Final = expecting(0.0, 0.0, 0.5)
+
+
+def has_started(s: WaterState) -> bool:
+    """Return whether there was a position."""
+    return not math.isnan(s.fix_t_s)
+
+
+def with_filter(s: WaterState, fix_t_s: float, f: WaterFilter, origin: Place, stretch: Stretch) -> WaterState:
+    """Return the state with another filter and what belongs to it."""
+    return WaterState(fix_t_s, f, s.verdict, s.slow_t_s, s.slow, s.expected, origin, stretch)
+
+
+def take_heading(s: WaterState, heading_rad: float, step_s: float) -> WaterState:
+    """Return the state after step_s on this heading (NaN: not known by a compass)."""
+    if not has_started(s):
+        return s
+    f = water_filter.take_heading(s.filter, heading_rad, step_s)
+    return with_filter(s, s.fix_t_s, f, s.origin, s.stretch)
+
+
+def offset_m(origin: Place, latitude_rad: float, longitude_rad: float) -> tuple[float, float]:
+    """Return how far north and east of the origin a position lies, on the meridians half way."""
+    east_rad = wrap_pi(longitude_rad - origin.longitude_rad)
+    middle_rad = 0.5 * (latitude_rad + origin.latitude_rad)
+    return EARTH_RADIUS_M * (latitude_rad - origin.latitude_rad), EARTH_RADIUS_M * math.cos(middle_rad) * east_rad
+
+
+def take_position(
+    s: WaterState, t_s: float, latitude_rad: float, longitude_rad: float
+) -> tuple[WaterState, float, float]:
+    """Return the state with a position, and the heading from the track with its standard deviation (NaN: none)."""
+    here, heading_rad, sd_rad = Place(latitude_rad, longitude_rad), math.nan, math.nan
+    if not has_started(s):
+        return with_filter(s, t_s, begin_filter(t_s, s.expected), here, NO_STRETCH), heading_rad, sd_rad
+    f, origin, stretch = s.filter, s.origin, s.stretch
+    north_m, east_m = offset_m(origin, latitude_rad, longitude_rad)
+    if abs(north_m) > FARTHEST_M or abs(east_m) > FARTHEST_M:
+        f, origin, stretch = water_filter.moved_origin(f, north_m, east_m), here, NO_STRETCH
+        north_m = east_m = 0.0
+    f = water_filter.correct(f, t_s, north_m, east_m)
+    duration_s = t_s - stretch.t_s
+    if not 0.0 <= duration_s < STRETCH_S:
+        if duration_s <= 3.0 * STRETCH_S:
+            heading_rad, sd_rad = water_results.heading_from_track(
+                f, t_s, north_m - stretch.north_m, east_m - stretch.east_m, duration_s
+            )
+        stretch = Stretch(t_s, north_m, east_m)
+    return with_filter(s, t_s, f, origin, stretch), heading_rad, sd_rad
+
+
+def followed(before: float, now: float, part: float, sd: float) -> float:
+    """Return a value that follows slowly, and never farther off than the standard deviation."""
+    return clamp(before + part * (now - before), now - sd, now + sd)
+
+
+def update(s: WaterState, now_s: float) -> WaterState:
+    """Return the state after a tick: the verdict on the current and the slow values."""
+    if not has_started(s):
+        return s
+    verdict = water_results.judge_current(s.verdict, s.filter, now_s)
+    now = water_filter.water_of(s.filter, now_s)
+    north, east, speed = now.current_north_m_s, now.current_east_m_s, now.mean_speed_m_s
+    if not math.isnan(s.slow_t_s):
+        part, p = clamp((now_s - s.slow_t_s) / SLOW_S, 0.0, 1.0), now.covariance
+        north = followed(s.slow.north_m_s, north, part, math.sqrt(max(p[0], 0.0)))
+        east = followed(s.slow.east_m_s, east, part, math.sqrt(max(p[4], 0.0)))
+        speed = followed(s.slow.speed_m_s, speed, part, now.mean_speed_sd_m_s)
+    slow = Expected(north, east, max(speed, water_filter.MIN_SPEED_M_S))
+    return WaterState(s.fix_t_s, s.filter, verdict, now_s, slow, s.expected, s.origin, s.stretch)
+
+
+def estimated(s: WaterState, t_s: float) -> Water:
+    """Return the estimate at a time; before the first position, what is expected."""
+    return water_filter.water_of(s.filter, t_s if has_started(s) else s.filter.t_s)
+
+
+def known(s: WaterState) -> tuple[float, float, float, float]:
+    """Return current north and east, speed through the water [m/s] and leeway [rad] to steer by."""
+    if math.isnan(s.slow_t_s):
+        return s.expected.north_m_s, s.expected.east_m_s, s.expected.speed_m_s, 0.0
+    _, speed_m_s, sideways_m_s, _, _ = s.filter.track.mean
+    leeway_rad = math.atan2(sideways_m_s, max(speed_m_s, water_filter.MIN_SPEED_M_S))
+    return s.slow.north_m_s, s.slow.east_m_s, s.slow.speed_m_s, leeway_rad
+
+
+def model_speed(s: WaterState) -> float:
+    """Return the speed through the water at which the ship's model is taken [m/s].
+
+    A wrong speed would spoil the heading, and a wrong heading the speed. So it stays at the speed that is expected
+    until the estimate is better known than SURE_SPEED_SD_M_S.
+    """
+    if math.isnan(s.slow_t_s):
+        return s.expected.speed_m_s
+    off = math.sqrt(max(s.filter.track.water[5], 0.0)) / SURE_SPEED_SD_M_S
+    return s.expected.speed_m_s + (s.slow.speed_m_s - s.expected.speed_m_s) / (1.0 + off * off)
+
+
+def model_at_speed(model: KtModel, s: WaterState) -> KtModel:
+    """Return the model at `model_speed`, within SPEED_RATIOS of its own speed."""
+    ratio = clamp(model_speed(s) / model.speed_m_s, SPEED_RATIOS[0], SPEED_RATIOS[1])
+    ability_1_s, lag_s, norrbin_s2 = scaled(model, ratio)
+    return KtModel(ability_1_s, lag_s, norrbin_s2, model.rudder_offset_rad, ratio * model.speed_m_s)
+
+
+def over_ground_m_s(s: WaterState, heading_rad: float) -> tuple[float, float]:
+    """Return the boat's velocity over ground north and east on a heading; that of the current for NaN."""
+    north_m_s, east_m_s, speed_m_s, leeway_rad = known(s)
+    if math.isnan(heading_rad):
         return north_m_s, east_m_s
     way_rad = heading_rad + leeway_rad
     return north_m_s + speed_m_s * math.cos(way_rad), east_m_s + speed_m_s * math.sin(way_rad)
 
 
-def update(state: WaterState, waves: WaveFilterState, now_s: float) -> WaterState:
-    """Judge, with patience both ways, whether the current is stronger than the boat, while a receiver tells of it."""
-    if not waves.x or waves.fix_t_s is None or now_s - waves.fix_t_s > WEAK_AFTER_S:
-        return WaterState(None, 0.0, state.too_strong, state.slow_m_s)  # the last that was known
-    step_s = 0.0 if state.t_s is None else max(now_s - state.t_s, 0.0)
-    north, east, speed, _ = known(waves)
-    current = math.hypot(north, east)
-    a, b = (north / current, east / current) if current > 1e-6 else (1.0, 0.0)
-    strong_s = state.strong_s
-    nn, ne, nu, ee, eu, uu = waves.water_covariance()
-    # Of the current along (a, b) less the speed.
-    variance = a * a * nn + b * b * ee + 2.0 * a * b * ne + uu - 2.0 * (a * nu + b * eu)
-    if current > speed + math.sqrt(max(0.0, variance)):
-        strong_s = max(0.0, strong_s) + step_s
-    elif current < WEAK_PART * speed:
-        strong_s = min(0.0, strong_s) - step_s
-    else:
-        strong_s = 0.0
-    too_strong = state.too_strong
-    if strong_s >= STRONG_AFTER_S:
-        too_strong = True
-    elif strong_s <= -WEAK_AFTER_S:
-        too_strong = False
-    if state.slow_m_s is not None:
-        part, (slow_north, slow_east, slow_speed) = min(step_s / SLOW_S, 1.0), state.slow_m_s
-        north = _followed(slow_north, north, part, math.sqrt(nn))
-        east = _followed(slow_east, east, part, math.sqrt(ee))
-        speed = _followed(slow_speed, speed, part, math.sqrt(uu))
-    return WaterState(now_s, strong_s, too_strong, (north, east, speed))
-
-
-def _followed(before: float, now: float, part: float, spread: float) -> float:
-    """Return what follows slowly, and never further off than the spread."""
-    return clamp(before + part * (now - before), now - spread, now + spread)
+def speed_sd(s: WaterState) -> float:
+    """Return the standard deviation of the mean speed through the water [m/s]."""
+    return math.hypot(math.sqrt(max(s.filter.track.water[5], 0.0)), CHANGES_M_S)

@@ -59,6 +59,10 @@ SUBSTEPS: Final = 20.0  # at most: a longer silence is taken in longer steps
 LONGEST_S: Final = 86400.0
 
 
+NO_FIVE: Final = (0.0, 0.0, 0.0, 0.0, 0.0)
+NO_FIFTEEN: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 class Track(NamedTuple):
     """Estimate of one filter: (s, U, V, c_N, c_E), position, and covariance in blocks.
 
@@ -66,15 +70,18 @@ class Track(NamedTuple):
     covariances with the position.
     """
 
-    mean: Five
-    north_m: float
-    east_m: float
-    water: Fifteen
-    with_north: Five
-    with_east: Five
-    north_m2: float
-    both_m2: float
-    east_m2: float
+    mean: Five = NO_FIVE
+    north_m: float = 0.0
+    east_m: float = 0.0
+    water: Fifteen = NO_FIFTEEN
+    with_north: Five = NO_FIVE
+    with_east: Five = NO_FIVE
+    north_m2: float = 0.0
+    both_m2: float = 0.0
+    east_m2: float = 0.0
+
+
+NO_TRACK: Final = Track()
 
 
 class WaterFilter(NamedTuple):
@@ -84,15 +91,15 @@ class WaterFilter(NamedTuple):
     `refused_t_s` is the time of the first of the refused positions, NaN: the last one was used.
     """
 
-    t_s: float
-    cosine_s: float
-    sine_s: float
-    known_s: float
-    refused_t_s: float
-    track: Track
-    moved: tuple[Track, Track, Track, Track]
-    levels: Four
-    information: Four
+    t_s: float = math.nan
+    cosine_s: float = 0.0
+    sine_s: float = 0.0
+    known_s: float = 0.0
+    refused_t_s: float = math.nan
+    track: Track = NO_TRACK
+    moved: tuple[Track, Track, Track, Track] = (NO_TRACK, NO_TRACK, NO_TRACK, NO_TRACK)
+    levels: Four = START
+    information: Four = (0.0, 0.0, 0.0, 0.0)
 
 
 class Water(NamedTuple):

@@ -18,6 +18,7 @@ from firmware_py.estimate.water_filter import (
     Water,
     WaterFilter,
     deviation,
+    mean_heading,
     water_of,
 )
 
@@ -25,19 +26,28 @@ Ten = tuple[float, float, float, float, float, float, float, float, float, float
 
 STRONG_SDS: Final = 2.33  # one-sided normal quantile of 1 %
 PATIENCE_S: Final = 120.0
+TURNED_COSINE: Final = 0.85  # of 32 deg
 STALE_S: Final = 120.0  # without a position for longer the verdict stays
 FIX_SD_M: Final = 5.0
 TIDE_RAD_S: Final = 2.0 * math.pi / 44_712.0  # the principal lunar tide, 12.42 h
 MAX_HEADING_SD_RAD: Final = 0.5
 MAX_SPEED_SDS: Final = 3.0
+# Covariance of a record that lacks it: 0.3 m/s of current and speed, 0.1 m/s sideways.
+UNKNOWN_WATER: Final = (0.09, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.09, 0.0, 0.01)
 
 
 class CurrentVerdict(NamedTuple):
-    """Time of the last test, how long it has contradicted the verdict, and the verdict: 1 too strong, 0 not."""
+    """Time of the last test, how long it has contradicted the verdict, and the verdict: 1 too strong, 0 not.
 
-    t_s: float
-    against_s: float
-    too_strong: float
+    `cosine` and `sine` are those of the first heading, `turned` is 1 once another was more than 32 deg from it.
+    """
+
+    t_s: float = math.nan
+    against_s: float = 0.0
+    too_strong: float = 0.0
+    cosine: float = math.nan
+    sine: float = math.nan
+    turned: float = 0.0
 
 
 class Reckoning(NamedTuple):
@@ -48,16 +58,16 @@ class Reckoning(NamedTuple):
     distance through the water for which the heading was not known.
     """
 
-    current_north_m_s: float
-    current_east_m_s: float
-    speed_m_s: float
-    sideways_m_s: float
-    covariance: Ten
-    walk_m2_s3: float
-    way_m2_s: float
-    cosine_s: float
-    sine_s: float
-    blind_m: float
+    current_north_m_s: float = 0.0
+    current_east_m_s: float = 0.0
+    speed_m_s: float = 0.0
+    sideways_m_s: float = 0.0
+    covariance: Ten = UNKNOWN_WATER
+    walk_m2_s3: float = 0.0
+    way_m2_s: float = 0.0
+    cosine_s: float = 0.0
+    sine_s: float = 0.0
+    blind_m: float = 0.0
 
 
 def quadratic(p: Ten, a: float, b: float, c: float, d: float) -> float:
@@ -96,16 +106,27 @@ def judge_current(verdict: CurrentVerdict, state: WaterFilter, t_s: float) -> Cu
     Null hypothesis: the current is no faster than the boat's mean speed. It is rejected when the estimated excess is
     more than STRONG_SDS standard deviations for PATIENCE_S, and accepted when the excess is below 0 for as long. For a
     consistent filter and a current as fast as the boat, at most 1 % of the independent estimates exceed that limit.
+
+    On one heading only the sum of speed and current is seen. Until the boat has turned, the current counts only if it
+    sets against the heading, so that the track itself shows it: errors of the heading look like a slower boat.
     """
     if not 0.0 <= t_s - state.t_s <= STALE_S:
-        return CurrentVerdict(math.nan, 0.0, verdict.too_strong)
+        return CurrentVerdict(math.nan, 0.0, verdict.too_strong, verdict.cosine, verdict.sine, verdict.turned)
     step_s = t_s - verdict.t_s if t_s > verdict.t_s else 0.0
     excess_m_s, sd_m_s = current_excess(water_of(state, t_s))
-    against = excess_m_s < 0.0 if verdict.too_strong > 0.5 else excess_m_s > STRONG_SDS * sd_m_s
+    cosine, sine, turned = verdict.cosine, verdict.sine, verdict.turned
+    now_cosine, now_sine = mean_heading(state, t_s)
+    if math.isnan(cosine):
+        cosine, sine = now_cosine, now_sine
+    elif now_cosine * cosine + now_sine * sine < TURNED_COSINE:
+        turned = 1.0
+    mean = state.track.mean
+    is_seen = turned > 0.5 or mean[3] * now_cosine + mean[4] * now_sine < 0.0
+    against = excess_m_s < 0.0 if verdict.too_strong > 0.5 else is_seen and excess_m_s > STRONG_SDS * sd_m_s
     against_s = verdict.against_s + step_s if against else 0.0
     if against_s >= PATIENCE_S:
-        return CurrentVerdict(t_s, 0.0, 1.0 - verdict.too_strong)
-    return CurrentVerdict(t_s, against_s, verdict.too_strong)
+        return CurrentVerdict(t_s, 0.0, 1.0 - verdict.too_strong, cosine, sine, turned)
+    return CurrentVerdict(t_s, against_s, verdict.too_strong, cosine, sine, turned)
 
 
 def begin_reckoning(state: WaterFilter, t_s: float) -> Reckoning:

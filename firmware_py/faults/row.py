@@ -22,6 +22,7 @@ class Action(Enum):
     SET_UP_AGAIN = "set the servo up again, then steer on"  # the driver does it before it steers
     POINT_INTO_IT = "outside her watch circle point into the current"
     SOFTER_HELM = "a softer helm, which grows stiff again over tens of minutes"
+    SMOOTHED_COMPASS = "steer by the smoothed compass with CTL_K1 and CTL_K2 until it is consistent again"
     KEEP_STATION = "keep station where she is"
     SAVE_POWER = "save power: quieter links, a slower loop, a dearer rudder (PWR_...)"
     STEP_ASIDE = "step aside while it comes, if AIS_ACT says so"
@@ -55,6 +56,7 @@ class FaultInput(msgspec.Struct, frozen=True):
     steering_lost: bool
     steering_reversed: bool
     oscillating: bool
+    estimate_inconsistent: bool
     supply_v: float | None
     supply_low_v: float
     battery_charge: float | None

@@ -282,6 +282,14 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="A vessel comes near",
         recovery="No vessel comes near any more",
     ),
+    Fault.ESTIMATE_INCONSISTENT: FaultRow(
+        condition="the heading predicted over 30 s misses by far more than the filter claims, over 5 min and longer",
+        stands=lambda tick: tick.estimate_inconsistent,
+        severity=Severity.WARNING,
+        action=Action.SMOOTHED_COMPASS,
+        text="Heading estimate inconsistent: compass is used",
+        recovery="Heading estimate consistent again",
+    ),
 }
 
 # Of the faults that choose a mode, who comes first where several stand: the graver, then the lower number.

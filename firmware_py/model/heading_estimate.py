@@ -8,9 +8,9 @@ from typing import NamedTuple
 class HeadingEstimate(NamedTuple):
     """Input of the control law: heading and yaw rate without wave-frequency yaw, and the boat's response.
 
-    `bias_rad` is the rudder angle at which the boat runs straight, `bias_mean_rad` its slow mean, `speed_m_s` the speed
-    through the water, `turning_factor` the turning ability by that of the model, `correction_rad2_s` the variance per
-    second by which measurements correct the heading; `_sd_`: standard deviation.
+    `bias_rad` is the rudder angle at which the boat runs straight, `bias_mean_rad` its mean over minutes, `speed_m_s`
+    the mean speed through the water, `correction_rad2_s` the variance per second by which measurements correct the
+    heading; `_sd_`: standard deviation.
     """
 
     heading_rad: float
@@ -20,4 +20,3 @@ class HeadingEstimate(NamedTuple):
     bias_mean_rad: float
     speed_m_s: float
     speed_sd_m_s: float
-    turning_factor: float

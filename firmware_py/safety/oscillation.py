@@ -41,6 +41,7 @@ GROWTH, DECAY = 2.0, 0.7  # ratio of their peaks
 PLAIN_ERROR_SD: Final = 2.5
 PLAIN_RUDDER_RAD: Final = radians(10.0)
 PLAIN_BIAS_RAD: Final = radians(3.0)
+DIFFUSION_SHARE: Final = 0.5  # of a half cycle, in which the random walk leads away
 MAX_WEIGHT, ENOUGH = 4.0, 7.0
 REDUCTION_STEP: Final = 8.0
 MAX_REDUCTION: Final = 16.0  # where 8 was not enough; with more, a turn takes too long
@@ -54,7 +55,8 @@ RELAX_S: Final = 1200.0  # by a factor of e
 class OscillationInput(NamedTuple):
     """Heading error and goal of a tick, NaN while the boat does not steer for a heading, and the rudder command.
 
-    `trim_rad` is the mean rudder bias, `bias_rad` by how much the present one differs from it.
+    `trim_rad` is the mean rudder bias, `bias_rad` by how much the present one differs from it, `diffusion_rad2_s` the
+    diffusion of the heading by disturbances.
     """
 
     error_rad: float
@@ -65,6 +67,7 @@ class OscillationInput(NamedTuple):
     bias_rad: float
     speed_m_s: float
     wave_period_s: float
+    diffusion_rad2_s: float
 
 
 class HalfCycle(NamedTuple):
@@ -201,7 +204,9 @@ def weight_of(model: KtModel, half: HalfCycle, given: OscillationInput, length_s
     shortest_s = max(MIN_LAGS * lag_s, MIN_WAVE_PERIODS * given.wave_period_s)
     if not shortest_s <= length_s <= max(MAX_LAGS * lag_s, MIN_LONGEST_S):
         return 0.0
-    plain_rad = max(PLAIN_ERROR_SD * given.heading_sd_rad, MIN_ERROR_RAD)
+    # Disturbances alone carry the heading away as a random walk, and the controller brings it back.
+    walk_rad2 = DIFFUSION_SHARE * given.diffusion_rad2_s * length_s
+    plain_rad = max(PLAIN_ERROR_SD * math.sqrt(given.heading_sd_rad * given.heading_sd_rad + walk_rad2), MIN_ERROR_RAD)
     size = min(half.peak_rad / plain_rad, half.rudder_rad / PLAIN_RUDDER_RAD, half.bias_rad / PLAIN_BIAS_RAD)
     return min(size * size, MAX_WEIGHT)
 

@@ -75,7 +75,8 @@ def _estimate(snapshot: Snapshot) -> Values:
             "wave_period_s": rounded(estimate.wave_period_s, 1),
             "wave_sd_deg": rounded(estimate.wave_sd_rad, 2, degrees),
             "compass_noise_deg": rounded(estimate.compass_noise_rad, 2, degrees),
-            "turning_factor": rounded(estimate.turning_factor, 2),
+            "yaw_diffusion_deg2_s": rounded(estimate.yaw_diffusion_rad2_s, 3, lambda value: degrees(degrees(value))),
+            "prediction_square": rounded(estimate.prediction_square, 2),
             "innovation_square": rounded(estimate.innovation_square, 2),
         }
     if water is not None:

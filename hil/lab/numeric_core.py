@@ -25,8 +25,20 @@ from numba.extending import register_jitable
 
 from firmware_py.common import angles, silence
 from firmware_py.control import law, rudder_limit
-from firmware_py.control.law import LawConstants, LawSettings
-from firmware_py.estimate import fixed_gain, heading_filter, heading_model, sources, stay, water_filter, water_results
+from firmware_py.control.law import Gains, LawConstants, LawSettings
+from firmware_py.estimate import (
+    fixed_gain,
+    heading_filter,
+    heading_model,
+    heading_tick,
+    prediction_check,
+    sources,
+    stay,
+    water,
+    water_filter,
+    water_results,
+)
+from firmware_py.estimate.heading_tick import HeadingSettings
 from firmware_py.model import heading_estimate, kt
 from firmware_py.safety import (
     convergence,
@@ -39,18 +51,18 @@ from firmware_py.safety import (
 )
 
 __all__ = [
-    "ERROR_MODEL", "MODULES", "LawConstants", "LawSettings", "angles", "convergence", "fixed_gain", "functions_of",
-    "heading_estimate", "heading_filter", "heading_model", "inner", "kt", "law", "oscillation", "rudder_limit",
-    "silence", "sources", "stay", "steering_loss", "steering_monitor", "steering_reversal", "turn_delay", "turn_order",
-    "water_filter", "water_results",
+    "ERROR_MODEL", "MODULES", "Gains", "HeadingSettings", "LawConstants", "LawSettings", "angles", "convergence",
+    "fixed_gain", "functions_of", "heading_estimate", "heading_filter", "heading_model", "heading_tick", "inner", "kt",
+    "law", "oscillation", "prediction_check", "rudder_limit", "silence", "sources", "stay", "steering_loss",
+    "steering_monitor", "steering_reversal", "turn_delay", "turn_order", "water", "water_filter", "water_results",
 ]  # fmt: skip
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 ERROR_MODEL: Final = "numpy"
 MODULES: Final = (
-    angles, silence, kt, heading_estimate, fixed_gain, stay, sources, heading_model, heading_filter, water_filter,
-    water_results, law, rudder_limit, turn_delay, oscillation, convergence,
+    angles, silence, kt, heading_estimate, fixed_gain, stay, sources, heading_model, heading_filter, prediction_check,
+    water_filter, water_results, water, heading_tick, law, rudder_limit, turn_delay, oscillation, convergence,
     turn_order, steering_loss, steering_reversal, steering_monitor,
 )  # fmt: skip
 

@@ -354,8 +354,9 @@ def prepared(fault_bench, drill, tmp_path):
 
 
 def test_every_row_has_a_drill():
-    """Other vessels need ships that come near: tests/process/test_vessels.py."""
-    assert sorted(drill.fault for drill in DRILLS) == sorted(set(TABLE) - {Fault.VESSEL_NEAR})
+    """But two: tests/process/test_vessels.py has the ships; no device that fails makes a filter over-confident."""
+    others = {Fault.VESSEL_NEAR, Fault.ESTIMATE_INCONSISTENT}
+    assert sorted(drill.fault for drill in DRILLS) == sorted(set(TABLE) - others)
 
 
 # A helm that oscillates and a servo the wrong way round: in the suite by tests/voyages.
@@ -424,9 +425,7 @@ def test_the_rudder_never_stays_far_over_without_a_heading(fault_bench, compass)
     bench.run(31.0)
     assert abs(bench.rudder_deg()) < 0.5
     bench.compass.frozen = False
-    # It contradicts an estimate that nothing has corrected meanwhile, and stays: the compass is believed.
-    bench.until("Heading is back", 15.0)
-    assert "Heading estimate is begun anew" in bench.texts_since(0.0)
+    bench.until("Heading is back", 15.0)  # from an estimate that nothing has corrected meanwhile
     bench.run(5.0)
     assert abs(bench.rudder_deg()) > 1.0
 
@@ -452,15 +451,16 @@ def test_a_run_full_of_faults_is_recomputed_bit_for_bit(fault_bench):
 
 
 def test_the_servo_rests_while_the_command_stands_and_engages_before_it_moves(fault_bench):
-    bench = fault_bench(scenario="calm", goals="0:0,40:60", settings={"RUD_REST_S": 3})
+    bench = fault_bench(scenario="calm", settings={"RUD_REST_S": 3})
     bench.under_way(GUIDED)
+    bench.run(240.0 - bench.now_s)  # until the filter has learned how calm it is
     torque = []
-    while bench.now_s < 39.0:
+    while bench.now_s < 280.0 or torque[-1] != 0:
         bench.run(0.5)
         torque.append(bench.servo.motor._table[64])
-    assert torque.count(0) > 30
-    assert torque[-1] == 0
+    assert torque.count(0) > 0.4 * len(torque)
     assert abs(bench.heading_error_deg()) < 2.0
+    bench.order(CHANGE_HEADING, 1.0, 60.0)
     t0_s = bench.now_s
     bench.run(4.0)
     assert bench.widest_deg(t0_s) > 10.0

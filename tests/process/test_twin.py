@@ -82,7 +82,7 @@ def test_the_twin_takes_the_parameters(tmp_path):
 
 # Mean and longest time [s] in which she first is within 5 deg of a goal 60 deg away that is given as she wakes up.
 @pytest.mark.parametrize(
-    ("name", "mean_s", "most_s"), [("sea", 31.0, 38.0), ("swell", 43.0, 64.0), ("tank", 48.0, 50.0)]
+    ("name", "mean_s", "most_s"), [("sea", 46.0, 58.0), ("swell", 58.0, 110.0), ("tank", 48.0, 50.0)]
 )
 def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
     found, told, given = [], voyage.told(), parse_goals("0:60")

@@ -16,9 +16,10 @@ from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.common.reading_notes import MOST_NOTES
 from firmware_py.core.resume import Moment, restore, resume_of, to_bytes
 from firmware_py.core.state import State
-from firmware_py.core.state_codec import state_from_text
+from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
+from support import rig
 from support.paths import REPLAY
 
 LOG = REPLAY / "mid_run_checkpoint.BIN"
@@ -31,7 +32,7 @@ def wake(data):
 
 @functools.cache
 def checkpoint():
-    return next(iter(read_log(LOG))).checkpoint
+    return state_to_text(rig.on_a_mission().state)
 
 
 def resume_record():

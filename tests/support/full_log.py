@@ -30,7 +30,7 @@ from firmware_py.log.recorder import LogRecorder
 from support.link import SNAPSHOT
 
 TICKS, ARM_TICK, BREACH_TICK, STICK_TICK = 600, 100, 300, 400
-ESTIMATE = Estimate(0, 1.02, *[0.1] * 15, 1.2)
+ESTIMATE = Estimate(0, 1.02, *[0.1] * 14, 1.2)
 FENCE = Plan.of(
     PlanKind.FENCE,
     [PlanItem(5001, 0, params=(3.0, 0, 0, 0), x=x, y=y) for x, y in ((1, 2), (3, 4), (5, 9))]

@@ -13,10 +13,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from firmware_py.common.angles import TWO_PI, clamp, radians, wrap_pi
-from firmware_py.estimate import kalman
-from firmware_py.estimate.wave_filter_state import WHITE
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 from hil.lab.compiled import compiled
+from hil.lab.twin.devices import FIX_NUMBERS, NORTH_ERROR_M_S
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.drift import TIME_CONSTANT_S
 from hil.ship.float_body import transition as float_transition
@@ -24,23 +23,22 @@ from hil.ship.waves import DAMPING
 from hil.sim.goals import Goal
 from hil.sim.truth import Truth
 
-(HEADING, RATE, DRIFT, MEAN, FLOAT, FLOAT_RATE, WAVE, WAVE_RATE, LEEWAY, NORTH, EAST, SPEED, FACTOR) = range(13)
-STATES = 13
+(HEADING, RATE, DRIFT, MEAN, FLOAT, FLOAT_RATE, WAVE, WAVE_RATE, LEEWAY, NORTH, EAST, SPEED) = range(12)
+STATES = 12
 GRID_S, STEPS_PER_ROW, STEP_S = 0.02, 5, 0.1
 LIMIT_RAD, SLEW_RAD, COUNT_RAD = radians(30.0), radians(30.0) * GRID_S, TWO_PI / 4096
 COMPASS_VARIANCE = radians(0.3) ** 2 + radians(0.1) ** 2 / 12.0
 VELOCITY_VARIANCE = 0.03**2
 # What a boat can know of these before she has sailed: standard deviations.
-UNKNOWN = {MEAN: radians(4.5), LEEWAY: radians(5.0), NORTH: 0.2, EAST: 0.2, SPEED: 0.4, FACTOR: 0.2}
-EXPECTED = {SPEED: 0.5, FACTOR: 1.0}
-# What they gain in a second where they are taken to change, as the boat takes them to.
+UNKNOWN = {MEAN: radians(4.5), LEEWAY: radians(5.0), NORTH: 0.2, EAST: 0.2, SPEED: 0.4}
+EXPECTED = {SPEED: 0.5}
+# Variance that they gain in a second where they are assumed to change.
 WANDERING = {
-    MEAN: WHITE[kalman.BIAS_MEAN],
-    LEEWAY: WHITE[kalman.LEEWAY],
-    NORTH: WHITE[kalman.NORTH],
-    EAST: WHITE[kalman.EAST],
-    SPEED: WHITE[kalman.SPEED],
-    FACTOR: WHITE[kalman.FACTOR],
+    MEAN: 1e-4 * radians(1.0) ** 2,
+    LEEWAY: 1e-7,
+    NORTH: 5e-7,
+    EAST: 5e-7,
+    SPEED: 1e-5,
 }
 
 
@@ -86,17 +84,11 @@ def correct(x, p, shows, innovation, variance):
 
 
 @compiled
-def predict(x, p, told, rudder_rad, offset_rad):
-    """Carry state and covariance on by a step."""
-    transition = told.transition.copy()
+def predict(x, p, told, rudder_rad):
+    """Predict state and covariance over a step."""
     cubic = told.norrbin_s2 * x[RATE] * x[RATE] * x[RATE] / told.ability_1_s
-    push_rad = rudder_rad - cubic + (x[FACTOR] - 1.0) * (rudder_rad - x[DRIFT] - x[MEAN])
-    moved = transition @ x
-    for i in range(STATES):
-        x[i] = moved[i] + told.by_rudder[i] * push_rad
-        if i != FACTOR:
-            transition[i, FACTOR] = told.by_rudder[i] * (rudder_rad - told.truth[MEAN] - offset_rad)
-    p[:] = transition @ p @ transition.T + told.noise
+    x[:] = told.transition @ x + told.by_rudder * (rudder_rad - cubic)
+    p[:] = told.transition @ p @ told.transition.T + told.noise
 
 
 @compiled
@@ -144,7 +136,7 @@ def voyage(told, sea, stiffness, band_rad, goals, rows):
         if now_s >= sea.compass_phase_s + sample * sea.compass_period_s:
             while goal + 1 < goals.shape[0] and goals[goal + 1, 0] <= now_s:
                 goal += 1
-            predict(x, p, told, shaft_rad, offset_rad)
+            predict(x, p, told, shaft_rad)
             shown_deg = math.degrees((floating if told.has_float else psi) + sea.wave_rad[step])
             take_heading(x, p, told, math.radians(np.rint((shown_deg + sea.compass_deg[sample]) * 10.0) / 10.0))
             if now_s >= sea.fix_phase_s + epoch * sea.fix_period_s:
@@ -197,7 +189,7 @@ def told_of(scenario, learns, *, knows_drift, wanders=False):
     ship, extras = OCEAN_RAMBLER.at_speed(scenario.speed_m_s), scenario.extras
     transition, by_rudder, noise, omega_rad_s = processes(scenario, ship)
     truth, spreads, toward_rad = np.zeros(STATES), np.zeros(STATES), radians(scenario.current_toward_deg)
-    truth[[MEAN, SPEED, FACTOR]] = radians(scenario.bias_deg), scenario.speed_m_s, 1.0
+    truth[[MEAN, SPEED]] = radians(scenario.bias_deg), scenario.speed_m_s
     truth[LEEWAY] = radians(extras.leeway.body_deg) if extras.leeway else 0.0
     truth[NORTH], truth[EAST] = (scenario.current_m_s * part(toward_rad) for part in (math.cos, math.sin))
     first, wave_rad = truth.copy(), radians(scenario.wave_yaw_deg)
@@ -225,10 +217,11 @@ def drawn_of(scenario, seed, seconds):
     ship, series, devices = drawn(scenario, seed, seconds)
     steps = int(seconds / GRID_S) + 2
     offset_rad = series[ship.offset_at :][:steps]
-    fixes = series[devices.fix_at :][: 3 * int(seconds)].reshape(-1, 3)[:, :2].copy()
+    fixes = series[devices.fix_at :][: FIX_NUMBERS * int(seconds)].reshape(-1, FIX_NUMBERS)
+    fix_m_s = fixes[:, NORTH_ERROR_M_S : NORTH_ERROR_M_S + 2].copy()
     compass_deg, wave_rad = series[devices.compass_at :][: 10 * steps], series[ship.yaw_at :][: 2 * steps : 2].copy()
     when = (devices.compass_phase_s, devices.compass_period_s, devices.fix_phase_s, devices.fix_period_s)
-    return Drawn(offset_rad, wave_rad, compass_deg, fixes, *when)
+    return Drawn(offset_rad, wave_rad, compass_deg, fix_m_s, *when)
 
 
 def sail(told: Told, sea: Drawn, law: tuple[float, float], goals: tuple[Goal, ...], seconds: float) -> Truth:

@@ -1,6 +1,7 @@
 """A boat at sea in one process: the tick, the ship and its sensors without ports, thousands of times real time."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ from msgspec.structs import replace
 
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.common.intents import Arm, Request, SetMode
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
     FixType,
@@ -33,7 +35,7 @@ from hil.ship.planar import PlanarMotion
 from hil.ship.scenarios import Scenario, named
 from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
-from support.plans import placed
+from support.plans import item, mission, placed
 
 UTC_S = 1_767_225_600.0
 STEP_S = 0.1
@@ -149,7 +151,7 @@ class Sailing:
 
     def tick(self, *intents):
         t_s = self.t_s
-        heading_rad = self.hull.shown_heading_rad(0.0) + self.noise_rad * self.numbers.draw()
+        heading_rad = float(self.hull.shown_heading_rad(0.0) + self.noise_rad * self.numbers.draw())
         heading_rad = round(heading_rad / self.resolution_rad) * self.resolution_rad % TWO_PI
         shaft_rad = round(self.rudder_rad / COUNT_RAD) * COUNT_RAD
         inputs = Inputs(
@@ -189,10 +191,11 @@ class Sailing:
         keep = math.exp(-0.1 * self.fix_every / FIX_MEMORY_S)
         self.fix_error_m = keep * self.fix_error_m + math.sqrt(1.0 - keep**2) * self.rng.normal(0.0, FIX_NOISE_M, 2)
         north_m, east_m = self.hull.position_in_waves_m(0.0)
-        v_north, v_east = self.velocity_m_s + self.rng.normal(0.0, self.receiver.noise_m_s, 2)
+        v_north, v_east = map(float, self.velocity_m_s + self.rng.normal(0.0, self.receiver.noise_m_s, 2))
         if self.gaps.cover(self.t_s):
             return None
-        place = placed(north_m + self.fix_error_m[0] + self.jump_m[0], east_m + self.fix_error_m[1] + self.jump_m[1])
+        error_north_m, error_east_m = (float(part) for part in np.add(self.fix_error_m, self.jump_m))
+        place = placed(float(north_m) + error_north_m, float(east_m) + error_east_m)
         return PositionSample(
             self.t_s, FixType.FIX_3D, *place, 2.0, math.hypot(v_north, v_east),
             math.atan2(v_east, v_north) % TWO_PI, 11, 0.9, UTC_S + self.t_s,
@@ -214,6 +217,14 @@ class Sailing:
 
     def said(self, text):
         return [t_s for t_s, event in self.events if text in event]
+
+
+@functools.cache
+def on_a_mission():
+    """The boat on the second leg of a mission; not to be sailed on."""
+    legs = mission(item(16, 10.0, 0.0, 0, 5), item(16, 300.0, 0.0, 0, 5), item(16, 300.0, 300.0, 0, 5))
+    boat = Sailing(sea(), plans=legs).under_way(Mode.AUTO)
+    return boat.run(120.0, until=lambda boat: boat.state.guidance.mission.index == 1).run(10.0)
 
 
 def sea(name="calm", **changes):

@@ -1,8 +1,8 @@
 """Where the limit lies in the seas in which she misses an aim: what an oracle makes there at the aim's rudder travel.
 
 `pytest -m proof tests/voyages/test_limit.py -s` prints the lowest rms that it reaches on the seeds of the aims and on
-more. It is told the processes that make the sea, with all their numbers, and the ship: once with the water, the mean
-of the rudder bias and how well she turns; once with the bias besides, from tick to tick; once without either, so
+more. It is told the processes that make the sea, with all their numbers, and the ship: once with the water and the
+mean of the rudder bias; once with the bias besides, from tick to tick; once without either, so
 that it has to learn these constants from what the boat knows of them beforehand; and once without knowing that they
 are constants, so that it has to expect them to change as the boat does.
 """

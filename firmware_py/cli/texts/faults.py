@@ -37,5 +37,6 @@ REMEDIES: Mapping[Fault, str] = {
     Fault.BATTERY_CRITICAL: "sun and time; arming waits until it is charged",
     Fault.POWER_SILENT: "cable of the charger or monitor; what it said is not known meanwhile",
     Fault.VESSEL_NEAR: "see the vessel told just before; call it, or let her step aside (`AIS_ACT`)",
+    Fault.ESTIMATE_INCONSISTENT: "check `MDL_K` and `MDL_T_S` (`rambler-hil identify`), compass and rudder feedback",
     Fault.STEERING_REVERSED: "disarm, change `RUD_REVERSE`, arm again; was the servo or the compass turned round?",
 }

@@ -109,9 +109,11 @@ innovation_deg = _estimate_value(lambda estimate: degrees(estimate.innovation_ra
 innovation_square = _estimate_value(lambda estimate: estimate.innovation_square)
 # Compass A 0, compass B 1, course over ground 2, nothing 3.
 heading_source = _estimate_value(lambda estimate: float(estimate.source))
-# The rudder angle at which the boat runs straight, and by what it turns better than its model says.
+# The rudder angle at which the boat runs straight, and the diffusion of the heading by disturbances [deg^2/s].
 trim_deg = _estimate_value(lambda estimate: degrees(estimate.bias_rad))
-turning_factor = _estimate_value(lambda estimate: estimate.turning_factor)
+yaw_diffusion_deg2_s = _estimate_value(lambda estimate: degrees(degrees(estimate.yaw_diffusion_rad2_s)))
+# The mean square of predictions over half a minute by their variance, 1 for a consistent filter.
+prediction_square = _estimate_value(lambda estimate: estimate.prediction_square)
 # Of the yaw of the waves.
 wave_sd_deg = _estimate_value(lambda estimate: degrees(estimate.wave_sd_rad))
 wave_period_s = _estimate_value(lambda estimate: estimate.wave_period_s)

@@ -9,7 +9,7 @@ import numpy as np
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN, TWO_PI
 from hil.lab.compiled import compiled
-from hil.lab.twin.kalman import Floats
+from hil.lab.twin.ship import Floats
 from hil.report.figures import SECONDS_PER_HOUR, SETTLED_RAD, STEADY_AFTER_S
 from hil.sim.truth import ROWS_PER_SECOND
 

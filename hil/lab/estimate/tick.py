@@ -27,7 +27,8 @@ from firmware_py.control.rudder_limit import limited_command
 from firmware_py.core.rudder_demand import IDLE, rudder_demand
 from firmware_py.core.state import Settings, State, settings_of
 from firmware_py.core.step import step
-from firmware_py.estimate import observer
+from firmware_py.estimate import observer, prediction_check, water
+from firmware_py.estimate.heading_model import Motion
 from firmware_py.faults.fault import Fault
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import HeadingGoal
@@ -96,15 +97,15 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
     settings = settings_of(parameters)
     to_rudder, angle_rad, helm = settings.rudder.linkage.to_rudder, 0.0, _Helm()
     for number, (now_s, goal) in enumerate(zip(times_s.tolist(), goals.tolist(), strict=True)):
-        heard = headings.take(now_s, itself=True)
-        # What the rudder did since the last tick: at a tick it begins what it does until the next.
-        feedback = rudder.take(now_s, itself=False) if recording.rudder else (RudderFeedback(now_s, 0.0),)
+        heard = headings.take(now_s)
+        # The estimator takes the angle measured at a tick for that until the next.
+        feedback = rudder.take(now_s) if recording.rudder else (_unknown_rudder(now_s),)
         for sample in feedback:
             angle_rad = angle_rad if sample.shaft_rad is None else to_rudder(sample.shaft_rad)
         inputs = Inputs(
             Tick(number, now_s, 0.0, 0, 1.0 / interval_s),
             headings=heard,
-            positions=positions.take(now_s, itself=True),
+            positions=positions.take(now_s),
             rudder=feedback,
             requests=_orders(state, goal, now_s),
         )
@@ -116,7 +117,7 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
         if is_row[number]:
             compass = next(sample for sample in reversed(heard) if sample.source == recording.source)
             log.rows.append(_row(output.snapshot, helm.command_rad, _true_heading_rad(settings, state, compass)))
-            log.filters.append(_filter_row())
+            log.filters.append(_filter_row(settings, state, now_s))
         if number % TELL_EVERY == 0 or number + 1 == times_s.size:
             tell(number + 1, times_s.size)
     columns = np.array(log.rows, dtype=np.float64).T
@@ -139,6 +140,25 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
     )
 
 
+def _unknown_rudder(now_s: float) -> RudderFeedback:
+    """Return what a servo without torque says that measures no angle: the rudder is anywhere."""
+    return RudderFeedback(now_s, shaft_rad=None, torque_on=False)
+
+
+def _filter_row(settings: Settings, state: State, now_s: float) -> tuple[float, ...]:
+    """Return state and covariance of the heading filter, its levels, K, T and alpha, and the inflation.
+
+    NaN where the filter has no state of this time: before it has started, and while the compass is not used.
+    """
+    estimator = state.heading_estimator
+    tick = estimator.tick
+    if tick.filter.t_s != now_s:
+        return (math.nan,) * (len(Motion._fields) + LEVELS + 4)
+    model = water.model_at_speed(settings.heading_estimator.tick.model, estimator.water)
+    inflation = prediction_check.inflation(tick.check)
+    return (*tick.filter.motion, *tick.filter.levels, *model[:3], inflation)
+
+
 def _true_heading_rad(settings: Settings, state: State, sample: HeadingSample) -> float:
     """Return what a compass shows, corrected as the estimator does."""
     corrections = settings.heading_estimator.observer
@@ -146,11 +166,6 @@ def _true_heading_rad(settings: Settings, state: State, sample: HeadingSample) -
     if settings.heading_estimator.declination_by_model and declination_rad is not None:
         corrections = replace(corrections, declination_rad=declination_rad)
     return observer.true_heading_rad(corrections, sample)
-
-
-def _filter_row() -> tuple[float, ...]:
-    """Return state and covariance of the heading filter, its levels, K, T and alpha, and the inflation."""
-    return (math.nan,) * (20 + LEVELS + 4)
 
 
 def _row(snapshot: Snapshot, command_rad: float, compass_rad: float) -> tuple[float, ...]:
@@ -172,7 +187,7 @@ def _row(snapshot: Snapshot, command_rad: float, compass_rad: float) -> tuple[fl
         nan if water is None else water.current_sd_m_s,
         nan if water is None else water.leeway_rad,
         estimate.wave_period_s,
-        nan,
+        estimate.wave_yaw_rad,
         estimate.compass_noise_rad,
         estimate.innovation_rad,
         estimate.innovation_sd_rad,
@@ -218,13 +233,10 @@ class _Queue(Generic[Sample]):
         self._samples: Sequence[Sample] = samples
         self._next = 0
 
-    def take(self, now_s: float, *, itself: bool) -> tuple[Sample, ...]:
-        """Return the samples since the last call that are before a time, or at it, too."""
+    def take(self, now_s: float) -> tuple[Sample, ...]:
+        """Return the samples since the last call, up to a time."""
         begin = self._next
-        while self._next < len(self._samples):
-            t_s = self._samples[self._next].t_s
-            if t_s > now_s or (t_s == now_s and not itself):
-                break
+        while self._next < len(self._samples) and self._samples[self._next].t_s <= now_s:
             self._next += 1
         return tuple(self._samples[begin : self._next])
 

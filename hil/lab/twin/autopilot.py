@@ -1,4 +1,4 @@
-"""Parameters, goals and state of the autopilot in the compiled loop; the wave filter has a state of its own."""
+"""Parameters, goals and state of the autopilot in the compiled loop."""
 
 from __future__ import annotations
 
@@ -6,21 +6,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.lab.numeric_core import LawSettings, law, oscillation, sources, steering_monitor
-from hil.lab.twin.kalman import Floats
+from hil.lab.numeric_core import LawSettings, heading_estimate, heading_tick, law, oscillation, steering_monitor, water
+from hil.lab.twin.ship import Floats
 
 
 class Boat(NamedTuple):
-    """Parameters of the autopilot; `model` is K, T, alpha and the speed at which these hold."""
+    """Parameters of the autopilot: settings of the estimator, gains that replace the control law, and the rest."""
 
-    model: Any  # four numbers: in a record, an array
+    heading: heading_tick.HeadingSettings
+    stand_in: law.Gains
     limit_rad: float
     slew_rad_s: float
     deadband_rad: float
     compass_timeout_s: float
     position_timeout_s: float
-    frozen_s: float
-    course_speed_m_s: float
     cruise_speed_m_s: float
     servo_sign: float
 
@@ -32,8 +31,7 @@ class Task(NamedTuple):
     goals_rad: Floats
 
 
-# State of the autopilot beside the filter's and CoreState; NaN stands for an absent value. `goals` counts the goals
-# that have been given.
+# State of the autopilot beside Intake and Helm; NaN is an absent value. `goals` counts the goals that were given.
 STATE = np.dtype(
     [
         *(
@@ -49,34 +47,53 @@ STATE = np.dtype(
 
 
 class Intake(NamedTuple):
-    """State of the heading sources, and time and interval of headings and fixes."""
+    """State of the estimators, and time and interval of headings and fixes."""
 
-    sources: sources.SourceState
+    heading: heading_tick.HeadingTick
+    water: water.WaterState
     heading_s: float
     heading_interval_s: float
     fix_s: float
     fix_interval_s: float
 
 
-class CoreState(NamedTuple):
-    """States of the firmware's functions that the loop calls."""
+class Seen(NamedTuple):
+    """What control law, monitors and record take of the estimators at a tick.
 
-    intake: Intake
+    It is separate because each function that takes the hundreds of numbers of `Intake` costs numba many seconds.
+    """
+
+    started: bool
+    trusted: bool
+    estimate: heading_estimate.HeadingEstimate
+    heading_sd_rad: float
+    wave_period_s: float
+    diffusion_rad2_s: float
+    rudder_rad: float
+    shown_rad: float
+    heading_interval_s: float
+    inconsistent: bool
+    current_strong: float
+
+
+class Helm(NamedTuple):
+    """State of control law and monitors."""
+
     law: law.LawState
     oscillation: oscillation.OscillationState
     steering: steering_monitor.SteeringMonitorState
 
 
-START = CoreState(
-    Intake(sources.START, np.nan, np.nan, np.nan, np.nan), law.IDLE, oscillation.START, steering_monitor.START
-)
+def start_of(boat: Boat) -> tuple[Intake, Helm]:
+    """Return the states before the first tick."""
+    expected = water.expecting(0.0, 0.0, boat.cruise_speed_m_s)
+    taken = Intake(heading_tick.START, expected, np.nan, np.nan, np.nan, np.nan)
+    return taken, Helm(law.IDLE, oscillation.START, steering_monitor.START)
 
 
 class Autopilot(NamedTuple):
-    """The autopilot of a run: records of Boat, STATE, wave_filter_state.FILTER and kalman.COVARIANCE, and its law."""
+    """The autopilot of a run: its parameters, a record of STATE, and the settings of the control law."""
 
-    boat: Any
+    boat: Boat
     state: Any
-    filter: Any
-    covariance: Any
     law: LawSettings

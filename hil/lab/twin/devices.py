@@ -19,7 +19,7 @@ from firmware_py.common.angles import (
 from hil.devices.emulator import METRES_PER_DEGREE
 from hil.lab.compiled import compiled
 from hil.lab.twin import ship as ships
-from hil.lab.twin.kalman import Floats
+from hil.lab.twin.ship import Floats
 from hil.ship.servo import DEFAULT_SLEW_RAD_S, DEFAULT_STOP_RAD
 
 RADIANS_PER_COUNT, COUNTS_PER_RADIAN = TWO_PI / 4096, 4096 / math.tau

@@ -1,4 +1,4 @@
-"""What the autopilot takes in at a tick: sentences that are there, the heading source, the estimate's samples."""
+"""The sentences that are there at a tick, and the estimates from them by the firmware's own functions."""
 
 from __future__ import annotations
 
@@ -6,59 +6,82 @@ import math
 
 import numpy as np
 
-from firmware_py.common.angles import clamp, radians
 from hil.lab.compiled import compiled
-from hil.lab.numeric_core import silence, sources
-from hil.lab.twin import kalman, over_ground, wave_filter
-from hil.lab.twin.autopilot import Autopilot, Intake
-from hil.lab.twin.devices import LOST, SAID_RAD, THERE_S
-from hil.lab.twin.kalman import Floats
+from hil.lab.numeric_core import heading_filter, heading_tick, silence, sources, water
+from hil.lab.twin.autopilot import Autopilot, Intake, Seen
+from hil.lab.twin.devices import LATITUDE_RAD, LONGITUDE_RAD, LOST, SAID_RAD, THERE_S
 from hil.lab.twin.plant import Plant
-from hil.lab.twin.wave_filter_state import FIX_T, STARTED, restart
+from hil.lab.twin.ship import Floats
 
 EPOCH_ENDS_AFTER_S = 0.5
-WIDEST_COURSE_RAD = radians(20.0)
 
 
 @compiled
-def judge_sources(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intake, int]:
-    """Take the headings that are there and choose the source; return the state and how many there are."""
-    me, f, boat, state = a.state, a.filter, a.boat, before.sources
+def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intake, Seen]:
+    """Take in the headings and fixes that are there (heading_estimator.update).
+
+    Afterwards the state has the heading to steer by. This is one function for the time of compilation (see Seen).
+    """
+    me, boat, s, fixes = a.state, a.boat, before.heading, count_fixes(at, now_s)
+    model = water.model_at_speed(boat.heading.model, before.water)
     heading_s, interval_s = before.heading_s, before.heading_interval_s
+    # As known before this tick: a gap must not excuse itself.
     lost_after_s = silence.timeout_s(interval_s, boat.compass_timeout_s)
     fix_lost_after_s = silence.timeout_s(before.fix_interval_s, boat.position_timeout_s)
-    if sources.needs_restart(state, now_s, (lost_after_s, lost_after_s)):
-        restart(f)
-        state = sources.START
-    state = sources.decay_offsets(state, clamp(now_s - me.steered_s, 0.0, 1.0))
-    begun = f.w[STARTED] > 0.0
-    expected_rad = f.x[kalman.FLOAT] + f.x[kalman.WAVE] if begun else np.nan
-    me.newest_s, there = np.nan, 0
-    while there < at.heading_count and at.headings[there, THERE_S] <= now_s:
-        t_s, said_rad = at.headings[there, THERE_S], at.headings[there, SAID_RAD]
-        state = sources.add_sample(state, sources.TrueHeadingSample(t_s, said_rad, said_rad, 0), expected_rad)
+    timeouts_s = (lost_after_s, lost_after_s)
+    s = heading_tick.begin_tick(s, now_s, now_s - me.steered_s, timeouts_s)
+    me.newest_s, headings = np.nan, 0
+    while headings < at.heading_count and at.headings[headings, THERE_S] <= now_s:
+        t_s, said_rad = at.headings[headings, THERE_S], at.headings[headings, SAID_RAD]
+        s = heading_tick.add_sample(s, sources.TrueHeadingSample(t_s, said_rad, said_rad, 0))
         interval_s = silence.learn_interval_s(interval_s, t_s - heading_s, boat.compass_timeout_s)
         me.newest_s = heading_s = t_s
-        there += 1
-    course_ok = (
-        begun
-        and now_s - f.w[FIX_T] <= fix_lost_after_s
-        and math.sqrt(a.covariance.p[kalman.HEADING, kalman.HEADING]) <= WIDEST_COURSE_RAD
-        and f.x[kalman.SPEED] >= boat.course_speed_m_s
-    )
-    state = sources.select(state, now_s, boat.frozen_s, (lost_after_s, lost_after_s), course_ok)
-    return Intake(state, heading_s, interval_s, before.fix_s, before.fix_interval_s), there
-
-
-@compiled
-def learn_fixes(a: Autopilot, at: Plant, before: Intake, fixes: int) -> Intake:
-    """Return the state with the interval of the fixes after so many of them."""
-    fix_s, interval_s = before.fix_s, before.fix_interval_s
+        headings += 1
+    speed_m_s = water.known(before.water)[2]
+    age_s = now_s - before.water.fix_t_s
+    s = heading_tick.select(s, boat.heading, model, now_s, timeouts_s, speed_m_s, age_s, fix_lost_after_s)
+    if sources.uses_compass(s.sources):
+        for heading in range(headings):
+            t_s, said_rad = at.headings[heading, THERE_S], at.headings[heading, SAID_RAD]
+            s = heading_tick.take_heading(s, boat.heading, model, t_s, said_rad, lost_after_s)
+    by_course, known = s.sources.in_use == sources.Source.COURSE, before.water
+    fix_s, fix_interval_s = before.fix_s, before.fix_interval_s
     for fix in range(fixes):
         t_s = at.fixes[fix, THERE_S]
-        interval_s = silence.learn_interval_s(interval_s, t_s - fix_s, a.boat.position_timeout_s)
+        fix_interval_s = silence.learn_interval_s(fix_interval_s, t_s - fix_s, boat.position_timeout_s)
         fix_s = t_s
-    return Intake(before.sources, before.heading_s, before.heading_interval_s, fix_s, interval_s)
+        if at.fixes[fix, LOST] == 0.0:
+            latitude_rad, longitude_rad = at.fixes[fix, LATITUDE_RAD], at.fixes[fix, LONGITUDE_RAD]
+            known, course_rad, sd_rad = water.take_position(known, t_s, latitude_rad, longitude_rad)
+            if by_course:
+                s = heading_tick.take_course(s, model, t_s, course_rad, sd_rad)
+    drop(at, headings, fixes)
+    s = heading_tick.end_tick(s, boat.servo_sign * at.feedback_rad)
+    f, compass = s.filter, sources.compass_in_use(s.sources)
+    started, by_compass = heading_filter.has_started(f), sources.uses_compass(s.sources)
+    if started:
+        me.heading_rad, me.rate_rad_s = heading_tick.heading_at(s, model, now_s)
+        if s.sources.in_use == sources.Source.COURSE:
+            me.sample_s = now_s
+        elif not me.sample_s > f.t_s:
+            me.sample_s = f.t_s
+        known = water.take_heading(known, me.heading_rad if by_compass else np.nan, now_s - me.steered_s)
+        me.steered_s = now_s
+    known = water.update(known, now_s)
+    seen = Seen(
+        started,
+        heading_tick.is_trusted(s),
+        heading_tick.estimate_of(s, me.heading_rad, me.rate_rad_s, known),
+        heading_tick.heading_sd(s),
+        math.exp(f.levels.wave_period),
+        math.exp(f.levels.diffusion),
+        s.rudder_rad,
+        compass.raw_rad,
+        interval_s,
+        s.check.is_rejected,
+        known.verdict.too_strong,
+    )
+    return Intake(s, known, heading_s, interval_s, fix_s, fix_interval_s), seen
 
 
 @compiled
@@ -74,24 +97,16 @@ def count_fixes(at: Plant, now_s: float) -> int:
 
 
 @compiled
-def estimate(a: Autopilot, at: Plant, offset_rad: float, headings: int, fixes: int) -> None:
-    """Take so many headings and fixes in, in order of their times, a heading first."""
-    f, c, model = a.filter, a.covariance, a.boat.model
-    heading = fix = 0
-    while heading < headings or fix < fixes:
-        there = at.headings[heading]
-        if heading < headings and (fix == fixes or there[THERE_S] <= at.fixes[fix, THERE_S]):
-            said_rad = there[SAID_RAD] + offset_rad
-            wave_filter.correct_heading(f, c, model, there[THERE_S], said_rad)
-            heading += 1
-        else:
-            if at.fixes[fix, LOST] == 0.0:
-                over_ground.correct_velocity(f, c, model, at.fixes[fix])
-            fix += 1
+def drop(at: Plant, headings: int, fixes: int) -> None:
+    """Remove the sentences of a tick from the queues."""
+    at.heading_count -= headings
+    at.fix_count -= fixes
+    shift(at.headings, headings, at.heading_count)
+    shift(at.fixes, fixes, at.fix_count)
 
 
 @compiled
-def drop(queue: Floats, gone: int, left: int) -> None:
+def shift(queue: Floats, gone: int, left: int) -> None:
     """Remove the first sentences of a queue, of which so many are left."""
     for place in range(left):
         for field in range(queue.shape[1]):

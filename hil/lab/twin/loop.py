@@ -8,50 +8,50 @@ tests/process/test_twin.py holds the whole of it against the real autopilot on p
 from __future__ import annotations
 
 from hil.lab.compiled import compiled
-from hil.lab.numeric_core import sources
-from hil.lab.twin import kalman, pilot, plant
-from hil.lab.twin.autopilot import START, Autopilot, CoreState, Task
-from hil.lab.twin.kalman import Floats
+from hil.lab.twin import intake, pilot, plant
+from hil.lab.twin.autopilot import Autopilot, Helm, Intake, Seen, Task
 from hil.lab.twin.plant import Plant, Record, Waters
-from hil.lab.twin.wave_filter_state import RUDDER
+from hil.lab.twin.ship import Floats
 
 MORE_TICKS = 8  # than rows there are not
 
 # Columns of the ticks of a record.
 # Those of what the autopilot makes of a tick are NaN while it steers for no heading, or shows none.
 (TICK_S, COMMAND_RAD, MEASURED_RAD, HEADING_RAD, YAW_RATE_RAD_S, HEADING_SD_RAD, SPEED_M_S, ERROR_RAD, SHOWN_RAD,
- SOFTNESS, OSCILLATING, LOSS_EVIDENCE, LOST, REVERSED) = range(14)  # fmt: skip
-TICK_COLUMNS = 14
+ SOFTNESS, OSCILLATING, LOSS_EVIDENCE, LOST, REVERSED, INCONSISTENT, CURRENT_STRONG) = range(16)  # fmt: skip
+TICK_COLUMNS = 16
 
 
 @compiled
-def note(row: Floats, a: Autopilot, core: CoreState, now_s: float) -> None:
+def note(row: Floats, a: Autopilot, helm: Helm, seen: Seen, now_s: float) -> None:
     """Fill the row of a tick."""
-    me, f = a.state, a.filter
-    row[TICK_S], row[COMMAND_RAD], row[MEASURED_RAD] = now_s, me.command_rad, f.w[RUDDER]
+    me = a.state
+    row[TICK_S], row[COMMAND_RAD], row[MEASURED_RAD] = now_s, me.command_rad, seen.rudder_rad
     row[HEADING_RAD], row[YAW_RATE_RAD_S] = me.heading_rad, me.rate_rad_s
-    row[HEADING_SD_RAD], row[SPEED_M_S] = me.heading_sd_rad, f.x[kalman.SPEED]
+    row[HEADING_SD_RAD], row[SPEED_M_S] = me.heading_sd_rad, seen.estimate.speed_m_s
     row[ERROR_RAD] = me.error_rad
-    row[SHOWN_RAD] = sources.compass_in_use(core.intake.sources).raw_rad
-    row[SOFTNESS], row[OSCILLATING] = core.oscillation.gain_reduction, core.oscillation.oscillating
-    loss = core.steering.loss
+    row[SHOWN_RAD] = seen.shown_rad
+    row[SOFTNESS], row[OSCILLATING] = helm.oscillation.gain_reduction, helm.oscillation.oscillating
+    loss = helm.steering.loss
     row[LOSS_EVIDENCE], row[LOST] = loss.boats[0].evidence, loss.lost
-    row[REVERSED] = core.steering.reversal.reversed
+    row[REVERSED] = helm.steering.reversal.reversed
+    row[INCONSISTENT], row[CURRENT_STRONG] = seen.inconsistent, seen.current_strong
 
 
 @compiled
-def voyage(at: Plant, waters: Waters, a: Autopilot, task: Task, record: Record) -> int:
+def voyage(at: Plant, waters: Waters, a: Autopilot, taken: Intake, helm: Helm, task: Task, record: Record) -> int:
     """Sail as long as there are rows, and fill them; return how many ticks there were."""
     plant.begin(at, waters.ship)
     pilot.begin(a)
-    core = START
     last, ticks, deadline_s = record.heading_rad.size - 1, 0, 0.0
     while at.row < last and ticks < last + 1 + MORE_TICKS:
         plant.until_tick(at, waters, record, deadline_s)
-        core = pilot.update(a, task, at, core, deadline_s)
+        pilot.take_goals(a, task, deadline_s)
+        taken, seen = intake.update(a, at, taken, deadline_s)
+        helm = pilot.steer(a, helm, seen, deadline_s)
         plant.send_rudder(at, deadline_s, a.boat.servo_sign * a.state.command_rad)
         if record.ticks.shape[0] > 0:
-            note(record.ticks[ticks], a, core, deadline_s)
+            note(record.ticks[ticks], a, helm, seen, deadline_s)
         ticks += 1
         deadline_s = pilot.next_deadline(deadline_s, a.state.newest_s)
     return ticks

@@ -11,8 +11,7 @@ from hil.lab.compiled import compiled
 from hil.lab.twin import devices as sensing
 from hil.lab.twin import ship as ships
 from hil.lab.twin.devices import FIX_COLUMNS, SAID_RAD, THERE_S, Devices
-from hil.lab.twin.kalman import Floats
-from hil.lab.twin.ship import GRID_S, HULL_STATES, PSI, STEPS_PER_SECOND, Series, Ship
+from hil.lab.twin.ship import GRID_S, HULL_STATES, PSI, STEPS_PER_SECOND, Floats, Series, Ship
 
 STEPS_PER_ROW = 5
 QUEUE = 16

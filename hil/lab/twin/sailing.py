@@ -9,12 +9,10 @@ import numpy as np
 
 from firmware_py.common.angles import TWO_PI, compass_degrees, radians
 from firmware_py.common.parameters import ParameterSet
-from hil.lab.numeric_core import LawSettings
-from hil.lab.twin.autopilot import STATE, Autopilot, Boat, Task
-from hil.lab.twin.kalman import COVARIANCE
+from hil.lab.numeric_core import Gains, HeadingSettings, LawSettings
+from hil.lab.twin.autopilot import STATE, Autopilot, Boat, Task, start_of
 from hil.lab.twin.loop import MORE_TICKS, TICK_COLUMNS, voyage
 from hil.lab.twin.plant import PLANT, Record, Sea, Waters
-from hil.lab.twin.wave_filter_state import FILTER
 from hil.sim.goals import Goal
 from hil.sim.truth import ROWS_PER_SECOND, Truth
 
@@ -22,14 +20,13 @@ from hil.sim.truth import ROWS_PER_SECOND, Truth
 def boat_of(parameters: ParameterSet) -> Boat:
     """Return what the loop takes of the parameters, computed as the autopilot computes it."""
     return Boat(
-        (parameters["MDL_K"], parameters["MDL_T_S"], parameters["MDL_ALPHA_S2"], parameters["MDL_SPEED"]),
+        HeadingSettings.of(parameters),
+        Gains.of(parameters),
         radians(parameters["RUD_LIMIT_DEG"]),
         radians(parameters["RUD_SLEW_DEG_S"]),
         radians(parameters["RUD_DBAND_DEG"]),
         parameters["CMP_TIMEOUT_S"],
         parameters["POS_TIMEOUT_S"],
-        parameters["CMP_FROZEN_S"],
-        parameters["COG_SPEED_MIN"],
         parameters["CRUISE_SPEED"],
         -1.0 if parameters["RUD_REVERSE"] else 1.0,
     )
@@ -48,9 +45,9 @@ def sail(
     rows = int(seconds * ROWS_PER_SECOND + 1e-9) + 1
     record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows + MORE_TICKS if ticks else 0, TICK_COLUMNS)))
     # Arrays of its own: threads that count the users of the same array wait for each other.
-    autopilot = Autopilot(record_of(boat), zeros(STATE), zeros(FILTER), zeros(COVARIANCE), law)
+    autopilot = Autopilot(boat, zeros(STATE), law)
     own_task = Task(task.given_s.copy(), task.goals_rad.copy())
-    return record, voyage(zeros(PLANT), waters_of(sea), autopilot, own_task, record)
+    return record, voyage(zeros(PLANT), waters_of(sea), autopilot, *start_of(boat), own_task, record)
 
 
 def waters_of(sea: Sea) -> Waters:

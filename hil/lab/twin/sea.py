@@ -13,10 +13,9 @@ from hil.devices.nmea_gps import NOISE_TIME_S, POSITION_NOISE_M, Gaps
 from hil.lab.normals import drawn, fill, state_of
 from hil.lab.twin import series
 from hil.lab.twin.devices import EAST_ERROR_M_S, FIX_NUMBERS, NO_FIX, NORTH_ERROR_M, NORTH_ERROR_M_S, Devices
-from hil.lab.twin.kalman import Floats
 from hil.lab.twin.plant import Sea
 from hil.lab.twin.series import Part
-from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Ship
+from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Floats, Ship
 from hil.ship import drift as drifting
 from hil.ship import gusts
 from hil.ship import wave_speed as speeds

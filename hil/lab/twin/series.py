@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from firmware_py.common.angles import TWO_PI
 from hil.lab.compiled import compiled
 from hil.lab.normals import fill
-from hil.lab.twin.kalman import Floats
-from hil.lab.twin.ship import GRID_S
+from hil.lab.twin.ship import GRID_S, Floats
 from hil.ship.noise import BLOCK
 
 

@@ -6,15 +6,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.common.angles import TWO_PI
 from firmware_py.model.kt import rk4_step, yaw_acceleration
 from hil.lab.compiled import compiled
-from hil.lab.twin.kalman import Floats
 
 STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND
 STEERAGE_M_S = 0.05
+Floats = NDArray[np.float64]
 Series = Floats  # the numbers of everything that moves by itself, one kind behind the other
 
 

@@ -48,7 +48,7 @@ def test_the_tree_obeys_the_law(checkout):
         ("firmware_py/common/angles.py", "import time", "What computes reaches no file"),
         pytest.param(
             "firmware_py/control/law.py",
-            "from firmware_py.estimate import kalman",
+            "from firmware_py.estimate import heading_filter",
             "The flow of the firmware",
             marks=pytest.mark.proof,
         ),

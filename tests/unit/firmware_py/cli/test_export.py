@@ -197,7 +197,8 @@ def test_a_log_that_is_not_there_is_one_line(tmp_path, capsys):
 
 
 def test_a_log_of_a_version_that_told_no_plans_is_not_said_to_have_none(tmp_path, capsys):
-    old = REPLAY / "mission_failsafe.BIN"
+    old = tmp_path / "old.BIN"
+    old.write_bytes((REPLAY / "mission_failsafe.BIN").read_bytes().replace(b"CMD\0", b"OLD\0", 1))  # no message CMD
     for kind in ("gpx", "kml"):
         assert main(["export", str(old), "--to", kind, "--out", str(tmp_path / kind)]) == 0
         said = capsys.readouterr().out

@@ -119,7 +119,7 @@ def test_a_checkpoint_that_is_none_is_one_line(tmp_path, capsys, change):
 
 
 def short_filter(data):
-    data["heading_estimator"]["wave_filter"] |= {"x": [1.0] * 17, "p": "AAAA", "slopes": 7}
+    data["heading_estimator"]["tick"]["filter"] |= {"information": [1.0] * 17, "levels": "AAAA", "pairs": 7}
 
 
 def far_index(data):

@@ -335,3 +335,15 @@ def test_a_float_of_numpy_is_a_float():
 
 def test_a_nan_keeps_its_sign():
     assert math.copysign(1.0, decode(Near, encode(Near(-math.nan), 1), 1)[0].distance_m) == -1.0
+
+
+class Ashore(msgspec.Struct, frozen=True, tag=True):
+    pass
+
+
+class Place(msgspec.Struct, frozen=True):
+    at: Near | Ashore = Ashore()
+
+
+def test_a_record_without_fields_is_written_and_read():
+    assert from_text(Place, to_text(Place(), 1), 1) == (Place(), ())

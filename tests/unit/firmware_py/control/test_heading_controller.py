@@ -15,7 +15,7 @@ from firmware_py.control.heading_controller import (
 from firmware_py.control.law import Gains, s_surface
 from firmware_py.model.heading_estimate import HeadingEstimate
 
-ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.01, 0.05, 0.05, 0.4, 0.02, 1.0)
+ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.01, 0.05, 0.05, 0.4, 0.02)
 UNDER_WAY = HeadingControllerState(Reference(1.0, 0.0))
 
 
@@ -60,5 +60,5 @@ def test_the_scheduled_controller_leaves_the_rudder_near_its_demand_and_without_
     assert low_rad < high_rad
     near_rad = 0.4 * low_rad + 0.6 * high_rad
     assert steered(1, 0.001, command_rad=near_rad)[1] == near_rad
-    drifting = HeadingEstimate(1.0, 1e-5, 0.01, 0.05, 0.05, 0.01, 0.0, 1.0)
+    drifting = HeadingEstimate(1.0, 1e-5, 0.01, 0.05, 0.05, 0.01, 0.0)
     assert steered(1, 0.04, estimate=drifting, command_rad=-0.2)[1] == -0.2

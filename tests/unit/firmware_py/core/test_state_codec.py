@@ -1,6 +1,5 @@
 """State and resume record: the same to the bit after a round trip, and read by name when their records change."""
 
-import functools
 import json
 import math
 import struct
@@ -25,25 +24,16 @@ from firmware_py.core.state import State
 from firmware_py.core.state_codec import VERSION, state_from_text, state_to_text
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import Fault
-from firmware_py.log.reader import read_log
 from firmware_py.safety.failsafe import FailsafeState
-from support.paths import REPLAY
+from support import rig
 
-LOG = REPLAY / "mid_run_checkpoint.BIN"
 UTC_S = 1767225600.0
 FIELDS = typing.get_type_hints(State)
 
 
-@functools.cache
-def checkpoint():
-    """The state of a boat on a mission."""
-    return next(iter(read_log(LOG))).checkpoint
-
-
 def under_way():
-    state, notes = state_from_text(checkpoint())
-    assert notes == ()
-    return state
+    """The state of a boat on a mission."""
+    return rig.on_a_mission().state
 
 
 def bits(value):

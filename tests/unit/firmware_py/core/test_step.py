@@ -185,11 +185,12 @@ def test_manual_follows_the_stick_within_the_slew_and_releases_a_stale_one():
 
 def test_in_steering_the_stick_turns_the_goal():
     boat = Boat().under_way(Mode.STEERING)
-    for _ in range(10):
+    for _ in range(100):
         boat.tick(ManualRudder(0.5))
     boat.tick(ManualRudder(None))
     boat.run(60.0)
-    assert off_deg(boat, 0.5 + math.radians(1.0)) < 0.5
+    # Within the deadband of the first minute, when the filter still expects waves.
+    assert off_deg(boat, 0.5 + math.radians(10.0)) < 2.0
 
 
 def test_a_turn_the_long_way_goes_that_way():

@@ -7,10 +7,11 @@ from msgspec.structs import replace
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
+from firmware_py.estimate import water_results
 from firmware_py.estimate.position import PositionState, leap_m, off_m, predict, update
 from firmware_py.estimate.reckoning import Reckoning
 
-RECKONING = Reckoning(0.0, 0.0, 0.5, 0.0, (0.0,) * 10, 0.0)
+RECKONING = Reckoning(water_results.Reckoning(0.0, 0.0, 0.5, 0.0, (0.0,) * 10), 0.0)
 
 
 def fix(t_s, north_m=0.0, kind=FixType.FIX_3D):

@@ -299,7 +299,7 @@ def test_no_input_makes_the_state_infinite(steps):
 def follow(heading_rad, north_m, east_m, out):
     """Take a recording with a sample each second through the filter and what follows from it."""
     state = water_filter.begin(0.0, north_m[0], east_m[0], 0.4, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
-    verdict = water_results.CurrentVerdict(math.nan, 0.0, 0.0)
+    verdict = water_results.CurrentVerdict(math.nan, 0.0, 0.0, math.nan, math.nan, 0.0)
     for number in range(1, heading_rad.size):
         t_s = float(number)
         state = water_filter.take_heading(state, heading_rad[number - 1], 1.0)

@@ -30,6 +30,7 @@ WELL = FaultInput(
     steering_lost=False,
     steering_reversed=False,
     oscillating=False,
+    estimate_inconsistent=False,
     supply_v=12.0,
     supply_low_v=11.0,
     battery_charge=0.8,

@@ -33,7 +33,16 @@ class Watch:
         self.state, self.t_s, self.reports = OscillationState(), 0.0, []
 
     def see(
-        self, seconds, error_deg, sd_deg=0.5, goal_deg=lambda _t_s: 0.0, gain=4.0, pushed=0.6, speed_m_s=0.4, wave_s=4.0
+        self,
+        seconds,
+        error_deg,
+        sd_deg=0.5,
+        goal_deg=lambda _t_s: 0.0,
+        gain=4.0,
+        pushed=0.6,
+        speed_m_s=0.4,
+        wave_s=4.0,
+        diffusion_rad2_s=0.0,
     ):
         """Update with errors [deg] by time and a rudder that follows them; `reports` are the changes of the verdict.
 
@@ -46,7 +55,7 @@ class Watch:
             beside_rad = rad(gain * (0.0 if math.isnan(error) else error))
             given = OscillationInput(
                 rad(error), rad(goal), rad(sd_deg), beside_rad + 0.1, 0.1,
-                pushed * beside_rad, speed_m_s, wave_s,
+                pushed * beside_rad, speed_m_s, wave_s, diffusion_rad2_s,
             )  # fmt: skip
             was, self.state = self.state.oscillating, update(MODEL, self.state, given, self.t_s)
             if self.state.oscillating is not was:
@@ -187,3 +196,8 @@ def test_an_error_of_nan_clears_the_half_cycle():
     watch = Watch().see(80.0, swings(5.0, 30.0)).see(1.0, lambda _t_s: math.nan)
     assert watch.state.half == NO_HALF
     assert watch.state.weight == 0.0
+
+
+def test_the_error_that_disturbances_explain_is_no_limit_cycle():
+    assert Watch().see(400.0, swings(5.0, 30.0), diffusion_rad2_s=0.1 * rad(1.0) ** 2).reports
+    assert not Watch().see(400.0, swings(5.0, 30.0), diffusion_rad2_s=6.0 * rad(1.0) ** 2).reports

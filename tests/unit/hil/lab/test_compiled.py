@@ -169,7 +169,8 @@ def test_a_copy_of_the_sources_shares_the_machine_code(copied):
         ("firmware_py/control/law.py", {"tune/loop_kernel.py", "twin/loop.py"}),
         ("firmware_py/estimate/fixed_gain.py", {"tune/loop_kernel.py", "twin/loop.py"}),  # from package import module
         ("firmware_py/model/kt.py", {"tune/loop_kernel.py", "twin/loop.py", "identify/kernel.py"}),
-        ("hil/lab/twin/kalman.py", {"twin/loop.py"}),
+        ("firmware_py/estimate/heading_filter.py", {"tune/loop_kernel.py", "twin/loop.py"}),
+        ("hil/lab/twin/pilot.py", {"twin/loop.py"}),
         ("hil/lab/tune/loop_kernel.py", {"tune/loop_kernel.py"}),
         ("firmware_py/control/__init__.py", {"tune/loop_kernel.py", "twin/loop.py"}),  # could export a constant
         ("hil/lab/compiled.py", set()),

@@ -16,7 +16,7 @@ FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1
 ESTIMATE = Estimate(
     source=0, heading_rad=1.0, heading_sd_rad=0.01, yaw_rate_rad_s=0.0, yaw_rate_sd_rad_s=0.001, bias_rad=0.1,
     bias_sd_rad=0.01, wave_period_s=6.0, wave_sd_rad=0.2, compass_noise_rad=0.01, speed_m_s=0.5, speed_sd_m_s=0.05,
-    current_north_m_s=0.1, current_east_m_s=-0.1, turning_factor=1.1, innovation_rad=0.0, innovation_sd_rad=0.01,
+    current_north_m_s=0.1, current_east_m_s=-0.1, innovation_rad=0.0, innovation_sd_rad=0.01,
     innovation_square=1.0,
 )  # fmt: skip
 HOME = Home(0.7 - 100.0 / EARTH_RADIUS_M, -0.2, 1.0)

@@ -170,8 +170,9 @@ def test_the_fence_shows_whether_it_is_heeded_and_whether_it_is_breached(build):
 
 def test_what_the_estimator_has_learned_is_told_by_name(build):
     learned = Estimate(
-        1, *(math.radians(number) for number in range(2, 7)), 0.1, 6.5, 0.2, *([0.5] * 5), 1.2, 0.3, 0, 0.9
-    )
+        1, *(math.radians(number) for number in range(2, 7)), 0.1, 6.5, 0.2, *([0.5] * 5), 0.3, 0.0, 0.9,
+        yaw_diffusion_rad2_s=2.5 * math.radians(1.0) ** 2, prediction_square=1.1,
+    )  # fmt: skip
     water = Water(0.8, 0.05, 0.1, -0.2, 0.04)
     values = {
         "HDG_SRC": 1,
@@ -179,7 +180,8 @@ def test_what_the_estimator_has_learned_is_told_by_name(build):
         "TRIM": 6,
         "WAVE_SD": math.degrees(0.2),
         "WAVE_T": 6.5,
-        "TURN_FACT": 1.2,
+        "YAW_DIFF": 2.5,
+        "PRED_SQ": 1.1,
         "HDG_INNOV": math.degrees(0.3),
         "HDG_NIS": 0.9,
         "WATER_SPD": 0.8,

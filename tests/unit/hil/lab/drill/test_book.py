@@ -12,6 +12,7 @@ ELSEWHERE = {
     Fault.STORAGE_FULL: "fills the disk",
     Fault.KEY_LOST: "needs files of a key that are damaged",
     Fault.RUDDER_ASTRAY: "needs a hand at the shaft",
+    Fault.ESTIMATE_INCONSISTENT: "needs a filter with wrong noise levels (test_prediction_check.py)",
     Fault.VESSEL_NEAR: "needs other vessels, whose encounters are proven by the hundred",
 }
 

@@ -1,0 +1,271 @@
+"""Heading estimation in a tick: sources, filter, standing compass, check and fallback, in their order. Numeric core.
+
+A tick calls, in this order: `begin_tick`, `add_sample` for each heading of either compass, `select`, `take_heading`
+for each heading of the source in use (or `take_course` where there is no compass), and `end_tick`. The autopilot
+(heading_estimator.py) and the compiled loop of the laboratory call the same functions.
+
+A compass that repeats one number while the boat turns has stopped measuring. As long as the compass in use repeats
+itself, a second state is predicted without it. When its number has stood for longer than usual and is not what the
+boat can show by that state, or has stood for a whole period of waves that turn the boat, the compass is not used any
+more, and the filter goes on from the second state. A coarse compass may stand for long on a straight course in a
+calm: nothing contradicts it there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.estimate import fixed_gain, heading_filter, heading_model, prediction_check, sources, water
+from firmware_py.estimate.heading_filter import HeadingFilter
+from firmware_py.estimate.heading_model import Motion
+from firmware_py.estimate.prediction_check import PredictionCheck
+from firmware_py.estimate.sources import SourceState, TrueHeadingSample
+from firmware_py.estimate.water import WaterState
+from firmware_py.model.heading_estimate import HeadingEstimate
+from firmware_py.model.kt import KtModel, decay_over
+
+if TYPE_CHECKING:
+    from firmware_py.common.parameters import ParameterSet
+
+MAX_COURSE_SD_RAD: Final = radians(20.0)  # of a heading to steer by without a compass
+MIN_CONTRADICTION_RAD: Final = radians(5.0)  # several steps of the coarsest compass
+CONTRADICTION_SDS, MIN_CONTRADICTION_SDS = 3.0, 1.5  # the fewer, the longer it stands beyond its usual time
+MIN_SWING_RAD: Final = radians(3.0)  # wave yaw in which no compass can show one number
+LEARNED_S: Final = 60.0  # in which the wave yaw is learned
+BIAS_MEAN_S: Final = 300.0
+# The levels are learned by then. Only then are predictions checked; a filter that is rejected learns its levels again.
+LEARNING_S: Final = 600.0
+LONGEST_PREDICTION_S: Final = 600.0
+
+
+class HeadingSettings(NamedTuple):
+    """Model of the ship, parameters CMP_FROZEN_S, COG_SPEED_MIN and EST_TAU_S, and the observer's yaw rate limit."""
+
+    model: KtModel
+    frozen_s: float
+    course_speed_m_s: float
+    smoothing_s: float
+    yaw_rate_limit_rad_s: float
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> HeadingSettings:
+        """Read the settings from the parameters."""
+        model = KtModel.of(parameters)
+        # A yaw rate beyond several times that of full rudder is noise, at any speed of the boat.
+        limit_rad_s = 10.0 * model.turning_ability_1_s * radians(parameters["RUD_LIMIT_DEG"]) + radians(5.0)
+        return cls(model, parameters["CMP_FROZEN_S"], parameters["COG_SPEED_MIN"], parameters["EST_TAU_S"], limit_rad_s)
+
+
+class Smoothed(NamedTuple):
+    """Heading and yaw rate of the compass by the fixed-gain observer; NaN before the first heading."""
+
+    t_s: float = math.nan
+    heading_rad: float = 0.0
+    yaw_rate_rad_s: float = 0.0
+
+
+NO_MOTION: Final = Motion()
+NO_CHECK: Final = PredictionCheck()
+NO_SMOOTHED: Final = Smoothed()
+
+
+class HeadingTick(NamedTuple):
+    """State from tick to tick.
+
+    `silent` is the state without the compass in use, while that repeats one number, at `silent_s` (NaN: it does not).
+    `bias_mean_rad` is the mean of the rudder bias over minutes, `rudder_rad` the angle measured at the last tick.
+    """
+
+    sources: SourceState = sources.START
+    filter: HeadingFilter = heading_filter.NOT_STARTED
+    silent: Motion = NO_MOTION
+    silent_s: float = math.nan
+    check: PredictionCheck = NO_CHECK
+    smoothed: Smoothed = NO_SMOOTHED
+    bias_mean_rad: float = 0.0
+    rudder_rad: float = 0.0
+
+
+START: Final = HeadingTick()
+
+
+def with_sources(s: HeadingTick, state: SourceState) -> HeadingTick:
+    """Return the state with other sources."""
+    return HeadingTick(state, s.filter, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+
+
+def needs_restart(s: HeadingTick, now_s: float, timeouts_s: tuple[float, float]) -> bool:
+    """Return whether a compass contradicts the estimate with more credit than that has."""
+    return sources.needs_restart(s.sources, now_s, timeouts_s)
+
+
+def begin_tick(s: HeadingTick, now_s: float, step_s: float, timeouts_s: tuple[float, float]) -> HeadingTick:
+    """Return the state at the begin of a tick, step_s after the one before; the estimate may start again."""
+    if needs_restart(s, now_s, timeouts_s):
+        f = heading_filter.NOT_STARTED
+        s = HeadingTick(sources.START, f, NO_MOTION, math.nan, NO_CHECK, s.smoothed, 0.0, s.rudder_rad)
+    return with_sources(s, sources.decay_offsets(s.sources, clamp(step_s, 0.0, 1.0)))
+
+
+def add_sample(s: HeadingTick, sample: TrueHeadingSample) -> HeadingTick:
+    """Return the state with a heading of either compass judged; it is not yet filtered.
+
+    Before the filter has first chosen its levels, large waves would look like a jump.
+    """
+    f, expected_rad = s.filter, math.nan
+    if heading_filter.has_started(f) and sample.t_s - f.begun_s > heading_filter.WINDOW_S:
+        expected_rad = f.motion.heading_rad + f.motion.wave_rad
+    return with_sources(s, sources.add_sample(s.sources, sample, expected_rad))
+
+
+def select(
+    s: HeadingTick,
+    settings: HeadingSettings,
+    model: KtModel,
+    now_s: float,
+    timeouts_s: tuple[float, float],
+    speed_m_s: float,
+    fix_age_s: float,
+    fix_timeout_s: float,
+) -> HeadingTick:
+    """Return the state with the source chosen; model: the ship at its present speed, speed_m_s through the water."""
+    s = with_standstill(s, settings, model, now_s)
+    course_ok = (
+        heading_filter.has_started(s.filter)
+        and fix_age_s <= fix_timeout_s
+        and s.filter.motion.p00 <= MAX_COURSE_SD_RAD * MAX_COURSE_SD_RAD
+        and speed_m_s >= settings.course_speed_m_s
+    )
+    return with_sources(s, sources.select(s.sources, now_s, settings.frozen_s, timeouts_s, course_ok))
+
+
+def with_standstill(s: HeadingTick, settings: HeadingSettings, model: KtModel, now_s: float) -> HeadingTick:
+    """Return the state with the compass in use contradicted if it has stopped measuring."""
+    compass, f = sources.compass_in_use(s.sources), s.filter
+    if math.isnan(compass.t_s) or compass.t_s == compass.changed_s or not heading_filter.has_started(f):
+        return HeadingTick(s.sources, f, s.silent, math.nan, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+    silent, since_s = s.silent, s.silent_s
+    if math.isnan(since_s):
+        silent, since_s = f.motion, f.t_s
+    step_s, angle_rad = now_s - since_s, s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
+    if 0.0 < step_s <= LONGEST_PREDICTION_S:
+        silent, since_s = heading_model.predict(silent, f.levels, model, angle_rad, step_s), now_s
+    ratio = sources.standstill_ratio(compass)
+    if settings.frozen_s > 0.0 and ratio > 1.0 and is_contradicted(compass, silent, f, ratio):
+        f = heading_filter.with_motion(f, since_s, silent)
+        state = sources.contradict(s.sources)
+        return HeadingTick(state, f, silent, math.nan, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+    return HeadingTick(s.sources, f, silent, since_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+
+
+def is_contradicted(compass: sources.CompassState, silent: Motion, f: HeadingFilter, ratio: float) -> bool:
+    """Return whether a compass that stands cannot show what it shows; ratio: of its time to its usual one."""
+    noise_rad, wave_sd_rad = math.exp(f.levels.compass_noise), math.exp(f.levels.wave_sd)
+    learned = compass.changed_s - compass.sound_since_s >= LEARNED_S
+    if learned and wave_sd_rad >= MIN_SWING_RAD and compass.t_s - compass.changed_s > math.exp(f.levels.wave_period):
+        return True
+    off_rad = wrap_pi(compass.heading_rad + compass.offset_rad - silent.heading_rad - silent.wave_rad)
+    sd_rad = math.sqrt(silent.p00 + 2.0 * silent.p03 + silent.p33 + noise_rad * noise_rad)
+    sds = max(CONTRADICTION_SDS / math.sqrt(ratio), MIN_CONTRADICTION_SDS)
+    return abs(off_rad) > max(MIN_CONTRADICTION_RAD, sds * sd_rad)
+
+
+def take_heading(
+    s: HeadingTick, settings: HeadingSettings, model: KtModel, t_s: float, heading_rad: float, timeout_s: float
+) -> HeadingTick:
+    """Return the state with a true heading of the compass in use taken in."""
+    heading_rad += sources.compass_in_use(s.sources).offset_rad
+    before = s.filter
+    f = heading_filter.update(before, model, t_s, heading_rad, s.rudder_rad)
+    step_s = f.t_s - before.t_s
+    angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
+    check, bias_mean_rad = s.check, s.bias_mean_rad
+    if f.begun_s == before.begun_s:
+        if f.t_s - f.begun_s < LEARNING_S:
+            check = prediction_check.restarted(check, f.motion, f.t_s)
+        else:
+            check = prediction_check.update(check, f.motion, before.levels, model, angle_rad, f.t_s, step_s)
+            if check.is_rejected:
+                f = heading_filter.relearned(f)
+        share = max(step_s, 0.0) / clamp(f.t_s - f.begun_s, 1.0, BIAS_MEAN_S)
+        bias_mean_rad += min(share, 1.0) * (f.motion.bias_rad - bias_mean_rad)
+    else:
+        check = prediction_check.begin(f.motion, f.t_s)
+    smoothed = smoothed_with(s.smoothed, settings, t_s, heading_rad, angle_rad, timeout_s)
+    return HeadingTick(s.sources, f, s.silent, s.silent_s, check, smoothed, bias_mean_rad, s.rudder_rad)
+
+
+def smoothed_with(
+    o: Smoothed, settings: HeadingSettings, t_s: float, heading_rad: float, rudder_rad: float, timeout_s: float
+) -> Smoothed:
+    """Return the observer with a heading taken in; the first one, or one after a gap, restarts it."""
+    step_s = t_s - o.t_s
+    if not 0.0 <= step_s <= timeout_s:
+        return Smoothed(t_s, wrap_two_pi(heading_rad), 0.0)
+    model = settings.model
+    predicted_rad, rate_rad_s = fixed_gain.predicted(
+        o.heading_rad, o.yaw_rate_rad_s, rudder_rad, step_s, decay_over(step_s, model.turning_lag_s),
+        model.turning_ability_1_s, model.turning_lag_s,
+    )  # fmt: skip
+    corrected_rad, rate_rad_s = fixed_gain.corrected(
+        predicted_rad, rate_rad_s, heading_rad, step_s, math.exp(-step_s / settings.smoothing_s),
+        settings.yaw_rate_limit_rad_s,
+    )  # fmt: skip
+    return Smoothed(t_s, corrected_rad, rate_rad_s)
+
+
+def take_course(s: HeadingTick, model: KtModel, t_s: float, heading_rad: float, sd_rad: float) -> HeadingTick:
+    """Return the state with a heading from the track taken in, with its standard deviation."""
+    angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
+    f = heading_filter.correct_course(s.filter, model, t_s, heading_rad, sd_rad, angle_rad)
+    check = prediction_check.restarted(s.check, f.motion, f.t_s)
+    return HeadingTick(s.sources, f, s.silent, s.silent_s, check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+
+
+def end_tick(s: HeadingTick, rudder_rad: float) -> HeadingTick:
+    """Return the state with the rudder angle that was measured at this tick, NaN: not known."""
+    return HeadingTick(s.sources, s.filter, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, rudder_rad)
+
+
+def is_trusted(s: HeadingTick) -> bool:
+    """Return whether the filter is steered by: it has started and its predictions are consistent."""
+    return heading_filter.has_started(s.filter) and not s.check.is_rejected
+
+
+def heading_at(s: HeadingTick, model: KtModel, now_s: float) -> tuple[float, float]:
+    """Return heading in [0, 2 pi) and yaw rate at a time, of a filter that has started.
+
+    Where the check rejects the filter, they are those of the smoothed compass, while there is one.
+    """
+    angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
+    if s.check.is_rejected and sources.uses_compass(s.sources):
+        step_s = clamp(now_s - s.smoothed.t_s, 0.0, LONGEST_PREDICTION_S)
+        return fixed_gain.predicted(
+            s.smoothed.heading_rad, s.smoothed.yaw_rate_rad_s, angle_rad, step_s,
+            decay_over(step_s, model.turning_lag_s), model.turning_ability_1_s, model.turning_lag_s,
+        )  # fmt: skip
+    step_s = clamp(now_s - s.filter.t_s, 0.0, LONGEST_PREDICTION_S)
+    heading_rad, yaw_rate_rad_s = heading_model.ahead(s.filter.motion, model, angle_rad, step_s)
+    return wrap_two_pi(heading_rad), yaw_rate_rad_s
+
+
+def estimate_of(s: HeadingTick, heading_rad: float, yaw_rate_rad_s: float, known: WaterState) -> HeadingEstimate:
+    """Return the input of the control law at this heading and yaw rate."""
+    m = s.filter.motion
+    # By place, which a NamedTuple takes in half the time of keywords.
+    return HeadingEstimate(
+        heading_rad,
+        max(2.0 * m.p01, 0.0),
+        yaw_rate_rad_s,
+        m.bias_rad,
+        s.bias_mean_rad,
+        water.model_speed(known),
+        water.speed_sd(known),
+    )
+
+
+def heading_sd(s: HeadingTick) -> float:
+    """Return the standard deviation of the heading [rad], larger where predictions have failed; 0 before the start."""
+    return math.sqrt(s.filter.motion.p00) * prediction_check.inflation(s.check)

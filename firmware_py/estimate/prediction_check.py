@@ -1,0 +1,82 @@
+"""Check of the heading filter at run time: predictions are compared with what came. Numeric core.
+
+Innovations alone prove nothing: they look right for a filter that has learned a wrong noise, whose heading may be off
+by five of its standard deviations (true sea trials; docs/explanation/estimation.md). So every HORIZON_S a prediction
+starts at the filter's state, goes on with the measured rudder and without the compass, and is compared with the
+filter HORIZON_S later. For a consistent filter the difference e has the variance P_predicted - P_filter (the
+estimates are orthogonal: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation,
+2001, section 5.4), so the mean of e^2 / variance is 1.
+
+The mean over about MEMORY comparisons (10 minutes) has a standard deviation of 0.32 for Gaussian errors. Null
+hypothesis: the filter is consistent. It is rejected above REJECT: 20 independent comparisons of a consistent filter
+exceed that with a probability of 1e-8. A rejected filter is accepted again below ACCEPT.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from firmware_py.common.angles import radians, wrap_pi
+from firmware_py.estimate import heading_model
+from firmware_py.estimate.heading_model import Motion, NoiseLevels
+from firmware_py.model.kt import KtModel
+
+HORIZON_S: Final = 30.0
+MEMORY: Final = 20.0
+LARGEST_SQUARE: Final = 25.0  # one comparison beyond 5 standard deviations counts as this one: one gust proves little
+MIN_SD_RAD: Final = radians(0.5)  # of the compass itself, which the filter may follow exactly
+REJECT, ACCEPT = 3.5, 2.0
+ENOUGH: Final = 10.0  # comparisons before the first verdict
+
+
+class PredictionCheck(NamedTuple):
+    """The prediction under way, since when, the mean square and of how many comparisons it is the mean.
+
+    `is_rejected`: the filter's standard deviations are too small for what came.
+    """
+
+    motion: Motion = Motion()
+    begun_s: float = math.nan
+    mean_square: float = 1.0
+    comparisons: float = 0.0
+    is_rejected: bool = False
+
+
+def begin(m: Motion, t_s: float) -> PredictionCheck:
+    """Return the check at its first prediction."""
+    return PredictionCheck(m, t_s, 1.0, 0.0, False)
+
+
+def restarted(check: PredictionCheck, m: Motion, t_s: float) -> PredictionCheck:
+    """Return the check with a prediction that starts now, as after a gap; the result so far stays."""
+    return PredictionCheck(m, t_s, check.mean_square, check.comparisons, check.is_rejected)
+
+
+def update(
+    check: PredictionCheck,
+    m: Motion,
+    levels: NoiseLevels,
+    model: KtModel,
+    rudder_rad: float,
+    t_s: float,
+    step_s: float,
+) -> PredictionCheck:
+    """Return the check at the filter's new state m of time t_s, step_s after the one before, with its rudder angle."""
+    if not 0.0 < step_s < HORIZON_S:
+        return restarted(check, m, t_s) if step_s > 0.0 else check
+    ahead = heading_model.predict(check.motion, levels, model, rudder_rad, step_s)
+    if t_s - check.begun_s < HORIZON_S:
+        return PredictionCheck(ahead, check.begun_s, check.mean_square, check.comparisons, check.is_rejected)
+    variance = max(ahead.p00 - m.p00, 0.0) + MIN_SD_RAD * MIN_SD_RAD
+    off_rad = wrap_pi(m.heading_rad - ahead.heading_rad)
+    square = min(off_rad * off_rad / variance, LARGEST_SQUARE)
+    count = min(check.comparisons + 1.0, MEMORY)
+    mean_square = check.mean_square + (square - check.mean_square) / count
+    limit = ACCEPT if check.is_rejected else REJECT
+    return PredictionCheck(m, t_s, mean_square, count, count >= ENOUGH and mean_square > limit)
+
+
+def inflation(check: PredictionCheck) -> float:
+    """Return the factor by which the claimed standard deviation grows: 1 for a mean square that chance explains."""
+    return math.sqrt(check.mean_square) if check.is_rejected else 1.0

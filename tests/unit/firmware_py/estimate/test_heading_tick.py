@@ -1,0 +1,297 @@
+"""Heading of a tick: sources, filter, standing compass, check and fallback in the order in which a tick calls them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.common.angles import radians, wrap_pi
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.estimate import heading_filter, heading_tick, prediction_check, water
+from firmware_py.estimate.heading_tick import HeadingSettings
+from firmware_py.estimate.prediction_check import PredictionCheck
+from firmware_py.estimate.sources import Source, TrueHeadingSample
+from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
+from hil.ship.noise import NormalNumbers
+from hil.ship.waves import WaveYaw
+
+SETTINGS = HeadingSettings.of(ParameterSet())
+TIMEOUTS_S = (2.0, 2.0)
+LEFT_OUT = math.nan
+
+
+class Boat:
+    """A boat with two compasses around the functions of a tick; `shows` changes what compass A (0) or B (1) gives."""
+
+    def __init__(self, wave_deg=0.0, period_s=6.0, seed=1, step_s=0.1, bias_deg=0.0, resolution_deg=0.1, noise_deg=0.1):
+        self.numbers = np.random.default_rng(seed)
+        self.waves = WaveYaw(radians(wave_deg), period_s, step_s, NormalNumbers(np.random.default_rng(seed + 100)))
+        self.step_s, self.bias_rad, self.noise_rad = step_s, radians(bias_deg), radians(noise_deg)
+        self.resolution_rad = radians(resolution_deg)
+        self.state, self.t_s, self.heading_rad, self.rate_rad_s = heading_tick.START, 0.0, 1.0, 0.0
+        self.rudder_known, self.settings, self.speed_m_s = True, SETTINGS, OCEAN_RAMBLER.speed_m_s
+        self.sources, self.estimates_rad = [], []
+
+    def shows(self, source):
+        return self.heading_rad + self.waves.angle_rad(0.0) if source == 0 else LEFT_OUT
+
+    def samples(self):
+        for source in (0, 1):
+            shown_rad = self.shows(source)
+            if not math.isnan(shown_rad):
+                shown_rad += self.noise_rad * float(self.numbers.standard_normal())
+                raw_rad = round(shown_rad / self.resolution_rad) * self.resolution_rad
+                yield TrueHeadingSample(self.t_s, raw_rad, raw_rad, source)
+
+    def tick(self, rudder_rad=0.0, course=None):
+        s, model = self.state, OCEAN_RAMBLER
+        s = heading_tick.begin_tick(s, self.t_s, self.step_s, TIMEOUTS_S)
+        samples = tuple(self.samples())
+        for sample in samples:
+            s = heading_tick.add_sample(s, sample)
+        s = heading_tick.select(s, self.settings, model, self.t_s, TIMEOUTS_S, self.speed_m_s, 0.0, 2.0)
+        for sample in samples:
+            if sample.source == s.sources.in_use:
+                s = heading_tick.take_heading(s, self.settings, model, sample.t_s, sample.heading_rad, 2.0)
+        if course is not None and s.sources.in_use == Source.COURSE:
+            s = heading_tick.take_course(s, model, self.t_s, course, radians(10.0))
+        self.state = heading_tick.end_tick(s, rudder_rad if self.rudder_known else math.nan)
+        self.sources.append(s.sources.in_use)
+        if heading_filter.has_started(s.filter):
+            self.estimates_rad.append(heading_tick.heading_at(self.state, model, self.t_s)[0])
+        self.heading_rad, self.rate_rad_s = rk4_step(
+            self.heading_rad, self.rate_rad_s, rudder_rad, self.step_s,
+            model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, self.bias_rad,
+        )  # fmt: skip
+        self.waves.step()
+        self.t_s += self.step_s
+
+    def run(self, seconds, rudder_rad=0.0, until=lambda _: False):
+        for _ in range(round(seconds / self.step_s)):
+            self.tick(rudder_rad)
+            if until(self):
+                break
+        return self
+
+    @property
+    def in_use(self):
+        return self.state.sources.in_use
+
+    @property
+    def off_deg(self):
+        return math.degrees(abs(wrap_pi(self.estimates_rad[-1] - self.heading_rad)))
+
+
+def stands(boat):
+    """Return what a compass shows that stands at the heading of now."""
+    shown_rad, boat.noise_rad = boat.heading_rad, 0.0
+    return lambda source: shown_rad if source == 0 else LEFT_OUT
+
+
+def by_compass(boat):
+    return boat.in_use in {Source.COMPASS_A, Source.COMPASS_B}
+
+
+# ---------------------------------------------------------------------------------- a compass that stands
+
+
+def test_a_compass_that_stands_in_a_turn_is_contradicted_and_the_estimate_goes_on_without_it():
+    boat = Boat().run(90.0)
+    boat.run(3.0, radians(25.0))
+    boat.shows, since_s = stands(boat), boat.t_s
+    boat.run(30.0, radians(25.0), until=lambda boat: not by_compass(boat))
+    assert boat.t_s - since_s < 15.0
+    assert boat.off_deg < 5.0
+    boat.run(10.0, radians(25.0))
+    assert boat.off_deg < 8.0
+
+
+@pytest.mark.parametrize("resolution_deg", [0.1, 1.0])
+def test_a_compass_that_stands_on_a_straight_course_in_a_calm_is_not_contradicted(resolution_deg):
+    boat = Boat(resolution_deg=resolution_deg).run(90.0)
+    boat.shows = stands(boat)
+    assert by_compass(boat.run(0.5 * SETTINGS.frozen_s))
+
+
+def test_a_compass_that_stands_in_waves_is_contradicted_after_about_a_period():
+    boat = Boat(wave_deg=10.0).run(150.0)
+    boat.shows, since_s = stands(boat), boat.t_s
+    boat.run(30.0, until=lambda boat: not by_compass(boat))
+    assert boat.t_s - since_s < 12.0
+
+
+def test_no_standing_compass_is_contradicted_where_any_time_is_allowed():
+    boat = Boat(wave_deg=10.0)
+    boat.settings = SETTINGS._replace(frozen_s=0.0)
+    boat.run(90.0)
+    boat.shows = stands(boat)
+    boat.run(30.0)
+    assert not boat.state.sources.compasses[0].contradicted
+    assert set(boat.sources) == {Source.COMPASS_A}
+
+
+def test_a_compass_that_measures_again_is_used_after_its_probation():
+    boat = Boat().run(90.0)
+    boat.run(3.0, radians(25.0))
+    measures, noise_rad = boat.shows, boat.noise_rad
+    boat.shows = stands(boat)
+    boat.run(30.0, radians(25.0), until=lambda boat: not by_compass(boat))
+    boat.shows, boat.noise_rad = measures, noise_rad
+    boat.run(30.0)
+    assert boat.in_use == Source.COMPASS_A
+    assert boat.off_deg < 2.0
+
+
+# ---------------------------------------------------------------------------------- choice of the source
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_swell_is_no_jump_of_the_compass_from_the_first_heading_on(seed):
+    boat = Boat(wave_deg=20.0, period_s=8.0, seed=seed, noise_deg=0.3).run(90.0)
+    assert set(boat.sources) == {Source.COMPASS_A}
+    assert math.isnan(boat.state.sources.compasses[0].stay.since_s)
+
+
+def test_a_jump_of_the_compass_is_not_followed():
+    boat = Boat(wave_deg=3.0).run(90.0)
+    boat.shows = lambda source: boat.heading_rad + 1.5 if source == 0 else LEFT_OUT
+    boat.run(3.0)
+    assert not by_compass(boat)
+    assert boat.off_deg < 20.0
+    boat.run(2.0)
+    assert boat.off_deg < 20.0
+
+
+def test_another_compass_takes_over_without_a_step_and_slowly_comes_to_its_own_heading():
+    boat, off_rad = Boat(), radians(10.0)
+    boat.shows = lambda source: boat.heading_rad + (off_rad if source == 1 else 0.0)
+    boat.run(90.0)
+    assert boat.in_use == Source.COMPASS_A
+    boat.shows = lambda source: boat.heading_rad + off_rad if source == 1 else LEFT_OUT
+    boat.run(3.0)
+    assert boat.in_use == Source.COMPASS_B
+    assert np.abs(np.diff(np.unwrap(boat.estimates_rad[-40:]))).max() < radians(0.6)
+    assert boat.off_deg < 2.0
+    boat.run(40.0)
+    assert boat.off_deg == pytest.approx(10.0, abs=1.0)
+
+
+def test_without_any_source_a_compass_that_stays_elsewhere_starts_the_estimate_again():
+    boat = Boat().run(90.0)
+    begun_s, smoothed = boat.state.filter.begun_s, boat.state.smoothed
+    boat.shows, boat.speed_m_s = lambda _: LEFT_OUT, 0.0
+    boat.run(5.0)
+    assert boat.in_use == Source.NONE
+    boat.state = boat.state._replace(bias_mean_rad=0.3)
+    boat.heading_rad += 2.0
+    boat.shows = lambda source: boat.heading_rad if source == 0 else LEFT_OUT
+    boat.run(90.0, until=lambda boat: boat.state.filter.begun_s > begun_s)
+    assert boat.state.filter.begun_s > begun_s
+    assert boat.state.check.comparisons == 0.0
+    assert boat.state.bias_mean_rad != 0.3
+    assert smoothed.t_s < boat.state.smoothed.t_s
+    assert boat.run(5.0).off_deg < 2.0
+
+
+def test_the_course_gives_the_heading_without_a_compass():
+    boat = Boat(bias_deg=2.0).run(90.0)
+    boat.shows = lambda _: LEFT_OUT
+    boat.run(3.0)
+    assert boat.in_use == Source.COURSE
+    for tick in range(1200):
+        boat.tick(course=boat.heading_rad if tick % 100 == 0 else None)
+    assert boat.in_use == Source.COURSE
+    assert boat.off_deg < 15.0
+    assert boat.state.check.comparisons <= 3.0  # nothing is compared with what the track gave
+
+
+# ---------------------------------------------------------------------------------- check and fallback
+
+
+def rejected(boat):
+    return boat.state._replace(check=PredictionCheck(boat.state.filter.motion, boat.t_s, 9.0, 20.0, True))
+
+
+def test_a_filter_whose_predictions_fail_is_not_trusted_and_the_smoothed_compass_is_steered_by():
+    boat = Boat(wave_deg=4.0).run(60.0)
+    sd_rad = heading_tick.heading_sd(boat.state)
+    assert heading_tick.is_trusted(boat.state)
+    state = rejected(boat)
+    assert not heading_tick.is_trusted(state)
+    assert heading_tick.heading_sd(state) == pytest.approx(3.0 * sd_rad)
+    heading_rad, yaw_rate_rad_s = heading_tick.heading_at(state, OCEAN_RAMBLER, state.smoothed.t_s)
+    assert heading_rad == pytest.approx(state.smoothed.heading_rad)
+    assert yaw_rate_rad_s == state.smoothed.yaw_rate_rad_s
+    assert heading_rad != heading_tick.heading_at(boat.state, OCEAN_RAMBLER, state.smoothed.t_s)[0]
+    assert abs(wrap_pi(heading_rad - boat.heading_rad)) < radians(12.0)  # with the wave yaw
+
+
+def test_without_a_compass_the_filter_is_steered_by_although_its_predictions_failed():
+    boat = Boat().run(60.0)
+    state = rejected(boat)
+    blind = state._replace(sources=state.sources._replace(in_use=Source.COURSE))
+    expected = heading_tick.heading_at(boat.state, OCEAN_RAMBLER, boat.t_s)
+    assert heading_tick.heading_at(blind, OCEAN_RAMBLER, boat.t_s) == expected
+
+
+def test_the_smoothed_compass_starts_again_after_a_gap():
+    start = heading_tick.smoothed_with(heading_tick.NO_SMOOTHED, SETTINGS, 0.0, 1.0, 0.0, 2.0)
+    assert start == heading_tick.Smoothed(0.0, 1.0, 0.0)
+    near = heading_tick.smoothed_with(start, SETTINGS, 0.1, 1.1, 0.0, 2.0)
+    assert 1.0 < near.heading_rad < 1.1
+    assert heading_tick.smoothed_with(near, SETTINGS, 5.0, 2.0, 0.0, 2.0) == heading_tick.Smoothed(5.0, 2.0, 0.0)
+
+
+def test_a_boat_that_moves_as_its_model_is_never_rejected_by_the_whole_tick():
+    boat = Boat(wave_deg=4.0, step_s=0.5)
+    for number in range(60):
+        boat.run(20.0, radians(15.0) * (-1.0) ** number)
+        assert not boat.state.check.is_rejected
+    assert boat.state.check.comparisons == prediction_check.MEMORY
+
+
+# ---------------------------------------------------------------------------------- what the control law takes
+
+
+def test_the_mean_of_the_bias_follows_over_minutes():
+    boat, means, biases = Boat(step_s=0.5, bias_deg=6.0), [], []
+    for number in range(60):
+        boat.run(20.0, radians(6.0) + radians(5.0) * (-1.0) ** number)
+        means.append(math.degrees(boat.state.bias_mean_rad))
+        biases.append(math.degrees(boat.state.filter.motion.bias_rad))
+    assert np.mean(means[-20:]) == pytest.approx(6.0, abs=1.0)
+    assert np.abs(np.diff(means[-20:])).max() < 0.5 * np.abs(np.diff(biases)).max()
+    boat.bias_rad = radians(-4.0)
+    boat.run(30.0, radians(-4.0))
+    estimate = heading_tick.estimate_of(boat.state, 1.0, 0.0, water.START)
+    assert estimate.bias_rad == boat.state.filter.motion.bias_rad
+    assert estimate.bias_mean_rad > estimate.bias_rad  # not yet there
+    assert estimate.correction_rad2_s > 0.0
+
+
+def test_without_a_measured_rudder_the_heading_is_still_estimated():
+    boat = Boat(wave_deg=4.0, step_s=0.2)
+    boat.rudder_known = False
+    boat.run(90.0)
+    for number in range(4):
+        boat.run(30.0, radians(20.0) * (-1.0) ** number)
+        assert boat.off_deg < 12.0
+    assert all(math.isfinite(part) for part in boat.state.filter.motion)
+
+
+def test_the_heading_of_a_tick_is_carried_on_from_the_last_heading():
+    boat = Boat().run(60.0)
+    boat.run(10.0, radians(20.0))
+    now_rad, rate_rad_s = heading_tick.heading_at(boat.state, OCEAN_RAMBLER, boat.state.filter.t_s)
+    then_rad, _ = heading_tick.heading_at(boat.state, OCEAN_RAMBLER, boat.state.filter.t_s + 2.0)
+    assert wrap_pi(then_rad - now_rad) == pytest.approx(2.0 * rate_rad_s, rel=0.5)
+    assert 0.0 <= then_rad < 2.0 * math.pi
+
+
+def test_a_late_heading_changes_nothing():
+    boat = Boat().run(60.0)
+    late_s = boat.state.filter.t_s - heading_filter.LATEST_S - 0.5
+    after = heading_tick.take_heading(boat.state, SETTINGS, OCEAN_RAMBLER, late_s, 3.0, 2.0)
+    assert after.filter == boat.state.filter
+    assert after.bias_mean_rad == boat.state.bias_mean_rad
+    assert after.check == boat.state.check

@@ -1,0 +1,131 @@
+"""The check of predictions: a consistent filter passes for hours, an over-confident one is rejected and accepted again.
+
+Boat and filter are of one model (heading_model.py), so that the filter is consistent by construction.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.common.angles import radians, wrap_pi
+from firmware_py.estimate import heading_model, prediction_check
+from firmware_py.estimate.heading_model import Motion, NoiseLevels
+from firmware_py.estimate.prediction_check import ACCEPT, HORIZON_S, PredictionCheck
+from firmware_py.model.kt import OCEAN_RAMBLER
+
+STEP_S = 1.0
+LEVELS = NoiseLevels(
+    math.log(radians(1.0) ** 2), math.log(radians(2.0)), math.log(5.0), math.log(0.2), math.log(radians(0.3)),
+    math.log(radians(0.05)),
+)  # fmt: skip
+
+
+class Boat:
+    """A boat that moves as the model with LEVELS, and a Kalman filter with levels that may be others."""
+
+    def __init__(self, seed):
+        self.numbers = np.random.default_rng(seed)
+        self.truth = Motion()
+        self.filter = heading_model.begin(0.0, LEVELS)
+        self.check = prediction_check.begin(self.filter, 0.0)
+        self.t_s, self.squares = 0.0, []
+
+    def sail(self, hours, levels=LEVELS):
+        """Return for how long the check rejected the filter [s]."""
+        rejected_s = 0.0
+        for draws in self.numbers.standard_normal((round(3600.0 * hours / STEP_S), 6)):
+            self.t_s += STEP_S
+            rudder_rad = radians(10.0) * math.sin(self.t_s / 40.0)
+            self.truth = moved(self.truth, rudder_rad, draws)
+            shown_rad = self.truth.heading_rad + self.truth.wave_rad + radians(0.3) * draws[5]
+            predicted = heading_model.predict(self.filter, levels, OCEAN_RAMBLER, rudder_rad, STEP_S)
+            self.filter, _, _ = heading_model.correct(predicted, levels, shown_rad)
+            self.check = prediction_check.update(
+                self.check, self.filter, levels, OCEAN_RAMBLER, rudder_rad, self.t_s, STEP_S
+            )
+            self.squares.append(wrap_pi(self.filter.heading_rad - self.truth.heading_rad) ** 2 / self.filter.p00)
+            rejected_s += STEP_S * self.check.is_rejected
+        return rejected_s
+
+
+def moved(truth, rudder_rad, draws):
+    """Return the true state after a step; the covariance after a step from none is that of the noise."""
+    state = Motion(truth.heading_rad, truth.yaw_rate_rad_s, truth.bias_rad, truth.wave_rad, truth.wave_rate_rad_s)
+    after = heading_model.predict(state, LEVELS, OCEAN_RAMBLER, rudder_rad, STEP_S)
+    heading, rate = correlated(after.p00, after.p01, after.p11, draws[0], draws[1])
+    wave, wave_rate = correlated(after.p33, after.p34, after.p44, draws[3], draws[4])
+    return Motion(
+        after.heading_rad + heading, after.yaw_rate_rad_s + rate, after.bias_rad + math.sqrt(after.p22) * draws[2],
+        after.wave_rad + wave, after.wave_rate_rad_s + wave_rate,
+    )  # fmt: skip
+
+
+def correlated(a, b, c, first, second):
+    sd = math.sqrt(a)
+    return sd * first, b / sd * first + math.sqrt(max(c - b * b / a, 0.0)) * second
+
+
+def over_confident(factor):
+    return LEVELS._replace(diffusion=LEVELS.diffusion - math.log(factor))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_consistent_filter_is_never_rejected(seed):
+    boat = Boat(seed)
+    assert boat.sail(3.0) == 0.0
+    assert 0.8 < np.mean(boat.squares) < 1.2  # it is consistent
+    assert prediction_check.inflation(boat.check) == 1.0
+
+
+@pytest.mark.parametrize("factor", [10.0, 30.0, 100.0])
+def test_a_filter_that_claims_too_small_a_disturbance_is_rejected_and_its_deviation_grows(factor):
+    boat = Boat(1)
+    rejected_s = boat.sail(2.0, over_confident(factor))
+    assert np.mean(boat.squares) > 2.0  # it is over-confident
+    assert rejected_s > 1800.0
+    assert prediction_check.inflation(boat.check) > math.sqrt(ACCEPT)
+
+
+def test_a_filter_that_is_consistent_again_is_accepted_again():
+    boat = Boat(2)
+    assert boat.sail(0.5) == 0.0
+    assert boat.sail(1.0, over_confident(100.0)) > 0.0
+    assert boat.check.is_rejected
+    boat.sail(0.5)
+    assert not boat.check.is_rejected
+    assert boat.sail(1.0) == 0.0
+
+
+def compared(check, off_rad):
+    """Return the check after a horizon in which the filter came off the prediction by so much."""
+    motion = check.motion
+    for step in range(1, round(HORIZON_S) + 1):
+        t_s = check.begun_s + HORIZON_S if step == round(HORIZON_S) else check.begun_s + step
+        ahead = heading_model.predict(check.motion, LEVELS, OCEAN_RAMBLER, 0.0, 1.0)
+        motion = Motion(ahead.heading_rad + off_rad, p00=radians(1.0) ** 2)
+        check = prediction_check.update(check, motion, LEVELS, OCEAN_RAMBLER, 0.0, t_s, 1.0)
+        if check.begun_s == t_s:
+            break
+    return check
+
+
+def test_one_gust_proves_nothing_and_no_verdict_is_given_on_few_comparisons():
+    check = prediction_check.begin(Motion(p00=radians(1.0) ** 2), 0.0)
+    for number in range(9):
+        check = compared(check, radians(120.0))
+        assert check.comparisons == number + 1.0
+        assert not check.is_rejected
+    assert compared(check, radians(120.0)).is_rejected
+    check = prediction_check.begin(Motion(p00=radians(1.0) ** 2), 0.0)
+    for _ in range(20):
+        check = compared(check, 0.0)
+    assert not compared(check, radians(120.0)).is_rejected
+
+
+def test_a_gap_starts_another_prediction_and_keeps_the_result():
+    check = PredictionCheck(Motion(), 100.0, 5.0, 15.0, True)
+    motion = Motion(1.0, p00=0.1)
+    after = prediction_check.update(check, motion, LEVELS, OCEAN_RAMBLER, 0.0, 140.0, 40.0)
+    assert after == PredictionCheck(motion, 140.0, 5.0, 15.0, True)
+    assert prediction_check.update(check, motion, LEVELS, OCEAN_RAMBLER, 0.0, 100.0, 0.0) is check

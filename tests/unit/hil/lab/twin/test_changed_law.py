@@ -1,0 +1,86 @@
+"""A change of estimator or control law under firmware_py/ needs no edit under hil/: a modified copy is compiled."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from support.paths import ROOT
+
+# File, text and its replacement: a term more in the fixed-gain law, and constants of the law and of both filters.
+CHANGES = (
+    ("control/law.py", "gains.k1 * error + ", "gains.k1 * error + 0.5 * error * error * error + "),
+    ("control/law.py", "RATE_GAIN: Final = 0.55", "RATE_GAIN: Final = 0.45"),
+    ("estimate/heading_model.py", "OUTLIER = 12.0", "OUTLIER = 2.0"),
+    ("estimate/heading_filter.py", "WINDOW_S = 15.0", "WINDOW_S = 10.0"),
+    ("estimate/water.py", "SLOW_S: Final = 30.0", "SLOW_S: Final = 20.0"),
+)
+FUNCTIONS = """
+from hil.lab.compiled import compiled
+from hil.lab.numeric_core import Gains, heading_model, law
+
+gains, motion = Gains(8.0, 6.0, 0.5, 0.03, 0.0), heading_model.begin(0.0, heading_model.NoiseLevels())
+for function, arguments in (
+    (law.s_surface, (gains, 0.8, 0.01)),
+    (heading_model.log_likelihood, (3.0, 1.0)),
+):
+    print(repr(function(*arguments)), repr(compiled(function)(*arguments)))
+"""
+LOOP = """
+import hashlib
+from firmware_py.common.parameters import ParameterSet
+from hil.lab.numeric_core import LawSettings
+from hil.lab.twin import sailing
+from hil.lab.twin.sea import sea_of as drawn
+from hil.ship.scenarios import sea_of
+from hil.sim.goals import parse_goals
+
+told = ParameterSet()
+sea, task = drawn(sea_of("coast"), 1, 120.0), sailing.task_of(parse_goals("0:0,25:60"))
+record, _ = sailing.sail(sailing.boat_of(told), LawSettings.of(told), sea, task, 120.0)
+print(hashlib.sha256(record.rudder_rad.tobytes()).hexdigest())
+"""
+
+
+@pytest.fixture(scope="module")
+def changed(tmp_path_factory):
+    """Copy both programs and the tests, and change the firmware alone."""
+    folder = tmp_path_factory.mktemp("changed")
+    for part in ("firmware_py", "hil", "tests"):
+        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    for name, before, after in CHANGES:
+        path = folder / "firmware_py" / name
+        text = path.read_text()
+        assert text.count(before) == 1, before
+        path.write_text(text.replace(before, after))
+    return folder
+
+
+def said(folder, *words):
+    """Run Python on the programs of a folder; return its output."""
+    environment = {**os.environ, "PYTHONPATH": f"{folder}:{folder / 'tests'}"}
+    done = subprocess.run(
+        [sys.executable, *words], cwd=folder, env=environment, check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_compiled_functions_are_those_of_the_changed_firmware(changed):
+    before, after = (said(folder, "-c", FUNCTIONS).splitlines() for folder in (ROOT, changed))
+    assert len(after) == len(before) == 2
+    for line, old in zip(after, before, strict=True):
+        plain, compiled = line.split()
+        assert plain == compiled
+        assert line != old
+
+
+@pytest.mark.proof  # the closed loop is compiled again
+@pytest.mark.timeout(1800)
+def test_the_closed_loop_sails_by_the_changed_firmware_as_its_autopilot_does(changed):
+    assert said(ROOT, "-c", LOOP) != said(changed, "-c", LOOP)
+    words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/process/test_twin.py", "-k", "mixture and coast")
+    assert "1 passed" in said(changed, *words)
