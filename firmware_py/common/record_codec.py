@@ -274,7 +274,7 @@ def _visit_other(kind: type, value: Any, spot: Spot, hooks: Hooks) -> Any:
 
 @cache
 def _field_visits(kind: Any, *, naming: bool = False) -> dict[str, Visit | None]:
-    """Return what visits each field of a record or NamedTuple."""
+    """Return the visitor of each field of a record or NamedTuple."""
     names = kind.__struct_fields__ if issubclass(kind, msgspec.Struct) else kind._fields
     hints = typing.get_type_hints(kind)
     return {name: _visit_of(hints[name], naming=naming) for name in names}

@@ -141,6 +141,20 @@ def predict(m: Motion, levels: NoiseLevels, model: KtModel, rudder_rad: float, s
     )  # fmt: skip
 
 
+def moved(m: Motion, k0: float, k1: float, k2: float, k3: float, k4: float, by: float, share: float) -> Motion:
+    """Return the state x + k by, P - k k' share: k is P H', by and share are innovation and 1, by their variance."""
+    return Motion(
+        m.heading_rad + k0 * by, m.yaw_rate_rad_s + k1 * by, m.bias_rad + k2 * by,
+        m.wave_rad + k3 * by, m.wave_rate_rad_s + k4 * by,
+        m.p00 - k0 * k0 * share, m.p01 - k0 * k1 * share, m.p02 - k0 * k2 * share,
+        m.p03 - k0 * k3 * share, m.p04 - k0 * k4 * share,
+        m.p11 - k1 * k1 * share, m.p12 - k1 * k2 * share, m.p13 - k1 * k3 * share, m.p14 - k1 * k4 * share,
+        m.p22 - k2 * k2 * share, m.p23 - k2 * k3 * share, m.p24 - k2 * k4 * share,
+        m.p33 - k3 * k3 * share, m.p34 - k3 * k4 * share,
+        m.p44 - k4 * k4 * share,
+    )  # fmt: skip
+
+
 def correct(m: Motion, levels: NoiseLevels, heading_rad: float) -> tuple[Motion, float, float]:
     """Return the state with a compass heading taken in, the innovation [rad] and its variance [rad^2].
 
@@ -152,17 +166,7 @@ def correct(m: Motion, levels: NoiseLevels, heading_rad: float) -> tuple[Motion,
     innovation_rad = wrap_pi(heading_rad - m.heading_rad - m.wave_rad)
     share = 1.0 / max(variance, innovation_rad * innovation_rad / OUTLIER)
     by = innovation_rad * share
-    corrected = Motion(
-        m.heading_rad + k0 * by, m.yaw_rate_rad_s + k1 * by, m.bias_rad + k2 * by,
-        m.wave_rad + k3 * by, m.wave_rate_rad_s + k4 * by,
-        m.p00 - k0 * k0 * share, m.p01 - k0 * k1 * share, m.p02 - k0 * k2 * share,
-        m.p03 - k0 * k3 * share, m.p04 - k0 * k4 * share,
-        m.p11 - k1 * k1 * share, m.p12 - k1 * k2 * share, m.p13 - k1 * k3 * share, m.p14 - k1 * k4 * share,
-        m.p22 - k2 * k2 * share, m.p23 - k2 * k3 * share, m.p24 - k2 * k4 * share,
-        m.p33 - k3 * k3 * share, m.p34 - k3 * k4 * share,
-        m.p44 - k4 * k4 * share,
-    )  # fmt: skip
-    return corrected, innovation_rad, variance
+    return moved(m, k0, k1, k2, k3, k4, by, share), innovation_rad, variance
 
 
 def log_likelihood(innovation_rad: float, variance: float) -> float:
@@ -194,17 +198,7 @@ def correct_course(m: Motion, heading_rad: float, sd_rad: float) -> Motion:
     k0, k1, k2, k3, k4 = m.p00, m.p01, m.p02, m.p03, m.p04
     innovation_rad = wrap_pi(heading_rad - m.heading_rad)
     share = 1.0 / max(k0 + sd_rad * sd_rad, innovation_rad * innovation_rad / OUTLIER)
-    by = innovation_rad * share
-    return Motion(
-        m.heading_rad + k0 * by, m.yaw_rate_rad_s + k1 * by, m.bias_rad + k2 * by,
-        m.wave_rad + k3 * by, m.wave_rate_rad_s + k4 * by,
-        m.p00 - k0 * k0 * share, m.p01 - k0 * k1 * share, m.p02 - k0 * k2 * share,
-        m.p03 - k0 * k3 * share, m.p04 - k0 * k4 * share,
-        m.p11 - k1 * k1 * share, m.p12 - k1 * k2 * share, m.p13 - k1 * k3 * share, m.p14 - k1 * k4 * share,
-        m.p22 - k2 * k2 * share, m.p23 - k2 * k3 * share, m.p24 - k2 * k4 * share,
-        m.p33 - k3 * k3 * share, m.p34 - k3 * k4 * share,
-        m.p44 - k4 * k4 * share,
-    )  # fmt: skip
+    return moved(m, k0, k1, k2, k3, k4, innovation_rad * share, share)
 
 
 def ahead(m: Motion, model: KtModel, rudder_rad: float, step_s: float) -> tuple[float, float]:

@@ -141,7 +141,7 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
 
 
 def _unknown_rudder(now_s: float) -> RudderFeedback:
-    """Return what a servo without torque says that measures no angle: the rudder is anywhere."""
+    """Return the feedback of a servo without torque that measures no angle."""
     return RudderFeedback(now_s, shaft_rad=None, torque_on=False)
 
 
@@ -160,7 +160,7 @@ def _filter_row(settings: Settings, state: State, now_s: float) -> tuple[float, 
 
 
 def _true_heading_rad(settings: Settings, state: State, sample: HeadingSample) -> float:
-    """Return what a compass shows, corrected as the estimator does."""
+    """Return the true heading of a compass sample, with the corrections of the estimator."""
     corrections = settings.heading_estimator.observer
     declination_rad = state.heading_estimator.declination.declination_rad
     if settings.heading_estimator.declination_by_model and declination_rad is not None:
@@ -169,7 +169,7 @@ def _true_heading_rad(settings: Settings, state: State, sample: HeadingSample) -
 
 
 def _row(snapshot: Snapshot, command_rad: float, compass_rad: float) -> tuple[float, ...]:
-    """Return what a tick estimates, by COLUMNS; the only place that knows where it stands."""
+    """Return the estimates of a tick, in the order of COLUMNS."""
     estimate, water, nan = snapshot.estimate, snapshot.water, math.nan
     if estimate is None:
         return (*(nan for _ in COLUMNS[:-2]), command_rad, compass_rad)
@@ -197,7 +197,7 @@ def _row(snapshot: Snapshot, command_rad: float, compass_rad: float) -> tuple[fl
 
 
 def _orders(state: State, goal_rad: float, now_s: float) -> tuple[Request, ...]:
-    """Return what is asked of the autopilot: to steer the goal, as soon as it knows a heading."""
+    """Return the requests of a tick: arm and steer the goal as soon as there is a heading."""
     modes = state.modes
     if state.heading_estimator.heading.sample_t_s is None:
         return ()
