@@ -3,7 +3,8 @@
 `encode` and `decode` use msgpack, which keeps every float bit for bit, also NaN and infinity. `to_text` and `from_text`
 use JSON with the words NaN, Infinity and -Infinity, where a text is needed. Members of an enumeration are written as
 their numbers; a class of a union needs `tag=True`. NamedTuples of the numeric core, whose fields all have defaults, are
-written by name, too; null in one of their fields is its default.
+written by name, too; null in one of their fields is its default. Arrays of floats in them are written as lists, and
+read in the shape of the default.
 
 Encoded records outlive the version that wrote them:
 
@@ -28,6 +29,7 @@ from itertools import chain, cycle
 from typing import Any, Final, TypeVar
 
 import msgspec
+import numpy as np
 
 from firmware_py.common.reading_notes import Spot, shown
 
@@ -134,12 +136,19 @@ def to_plain(
 
 
 def _encode_other(hook: Callable[[Any], Any] | None, value: Any) -> Any:
-    """Return plain values for what msgspec does not know: a float of numpy, or what the hook knows."""
-    if isinstance(value, float):
-        return float(value)
+    """Return plain values for what msgspec does not know: an array or float of numpy, or what the hook knows."""
+    if isinstance(value, (np.ndarray, np.floating)):
+        return value.tolist()
     if hook is None:
         raise TypeError(f"{type(value).__name__} cannot be encoded")
     return hook(value)
+
+
+def _decode_other(hook: Callable[[type, Any], Any] | None, kind: type, value: Any) -> Any:
+    """Return a value of a class that msgspec does not know: an array, which is one already, or what the hook knows."""
+    if hook is None or isinstance(value, np.ndarray):
+        return value
+    return hook(kind, value)
 
 
 def from_plain(
@@ -151,9 +160,10 @@ def from_plain(
         raise ValueError(f"expected a record of {kind.__name__}, found {shown(plain)}")  # noqa: TRY004 -- bad data
     _check_version(plain, version, spot)
     plain = _visit_record(kind, plain, spot, hooks)
+    decode_other = partial(_decode_other, hooks.decode)
     for _ in range(MOST_REPAIRS):
         try:
-            return msgspec.convert(plain, kind, dec_hook=hooks.decode), tuple(spot.notes)
+            return msgspec.convert(plain, kind, dec_hook=decode_other), tuple(spot.notes)
         except msgspec.ValidationError as error:
             _drop_unusable(plain, error, spot)
     raise ValueError(f"{kind.__name__}: more than {MOST_REPAIRS} values cannot be used")
@@ -230,12 +240,22 @@ def _visit_named(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
             found = deeper(found, at, hooks)
         if found is not None:
             try:
+                if isinstance(default := kind._field_defaults[name], np.ndarray):
+                    found = _array(found, default)
                 msgspec.convert(found, hints[name])
             except msgspec.ValidationError as error:
                 at.note(f"{ascii(str(error))[1:-1][:MOST_CHARACTERS]}, ignored")
                 found = None
         values.append(kind._field_defaults[name] if found is None else found)
     return values
+
+
+def _array(value: Any, default: Any) -> Any:
+    """Return lists of floats as an array; msgspec.ValidationError when they have not the shape of the default."""
+    hint: Any = float
+    for length in reversed(default.shape):
+        hint = types.GenericAlias(tuple, (hint,) * length)
+    return np.array(msgspec.convert(value, hint))
 
 
 def _rename(kind: Any, plain: dict[str, Any]) -> None:

@@ -22,7 +22,7 @@ from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import Fault
 from firmware_py.safety.failsafe import FailsafeState
 
-VERSION: Final = 8  # of the records of State; early development versions had 1 to 6
+VERSION: Final = 9  # of the records of State; early development versions had 1 to 6
 
 
 def state_to_text(state: State) -> str:

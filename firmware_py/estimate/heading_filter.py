@@ -3,10 +3,10 @@
 Learning is recursive maximum likelihood (recursive prediction error method: Ljung and Soderstrom, Theory and Practice
 of Recursive Identification, 1983): beside the filter run two more per noise level, with the logarithm of that level
 moved up and down by MOVES. The difference of their log-likelihoods, sample by sample, is the score (the derivative of
-the log-likelihood) of that level; the sum of its outer products, with a memory, is the information matrix. Once in a
-window all levels move by
+the log-likelihood) of that level; the sum of its squares, with a memory, is the information. Once in a window each
+level moves by
 
-    (information + 1 / SPREAD^2)^-1 (score of the window + share of the prior)
+    (score of the window + share of the prior) / (information + 1 / SPREAD^2)
 
 which is the scoring step of a maximum a posteriori estimate with the log-normal prior PRIOR, SPREAD and a fading
 memory. The memory grows from a minute to half an hour. The extra filters take at most one sample in LEARNING_STEP_S,
@@ -20,7 +20,7 @@ filter.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,46 +63,60 @@ LATEST_S = 1.0  # a heading that is older than the state by more is not taken
 AVERAGE_S = 60.0
 
 
-class Pair(NamedTuple):
-    """The two extra filters of a noise level: with the level moved up and down."""
-
-    up: Motion = Motion()
-    down: Motion = Motion()
+Floats = NDArray[np.float64]
+FILTERS, NUMBERS = 2 * LEVELS, len(Motion._fields)
 
 
-Six = tuple[float, float, float, float, float, float]
-Pairs = tuple[Pair, Pair, Pair, Pair, Pair, Pair]
-NO_PAIRS: Final = (Pair(), Pair(), Pair(), Pair(), Pair(), Pair())
-ZEROS: Final = (0.0,) * 6
-CANDIDATES: Final = (0.0,) * 12
-TRIANGLE: Final = (0.0,) * 21
+class Learning(NamedTuple):
+    """State of the extra filters; the arrays are never changed in place.
+
+    `motions`, (FILTERS, 20), are their states: two rows for each level, with the level moved up and down, or the twelve
+    candidates in the first minute. `sums`, (FILTERS,), are their log-likelihoods, summed up over the first minute and
+    later over the window of `window_s` seconds. `information`, (LEVELS,), is that of each level. `t_s` is the time of
+    the last sample taken, `rudder_rad_s` the integral of the rudder angle since.
+    """
+
+    motions: Floats = np.zeros((FILTERS, NUMBERS))
+    sums: Floats = np.zeros(FILTERS)
+    information: Floats = np.zeros(LEVELS)
+    window_s: float = 0.0
+    t_s: float = math.nan
+    rudder_rad_s: float = 0.0
 
 
 class HeadingFilter(NamedTuple):
     """State of the filter at the heading of time t_s.
 
-    `pairs` belong to the six levels, or to the twelve candidates in the first minute, of which `likelihoods` are the
-    sums. `information` is the upper triangle, row by row, `score` the sum of the window. `taught_s` is the time of the
-    last sample of the extra filters, `rudder_rad_s` the integral of the rudder angle since, `unexplained_s` how long
-    the innovations have been too large. `innovation_square` is the mean of the squared innovations by their variance
-    over about a minute. A filter that has not started has NaN for its time.
+    `unexplained_s`: for how long the innovations have been too large. `innovation_square` is the mean of the squared
+    innovations by their variance over about a minute. A filter that has not started has NaN for its time.
     """
 
     t_s: float = math.nan
     begun_s: float = math.nan
     motion: Motion = Motion()
     levels: NoiseLevels = PRIOR
-    pairs: Pairs = NO_PAIRS
-    likelihoods: tuple[float, ...] = CANDIDATES
-    information: tuple[float, ...] = TRIANGLE
-    score: Six = ZEROS
-    window_s: float = 0.0
-    taught_s: float = math.nan
-    rudder_rad_s: float = 0.0
+    learning: Learning = Learning()
     unexplained_s: float = 0.0
     innovation_rad: float = 0.0
     innovation_sd_rad: float = 0.0
     innovation_square: float = 1.0
+
+
+def stored(row: Floats) -> Motion:
+    """Return the state whose NUMBERS are in a row of an array."""
+    return Motion(
+        float(row[0]), float(row[1]), float(row[2]), float(row[3]), float(row[4]),
+        float(row[5]), float(row[6]), float(row[7]), float(row[8]), float(row[9]),
+        float(row[10]), float(row[11]), float(row[12]), float(row[13]),
+        float(row[14]), float(row[15]), float(row[16]),
+        float(row[17]), float(row[18]), float(row[19]),
+    )  # fmt: skip
+
+
+def store(row: Floats, m: Motion) -> None:
+    """Write the numbers of a state to a row of an array."""
+    for i in range(NUMBERS):
+        row[i] = m[i]
 
 
 def candidate(number: int) -> NoiseLevels:
@@ -117,27 +131,32 @@ def candidate(number: int) -> NoiseLevels:
     )
 
 
-def _candidates(number: int, heading_rad: float) -> Pair:
-    first, second = candidate(2 * number), candidate(2 * number + 1)
-    return Pair(heading_model.begin(heading_rad, first), heading_model.begin(heading_rad, second))
+def _first_learning(t_s: float, heading_rad: float) -> Learning:
+    """Return the candidates at a heading."""
+    motions = np.empty((FILTERS, NUMBERS))
+    for number in range(FILTERS):
+        store(motions[number], heading_model.begin(heading_rad, candidate(number)))
+    return Learning(motions, np.zeros(FILTERS), np.zeros(LEVELS), 0.0, t_s, 0.0)
+
+
+def _all_at(motion: Motion) -> Floats:
+    """Return all extra filters at one state."""
+    motions = np.empty((FILTERS, NUMBERS))
+    for number in range(FILTERS):
+        store(motions[number], motion)
+    return motions
 
 
 def begin(t_s: float, heading_rad: float) -> HeadingFilter:
     """Return the filter at its first heading."""
-    return HeadingFilter(
-        t_s,
-        t_s,
-        heading_model.begin(heading_rad, PRIOR),
-        PRIOR,
-        (
-            _candidates(0, heading_rad), _candidates(1, heading_rad), _candidates(2, heading_rad),
-            _candidates(3, heading_rad), _candidates(4, heading_rad), _candidates(5, heading_rad),
-        ),
-        CANDIDATES, TRIANGLE, ZEROS, 0.0, t_s, 0.0, 0.0, 0.0, math.sqrt(heading_model.FIRST_HEADING_VARIANCE), 1.0,
-    )  # fmt: skip
+    motion, sd_rad = heading_model.begin(heading_rad, PRIOR), math.sqrt(heading_model.FIRST_HEADING_VARIANCE)
+    return HeadingFilter(t_s, t_s, motion, PRIOR, _first_learning(t_s, heading_rad), 0.0, 0.0, sd_rad, 1.0)
 
 
-NOT_STARTED: Final = HeadingFilter()
+def not_started() -> HeadingFilter:
+    """Return the filter before its first heading."""
+    motion, levels = heading_model.begin(0.0, PRIOR), PRIOR
+    return HeadingFilter(math.nan, math.nan, motion, levels, _first_learning(math.nan, 0.0), 0.0, 0.0, 0.0, 1.0)
 
 
 def has_started(f: HeadingFilter) -> bool:
@@ -164,72 +183,19 @@ def levels_for(levels: NoiseLevels, rudder_rad: float) -> NoiseLevels:
     return moved(levels, 5, UNKNOWN_RUDDER_WALK - levels.bias_walk)
 
 
-def _extra(
-    m: Motion, levels: NoiseLevels, model: KtModel, rudder_rad: float, step_s: float, heading_rad: float
-) -> tuple[Motion, float]:
-    """Return an extra filter with a sample taken in, and the log-likelihood of the sample."""
-    predicted = heading_model.predict(m, levels, model, rudder_rad, step_s)
-    corrected, innovation_rad, variance = heading_model.correct(predicted, levels, heading_rad)
-    return corrected, heading_model.log_likelihood(innovation_rad, variance)
-
-
-def _scored(
-    pair: Pair, levels: NoiseLevels, place: int, model: KtModel, rudder_rad: float, step_s: float, heading_rad: float
-) -> tuple[Pair, float]:
-    """Return the pair of a level with a sample taken in, and the score of the level."""
-    by = MOVES[place]
-    up, above = _extra(pair.up, moved(levels, place, by), model, rudder_rad, step_s, heading_rad)
-    down, below = _extra(pair.down, moved(levels, place, -by), model, rudder_rad, step_s, heading_rad)
-    return Pair(up, down), (above - below) / (2.0 * by)
-
-
-def _tried(
-    pair: Pair, number: int, model: KtModel, rudder_rad: float, step_s: float, heading_rad: float
-) -> tuple[Pair, float, float]:
-    """Return two candidates with a sample taken in, and the log-likelihoods of the sample."""
-    up, first = _extra(pair.up, candidate(2 * number), model, rudder_rad, step_s, heading_rad)
-    down, second = _extra(pair.down, candidate(2 * number + 1), model, rudder_rad, step_s, heading_rad)
-    return Pair(up, down), first, second
-
-
 def memory_s(age_s: float) -> float:
     """Return the memory of the learning after so long."""
     return clamp(MEMORY_SHARE * age_s, SHORTEST_MEMORY_S, LONGEST_MEMORY_S)
 
 
-def solved(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve a symmetric positive definite system by elimination without pivoting; both arguments are overwritten."""
-    n = right.shape[0]
-    for i in range(n):
-        for k in range(i + 1, n):
-            factor = matrix[k, i] / matrix[i, i]
-            for j in range(i, n):
-                matrix[k, j] -= factor * matrix[i, j]
-            right[k] -= factor * right[i]
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            right[i] -= matrix[i, j] * right[j]
-        right[i] /= matrix[i, i]
-    return right
-
-
-def stepped(
-    levels: NoiseLevels, information: tuple[float, ...], score: tuple[float, ...], window_s: float, age_s: float
-) -> NoiseLevels:
-    """Return the levels after the scoring step of a window."""
-    matrix, right, entry = np.zeros((LEVELS, LEVELS)), np.zeros(LEVELS), 0
-    share = 1.0 - math.exp(-window_s / memory_s(age_s))
+def stepped(levels: NoiseLevels, information: Floats, sums: Floats, window_s: float, age_s: float) -> NoiseLevels:
+    """Return the levels after the scoring step of a window; each by the information of its own."""
+    step, largest, share = np.zeros(LEVELS), 0.0, 1.0 - math.exp(-window_s / memory_s(age_s))
     for i in range(LEVELS):
         weight = 1.0 / (SPREAD[i] * SPREAD[i])
-        right[i] = score[i] + share * weight * (PRIOR[i] - levels[i])
-        for j in range(i, LEVELS):
-            matrix[i, j] = matrix[j, i] = information[entry]
-            entry += 1
-        matrix[i, i] += weight
-    step = solved(matrix, right)
-    largest = 0.0
-    for i in range(LEVELS):
-        largest = max(largest, abs(float(step[i])))
+        score = (sums[2 * i] - sums[2 * i + 1]) / (2.0 * MOVES[i]) + share * weight * (PRIOR[i] - levels[i])
+        step[i] = score / (information[i] + weight)
+        largest = max(largest, abs(step[i]))
     by = 1.0 if largest <= LONGEST_MOVE else LONGEST_MOVE / largest
     return NoiseLevels(
         clamp(levels.diffusion + by * float(step[0]), LOWEST.diffusion, HIGHEST.diffusion),
@@ -241,71 +207,63 @@ def stepped(
     )
 
 
-def _try_candidates(
-    f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rudder_rad: float
-) -> HeadingFilter:
-    """Take a sample into the candidates of the first minute; the best one replaces the filter once in a window."""
-    step_s = t_s - f.taught_s
-    p0, a0, b0 = _tried(f.pairs[0], 0, model, rudder_rad, step_s, heading_rad)
-    p1, a1, b1 = _tried(f.pairs[1], 1, model, rudder_rad, step_s, heading_rad)
-    p2, a2, b2 = _tried(f.pairs[2], 2, model, rudder_rad, step_s, heading_rad)
-    p3, a3, b3 = _tried(f.pairs[3], 3, model, rudder_rad, step_s, heading_rad)
-    p4, a4, b4 = _tried(f.pairs[4], 4, model, rudder_rad, step_s, heading_rad)
-    p5, a5, b5 = _tried(f.pairs[5], 5, model, rudder_rad, step_s, heading_rad)
-    pairs, old = (p0, p1, p2, p3, p4, p5), f.likelihoods
-    sums = (
-        old[0] + a0, old[1] + b0, old[2] + a1, old[3] + b1, old[4] + a2, old[5] + b2,
-        old[6] + a3, old[7] + b3, old[8] + a4, old[9] + b4, old[10] + a5, old[11] + b5,
-    )  # fmt: skip
-    motion, levels, window_s = f.motion, f.levels, f.window_s + step_s
-    if window_s >= CHOICE_S:
-        window_s, best = 0.0, 0
-        for number in range(1, 2 * LEVELS):
-            if sums[number] > sums[best]:
-                best = number
-        pair = pairs[best // 2]
-        motion, levels = pair.up if best % 2 == 0 else pair.down, candidate(best)
-        if t_s - f.begun_s + CHOICE_S > FIRST_S:
-            same = Pair(motion, motion)
-            pairs = (same, same, same, same, same, same)
-    return HeadingFilter(
-        f.t_s, f.begun_s, motion, levels, pairs, sums, f.information, f.score, window_s, t_s, 0.0, f.unexplained_s,
-        f.innovation_rad, f.innovation_sd_rad, f.innovation_square,
-    )  # fmt: skip
+def _filtered(
+    motions: Floats,
+    levels: NoiseLevels,
+    choosing: bool,  # noqa: FBT001 - compiled
+    model: KtModel,
+    rudder_rad: float,
+    step_s: float,
+    heading_rad: float,
+) -> Floats:
+    """Take a sample into the extra filters around levels, or the candidates; return its log-likelihood by each."""
+    likelihoods = np.empty(FILTERS)
+    for number in range(FILTERS):
+        by = MOVES[number // 2] if number % 2 == 0 else -MOVES[number // 2]
+        extra = candidate(number) if choosing else moved(levels, number // 2, by)
+        motion = heading_model.predict(stored(motions[number]), extra, model, rudder_rad, step_s)
+        motion, innovation_rad, variance = heading_model.correct(motion, extra, heading_rad)
+        store(motions[number], motion)
+        likelihoods[number] = heading_model.log_likelihood(innovation_rad, variance)
+    return likelihoods
 
 
-def _learn(
-    f: HeadingFilter, levels: NoiseLevels, model: KtModel, t_s: float, heading_rad: float, rudder_rad: float
-) -> HeadingFilter:
-    """Take a sample into the extra filters around levels, and move those of the filter at the end of a window."""
-    step_s = t_s - f.taught_s
-    p0, s0 = _scored(f.pairs[0], levels, 0, model, rudder_rad, step_s, heading_rad)
-    p1, s1 = _scored(f.pairs[1], levels, 1, model, rudder_rad, step_s, heading_rad)
-    p2, s2 = _scored(f.pairs[2], levels, 2, model, rudder_rad, step_s, heading_rad)
-    p3, s3 = _scored(f.pairs[3], levels, 3, model, rudder_rad, step_s, heading_rad)
-    p4, s4 = _scored(f.pairs[4], levels, 4, model, rudder_rad, step_s, heading_rad)
-    p5, s5 = _scored(f.pairs[5], levels, 5, model, rudder_rad, step_s, heading_rad)
-    age_s, old = t_s - f.begun_s, f.information
-    keep = math.exp(-step_s / memory_s(age_s))
-    information = (
-        keep * old[0] + s0 * s0, keep * old[1] + s0 * s1, keep * old[2] + s0 * s2, keep * old[3] + s0 * s3,
-        keep * old[4] + s0 * s4, keep * old[5] + s0 * s5,
-        keep * old[6] + s1 * s1, keep * old[7] + s1 * s2, keep * old[8] + s1 * s3, keep * old[9] + s1 * s4,
-        keep * old[10] + s1 * s5,
-        keep * old[11] + s2 * s2, keep * old[12] + s2 * s3, keep * old[13] + s2 * s4, keep * old[14] + s2 * s5,
-        keep * old[15] + s3 * s3, keep * old[16] + s3 * s4, keep * old[17] + s3 * s5,
-        keep * old[18] + s4 * s4, keep * old[19] + s4 * s5,
-        keep * old[20] + s5 * s5,
-    )  # fmt: skip
-    total = f.score
-    score = (total[0] + s0, total[1] + s1, total[2] + s2, total[3] + s3, total[4] + s4, total[5] + s5)
-    levels, window_s = f.levels, f.window_s + step_s
-    if window_s >= WINDOW_S:
-        levels = stepped(levels, information, score, window_s, age_s)
-        score, window_s = ZEROS, 0.0
+def _best(sums: Floats) -> int:
+    """Return the number of the most likely candidate."""
+    best = 0
+    for number in range(1, FILTERS):
+        if sums[number] > sums[best]:
+            best = number
+    return best
+
+
+def _learned(f: HeadingFilter, levels: NoiseLevels, model: KtModel, t_s: float, heading_rad: float) -> HeadingFilter:
+    """Take a sample into the extra filters around levels; at the end of a window the filter gets its new levels."""
+    before, motions, information = f.learning, f.learning.motions.copy(), f.learning.information.copy()
+    step_s, age_s = t_s - before.t_s, t_s - f.begun_s
+    choosing, window_s = age_s < FIRST_S, before.window_s + step_s
+    likelihoods = _filtered(motions, levels, choosing, model, before.rudder_rad_s / step_s, step_s, heading_rad)
+    sums, motion, levels = np.empty(FILTERS), f.motion, f.levels
+    for number in range(FILTERS):
+        sums[number] = before.sums[number] + likelihoods[number]
+    if choosing:
+        if window_s >= CHOICE_S:
+            best, window_s = _best(sums), 0.0
+            motion, levels = stored(motions[best]), candidate(best)
+            if age_s + CHOICE_S > FIRST_S:
+                motions, sums = _all_at(motion), np.zeros(FILTERS)
+    else:
+        keep = math.exp(-step_s / memory_s(age_s))
+        for i in range(LEVELS):
+            score = (likelihoods[2 * i] - likelihoods[2 * i + 1]) / (2.0 * MOVES[i])
+            information[i] = keep * information[i] + score * score
+        if window_s >= WINDOW_S:
+            levels = stepped(levels, information, sums, window_s, age_s)
+            sums, window_s = np.zeros(FILTERS), 0.0
+    learning = Learning(motions, sums, information, window_s, t_s, 0.0)
     return HeadingFilter(
-        f.t_s, f.begun_s, f.motion, levels, (p0, p1, p2, p3, p4, p5), f.likelihoods, information, score, window_s, t_s,
-        0.0, f.unexplained_s, f.innovation_rad, f.innovation_sd_rad, f.innovation_square,
+        f.t_s, f.begun_s, motion, levels, learning, f.unexplained_s, f.innovation_rad, f.innovation_sd_rad,
+        f.innovation_square,
     )  # fmt: skip
 
 
@@ -336,19 +294,16 @@ def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rud
         unexplained_s, motion = 0.0, heading_model.with_unexplained_turn(motion)
     if not heading_model.is_valid(motion):
         return begin(t_s, heading_rad)
-    share = clamp(step_s / AVERAGE_S, 0.0, 0.5)
+    share, given = clamp(step_s / AVERAGE_S, 0.0, 0.5), f.learning
+    learning = Learning(
+        given.motions, given.sums, given.information, given.window_s, given.t_s,
+        given.rudder_rad_s + angle_rad * max(step_s, 0.0),
+    )  # fmt: skip
     f = HeadingFilter(
-        max(t_s, f.t_s), f.begun_s, motion, f.levels, f.pairs, f.likelihoods, f.information, f.score, f.window_s,
-        f.taught_s, f.rudder_rad_s + angle_rad * max(step_s, 0.0), unexplained_s, innovation_rad, math.sqrt(variance),
+        max(t_s, f.t_s), f.begun_s, motion, f.levels, learning, unexplained_s, innovation_rad, math.sqrt(variance),
         f.innovation_square + share * (square - f.innovation_square),
     )  # fmt: skip
-    since_s = t_s - f.taught_s
-    if since_s < LEARNING_STEP_S:
-        return f
-    mean_rad = f.rudder_rad_s / since_s
-    if t_s - f.begun_s < FIRST_S:
-        return _try_candidates(f, model, t_s, heading_rad, mean_rad)
-    return _learn(f, levels, model, t_s, heading_rad, mean_rad)
+    return f if t_s - given.t_s < LEARNING_STEP_S else _learned(f, levels, model, t_s, heading_rad)
 
 
 def correct_course(
@@ -364,34 +319,16 @@ def correct_course(
 
 def relearned(f: HeadingFilter) -> HeadingFilter:
     """Return the filter with its learning started again, as in the first minute, because its levels fit no more."""
-    heading_rad = f.motion.heading_rad + f.motion.wave_rad
-    pairs = (
-        _candidates(0, heading_rad), _candidates(1, heading_rad), _candidates(2, heading_rad),
-        _candidates(3, heading_rad), _candidates(4, heading_rad), _candidates(5, heading_rad),
-    )  # fmt: skip
+    learning = _first_learning(f.t_s, f.motion.heading_rad + f.motion.wave_rad)
     return HeadingFilter(
-        f.t_s,
-        f.t_s,
-        f.motion,
-        f.levels,
-        pairs,
-        CANDIDATES,
-        TRIANGLE,
-        ZEROS,
-        0.0,
-        f.t_s,
-        0.0,
-        0.0,
-        f.innovation_rad,
-        f.innovation_sd_rad,
-        f.innovation_square,
+        f.t_s, f.t_s, f.motion, f.levels, learning, 0.0, f.innovation_rad, f.innovation_sd_rad, f.innovation_square
     )
 
 
 def with_motion(f: HeadingFilter, t_s: float, motion: Motion) -> HeadingFilter:
     """Return the filter with another state; the extra filters start again from it."""
-    same = Pair(motion, motion)
+    before = f.learning
+    learning = Learning(_all_at(motion), before.sums, before.information, before.window_s, t_s, 0.0)
     return HeadingFilter(
-        t_s, f.begun_s, motion, f.levels, (same, same, same, same, same, same), f.likelihoods, f.information, f.score,
-        f.window_s, t_s, 0.0, 0.0, f.innovation_rad, f.innovation_sd_rad, f.innovation_square,
-    )  # fmt: skip
+        t_s, f.begun_s, motion, f.levels, learning, 0.0, f.innovation_rad, f.innovation_sd_rad, f.innovation_square
+    )

@@ -79,7 +79,7 @@ class HeadingTick(NamedTuple):
     """
 
     sources: SourceState = sources.START
-    filter: HeadingFilter = heading_filter.NOT_STARTED
+    filter: HeadingFilter = HeadingFilter()
     silent: Motion = NO_MOTION
     silent_s: float = math.nan
     check: PredictionCheck = NO_CHECK
@@ -104,7 +104,7 @@ def needs_restart(s: HeadingTick, now_s: float, timeouts_s: tuple[float, float])
 def begin_tick(s: HeadingTick, now_s: float, step_s: float, timeouts_s: tuple[float, float]) -> HeadingTick:
     """Return the state at the begin of a tick, step_s after the one before; the estimate may start again."""
     if needs_restart(s, now_s, timeouts_s):
-        f = heading_filter.NOT_STARTED
+        f = heading_filter.not_started()
         s = HeadingTick(sources.START, f, NO_MOTION, math.nan, NO_CHECK, s.smoothed, 0.0, s.rudder_rad)
     return with_sources(s, sources.decay_offsets(s.sources, clamp(step_s, 0.0, 1.0)))
 

@@ -150,8 +150,8 @@ def update(s: WaterState, now_s: float) -> WaterState:
     """Return the state after a tick: the verdict on the current and the slow values."""
     if not has_started(s):
         return s
-    verdict = water_results.judge_current(s.verdict, s.filter, now_s)
     now = water_filter.water_of(s.filter, now_s)
+    verdict = water_results.judge_current(s.verdict, s.filter, now, now_s)
     north, east, speed = now.current_north_m_s, now.current_east_m_s, now.mean_speed_m_s
     if not math.isnan(s.slow_t_s):
         part, p = clamp((now_s - s.slow_t_s) / SLOW_S, 0.0, 1.0), now.covariance
@@ -171,9 +171,14 @@ def known(s: WaterState) -> tuple[float, float, float, float]:
     """Return current north and east, speed through the water [m/s] and leeway [rad] to steer by."""
     if math.isnan(s.slow_t_s):
         return s.expected.north_m_s, s.expected.east_m_s, s.expected.speed_m_s, 0.0
-    _, speed_m_s, sideways_m_s, _, _ = s.filter.track.mean
-    leeway_rad = math.atan2(sideways_m_s, max(speed_m_s, water_filter.MIN_SPEED_M_S))
+    mean = s.filter.means[0]
+    leeway_rad = math.atan2(mean[water_filter.SIDEWAYS], max(mean[water_filter.MEAN_SPEED], water_filter.MIN_SPEED_M_S))
     return s.slow.north_m_s, s.slow.east_m_s, s.slow.speed_m_s, leeway_rad
+
+
+def mean_speed_sd(s: WaterState) -> float:
+    """Return the standard deviation of the estimated mean speed through the water [m/s]."""
+    return water_filter.deviation(s.filter.covariances[0, water_filter.MEAN_SPEED, water_filter.MEAN_SPEED])
 
 
 def model_speed(s: WaterState) -> float:
@@ -184,7 +189,7 @@ def model_speed(s: WaterState) -> float:
     """
     if math.isnan(s.slow_t_s):
         return s.expected.speed_m_s
-    off = math.sqrt(max(s.filter.track.water[5], 0.0)) / SURE_SPEED_SD_M_S
+    off = mean_speed_sd(s) / SURE_SPEED_SD_M_S
     return s.expected.speed_m_s + (s.slow.speed_m_s - s.expected.speed_m_s) / (1.0 + off * off)
 
 
@@ -206,4 +211,4 @@ def over_ground_m_s(s: WaterState, heading_rad: float) -> tuple[float, float]:
 
 def speed_sd(s: WaterState) -> float:
     """Return the standard deviation of the mean speed through the water [m/s]."""
-    return math.hypot(math.sqrt(max(s.filter.track.water[5], 0.0)), CHANGES_M_S)
+    return math.hypot(mean_speed_sd(s), CHANGES_M_S)

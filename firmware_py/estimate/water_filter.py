@@ -28,11 +28,12 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_py.common.angles import clamp
 
-Four = tuple[float, float, float, float]
-Five = tuple[float, float, float, float, float]
-Fifteen = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float, float, float]
+Floats = NDArray[np.float64]
 
 EVERY_S: Final = 4.5  # between two positions that are used: receiver noise is correlated for longer than a second
 MEMORY_S: Final = 3600.0  # of the learning
@@ -59,34 +60,15 @@ SUBSTEPS: Final = 20.0  # at most: a longer silence is taken in longer steps
 LONGEST_S: Final = 86400.0
 
 
-NO_FIVE: Final = (0.0, 0.0, 0.0, 0.0, 0.0)
-NO_FIFTEEN: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-class Track(NamedTuple):
-    """Estimate of one filter: (s, U, V, c_N, c_E), position, and covariance in blocks.
-
-    `water` is the covariance of the first five, upper triangle, row by row; `with_north` and `with_east` are their
-    covariances with the position.
-    """
-
-    mean: Five = NO_FIVE
-    north_m: float = 0.0
-    east_m: float = 0.0
-    water: Fifteen = NO_FIFTEEN
-    with_north: Five = NO_FIVE
-    with_east: Five = NO_FIVE
-    north_m2: float = 0.0
-    both_m2: float = 0.0
-    east_m2: float = 0.0
-
-
-NO_TRACK: Final = Track()
+LEVELS, FILTERS, STATES = 4, 5, 7
+SPEED, MEAN_SPEED, SIDEWAYS, CURRENT_NORTH, CURRENT_EAST, NORTH, EAST = range(STATES)
 
 
 class WaterFilter(NamedTuple):
-    """State: time of the last position, the estimate, the five filters of the learning, levels and information.
+    """State: time of the last position, the filter and those of the learning, levels and information.
 
+    `means` (FILTERS, STATES) and `covariances` (FILTERS, STATES, STATES) hold the filter in row 0, then one filter for
+    each level, with that level higher; `levels` and `information` are (LEVELS,). The arrays are never changed in place.
     `cosine_s` and `sine_s` are the integrals of the heading's cosine and sine since t_s, over `known_s` seconds.
     `refused_t_s` is the time of the first of the refused positions, NaN: the last one was used.
     """
@@ -96,10 +78,10 @@ class WaterFilter(NamedTuple):
     sine_s: float = 0.0
     known_s: float = 0.0
     refused_t_s: float = math.nan
-    track: Track = NO_TRACK
-    moved: tuple[Track, Track, Track, Track] = (NO_TRACK, NO_TRACK, NO_TRACK, NO_TRACK)
-    levels: Four = START
-    information: Four = (0.0, 0.0, 0.0, 0.0)
+    means: Floats = np.zeros((FILTERS, STATES))
+    covariances: Floats = np.zeros((FILTERS, STATES, STATES))
+    levels: Floats = np.array(START)
+    information: Floats = np.zeros(LEVELS)
 
 
 class Water(NamedTuple):
@@ -123,197 +105,123 @@ class Water(NamedTuple):
     covariance: tuple[float, float, float, float, float, float, float, float, float, float]
 
 
-def product(b: Fifteen, a: Five) -> Five:
-    """Return B a, with the upper triangle b of a symmetric B."""
-    return (
-        b[0] * a[0] + b[1] * a[1] + b[2] * a[2] + b[3] * a[3] + b[4] * a[4],
-        b[1] * a[0] + b[5] * a[1] + b[6] * a[2] + b[7] * a[3] + b[8] * a[4],
-        b[2] * a[0] + b[6] * a[1] + b[9] * a[2] + b[10] * a[3] + b[11] * a[4],
-        b[3] * a[0] + b[7] * a[1] + b[10] * a[2] + b[12] * a[3] + b[13] * a[4],
-        b[4] * a[0] + b[8] * a[1] + b[11] * a[2] + b[13] * a[3] + b[14] * a[4],
-    )
+def fade(x: Floats, p: Floats, keep: float) -> None:
+    """Let the speed deviation fade to a part."""
+    x[SPEED] *= keep
+    for j in range(STATES):
+        p[SPEED, j] *= keep
+        p[j, SPEED] *= keep
 
 
-def dot(a: Five, b: Five) -> float:
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
-
-
-def combined(p: float, a: Five, q: float, b: Five) -> Five:
-    """Return p a + q b."""
-    return (
-        p * a[0] + q * b[0],
-        p * a[1] + q * b[1],
-        p * a[2] + q * b[2],
-        p * a[3] + q * b[3],
-        p * a[4] + q * b[4],
-    )
-
-
-def without(b: Fifteen, f: Five, c: Five, g: Five, d: Five) -> Fifteen:
-    """Return the upper triangle of B - f c' - g d', which is symmetric."""
-    return (
-        b[0] - f[0] * c[0] - g[0] * d[0],
-        b[1] - f[0] * c[1] - g[0] * d[1],
-        b[2] - f[0] * c[2] - g[0] * d[2],
-        b[3] - f[0] * c[3] - g[0] * d[3],
-        b[4] - f[0] * c[4] - g[0] * d[4],
-        b[5] - f[1] * c[1] - g[1] * d[1],
-        b[6] - f[1] * c[2] - g[1] * d[2],
-        b[7] - f[1] * c[3] - g[1] * d[3],
-        b[8] - f[1] * c[4] - g[1] * d[4],
-        b[9] - f[2] * c[2] - g[2] * d[2],
-        b[10] - f[2] * c[3] - g[2] * d[3],
-        b[11] - f[2] * c[4] - g[2] * d[4],
-        b[12] - f[3] * c[3] - g[3] * d[3],
-        b[13] - f[3] * c[4] - g[3] * d[4],
-        b[14] - f[4] * c[4] - g[4] * d[4],
-    )
-
-
-def aged(mean: Five, b: Fifteen, levels: Four, step_s: float) -> tuple[Five, Fifteen]:
-    """Return mean and covariance of the water after a step."""
-    keep, sigma, walk = math.exp(-step_s / SPEED_MEMORY_S), math.exp(levels[0]), math.exp(levels[1])
-    current = walk * walk * step_s
-    return (keep * mean[0], mean[1], mean[2], mean[3], mean[4]), (
-        keep * keep * b[0] + sigma * sigma * (1.0 - keep * keep),
-        keep * b[1],
-        keep * b[2],
-        keep * b[3],
-        keep * b[4],
-        b[5] + MEAN_WALK * MEAN_WALK * step_s,
-        *(b[6], b[7], b[8]),
-        b[9] + SIDE_WALK * SIDE_WALK * step_s,
-        *(b[10], b[11]),
-        b[12] + current,
-        b[13],
-        b[14] + current,
-    )
-
-
-def predicted(track: Track, levels: Four, step_s: float, cosine: float, sine: float) -> Track:
-    """Return the estimate after a step with these means of the heading's cosine and sine; exact for the deviation s."""
-    sigma, drift, keep = math.exp(levels[0]), math.exp(levels[2]), math.exp(-step_s / SPEED_MEMORY_S)
+def move(x: Floats, p: Floats, step_s: float, cosine: float, sine: float) -> None:
+    """Replace mean x (STATES,) and covariance p (STATES, STATES) by F x and F p F', with the transition F of a step."""
+    keep = math.exp(-step_s / SPEED_MEMORY_S)
     way_s = SPEED_MEMORY_S * (1.0 - keep)  # in which the deviation at the beginning of the step leads as far
-    north = (way_s * cosine, step_s * cosine, -step_s * sine, step_s, 0.0)
-    east = (way_s * sine, step_s * sine, step_s * cosine, 0.0, step_s)
-    by_north, by_east = product(track.water, north), product(track.water, east)
-    rate = sigma * sigma * SPEED_MEMORY_S
-    speed_way = rate * (1.0 - keep) * (1.0 - keep)
+    for place, along, across in ((NORTH, cosine, -sine), (EAST, sine, cosine)):
+        current = CURRENT_NORTH if place == NORTH else CURRENT_EAST
+        for state, by_s in (
+            (SPEED, way_s * along), (MEAN_SPEED, step_s * along), (SIDEWAYS, step_s * across), (current, step_s),
+        ):  # fmt: skip
+            x[place] += by_s * x[state]
+            for j in range(STATES):
+                p[place, j] += by_s * p[state, j]
+            for j in range(STATES):
+                p[j, place] += by_s * p[j, state]
+    fade(x, p, keep)
+
+
+def add_noise(p: Floats, levels: Floats, step_s: float, cosine: float, sine: float) -> None:
+    """Add to a covariance what a step adds; exact for the speed deviation and its way."""
+    keep, sigma, walk = math.exp(-step_s / SPEED_MEMORY_S), math.exp(levels[0]), math.exp(levels[1])
+    p[SPEED, SPEED] += sigma * sigma * (1.0 - keep * keep)
+    p[MEAN_SPEED, MEAN_SPEED] += MEAN_WALK * MEAN_WALK * step_s
+    p[SIDEWAYS, SIDEWAYS] += SIDE_WALK * SIDE_WALK * step_s
+    p[CURRENT_NORTH, CURRENT_NORTH] += walk * walk * step_s
+    p[CURRENT_EAST, CURRENT_EAST] += walk * walk * step_s
+    if math.isnan(cosine):
+        return
+    rate, drift = sigma * sigma * SPEED_MEMORY_S, math.exp(levels[2])
+    both = rate * (1.0 - keep) * (1.0 - keep)
     way = max(rate * (2.0 * step_s - SPEED_MEMORY_S * (3.0 - 4.0 * keep + keep * keep)), 0.0)
-    spread = drift * drift * step_s
-    c, d = combined(1.0, track.with_north, 1.0, by_north), combined(1.0, track.with_east, 1.0, by_east)
-    mean, water = aged(track.mean, track.water, levels, step_s)
-    return Track(
-        mean,
-        track.north_m + dot(north, track.mean),
-        track.east_m + dot(east, track.mean),
-        water,
-        (keep * c[0] + speed_way * cosine, c[1], c[2], c[3], c[4]),
-        (keep * d[0] + speed_way * sine, d[1], d[2], d[3], d[4]),
-        track.north_m2 + dot(north, track.with_north) + dot(north, c) + way * cosine * cosine + spread,
-        track.both_m2 + dot(north, track.with_east) + dot(east, c) + way * cosine * sine,
-        track.east_m2 + dot(east, track.with_east) + dot(east, d) + way * sine * sine + spread,
-    )
+    p[NORTH, NORTH] += way * cosine * cosine + drift * drift * step_s
+    p[EAST, EAST] += way * sine * sine + drift * drift * step_s
+    for i, k, more in (
+        (SPEED, NORTH, both * cosine),
+        (SPEED, EAST, both * sine),
+        (NORTH, EAST, way * cosine * sine),
+    ):
+        p[i, k] += more
+        p[k, i] += more
 
 
-def advanced(track: Track, levels: Four, step_s: float, cosine: float, sine: float) -> Track:
-    """Return the estimate after step_s; NaN for cosine and sine: the heading was not known.
+def predict(x: Floats, p: Floats, levels: Floats, step_s: float, cosine: float, sine: float) -> None:
+    """Move mean (STATES,) and covariance (STATES, STATES) by step_s, in place; NaN: the heading was not known.
 
     Without a heading the position may have gone anywhere and is no longer correlated with the water.
     """
     if math.isnan(cosine):
-        mean, water = aged(track.mean, track.water, levels, step_s)
-        nothing = (0.0, 0.0, 0.0, 0.0, 0.0)
-        speed_m_s = track.mean[1] + track.mean[0]
-        way2 = 0.5 * step_s * step_s * (speed_m_s * speed_m_s + track.water[0] + track.water[5] + track.water[9])
-        return Track(
-            mean,
-            track.north_m + step_s * track.mean[3],
-            track.east_m + step_s * track.mean[4],
-            water,
-            nothing,
-            nothing,
-            track.north_m2 + way2 + step_s * step_s * track.water[12],
-            track.both_m2,
-            track.east_m2 + way2 + step_s * step_s * track.water[14],
-        )
+        keep, speed_m_s = math.exp(-step_s / SPEED_MEMORY_S), x[MEAN_SPEED] + x[SPEED]
+        way2 = 0.5 * (speed_m_s * speed_m_s + p[SPEED, SPEED] + p[MEAN_SPEED, MEAN_SPEED] + p[SIDEWAYS, SIDEWAYS])
+        for i, current in ((NORTH, CURRENT_NORTH), (EAST, CURRENT_EAST)):
+            x[i] += step_s * x[current]
+            for j in range(NORTH):
+                p[i, j] = p[j, i] = 0.0
+            p[i, i] += step_s * step_s * (way2 + p[current, current])
+        fade(x, p, keep)
+        add_noise(p, levels, step_s, cosine, sine)
+        return
     left_s, substep_s = step_s, max(SUBSTEP_S, step_s / SUBSTEPS)
     while left_s > 0.0:
-        track = predicted(track, levels, min(left_s, substep_s), cosine, sine)
+        by_s = min(left_s, substep_s)
+        move(x, p, by_s, cosine, sine)
+        add_noise(p, levels, by_s, cosine, sine)
         left_s -= substep_s
-    return track
 
 
-def distance2(track: Track, north_m: float, east_m: float, noise_m2: float) -> tuple[float, float]:
+def distance2(x: Floats, p: Floats, north_m: float, east_m: float, noise_m2: float) -> tuple[float, float]:
     """Return the squared Mahalanobis distance of a position, and the determinant of its covariance."""
-    a, b, c = track.north_m2 + noise_m2, track.both_m2, track.east_m2 + noise_m2
-    x, y = north_m - track.north_m, east_m - track.east_m
+    a, b, c = float(p[NORTH, NORTH]) + noise_m2, float(p[NORTH, EAST]), float(p[EAST, EAST]) + noise_m2
+    off_north_m, off_east_m = north_m - float(x[NORTH]), east_m - float(x[EAST])
     determinant = max(a * c - b * b, MIN_DETERMINANT_M4)
-    return (c * x * x - 2.0 * b * x * y + a * y * y) / determinant, determinant
+    square = c * off_north_m * off_north_m - 2.0 * b * off_north_m * off_east_m + a * off_east_m * off_east_m
+    return square / determinant, determinant
 
 
-def corrected(track: Track, levels: Four, north_m: float, east_m: float) -> tuple[Track, float]:
-    """Return the estimate with a position, and the log-likelihood of the position (Huber's)."""
+def correct_one(x: Floats, p: Floats, levels: Floats, north_m: float, east_m: float) -> float:
+    """Take a position into mean (STATES,) and covariance (STATES, STATES), in place; return its log-likelihood.
+
+    The log-likelihood is Huber's.
+    """
     noise_m2 = math.exp(2.0 * levels[3])
-    d2, determinant = distance2(track, north_m, east_m, noise_m2)
+    d2, determinant = distance2(x, p, north_m, east_m, noise_m2)
     likelihood = -0.5 * math.log(determinant)
     if d2 > HUBER2:
         likelihood -= math.sqrt(HUBER2 * d2) - 0.5 * HUBER2
-        noise_m2 += (track.north_m2 + track.east_m2 + 2.0 * noise_m2) * 0.5 * (math.sqrt(d2 / HUBER2) - 1.0)
-        _, determinant = distance2(track, north_m, east_m, noise_m2)
+        noise_m2 += (p[NORTH, NORTH] + p[EAST, EAST] + 2.0 * noise_m2) * 0.5 * (math.sqrt(d2 / HUBER2) - 1.0)
+        _, determinant = distance2(x, p, north_m, east_m, noise_m2)
     else:
         likelihood -= 0.5 * d2
-    w, v, u = (
-        (track.east_m2 + noise_m2) / determinant,
-        -track.both_m2 / determinant,
-        (track.north_m2 + noise_m2) / determinant,
-    )
-    c, d = track.with_north, track.with_east
-    f, g = combined(w, c, v, d), combined(v, c, u, d)
-    x, y = north_m - track.north_m, east_m - track.east_m
-    a, b, e = track.north_m2, track.both_m2, track.east_m2
-    m, n, o, p = w * a + v * b, w * b + v * e, v * a + u * b, v * b + u * e  # W P
-    return (
-        Track(
-            combined(1.0, track.mean, 1.0, combined(x, f, y, g)),
-            track.north_m + m * x + o * y,
-            track.east_m + n * x + p * y,
-            without(track.water, f, c, g, d),
-            combined(1.0, c, -1.0, combined(a, f, b, g)),
-            combined(1.0, d, -1.0, combined(b, f, e, g)),
-            a - a * m - b * o,
-            b - a * n - b * p,
-            e - b * n - e * p,
-        ),
-        likelihood,
-    )
+    a, b, c = (p[EAST, EAST] + noise_m2) / determinant, -p[NORTH, EAST] / determinant, (p[NORTH, NORTH] + noise_m2)
+    c /= determinant
+    off_north_m, off_east_m = north_m - x[NORTH], east_m - x[EAST]
+    by_north, by_east = np.empty(STATES), np.empty(STATES)
+    for i in range(STATES):
+        by_north[i], by_east[i] = p[i, NORTH], p[i, EAST]
+    for i in range(STATES):
+        gain_north, gain_east = a * by_north[i] + b * by_east[i], b * by_north[i] + c * by_east[i]
+        x[i] += gain_north * off_north_m + gain_east * off_east_m
+        for j in range(i, STATES):
+            p[i, j] -= gain_north * by_north[j] + gain_east * by_east[j]
+            p[j, i] = p[i, j]
+    return likelihood
 
 
-def restarted(track: Track, north_m: float, east_m: float, sd_m: float) -> Track:
-    """Return the estimate with another position and the same water."""
-    nothing = (0.0, 0.0, 0.0, 0.0, 0.0)
-    return Track(track.mean, north_m, east_m, track.water, nothing, nothing, sd_m * sd_m, 0.0, sd_m * sd_m)
-
-
-def higher(levels: Four, number: int) -> Four:
-    """Return the levels with one higher by MOVE."""
-    return (
-        levels[0] + (MOVE if number == 0 else 0.0),
-        levels[1] + (MOVE if number == 1 else 0.0),
-        levels[2] + (MOVE if number == 2 else 0.0),
-        levels[3] + (MOVE if number == 3 else 0.0),
-    )
-
-
-def learned(level: float, information: float, gain: float, number: int, step_s: float) -> tuple[float, float]:
-    """Return a level and its information after a correction with this gain of log-likelihood by the filter moved."""
-    forget = min(step_s / MEMORY_S, 1.0)
-    prior = 1.0 / (SPREAD[number] * SPREAD[number])
-    score = gain / MOVE
-    information = information + score * score + forget * (prior - information)
-    change = (score + forget * prior * (START[number] - level)) / information
-    return clamp(level + clamp(change, -LONGEST_STEP, LONGEST_STEP), LOW[number], HIGH[number]), information
+def restart_one(x: Floats, p: Floats, north_m: float, east_m: float) -> None:
+    """Set another position, in place; the water stays."""
+    x[NORTH], x[EAST] = north_m, east_m
+    for i in (NORTH, EAST):
+        for j in range(STATES):
+            p[i, j] = p[j, i] = GATE_SD_M * GATE_SD_M if i == j else 0.0
 
 
 def begin(
@@ -329,23 +237,17 @@ def begin(
     sideways_sd_m_s: float,
 ) -> WaterFilter:
     """Return the state at a first position, with the water that is expected and its standard deviations."""
-    sigma, current = math.exp(START[0]), current_sd_m_s * current_sd_m_s
-    water = (
-        *(sigma * sigma, 0.0, 0.0, 0.0, 0.0),
-        *(speed_sd_m_s * speed_sd_m_s, 0.0, 0.0, 0.0),
-        *(sideways_sd_m_s * sideways_sd_m_s, 0.0, 0.0),
-        *(current, 0.0, current),
-    )
-    mean, nothing = (0.0, speed_m_s, sideways_m_s, current_north_m_s, current_east_m_s), (0.0, 0.0, 0.0, 0.0, 0.0)
-    noise_m2 = math.exp(2.0 * START[3])
-    track = Track(mean, north_m, east_m, water, nothing, nothing, noise_m2, 0.0, noise_m2)
-    information = (
-        1.0 / (SPREAD[0] * SPREAD[0]),
-        1.0 / (SPREAD[1] * SPREAD[1]),
-        1.0 / (SPREAD[2] * SPREAD[2]),
-        1.0 / (SPREAD[3] * SPREAD[3]),
-    )
-    return WaterFilter(t_s, 0.0, 0.0, 0.0, math.nan, track, (track, track, track, track), START, information)
+    means, covariances = np.zeros((FILTERS, STATES)), np.zeros((FILTERS, STATES, STATES))
+    levels, information = np.empty(LEVELS), np.empty(LEVELS)
+    for i in range(LEVELS):
+        levels[i], information[i] = START[i], 1.0 / (SPREAD[i] * SPREAD[i])
+    mean = (0.0, speed_m_s, sideways_m_s, current_north_m_s, current_east_m_s, north_m, east_m)
+    place_sd_m, speed_noise_m_s = math.exp(levels[3]), math.exp(levels[0])
+    sds = (speed_noise_m_s, speed_sd_m_s, sideways_sd_m_s, current_sd_m_s, current_sd_m_s, place_sd_m, place_sd_m)
+    for number in range(FILTERS):
+        for i in range(STATES):
+            means[number, i], covariances[number, i, i] = mean[i], sds[i] * sds[i]
+    return WaterFilter(t_s, 0.0, 0.0, 0.0, math.nan, means, covariances, levels, information)
 
 
 def take_heading(state: WaterFilter, heading_rad: float, step_s: float) -> WaterFilter:
@@ -358,8 +260,8 @@ def take_heading(state: WaterFilter, heading_rad: float, step_s: float) -> Water
         state.sine_s + step_s * math.sin(heading_rad),
         state.known_s + step_s,
         state.refused_t_s,
-        state.track,
-        state.moved,
+        state.means,
+        state.covariances,
         state.levels,
         state.information,
     )
@@ -372,20 +274,14 @@ def mean_heading(state: WaterFilter, t_s: float) -> tuple[float, float]:
     return state.cosine_s / state.known_s, state.sine_s / state.known_s
 
 
-def refused(state: WaterFilter, t_s: float) -> WaterFilter:
-    """Return the state with a position noted as refused and not used."""
-    since_s = t_s if math.isnan(state.refused_t_s) else state.refused_t_s
-    return WaterFilter(
-        state.t_s,
-        state.cosine_s,
-        state.sine_s,
-        state.known_s,
-        since_s,
-        state.track,
-        state.moved,
-        state.levels,
-        state.information,
-    )
+def learn(levels: Floats, information: Floats, likelihoods: Floats, step_s: float) -> None:
+    """Move the levels by the log-likelihoods (FILTERS,) of a position, step_s after the one before, in place."""
+    forget = min(step_s / MEMORY_S, 1.0)
+    for i in range(LEVELS):
+        prior, score = 1.0 / (SPREAD[i] * SPREAD[i]), (likelihoods[i + 1] - likelihoods[0]) / MOVE
+        information[i] += score * score + forget * (prior - information[i])
+        change = (score + forget * prior * (START[i] - levels[i])) / information[i]
+        levels[i] = clamp(levels[i] + clamp(change, -LONGEST_STEP, LONGEST_STEP), LOW[i], HIGH[i])
 
 
 def correct(state: WaterFilter, t_s: float, north_m: float, east_m: float) -> WaterFilter:
@@ -395,74 +291,56 @@ def correct(state: WaterFilter, t_s: float, north_m: float, east_m: float) -> Wa
         return state
     step_s = min(step_s, LONGEST_S)
     cosine, sine = mean_heading(state, t_s)
-    levels = state.levels
-    track = advanced(state.track, levels, step_s, cosine, sine)
-    d2, _ = distance2(track, north_m, east_m, math.exp(2.0 * levels[3]) + GATE_SD_M * GATE_SD_M)
-    restart = False
-    if not d2 < GATE2:
-        if math.isnan(state.refused_t_s) or t_s - state.refused_t_s < REFUSED_S:
-            return refused(state, t_s)
-        restart = True
-    a, b, c, d = (
-        advanced(state.moved[0], higher(levels, 0), step_s, cosine, sine),
-        advanced(state.moved[1], higher(levels, 1), step_s, cosine, sine),
-        advanced(state.moved[2], higher(levels, 2), step_s, cosine, sine),
-        advanced(state.moved[3], higher(levels, 3), step_s, cosine, sine),
-    )
-    information = state.information
-    if restart:
-        track = restarted(track, north_m, east_m, GATE_SD_M)
-        a, b, c, d = (
-            restarted(a, north_m, east_m, GATE_SD_M),
-            restarted(b, north_m, east_m, GATE_SD_M),
-            restarted(c, north_m, east_m, GATE_SD_M),
-            restarted(d, north_m, east_m, GATE_SD_M),
-        )
-    else:
-        track, likelihood = corrected(track, levels, north_m, east_m)
-        a, by_a = corrected(a, higher(levels, 0), north_m, east_m)
-        b, by_b = corrected(b, higher(levels, 1), north_m, east_m)
-        c, by_c = corrected(c, higher(levels, 2), north_m, east_m)
-        d, by_d = corrected(d, higher(levels, 3), north_m, east_m)
-        if not math.isnan(cosine):
-            l0, i0 = learned(levels[0], information[0], by_a - likelihood, 0, step_s)
-            l1, i1 = learned(levels[1], information[1], by_b - likelihood, 1, step_s)
-            l2, i2 = learned(levels[2], information[2], by_c - likelihood, 2, step_s)
-            l3, i3 = learned(levels[3], information[3], by_d - likelihood, 3, step_s)
-            levels, information = (l0, l1, l2, l3), (i0, i1, i2, i3)
-    return WaterFilter(t_s, 0.0, 0.0, 0.0, math.nan, track, (a, b, c, d), levels, information)
+    means, covariances, restart = state.means.copy(), state.covariances.copy(), False
+    levels, information, likelihoods = state.levels.copy(), state.information.copy(), np.zeros(FILTERS)
+    for i in range(FILTERS):
+        x, p, own = means[i], covariances[i], state.levels.copy()
+        if i > 0:
+            own[i - 1] += MOVE
+        predict(x, p, own, step_s, cosine, sine)
+        if i == 0:
+            d2, _ = distance2(x, p, north_m, east_m, math.exp(2.0 * own[3]) + GATE_SD_M * GATE_SD_M)
+            restart = not d2 < GATE2
+            if restart and (math.isnan(state.refused_t_s) or t_s - state.refused_t_s < REFUSED_S):
+                return refused(state, t_s)
+        if restart:
+            restart_one(x, p, north_m, east_m)
+        else:
+            likelihoods[i] = correct_one(x, p, own, north_m, east_m)
+    if not (restart or math.isnan(cosine)):
+        learn(levels, information, likelihoods, step_s)
+    return WaterFilter(t_s, 0.0, 0.0, 0.0, math.nan, means, covariances, levels, information)
 
 
-def move_origin(track: Track, north_m: float, east_m: float) -> Track:
-    """Return the estimate for an origin that lies north_m and east_m from the one before."""
-    return Track(
-        track.mean,
-        track.north_m - north_m,
-        track.east_m - east_m,
-        track.water,
-        track.with_north,
-        track.with_east,
-        track.north_m2,
-        track.both_m2,
-        track.east_m2,
+def refused(state: WaterFilter, t_s: float) -> WaterFilter:
+    """Return the state with a position noted as refused and not used."""
+    return WaterFilter(
+        state.t_s,
+        state.cosine_s,
+        state.sine_s,
+        state.known_s,
+        t_s if math.isnan(state.refused_t_s) else state.refused_t_s,
+        state.means,
+        state.covariances,
+        state.levels,
+        state.information,
     )
 
 
 def moved_origin(state: WaterFilter, north_m: float, east_m: float) -> WaterFilter:
     """Return the state for an origin that lies north_m and east_m from the one before."""
+    means = state.means.copy()
+    for number in range(FILTERS):
+        means[number, NORTH] -= north_m
+        means[number, EAST] -= east_m
     return WaterFilter(
         state.t_s,
         state.cosine_s,
         state.sine_s,
         state.known_s,
         state.refused_t_s,
-        move_origin(state.track, north_m, east_m),
-        (
-            move_origin(state.moved[0], north_m, east_m),
-            move_origin(state.moved[1], north_m, east_m),
-            move_origin(state.moved[2], north_m, east_m),
-            move_origin(state.moved[3], north_m, east_m),
-        ),
+        means,
+        state.covariances,
         state.levels,
         state.information,
     )
@@ -470,25 +348,36 @@ def moved_origin(state: WaterFilter, north_m: float, east_m: float) -> WaterFilt
 
 def water_of(state: WaterFilter, t_s: float) -> Water:
     """Return the water at a time, not before that of the last position."""
-    mean, b = aged(state.track.mean, state.track.water, state.levels, clamp(t_s - state.t_s, 0.0, LONGEST_S))
-    s, u, v, north, east = mean
-    half, differ = 0.5 * (b[12] + b[14]), 0.5 * (b[12] - b[14])
+    x, p, step_s = state.means[0], state.covariances[0], clamp(t_s - state.t_s, 0.0, LONGEST_S)
+    keep, sigma, walk = math.exp(-step_s / SPEED_MEMORY_S), math.exp(state.levels[0]), math.exp(state.levels[1])
+    u, v, north, east = float(x[MEAN_SPEED]), float(x[SIDEWAYS]), float(x[CURRENT_NORTH]), float(x[CURRENT_EAST])
+    ss, su = float(p[SPEED, SPEED]), float(p[SPEED, MEAN_SPEED])
+    ss = keep * keep * ss + sigma * sigma * (1.0 - keep * keep)
+    uu = float(p[MEAN_SPEED, MEAN_SPEED]) + MEAN_WALK * MEAN_WALK * step_s
+    vv, uv = float(p[SIDEWAYS, SIDEWAYS]) + SIDE_WALK * SIDE_WALK * step_s, float(p[MEAN_SPEED, SIDEWAYS])
+    nn = float(p[CURRENT_NORTH, CURRENT_NORTH]) + walk * walk * step_s
+    ee, ne = float(p[CURRENT_EAST, CURRENT_EAST]) + walk * walk * step_s, float(p[CURRENT_NORTH, CURRENT_EAST])
+    half, differ = 0.5 * (nn + ee), 0.5 * (nn - ee)
     way2 = max(u * u + v * v, MIN_SPEED_M_S * MIN_SPEED_M_S)
-    leeway2 = (u * u * b[9] - 2.0 * u * v * b[6] + v * v * b[5]) / (way2 * way2)
+    leeway2 = (u * u * vv - 2.0 * u * v * uv + v * v * uu) / (way2 * way2)
     return Water(
-        u + s,
-        deviation(b[5] + b[0] + 2.0 * b[1]),
+        u + keep * float(x[SPEED]),
+        deviation(uu + ss + 2.0 * keep * su),
         u,
-        deviation(b[5]),
+        deviation(uu),
         v,
-        deviation(b[9]),
+        deviation(vv),
         math.atan2(v, u),
         min(deviation(leeway2), math.pi),
         north,
         east,
-        deviation(half + math.sqrt(differ * differ + b[13] * b[13])),
-        (b[12], b[13], b[7], b[10], b[14], b[8], b[11], b[5], b[6], b[9]),
-    )
+        deviation(half + math.sqrt(differ * differ + ne * ne)),
+        (
+            nn, ne, float(p[MEAN_SPEED, CURRENT_NORTH]), float(p[SIDEWAYS, CURRENT_NORTH]),
+            ee, float(p[MEAN_SPEED, CURRENT_EAST]), float(p[SIDEWAYS, CURRENT_EAST]),
+            uu, uv, vv,
+        ),
+    )  # fmt: skip
 
 
 def deviation(variance: float) -> float:

@@ -100,8 +100,8 @@ def current_excess(water: Water) -> tuple[float, float]:
     return current - speed, deviation(variance)
 
 
-def judge_current(verdict: CurrentVerdict, state: WaterFilter, t_s: float) -> CurrentVerdict:
-    """Return the verdict whether the current is stronger than the boat.
+def judge_current(verdict: CurrentVerdict, state: WaterFilter, water: Water, t_s: float) -> CurrentVerdict:
+    """Return the verdict whether the current is stronger than the boat; water: as the filter has it at t_s.
 
     Null hypothesis: the current is no faster than the boat's mean speed. It is rejected when the estimated excess is
     more than STRONG_SDS standard deviations for PATIENCE_S, and accepted when the excess is below 0 for as long. For a
@@ -113,15 +113,15 @@ def judge_current(verdict: CurrentVerdict, state: WaterFilter, t_s: float) -> Cu
     if not 0.0 <= t_s - state.t_s <= STALE_S:
         return CurrentVerdict(math.nan, 0.0, verdict.too_strong, verdict.cosine, verdict.sine, verdict.turned)
     step_s = t_s - verdict.t_s if t_s > verdict.t_s else 0.0
-    excess_m_s, sd_m_s = current_excess(water_of(state, t_s))
+    excess_m_s, sd_m_s = current_excess(water)
     cosine, sine, turned = verdict.cosine, verdict.sine, verdict.turned
     now_cosine, now_sine = mean_heading(state, t_s)
     if math.isnan(cosine):
         cosine, sine = now_cosine, now_sine
     elif now_cosine * cosine + now_sine * sine < TURNED_COSINE:
         turned = 1.0
-    mean = state.track.mean
-    is_seen = turned > 0.5 or mean[3] * now_cosine + mean[4] * now_sine < 0.0
+    along_m_s = water.current_north_m_s * now_cosine + water.current_east_m_s * now_sine
+    is_seen = turned > 0.5 or along_m_s < 0.0
     against = excess_m_s < 0.0 if verdict.too_strong > 0.5 else is_seen and excess_m_s > STRONG_SDS * sd_m_s
     against_s = verdict.against_s + step_s if against else 0.0
     if against_s >= PATIENCE_S:

@@ -8,9 +8,11 @@ import typing
 from enum import Enum
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 
 from firmware_py.assemble.earlier_runs import resume
@@ -44,6 +46,8 @@ def bits(value):
         return type(value), tuple(bits(getattr(value, name)) for name in value.__struct_fields__)
     if hasattr(value, "_fields"):
         return type(value), tuple(map(bits, value))
+    if isinstance(value, np.ndarray):
+        return value.shape, value.tobytes()
     if isinstance(value, ParameterSet):
         return bits(value.values())
     if isinstance(value, Plan):
@@ -72,6 +76,11 @@ SIMPLE = {
 }
 
 
+def _any_like(default, hint):
+    """Any value of the annotation of a field; an array of floats of the shape of its default."""
+    return arrays(float, default.shape, elements=FLOATS) if isinstance(default, np.ndarray) else any_of(hint)
+
+
 def any_of(hint):
     """Any value of an annotation, or often the default of a field: a state has five hundred of them."""
     if hint in SIMPLE:
@@ -88,7 +97,9 @@ def any_of(hint):
     hints = typing.get_type_hints(hint)
     if hasattr(hint, "_fields"):
         defaults = hint._field_defaults
-        return st.builds(hint, **{name: st.just(defaults[name]) | any_of(hints[name]) for name in hint._fields})
+        return st.builds(
+            hint, **{name: st.just(defaults[name]) | _any_like(defaults[name], hints[name]) for name in hint._fields}
+        )
     fields = {}
     for field in msgspec.structs.fields(hint):
         fields[field.name] = any_of(hints[field.name])

@@ -39,9 +39,7 @@ SEAS = {
 MOVES = "MOVES = NoiseLevels(0.3, 0.2, 0.05, 0.3, 0.4, 0.4)"
 SPREAD = "SPREAD = NoiseLevels(2.5, 1.0, 0.6, 0.5, 0.7, 1.0)"
 MEMORY = "SHORTEST_MEMORY_S, LONGEST_MEMORY_S, MEMORY_SHARE = 100.0, 1800.0, 0.5"
-FULL = "matrix[i, j] = matrix[j, i] = information[entry]"
 VARIANTS = {
-    "diagonal information": (FULL, f"{FULL} if i == j else 0.0"),
     "moves all 0.1": (MOVES, "MOVES = NoiseLevels(0.1, 0.1, 0.1, 0.1, 0.1, 0.1)"),
     "moves all 0.2": (MOVES, "MOVES = NoiseLevels(0.2, 0.2, 0.2, 0.2, 0.2, 0.2)"),
     "moves all 0.4": (MOVES, "MOVES = NoiseLevels(0.4, 0.4, 0.4, 0.4, 0.4, 0.4)"),
@@ -147,13 +145,3 @@ def test_without_a_rule_for_unexplained_turns_the_error_lasts():
     )
     print(f"20 s after an unexplained turn: {ours:.1f} deg, without the rule {theirs:.1f} deg")
     assert theirs > 10.0 * ours
-
-
-@pytest.mark.proof
-def test_the_full_information_learns_large_disturbances_sooner_than_its_diagonal():
-    sea, rms_deg = Sea(6.0), []
-    for kernel in (learned_rows, kernel_of(*VARIANTS["diagonal information"])):
-        errors = [errors_deg(kernel, sea, recorded(sea, seed, 900.0))[600:] for seed in range(1, 11)]
-        rms_deg.append(float(np.mean(np.sqrt(np.mean(np.square(errors), axis=1)))))
-    print(f"D 6, 5 to 15 min: {rms_deg[0]:.2f} deg, with diagonal information {rms_deg[1]:.2f} deg")
-    assert rms_deg[1] > 1.05 * rms_deg[0]

@@ -15,6 +15,7 @@ from firmware_py.estimate.heading_filter import (
     LEVELS,
     LONGEST_MOVE,
     LOWEST,
+    MOVES,
     PRIOR,
     SPREAD,
     UNKNOWN_RUDDER_WALK,
@@ -62,6 +63,7 @@ SHORTFALLS = {
     "D 6, bias 2 deg, 900 s, rudder": 0.07,
     "sea, bias memory 100 s, rudder": 0.06,
     "swell, bias memory 100 s, rudder": 0.07,
+    "weak, bias memory 100 s, rudder": 0.07,
     "storm, bias memory 100 s, rudder": 0.19,
     "storm, bias memory 900 s, rudder": 0.09,
 }
@@ -214,7 +216,7 @@ def test_a_long_silence_starts_it_again():
     f = sampled(begin(0.0, 1.0), STEADY)
     assert sampled(f, [(f.t_s + 599.0, 1.0, 0.0)]).begun_s == 0.0
     again = sampled(f, [(f.t_s + 601.0, -2.0, 0.0)])
-    assert again == begin(f.t_s + 601.0, -2.0)
+    assert repr(again) == repr(begin(f.t_s + 601.0, -2.0))
 
 
 def test_the_first_heading_starts_it():
@@ -222,12 +224,12 @@ def test_the_first_heading_starts_it():
     assert not heading_filter.has_started(f)
     started = sampled(f, [(12.0, 2.0, math.nan)])
     assert heading_filter.has_started(started)
-    assert started == begin(12.0, 2.0)
+    assert repr(started) == repr(begin(12.0, 2.0))
 
 
 def test_late_headings_count_for_a_second_only_and_do_not_move_the_time():
     f = sampled(begin(0.0, 1.0), STEADY)
-    assert sampled(f, [(f.t_s - 1.1, 2.0, 0.0)]) == f
+    assert sampled(f, [(f.t_s - 1.1, 2.0, 0.0)]) is f
     late = sampled(f, [(f.t_s - 0.9, f.motion.heading_rad + 0.01, 0.0)])
     assert late.t_s == f.t_s
     assert late.motion.p00 < f.motion.p00
@@ -236,7 +238,7 @@ def test_late_headings_count_for_a_second_only_and_do_not_move_the_time():
 @pytest.mark.parametrize("sample", [(math.nan, 1.0), (math.inf, 1.0), (300.0, math.nan), (300.0, -math.inf)])
 def test_what_is_not_finite_changes_nothing(sample):
     f = sampled(begin(0.0, 1.0), STEADY)
-    assert sampled(f, [(*sample, 0.0)]) == f
+    assert sampled(f, [(*sample, 0.0)]) is f
 
 
 HOSTILE = st.one_of(
@@ -297,36 +299,28 @@ def test_the_memory_grows_from_minutes_to_half_an_hour(age_s, memory_s):
     assert heading_filter.memory_s(age_s) == memory_s
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_the_equations_are_solved(seed):
-    numbers = np.random.default_rng(seed)
-    root, right = numbers.standard_normal((LEVELS, LEVELS + 2)), numbers.standard_normal(LEVELS)
-    matrix = root @ root.T
-    assert heading_filter.solved(matrix.copy(), right.copy()) == pytest.approx(np.linalg.solve(matrix, right), rel=1e-6)
-
-
-def upper(matrix) -> tuple[float, ...]:
-    return tuple(float(matrix[i, j]) for i in range(LEVELS) for j in range(i, LEVELS))
+def sums_of(scores) -> np.ndarray:
+    """Return the sums of log-likelihoods of a window in which the levels have these scores."""
+    return np.column_stack([np.multiply(scores, MOVES), -np.multiply(scores, MOVES)]).ravel()
 
 
 def test_a_window_moves_the_levels_by_the_scoring_step():
     numbers = np.random.default_rng(1)
-    root = numbers.standard_normal((LEVELS, LEVELS + 3))
-    information, score = 20.0 * root @ root.T, numbers.standard_normal(LEVELS)
+    information, score = numbers.uniform(0.0, 60.0, LEVELS), numbers.standard_normal(LEVELS)
     levels = NoiseLevels(*(level + 0.2 for level in PRIOR))
-    weight = np.diag(1.0 / np.array(SPREAD) ** 2)
-    share = 1.0 - math.exp(-15.0 / heading_filter.memory_s(2000.0))
-    step = np.linalg.solve(information + weight, score + share * weight @ (np.array(PRIOR) - np.array(levels)))
+    weight, share = 1.0 / np.array(SPREAD) ** 2, 1.0 - math.exp(-15.0 / heading_filter.memory_s(2000.0))
+    step = (score + share * weight * (np.array(PRIOR) - np.array(levels))) / (information + weight)
     assert np.abs(step).max() < LONGEST_MOVE
-    found = heading_filter.stepped(levels, upper(information), tuple(score), 15.0, 2000.0)
+    found = heading_filter.stepped(levels, information, sums_of(score), 15.0, 2000.0)
     assert list(found) == pytest.approx(list(np.array(levels) + step), rel=1e-9)
+    assert {type(level) for level in found} == {float}
 
 
 def test_a_window_moves_no_level_by_more_than_the_limit_or_beyond_its_bounds():
-    zero = upper(np.zeros((LEVELS, LEVELS)))
-    found = heading_filter.stepped(PRIOR, zero, (100.0, 0.0, 0.0, 0.0, 0.0, -100.0), 15.0, 100.0)
+    zero = np.zeros(LEVELS)
+    found = heading_filter.stepped(PRIOR, zero, sums_of((100.0, 0.0, 0.0, 0.0, 0.0, -100.0)), 15.0, 100.0)
     moves = [after - before for after, before in zip(found, PRIOR, strict=True)]
     assert max(map(abs, moves)) == pytest.approx(LONGEST_MOVE)
     assert moves[5] < 0.0 < moves[0]
     high = NoiseLevels(*HIGHEST)
-    assert heading_filter.stepped(high, zero, (9.0,) * LEVELS, 15.0, 100.0) == high
+    assert heading_filter.stepped(high, zero, sums_of((9.0,) * LEVELS), 15.0, 100.0) == high
