@@ -1,6 +1,6 @@
 """Water filter: speed through the water, sideways speed and current from positions, with the heading as given.
 
-Numeric core: functions over floats and tuples of floats, without I/O and without None; NaN stands for a value that is
+Numeric core: functions over floats and small arrays, without I/O and without None; NaN stands for a value that is
 absent. Python runs this text on the boat, and the laboratory compiles it as it stands (hil/lab/numeric_core.py).
 
 State vector, 7: speed deviation s, mean speed U and sideways speed V (to starboard) through the water, current c_N and
