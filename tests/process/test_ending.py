@@ -106,7 +106,9 @@ def restarted(boat):
         pass
 
 
-@pytest.mark.parametrize("kind", ["closed", "full", "broken", "stuck"])
+@pytest.mark.parametrize(
+    "kind", ["closed", "stuck", *(pytest.param(kind, marks=pytest.mark.proof) for kind in ("full", "broken"))]
+)
 def test_whoever_reads_what_she_says_or_does_not_she_sails_restarts_and_ends_well(make_boat, launch, request, kind):
     if kind in ("broken", "stuck"):
         launch(request.getfixturevalue(kind))
@@ -236,7 +238,7 @@ def test_told_to_end_before_she_has_begun_she_makes_the_rudder_safe_first(make_b
     assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
 
 
-@pytest.mark.parametrize("name", ["TERM", "INT"])
+@pytest.mark.parametrize("name", ["TERM", pytest.param("INT", marks=pytest.mark.proof)])
 def test_told_to_end_while_she_is_still_being_loaded_she_makes_the_rudder_safe_first(make_boat, launch, name):
     launch(python=["-c", EARLY.format(name=name)])
     boat = make_boat()

@@ -359,13 +359,29 @@ def test_every_row_has_a_drill():
     assert sorted(drill.fault for drill in DRILLS) == sorted(set(TABLE) - others)
 
 
-# A helm that oscillates and a servo the wrong way round: in the suite by tests/voyages.
-LONG = {Fault.HELM_OSCILLATES, Fault.STEERING_REVERSED}
+# Left to the proof: each of these is detected and reported in the suite by another test, of the units, the voyages or a
+# process (test_cables, test_ashore, test_drill, clients/test_key_command).
+PROOFS = {
+    Fault.COMPASS_SILENT,
+    Fault.RUDDER_SILENT,
+    Fault.SUPPLY_LOW,
+    Fault.BATTERY_LOW,
+    Fault.BATTERY_CRITICAL,
+    Fault.LOOP_LATE,
+    Fault.STORAGE_FAILING,
+    Fault.STATION_SILENT,
+    Fault.FENCE_BREACHED,
+    Fault.STEERING_LOST,
+    Fault.STEERING_REVERSED,
+    Fault.KEY_LOST,
+    Fault.HELM_OSCILLATES,
+    Fault.CURRENT_STRONG,
+}
 
 
 @pytest.mark.parametrize(
     "drill",
-    [pytest.param(drill, marks=pytest.mark.proof) if drill.fault in LONG else drill for drill in DRILLS],
+    [pytest.param(drill, marks=pytest.mark.proof) if drill.fault in PROOFS else drill for drill in DRILLS],
     ids=lambda drill: drill.fault.name,
 )
 def test_a_fault_is_told_acted_on_and_over_again(fault_bench, drill, tmp_path):
@@ -385,6 +401,7 @@ def test_a_fault_is_told_acted_on_and_over_again(fault_bench, drill, tmp_path):
     drill.after(bench)
 
 
+@pytest.mark.proof
 def test_a_clock_stepped_by_a_year_moves_nothing_in_the_loop(fault_bench):
     trails = []
     for name, step_s in (("plain", 0.0), ("stepped", 365.0 * 86400.0)):
@@ -397,19 +414,6 @@ def test_a_clock_stepped_by_a_year_moves_nothing_in_the_loop(fault_bench):
         trails.append(bench.trail)
     assert trails[0] == trails[1]
     assert bench.widest_deg(14.0) > 10.0
-
-
-def test_an_absurd_heading_setpoint_is_refused_and_moves_nothing(fault_bench):
-    bench = fault_bench()
-    bench.under_way(GUIDED)
-    bench.run(8.0)
-    for heading_deg in (-3e38, 3e38, math.inf, math.nan):
-        t0_s = bench.now_s
-        bench.station._open.clear()
-        bench.order(CHANGE_HEADING, 1.0, heading_deg)
-        bench.run(8.0)
-        assert bench.station._open[0].refusal == "DENIED", heading_deg
-        undisturbed(bench, t0_s)
 
 
 @pytest.mark.parametrize("compass", ["nmea", pytest.param("pni", marks=pytest.mark.proof)])
@@ -450,6 +454,7 @@ def test_a_run_full_of_faults_is_recomputed_bit_for_bit(fault_bench):
     assert all(main(["replay", str(log)]) == 0 for log in logs)
 
 
+@pytest.mark.proof
 def test_the_servo_rests_while_the_command_stands_and_engages_before_it_moves(fault_bench):
     bench = fault_bench(scenario="calm", settings={"RUD_REST_S": 3})
     bench.under_way(GUIDED)
@@ -490,7 +495,7 @@ def test_a_jam_at_20_degrees_is_seen_on_the_other_servo_too(fault_bench, compass
 @pytest.mark.parametrize(
     ("rate_hz", "seconds", "found_s"),
     [
-        (0.5, 150.0, 6.5),
+        (0.5, 60.0, 6.5),
         pytest.param(1.0, 3600.0, 4.0, marks=[pytest.mark.proof, pytest.mark.timeout(900)]),
     ],
 )

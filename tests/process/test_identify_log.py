@@ -34,6 +34,7 @@ def test_a_zigzag_of_goals_tells_the_ship(tmp_path, figures):
     assert found["alpha"]["verdict"] == "not identifiable"
 
 
+@pytest.mark.proof
 @pytest.mark.timeout(300)
 def test_a_log_without_motion_is_told_as_such(tmp_path):
     run(

@@ -18,6 +18,7 @@ from support.plans import FENCED, item, mission_file, save_plans
 AUTO = 10
 
 
+@pytest.mark.proof
 def test_killed_in_the_middle_it_goes_on_with_the_mission(make_boat):
     boat = make_boat(
         scenario=scenarios.Scenario("stream", "", 1.0, 6.0, 3.0, 2.0, 0.0, 0.2, 120.0),

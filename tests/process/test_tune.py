@@ -21,7 +21,8 @@ from support.harness import rambler_hil
 SECONDS = 200
 
 
-@pytest.mark.parametrize(("scenario", "tau_s"), [("tank", 1.5), pytest.param("swell", 8.0, marks=pytest.mark.proof)])
+@pytest.mark.proof
+@pytest.mark.parametrize(("scenario", "tau_s"), [("tank", 1.5), ("swell", 8.0)])
 def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenario, tau_s):
     """Not bit for bit: the compass draws other noise, and its samples come at a phase of their own."""
     sea = scenarios.named(scenario)

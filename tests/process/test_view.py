@@ -185,6 +185,7 @@ def test_browsers_come_back_to_a_service_that_was_started_anew_and_to_one_that_h
     server.server_close()
 
 
+@pytest.mark.proof
 def test_readers_change_nothing_of_a_run(tmp_path):
     words = ["run", "sea", "--seconds", "20", "--goal", "0:30", "--set", "BOOT_RESUME=2"]
     assert rambler_hil(*words, "--speed", "max", "--out", tmp_path / "alone")[0] == 0
@@ -242,6 +243,7 @@ def read_all(port):
     return connection.getresponse().read()
 
 
+@pytest.mark.proof
 def test_the_page_of_an_estimate(tmp_path, browser):
     path, figures = tmp_path / "page.html", tmp_path / "estimate.json"
     words = ["estimate", REPLAY / "second_compass.BIN", "--page", path, "--json", figures]
