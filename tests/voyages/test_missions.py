@@ -61,6 +61,7 @@ def sailed(boat, most_s):
     return reached, doing
 
 
+@pytest.mark.proof
 def test_every_kind_of_item_is_sailed():
     boat = rig.Sailing(rig.scenario(1.2, 0.2), 1, mission(*every_kind()), LOIT_RADIUS=60.0)
     boat.under_way(Mode.AUTO)
@@ -156,7 +157,7 @@ def test_from_any_checkpoint_the_same_rudder():
     boat.outputs = []
     boat.run(1.0)
     boat.under_way(Mode.AUTO, SetParameter("WP_RADIUS", 15.0))
-    boat.run(400.0)
+    boat.run(200.0)
     state = State.at_start(ParameterSet().replaced("LOIT_RADIUS", 40.0), mission(*every_kind()[2:8]))
     for inputs in boat.inputs:
         if inputs.tick.index % 250 == 0:

@@ -7,7 +7,8 @@ from firmware_py.common.mode_table import Mode
 from support import rig
 
 
-@pytest.mark.parametrize(("speed_m_s", "current_m_s"), [(0.4, 0.28), pytest.param(0.9, 0.45, marks=pytest.mark.proof)])
+@pytest.mark.proof
+@pytest.mark.parametrize(("speed_m_s", "current_m_s"), [(0.4, 0.28), (0.9, 0.45)])
 def test_both_hulls_keep_the_same_station(speed_m_s, current_m_s):
     figures = []
     for hull in ({}, {"hull": rig.FineHull}):

@@ -121,8 +121,8 @@ def test_recognised_at_any_speed_and_from_any_side(figures, speed_m_s, toward_de
 def test_home_is_returned_to_and_kept():
     boat = rig.Sailing(rig.scenario(0.6, 0.2), LOIT_RADIUS=60.0)
     boat.under_way(Mode.GUIDED)
-    boat.run(250.0)
-    assert math.hypot(*boat.where) > 100.0
+    boat.run(160.0)
+    assert math.hypot(*boat.where) > 80.0
     boat.under_way(Mode.RTL)
     boat.run(2000.0, until=lambda boat: boat.snapshot.navigation.arrived)
     first = len(boat.track)
