@@ -57,6 +57,7 @@ def test_pymavlink_reads_and_sets_whole_numbers_of_either_type(connect, generic_
     assert station.set_parameter("LOOP_RATE_HZ", 13, INT32) == 13.0
 
 
+@pytest.mark.proof
 def test_mavproxy_reads_and_sets_whole_numbers(tmp_path, start, generic_boat):
     script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     if script is None:
