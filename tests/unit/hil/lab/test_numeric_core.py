@@ -73,7 +73,17 @@ def bits(value):
     return "nan" if value != value else struct.pack("<d", value)  # noqa: PLR0124
 
 
-@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: f"{function.__module__}.{function.__name__}")
+def is_helper(function) -> bool:
+    """Return whether another function of its module uses it, and so is compiled with it."""
+    others = (other for other in FUNCTIONS if other is not function and other.__module__ == function.__module__)
+    return any(function.__name__ in other.__code__.co_names for other in others)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [pytest.param(one, marks=[pytest.mark.proof] if is_helper(one) else []) for one in FUNCTIONS],
+    ids=[f"{one.__module__}.{one.__name__}" for one in FUNCTIONS],
+)
 def test_plain_and_compiled_agree_to_the_last_bit(function):
     hints = get_type_hints(function)
     kinds = [hints[name] for name in inspect.signature(function).parameters]
