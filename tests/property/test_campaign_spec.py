@@ -3,7 +3,7 @@
 import functools
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.errors import UsageError
@@ -36,7 +36,6 @@ def judged(reader):
         return None, str(error).splitlines()
 
 
-@settings(max_examples=60)
 @given(st.dictionaries(st.sampled_from(KEYS) | TEXTS, VALUES | TABLES, max_size=5))
 def test_any_content_is_drawn_from_or_refused_by_name(more):
     spec, problems = judged(lambda: read({**COMPILED, "runs": 3, **more}))
@@ -54,7 +53,6 @@ def example():
     return (ROOT / "params" / "campaign_twin.toml").read_bytes()
 
 
-@settings(max_examples=40)
 @given(st.data())
 def test_a_file_with_other_bytes_in_it_is_read_or_refused_in_lines(tmp_path_factory, data):
     content = bytearray(example())

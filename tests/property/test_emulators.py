@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.devices.dynamixel import DynamixelEmulator
@@ -55,7 +55,6 @@ STREAM = st.lists(st.tuples(PIECES, st.floats(0.0, 0.05)), max_size=30)
 
 @pytest.mark.parametrize("name", DEVICES)
 @given(stream=STREAM)
-@settings(max_examples=150, deadline=None)
 def test_arbitrary_bytes_never_wedge_an_emulator(name, stream):
     make, request, reply_start = DEVICES[name]
     emulator = make()
@@ -73,7 +72,6 @@ def test_arbitrary_bytes_never_wedge_an_emulator(name, stream):
 
 @pytest.mark.parametrize("name", DEVICES)
 @given(stream=STREAM)
-@settings(max_examples=60, deadline=None)
 def test_the_wanted_instant_always_moves_on(name, stream):
     """A board that asks whenever it is told to never loops for ever at one instant."""
     emulator = DEVICES[name][0]()
@@ -91,7 +89,6 @@ def test_the_wanted_instant_always_moves_on(name, stream):
 
 @pytest.mark.parametrize("name", DEVICES)
 @given(stream=STREAM, seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
 def test_the_same_bytes_and_seed_give_the_same_bytes(name, stream, seed):
     outs = []
     for _ in range(2):
@@ -113,7 +110,6 @@ def test_the_same_bytes_and_seed_give_the_same_bytes(name, stream, seed):
     baud=st.sampled_from([4800, 9600, 38_400]),
     gaps=st.lists(st.floats(0.0, 3.0), min_size=1, max_size=30),
 )
-@settings(max_examples=60, deadline=None)
 def test_a_talker_asked_at_any_times_gives_whole_sentences(rate_hz, phase_s, baud, gaps):
     compass = NmeaCompassEmulator(
         StillBoat(), np.random.default_rng(1), rate_hz=rate_hz, phase_s=phase_s, baud=baud, rot=True

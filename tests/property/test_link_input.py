@@ -257,7 +257,7 @@ COMMANDS = st.builds(
 
 
 @pytest.mark.parametrize("number", HANDLED)
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(data=st.data())
 def test_no_handled_message_raises_or_gets_something_unsound_through(number, data):
     rig = Rig()
@@ -269,7 +269,6 @@ def test_no_handled_message_raises_or_gets_something_unsound_through(number, dat
     assert any(reply.get_type() == "PING" and reply.seq == 7 for reply in rig.replies())
 
 
-@settings(max_examples=80, deadline=None)
 @given(data=st.data())
 def test_no_message_of_the_dialect_raises(data):
     rig = Rig()
@@ -278,7 +277,6 @@ def test_no_message_of_the_dialect_raises(data):
     check_sound(rig)
 
 
-@settings(max_examples=80, deadline=None)
 @given(st.lists(COMMANDS, min_size=1, max_size=5))
 def test_every_command_is_acknowledged_whatever_its_parameters(commands):
     rig = Rig()
@@ -294,7 +292,6 @@ EXTREMES = st.sampled_from([math.nan, math.inf, -math.inf, 3.4028234663852886e38
 ANY_COMMAND = st.sampled_from(COMMAND_NUMBERS)
 
 
-@settings(max_examples=120, deadline=None)
 @given(ANY_COMMAND, st.lists(EXTREMES | FLOATS, min_size=7, max_size=7), PLACES, PLACES, st.booleans(), st.booleans())
 def test_a_refused_command_has_changed_nothing(number, values, x, y, in_whole_numbers, armed):
     rig = Rig()
@@ -316,7 +313,6 @@ def test_a_refused_command_has_changed_nothing(number, values, x, y, in_whole_nu
         assert rig.request_handler.values == before
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(st.binary(max_size=400) | st.binary(max_size=30).map(lambda tail: b"\xfd" + tail), max_size=10))
 def test_no_bytes_raise(pieces):
     rig = Rig()

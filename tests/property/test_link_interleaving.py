@@ -206,7 +206,7 @@ def slow_disk(monkeypatch):
     monkeypatch.setattr(endpoint_module, "Worker", SlowWorker)
 
 
-INTERLEAVED = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+INTERLEAVED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.mark.usefixtures("slow_disk")

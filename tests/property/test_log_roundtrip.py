@@ -5,7 +5,7 @@ import itertools
 import tempfile
 from pathlib import Path
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
@@ -123,7 +123,6 @@ def log_of(run, checkpoint="state"):
         return (Path(directory) / "00000001.BIN").read_bytes()
 
 
-@settings(deadline=None, max_examples=80)
 @given(run=st.lists(st.tuples(inputs_of_a_tick, commands), min_size=1, max_size=3), checkpoint=st.text())
 def test_every_tick_is_read_back_bit_for_bit(run, checkpoint):
     reader = LogReader(log_of(run, checkpoint))
@@ -143,7 +142,6 @@ def plain_log():
     return log_of([(inputs, RudderCommand(0.01 * n, True)) for n, inputs in enumerate(tick)])
 
 
-@settings(deadline=None, max_examples=80)
 @given(
     damage=st.lists(
         st.tuples(st.integers(0, 2**16), st.integers(0, 300), st.binary(max_size=100)), min_size=1, max_size=5
@@ -169,7 +167,6 @@ def test_damage_loses_ticks_but_never_invents_one(damage):
         assert tick.gap == (tick.inputs.tick.index != before.inputs.tick.index + 1)
 
 
-@settings(deadline=None)
 @given(st.lists(st.binary(max_size=40) | st.just(b"\xa3\x95\x80") | st.just(b"\xa3\x95"), max_size=40).map(b"".join))
 def test_any_bytes_are_parsed_to_the_end(data):
     parser = Parser(data)

@@ -6,7 +6,7 @@ import json
 
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
@@ -89,7 +89,6 @@ def read(kind, data):
     return record, notes
 
 
-@settings(deadline=None, max_examples=150)
 @given(kind=kinds, data=st.data())
 def test_any_fields_can_be_dropped(kind, data):
     text = WRITTEN[kind]()
@@ -102,7 +101,6 @@ def test_any_fields_can_be_dropped(kind, data):
         assert state is not None or "version" in dropped
 
 
-@settings(deadline=None, max_examples=150)
 @given(kind=kinds, data=st.data())
 def test_any_fields_can_be_added(kind, data):
     text = WRITTEN[kind]()
@@ -112,7 +110,6 @@ def test_any_fields_can_be_added(kind, data):
     assert record is not None or kind != "checkpoint"
 
 
-@settings(deadline=None, max_examples=100)
 @given(data=st.data())
 def test_a_boat_that_wakes_with_less_goes_on(data):
     text = WRITTEN["resume"]()
@@ -123,7 +120,6 @@ def test_a_boat_that_wakes_with_less_goes_on(data):
         state, _ = step(state, inputs)
 
 
-@settings(deadline=None, max_examples=200)
 @given(kind=kinds, data=st.data())
 def test_any_values_can_be_anything(kind, data):
     text = WRITTEN[kind]()
@@ -132,7 +128,6 @@ def test_any_values_can_be_anything(kind, data):
     read(kind, text)
 
 
-@settings(deadline=None, max_examples=60)
 @given(kind=kinds, data=junk)
 def test_any_other_text_is_refused(kind, data):
     with pytest.raises(ValueError):

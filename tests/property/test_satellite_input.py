@@ -1,6 +1,6 @@
 """Whatever comes by satellite or from the modem: what is forged, cut, repeated or noise changes nothing."""
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.link.satellite.keyed import KEPT_NUMBERS, Window
@@ -60,7 +60,6 @@ def test_no_number_counts_twice_however_many_come(numbers):
     assert len(counted) == len(set(counted))
 
 
-@settings(max_examples=60)
 @given(st.lists(st.tuples(st.binary(max_size=40), st.sampled_from([0.1, 5.0, 60.0])), max_size=30))
 def test_a_modem_that_says_anything_is_survived(said):
     modem, now_s = Modem(), 0.0

@@ -6,7 +6,7 @@ import struct
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from firmware_py.common.records import DeviceHealth
@@ -86,7 +86,6 @@ def test_the_recorded_packet_is_whole():
 
 @pytest.mark.parametrize("make", DRIVERS.values(), ids=DRIVERS)
 @given(stream=STREAMS | st.binary(max_size=5000), size=st.integers(1, 4096))
-@settings(deadline=None, max_examples=60)
 def test_drivers_take_anything_and_give_only_sound_samples(make, stream, size):
     driver = make(a_line(stream, size))
     for turn in range(1 + len(stream) // size):
@@ -105,7 +104,6 @@ def test_drivers_take_anything_and_give_only_sound_samples(make, stream, size):
 
 @pytest.mark.parametrize("make", FRAMERS)
 @given(stream=STREAMS, cuts=st.lists(st.integers(0, 400), max_size=8))
-@settings(deadline=None)
 def test_how_a_stream_is_cut_does_not_matter(make, stream, cuts):
     whole = make()
     expected = whole.feed(stream) + whole.finish()
@@ -127,7 +125,6 @@ def test_how_a_stream_is_cut_does_not_matter(make, stream, cuts):
         ]
     )
 )
-@settings(deadline=None, max_examples=50)
 def test_memory_is_bounded(make, noise):
     framer = make()
     for _ in range(4):
@@ -141,7 +138,6 @@ def test_memory_is_bounded(make, noise):
     ids=["nmea", "pni", "ubx"],
 )
 @given(noise=STREAMS)
-@settings(deadline=None, derandomize=True)  # one noise in 65536 has a good checksum by chance
 def test_a_good_message_after_any_noise_is_found_at_once(make, message, noise):
     framer = make()
     framer.feed(noise)
@@ -179,7 +175,6 @@ def test_what_xor_cannot_catch():
 
 
 @given(st.integers(0, 3599).map(lambda tenths: tenths / 10), st.integers(0), st.integers(0))
-@settings(deadline=None)
 def test_no_two_bit_flips_make_another_heading_pni(heading_deg, first, second):
     frame = bytearray(pni_protocol.encode(5, bytes([1, 5]) + struct.pack(">f", heading_deg)))
     bits = 8 * len(frame)
@@ -191,7 +186,6 @@ def test_no_two_bit_flips_make_another_heading_pni(heading_deg, first, second):
 
 
 @given(st.floats(-180.0, 180.0, width=32), st.integers(0), st.integers(1, 255))
-@settings(deadline=None)
 def test_no_damage_to_one_byte_makes_another_heading_mti(yaw_deg, place, change):
     """A sum finds any damage to one byte, and of a cut or of two bytes 255 in 256; the rest is left to the ranges."""
     packet = bytearray(mti_protocol.encode(0x36, STATUS_GOOD + struct.pack(">HB3f", 0x2034, 12, 178.0, 1.0, yaw_deg)))
@@ -222,7 +216,6 @@ def test_a_number_is_what_float_says_or_refused(text):
 
 @pytest.mark.parametrize("kind", sorted(CAPTURE_FORMATS))
 @given(data=STREAMS)
-@settings(deadline=None)
 def test_any_capture_can_be_decoded(kind, data):
     for result in decode(kind, data):
         assert result["line"] >= 1

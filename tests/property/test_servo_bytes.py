@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.actuator import dynamixel_frames, volz_frames
@@ -38,7 +38,6 @@ def codec(request):
 
 
 @given(st.lists(NOISE | st.binary(max_size=5000), max_size=6))
-@settings(deadline=None)
 def test_parsers_take_anything_and_keep_little(codec, chunks):
     make, _, bound = codec
     parser = make()
@@ -48,7 +47,6 @@ def test_parsers_take_anything_and_keep_little(codec, chunks):
 
 
 @given(NOISE)
-@settings(deadline=None, derandomize=True)  # one noise in 65536 has a good checksum by chance
 def test_a_good_frame_after_any_noise_is_found_at_once(codec, noise):
     make, frame, _ = codec
     parser = make()
@@ -96,7 +94,6 @@ DRIVERS = {
 
 @pytest.mark.parametrize("driver", DRIVERS)
 @given(STEPS, st.booleans())
-@settings(deadline=None, max_examples=60)
 def test_drivers_survive_anything(driver, steps, takes):
     line = FakeLine()
     line.full = not takes

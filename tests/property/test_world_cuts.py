@@ -28,7 +28,7 @@ def sailed(cuts: list[float], orders: list[tuple[float, float]]) -> tuple[list[o
     return world.truth, seen
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(moments, commands)
 def test_cuts_change_nothing_not_even_the_last_bit(cuts, orders):
     assert sailed(cuts, orders) == sailed([], orders)

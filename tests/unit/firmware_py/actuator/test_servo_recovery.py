@@ -54,7 +54,7 @@ class Trouble:
 STORY = st.lists(st.tuples(st.sampled_from(TROUBLES), st.integers(1, 9)), max_size=12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(STORY)
 def test_dynamixel_recovers(fakes, story):
     trouble = Trouble(fakes, fakes.dynamixel(), lambda line: dynamixel_rudder(line, DynamixelOptions()))
@@ -69,7 +69,7 @@ def test_dynamixel_recovers(fakes, story):
     assert len(trouble.servo.eeprom_writes) <= 3  # return delay, its answer lost at most twice
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(STORY)
 def test_volz_recovers(fakes, story):
     trouble = Trouble(fakes, fakes.volz(), lambda line: volz_rudder(line, VolzOptions()))

@@ -109,7 +109,7 @@ def any_of(hint):
 
 
 @pytest.mark.parametrize("name", State.__struct_fields__)
-@settings(deadline=None, max_examples=10, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_state_comes_back_to_the_bit(name, data):
     state = replace(State(), **{name: data.draw(any_of(FIELDS[name]))})
@@ -299,7 +299,7 @@ def stored(change=lambda _: None):
     return msgspec.msgpack.encode(plain)
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=list(HealthCheck))
+@settings(suppress_health_check=list(HealthCheck))
 @given(any_of(Resume))
 def test_any_resume_record_comes_back_to_the_bit_or_is_refused(record):
     try:

@@ -1,7 +1,7 @@
 from itertools import accumulate
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.records import Event, Severity
@@ -65,7 +65,6 @@ def judged(row, stands_at):
 STEPS = st.lists(st.tuples(st.sampled_from([0.1, 0.3, 1.0, 7.0]), st.frozensets(st.sampled_from(list(Fault)))))
 
 
-@settings(max_examples=60)
 @given(STEPS)
 def test_each_fault_is_set_by_its_own_times_and_told_when_it_comes_and_goes(steps):
     times_s = list(accumulate(step_s for step_s, _ in steps))

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -146,7 +146,6 @@ LINES = st.none() | st.tuples(st.floats(-300.0, 300.0), HEADINGS, st.floats(-0.5
 WORLDS = st.tuples(st.lists(vessels(), min_size=1, max_size=3), MOTIONS, st.none() | SIDES)
 
 
-@settings(max_examples=150)
 @given(WORLDS, HEADINGS, LINES)
 def test_she_takes_the_nearest_heading_that_is_ample_or_the_best_there_is(world, wanted_rad, line):
     plane, more, way_rad, along_rad = Plane(*world), {}, wanted_rad, wanted_rad
@@ -186,7 +185,6 @@ WIDE_WORLDS = st.tuples(st.lists(vessels(900.0), min_size=1, max_size=2), MOTION
 ASIDE = st.floats(-SETTINGS.sector_rad, SETTINGS.sector_rad) | st.floats(-2.5, 2.5)
 
 
-@settings(max_examples=150)
 @given(WORLDS | WIDE_WORLDS, HEADINGS, st.floats(-0.8, 0.8), ASIDE, st.floats(0.0, 4.0), st.booleans())
 def test_she_who_is_aside_already_stays_so_comes_nearer_her_way_or_goes_it_again(
     world, way_rad, crab_rad, aside_rad, best_part, told_before

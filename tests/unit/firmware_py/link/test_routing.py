@@ -171,7 +171,7 @@ def _frame(number, payload, seed):
     return head + mcrf4xx(head[1:] + bytes((seed,))).to_bytes(2, "little")
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 255), st.integers(0, 255)), max_size=12))
 def test_nothing_comes_back_to_its_sender_and_no_frame_goes_twice(net, voices):
     rig, *_ = net()

@@ -133,7 +133,7 @@ def good_items(draw):
     return int(row.kind), int(row.command), draw(st.sampled_from([0, 3, 5, 6])), tuple(params), x, y, z
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(good_items())
 def test_any_good_item_goes_and_comes_back(station, fields):
     kind, command, frame, params, x, y, z = fields

@@ -3,7 +3,7 @@
 import copy
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -75,7 +75,6 @@ MESSAGES = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=200, deadline=None)
 @given(MESSAGES, st.binary(min_size=32, max_size=32).filter(any), st.integers(0, 255), st.integers(0, 255), st.data())
 def test_the_bytes_are_those_of_pymavlink_both_ways(message, key, link, sequence, data):
     timestamp = data.draw(st.integers(NOW + 1, LATEST))
@@ -274,7 +273,6 @@ def test_without_a_key_nothing_is_signed_or_believed():
     assert boat.both == [True, True]
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     st.binary(min_size=1, max_size=200) | st.binary(max_size=60).map(lambda tail: b"key " + KEY.hex().encode() + tail)
 )

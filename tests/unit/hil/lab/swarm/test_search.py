@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.lab.compiled import compiled
@@ -155,7 +155,6 @@ boxes = st.lists(st.tuples(ends, ends), min_size=1, max_size=4).map(
 )
 
 
-@settings(max_examples=60)
 @given(boxes, st.sampled_from(VARIANTS), st.integers(0, 2**64 - 1))
 def test_every_point_lies_within_the_box_however_odd_it_is(box, variant, seed):
     low, high = np.array(box).T
@@ -168,7 +167,6 @@ def test_every_point_lies_within_the_box_however_odd_it_is(box, variant, seed):
     assert result.best_value == np.min(np.sin(points[:, 0]))
 
 
-@settings(max_examples=60)
 @given(st.sampled_from(VARIANTS), st.integers(0, 1000), st.lists(st.floats(), min_size=1, max_size=5))
 def test_any_answers_do_no_harm(variant, seed, answers):
     """NaN, both infinities, subnormals, plateaus."""
