@@ -80,7 +80,8 @@ def test_a_board_is_read_and_steered_by_whoever_comes(program, tmp_path):
     assert 0.0 < summary["seconds"] < 1e4
 
 
-@pytest.mark.parametrize("servo_baud", [57600, pytest.param(9600, marks=pytest.mark.proof)])
+@pytest.mark.proof
+@pytest.mark.parametrize("servo_baud", [57600, 9600])
 def test_devices_hang_on_adapters_whose_bus_is_half_duplex_and_echoes(servo_baud, program, tmp_path):
     """Every byte takes its time, and both ends hear what they say themselves.
 

@@ -73,6 +73,7 @@ def test_the_compass_s_cable_out_and_in(bench):
     assert steers(bench)
 
 
+@pytest.mark.proof
 def test_the_servo_s_power_cut_and_back(bench):
     bench.servo.power_cycle(bench.world.now_s, off_s=2.0)
     bench.until_written("Rudder servo does not answer")

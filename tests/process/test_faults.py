@@ -480,7 +480,8 @@ def test_the_other_servo_keeps_steering_when_it_is_asked_to_rest(fault_bench):
     assert bench.texts_since(3.0) == []
 
 
-@pytest.mark.parametrize("compass", ["pni", pytest.param("nmea", marks=pytest.mark.proof)])
+@pytest.mark.proof
+@pytest.mark.parametrize("compass", ["pni", "nmea"])
 def test_a_jam_at_20_degrees_is_seen_on_the_other_servo_too(fault_bench, compass):
     bench = fault_bench(servo="volz", compass=compass, goals=TURN)
     bench.under_way(GUIDED)

@@ -69,6 +69,7 @@ def test_killed_she_is_back_under_way_with_mode_goal_and_item(make_service):
     sail_and_disturb(make_service, kill, 2)
 
 
+@pytest.mark.proof
 def test_frozen_she_is_found_and_back_under_way(make_service):
     sail_and_disturb(make_service, freeze, 1)
 
