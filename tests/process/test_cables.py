@@ -73,15 +73,6 @@ def test_the_compass_s_cable_out_and_in(bench):
     assert steers(bench)
 
 
-@pytest.mark.proof
-def test_the_servo_s_power_cut_and_back(bench):
-    bench.servo.power_cycle(bench.world.now_s, off_s=2.0)
-    bench.until_written("Rudder servo does not answer")
-    bench.until_written("Rudder servo answers again")
-    bench.run(1.5)
-    assert steers(bench)
-
-
 @pytest.mark.parametrize("compass", ["mti", pytest.param("pni", marks=pytest.mark.proof)])
 def test_the_compass_s_power_cut_and_back(moor, compass):
     bench = moor(compass, "dynamixel").start()
