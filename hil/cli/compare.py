@@ -17,7 +17,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.bench.machine import circumstances, text_of
 from hil.cli import outputs, progress
 from hil.errors import UsageError
-from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, can_sail, compare, priced
+from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
 from hil.report import figure_file
 from hil.report.figure_file import entry, key_of, merge, origin
 from hil.ship import scenarios
@@ -78,11 +78,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--prices: give numbers from 0.1 to 10")
     known = {"paper": PAPER, "pid": PID, "ours": OURS}
     chosen: list[Controller] = [known[name] for name in arguments.only or known]
-    for name in task.scenarios:
-        if not all(can_sail(one, name) for one in chosen):
-            print(f"rambler-hil: {PID.name} is left out in {name}: its model has no extras", file=sys.stderr)
-    if not any(can_sail(one, name) for one in chosen for name in task.scenarios):
-        raise UsageError("--only pid: its model has no extras; take paper or ours")
     with progress.line(sys.stderr, time.monotonic) as tell:
         controllers = [*chosen, *map(priced, arguments.prices)]
         rows = compare(task, controllers, lambda done, total, last: tell(done, total, done, last))

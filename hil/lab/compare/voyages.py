@@ -9,11 +9,9 @@ from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.lab.compare.score import Score, mean_of, score_of
 from hil.lab.processes import in_process, processes
 from hil.ship import scenarios
-from hil.ship.extras import NONE
 from hil.sim.goals import Goal
 from hil.sim.signals import interruptible
 from hil.sim.truth import Truth
@@ -67,7 +65,7 @@ class Row:
 
 def compare(task: Task, controllers: Sequence[Controller], tell: Callable[[int, int, str], None]) -> list[Row]:
     """Sail everything and return the rows, sea by sea; tell is called with runs done, runs in all and the last one."""
-    pairs = [(name, one) for name in task.scenarios for one in controllers if can_sail(one, name)]
+    pairs = [(name, one) for name in task.scenarios for one in controllers]
     jobs = [(name, one, seed) for name, one in pairs for seed in task.seeds]
     found: dict[tuple[str, str, int], Score] = {}
     tell(0, len(jobs), "")
@@ -76,11 +74,6 @@ def compare(task: Task, controllers: Sequence[Controller], tell: Callable[[int, 
         name, controller, seed = job
         tell(number + 1, len(jobs), f"{controller}, {name}, seed {seed}")
     return [Row(name, one, tuple(found[name, one.name, seed] for seed in task.seeds)) for name, one in pairs]
-
-
-def can_sail(controller: Controller, name: str) -> bool:
-    """Return whether a controller can sail all of a sea: the compiled loop of the PID has no extras."""
-    return controller.sailed_by == AUTOPILOT or scenarios.sea_of(name).extras == NONE
 
 
 def _sailed(task: Task, jobs: Sequence[tuple[str, Controller, int]]) -> Iterator[tuple[tuple[str, str, int], Score]]:
@@ -107,7 +100,7 @@ def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) 
     if controller.sailed_by == TWIN:
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
 
-        return pid.sail(scenario, seed, task.goals, task.seconds, OCEAN_RAMBLER, pid.TUNED)
+        return pid.sail(scenario, seed, task.goals, task.seconds, pid.TUNED)
     from hil.sim.logbook import RunOptions  # noqa: PLC0415 - not needed by the compiled loop
     from hil.sim.runner import run  # noqa: PLC0415 - likewise
 
