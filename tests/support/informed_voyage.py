@@ -1,0 +1,88 @@
+"""The compiled loop with variants for comparison: a filter that is given all noise levels, or gains without a model."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_py.common.angles import radians
+from hil.lab.compiled import compiled_here
+from hil.lab.numeric_core import LawSettings, heading_filter, heading_model, heading_tick
+from hil.lab.twin import intake, loop, pilot, plant, sailing
+from hil.lab.twin.autopilot import STATE, Autopilot, Intake, Seen, start_of
+from hil.lab.twin.plant import PLANT, Record
+
+
+class Levels(NamedTuple):
+    """Noise levels of a sea: D [deg^2/s], wave yaw [deg], its period [s] and damping, bias [deg] and its memory [s]."""
+
+    diffusion: float
+    wave_deg: float
+    wave_period_s: float
+    wave_damping: float
+    bias_deg: float
+    bias_memory_s: float
+    compass_deg: float = 0.3
+
+
+RECORDED_LIKE = {
+    "fjord": Levels(0.4, 0.5, 2.0, 0.3, 8.0, 900.0),
+    "coast": Levels(2.0, 1.1, 2.5, 0.18, 10.0, 1500.0),
+    "offshore": Levels(6.0, 2.4, 3.2, 0.25, 12.0, 3000.0),
+}
+
+
+def levels_of(sea):
+    """Return the noise levels of a sea as the filter takes them."""
+    walk = radians(sea.bias_deg) * math.sqrt(2.0 / sea.bias_memory_s)
+    diffusion = max(sea.diffusion, 1e-5) * radians(1.0) ** 2
+    numbers = (
+        diffusion, radians(sea.wave_deg), sea.wave_period_s, sea.wave_damping, radians(sea.compass_deg), walk,
+    )  # fmt: skip
+    return heading_model.NoiseLevels(*map(math.log, numbers))
+
+
+@compiled_here
+def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
+    """Sail as hil/lab/twin/loop.py does; `informed`: the filter keeps these levels; `fixed`: gains without a model."""
+    plant.begin(at, waters.ship)
+    pilot.begin(a)
+    deadline_s, ticks = 0.0, 0
+    while at.row < record.heading_rad.size - 1:
+        plant.until_tick(at, waters, record, deadline_s)
+        pilot.take_goals(a, task, deadline_s)
+        if informed:
+            s, f = taken.heading, taken.heading.filter
+            # Begun long ago: it chooses no candidate.
+            f = heading_filter.HeadingFilter(
+                f.t_s, -1e6, f.motion, levels, f.learning, f.unexplained_s, f.innovation_rad, f.innovation_sd_rad,
+                f.innovation_square,
+            )  # fmt: skip
+            s = heading_tick.HeadingTick(
+                s.sources, f, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad
+            )
+            taken = Intake(s, taken.water, taken.heading_s, taken.heading_interval_s, taken.fix_s, taken.fix_interval_s)
+        taken, n = intake.update(a, at, taken, deadline_s)
+        if fixed:
+            n = Seen(
+                n.started, False, n.estimate, n.heading_sd_rad, n.wave_period_s, n.diffusion_rad2_s, n.rudder_rad,
+                n.shown_rad, n.heading_interval_s, n.inconsistent, n.current_strong,
+            )  # fmt: skip
+        helm = pilot.steer(a, helm, n, deadline_s)
+        plant.send_rudder(at, deadline_s, a.boat.servo_sign * a.state.command_rad)
+        if ticks < record.ticks.shape[0]:
+            loop.note(record.ticks[ticks], a, helm, n, deadline_s)
+            ticks += 1
+        deadline_s = pilot.next_deadline(deadline_s, a.state.newest_s)
+    return ticks
+
+
+def sail(sea, goals, seconds, parameters, levels, informed=False, fixed=False, ticks=False):
+    """Sail a sea that is drawn; return the record, the ticks that were noted in it among it."""
+    rows = round(seconds * 10.0) + 1
+    record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows if ticks else 0, loop.TICK_COLUMNS)))
+    boat = sailing.boat_of(parameters)
+    a, task = Autopilot(boat, sailing.zeros(STATE), LawSettings.of(parameters)), sailing.task_of(goals)
+    waters = sailing.waters_of(sea)
+    noted = voyage(sailing.zeros(PLANT), waters, a, *start_of(boat), task, record, levels_of(levels), informed, fixed)
+    return record._replace(ticks=record.ticks[:noted])

@@ -1,0 +1,74 @@
+"""The heading estimate in the compiled loop over a grid of seas and receivers: honest, and near an informed filter.
+
+The receiver does not matter to the heading but through the speed at which K and T are taken; the grid shows it.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from firmware_py.common.angles import radians
+from firmware_py.common.parameters import ParameterSet
+from hil.lab.twin import loop
+from hil.lab.twin.sea import sea_of
+from hil.ship.scenarios import sea_of as named
+from hil.sim.goals import Goal
+from support import informed_voyage
+from support.informed_voyage import RECORDED_LIKE
+
+pytestmark = [pytest.mark.proof, pytest.mark.timeout(7200)]
+
+SECONDS, SETTLED_S = 3600.0, 900.0
+GOALS = [Goal(900.0 * i, radians(angle)) for i, angle in enumerate((0.0, 90.0, 180.0, -90.0))]
+SEEDS = range(1, 21)
+DIFFUSIONS = (0.0, 0.3, 1.0, 2.0, 4.0, 6.0)
+BIASES = ((2.0, 900.0), (5.0, 900.0), (12.0, 3000.0))
+RECEIVERS = {
+    "no lag": "0.2:0:10:0:0.005",
+    "lag 5 s": "0.2:0:10:5:0.005",
+    "lag 15 s": "0.2:0:10:15:0.005",
+    "no receiver": "0.2:1",
+}
+LOW_PASSES_S = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0)
+
+
+def judged(record):
+    """Return the mean squares of the heading error [rad^2] and of it by the claimed one, and of the low-passes."""
+    t = record.ticks
+    use = t[:, loop.TICK_S] > SETTLED_S
+    true_rad = np.interp(t[:, loop.TICK_S], np.arange(record.heading_rad.size) / 10.0, record.heading_rad)
+    error = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad - t[:, loop.HEADING_RAD]])[use]
+    shown = np.unwrap(t[1:, loop.SHOWN_RAD])
+    passes = []
+    for lag_s in LOW_PASSES_S:
+        keep = math.exp(-0.1 / lag_s) if lag_s else 0.0
+        low = lfilter([1.0 - keep], [1.0, -keep], shown, zi=[keep * shown[0]])[0]
+        off = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[1:] - low])[use[1:]]
+        passes.append(float(np.mean(off**2)))
+    return float(np.mean(error**2)), float(np.mean((error / t[use, loop.HEADING_SD_RAD]) ** 2)), passes
+
+
+@pytest.mark.parametrize("receiver", RECEIVERS)
+@pytest.mark.parametrize("bias", BIASES)
+@pytest.mark.parametrize("diffusion", DIFFUSIONS)
+def test_it_is_honest_and_near_the_informed_filter(diffusion, bias, receiver):
+    levels = RECORDED_LIKE["coast"]._replace(diffusion=diffusion, bias_deg=bias[0], bias_memory_s=bias[1])
+    name = f"coast+yaw={diffusion},bias={bias[0]:g}:{bias[1]:g},receiver={RECEIVERS[receiver]}"
+    figures = []
+    for seed in SEEDS:
+        sea = sea_of(named(name), seed, SECONDS)
+        both = (
+            informed_voyage.sail(sea, GOALS, SECONDS, ParameterSet(), levels, informed=told, ticks=True)
+            for told in (False, True)
+        )
+        figures.append([judged(record) for record in both])
+    ours, informed = zip(*figures, strict=True)
+    error_deg, best_deg = (math.degrees(math.sqrt(np.mean([one[0] for one in each]))) for each in (ours, informed))
+    nees, passes = np.mean([one[1] for one in ours]), np.mean([one[2] for one in ours], axis=0)
+    low_pass_deg = math.degrees(math.sqrt(passes.min()))
+    print(f"{name}: error {error_deg:.2f}, informed {best_deg:.2f}, low-pass {low_pass_deg:.2f} deg, NEES {nees:.2f}")
+    assert 0.6 <= nees <= 1.4
+    assert error_deg <= 1.1 * best_deg + 0.1
+    assert error_deg <= low_pass_deg
