@@ -270,6 +270,7 @@ def test_an_alpha_that_shows_at_95_percent_is_believed(yard):
     assert identify([recording]).choice.model == "cubic"
 
 
+@pytest.mark.proof
 def test_an_alpha_that_shows_at_95_percent_by_one_side_is_believed(yard):
     """Alpha cannot be below zero, so of boats without it one in twenty takes more than 2.71, not 3.84, off."""
     recording, true, _, certainty = ship(yard, 123)
@@ -278,6 +279,7 @@ def test_an_alpha_that_shows_at_95_percent_by_one_side_is_believed(yard):
     assert identify([recording]).choice.model == "cubic"
 
 
+@pytest.mark.proof
 def test_an_alpha_that_shows_in_the_heading_alone_is_believed(yard):
     """Both models were judged by the linear one's weights, which hardly trusts a heading that it does not explain.
 

@@ -102,6 +102,7 @@ def test_a_yaw_rate_of_another_scale_is_told_and_allowed_for(zigzag, scale, offs
     assert abs(gain.value - BOAT[0]) < 1.96 * gain.se
 
 
+@pytest.mark.proof
 def test_a_yaw_rate_of_quite_another_scale_tells_no_k(zigzag):
     found = identify([replace(zigzag, yaw_rate_rad_s=1.5 * zigzag.yaw_rate_rad_s)])
     assert found.judgement.estimates["K"].verdict == "not identifiable"

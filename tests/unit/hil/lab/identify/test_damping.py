@@ -51,6 +51,7 @@ def test_a_damping_by_the_square_is_told_and_counted(yard, sailed, channels):
     assert found.judgement.estimates["K"].verdict == "identifiable"
 
 
+@pytest.mark.proof
 def test_a_zigzag_of_one_angle_does_not_tell_the_square_from_the_cube_and_both_count(yard, sailed):
     """K was 10 of its standard errors off; nothing in such a log says so."""
     for seed in range(2):
@@ -84,6 +85,7 @@ def test_a_cubic_model_that_was_asked_for_is_doubted_by_the_log_alone(yard, sail
     assert told(identify([yard.recorded(TIME, *sailed["square", "irregular"])], model="cubic"))
 
 
+@pytest.mark.proof
 def test_a_boat_without_a_bend_has_no_rival(yard):
     rudder = yard.zigzag(TIME, np.radians(20.0), 40.0)
     found = identify([yard.recorded(TIME, rudder, *yard.boat(0.1, 6.0).motion(TIME, rudder))], model="linear")

@@ -54,6 +54,7 @@ def test_the_same_file_twice_is_counted_once():
     assert np.array_equal(values(identify([part])), values(identify([part, replace(part, name="again")])))
 
 
+@pytest.mark.proof
 def test_a_long_log_is_not_averaged_over_its_turning_lag():
     """Averages over 4 s of a boat whose T is 1.3 s gave K of the wrong sign, and the advice to reverse the rudder."""
     found = identify([repeated(read(LONG), 4, 1e-5)], model="linear", speed="scaled")
@@ -63,6 +64,7 @@ def test_a_long_log_is_not_averaged_over_its_turning_lag():
     assert not any("negative" in warning for warning in found.judgement.warnings)
 
 
+@pytest.mark.proof
 def test_a_slow_ship_sampled_fast_is_found_as_well(yard):
     """Where the finest averages show nothing but noise the coarse ones must tell."""
     time = np.arange(20_000) * 0.5
@@ -137,6 +139,7 @@ def test_a_log_kept_on_course_is_refused(seed, drift_s, integral, channels):
     assert "closed loop" in report.as_text(found, None)
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize(
     ("channels", "sign"),
     [
@@ -192,6 +195,7 @@ def test_an_autopilot_that_changes_course_tells_the_boat_and_is_told():
     assert any("the rudder answers what it does not explain" in text for text in found.judgement.warnings)
 
 
+@pytest.mark.proof
 def test_an_autopilot_s_rudder_is_not_taken_to_stand_still_between_rows(yard):
     """What pushed her since the last row has moved the rudder by this one: as if it had waited; T a seventh less."""
     waves = yard.wave_yaw(12_000, 0.1, 0.026, 6.0, np.random.default_rng(2))
@@ -201,6 +205,7 @@ def test_an_autopilot_s_rudder_is_not_taken_to_stand_still_between_rows(yard):
     assert abs(found.judgement.estimates["T"].value / 4.0 - 1.0) < 0.05
 
 
+@pytest.mark.proof
 def test_a_plan_sailed_in_waves_is_no_closed_loop(yard):
     time = np.arange(6000) * 0.1
     rudder = yard.zigzag(time, 0.35, 40.0)

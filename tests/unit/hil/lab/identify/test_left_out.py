@@ -70,6 +70,7 @@ def test_half_a_second_between_rudder_and_motion_is_told_and_counted(yard, rows,
     assert found.judgement.estimates["T"].verdict == "identifiable"
 
 
+@pytest.mark.proof
 def test_a_ship_with_a_second_lag_is_not_surer_of_k_and_t_than_that_allows(yard):
     """Nomoto's second order, T1 10 s, T2 2.5 s, T3 1.5 s: K was 7 of its standard errors off, T 6."""
     time, rudder, _, _ = sailed(yard)

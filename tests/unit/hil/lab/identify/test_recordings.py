@@ -185,6 +185,7 @@ def test_a_ship_that_does_not_run_straight_by_herself_is_not_given_a_model(yard,
     assert any("is she unstable?" in warning for warning in data["warnings"])
 
 
+@pytest.mark.proof
 def test_the_rudder_offset_of_a_ship_whose_turns_only_a_cube_ends_is_not_believed(yard):
     """By compass alone she may not be seen to be unstable, and the offset was 10 of its standard errors off."""
     time = np.arange(4500) * 0.2

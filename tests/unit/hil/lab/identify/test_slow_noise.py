@@ -60,6 +60,7 @@ def drifting(yard, seeds, channels):
     return np.array(found).T
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize("channels", ["h", pytest.param("hr", marks=pytest.mark.proof)])
 def test_a_rudder_offset_in_a_drift_is_as_unsure_as_the_drift_s_mean(yard, channels):
     """Which is of 2 deg over the root of 600 s / 120 s, 0.9 deg; a third of it was stated."""
