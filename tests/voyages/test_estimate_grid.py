@@ -40,12 +40,13 @@ def judged(record):
     use = t[:, loop.TICK_S] > SETTLED_S
     true_rad = np.interp(t[:, loop.TICK_S], np.arange(record.heading_rad.size) / 10.0, record.heading_rad)
     error = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad - t[:, loop.HEADING_RAD]])[use]
-    shown = np.unwrap(t[1:, loop.SHOWN_RAD])
+    heard = np.flatnonzero(np.isfinite(t[:, loop.SHOWN_RAD]))[0]
+    shown = np.unwrap(t[heard:, loop.SHOWN_RAD])
     passes = []
     for lag_s in LOW_PASSES_S:
         keep = math.exp(-0.1 / lag_s) if lag_s else 0.0
         low = lfilter([1.0 - keep], [1.0, -keep], shown, zi=[keep * shown[0]])[0]
-        off = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[1:] - low])[use[1:]]
+        off = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[heard:] - low])[use[heard:]]
         passes.append(float(np.mean(off**2)))
     return float(np.mean(error**2)), float(np.mean((error / t[use, loop.HEADING_SD_RAD]) ** 2)), passes
 

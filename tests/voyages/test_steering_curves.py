@@ -1,7 +1,8 @@
 """Heading error against rudder travel in the recorded-like seas: ours beside an oracle, fixed gains and a tuned PID.
 
 The oracle is the same controller with the filter that is given all noise levels. Fixed gains are the S-surface of the
-paper on our estimate. The PID is tuned by search for each sea and price of travel, on other seeds.
+paper on our estimate. The PID is tuned by search for each sea and price of travel, on other seeds. Left out are seeds in
+which the rudder bias passes the rudder limit, so that no controller holds the boat: the oracle errs by more than 20 deg.
 """
 
 import math
@@ -81,6 +82,9 @@ def error_at(curve, travel):
 @pytest.mark.parametrize("name", RECORDED_LIKE)
 def test_the_curve_is_within_a_tenth_of_the_oracle_s(name):
     seas, tuning = ([sea_of(named(name), seed, SECONDS) for seed in seeds] for seeds in (SEEDS, TUNING_SEEDS))
+    seas = [sea for sea in seas if judged(ours(name, ParameterSet(), informed=True)(sea))[0] < 20.0**2]
+    print(f"{name}: {len(seas)} of {len(SEEDS)} seeds")
+    assert len(seas) >= 0.9 * len(SEEDS)
     priced = [ParameterSet().replaced("CTL_PRICE", price) for price in PRICES]
     curves = {
         "ours": [of_seeds(seas, ours(name, told)) for told in priced],
