@@ -21,6 +21,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from fcntl import LOCK_EX, flock
 from functools import cache
 from multiprocessing import parent_process
 from pathlib import Path
@@ -129,7 +130,32 @@ class _Implementation(caching.CompileResultCacheImpl):
 
 
 class _Cache(caching.FunctionCache):
+    """Machine code of a function on disk. While a process compiles it, another one that needs it waits and loads it."""
+
     _impl_class = _Implementation
+    _lock: Any = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the machine code for a signature, None when it is to be compiled: then this process has the lock."""
+        found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if found is None and self._lock is None:
+            with suppress(OSError):  # the folder has gone, or can no longer be written
+                self._lock = (Path(self._cache_path) / f"{self._impl.filename_base}.lock").open("w")
+                flock(self._lock, LOCK_EX)
+                found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if found is not None:
+            self._unlock()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store the machine code for a signature."""
+        super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        self._unlock()
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
 
 
 @cache

@@ -1,8 +1,8 @@
 """Heading error against rudder travel in the recorded-like seas: ours beside an oracle, fixed gains and a tuned PID.
 
 The oracle is the same controller with the filter that is given all noise levels. Fixed gains are the S-surface of the
-paper on our estimate. The PID is tuned by search for each sea and price of travel, on other seeds. Left out are seeds in
-which the rudder bias passes the rudder limit, so that no controller holds the boat: the oracle errs by more than 20 deg.
+paper on our estimate. The PID is tuned by search for each sea and price of travel, on other seeds. Left out are seeds
+in which the rudder bias passes the rudder limit and no controller holds the boat: the oracle errs by more than 20 deg.
 """
 
 import math

@@ -1,5 +1,6 @@
 """The compiled functions are the plain ones, bit for bit."""
 
+import fcntl
 import io
 import os
 import re
@@ -188,22 +189,40 @@ def test_what_a_change_can_affect_is_compiled_again_and_nothing_else(copied, cha
     assert {path.relative_to(copied / "hil/lab").as_posix() for path in found} == again
 
 
-def test_a_second_process_compiles_nothing(tmp_path):
-    script = (
-        "from firmware_py.model import kt\n"
-        "from hil.lab.compiled import compiled\n"
-        "f = compiled(kt.rk4_step)\n"
-        "f(0.0, 0.0, 0.1, 0.1, 0.05, 4.0, 17.0, 0.0)\n"
-        "print(sum(f.stats.cache_hits.values()), sum(f.stats.cache_misses.values()))\n"
+COMPILING = """
+from firmware_py.model import kt
+from hil.lab.compiled import compiled
+f = compiled(kt.rk4_step)
+f(0.0, 0.0, 0.1, 0.1, 0.05, 4.0, 17.0, 0.0)
+print(sum(f.stats.cache_hits.values()), sum(f.stats.cache_misses.values()))
+"""
+
+
+def begun(cache):
+    """Start a process that needs a compiled function."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    return subprocess.Popen(
+        [sys.executable, "-c", COMPILING], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
     )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    told = [
-        subprocess.run(
-            [sys.executable, "-c", script], cwd=ROOT, env=environment, check=True, capture_output=True, text=True
-        ).stdout.split()
-        for _ in range(2)
-    ]
-    assert told == [["0", "1"], ["1", "0"]]
+
+
+def test_a_second_process_compiles_nothing(tmp_path):
+    assert [begun(tmp_path).communicate()[0].split() for _ in range(2)] == [["0", "1"], ["1", "0"]]
+
+
+def test_a_process_waits_for_one_that_compiles_the_same_and_loads_it(tmp_path):
+    begun(tmp_path / "first").communicate()
+    (lock,) = (tmp_path / "first").rglob("*.lock")
+    lock = tmp_path / "second" / lock.relative_to(tmp_path / "first")
+    lock.parent.mkdir(parents=True)
+    with lock.open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        second = begun(tmp_path / "second")
+        waiting = re.compile(rf"-> FLOCK .* {second.pid} ")
+        while not waiting.search(Path("/proc/locks").read_text()):
+            assert second.poll() is None
+        shutil.copytree(tmp_path / "first", tmp_path / "second", dirs_exist_ok=True)
+    assert second.communicate()[0].split() == ["1", "0"]
 
 
 class Terminal(io.StringIO):
