@@ -19,13 +19,13 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # What it keeps goes where pytest keeps its own, out of the sight of git.
 set_hypothesis_home_dir(Path(__file__).parents[1] / ".venv" / ".pytest_cache" / "hypothesis")
 
-# The suite draws 50 examples; `pytest --hypothesis-profile proof` draws more.
+# The suite draws 20 examples; `pytest --hypothesis-profile proof` draws more.
 settings.register_profile(
     "rambler",
     derandomize=True,
     database=None,
     deadline=None,
-    max_examples=50,
+    max_examples=20,
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.register_profile("proof", settings.get_profile("rambler"), max_examples=1000)

@@ -7,8 +7,6 @@ import json
 import re
 from functools import cache
 
-import pytest
-
 from firmware_py.common.parameter_table import TABLE
 from support.paths import ROOT
 
@@ -21,28 +19,28 @@ CODE = re.compile(r"```.*?```|`[^`]+`", re.DOTALL)
 FOLDERS = r"(?:firmware_py|hil|tests|params|docs|\.ci|\.github)"
 
 
-def named(path):
-    return path.relative_to(ROOT).as_posix()
-
-
 def code_in(text):
     """The code spans and blocks of a page, with the languages of blocks left out."""
     return [re.sub(r"^```[^\n]*\n|`", "", span) for span in CODE.findall(text)]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=named)
-def test_every_path_that_is_named_exists(page):
-    # NAME stands for what the reader chooses; _build is made by `make docs`.
-    found = re.findall(rf"(?<![\w./-]){FOLDERS}/[\w./-]*", page.read_text())
-    paths = {path.rstrip(".") for path in found if "NAME" not in path and "_build" not in path}
-    assert [path for path in sorted(paths) if not (ROOT / path).exists()] == []
+def wrong_pages(wrong_in, pages=PAGES):
+    """Return what is wrong in the text of each page, for those in which something is."""
+    found = {path.relative_to(ROOT).as_posix(): wrong_in(path.read_text()) for path in pages}
+    return {name: wrong for name, wrong in found.items() if wrong}
 
 
-def lacking(names):
-    """Those of some dotted names that nothing can be imported by."""
-    return [name for name in sorted(names) if not resolves(name)]
+def test_every_path_that_is_named_exists():
+    def missing(text):
+        # NAME stands for what the reader chooses; _build is made by `make docs`.
+        found = re.findall(rf"(?<![\w./-]){FOLDERS}/[\w./-]*", text)
+        paths = {path.rstrip(".") for path in found if "NAME" not in path and "_build" not in path}
+        return [path for path in sorted(paths) if not (ROOT / path).exists()]
+
+    assert wrong_pages(missing) == {}
 
 
+@cache
 def resolves(name):
     *modules, last = name.split(".")
     with contextlib.suppress(ModuleNotFoundError):
@@ -54,10 +52,12 @@ def resolves(name):
         return False
 
 
-@pytest.mark.parametrize("page", PAGES, ids=named)
-def test_every_module_that_is_named_exists(page):
-    names = re.findall(r"(?<![\w./-])(?:firmware_py|hil)(?:\.[a-z_]\w*)+", page.read_text())
-    assert lacking(name for name in names if not name.endswith(".py")) == []
+def test_every_module_that_is_named_exists():
+    def missing(text):
+        names = re.findall(r"(?<![\w./-])(?:firmware_py|hil)(?:\.[a-z_]\w*)+", text)
+        return [name for name in names if not name.endswith(".py") and not resolves(name)]
+
+    assert wrong_pages(missing) == {}
 
 
 @cache
@@ -95,11 +95,12 @@ def wrong_with(program, words):
     return f"{program} {words[0]} {' '.join(unknown)}" if unknown else ""
 
 
-@pytest.mark.parametrize("page", PAGES, ids=named)
-def test_every_command_and_option_that_is_named_exists(page):
-    text = re.sub(r"<!-- help: .*?<!-- end -->", "", page.read_text(), flags=re.DOTALL)
-    found = {wrong_with(program, words) for program, words in commands_in(text)}
-    assert found - {""} == set()
+def test_every_command_and_option_that_is_named_exists():
+    def unknown(text):
+        text = re.sub(r"<!-- help: .*?<!-- end -->", "", text, flags=re.DOTALL)
+        return {wrong_with(program, words) for program, words in commands_in(text)} - {""}
+
+    assert wrong_pages(unknown) == {}
 
 
 def test_the_check_of_commands_sees_what_is_wrong():
@@ -116,23 +117,21 @@ def test_the_page_of_the_command_line_has_every_command():
             assert f"<!-- help: {program} {command} -->" in text
 
 
-@pytest.mark.parametrize("page", PAGES, ids=named)
-def test_every_parameter_that_is_named_exists(page):
+def test_every_parameter_that_is_named_exists():
     names = {row.name for row in TABLE}
     prefixes = "|".join(sorted({name.split("_")[0] for name in names}))
-    spans = re.findall(rf"`((?:{prefixes})_[A-Z0-9_]+)`", page.read_text())
-    assert sorted(set(spans) - names) == []
+    assert wrong_pages(lambda text: set(re.findall(rf"`((?:{prefixes})_[A-Z0-9_]+)`", text)) - names) == {}
 
 
-@pytest.mark.parametrize("page", HOSTED, ids=named)
-def test_every_link_leads_to_a_file(page):
-    links = re.findall(r"\]\((?!https?:)([^)#\s]+)", CODE.sub("", page.read_text()))
-    assert [link for link in links if not (page.parent / link).exists()] == []
+def test_every_link_leads_to_a_file():
+    for page in HOSTED:
+        links = re.findall(r"\]\((?!https?:)([^)#\s]+)", CODE.sub("", page.read_text()))
+        assert [link for link in links if not (page.parent / link).exists()] == [], page
 
 
-@pytest.mark.parametrize("page", HOSTED, ids=named)
-def test_no_page_shows_a_placeholder_or_a_directive(page):
-    assert re.findall(r"\{\{.*|^ *```\{.*|^ *:::.*|\{[a-z:-]+\}`.*", page.read_text(), re.MULTILINE) == []
+def test_no_page_shows_a_placeholder_or_a_directive():
+    shown = re.compile(r"\{\{.*|^ *```\{.*|^ *:::.*|\{[a-z:-]+\}`.*", re.MULTILINE)
+    assert wrong_pages(shown.findall, HOSTED) == {}
 
 
 def test_every_figure_says_where_it_comes_from():

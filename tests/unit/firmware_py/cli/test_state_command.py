@@ -9,7 +9,7 @@ import shutil
 import stat
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.__main__ import main
@@ -283,6 +283,7 @@ def test_the_autopilot_at_sea_goes_on_without_an_import_that_is_damaged(old):
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=9).map(str.encode)
 
 
+@settings(max_examples=15)
 @given(
     st.fixed_dictionaries(
         {}, optional={name: st.none() | (st.binary() if name in RECORD_FILES else TEXTS) for name in KEPT_NAMES}

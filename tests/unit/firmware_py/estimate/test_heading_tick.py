@@ -145,7 +145,7 @@ def test_a_compass_that_measures_again_is_used_after_its_probation():
 # ---------------------------------------------------------------------------------- choice of the source
 
 
-@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("seed", range(1, 3))
 def test_a_swell_is_no_jump_of_the_compass_from_the_first_heading_on(seed):
     boat = Boat(wave_deg=20.0, period_s=8.0, seed=seed, noise_deg=0.3).run(90.0)
     assert set(boat.sources) == {Source.COMPASS_A}

@@ -70,7 +70,7 @@ def over_confident(factor):
     return LEVELS._replace(diffusion=LEVELS.diffusion - math.log(factor))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.proof) for seed in range(2, 10))])
 def test_a_consistent_filter_is_never_rejected(seed):
     boat = Boat(seed)
     assert boat.sail(3.0) == 0.0
@@ -78,7 +78,7 @@ def test_a_consistent_filter_is_never_rejected(seed):
     assert prediction_check.inflation(boat.check) == 1.0
 
 
-@pytest.mark.parametrize("factor", [10.0, 30.0, 100.0])
+@pytest.mark.parametrize("factor", [10.0, *(pytest.param(factor, marks=pytest.mark.proof) for factor in (30.0, 100.0))])
 def test_a_filter_that_claims_too_small_a_disturbance_is_rejected_and_its_deviation_grows(factor):
     boat = Boat(1)
     rejected_s = boat.sail(2.0, over_confident(factor))

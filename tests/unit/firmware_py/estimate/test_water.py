@@ -70,7 +70,7 @@ def test_after_a_few_legs_speed_and_current_are_known(speed, current):
 
 def test_the_standard_deviations_are_right_over_random_passages():
     squares = []
-    for seed in range(12):
+    for seed in range(6):
         rng = random.Random(seed)
         passage = Passage(rng.uniform(0.2, 0.9), rng.gauss(0.0, 0.2), rng.gauss(0.0, 0.2), seed)
         for _ in range(6):
@@ -137,9 +137,8 @@ def test_a_weaker_current_is_never_reported(drift):
     assert max(verdicts) == 0.0
 
 
-@pytest.mark.parametrize("longitude_rad", [2.0, math.pi - 2000.0 / EARTH_RADIUS_M])
-def test_the_origin_moves_with_the_boat_and_the_estimate_does_not_notice(longitude_rad):
-    passage, moves = Passage(2.0, 0.1, -0.1, fix_s=10.0, longitude_rad=longitude_rad), 0
+def test_the_origin_moves_with_the_boat_over_the_date_line_and_the_estimate_does_not_notice():
+    passage, moves = Passage(2.0, 0.1, -0.1, fix_s=10.0, longitude_rad=math.pi - 2000.0 / EARTH_RADIUS_M), 0
     for leg in range(20):
         before = passage.state.origin
         passage.sail((60.0, 100.0)[leg % 2], 400.0)

@@ -1,6 +1,8 @@
 """The water filter and what follows from it: turns, gaps, outliers, restarts, hostile input; plain and compiled."""
 
+import copy
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -95,12 +97,24 @@ class Boat:
         ]
 
 
+@cache
+def after_a_square():
+    """Return a boat that has sailed a square; not to be sailed on."""
+    return Boat(0.5, (0.15, -0.15)).square(4)
+
+
+@pytest.fixture
+def boat():
+    """Return a boat of which the water is known."""
+    return copy.deepcopy(after_a_square())
+
+
 @pytest.mark.parametrize(
     ("speed_m_s", "current_m_s", "leeway_deg"),
     [(0.05, (0.1, -0.05), 0.0), (0.5, (0.15, -0.15), 25.0), (2.5, (-0.3, 0.2), 0.0), (0.5, (0.0, 0.8), -8.0)],
 )
 def test_turns_separate_speed_current_and_leeway(speed_m_s, current_m_s, leeway_deg):
-    boat = Boat(speed_m_s, current_m_s, math.radians(leeway_deg), speed_sd_m_s=0.1 * speed_m_s).square(8)
+    boat = Boat(speed_m_s, current_m_s, math.radians(leeway_deg), speed_sd_m_s=0.1 * speed_m_s).square(8, step_s=5.0)
     assert max(map(abs, boat.off_in_sds)) < 3.0
     assert boat.water.current_sd_m_s < 0.05
     assert boat.water.mean_speed_sd_m_s < 0.08
@@ -119,21 +133,20 @@ def test_on_one_heading_only_the_sum_of_speed_and_current_is_known():
     assert max(map(abs, boat.off_in_sds)) < 3.0
 
 
-def test_over_twenty_seeds_the_errors_are_as_large_as_claimed():
-    boats = [Boat(0.5, (0.2, -0.2), 0.1, seed, 0.1) for seed in range(20)]
+def test_over_many_passages_the_errors_are_as_large_as_claimed():
+    boats = [Boat(0.5, (0.2, -0.2), 0.1, seed, 0.1) for seed in range(8)]
     ends = [boat.square(4, step_s=5.0).off_in_sds for boat in boats]
     assert 0.1 < np.mean(np.square(ends)) < 1.5
 
 
-@pytest.mark.parametrize(("step_s", "fix_s"), [(0.1, 0.1), (1.0, 1.0), (1.0, 5.0), (5.0, 5.0), (1.0, 60.0)])
+@pytest.mark.parametrize(("step_s", "fix_s"), [(0.2, 0.2), (1.0, 1.0), (1.0, 5.0), (5.0, 5.0), (1.0, 60.0)])
 def test_any_rate_of_positions_serves(step_s, fix_s):
     boat = Boat(0.5, (0.15, -0.15)).square(4, step_s=step_s, fix_s=fix_s)
     assert max(map(abs, boat.off_in_sds)) < 3.5
     assert boat.water.current_sd_m_s < 0.08
 
 
-def test_a_gap_of_ten_minutes_leaves_the_water_uncertain_but_right():
-    boat = Boat(0.5, (0.15, -0.15)).square(4)
+def test_a_gap_of_ten_minutes_leaves_the_water_uncertain_but_right(boat):
     before = boat.water.current_sd_m_s
     boat.sail(0.5, 600.0, fix_s=601.0)
     assert before < boat.water.current_sd_m_s < 0.1
@@ -142,8 +155,7 @@ def test_a_gap_of_ten_minutes_leaves_the_water_uncertain_but_right():
     assert max(map(abs, boat.off_in_sds)) < 3.0
 
 
-def test_without_a_heading_the_water_stays_and_the_position_becomes_uncertain():
-    boat = Boat(0.5, (0.15, -0.15)).square(4)
+def test_without_a_heading_the_water_stays_and_the_position_becomes_uncertain(boat):
     before, sd_m_s, place_m2 = boat.water, boat.water.current_sd_m_s, boat.place_m2
     boat.sail(2.0, 900.0, known=False)
     after = boat.water
@@ -159,8 +171,7 @@ def test_without_a_heading_the_water_stays_and_the_position_becomes_uncertain():
     assert max(map(abs, boat.off_in_sds)) < 3.0
 
 
-def test_single_outliers_are_refused():
-    boat = Boat(0.5, (0.15, -0.15)).square(4)
+def test_single_outliers_are_refused(boat):
     for _ in range(20):
         boat.sail(0.5, 5.0, jump_m=200.0)
         assert not math.isnan(boat.state.refused_t_s)
@@ -170,16 +181,14 @@ def test_single_outliers_are_refused():
 
 
 @pytest.mark.parametrize("jump_m", [3.0, 8.0, 12.0])
-def test_a_jump_within_the_gate_hardly_moves_the_water(jump_m):
-    boat = Boat(0.5, (0.15, -0.15)).square(4)
+def test_a_jump_within_the_gate_hardly_moves_the_water(boat, jump_m):
     for _ in range(3):
         boat.sail(0.5, 120.0, jump_m=jump_m)
         boat.sail(0.5, 120.0)
     assert max(map(abs, boat.off_in_sds)) < 3.0
 
 
-def test_a_lasting_jump_restarts_the_position_and_keeps_the_water():
-    boat = Boat(0.5, (0.15, -0.15)).square(4)
+def test_a_lasting_jump_restarts_the_position_and_keeps_the_water(boat):
     boat.sail(0.5, REFUSED_S, jump_m=500.0)
     assert boat.state.means[0, NORTH] < boat.place_m[0] + 100.0
     boat.sail(0.5, 60.0, jump_m=500.0)
@@ -229,7 +238,7 @@ def test_current_excess_takes_the_sum_as_known_on_one_heading():
 
 def test_the_reckoned_position_errs_as_it_claims():
     off_in_sds = []
-    for seed in range(12):
+    for seed in range(5):
         boat = Boat(0.5, (0.15, -0.1), 0.1, seed, 0.1).square(4, step_s=5.0)
         reckoning, begun_m = begin_reckoning(boat.state, boat.t_s), list(boat.place_m)
         north_m = east_m = 0.0
@@ -287,7 +296,7 @@ def flat(value):
     return [number for part in value for number in flat(part)] if many else [value]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25)
 @given(STEPS)
 def test_no_input_makes_the_state_infinite(steps):
     state, t_s, verdict = begun(), 0.0, NO_VERDICT
@@ -330,6 +339,7 @@ def follow(heading_rad, north_m, east_m, out):
         row[14], row[15] = state.levels[2], state.levels[3]
 
 
+@pytest.mark.proof  # the suite compares the water filter in the closed loop (tests/process/test_twin.py)
 def test_plain_and_compiled_agree_to_the_last_bit():
     numbers, seconds = np.random.default_rng(3), 4000
     heading_rad = np.repeat(numbers.uniform(-4.0, 4.0, seconds // 200 + 1), 200)[:seconds]

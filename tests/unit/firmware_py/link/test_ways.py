@@ -14,7 +14,7 @@ from firmware_py.link.wire.url_options import parse_options
 
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 RADIO, OTHER = ("10.0.0.1", 1), ("10.0.0.2", 2)  # a router's two sockets
-ITEMS = 60
+ITEMS = 30
 KEY = bytes(range(100, 132))
 
 
@@ -109,7 +109,7 @@ def test_both_ways_are_served_and_what_comes_twice_is_told_nobody(router, texts)
     assert texts([message for _, message in said]) == []
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.proof) for seed in range(1, 20))])
 def test_a_mission_goes_up_by_two_bad_ways(router, seed):
     chances = random.Random(seed)
 
