@@ -21,7 +21,7 @@ from support.paths import log_bytes
 CLIENT = Path(__file__).with_name("mavsdk_files_client.py")
 CANNOT_BE_HAD = 77
 SESSION_S = 90.0
-LOGS = {1: 90 * 1500, 2: 200_001}  # a whole number of blocks, and not
+LOGS = {1: 90 * 500, 2: 70_001}  # a whole number of blocks, and not
 
 
 def log_path(directory, number):

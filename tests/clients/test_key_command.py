@@ -1,30 +1,38 @@
-"""`rambler key` and `rambler run` on one state directory, as processes: the key set by hand, and one that is lost."""
+"""`rambler key` and a process of `rambler run` on one state directory: the key set by hand, and one that is lost."""
 
+import io
 import json
 import socket
-import subprocess
 import sys
 
+import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from firmware_py.__main__ import main
 from firmware_py.link.security.key_record import key_of_passphrase
-from support.paths import ROOT
 
 PASSPHRASE = "seaworthy"
 HOLD, DENIED, ACCEPTED = 4, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_ACCEPTED
 
 
-def rambler_key(tmp_path, what, *more, said=""):
-    """Run `rambler key`; return its exit code and what it said on both."""
-    command = [sys.executable, "-m", "firmware_py", "key", what, "--state", str(tmp_path / "state"), *more]
-    done = subprocess.run(command, cwd=ROOT, input=said, capture_output=True, text=True, check=False)
-    return done.returncode, done.stdout, done.stderr
+@pytest.fixture
+def rambler_key(tmp_path, monkeypatch, capsys):
+    """Return a function that runs `rambler key` beside the boat; it returns exit code and output."""
+
+    def run(what, *more, said=""):
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(said.encode())))
+        code = main(["key", what, "--state", str(tmp_path / "state"), *more])
+        return code, *capsys.readouterr()
+
+    return run
 
 
-def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(tmp_path, boot, free_ports, connect):
+def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(
+    tmp_path, rambler_key, boot, free_ports, connect
+):
     (tmp_path / "state").mkdir()
-    assert rambler_key(tmp_path, "set", said=f"{PASSPHRASE}\n")[0] == 0
-    assert json.loads(rambler_key(tmp_path, "show-state", "--json")[1])["state"] == "present"
+    assert rambler_key("set", said=f"{PASSPHRASE}\n")[0] == 0
+    assert json.loads(rambler_key("show-state", "--json")[1])["state"] == "present"
     cable, radio, sea = free_ports(["tcpin", "udpin", "udpin"])
     urls = [f"tcpin:127.0.0.1:{cable}?trusted=1", f"udpin:127.0.0.1:{radio}", f"udpout:127.0.0.1:{sea}?policy=open"]
     program = boot("first", *urls[:2])
@@ -34,7 +42,7 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(t
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     # Under way the directory is hers.
     for what in ("set", "remove"):
-        code, out, error = rambler_key(tmp_path, what, said="another\n")
+        code, out, error = rambler_key(what, said="another\n")
         assert (code, out, error.count("\n")) == (2, "", 1)
         assert "in use by another autopilot; end that one, or do this over a trusted link" in error
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
@@ -45,7 +53,7 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(t
     assert len(files) == 2
     for path in files:
         path.write_bytes(path.read_bytes()[:60])
-    assert json.loads(rambler_key(tmp_path, "show-state", "--json")[1])["state"] == "lost"
+    assert json.loads(rambler_key("show-state", "--json")[1])["state"] == "lost"
     shore = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # there before she tells it, which she does once
     shore.bind(("127.0.0.1", sea))
     shore.settimeout(30.0)
@@ -64,5 +72,5 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(t
     assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in program.text()
     program.send_signal(2)
     assert program.exit_code() == 0
-    assert rambler_key(tmp_path, "remove")[:2] == (0, f"{tmp_path / 'state'}: absent\n")
+    assert rambler_key("remove")[:2] == (0, f"{tmp_path / 'state'}: absent\n")
     assert not any(key_of_passphrase(PASSPHRASE).hex().encode() in path.read_bytes() for path in files)

@@ -185,7 +185,7 @@ def test_a_directory_that_comes_late_is_taken_up_and_keeps_what_it_holds(place, 
     assert stored_content(place / "mount" / "state", "mission.plan") == MISSION
 
 
-@pytest.mark.parametrize("umask", [0o000, 0o077])
+@pytest.mark.parametrize("umask", [pytest.param(0o000, marks=pytest.mark.proof), 0o077])
 def test_files_are_made_for_owner_and_group_whatever_the_umask(umask, place, vehicle, tmp_path):
     state = place / "new" / "state"
     before = os.umask(umask)
@@ -214,7 +214,7 @@ def limits(kind, value):
     return lambda: resource.setrlimit(kind, (value, value))
 
 
-@pytest.mark.parametrize("count", [9, 14])
+@pytest.mark.parametrize("count", [9, pytest.param(14, marks=pytest.mark.proof)])
 def test_too_few_descriptors_are_one_line(count, place, vehicle):
     line = refused(vehicle, "--state", place / "state", limit=limits(resource.RLIMIT_NOFILE, count))
     assert "oo many open files" in line

@@ -112,6 +112,7 @@ def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path
     assert sailed(COMPILED, out, "--workers", "2", "--resume") == whole
 
 
+@pytest.mark.proof
 def test_a_campaign_that_is_told_to_end_says_how_to_go_on(tmp_path):
     old_name = COMPILED.replace('"compiled"', '"twin"')
     campaign = started(old_name, tmp_path / "out", "--workers", "1")

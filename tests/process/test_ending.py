@@ -107,7 +107,7 @@ def restarted(boat):
 
 
 @pytest.mark.parametrize(
-    "kind", ["closed", "stuck", *(pytest.param(kind, marks=pytest.mark.proof) for kind in ("full", "broken"))]
+    "kind", ["closed", *(pytest.param(kind, marks=pytest.mark.proof) for kind in ("stuck", "full", "broken"))]
 )
 def test_whoever_reads_what_she_says_or_does_not_she_sails_restarts_and_ends_well(make_boat, launch, request, kind):
     if kind in ("broken", "stuck"):
@@ -172,19 +172,12 @@ def test_the_last_tick_says_what_has_ended_her_and_a_killed_one_has_no_such_line
     assert boat.texts_since(0.0)[-1] == text
 
 
-def test_other_signals_that_end_her_make_the_rudder_safe_too(make_boat):
-    boat = in_the_turn(make_boat(goals=TURN))
-    for _ in range(2):
-        os.kill(pid_of(boat), signal.SIGQUIT)
-    assert ended(boat)[0] == 0
-    assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
-
-
-@pytest.mark.parametrize("servo", ["dynamixel", "volz"])
-def test_she_ends_when_the_rudder_is_amidships_not_when_the_time_is_up(make_boat, servo):
+@pytest.mark.parametrize(("servo", "numbers"), [("dynamixel", [signal.SIGTERM]), ("volz", [signal.SIGQUIT] * 2)])
+def test_she_ends_when_the_rudder_is_amidships_not_when_the_time_is_up(make_boat, servo, numbers):
     boat = in_the_turn(make_boat(goals=TURN, servo=servo))
     over_deg = abs(boat.rudder_deg())
-    boat.process.terminate()
+    for number in numbers:
+        os.kill(pid_of(boat), number)
     code, took_s = ended(boat)
     assert code == 0
     assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG

@@ -16,6 +16,7 @@ TRUE = {"K": 0.049, "T": 4.0}
 UNITS = {"K": "1/s", "T": "s"}
 
 
+@pytest.mark.proof
 @pytest.mark.timeout(300)
 def test_a_zigzag_of_goals_tells_the_ship(tmp_path, figures):
     goals = ",".join(f"{40 * number}:{30 if number % 2 == 0 else -30}" for number in range(5))

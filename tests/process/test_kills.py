@@ -17,7 +17,7 @@ from hil.sim.process import AutopilotProcess
 from support.asking_station import AskingStation, answered
 from support.station import off_deg, yaw_deg
 
-FEW, MANY = 4, int(os.environ.get("KILLS", "1000"))
+FEW, MANY = 2, int(os.environ.get("KILLS", "1000"))
 SETTINGS = {"BOOT_RESUME": 2, "LOG_ENABLE": 0, "WP_RADIUS": 5.0}
 MANUAL, STEERING, HOLD, AUTO, GUIDED = 0, 3, 4, 10, 15
 ARM, SET_MODE, SET_HOME, SET_CURRENT, CHANGE_HEADING = 400, 176, 179, 224, 43002

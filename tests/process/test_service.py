@@ -66,7 +66,7 @@ def sail_and_disturb(make_service, what, times):
 
 
 def test_killed_she_is_back_under_way_with_mode_goal_and_item(make_service):
-    sail_and_disturb(make_service, kill, 2)
+    sail_and_disturb(make_service, kill, 1)
 
 
 @pytest.mark.proof

@@ -1,6 +1,5 @@
 """The pages in a real browser: of a run, and of one under way beside what really happens."""
 
-import http.client
 import json
 import re
 import shutil
@@ -15,13 +14,21 @@ from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
 from firmware_py.view.guard import Guard
 from firmware_py.view.history import History
 from firmware_py.view.server import Hub, ViewServer
+from hil.__main__ import main
 from hil.sim.truth import read
 from support.browser import Browser
-from support.harness import rambler_hil, start_rambler_hil
+from support.harness import events_of, rambler_hil, start_rambler_hil
 from support.paths import REPLAY
 from support.plans import FENCED, item, save_plans
 
-LOW_BATTERY = ("--with", "supply=20:0.9:30:6:0.22,vessels=crossing:0", "--set", "PWR_SAVE_PCT=21.9", "FS_BATT_ACT=0")
+LOW_BATTERY = (
+    "--with",
+    "supply=20:0.9:30:6:0.22,vessels=crossing:0",
+    "--set",
+    "PWR_SAVE_PCT=21.9",
+    "FS_BATT_ACT=0",
+    "AIS_NEAR_S=2400",
+)
 CLIPPED = (
     "[...document.querySelectorAll('td.words')].filter((one) => one.getBoundingClientRect().right > innerWidth).length"
 )
@@ -73,9 +80,16 @@ def assert_fit_for_people(browser, url):
     browser.requests.clear()
 
 
-def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp_path, browser):
+def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
+    """The true heading and a fault when it comes; then plan and figures, and the page can be zoomed."""
+    plans = {
+        PlanKind.MISSION: [item(16, 15, 0), item(16, 15, 15), item(20)],
+        PlanKind.FENCE: FENCED,
+        PlanKind.RALLY: [item(5100, 0, 50)],
+    }
     out = tmp_path / "run"
-    words = ["run", "tank", "--speed", "30", "--goal", "0:30", "--seconds", "200", *LOW_BATTERY]
+    words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans), "--speed", "30"]
+    words += ["--seconds", "120", *LOW_BATTERY, "FENCE_ENABLE=1", "WP_RADIUS=10"]
     process = start_rambler_hil(*words, "--view", "127.0.0.1:0", "--out", out)
     browser.look(400, 900)
     browser.open(address := address_of(process))
@@ -102,25 +116,11 @@ def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp
     assert browser.value("document.querySelectorAll('svg.time path.line').length") > 6
     assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
     assert_fit_for_people(browser, (out / "report.html").as_uri())
-    assert browser.complaints == []
-
-
-def test_the_page_of_a_mission_shows_plan_and_figures_and_can_be_zoomed(tmp_path, browser):
-    plans = {
-        PlanKind.MISSION: [item(16, 15, 0), item(16, 15, 15), item(20)],
-        PlanKind.FENCE: FENCED,
-        PlanKind.RALLY: [item(5100, 0, 50)],
-    }
-    words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans), "--speed", "max"]
-    words += ["--seconds", "120", "--set", "FENCE_ENABLE=1", "WP_RADIUS=10", "--out", tmp_path / "run"]
-    assert rambler_hil(*words)[0] == 0
-    told = json.loads((tmp_path / "run/summary.json").read_text())
+    told = json.loads((out / "summary.json").read_text())
     first, second = told["arrivals"]
     assert (first["item"], second["item"]) == (1, 2)
     assert 5.0 < first["time_s"] < second["time_s"] < 120.0
     assert 0.0 < told["cross_track"]["rms_m"] <= told["cross_track"]["p95_m"] < 20.0
-    browser.look(400, 900)
-    browser.open((tmp_path / "run/report.html").as_uri())
     for shape, number in (("fence", 3), ("fence.out", 2), ("leg", 1), ("spot", 2), ("home", 2), ("boat", 1)):
         assert browser.value(f"document.querySelectorAll('svg.track .{shape}').length") == number, shape
     shown = browser.value("document.body.innerText")
@@ -185,33 +185,12 @@ def test_browsers_come_back_to_a_service_that_was_started_anew_and_to_one_that_h
     server.server_close()
 
 
-@pytest.mark.proof
-def test_readers_change_nothing_of_a_run(tmp_path):
-    words = ["run", "sea", "--seconds", "20", "--goal", "0:30", "--set", "BOOT_RESUME=2"]
-    assert rambler_hil(*words, "--speed", "max", "--out", tmp_path / "alone")[0] == 0
-    process = start_rambler_hil(*words, "--speed", "5", "--view", "127.0.0.1:0", "--out", tmp_path / "watched")
-    port = int(address_of(process).rstrip("/").rpartition(":")[2])
-    told = []
-
-    readers = [threading.Thread(target=lambda: told.append(read_all(port))) for _ in range(10)]
-    for one in readers:
-        one.start()
-    for one in readers:
-        one.join(90.0)
-    ended(process)
-    assert len(told) == 10
-    assert all(said.count(b"event: new") > 5 and said.rstrip().endswith(b"{}") for said in told)
-    names = ("alone", "watched")
-    truths = [(tmp_path / name / "truth.csv").read_bytes() for name in names]
-    assert truths[0] == truths[1]
-    assert [json.loads((tmp_path / name / "summary.json").read_text())["loop"]["skipped"] for name in names] == [0, 0]
-
-
 @pytest.mark.parametrize("listen", ["nowhere", "127.0.0.1:99999", "0.0.0.0:0"])
-def test_a_page_that_cannot_be_is_told_and_there_is_no_run(tmp_path, listen):
-    code, said, errors = rambler_hil("run", "calm", "--goal", "0:0", "--view", listen, "--out", tmp_path / "run")
-    assert (code, said, len(errors.splitlines())) == (2, "", 1)
-    assert listen in errors
+def test_a_page_that_cannot_be_is_told_and_there_is_no_run(tmp_path, capsys, listen):
+    code = main(["run", "calm", "--goal", "0:0", "--view", listen, "--out", str(tmp_path / "run")])
+    said = capsys.readouterr()
+    assert (code, said.out, len(said.err.splitlines())) == (2, "", 1)
+    assert listen in said.err
 
 
 @pytest.mark.proof
@@ -223,7 +202,7 @@ def test_ten_readers_move_no_tick(tmp_path):
         words = ["run", "sea", "--seconds", "120", "--goal", "0:30", "--view", "127.0.0.1:0", "--out", out]
         with start_rambler_hil(*words) as process:
             port = int(address_of(process).rstrip("/").rpartition(":")[2])
-            threads = [threading.Thread(target=read_all, args=(port,)) for _ in range(readers)]
+            threads = [threading.Thread(target=events_of, args=(port,)) for _ in range(readers)]
             for one in threads:
                 one.start()
             assert process.wait(200.0) == 0
@@ -235,12 +214,6 @@ def test_ten_readers_move_no_tick(tmp_path):
         assert loop["skipped"] == 0
     assert late_us[10]["p50"] <= 2.0 * late_us[0]["p50"] + 100.0
     assert late_us[10]["p99"] <= 2.0 * late_us[0]["p99"] + 1000.0
-
-
-def read_all(port):
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
-    connection.request("GET", "/events")
-    return connection.getresponse().read()
 
 
 @pytest.mark.proof

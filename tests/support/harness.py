@@ -1,5 +1,6 @@
 """`rambler-hil` and `rambler replay` as an operator runs them."""
 
+import http.client
 import os
 import signal
 import subprocess
@@ -39,10 +40,10 @@ def without_pictures(environment=os.environ):
 
 
 def start_rambler_hil(*words, picture=False, **more):
-    """Start a command of `rambler-hil` and leave it running; a run makes no picture unless that is wanted."""
+    """Start a command of `rambler-hil` and leave it running; pages have no picture unless that is wanted."""
     command = [sys.executable, "-m", "hil", *map(str, words)]
     env = more.pop("env", os.environ)
-    if words[0] == "run" and not picture:
+    if words[0] in ("run", "report") and not picture:
         env = without_pictures(env)
     more = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **more}
     return subprocess.Popen(command, cwd=ROOT, env=env, **more)
@@ -53,6 +54,13 @@ def rambler_hil(*words, picture=False):
     process = start_rambler_hil(*words, picture=picture)
     said, errors = process.communicate()
     return process.returncode, said, errors
+
+
+def events_of(port):
+    """Return all that a reader of the page of a run is sent until its end."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
+    connection.request("GET", "/events")
+    return connection.getresponse().read()
 
 
 def replay(log, *words):
