@@ -223,10 +223,6 @@ def check(outcome):
     assert outcome.aside_m > outcome.plain_m - LOST_M, outcome
 
 
-def test_an_encounter():
-    check(encountered(1))
-
-
 @pytest.mark.proof
 @pytest.mark.timeout(7200)
 def test_a_hundred_encounters(figures):
@@ -272,6 +268,7 @@ def test_round_a_ship_at_anchor_on_her_line_she_goes_and_tells_it_once(place_m, 
     assert boat.least_margin_m > 200.0  # twice as far off as is near is ample: she runs on to the side no further
 
 
+@pytest.mark.proof
 def test_beside_a_ship_at_anchor_she_keeps_her_station():
     boat = Boat((Ship(211000001, "ANCHORED", 60.0, 0.0, at_anchor=True),), 3, AIS_ACT=1.0)
     boat.under_way(Mode.LOITER)

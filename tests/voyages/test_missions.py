@@ -133,7 +133,7 @@ def test_what_cannot_be_is_refused_with_the_reason():
 def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     boat = rig.Sailing(rig.scenario(0.6, 0.3), 1, mission(item(16, 1500, 0)))
     boat.under_way(Mode.AUTO)
-    boat.run(300.0)
+    boat.run(150.0)
     boat.jump_m = (10_000.0, 0.0)
     boat.run(60.0)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
@@ -152,12 +152,12 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
 
 
 def test_from_any_checkpoint_the_same_rudder():
-    boat = rig.Sailing(rig.scenario(0.6, 0.3), 3, mission(*every_kind()[2:8]), LOIT_RADIUS=40.0)
+    boat = rig.Sailing(rig.scenario(1.2, 0.3), 3, mission(*every_kind()[2:8]), LOIT_RADIUS=40.0)
     boat.keep_inputs = True
     boat.outputs = []
     boat.run(1.0)
     boat.under_way(Mode.AUTO, SetParameter("WP_RADIUS", 15.0))
-    boat.run(200.0)
+    boat.run(120.0)
     state = State.at_start(ParameterSet().replaced("LOIT_RADIUS", 40.0), mission(*every_kind()[2:8]))
     for inputs in boat.inputs:
         if inputs.tick.index % 250 == 0:
@@ -281,11 +281,11 @@ def test_a_fence_is_kept_by_reckoning():
 
 
 def test_she_goes_on_as_last_steered_where_reckoning_is_not_wanted():
-    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 100, 0)), POS_RECKON_M=0.0)
+    boat = rig.Sailing(rig.scenario(1.2), 1, mission(item(16, 100, 0)), POS_RECKON_M=0.0)
     boat.under_way(Mode.AUTO)
-    boat.run(60.0)
+    boat.run(30.0)
     boat.fix_every = 10**9
-    boat.run(300.0)
+    boat.run(150.0)
     assert boat.snapshot.reckoned is None
     assert boat.where[0] > 150.0
 

@@ -76,6 +76,7 @@ def test_a_blade_lost_as_a_turn_begins_is_told():
     assert bladeless("tank", 1, 120.0, after_s=0.0, most_s=90.0) <= 60.0
 
 
+@pytest.mark.proof
 def test_a_ship_that_swings_because_it_answers_late_is_no_ship_without_a_rudder():
     """Three times as late in turning, and eight seconds late: told at 213 s, in the third swing."""
     boat = sailing("calm", 1, lag=3.0, delay_s=8.0)
