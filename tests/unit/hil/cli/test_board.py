@@ -1,3 +1,5 @@
+import pytest
+
 from hil.__main__ import main
 from hil.sim.run_directory import held
 
@@ -10,6 +12,7 @@ def test_a_board_overwrites_the_results_of_no_campaign(tmp_path, capsys):
     assert (tmp_path / "truth.csv").read_text() == "kept"
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_a_board_that_replaces_a_run_says_so_and_leaves_the_states_of_others_alone(tmp_path, capsys):
     (tmp_path / "run.json").write_text("{}")
     (tmp_path / "boat").mkdir()

@@ -126,6 +126,7 @@ def test_the_text_names_units_and_the_loop(out):
     assert "never" in text
 
 
+@pytest.mark.usefixtures("without_picture")
 @pytest.mark.parametrize("content", ["", "time_", "whole", "cut"])
 def test_a_run_that_was_cut_off_anywhere_still_makes_a_page(out, content):
     whole = (out / "truth.csv").read_text()
@@ -146,6 +147,7 @@ def test_a_directory_of_no_run_is_told_in_a_line(out, text, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_report_makes_the_page_again_and_names_the_version_that_made_the_figures(out, capsys):
     assert main(["report", str(out)]) == 0
     said = capsys.readouterr().out
@@ -210,6 +212,7 @@ def test_figures_and_picture_of_a_day_take_little_memory(use):
     assert most < 6e6
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_what_the_sea_was_sailed_with_is_told(out):
     rows = scenarios.rows_of(scenarios.sea_of("tank+float=0.3:0.7,sway"))
     replace(RECORD, extras="float=0.3:0.7,sway=1", sea=tuple(rows)).write(out)

@@ -33,6 +33,7 @@ def test_a_run_is_found_while_the_campaign_goes_on(campaign):
             replay.result_of(campaign, spec, index)
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_a_run_that_comes_out_differently_is_told(campaign, tmp_path):
     known = store.read_identity(campaign)
     (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "numpy": "0"}}))

@@ -90,20 +90,36 @@ def test_the_tuned_pid_is_worthy_of_the_comparison():
     assert abs(found["sea"].mean_deg) < 0.3
 
 
-def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys):
+def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys, monkeypatch):
+    """In two seas, of which the limit knows too little of one: its speed varies."""
+    monkeypatch.setattr("hil.lab.compare.limit.PRICES", (0.1, 1.0))
     file = tmp_path / "found.json"
     figures = tmp_path / "figures.json"
-    words = ["compare", "tank", "--only", "pid", "--seeds", "2", "--json", str(file), "--figures", str(figures)]
-    assert main([*words, "--goal", "0:0,10:60"]) == 0
+    words = [
+        "compare",
+        "sea",
+        "gusts",
+        "--only",
+        "pid",
+        "--seeds",
+        "1",
+        "--limit",
+        "--json",
+        str(file),
+        "--figures",
+        str(figures),
+    ]
+    assert main([*words, "--goal", "0:60"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
     assert "PID, tuned" in said.out
     assert "compiled twin" in said.out
-    (row,) = json.loads(file.read_text())
-    assert (row["scenario"], row["sailed_by"], len(row["seeds"])) == ("tank", "compiled twin", 2)
+    assert said.out.count("with a receiver") == 1
+    row, _ = json.loads(file.read_text())
+    assert (row["scenario"], row["sailed_by"], len(row["seeds"])) == ("sea", "compiled twin", 1)
     assert f"{row['mean']['rms_deg']:.2f}" in said.out
     kept = json.loads(figures.read_text()).values()
-    assert {one["command"] for one in kept} == {"rambler-hil compare --seeds 2 --goal 0:0,10:60"}
+    assert {one["command"] for one in kept} == {"rambler-hil compare --seeds 1 --goal 0:60"}
 
 
 @pytest.mark.parametrize(
@@ -124,21 +140,9 @@ def test_the_limit_falls_with_travel_and_with_a_receiver(name):
         rms = [at_travel(curve, travel) for travel in (500.0, 1000.0, 2000.0, 8000.0)]
         assert rms == sorted(rms, reverse=True)
     assert at_travel(curves[1], 1000.0) < at_travel(curves[0], 1000.0)
-
-
-def test_the_limit_is_that_of_a_separate_computation():
-    """Figures of the same regulator from a program of its own."""
-    from hil.lab.compare.limit import at_travel, limits  # noqa: PLC0415
-
-    sea = limits(scenarios.named("sea"), OCEAN_RAMBLER, receiver=False)
-    assert at_travel(sea, 1607.0) == pytest.approx(1.32, abs=0.02)
-    assert at_travel(sea, 3512.0) == pytest.approx(1.19, abs=0.02)
-
-
-def test_a_sea_that_the_limit_knows_too_little_of_has_none(capsys, monkeypatch):
-    monkeypatch.setattr("hil.lab.compare.limit.PRICES", (0.1, 1.0))
-    assert main(["compare", "sea", "gusts", "--only", "pid", "--seeds", "1", "--limit", "--goal", "0:60"]) == 0
-    assert capsys.readouterr().out.count("with a receiver") == 1
+    if name == "sea":  # figures of the same regulator from a program of its own
+        assert at_travel(curves[0], 1607.0) == pytest.approx(1.32, abs=0.02)
+        assert at_travel(curves[0], 3512.0) == pytest.approx(1.19, abs=0.02)
 
 
 def test_means_become_figures_of_the_documentation_and_what_never_came_is_left_out():

@@ -76,11 +76,12 @@ def test_the_summary(whole):
     assert summary["faults"] == []
 
 
-def test_the_same_recording_gives_the_same_estimate(recorded, whole, estimated):
-    columns, summary = estimated(recorded.columns)
-    assert all(np.array_equal(columns[name], whole[0][name], equal_nan=True) for name in columns)
-    summary["file"] = whole[1]["file"]
-    assert summary == whole[1]
+def test_the_same_recording_gives_the_same_estimate(recorded, estimated):
+    few = {name: values[:200] for name, values in recorded.columns.items()}
+    (columns, summary), (others, other) = estimated(few), estimated(few)
+    assert all(np.array_equal(columns[name], others[name], equal_nan=True) for name in columns)
+    summary["file"] = other["file"]
+    assert summary == other
 
 
 def test_degrees_and_a_late_clock_are_the_same_recording(recorded, whole, estimated):
@@ -100,8 +101,8 @@ def test_degrees_and_a_late_clock_are_the_same_recording(recorded, whole, estima
     [
         ("time_s", "heading_rad"),
         ("time_s", "heading_rad", "rudder_rad"),
-        ("time_s", "heading_rad", "lat_deg", "lon_deg"),
-        ("time_s", "heading_rad", "sog_m_s", "cog_deg"),
+        pytest.param(("time_s", "heading_rad", "lat_deg", "lon_deg"), marks=pytest.mark.proof),
+        pytest.param(("time_s", "heading_rad", "sog_m_s", "cog_deg"), marks=pytest.mark.proof),
     ],
 )
 def test_whatever_is_left_out(recorded, estimated, left):
@@ -145,16 +146,15 @@ def test_a_quick_recording(estimated):
     assert np.sqrt(np.mean(off_deg(found["heading_rad"], fast.hull_rad)[400:] ** 2)) < LARGEST_RMS_DEG
 
 
-def test_a_recorded_goal_is_what_it_is_ordered_to_steer(recorded, estimated):
-    goal = {"goal_rad": np.full(800, 1.0)}
-    _, near = estimated(recorded.columns)
-    _, far = estimated({**recorded.columns, **goal})
+def test_a_recorded_goal_is_what_it_is_ordered_to_steer(recorded, whole, estimated):
+    _, near = whole
+    _, far = estimated({**recorded.columns, "goal_rad": np.full(800, 1.0)})
     assert far["rudder_travel_commanded_deg_per_h"] != near["rudder_travel_commanded_deg_per_h"]
 
 
 def test_which_speed_is_used_is_said(recorded, estimated):
-    columns = {name: recorded.columns[name] for name in ("time_s", "heading_rad")}
-    speed = np.full(800, 0.62)
+    columns = {name: recorded.columns[name][:200] for name in ("time_s", "heading_rad")}
+    speed = np.full(200, 0.62)
     _, water = estimated({**columns, "speed_m_s": speed}, "--ship", "K=0.049,T=4")
     assert water["ship"]["speed"] == pytest.approx(0.62)
     assert any("mean speed through the water, 0.62 m/s" in note for note in water["notes"])

@@ -22,9 +22,9 @@ from support.line import FakeLine
 
 pytestmark = pytest.mark.timeout(600)  # the plant is compiled first
 
-SECONDS = 300.0
+SECONDS = 120.0
 # Times and angles [rad].
-RUDDER = [(20.0 * turn, (-1) ** turn * 32 * (turn % 7) / devices.COUNTS_PER_RADIAN) for turn in range(15)]
+RUDDER = [(20.0 * turn, (-1) ** turn * 32 * (turn % 7) / devices.COUNTS_PER_RADIAN) for turn in range(6)]
 
 
 def decoded(scenario, seed):

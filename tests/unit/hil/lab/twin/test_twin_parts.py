@@ -20,7 +20,7 @@ NOISE = "yaw=4,bias=12:600"
     "text", [*(row.name for row in TABLE), "tank+orbital=0.2,compass", f"mission+{KINDER},{NOISE}", "calm+sway,compass"]
 )
 def test_the_ship_in_her_sea_is_the_harness_s(text):
-    scenario, seconds = sea_of(text), 20.0
+    scenario, seconds = sea_of(text), 10.0
     hull, sea = Hull(scenario, OCEAN_RAMBLER, 3), drawn(scenario, 3, seconds)
     state, waiting, ship = (
         np.zeros(ships.HULL_STATES),
