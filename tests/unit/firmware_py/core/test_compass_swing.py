@@ -11,7 +11,7 @@ from support.swing import voyage
 IN_FORCE = ParameterSet().replaced("CMP_DEV_B", 2.0)
 
 
-def swung(legs=30, parameters=IN_FORCE):
+def swung(legs=20, parameters=IN_FORCE):
     """Sail the voyage with a swing; return it, its events, and the percents that it has told in between."""
     swing, events, percents = CompassSwing(), [], []
     swing.begin(parameters)

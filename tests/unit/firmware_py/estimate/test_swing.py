@@ -45,7 +45,7 @@ def errors_deg(found):
     return np.degrees(np.subtract(found.coefficients_rad, TRUE))
 
 
-@pytest.mark.parametrize("how", [{}, {"declination_rad": 0.2}, {"velocity": False}])
+@pytest.mark.parametrize("how", [{"declination_rad": 0.2}, {"velocity": False}])
 def test_the_deviation_is_found_beside_a_current(how):
     found = swing.result(PLAIN, sail(round_about(40), **how))
     assert found.ready

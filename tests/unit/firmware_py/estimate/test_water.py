@@ -11,13 +11,13 @@ from firmware_py.estimate import water, water_filter
 from firmware_py.model.crab import heading_for_course
 from firmware_py.model.kt import OCEAN_RAMBLER
 
-STEP_S = 1.0
+STEP_S = 2.0
 
 
 class Passage:
-    """A boat on given headings, of which the water is estimated; positions every second with white noise."""
+    """A boat on given headings, of which the water is estimated; positions every two seconds with white noise."""
 
-    def __init__(self, speed_m_s, north_m_s, east_m_s, seed=1, leeway_deg=0.0, fix_s=1.0, longitude_rad=2.0):
+    def __init__(self, speed_m_s, north_m_s, east_m_s, seed=1, leeway_deg=0.0, fix_s=STEP_S, longitude_rad=2.0):
         self.speed_m_s, self.current, self.leeway_rad = speed_m_s, (north_m_s, east_m_s), math.radians(leeway_deg)
         self.rng, self.fix_s, self.longitude_rad = random.Random(seed), fix_s, longitude_rad
         self.t_s = self.north_m = self.east_m = self.off_m_s = self.jump_m = 0.0
@@ -168,20 +168,20 @@ def test_the_track_gives_a_heading_within_its_standard_deviation_where_the_water
 
 def test_the_track_gives_no_heading_after_a_gap_nor_at_the_first_position():
     passage = Passage(0.6, 0.0, 0.0)
-    passage.sail(0.0, 1.0)
+    passage.sail(0.0, STEP_S)
     assert passage.courses == []
     passage.square()
     passage.courses.clear()
     passage.fix_s = math.inf
     passage.sail(0.0, 60.0)
-    passage.fix_s = 1.0
+    passage.fix_s = STEP_S
     passage.sail(0.0, 5.0)
     assert passage.courses == []
 
 
 def test_the_slow_values_start_at_the_estimate_and_stay_within_its_standard_deviation():
     passage = Passage(0.4, 0.0, 0.33)
-    passage.sail(300.0, 1.0)
+    passage.sail(300.0, STEP_S)
     now = water.estimated(passage.state, passage.t_s)
     assert water.known(passage.state)[:3] == (now.current_north_m_s, now.current_east_m_s, now.mean_speed_m_s)
     for heading_deg in (300.0, 200.0, 240.0):
@@ -198,7 +198,7 @@ def test_the_heading_of_a_course_across_a_strong_current_does_not_move_with_each
     passage.square(200.0)
     moved_rad, before = [0.0, 0.0], None
     for _ in range(300):
-        now = passage.sail(240.0, 1.0)
+        now = passage.sail(240.0, STEP_S)
         north_m_s, east_m_s, speed_m_s, _ = water.known(passage.state)
         slow_rad = heading_for_course(math.pi, speed_m_s, north_m_s, east_m_s)
         own_rad = heading_for_course(math.pi, now.mean_speed_m_s, now.current_north_m_s, now.current_east_m_s)

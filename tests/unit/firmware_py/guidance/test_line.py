@@ -1,9 +1,10 @@
 """Lines and their ends, with a perfect boat in a plane."""
 
+import itertools
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import Place
@@ -71,17 +72,17 @@ def test_the_look_ahead_grows_with_speed_within_bounds(origin, tight):
     assert at(50.0) == line.LONGEST_LOOK_M
 
 
-@pytest.mark.parametrize("bearing_deg", range(0, 360, 30))
-@pytest.mark.parametrize("distance_m", [3.0, 12.0, 18.0, 35.0, 70.0])
+@pytest.mark.parametrize("distance_m", [3.0, 18.0, 70.0])
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.15, 0.2), (-0.3, 0.0)])
-def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origin, bearing_deg, distance_m, current):
-    boat = afloat(current=current)
-    angle_rad = math.radians(bearing_deg)
-    task = go(origin, distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad), None, acceptance_radius_m=2.0)
-    while not boat.follower.arrived:
-        boat.step(task)
-        assert boat.t_s < 5000.0
-    assert boat.distance_m(distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad)) < 60.0
+def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origin, distance_m, current):
+    for angle_rad in map(math.radians, range(0, 360, 45)):
+        boat = afloat(current=current)
+        place_m = distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad)
+        task = go(origin, *place_m, None, acceptance_radius_m=2.0)
+        while not boat.follower.arrived:
+            boat.step(task)
+            assert boat.t_s < 5000.0, angle_rad
+        assert boat.distance_m(*place_m) < 60.0, angle_rad
 
 
 @pytest.mark.parametrize("distance_m", [26.0, 30.0, 43.0])
@@ -122,16 +123,15 @@ def test_a_line_that_a_stronger_current_lets_her_reach_is_come_back_to(afloat, o
     assert boat.distance_m(0.0, 800.0) <= 20.0
 
 
-@pytest.mark.parametrize("heading_deg", range(0, 360, 60))
-@pytest.mark.parametrize("bearing_deg", range(7, 360, 30))
-def test_only_a_place_that_she_comes_nearer_to_is_seen_at_its_nearest(origin, tight, heading_deg, bearing_deg):
-    bearing_rad = math.radians(bearing_deg)
-    place = go(origin, 50.0 * math.cos(bearing_rad), 50.0 * math.sin(bearing_rad), acceptance_radius_m=5.0)
-    motion = VesselMotion(origin, math.radians(heading_deg), 0.4, 0.1, -0.2)
-    north_m_s, east_m_s = 0.4 * math.cos(motion.heading_rad) + 0.1, 0.4 * math.sin(motion.heading_rad) - 0.2
-    closing_m_s = north_m_s * math.cos(bearing_rad) + east_m_s * math.sin(bearing_rad)
-    state, _ = line.update(tight, LineState(origin), place, motion, 0.1)
-    assert math.isfinite(state.closest_m) is (closing_m_s > 0.0)
+def test_only_a_place_that_she_comes_nearer_to_is_seen_at_its_nearest(origin, tight):
+    for heading_deg, bearing_deg in itertools.product(range(0, 360, 60), range(7, 360, 30)):
+        bearing_rad = math.radians(bearing_deg)
+        place = go(origin, 50.0 * math.cos(bearing_rad), 50.0 * math.sin(bearing_rad), acceptance_radius_m=5.0)
+        motion = VesselMotion(origin, math.radians(heading_deg), 0.4, 0.1, -0.2)
+        north_m_s, east_m_s = 0.4 * math.cos(motion.heading_rad) + 0.1, 0.4 * math.sin(motion.heading_rad) - 0.2
+        closing_m_s = north_m_s * math.cos(bearing_rad) + east_m_s * math.sin(bearing_rad)
+        state, _ = line.update(tight, LineState(origin), place, motion, 0.1)
+        assert math.isfinite(state.closest_m) is (closing_m_s > 0.0), (heading_deg, bearing_deg)
 
 
 def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
@@ -173,7 +173,6 @@ def test_whatever_comes_the_course_is_an_angle(motion, start, to, acceptance_rad
     assert state.tries <= line.MOST_TRIES
 
 
-@settings(max_examples=25)
 @given(
     st.floats(-300.0, 300.0),
     st.floats(-300.0, 300.0),

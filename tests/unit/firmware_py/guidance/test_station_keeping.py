@@ -13,8 +13,7 @@ from firmware_py.guidance.station_keeping import StationKeepingState
 from firmware_py.guidance.tasks import HoldStation, VesselMotion
 
 
-@pytest.mark.parametrize("drift", [0.0, 0.3, 0.7, 0.85])
-@pytest.mark.parametrize("toward_rad", [0.0, 2.0])
+@pytest.mark.parametrize(("drift", "toward_rad"), [(0.0, 0.0), (0.3, 2.0), (0.7, 0.0), (0.85, 2.0)])
 def test_the_circle_is_kept_with_few_turns(afloat, origin, drift, toward_rad):
     boat = afloat(current=(0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad)))
     task = HoldStation(origin, 100.0)

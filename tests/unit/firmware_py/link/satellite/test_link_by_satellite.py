@@ -26,11 +26,11 @@ def names(frames):
     return [frame.get_type() for frame in frames]
 
 
-def sail(days):
-    """Sail for so many days with a report an hour, faults, commands and 30 % of sessions that fail; judge each hour."""
+def sail(hours):
+    """Sail some hours with a report each, faults, commands and 30 % of sessions that fail; judge each hour."""
     boat = SatelliteBoat(key=KEY, failed=0.3, lost_answers=0.2, lost_rings=0.3, seed=7)
     messages, obeyed, told, frames = [], 0, [], []
-    for hour in range(24 * days):
+    for hour in range(hours):
         boat.run_to(3600.0 * hour + 1800.0, idle_s=60.0)
         if hour % 12 == 5:
             told.append(f"Fault {hour}")
@@ -49,24 +49,24 @@ def sail(days):
     reports = {frame.timestamp for frame in frames if frame.get_type() == "HIGH_LATENCY2"}
     texts = {frame.text for frame in frames if frame.get_type() == "STATUSTEXT"}
     status = boat.status()
-    assert boat.network.attempts > 1.3 * 24 * days
+    assert boat.network.attempts > 1.3 * hours
     assert max(by_day.values()) <= boat.request_handler.values["SBD_DAY_CRED"]
     waiting = len(boat.transport._driver.queue._queues[Kind.REPORT])
-    assert (status.dropped, len(reports)) == (0, 24 * days + 1 - waiting)
+    assert (status.dropped, len(reports)) == (0, hours + 1 - waiting)
     assert set(told) <= texts
     assert boat.intents == [SetMode(15)] * obeyed
     assert status.refused == {"came before": len(messages) * 2 - obeyed}
     return boat, f"{len(reports)} reports, {boat.network.bill}, {dict(by_day)}, {status}"
 
 
-def test_a_day_with_failed_sessions_loses_nothing_and_keeps_the_budget():
-    sail(1)
+def test_half_a_day_with_failed_sessions_loses_nothing_and_keeps_the_budget():
+    sail(12)
 
 
 @pytest.mark.proof
 def test_so_does_a_month():
     """pytest -m proof -s tests/unit/firmware_py/link/satellite (four minutes)."""
-    boat, told = sail(30)
+    boat, told = sail(24 * 30)
     print(told)
     assert boat.network.bill.total <= boat.status().total_credits <= boat.request_handler.values["SBD_MONTH_CRED"]
 
@@ -124,7 +124,7 @@ def test_a_command_comes_with_a_ring_and_is_answered(boat):
 
 def test_messages_out_of_order_and_days_late_count_once_each():
     boat = SatelliteBoat(key=KEY, parameters={"SBD_REPORT_MIN": 1440.0})
-    boat.run(4 * DAY_S, idle_s=600)
+    boat.run(4 * DAY_S, idle_s=3600)
     written = [
         boat.keyed(set_mode(mode), at_s=boat.now_s - age_s) for mode, age_s in ((4, 0), (10, 3 * DAY_S), (11, 60))
     ]
@@ -216,14 +216,14 @@ def test_with_a_key_a_plain_frame_may_ask_and_without_one_command(boat):
 
 def test_a_day_whose_credits_are_spent_lets_commands_in_and_the_next_day_reports():
     boat = SatelliteBoat(key=KEY, parameters={"SBD_DAY_CRED": 10, "SBD_REPORT_MIN": 30.0})
-    boat.run(12 * 3600.0, idle_s=300)
+    boat.run(12 * 3600.0, idle_s=600)
     assert boat.status().day_credits == 9
     assert boat.network.bill.total == 9
     assert [event.text for event in boat.events] == ["Satellite credits used up: 9 today, 9 this month"]
     boat.network.send(boat.keyed(set_mode(15)))
     boat.run(300)
     assert boat.intents == [SetMode(15)]
-    boat.run(12.5 * 3600.0, idle_s=300)
+    boat.run(12.5 * 3600.0, idle_s=600)
     assert boat.status().day_credits > 0
     assert boat.status().waiting > 0  # reports of the day before wait until there is room
     assert boat.network.bill.total <= boat.status().total_credits
@@ -239,7 +239,7 @@ def test_a_weak_signal_is_waited_for():
 
 def test_failures_are_followed_by_longer_pauses():
     boat = SatelliteBoat(failed=1.0)
-    boat.run(3500, idle_s=5)
+    boat.run(3500, idle_s=10)
     assert 12 <= boat.network.attempts <= 22
     assert boat.status().waiting == 1
     boat.network.failed = 0.0
@@ -249,7 +249,7 @@ def test_failures_are_followed_by_longer_pauses():
 
 def test_a_gateway_that_may_have_charged_each_try_does_not_use_up_the_day():
     boat = SatelliteBoat(failed=1.0, lost_answers=1.0)
-    boat.run(DAY_S / 2, idle_s=60)
+    boat.run(DAY_S / 2, idle_s=120)
     status = boat.status()
     assert boat.network.bill.total <= status.day_credits <= 45
     assert boat.network.attempts < 30
