@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import lzma
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from firmware_py.common.parameter_row import Kind, Parameter
@@ -66,8 +67,7 @@ class Metadata:
     def __init__(self, version: Version, autopilot: int) -> None:
         """Make the files of this version, for a boat that says it is this autopilot (MAV_AUTOPILOT)."""
         self.autopilot = autopilot
-        parameters = _text({"version": 3, "parameters": [_parameter(row, autopilot) for row in TABLE]})
-        compressed = _compressed(parameters)
+        parameters, compressed = parameter_files(autopilot)
         general = _text(
             {
                 "version": 1,
@@ -102,9 +102,16 @@ class Metadata:
         return mavlink.mavlink_map[395](boot_ms(t_s), mavlink_crc32(self._general), uri, 0, b"")
 
 
+@cache
+def parameter_files(autopilot: int) -> tuple[bytes, bytes]:
+    """Return parameter.json, plain and compressed; made once, since the table does not change."""
+    parameters = _text({"version": 3, "parameters": [_parameter(row, autopilot) for row in TABLE]})
+    return parameters, _compressed(parameters)
+
+
 def parameter_json() -> str:
     """Return parameter.json as text."""
-    return _text({"version": 3, "parameters": [_parameter(row, ARDUPILOT) for row in TABLE]}).decode()
+    return parameter_files(ARDUPILOT)[0].decode()
 
 
 def declared_kind(row: Parameter, autopilot: int) -> Kind:

@@ -8,7 +8,7 @@ import pytest
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.files.area import mavlink_crc32
-from firmware_py.link.parameters.metadata import Metadata, parameter_json
+from firmware_py.link.parameters.metadata import Metadata, parameter_files, parameter_json
 from firmware_py.link.telemetry.identity import Version
 from support.paths import DATA
 
@@ -68,6 +68,7 @@ def test_the_checksums_are_those_of_the_files_as_served(rig, ftp_station, of):
 
 
 def test_the_same_table_makes_the_same_bytes(files):
+    parameter_files.cache_clear()
     assert Metadata(Version(1, 2, 3), 3).files == files
 
 
