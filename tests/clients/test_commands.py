@@ -79,6 +79,7 @@ def test_the_workshop_disarmed_bench_centre_reset_and_restart(start_hil, connect
     hil.end()
 
 
+@pytest.mark.proof
 def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_say(tmp_path, start_hil, connect):
     hil = start_hil("udpout", scenario="tank", speed="15", seconds=9000, nimble=False)
     station = connect(f"udpin:127.0.0.1:{hil.ports[0]}")

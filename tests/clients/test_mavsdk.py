@@ -47,6 +47,7 @@ def told(script, tmp_path, start, hil):
     return json.loads(results.read_text())
 
 
+@pytest.mark.proof
 def test_mavsdk_has_her_sail_a_mission(tmp_path, start, start_hil):
     if importlib.util.find_spec("mavsdk") is None:
         pytest.skip("mavsdk is not installed; install the extra [clients]")

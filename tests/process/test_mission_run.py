@@ -45,6 +45,7 @@ def test_killed_in_the_middle_it_goes_on_with_the_mission(make_boat):
     assert np.hypot(end[:, 1], end[:, 2] - 90.0).max() < 60.0
 
 
+@pytest.mark.proof
 def test_killed_on_a_mission_she_steers_at_once_and_sails_on(make_boat):
     boat = make_boat(
         settings={"BOOT_RESUME": 2, "WP_RADIUS": 5.0},

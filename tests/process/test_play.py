@@ -5,6 +5,7 @@ import signal
 import sys
 from contextlib import closing
 
+import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -37,6 +38,7 @@ def test_who_plays_steers_as_he_likes_and_ends_it_when_he_likes(tmp_path):
     assert (out / "report.html").exists()
 
 
+@pytest.mark.proof
 def test_who_plays_may_shut_her_down_and_has_the_figures(tmp_path):
     (port,) = unused_ports(["udpin"])
     out = tmp_path / "out"

@@ -9,6 +9,8 @@ import struct
 import sys
 from contextlib import closing
 
+import pytest
+
 from support.harness import without_pictures
 from support.program import Program
 
@@ -48,6 +50,7 @@ def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
     assert (out / "report.html").exists()
 
 
+@pytest.mark.proof
 def test_a_ship_that_nobody_steered_has_a_page_and_is_replaced_with_a_word(tmp_path):
     out = tmp_path / "out"
     words = [sys.executable, "-m", "hil", "serve-json", "tank", "--port", "0", "--out", str(out)]

@@ -25,6 +25,7 @@ from firmware_py.core.accept import accept
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
+from firmware_py.faults.table import TABLE, Fault
 from firmware_py.guidance import guidance
 from firmware_py.guidance.tasks import HoldHeading
 from support import rig
@@ -138,6 +139,7 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     boat.run(60.0)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
     assert not boat.snapshot.position_ok
+    assert boat.said(TABLE[Fault.POSITION_JUMPING].text)
     assert boat.said("Position lost")
     boat.jump_m = (0.0, 0.0)
     boat.run(60.0)

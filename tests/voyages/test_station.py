@@ -70,7 +70,7 @@ def test_for_two_hours_without_a_receiver(figures, more, seed):
     assert farthest_m < 200.0 + 3.0 * reckoned.sd_m < 3000.0
 
 
-@pytest.mark.parametrize("boot", ["same", "other"])
+@pytest.mark.parametrize("boot", [pytest.param("same", marks=pytest.mark.proof), "other"])
 def test_a_restart_without_a_receiver_leaves_her_on_her_station(boot):
     boat = rig.Sailing(rig.scenario(0.6, 0.1), 1, BOOT_RESUME=2)
     boat.under_way(Mode.LOITER)

@@ -72,6 +72,7 @@ def test_what_is_to_be_large_worsens_by_falling():
     assert "at least" in now(10.0).text
 
 
+@pytest.mark.proof
 def test_one_more_reading_of_the_same_hardly_ever_counts_as_worse():
     numbers = random.Random(1)
 

@@ -118,6 +118,7 @@ def test_two_chains_never_share_a_directory(tmp_path, capsys):
     assert "another run is under way in it" in capsys.readouterr().err
 
 
+@pytest.mark.proof
 def test_the_tank_s_manoeuvres_tell_the_paper_s_ship(tmp_path):
     """Twenty minutes rather than two hours: alpha is looser, and all three lie where the stated errors say."""
     angles = (30.0 * DEG, -30.0 * DEG, 10.0 * DEG, -10.0 * DEG)

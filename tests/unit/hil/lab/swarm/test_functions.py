@@ -53,6 +53,7 @@ def random_search(row, dimensions, evaluations, seed):
     return float(row.function(points).min())
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize("row", BETTER_THAN_CHANCE, ids=lambda row: row.name)
 def test_the_fish_do_better_than_chance_in_five_dimensions(row):
     found, chance = [], []

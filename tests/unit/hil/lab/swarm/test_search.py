@@ -242,6 +242,7 @@ def test_the_objective_may_keep_and_spoil_what_it_is_given():
     assert same(minimise(spoiling, LOW, HIGH, QUICK), minimise(bowl, LOW, HIGH, QUICK))
 
 
+@pytest.mark.proof
 def test_memory_grows_by_the_history_alone():
     def peak(iterations):
         tracemalloc.start()
