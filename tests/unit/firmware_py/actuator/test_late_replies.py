@@ -5,7 +5,7 @@ import math
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
@@ -157,7 +157,6 @@ def test_an_answer_in_time_brings_the_short_question_back(fakes, servo):
 DELAYS = st.lists(st.sampled_from([0.0, 0.016, 0.05, 0.12, 0.21, 0.4, None]), min_size=1, max_size=40)
 
 
-@settings(max_examples=30)
 @given(DELAYS, st.sampled_from([0.1, 0.04, 0.02, 0.5]), st.sampled_from([57600, 1_000_000]))
 def test_however_late_no_answer_is_said_to_be_newer_than_it_is_and_no_goal_is_said_to_be_refused(
     fakes, delays, period_s, baud

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
@@ -54,7 +54,6 @@ class Trouble:
 STORY = st.lists(st.tuples(st.sampled_from(TROUBLES), st.integers(1, 9)), max_size=12)
 
 
-@settings(max_examples=30)
 @given(STORY)
 def test_dynamixel_recovers(fakes, story):
     trouble = Trouble(fakes, fakes.dynamixel(), lambda line: dynamixel_rudder(line, DynamixelOptions()))
@@ -69,7 +68,6 @@ def test_dynamixel_recovers(fakes, story):
     assert len(trouble.servo.eeprom_writes) <= 3  # return delay, its answer lost at most twice
 
 
-@settings(max_examples=30)
 @given(STORY)
 def test_volz_recovers(fakes, story):
     trouble = Trouble(fakes, fakes.volz(), lambda line: volz_rudder(line, VolzOptions()))

@@ -116,8 +116,8 @@ def test_with_nothing_to_resume_nothing_is_written_and_afterwards_all_of_it():
 @pytest.mark.parametrize("awaited", [False, True], ids=["setpoints", "acknowledged"])
 def test_a_stream_costs_no_more_than_the_bound(make, awaited):
     keep = Keeping()
-    for tick in range(int(HOURS_S) // 2):
-        keep(2.0 * tick, make(at_sea(), tick), awaited=awaited)
+    for tick in range(int(HOURS_S) // 4):
+        keep(4.0 * tick, make(at_sea(), tick), awaited=awaited)
     assert RATE_HZ * HOURS_S - 1 <= keep.writes <= BURST + RATE_HZ * HOURS_S
 
 
