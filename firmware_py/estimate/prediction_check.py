@@ -5,7 +5,8 @@ by five of its standard deviations (true sea trials; docs/explanation/estimation
 starts at the filter's state, goes on with the measured rudder and without the compass, and is compared with the
 filter HORIZON_S later. For a consistent filter the difference e has the variance P_predicted - P_filter (the
 estimates are orthogonal: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation,
-2001, section 5.4), so the mean of e^2 / variance is 1.
+2001, section 5.4), so the mean of e^2 / variance is 1. Speed and K count as known within MODEL_SHARE only: a turn that
+differs by no more proves nothing.
 
 The mean over about MEMORY comparisons (10 minutes) has a standard deviation of 0.32 for Gaussian errors. Null
 hypothesis: the filter is consistent. It is rejected above REJECT: 20 independent comparisons of a consistent filter
@@ -26,18 +27,20 @@ HORIZON_S: Final = 30.0
 MEMORY: Final = 20.0
 LARGEST_SQUARE: Final = 25.0  # one comparison beyond 5 standard deviations counts as this one: one gust proves little
 MIN_SD_RAD: Final = radians(0.5)  # of the compass itself, which the filter may follow exactly
+MODEL_SHARE: Final = 0.2  # of a turn: the accuracy of an identified K, and of the speed before it is estimated
 REJECT, ACCEPT = 3.5, 2.0
 ENOUGH: Final = 10.0  # comparisons before the first verdict
 
 
 class PredictionCheck(NamedTuple):
-    """The prediction under way, since when, the mean square and of how many comparisons it is the mean.
+    """The prediction under way, since when and from which heading, the mean square and the number of comparisons in it.
 
     `is_rejected`: the filter's standard deviations are too small for what came.
     """
 
     motion: Motion = Motion()
     begun_s: float = math.nan
+    from_rad: float = 0.0
     mean_square: float = 1.0
     comparisons: float = 0.0
     is_rejected: bool = False
@@ -45,12 +48,12 @@ class PredictionCheck(NamedTuple):
 
 def begin(m: Motion, t_s: float) -> PredictionCheck:
     """Return the check at its first prediction."""
-    return PredictionCheck(m, t_s, 1.0, 0.0, False)
+    return PredictionCheck(m, t_s, m.heading_rad, 1.0, 0.0, False)
 
 
 def restarted(check: PredictionCheck, m: Motion, t_s: float) -> PredictionCheck:
     """Return the check with a prediction that starts now, as after a gap; the result so far stays."""
-    return PredictionCheck(m, t_s, check.mean_square, check.comparisons, check.is_rejected)
+    return PredictionCheck(m, t_s, m.heading_rad, check.mean_square, check.comparisons, check.is_rejected)
 
 
 def update(
@@ -67,14 +70,17 @@ def update(
         return restarted(check, m, t_s) if step_s > 0.0 else check
     ahead = heading_model.predict(check.motion, levels, model, rudder_rad, step_s)
     if t_s - check.begun_s < HORIZON_S:
-        return PredictionCheck(ahead, check.begun_s, check.mean_square, check.comparisons, check.is_rejected)
-    variance = max(ahead.p00 - m.p00, 0.0) + MIN_SD_RAD * MIN_SD_RAD
+        return PredictionCheck(
+            ahead, check.begun_s, check.from_rad, check.mean_square, check.comparisons, check.is_rejected
+        )
+    turn_sd_rad = MODEL_SHARE * (ahead.heading_rad - check.from_rad)
+    variance = max(ahead.p00 - m.p00, 0.0) + MIN_SD_RAD * MIN_SD_RAD + turn_sd_rad * turn_sd_rad
     off_rad = wrap_pi(m.heading_rad - ahead.heading_rad)
     square = min(off_rad * off_rad / variance, LARGEST_SQUARE)
     count = min(check.comparisons + 1.0, MEMORY)
     mean_square = check.mean_square + (square - check.mean_square) / count
     limit = ACCEPT if check.is_rejected else REJECT
-    return PredictionCheck(m, t_s, mean_square, count, count >= ENOUGH and mean_square > limit)
+    return PredictionCheck(m, t_s, m.heading_rad, mean_square, count, count >= ENOUGH and mean_square > limit)
 
 
 def inflation(check: PredictionCheck) -> float:

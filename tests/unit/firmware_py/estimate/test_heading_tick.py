@@ -209,7 +209,7 @@ def test_the_course_gives_the_heading_without_a_compass():
 
 
 def rejected(boat):
-    return boat.state._replace(check=PredictionCheck(boat.state.filter.motion, boat.t_s, 9.0, 20.0, True))
+    return boat.state._replace(check=PredictionCheck(boat.state.filter.motion, boat.t_s, 0.0, 9.0, 20.0, True))
 
 
 def test_a_filter_whose_predictions_fail_is_not_trusted_and_the_smoothed_compass_is_steered_by():

@@ -123,9 +123,18 @@ def test_one_gust_proves_nothing_and_no_verdict_is_given_on_few_comparisons():
     assert not compared(check, radians(120.0)).is_rejected
 
 
+@pytest.mark.parametrize(("turn_deg", "rejected"), [(45.0, False), (0.0, True)])
+def test_a_turn_that_comes_a_fifth_short_proves_nothing(turn_deg, rejected):
+    check, m = prediction_check.begin(Motion(), 0.0), Motion()
+    for number in range(1, 21):
+        check = check._replace(motion=Motion(radians(9.0)), from_rad=radians(9.0 - turn_deg))
+        check = prediction_check.update(check, m, LEVELS, OCEAN_RAMBLER, 0.0, number * HORIZON_S, 1e-3)
+    assert check.is_rejected is rejected
+
+
 def test_a_gap_starts_another_prediction_and_keeps_the_result():
-    check = PredictionCheck(Motion(), 100.0, 5.0, 15.0, True)
+    check = PredictionCheck(Motion(), 100.0, 0.0, 5.0, 15.0, True)
     motion = Motion(1.0, p00=0.1)
     after = prediction_check.update(check, motion, LEVELS, OCEAN_RAMBLER, 0.0, 140.0, 40.0)
-    assert after == PredictionCheck(motion, 140.0, 5.0, 15.0, True)
+    assert after == PredictionCheck(motion, 140.0, 1.0, 5.0, 15.0, True)
     assert prediction_check.update(check, motion, LEVELS, OCEAN_RAMBLER, 0.0, 100.0, 0.0) is check
