@@ -9,6 +9,7 @@ from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_py.common.parameters import ParameterSet
 from hil.lab.compare.score import Score, mean_of, score_of
 from hil.lab.processes import in_process, processes
 from hil.ship import scenarios
@@ -31,12 +32,12 @@ class Controller:
 
 PAPER = Controller("S-surface, paper gains", AUTOPILOT, tuple(FIXED.items()))
 PID = Controller("PID, tuned", TWIN)
-OURS = Controller("Rambler", AUTOPILOT)
+OURS = Controller("Rambler", TWIN)
 
 
 def priced(price: float) -> Controller:
     """Return ours with another price of rudder travel."""
-    return Controller(f"Rambler, CTL_PRICE {price:g}", AUTOPILOT, (("CTL_PRICE", price),))
+    return Controller(f"Rambler, CTL_PRICE {price:g}", TWIN, (("CTL_PRICE", price),))
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +96,22 @@ def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) 
 
 
 def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) -> Truth:
-    """Sail one run and return what happened."""
+    """Sail one run and return what happened; ours in the compiled loop, which commands what the autopilot does."""
     scenario = scenarios.sea_of(scenario_name)
     if controller.sailed_by == TWIN:
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
+        from hil.lab.numeric_core import LawSettings  # noqa: PLC0415 - likewise
+        from hil.lab.twin import sailing  # noqa: PLC0415 - likewise
+        from hil.lab.twin.sea import sea_of  # noqa: PLC0415 - likewise
 
-        return pid.sail(scenario, seed, task.goals, task.seconds, pid.TUNED)
+        if controller == PID:
+            return pid.sail(scenario, seed, task.goals, task.seconds, pid.TUNED)
+        told = ParameterSet()
+        for name, value in controller.settings:
+            told = told.replaced(name, value)
+        sea, goals = sea_of(scenario, seed, task.seconds), sailing.task_of(task.goals)
+        record, _ = sailing.sail(sailing.boat_of(told), LawSettings.of(told), sea, goals, task.seconds, ticks=False)
+        return sailing.truth_of(record, task.goals)
     from hil.sim.logbook import RunOptions  # noqa: PLC0415 - not needed by the compiled loop
     from hil.sim.runner import run  # noqa: PLC0415 - likewise
 
