@@ -70,10 +70,10 @@ FILTERS, NUMBERS = 2 * LEVELS, len(Motion._fields)
 class Learning(NamedTuple):
     """State of the extra filters; the arrays are never changed in place.
 
-    `motions`, (FILTERS, 20), are their states: two rows for each level, with the level moved up and down, or the twelve
-    candidates in the first minute. `sums`, (FILTERS,), are their log-likelihoods, summed up over the first minute and
-    later over the window of `window_s` seconds. `information`, (LEVELS,), is that of each level. `t_s` is the time of
-    the last sample taken, `rudder_rad_s` the integral of the rudder angle since.
+    `motions`, with a row for each, are their states: two for each level, with the level moved up and down, or the
+    twelve candidates in the first minute. `sums`, (FILTERS,), are their log-likelihoods, summed up over the first
+    minute and later over the window of `window_s` seconds. `information`, (LEVELS,), is that of each level. `t_s` is
+    the time of the last sample taken, `rudder_rad_s` the integral of the rudder angle since.
     """
 
     motions: Floats = np.zeros((FILTERS, NUMBERS))

@@ -158,8 +158,8 @@ def moved(m: Motion, k0: float, k1: float, k2: float, k3: float, k4: float, by: 
 def correct(m: Motion, levels: NoiseLevels, heading_rad: float) -> tuple[Motion, float, float]:
     """Return the state with a compass heading taken in, the innovation [rad] and its variance [rad^2].
 
-    An innovation beyond 3.5 standard deviations counts as one of so much noise that it is not: its influence falls with
-    its size (a Huber-type weight).
+    An innovation beyond OUTLIER counts as one of so much noise that it is not: its influence falls with its size (a
+    Huber-type weight).
     """
     k0, k1, k2, k3, k4 = m.p00 + m.p03, m.p01 + m.p13, m.p02 + m.p23, m.p03 + m.p33, m.p04 + m.p34
     variance = k0 + k3 + math.exp(2.0 * levels.compass_noise)
@@ -170,7 +170,7 @@ def correct(m: Motion, levels: NoiseLevels, heading_rad: float) -> tuple[Motion,
 
 
 def log_likelihood(innovation_rad: float, variance: float) -> float:
-    """Return the log-likelihood of an innovation, without its constant; an outlier counts as one of 3.5 deviations."""
+    """Return the log-likelihood of an innovation, without its constant; an outlier counts as one of OUTLIER."""
     return -0.5 * (math.log(variance) + min(innovation_rad * innovation_rad / variance, OUTLIER))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from hil.lab.compiled import compiled
 from hil.lab.estimate.tick import Watched
 from hil.lab.identify.recording import Floats
-from hil.lab.numeric_core import heading_model, kt
+from hil.lab.numeric_core import heading_filter, heading_model, kt
 
 AHEAD_S: Final = (5, 10, 30, 60)
 LONGEST_STEP_S: Final = 0.5
@@ -81,13 +81,9 @@ def predicted(
     """Fill heading and standard deviation, (rows, times ahead), whose times must rise."""
     first = 0
     for row in range(at_s.shape[0]):
-        m = motions[row]
-        if not math.isfinite(m[0]):
+        if not math.isfinite(motions[row, 0]):
             continue
-        motion = heading_model.Motion(
-            m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10], m[11], m[12], m[13], m[14], m[15], m[16],
-            m[17], m[18], m[19],
-        )  # fmt: skip
+        motion = heading_filter.stored(motions[row])
         level = levels[row]
         noise = heading_model.NoiseLevels(level[0], level[1], level[2], level[3], level[4], level[5])
         model = kt.KtModel(models[row, 0], models[row, 1], models[row, 2], 0.0, 1.0)

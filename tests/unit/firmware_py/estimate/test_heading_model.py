@@ -183,7 +183,7 @@ def test_the_covariance_stays_positive(seed, samples):
         assert np.linalg.eigvalsh(covariance_of(motion) / np.outer(deviations, deviations)).min() > -1e-6
 
 
-def test_the_log_likelihood_is_that_of_a_normal_distribution_up_to_3_5_deviations():
+def test_the_log_likelihood_is_that_of_a_normal_distribution_up_to_an_outlier():
     for innovation_rad, variance in ((0.01, 1e-4), (-0.2, 0.01), (0.0, 3.0)):
         density = math.exp(-0.5 * innovation_rad**2 / variance) / math.sqrt(2.0 * math.pi * variance)
         found = heading_model.log_likelihood(innovation_rad, variance) - 0.5 * math.log(2.0 * math.pi)
@@ -201,7 +201,7 @@ def test_an_unexplained_turn_opens_yaw_rate_and_bias_alone():
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("place", [*range(N), 5, 10, 14, 17, 19])
+@pytest.mark.parametrize("place", [*range(N), *(N + np.flatnonzero(UPPER[0] == UPPER[1]))])
 def test_numbers_that_are_not_finite_are_not_valid(place, value):
     motion = drawn(4)[0]
     assert heading_model.is_valid(motion)

@@ -1,6 +1,7 @@
 """A change of estimator or control law under firmware_py/ needs no edit under hil/: a modified copy is compiled."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -9,13 +10,13 @@ import pytest
 
 from support.paths import ROOT
 
-# File, text and its replacement: a term more in the fixed-gain law, and constants of the law and of both filters.
+# File, pattern and its replacement: a term more in the fixed-gain law, and constants of the law and of both filters.
 CHANGES = (
-    ("control/law.py", "gains.k1 * error + ", "gains.k1 * error + 0.5 * error * error * error + "),
-    ("control/law.py", "RATE_GAIN: Final = 0.55", "RATE_GAIN: Final = 0.45"),
-    ("estimate/heading_model.py", "OUTLIER = 12.0", "OUTLIER = 2.0"),
-    ("estimate/heading_filter.py", "WINDOW_S = 15.0", "WINDOW_S = 10.0"),
-    ("estimate/water.py", "SLOW_S: Final = 30.0", "SLOW_S: Final = 20.0"),
+    ("control/law.py", r"gains\.k1 \* error \+ ", "gains.k1 * error + 0.5 * error * error * error + "),
+    ("control/law.py", r"(?<=^RATE_GAIN: Final = )[\d.]+", "0.45"),
+    ("estimate/heading_model.py", r"(?<=^OUTLIER = )[\d.]+", "2.0"),
+    ("estimate/heading_filter.py", r"(?<=^WINDOW_S = )[\d.]+", "10.0"),
+    ("estimate/water.py", r"(?<=^SLOW_S: Final = )[\d.]+", "20.0"),
 )
 FUNCTIONS = """
 from hil.lab.compiled import compiled
@@ -53,9 +54,9 @@ def changed(tmp_path_factory):
     shutil.copy(ROOT / "pyproject.toml", folder)
     for name, before, after in CHANGES:
         path = folder / "firmware_py" / name
-        text = path.read_text()
-        assert text.count(before) == 1, before
-        path.write_text(text.replace(before, after))
+        text, found = re.subn(before, after, path.read_text(), flags=re.MULTILINE)
+        assert found == 1, before
+        path.write_text(text)
     return folder
 
 
