@@ -14,22 +14,20 @@ from firmware_py.log.open_file import open_buffer
 from hil.cli import outputs
 from hil.errors import UsageError
 from hil.lab.compiled import being_compiled
-from hil.lab.identify import ardupilot_log, manoeuvre_file, onboard_log, report
-from hil.lab.identify.held_out import predictions
+from hil.lab.identify import ardupilot_log, manoeuvre_file, nmea_capture, onboard_log, report
 from hil.lab.identify.identify import MODELS, SPEEDS, Identification, identify
 from hil.lab.identify.manoeuvre_file import RUDDER_UNITS
 from hil.lab.identify.recording import Recording, Source
-from hil.lab.identify.suggest import suggest
 
 LARGEST_SEED = 2**63 - 1
-TOLD_EVERY_S = 0.2
+SHOWN_EVERY_S = 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     files = (
-        "manoeuvre table or onboard .BIN log (ours or ArduPilot's), of which FILE:from:to takes the part between two "
-        "times in seconds"
+        "manoeuvre table, NMEA 0183 capture or onboard .BIN log (ours or ArduPilot's), of which FILE:from:to takes the "
+        "part between two times in seconds"
     )
     parser.add_argument("train", metavar="FILE[:from:to]", nargs="+", help=files)
     parser.add_argument(
@@ -38,16 +36,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         default=[],
-        help="recordings that only the predictions are judged by",
+        help="recordings that are only predicted, not fitted",
     )
     parser.add_argument(
-        "--model", choices=MODELS, default="auto", help="with Norrbin's cubic term or not; auto: as the evidence is"
+        "--model", choices=MODELS, default="auto", help="linear: without Norrbin's cubic term; auto is cubic"
     )
     parser.add_argument(
         "--speed-scaling",
         choices=SPEEDS,
         default="auto",
-        help="whether the model follows the measured speed by similarity; auto: unless a constant one fits better",
+        help="scaled: the model follows the measured speed by similarity; auto: by a power of it that is estimated",
     )
     parser.add_argument(
         "--rudder-unit",
@@ -55,7 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="rad",
         help="of the rudder column of a CSV; any: a signed command that is no angle",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the fish swarm (default 1)")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="accepted for scripts; the fit draws no numbers"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON; - for standard output")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write the picture as .png, or the report as .html")
     parser.add_argument(
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify, report, write what was asked for; 1 when no model can be had from the logs."""
+    """Identify, report, write the files; 1 when the model predicts no better than none."""
     if not 0 <= arguments.seed <= LARGEST_SEED:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if arguments.plot is not None and arguments.plot.suffix.lower() not in (".png", ".html"):
@@ -83,15 +83,14 @@ def run(arguments: argparse.Namespace) -> int:
             validate,
             model=arguments.model,
             speed=arguments.speed_scaling,
-            seed=arguments.seed,
+            angular=arguments.rudder_unit != "any",
             tell=progress.tell,
         )
     seconds = time.monotonic() - began_s
     angular = arguments.rudder_unit != "any"
-    suggestion = suggest(result.fit, result.judgement, angular=angular)
-    text = report.as_text(result, suggestion, angular=angular)
+    text = report.as_text(result, angular=angular)
     if arguments.json is not None:
-        data = report.as_json(result, seconds, suggestion)
+        data = report.as_json(result, seconds)
         sys.stdout.write(data) if to_stdout else outputs.write("--json", arguments.json, data)
     if not to_stdout:
         print(text)
@@ -99,13 +98,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         outputs.write("--plot", arguments.plot, _plot(result, text, arguments, angular=angular))
     if not result.judgement.usable:
-        print("rambler-hil: no model can be told from these logs; see the verdicts", file=sys.stderr)
+        print("rambler-hil: no model: these logs are as likely without a rudder; see the verdicts", file=sys.stderr)
         return 1
     if arguments.out_params is not None:
         outputs.write("--out-params", arguments.out_params, report.as_parameters(result, arguments.rudder_unit))
-        about = report.about_alpha(result)
-        if about and not to_stdout:
-            print(f"note: {arguments.out_params}: {about}")
     return 0
 
 
@@ -114,9 +110,23 @@ def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
     whole: dict[Path, Recording] = {}
     for source in sources:
         if source.path not in whole:
-            onboard = source.path.name.lower().removesuffix(".gz").endswith(".bin")
-            whole[source.path] = _log(source.path) if onboard else manoeuvre_file.read(source.path, unit)
+            whole[source.path] = _whole(source.path, unit)
     return [whole[source.path].part(source) for source in sources]
+
+
+def _whole(path: Path, unit: str) -> Recording:
+    """Read a file by what it is."""
+    name = path.name.lower()
+    if name.removesuffix(".gz").endswith(".bin"):
+        return _log(path)
+    if name.endswith((".tlog", ".rlog")):
+        raise UsageError(
+            f"{path}: MAVLink telemetry log; give the onboard .BIN log, or convert it to a table: "
+            "mavlogdump.py --format csv --types ATTITUDE,SERVO_OUTPUT_RAW,VFR_HUD"
+        )
+    if nmea_capture.is_one(path):
+        return nmea_capture.read(path)
+    return manoeuvre_file.read(path, unit)
 
 
 def _log(path: Path) -> Recording:
@@ -138,12 +148,10 @@ def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, a
     from hil.lab.identify.page import page_of  # noqa: PLC0415 - matplotlib is slow to import, and mostly not asked for
     from hil.lab.identify.picture import draw  # noqa: PLC0415
 
-    fit = result.fit
-    shown = predictions(fit, fit.problem, fit.state)
-    train = replace(result.train, file=", ".join(Path(name).name for name in arguments.train)[:60], predictions=shown)
+    train = replace(result.train, file=", ".join(Path(name).name for name in arguments.train)[:60])
     model = result.model()
     gain = f"K {model.turning_ability_1_s:.4g}" + " 1/s" * angular
-    rest = f"T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s² ({result.choice.model})"
+    rest = f"T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s² ({result.name})"
     title = f"{gain}, {rest}"
     picture = draw((train, *result.validate), title, angular=angular)
     page = "Identification: " + title
@@ -151,11 +159,11 @@ def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, a
 
 
 class _Progress:
-    """A line on a terminal that says that work goes on; nothing in a pipe."""
+    """A line of progress on a terminal; nothing in a pipe."""
 
     def __init__(self) -> None:
         self._shown = sys.stderr.isatty()
-        self._began_s = self._told_s = time.monotonic()
+        self._began_s = self._last_s = time.monotonic()
 
     def __enter__(self) -> Self:
         return self
@@ -166,9 +174,9 @@ class _Progress:
             sys.stderr.flush()
 
     def tell(self) -> None:
-        """Say how long it has taken so far."""
+        """Show the time so far."""
         now_s = time.monotonic()
-        if self._shown and not being_compiled() and now_s - self._told_s >= TOLD_EVERY_S:
-            self._told_s = now_s
+        if self._shown and not being_compiled() and now_s - self._last_s >= SHOWN_EVERY_S:
+            self._last_s = now_s
             sys.stderr.write(f"\r\x1b[Kidentifying ... {now_s - self._began_s:.1f} s")
             sys.stderr.flush()

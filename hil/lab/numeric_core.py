@@ -38,6 +38,7 @@ from firmware_py.estimate import (
     water_filter,
     water_results,
 )
+from firmware_py.estimate.heading_model import Motion, NoiseLevels
 from firmware_py.estimate.heading_tick import HeadingSettings
 from firmware_py.model import heading_estimate, kt
 from firmware_py.safety import (
@@ -51,10 +52,11 @@ from firmware_py.safety import (
 )
 
 __all__ = [
-    "ERROR_MODEL", "MODULES", "Gains", "HeadingSettings", "LawConstants", "LawSettings", "angles", "convergence",
-    "fixed_gain", "functions_of", "heading_estimate", "heading_filter", "heading_model", "heading_tick", "inner", "kt",
-    "law", "oscillation", "prediction_check", "rudder_limit", "silence", "sources", "stay", "steering_loss",
-    "steering_monitor", "steering_reversal", "turn_delay", "turn_order", "water", "water_filter", "water_results",
+    "ERROR_MODEL", "MODULES", "Gains", "HeadingSettings", "LawConstants", "LawSettings", "Motion", "NoiseLevels",
+    "angles", "convergence", "fixed_gain", "functions_of", "heading_estimate", "heading_filter", "heading_model",
+    "heading_tick", "inner", "kt", "law", "oscillation", "prediction_check", "rudder_limit", "silence", "sources",
+    "stay", "steering_loss", "steering_monitor", "steering_reversal", "turn_delay", "turn_order", "water",
+    "water_filter", "water_results",
 ]  # fmt: skip
 
 Function = TypeVar("Function", bound=Callable[..., Any])

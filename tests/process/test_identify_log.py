@@ -45,6 +45,6 @@ def test_a_log_without_motion_is_told_as_such(tmp_path):
     )
     code, said, errors = rambler_hil("identify", tmp_path / LOG)
     assert code == 1
-    assert errors == "rambler-hil: no model can be told from these logs; see the verdicts\n"
+    assert errors == "rambler-hil: no model: these logs are as likely without a rudder; see the verdicts\n"
     assert "the rudder explains next to nothing of the motion" in said
     assert "sail a zigzag" in said

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hil.lab.estimate.predictions import Prediction
 from hil.lab.estimate.tick import Watched
-from hil.lab.identify.noise import Whiteness, whiteness
+from hil.lab.estimate.whiteness import Whiteness, whiteness
 from hil.lab.identify.recording import Floats
 from hil.report.spectrum import density
 
@@ -97,7 +97,7 @@ def judge(watched: Watched, predictions: Mapping[int, Prediction]) -> Judgement:
         waves,
         reference,
         _mean_square(scaled[judged]),
-        whiteness([scaled[judged]]) if np.count_nonzero(judged) > 2 * SMOOTHED_LINES else None,
+        whiteness(scaled[judged]) if np.count_nonzero(judged) > 2 * SMOOTHED_LINES else None,
         _rms(error[known]),
         _mean_square(error[known] / sd[known]),
         _rms(wrapped(compass - reference)[known]),

@@ -35,6 +35,7 @@ def read(path: Path) -> Recording:
         raise UsageError(f"{path}: {len(text.cells)} rows below the column names; give a recording of minutes")
     table = Table(path, text.numbers, text.places, text.notes)
     raw = {name: table.column(name, [row[column.place] for row in text.cells]) for name, column in text.places.items()}
+    table.notes.extend(table.warnings)
     table, raw = rows.in_order(table, raw)
     time_s = _times(table, raw)
     columns = _converted(table, raw, time_s)

@@ -104,32 +104,32 @@ def _size(values: Floats) -> float:
     return math.sqrt(float(np.mean(values**2)))
 
 
-def scale_of(recording: Recording, warnings: list[str]) -> float:
-    """Return how many times as far the heading turns as the yaw rate says, 1 where they agree or none can tell.
+def check_scale(recording: Recording, warnings: list[str]) -> None:
+    """Warn where the heading turns by another measure than the yaw rate says.
 
-    UsageError where one is in degrees or of the other sign. Errors of the yaw rate make the heading's regression on
-    it too small, those of the heading the opposite one too large: only what is beyond both is told.
+    Errors of the yaw rate make the heading's regression on it too small, those of the heading the opposite one too
+    large: only what is beyond both is reported.
     """
     if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
-        return 1.0
+        return
     psi, _ = without_spikes(np.unwrap(recording.heading_rad))
     rate = recording.yaw_rate_rad_s
     turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(recording.time_s))))
     found = [_slopes(recording.time_s, psi, turned, parts) for parts in WINDOWS if 2 * parts < psi.size]
     both = [one for one in found if one is not None]
     if not both:
-        return 1.0
+        return
     low, high = min(both, key=lambda one: one[1] - one[0])
-    _check_unit(recording.name, low, high)
     scale = 0.5 * (low + high)
-    if low <= 1.0 <= high or abs(scale - 1.0) < MATTERS or low <= 0.0:
-        return 1.0
+    if low <= 1.0 <= high or abs(scale - 1.0) < MATTERS:
+        return
+    if low <= 0.0 <= high:
+        return
+    doubt = "turns against" if high < 0.0 else f"turns {scale:.3g} times as far as the sum of"
+    unit = "is one of them in degrees? " if low > DEGREES_SLOPE or 0.0 < high < 1.0 / DEGREES_SLOPE else ""
     warnings.append(
-        f"{recording.name}: heading_rad turns {scale:.3g} times as far as yaw_rate_rad_s adds up to: one of them is "
-        "wrong, by a gyroscope's scale or a compass's deviation; K and alpha lie between what they say, and the "
-        "standard errors allow for it; empty the column that is wrong"
+        f"{recording.name}: heading_rad {doubt} yaw_rate_rad_s; {unit}the heading is taken, and the yaw rate left out"
     )
-    return scale
 
 
 def _slopes(time_s: Floats, psi: Floats, turned: Floats, parts: int) -> tuple[float, float] | None:
@@ -147,19 +147,3 @@ def _slopes(time_s: Floats, psi: Floats, turned: Floats, parts: int) -> tuple[fl
     near, far = xy / xx, yy / xy
     spread = CERTAIN * math.sqrt(rest * yy / xx)
     return min(near, far) - spread, max(near, far) + spread
-
-
-def _check_unit(name: str, low: float, high: float) -> None:
-    """Refuse a heading in degrees beside a yaw rate in radians, or the other way round, or of the other sign."""
-    there = "as the yaw rate adds up to"
-    if low > DEGREES_SLOPE:
-        raise UsageError(f"{name}: heading_rad turns {low:.0f} times as far {there}: is it in degrees? convert it")
-    if 0.0 < low < high < 1.0 / DEGREES_SLOPE:
-        raise UsageError(
-            f"{name}: heading_rad turns {high:.3f} times as far {there}: is yaw_rate_rad_s in deg/s? convert it"
-        )
-    if high < 0.0:
-        raise UsageError(
-            f"{name}: heading_rad and yaw_rate_rad_s turn against each other; turn the sign of one: "
-            "both are positive to starboard"
-        )

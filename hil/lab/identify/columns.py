@@ -91,7 +91,8 @@ SPELLINGS = {
     "mps": "m_s",
 }
 SPELLINGS |= {"kmh": "km_h", "kph": "km_h", "rads": "rad_s", "degs": "deg_s", "ms_1": "m_s", "rad_s_1": "rad_s"}
-SPELLINGS |= {"deg_s_1": "deg_s", "seconds": "s", "knot": "kn", "m_s_1": "m_s"}
+SPELLINGS |= {"deg_s_1": "deg_s", "seconds": "s", "knot": "kn", "m_s_1": "m_s", "deg_sec": "deg_s", "rad_sec": "rad_s"}
+SPELLINGS |= {"degm": "deg", "degt": "deg", "deg_m": "deg", "deg_t": "deg", "m_sec": "m_s"}  # magnetic and true
 
 # Words beside one of these names that leave it the same quantity.
 BESIDE = {"hat", "est", "estimated", "meas", "measured", "raw", "filtered", "filt", "act", "actual", "mid", "angle"}
@@ -107,7 +108,7 @@ COURSE, WATER = {"cog", "cmg", "course"}, {"stw", "water"}
 class Column:
     """Where a quantity stands, what the file calls it, and the size of its unit; NaN where the name says none.
 
-    asked: it is what the rudder was told to do, and not what it did.
+    asked: it is the rudder's command, not its position.
     """
 
     place: int
@@ -177,7 +178,7 @@ def columns_of(where: str, header: list[str], layout: Layout) -> dict[str, Colum
 
 
 def _through_water(places: list[int], header: list[str]) -> list[int]:
-    """Return where the speed through the water stands, if it does beside that over the ground: it is what turns her."""
+    """Return the columns of the speed through the water if there is one beside that over the ground."""
     water = [place for place in places if WATER & {*_plain(header[place]).split("_")}]
     return water if len(places) > 1 and water else places
 
@@ -187,7 +188,7 @@ def _there(shown: list[str]) -> str:
     shown = [name for name in shown if name]
     named = ", ".join(shown[:MOST_NAMED]) + (f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else "")
     course = next((name for name in shown if COURSE & {*_plain(name).split("_")}), None)
-    of_course = f"; {course} is where she goes, not where she heads: no heading" if course is not None else ""
+    of_course = f"; {course} is the course over ground, not a heading" if course is not None else ""
     return f"there are {named}{of_course}"
 
 

@@ -1,290 +1,259 @@
-"""From prepared data to a fitted model: search, refine, weigh, choose."""
+"""The maximum a posteriori fit: Fisher scoring with bounds, from several starts."""
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.lab.identify.accuracy import Information, best_weights, information
-from hil.lab.identify.digest import Digest, digests
-from hil.lab.identify.mend import without_spikes
-from hil.lab.identify.noise import fit_noise
-from hil.lab.identify.predict import Point, Start
+from hil.lab.identify.filter import (
+    ALPHA,
+    COMPASS,
+    DAMPING,
+    DELAY,
+    DIFFUSION,
+    EXPONENT,
+    GYRO,
+    LAG,
+    LN_K,
+    LN_T,
+    OFFSET,
+    OUTLIER,
+    PERIOD,
+    UNKNOWNS,
+    WALK,
+    WAVE,
+    innovations,
+    scores,
+)
+from hil.lab.identify.prior import LOW, Prior
 from hil.lab.identify.recording import Floats
-from hil.lab.identify.refine import Problem, State, Weights, refine
-from hil.lab.identify.search import Box, Found, GlobalSearch, misfit, scan, swarm_search, with_scale_of
-from hil.lab.identify.stretch import Data, Stretch, excerpt, thinned
+from hil.lab.identify.stretches import Columns, Data, excerpt
 
-LINEAR, CUBIC = (0, 1, 3), (0, 1, 2, 3)  # free ones of ln K, ln T, alpha, delta0
-ROUNDS, FINE_ROUNDS = 5, 2
-SETTLED = 0.05  # of a weight, relative
-NO_LAGS = np.zeros(0)
-FEW_ROWS, MOST_JUDGED_ROWS = 3000, 100_000
-STEPS_PER_LAG = 4.0  # averages over more of T than this part of it do not show T
-PARAMETERS = 5  # K, T, alpha, delta0 and where the boat starts
-MOST_LAGS = 24  # of the filter that makes a heading's noise white; what colour is left the standard errors allow for
+START_LAGS_S = (0.3, 1.0, 4.0, 12.0, 50.0)
+START_TURN = 0.3  # K T at the start
+START_ROWS, START_ITERATIONS = 1500, 10
+MOST_ITERATIONS, SETTLED = 60, 1e-3  # of the cost
+NULL_SETTLED = 0.5
+ROWS_A_LAG, ROWS_A_WAVE = 12.0, 8.0  # that averaging leaves
+SIGN_COST = 6.0  # a rudder that turns the boat the other way is unlikely
+LONGEST_STEP = 1.5  # of a logarithm
+SPEED_SPREAD = 0.005  # relative; a steadier speed makes no difference
+LEVELS = (DIFFUSION, WAVE, PERIOD, DAMPING, WALK)
+STEP = 1e-4  # of finite differences
+CUBIC_STEP = 5e-6  # of alpha K^2
+
+Tell = Callable[[], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A fitted model with what is known of its accuracy.
+    """The unknowns at the maximum, the sign of K, which unknowns are free, their covariance and the prior's part in it.
 
-    `covariance` is of the free coordinates of Point; `spikes` counts the readings that stood out of
-    their neighbours once the motion was taken away.
+    gain: by how much the logarithm of the posterior density exceeds that of a boat which no rudder turns.
     """
 
-    problem: Problem
-    state: State
-    cost: float
+    values: Floats
+    sign: float
+    free: tuple[int, ...]
     covariance: Floats
-    accuracy: Information
-    spikes: int
+    prior_share: Floats
+    gain: float
+    outliers: int
     evaluations: int
     iterations: int
-    converged: bool
 
-    @property
-    def physical(self) -> Floats:
-        """K, T, alpha, delta0."""
-        return self.state.point.physical(self.problem.scales)
+    def spread(self, place: int) -> float:
+        """Return the standard deviation of an unknown, 0 where it is held."""
+        if place not in self.free:
+            return 0.0
+        at = self.free.index(place)
+        return math.sqrt(max(float(self.covariance[at, at]), 0.0))
 
-    @property
-    def outlasts_log(self) -> bool:
-        """Whether T is longer than the log: one such T fits it nearly as well as the next, with K/T and alpha/T."""
-        return float(self.physical[1]) > self.problem.data.duration_s
+    def share(self, place: int) -> float:
+        """Return how much of what is known of an unknown comes from the prior, from 0 to 1."""
+        return float(self.prior_share[self.free.index(place)]) if place in self.free else 1.0
 
-    @property
-    def effective_rows(self) -> float:
-        """How many independent readings the coloured ones are worth."""
-        return self.accuracy.effective_rows(self.problem.channel_weights())
+    def per_unit(self, size: float) -> Fit:
+        """Return the fit for a rudder column that is 1 / size times as large."""
+        values, turn = self.values.copy(), np.eye(len(self.free))
+        values[LN_K] += math.log(size)
+        values[OFFSET] /= size
+        at = self.free.index(OFFSET)
+        turn[at, at] = 1.0 / size
+        return replace(self, values=values, covariance=turn @ self.covariance @ turn)
 
-    def typical_rate_rad_s(self) -> float:
-        """Return the yaw rate that the model hardly ever exceeds in this log."""
-        parts = zip(self.problem.data.stretches, self.state.starts, strict=True)
-        rates = [np.abs(self.problem.motion(stretch, self.state, start)[1]) for stretch, start in parts]
-        return max(float(np.quantile(np.concatenate(rates), 0.95)), 1e-12)
-
-
-@dataclass(frozen=True, slots=True)
-class Searched:
-    """What the global search brought."""
-
-    record: Digest
-    box: Box
-    found: Found
+    def model(self) -> Floats:
+        """Return K, T, alpha, delta0 and the exponent of the speed."""
+        v = self.values
+        return np.array([self.sign * math.exp(v[LN_K]), math.exp(v[LN_T]), v[ALPHA], v[OFFSET], v[EXPONENT]])
 
 
-def search(
-    data: Data, seed: int, globally: GlobalSearch = swarm_search, *, cubic: bool, tell: Callable[[], None]
-) -> Searched:
-    """Search globally, where a scan predicts best, sample by sample; the sign of K is settled by that, too."""
-    likely = [(record, scan(record)) for record in digests(data)]
-    few = excerpt(data, MOST_JUDGED_ROWS)
-    record, box = min(likely, key=lambda one: _surprise_of(few, *one)) if len(likely) > 1 else likely[0]
-    record = with_scale_of(record, box)
-    return Searched(record, box, globally(record, box, seed, cubic=cubic, tell=tell))
+class Posterior:
+    """The posterior density of the unknowns, given columns."""
+
+    def __init__(self, columns: Columns, prior: Prior, pool: ThreadPoolExecutor) -> None:
+        """Take what is measured, what is believed, and the threads to work with."""
+        self._columns, self.prior, self._pool = columns, prior, pool
+        self.evaluations = 0
+
+    def innovations(self, values: Floats, sign: float) -> Floats:
+        """Return innovations and their variances, (2, rows)."""
+        columns, out = self._columns, np.empty((2, self._columns.step_s.size))
+        rudder = columns.rudder_rad(float(values[DELAY]), float(values[LAG]))
+        self.evaluations += 1
+        innovations(
+            values, sign, columns.step_s, columns.first, columns.measured, rudder, columns.speed_ratio,
+            columns.headings, out,
+        )  # fmt: skip
+        return out
+
+    def cost(self, values: Floats, found: Floats) -> float:
+        """Return minus the logarithm of the density, but for a constant; infinite where the filter fails."""
+        innovation, variance = found
+        if not np.all(variance > 0.0):
+            return math.inf
+        likelihood = 0.5 * float(np.sum(np.log(variance) + np.minimum(innovation**2 / variance, OUTLIER)))
+        cost = likelihood + self.prior.cost(values)
+        return cost if math.isfinite(cost) else math.inf
+
+    def derivatives(
+        self, values: Floats, sign: float, free: Sequence[int], base: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return gradient, Fisher information of the likelihood and curvature of the prior."""
+        by = np.array([_difference(values, place) for place in free])
+
+        def moved(number: int) -> Floats:
+            shifted = values.copy()
+            shifted[free[number]] += by[number]
+            return self.innovations(shifted, sign)
+
+        found = np.array(list(self._pool.map(moved, range(len(free)))))
+        gradient, information = np.zeros(len(free)), np.zeros((len(free), len(free)))
+        scores(base, found, by, gradient, information)
+        information += np.tril(information, -1).T
+        slope, curvature = self.prior.derivatives(values)
+        chosen = np.array(free)
+        return gradient + slope[chosen], information, curvature[np.ix_(chosen, chosen)]
+
+    def climb(
+        self,
+        values: Floats,
+        sign: float,
+        free: Sequence[int],
+        tell: Tell,
+        most: int = MOST_ITERATIONS,
+        settled: float = SETTLED,
+    ) -> tuple[Floats, float, int]:
+        """Return the maximum that scoring finds from a start, its cost and the iterations."""
+        chosen, low, high = np.array(free), self.prior.low, self.prior.high
+        values = np.clip(values, low, high)
+        base = self.innovations(values, sign)
+        cost, damping = self.cost(values, base), 1e-2
+        longest = np.array([{OFFSET: 0.3, ALPHA: math.inf}.get(place, LONGEST_STEP) for place in free])
+        for iteration in range(most):
+            tell()
+            gradient, information, curvature = self.derivatives(values, sign, free, base)
+            hessian = information + curvature
+            pushed = ((values[chosen] <= low[chosen] + 1e-12) & (gradient > 0.0)) | (
+                (values[chosen] >= high[chosen] - 1e-12) & (gradient < 0.0)
+            )
+            loose = np.flatnonzero(~pushed)
+            better = math.inf
+            while damping < 1e6 and not better < cost:
+                matrix = hessian[np.ix_(loose, loose)]
+                step = np.zeros(len(free))
+                step[loose] = -np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), gradient[loose])
+                step *= min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-300))))
+                trial = values.copy()
+                trial[chosen] += step
+                trial = np.clip(trial, low, high)
+                found = self.innovations(trial, sign)
+                better = self.cost(trial, found)
+                damping *= 1.0 if better < cost else 5.0
+            if not better < cost:
+                return values, cost, iteration + 1
+            gained = cost - better
+            values, cost, base, damping = trial, better, found, max(damping / 5.0, 1e-6)
+            if gained < settled and damping < 1.0:
+                break
+        return values, cost, iteration + 1
 
 
-def _surprise_of(data: Data, record: Digest, box: Box) -> float:
-    """Return minus twice the logarithm of the likelihood of data, of what a scan of a digest says of them."""
-    starts = tuple(first_guess(stretch) for stretch in data.stretches)
-    weights = Weights(1.0, 1.0, NO_LAGS)
-    problem = Problem(data, record.scales, record.scales.largest_rate_rad_s, LINEAR, weights)
-    return _surprise(problem, State(box.guess, starts))
+def _difference(values: Floats, place: int) -> float:
+    if place == ALPHA:
+        return max(STEP * float(values[ALPHA]), CUBIC_STEP * math.exp(-2.0 * float(values[LN_K])))
+    return {OFFSET: 1e-5, DELAY: 1e-3, LAG: 1e-3}.get(place, STEP)
 
 
-def fit(
-    data: Data,
-    searched: Searched,
-    free: tuple[int, ...],
-    begin: Point,
-    tell: Callable[[], None],
-    simpler: Fit | None = None,
-) -> Fit:
-    """Refine from a point: first on averages, which is quick, then on every sample.
+def fit(data: Data, *, cubic: bool, exponent: float | None, tell: Tell) -> Fit:
+    """Fit the model; exponent: of the speed, None to estimate it."""
+    headings = all(stretch.heading_rad is not None for stretch in data.stretches)
+    free = [LN_K, LN_T, *([ALPHA] if cubic else []), OFFSET, DELAY, LAG]
+    varies = float(np.std(np.concatenate([stretch.speed_ratio for stretch in data.stretches]))) > SPEED_SPREAD
+    if exponent is None and varies:
+        free.append(EXPONENT)
+    free += [*LEVELS, COMPASS if headings else GYRO]
+    held = 1.0 if exponent is None else exponent
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, len(free))) as pool:
+        values, sign, spent = _started(data, free, held, pool, tell)
+        lag_s = math.exp(values[LN_T])
+        every = max(1, int(min(lag_s / ROWS_A_LAG, math.exp(values[PERIOD]) / ROWS_A_WAVE) / data.usual_step_s))
+        columns = Columns(data, every)
+        for _ in range(2):  # the prior's scales go by T
+            posterior = Posterior(columns, _prior(data, math.exp(values[LN_T])), pool)
+            values, cost, iterations = posterior.climb(values, sign, free, tell)
+            spent += posterior.evaluations
+        base = posterior.innovations(values, sign)
+        _, information, curvature = posterior.derivatives(values, sign, free, base)
+        still = values.copy()
+        still[LN_K], still[ALPHA] = LOW[LN_K], 0.0
+        null = posterior.climb(still, sign, free[-len(LEVELS) - 1 :], tell, START_ITERATIONS, NULL_SETTLED)
+        without = null[1] - posterior.prior.cost(null[0])
+        with_ = cost - posterior.prior.cost(values)
+    covariance: Floats = np.asarray(np.linalg.inv(information + curvature), dtype=np.float64)
+    share = np.diag(covariance @ curvature @ covariance) / np.diag(covariance)
+    outliers = int(np.count_nonzero(base[0] ** 2 > OUTLIER * base[1]))
+    return Fit(
+        values, sign, tuple(free), covariance, share, without - with_, outliers,
+        spent + posterior.evaluations, iterations,
+    )  # fmt: skip
 
-    simpler: a fit of a model that this one contains, to start the second part from if it is better.
-    """
-    scales = searched.record.scales
-    values = begin.values.copy()
-    if 2 not in free:
-        values[2] = 0.0
-    few = _few(data, math.exp(float(values[1])))
-    rates = [stretch.yaw_rate_rad_s for stretch in few.stretches if stretch.yaw_rate_rad_s is not None]
-    fastest = max((float(np.max(np.abs(rate))) for rate in rates), default=3.0 * scales.yaw_rate_rad_s)
-    state = State(Point(values, begin.sign), tuple(first_guess(stretch) for stretch in few.stretches))
-    roughs = [
-        _settled(Problem(few, scales, fastest, free, weights), state, tell, ROUNDS) for weights in _first_weights(data)
+
+def _prior(data: Data, lag_s: float) -> Prior:
+    return Prior.of(lag_s, data.usual_step_s, float(np.std(data.rudder_rad)))
+
+
+def _started(
+    data: Data, free: Sequence[int], exponent: float, pool: ThreadPoolExecutor, tell: Tell
+) -> tuple[Floats, float, int]:
+    """Return the best of what a few iterations on an excerpt reach from several T and both signs of K."""
+    longest = max(1, int(0.4 / data.usual_step_s))
+    every = min(max(1, data.rows // START_ROWS), longest)
+    few = excerpt(data, START_ROWS * every)
+    columns, spent = Columns(few, every), 0
+    best: tuple[float, Floats, float] = (math.inf, np.zeros(UNKNOWNS), 1.0)
+    lags = [lag_s for lag_s in START_LAGS_S if 0.3 * data.usual_step_s <= lag_s <= 0.3 * few.duration_s] or [
+        max(data.usual_step_s, 0.1 * few.duration_s)
     ]
-    rough = likeliest(roughs)
-    if few is data:
-        if simpler is None or rough.cost <= rough.problem.cost(simpler.state):
-            return rough
-        return _settled(rough.problem, simpler.state, tell, FINE_ROUNDS)
-    state = rough.state
-    if len(few.stretches) != len(data.stretches):
-        state = replace(state, starts=tuple(first_guess(stretch) for stretch in data.stretches))
-    every_weight = rough.problem.weights
-    if data.stretches[0].yaw_rate_rad_s is None:
-        every_weight = _weights(replace(rough.problem, data=data), state, rough.accuracy)
-    whole = replace(rough.problem, data=data, weights=every_weight)
-    if simpler is not None and whole.cost(simpler.state) < whole.cost(state):
-        state = simpler.state
-    fine = _settled(whole, state, tell, FINE_ROUNDS)
-    return replace(
-        fine, evaluations=fine.evaluations + rough.evaluations, iterations=fine.iterations + rough.iterations
-    )
 
+    def tried(lag_s: float, sign: float) -> None:
+        nonlocal best, spent
+        posterior = Posterior(columns, _prior(data, lag_s), pool)
+        start = posterior.prior.start(START_TURN / lag_s, lag_s)
+        start[EXPONENT] = exponent
+        values, cost, _ = posterior.climb(start, sign, free, tell, START_ITERATIONS)
+        cost += SIGN_COST * (sign < 0.0)
+        spent += posterior.evaluations
+        if cost < best[0]:
+            best = (cost, values, sign)
 
-def best_start(searched: Searched) -> Point:
-    """Return the better of what scan and swarm say of a linear model."""
-    guess, swarm = searched.box.guess, searched.found.point
-    values = swarm.values.copy()
-    values[2] = 0.0
-    flat = Point(values, swarm.sign)
-    both = misfit(searched.record, np.array([guess.values, flat.values]), guess.sign)
-    return guess if both[0] <= both[1] else flat
-
-
-def _first_weights(data: Data) -> tuple[Weights, ...]:
-    """Return the weights to begin with.
-
-    A heading alone is begun with as it is and by its differences: the former does well in waves,
-    the latter where a drift adds up, and neither can be told before the fit. With a yaw rate beside it,
-    each is begun with alone: what one leaves of the other looks coloured, and can stay so.
-    """
-    heading, rate = 1.0 / _power(data, 0), 1.0 / _power(data, 1)
-    if data.stretches[0].yaw_rate_rad_s is not None:
-        return (Weights(0.0, rate, NO_LAGS, rate), Weights(heading, 0.0, NO_LAGS, rate))
-    return (Weights(heading, 0.0, NO_LAGS), Weights(heading, 0.0, np.array([-1.0])))
-
-
-def _few(data: Data, lag_s: float) -> Data:
-    """Return the data averaged as far as a turning lag allows, and an excerpt if many rows are left."""
-    longest = max(1, int(lag_s / STEPS_PER_LAG / data.usual_step_s))
-    return excerpt(thinned(data, min(data.rows // FEW_ROWS, longest)), 2 * FEW_ROWS)
-
-
-def _surprise(problem: Problem, state: State) -> float:
-    """Return minus twice the logarithm of the likelihood of a state's errors, their colour allowed for."""
-    noise = fit_noise(error_pieces(problem, state))
-    rows = problem.data.rows
-    return rows * float(np.linalg.slogdet(noise.covariance)[1]) + 2.0 * noise.order
-
-
-def likeliest(fits: Sequence[Fit]) -> Fit:
-    """Return the fit whose errors are likeliest, of those that are no worse in the yaw rate."""
-    return min(_no_worse_in_rate(fits), key=lambda one: _surprise(one.problem, one.state))
-
-
-def _no_worse_in_rate(fits: Sequence[Fit]) -> list[Fit]:
-    """Leave out fits that pay for the heading with more error of the yaw rate than chance explains.
-
-    At sea a heading drifts off for reasons that are not the rudder, and what follows it turns worse.
-    """
-    least = min(float(fitted.accuracy.noise.spread[-1]) for fitted in fits)
-    rows = fits[0].problem.data.rows
-    both = fits[0].accuracy.noise.spread.size > 1
-    most = least * (1.0 + PARAMETERS / rows)
-    return [fitted for fitted in fits if not both or float(fitted.accuracy.noise.spread[-1]) <= most]
-
-
-def error_pieces(problem: Problem, state: State) -> list[Floats]:
-    """Return the unfiltered errors (rows, channels) of every stretch."""
-    parts = zip(problem.data.stretches, state.starts, strict=True)
-    return [np.column_stack(problem.errors(stretch, state, start)) for stretch, start in parts]
-
-
-def _settled(problem: Problem, state: State, tell: Callable[[], None], rounds: int) -> Fit:
-    """Refine, learn the noise, weigh the channels by it, and refine again until that settles."""
-    evaluations = iterations = spikes = 0
-    for round_ in range(rounds):
-        refined = refine(problem, state, tell)
-        state = refined.state
-        evaluations, iterations = evaluations + refined.evaluations, iterations + refined.iterations
-        if round_ == 0:
-            cleaned, spikes = _without_spikes(problem, state)
-            problem = replace(problem, data=cleaned)
-        accuracy = information(problem, state)
-        weights = _weights(problem, state, accuracy)
-        scale = float(accuracy.noise.spread[0] / accuracy.noise.spread[-1]) ** 2
-        settled = _same(problem.weights, weights, scale)
-        if settled and weights.heading_lags.size:
-            break
-        if settled or round_ < rounds - 1:
-            problem = replace(problem, weights=weights)
-        if settled:
-            break
-    covariance = accuracy.covariance(problem.channel_weights())
-    return Fit(problem, state, refined.cost, covariance, accuracy, spikes, evaluations, iterations, refined.converged)
-
-
-def _power(data: Data, channel: int) -> float:
-    """Return the mean square of a channel, 1 without one."""
-    columns = [(stretch.heading_rad, stretch.yaw_rate_rad_s)[channel] for stretch in data.stretches]
-    total = sum(float(column @ column) for column in columns if column is not None)
-    return max(total / data.rows, 1e-30) if columns[0] is not None else 1.0
-
-
-def first_guess(stretch: Stretch) -> Start:
-    """Guess where a stretch begins from its first few samples."""
-    first = slice(0, min(10, stretch.time_s.size))
-    time_s = stretch.time_s[first] - stretch.time_s[0]
-    heading, rate = 0.0, 0.0
-    if stretch.yaw_rate_rad_s is not None:
-        rate = float(np.median(stretch.yaw_rate_rad_s[first]))
-    if stretch.heading_rad is not None:
-        heading = float(np.median(stretch.heading_rad[first] - rate * time_s))
-    return Start(heading, rate)
-
-
-def _without_spikes(problem: Problem, state: State) -> tuple[Data, int]:
-    """Take out of the readings what stands out of its neighbours once the motion is taken away."""
-    stretches, total = [], 0
-    for stretch, start in zip(problem.data.stretches, state.starts, strict=True):
-        errors = list(problem.errors(stretch, state, start))
-        for name in ("heading_rad", "yaw_rate_rad_s"):
-            column = getattr(stretch, name)
-            if column is None:
-                continue
-            error = errors.pop(0)
-            clean, count = without_spikes(error)
-            total += count
-            if count:
-                stretch = replace(stretch, **{name: column - (error - clean)})  # noqa: PLW2901 - built up field by field
-        stretches.append(stretch)
-    return replace(problem.data, stretches=tuple(stretches)), total
-
-
-def _weights(problem: Problem, state: State, accuracy: Information) -> Weights:
-    first = problem.data.stretches[0]
-    start = 1.0 / max(float(accuracy.noise.spread[-1]) ** 2, 1e-300)
-    if first.heading_rad is None:
-        return Weights(0.0, best_weights(accuracy)[0], NO_LAGS, start)
-    if first.yaw_rate_rad_s is not None:
-        heading, rate = best_weights(accuracy)
-        return Weights(heading, rate, NO_LAGS, start)
-    # Alone, the heading is filtered so that its noise is white: efficient, and safe against drift,
-    # which would otherwise add up over the whole log.
-    pieces = [
-        problem.errors(stretch, state, start)[0][:, None]
-        for stretch, start in zip(problem.data.stretches, state.starts, strict=True)
-    ]
-    model = fit_noise(pieces, MOST_LAGS)
-    return Weights(1.0 / max(float(model.covariance[0, 0]), 1e-30), 0.0, model.lags[:, 0, 0].copy())
-
-
-def _same(before: Weights, after: Weights, scale: float) -> bool:
-    """Whether weights are as good as equal; scale is the heading's power over the yaw rate's."""
-    if before.heading_lags.size != after.heading_lags.size:
-        return False
-    if before.heading_lags.size and np.max(np.abs(before.heading_lags - after.heading_lags)) > SETTLED:
-        return False
-    # Only how the channels share matters for the estimate.
-    shares = [
-        weights.heading * scale / max(weights.heading * scale + weights.yaw_rate, 1e-300) for weights in (before, after)
-    ]
-    return abs(shares[0] - shares[1]) <= SETTLED
+    for lag_s in lags:
+        tried(lag_s, 1.0)
+    for lag_s in {lags[0], min(lags, key=lambda one: abs(math.log(one) - best[1][LN_T]))}:
+        tried(lag_s, -1.0)
+    return best[1], best[2], spent

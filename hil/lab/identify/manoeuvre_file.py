@@ -108,10 +108,13 @@ def _recording(table: Table, raw: dict[str, Floats], unit: str) -> Recording:
     table.check("yaw_rate_rad_s", rate)
     if unit != "any":
         said = all(table.places[name].known for name in table.places if name != "time_s") and own != 1.0
-        angles = units.judged(str(path), time_s, heading, rate, speed, degrees=unit == "deg" and not said)
+        angles = units.judged(
+            str(path), time_s, heading, rate, speed, degrees=unit == "deg" and not said, named=not unnamed
+        )
         heading, rate = angles.heading_rad, angles.yaw_rate_rad_s
         more += angles.notes
-    return Recording(str(path), time_s, rudder, heading, rate, speed, (*notes, *more))
+        table.warnings.extend(angles.warnings)
+    return Recording(str(path), time_s, rudder, heading, rate, speed, (*notes, *more), tuple(table.warnings))
 
 
 def _note(table: Table, name: str, unit: str) -> str:

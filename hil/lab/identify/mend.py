@@ -15,7 +15,6 @@ SPIKE_NEIGHBOURS = 3  # to each side
 SPIKE_SPREADS = 8.0  # a normal number is this far out once in 1e15
 NORMAL_MAD, NORMAL_90 = 1.4826, 1.645
 NOISE_CERTAIN = 4.0  # standard errors
-BIAS_BLOCKS, BIAS_CERTAIN, BIAS_MATTERS = 10, 8.0, 0.02  # standard errors; of the yaw rate's spread
 
 
 def once(recordings: Sequence[Recording], notes: list[str]) -> list[Recording]:
@@ -95,22 +94,3 @@ def _both_ways(values: Floats, keep: float) -> Floats:
     before = lfilter([1.0], [1.0, -keep], values)
     behind = lfilter([1.0], [1.0, -keep], values[::-1])[::-1]
     return np.asarray(before + behind - values)
-
-
-def without_rate_bias(recording: Recording, notes: list[str], scale: float = 1.0) -> Recording:
-    """Take a yaw rate's constant error away where the heading beside it shows one for certain.
-
-    scale: how many times as far the heading turns.
-    """
-    if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
-        return recording
-    time_s, rate = recording.time_s, recording.yaw_rate_rad_s
-    cuts = np.linspace(0, time_s.size - 1, BIAS_BLOCKS + 1).astype(int)
-    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
-    apart = (turned - np.unwrap(recording.heading_rad) / scale)[cuts]
-    biases = np.diff(apart) / np.diff(time_s[cuts])
-    bias, spread = float(np.median(biases)), float(np.std(biases)) / math.sqrt(BIAS_BLOCKS)
-    if abs(bias) < max(BIAS_CERTAIN * spread, BIAS_MATTERS * float(np.std(rate))):
-        return recording
-    notes.append(f"{recording.name}: yaw_rate_rad_s is {bias:+.3g} rad/s off what the heading does; taken away")
-    return replace(recording, yaw_rate_rad_s=rate - bias)

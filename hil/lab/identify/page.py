@@ -8,7 +8,7 @@ from hil.lab.identify.verdict import IDENTIFIABLE, Estimate
 from hil.report import page
 from hil.report.page import Cell
 
-COLUMNS = ("", "value ± standard error", Cell("verdict"))
+COLUMNS = ("", "value", "95 % interval", Cell("verdict"))
 
 
 def page_of(result: Identification, text: str, picture: bytes, title: str, *, angular: bool) -> str:
@@ -30,7 +30,7 @@ def page_of(result: Identification, text: str, picture: bytes, title: str, *, an
 
 
 def _row(name: str, estimate: Estimate, *, angular: bool) -> tuple[str | Cell, ...]:
-    value, error, unit = figures(name, estimate, angular=angular)
+    value, interval, unit = figures(name, estimate, angular=angular)
     kind = "words good" if estimate.verdict == IDENTIFIABLE else "words bad"
-    shown = f"{value} ± {error} {unit.replace('^2', '²')}".rstrip()
-    return (name, shown, Cell(estimate.verdict, kind, estimate.why))
+    shown = f"{value} {unit.replace('^2', '²')}".rstrip()
+    return (name, shown, interval, Cell(estimate.verdict, kind, estimate.why))

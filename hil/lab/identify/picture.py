@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN
-from hil.lab.identify.held_out import HeldOut, Prediction
-from hil.lab.identify.recording import Floats
-from hil.lab.identify.stretch import Stretch
+from hil.lab.identify.predict import Errors, Prediction
 from hil.report.style import BAND, COMPASS, GOAL, HULL, finish, name_panel, new_figure
 
 MEASURED, PREDICTED, RUDDER = COMPASS, GOAL, HULL
@@ -22,7 +20,7 @@ MOST_COLUMNS = 3
 MOST_POINTS = 6000
 
 
-def draw(parts: Sequence[HeldOut], title: str, *, angular: bool = True) -> bytes:
+def draw(parts: Sequence[Errors], title: str, *, angular: bool = True) -> bytes:
     """Return a PNG: a column for each recording, with heading, its error, yaw rate and rudder.
 
     angular: the rudder column is an angle, and not a command of another unit.
@@ -97,17 +95,6 @@ def _thinned(prediction: Prediction) -> Prediction:
     if every == 1:
         return prediction
 
-    def some(values: Floats) -> Floats:
-        return values[::every]
-
-    full = prediction.stretch
-    stretch = Stretch.of(
-        full.name,
-        some(full.time_s),
-        some(full.rudder_rad),
-        None if full.heading_rad is None else some(full.heading_rad),
-        None if full.yaw_rate_rad_s is None else some(full.yaw_rate_rad_s),
-        some(full.speed_ratio),
-    )
+    chosen = slice(None, None, every)
     columns = (prediction.heading_rad, prediction.yaw_rate_rad_s, prediction.heading_se_rad)
-    return Prediction(stretch, *map(some, columns))
+    return Prediction(prediction.stretch.rows(chosen), *(column[chosen] for column in columns))

@@ -50,7 +50,7 @@ class Recording:
     """The columns of one file, of equal length and finite; time strictly rises.
 
     Heading is clockwise and need not be unwrapped; heading, yaw rate or speed is None where the
-    file does not have it. `notes` says what was done to get here, for the report.
+    file does not have it. `notes` says what was done to get here, `warnings` what is doubtful, for the report.
     """
 
     name: str
@@ -60,6 +60,7 @@ class Recording:
     yaw_rate_rad_s: Floats | None
     speed_m_s: Floats | None
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def part(self, source: Source) -> Recording:
         """Return the rows from low_s to high_s, or raise UsageError when hardly any are left."""

@@ -12,11 +12,12 @@ from hil.lab.identify.recording import Floats
 from hil.lab.identify.table import Raw, Table
 
 MOST_LATE = 10  # rows that one comes after where it belongs
+MOST_SHARED = 0.05  # of the rows, that have the time of the row before
 
 
 def in_order(table: Table, raw: Raw) -> tuple[Table, Raw]:
     """Leave out rows without a time and repeated ones, and sort those that come a little late."""
-    return _sorted(*_once(*_timed(table, raw)))
+    return _one_a_time(*_sorted(*_once(*_timed(table, raw))))
 
 
 def _timed(table: Table, raw: Raw) -> tuple[Table, Raw]:
@@ -55,11 +56,28 @@ def _sorted(table: Table, raw: Raw) -> tuple[Table, Raw]:
         return table, raw
     order = np.argsort(time_s, kind="stable")
     moved = np.abs(order - np.arange(order.size))
-    if np.max(moved) > MOST_LATE or np.any(np.diff(time_s[order]) <= 0.0):
-        return table, raw
     late = np.count_nonzero(np.diff(time_s) < 0.0)
+    if np.max(moved) > MOST_LATE or late == 0:
+        return table, raw
     table.notes.append(f"{late} row{'s' if late > 1 else ''} came after a later one, and the rows are sorted by time")
     return kept(table, raw, order)
+
+
+def _one_a_time(table: Table, raw: Raw) -> tuple[Table, Raw]:
+    """Leave out the second of two rows with one time, where that is rare; where it is usual, the clock is coarse."""
+    time_s = raw["time_s"]
+    if time_s is None:
+        return table, raw
+    again = np.concatenate(([False], np.diff(time_s) == 0.0))
+    count = int(np.count_nonzero(again))
+    if count == 0 or count > max(1, MOST_SHARED * again.size):
+        return table, raw
+    line = table.numbers[int(np.argmax(again))]
+    table.notes.append(
+        f"{count} row{'s have' if count > 1 else ' has'} the time of the row before (first in line {line}), and "
+        f"{'are' if count > 1 else 'is'} left out"
+    )
+    return kept(table, raw, ~again)
 
 
 def check_order(table: Table, time_s: Floats) -> None:

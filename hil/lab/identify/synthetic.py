@@ -9,13 +9,12 @@ import numpy as np
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel
-from hil.lab.identify.kernel import simulate
+from hil.lab.identify.filter import simulate
 from hil.lab.identify.recording import Floats, Recording
+from hil.lab.identify.stretches import Columns, Data, Stretch
 from hil.ship.noise import Stream, generator
 from hil.ship.servo import DEFAULT_SLEW_RAD_S
 from hil.ship.waves import discretised
-
-INNER_STEPS = 8  # finer than the identification integrates
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +48,18 @@ def legs(time_s: Floats, angles_rad: Sequence[float], leg_s: float) -> Floats:
 
 def record(model: KtModel, time_s: Floats, rudder_rad: Floats, noise: Noise, seed: int) -> Recording:
     """Return what would be recorded of a boat that follows the model."""
-    heading, rate = np.zeros((time_s.size, 1)), np.zeros((time_s.size, 1))
-    physical = [model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad, 0.0]
-    ones, candidates = np.ones(time_s.size), np.array([physical]).T
-    simulate(np.diff(time_s), rudder_rad, rudder_rad[1:], ones, INNER_STEPS, candidates, heading, rate)
+    columns = Columns(Data((Stretch("", time_s, rudder_rad, np.zeros(time_s.size), None, np.ones(time_s.size)),), None))
+    values = [model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad, 1.0]
+    rudder = columns.rudder_rad(0.0, 0.0)
+    out = np.empty((2, time_s.size))
+    simulate(np.array(values), np.zeros(1), columns.step_s, columns.first, rudder, columns.speed_ratio, out)
+    heading, rate = out
     source = generator(seed, Stream.COMPASS)
     wave, wave_rate = _waves(time_s, noise, generator(seed, Stream.WAVES))
-    seen = heading[:, 0] + wave + noise.heading_rad * source.standard_normal(time_s.size)
+    seen = heading + wave + noise.heading_rad * source.standard_normal(time_s.size)
     if noise.resolution_rad > 0.0:
         seen = np.round(seen / noise.resolution_rad) * noise.resolution_rad
-    turning = rate[:, 0] + wave_rate + noise.yaw_rate_rad_s * source.standard_normal(time_s.size)
+    turning = rate + wave_rate + noise.yaw_rate_rad_s * source.standard_normal(time_s.size)
     return Recording(f"synthetic {seed}", time_s, rudder_rad, seen, turning, None)
 
 

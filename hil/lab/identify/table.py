@@ -29,7 +29,8 @@ BELIEVED = {
 }
 # Columns whose sizes are believed in the unit that their name says, and the usual one where it says none.
 NAMED = {"time_s": 1.0, "lat_rad": radians(1.0), "lon_rad": radians(1.0)}
-LONGEST_INTERVAL_S = 10.0  # between rows, where the unit of the time is guessed: nobody logs a manoeuvre so
+MILLISECOND_S, LEAST_MILLISECONDS = 1e-3, 20.0
+LONGEST_INTERVAL_S = 10.0  # between rows, where the unit of the time is guessed: too long for a manoeuvre
 MOST_LINES_BELOW = 20  # of a table, that are no rows of it
 # How loggers write that there is nothing.
 MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "nat", "-", "--", "---", "?", "*"))
@@ -46,6 +47,7 @@ class Table:
     numbers: list[int]
     places: dict[str, Column]
     notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     def unit(self, name: str, usual: float) -> float:
         """Return the size of a column's unit, the usual one where its name says none."""
@@ -111,6 +113,12 @@ class Table:
         if seconds is not None:
             self.notes.append(f"column {column.shown} holds times of the day as hhmmss")
             times[wanted] = seconds
+        elif column.known and column.unit == 1.0 and _in_milliseconds(times[wanted]):
+            times *= MILLISECOND_S
+            self.warnings.append(
+                f"column {column.shown} counts by {float(np.median(np.diff(times[wanted]))) / MILLISECOND_S:g} from "
+                "row to row, in whole numbers: taken for milliseconds"
+            )
         elif not column.known:
             unit = unit_since_1970(times[wanted])
             times *= unit
@@ -127,6 +135,12 @@ class Table:
                 f"{self.path}: the rows are {usual:g} apart in {shown}, whose name says no unit: are these "
                 "milliseconds? name the column time_ms, time_us, or time_s"
             )
+
+
+def _in_milliseconds(times: Floats) -> bool:
+    """Return whether times that are named seconds are whole numbers so far apart that they are milliseconds."""
+    steps = np.diff(times)
+    return steps.size > 0 and float(np.median(steps)) >= LEAST_MILLISECONDS and bool(np.all(times == np.round(times)))
 
 
 def _below(times: Floats, wanted: NDArray[np.intp], texts: list[str]) -> int:

@@ -31,6 +31,8 @@ LOOKED_AT_BYTES = 1 << 16
 MOST_LINES_ABOVE = 200
 
 COMMENTS = ("#", "%")
+_TECPLOT, _ZONE = re.compile(r"\s*variables\s*=", re.IGNORECASE), re.compile(r"\s*zone\b", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 _GZIP, _ZIP = b"\x1f\x8b", b"PK\x03\x04"  # the latter of a spreadsheet
 _NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 _BYTES_TOGETHER = re.compile(rb"[\x80-\xff]{2}")
@@ -111,6 +113,8 @@ def _table(path: Path, file: io.TextIOWrapper, layout: Layout) -> Text:
             continue
         if [field.strip() for field in fields] == [field.strip() for field in header]:
             raise UsageError(f"{path}:{number}: the column names stand there again: make a file of each of the logs")
+        if not text.cells and _ZONE.match(fields[0]):
+            continue
         if len(fields) != len(header):
             odd.append((number, len(fields)))
             if len(odd) <= MOST_LINES_BELOW:
@@ -120,12 +124,21 @@ def _table(path: Path, file: io.TextIOWrapper, layout: Layout) -> Text:
                 f"{path}:{odd[0][0]}: {odd[0][1]} fields under {len(header)} column names; mend or remove the line"
             )
         text.numbers.append(number)
-        text.cells.append(fields if separator == "," else [field.replace(",", ".") for field in fields])
+        text.cells.append([_number(field) for field in fields] if separator == "," else _with_points(fields))
         if len(text.cells) > MOST_ROWS:
             raise UsageError(f"{path}: more than {MOST_ROWS} rows; cut the file")
     if odd and text.cells:
         text.notes.append(f"line {odd[0][0]} and what is below it are no whole rows, and left out")
     return text
+
+
+def _number(field: str) -> str:
+    """Return a field between commas; a quoted number may have a decimal comma."""
+    return field.replace(",", ".") if "," in field and _DECIMAL_COMMA.fullmatch(field.strip()) else field
+
+
+def _with_points(fields: list[str]) -> list[str]:
+    return [field.replace(",", ".") for field in fields]
 
 
 def _header(path: Path, file: io.TextIOWrapper, above: list[str], layout: Layout) -> tuple[list[str], str, int]:
@@ -140,6 +153,8 @@ def _header(path: Path, file: io.TextIOWrapper, above: list[str], layout: Layout
         if not bare.strip():
             continue
         separator = separator_of(bare)
+        if _TECPLOT.match(bare) and '"' in bare:
+            separator, bare = " ", " ".join(f'"{name}"' for name in bare.split('"')[1::2])
         fields = next(_records(path, csv.reader([bare], delimiter=separator, skipinitialspace=True), 0))[1]
         found = found_columns(fields, layout)
         count = len(found) if not line.startswith(COMMENTS) or layout.whole(found) else -1

@@ -27,14 +27,23 @@ class Angles:
     heading_rad: Floats | None
     yaw_rate_rad_s: Floats | None
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def judged(
-    where: str, time_s: Floats, heading: Floats | None, rate: Floats | None, speed: Floats | None, *, degrees: bool
+    where: str,
+    time_s: Floats,
+    heading: Floats | None,
+    rate: Floats | None,
+    speed: Floats | None,
+    *,
+    degrees: bool,
+    named: bool,
 ) -> Angles:
     """Take a heading that goes round at 360 for degrees, and its yaw rate with it; refuse what no ship does.
 
-    heading, rate: as if in radians. degrees: the rudder is in degrees, so the others are likely to be, too.
+    heading, rate: as if in radians. degrees: the rudder is in degrees, so the others are likely to be, too. named: the
+    columns' names state their units, which are believed: a doubt is a warning.
     """
     if heading is not None and goes_round_at_360(heading):
         notes = [f"{where}: the heading jumps by 360: it is in degrees, and was converted"]
@@ -46,14 +55,17 @@ def judged(
     fast_rad_s = _fast(time_s, heading, rate)
     speed_m_s = None if speed is None else float(np.median(np.abs(speed)))
     if speed_m_s is not None and speed_m_s > 0.0 and fast_rad_s * LEAST_RADIUS_M > speed_m_s:
-        raise UsageError(
-            f"{where}: at {speed_m_s:.2g} m/s she would turn within {speed_m_s / fast_rad_s:.2g} m "
-            f"({math.degrees(fast_rad_s):.0f} deg/s): are heading and yaw rate in degrees? {REMEDY}"
+        doubt = (
+            f"at {speed_m_s:.2g} m/s the boat would turn within {speed_m_s / fast_rad_s:.2g} m "
+            f"({math.degrees(fast_rad_s):.0f} deg/s)"
         )
+        if not named or degrees:
+            raise UsageError(f"{where}: {doubt}: are heading and yaw rate in degrees? {REMEDY}")
+        return Angles(heading, rate, warnings=(f"{doubt}; radians as named are believed: right for a model boat",))
     if degrees and _doubtful(heading, fast_rad_s, speed_m_s):
         raise UsageError(
             f"{where}: with a rudder in degrees, heading and yaw rate are likely to be in degrees, too "
-            f"(or she turns at {math.degrees(fast_rad_s):.0f} deg/s); {REMEDY}"
+            f"(or the boat turns at {math.degrees(fast_rad_s):.0f} deg/s); {REMEDY}"
         )
     return Angles(heading, rate)
 

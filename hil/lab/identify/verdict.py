@@ -1,4 +1,4 @@
-"""What a fit is worth, parameter by parameter, in plain words."""
+"""What is known of K, T, alpha and delta0: value, interval, and whether the log or the prior tells it."""
 
 from __future__ import annotations
 
@@ -8,199 +8,146 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.lab.identify.estimates import Estimates
-from hil.lab.identify.fit import PARAMETERS, Fit
-from hil.lab.identify.loop import Loop
-from hil.lab.identify.recording import Floats
+from hil.lab.identify.filter import ALPHA, DELAY, LAG, LN_K, LN_T, OFFSET
+from hil.lab.identify.fit import Fit
+from hil.lab.identify.predict import Errors
+from hil.lab.identify.stretches import Data
 
 IDENTIFIABLE = "identifiable"
 RATIO = "only the ratio K/T is identifiable"
 NOT_IDENTIFIABLE = "not identifiable"
+NORMAL_95 = 1.96
 LOOSE = 0.25  # of a value: 95 % within a factor of about 1.6
 LOOSE_OFFSET = 0.25  # of the rudder's spread
 CERTAIN = 3.0  # standard errors that alpha must be away from zero
-SHORTEST_S, FEWEST_READINGS = 30.0, 30.0  # less cannot tell what the rudder does from a few waves
-LEAST_LAGS = 5.0  # that a log must last for K and T to be told apart
-LEAST_EXPLAINED = 0.25  # of the motion, where the rudder answers the rest
-PLAINLY_EXPLAINED = 0.9  # of the motion: a boat that is quicker than her log, and not a rudder that follows her
-LARGEST_ERROR = 1e12  # a standard error is a finite number, also where there is no knowing
+FROM_PRIOR = 0.5  # of what is known
+LEAST_GAIN = 10.0  # of the log-likelihood, over that of a boat which no rudder turns
+LARGEST = 1e12  # a number in the JSON is finite
+LARGEST_TURN_1_M = 5.0  # K / U: with the rudder hard over the boat turns within half a metre
+SHOWN_DELAY = 2.0  # standard errors
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A value, its standard error, the verdict on it and the reason."""
+    """A value, its standard error, its 95 % interval, the verdict and the reason."""
 
     value: float
     se: float
+    low: float
+    high: float
     verdict: str
     why: str
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The four parameters, K/T, the correlations between those estimated, and what is wrong altogether."""
+    """The four parameters, K/T, and warnings; usable: the model predicts better than none."""
 
     estimates: Mapping[str, Estimate]  # K, T, alpha, delta0
     ratio: Estimate
-    correlations: Mapping[str, float]
+    usable: bool
     warnings: tuple[str, ...]
 
-    @property
-    def usable(self) -> bool:
-        """Whether there is a model at all: K and T, or at least their ratio."""
-        return self.ratio.verdict == IDENTIFIABLE or self.estimates["K"].verdict == IDENTIFIABLE
 
-
-def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loop: Loop) -> Judgement:
-    """Judge what is known of a fit.
-
-    alpha: value and standard error where the model has it held, None where the estimates tell.
-    loop: what of the motion is explained, and whether the rudder answers the rest.
-    """
-    scales = fit.problem.scales
-    gain, lag_s, cubic, offset = estimates.physical(scales, fit.state.point.sign)
-    free = list(estimates.free)
-    covariance = estimates.covariance
-    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    # Where the likelihood is level, its curvature, which the spread comes from, says nothing.
-    endless = fit.outlasts_log
-    ln_gain_se, ln_lag_se = (math.inf, math.inf) if endless else (float(spread[0]), float(spread[1]))
-    ratio_se = _ratio_spread(covariance)
-    offset_se = float(spread[free.index(3)]) * scales.rudder_rad
-    if alpha is None:
-        alpha = (cubic, math.inf if endless else float(spread[free.index(2)]) / scales.yaw_rate_rad_s**2)
-    explained = _explained(covariance)
-    refusal = _refusal(fit, loop, explained=explained)
-    # Disturbances that are answered look like an endless T, and the ratio to it is as wrong as K.
-    lost = loop.answered > 0.0 and ln_gain_se > LOOSE and loop.explained < PLAINLY_EXPLAINED
-    ratio = Estimate(
-        gain / lag_s,
-        _finite(abs(gain) / lag_s * ratio_se),
-        IDENTIFIABLE if ratio_se <= LOOSE and not refusal and not lost else NOT_IDENTIFIABLE,
-        f"known to {_percent(ratio_se)}" + ", were the rest not answered by the rudder" * lost,
-    )
-    short = fit.problem.data.duration_s < LEAST_LAGS * lag_s or fit.effective_rows < FEWEST_READINGS
-    main = {
-        "K": _main("K", gain, ln_gain_se, ratio, refusal, short=short),
-        "T": _main("T", lag_s, ln_lag_se, ratio, refusal, short=short),
+def judge(fit: Fit, data: Data, train: Errors) -> Judgement:
+    """Judge a fit."""
+    usable = fit.gain > LEAST_GAIN
+    gain_1_s, lag_s, alpha_s2, offset_rad, _ = fit.model().tolist()
+    chosen = [fit.free.index(place) for place in (LN_K, LN_T)]
+    difference = np.array([1.0, -1.0])
+    ratio_se = math.sqrt(max(float(difference @ fit.covariance[np.ix_(chosen, chosen)] @ difference), 0.0))
+    ratio_known = usable and ratio_se <= LOOSE
+    ratio = _logarithmic(gain_1_s / lag_s, ratio_se, IDENTIFIABLE if ratio_known else NOT_IDENTIFIABLE, "")
+    step_s = data.usual_step_s
+    estimates = {
+        "K": _main(gain_1_s, fit, LN_K, ratio, usable=usable),
+        "T": _main(lag_s, fit, LN_T, ratio, usable=usable, step_s=step_s),
+        "alpha": _alpha(alpha_s2, fit, train, usable=usable),
+        "delta0": _offset(offset_rad, fit, data, usable=usable),
     }
-    known = all(one.verdict == IDENTIFIABLE for one in main.values())
-    judged = main | {
-        "alpha": _alpha(fit, *alpha, explained=not refusal, known=known),
-        "delta0": _offset(fit, offset, offset_se, explained=not refusal),
-    }
-    warnings = []
-    if loop.answered and not refusal:
+    warnings = list(data.warnings)
+    if not usable:
+        warnings.append("the rudder explains next to nothing of the motion: the log is as likely without a rudder")
+    elif gain_1_s < 0.0:
         warnings.append(
-            f"the rudder answers what it does not explain ({_percent(1.0 - loop.explained)} of the motion), as an "
-            "autopilot or a helmsman does, or a dead time or a second lag in a zigzag that repeats itself: K may be "
-            "too small, and the standard errors allow for it; steer by an irregular plan"
-        )
-    if gain < 0.0 and not refusal:
-        warnings.append(
-            "K is negative: positive rudder turns her to port in this log; turn the sign of the rudder column, "
+            "K is negative: positive rudder turns the boat to port in this log; turn the sign of the rudder column, "
             "or RUD_REVERSE on the boat"
         )
-    if refusal:
-        warnings.append(f"{refusal}: no model can be had from this log")
-    return Judgement(judged, ratio, _correlations(free, covariance), tuple(warnings))
-
-
-def _refusal(fit: Fit, loop: Loop, *, explained: bool) -> str:
-    """Return why there is no model at all, empty where there is one."""
-    seconds, readings = fit.problem.data.duration_s, fit.effective_rows
-    if not explained:
-        return "the rudder explains next to nothing of the motion"
-    if seconds < SHORTEST_S:
-        least = f"{SHORTEST_S:.0f} s are the least"
-        return f"{seconds:.0f} s are too short to tell the rudder's work from a few waves; {least}"
-    if readings < FEWEST_READINGS and not _plain(loop, readings):
-        return f"worth {readings:.0f} independent readings only, where {FEWEST_READINGS:.0f} are the least"
-    if loop.answered and loop.explained < LEAST_EXPLAINED:
-        share = _percent(max(loop.explained, 0.0))
-        return f"the rudder explains {share} of the motion and answers the rest, as an autopilot does (closed loop)"
-    if not fit.converged:
-        return "the refinement has not converged, as where too few rudder angles leave the values undecided"
-    # A helm that answers her within a row is itself a model of the log: one without T, and mostly of the wrong sign.
-    step_s = fit.problem.data.usual_step_s
-    if float(fit.physical[1]) < step_s and (float(fit.physical[0]) < 0.0 or loop.explained < PLAINLY_EXPLAINED):
-        return (
-            f"rudder and turning go together within a row of {step_s:.2g} s, as where the rudder answers her turning "
-            "(closed loop); steer by a plan, and log more often"
+    speed_m_s = data.speed_m_s
+    if usable and speed_m_s is not None and abs(estimates["K"].low) > LARGEST_TURN_1_M * speed_m_s:
+        warnings.append(
+            f"K {gain_1_s:.3g} 1/s at {speed_m_s:.2g} m/s is that of a boat which turns within half a metre: "
+            "are heading and rudder in the units that their names say?"
         )
-    return ""
+    delay_s, lag_of_rudder_s = float(fit.values[DELAY]), float(fit.values[LAG])
+    if usable and (
+        abs(delay_s) > max(SHOWN_DELAY * fit.spread(DELAY), step_s)
+        or lag_of_rudder_s > max(SHOWN_DELAY * fit.spread(LAG), step_s)
+    ):
+        warnings.append(
+            f"the boat answers the rudder column with a dead time of {delay_s:.2f} s and a lag of "
+            f"{lag_of_rudder_s:.2f} s; both are counted in, so K and T are those behind them"
+        )
+    return Judgement(estimates, ratio, usable, tuple(warnings))
 
 
-def _plain(loop: Loop, readings: float) -> bool:
-    """Whether so few readings leave no doubt, their share that so many parameters explain of anything taken off."""
-    left = readings - PARAMETERS - 1.0
-    return left > 0.0 and (1.0 - loop.explained) * (readings - 1.0) / left <= 1.0 - PLAINLY_EXPLAINED
+def _logarithmic(value: float, relative: float, verdict: str, why: str) -> Estimate:
+    factor = math.exp(min(NORMAL_95 * relative, 25.0))
+    low, high = sorted((value / factor, value * factor))
+    return Estimate(value, _finite(abs(value) * relative), low, _finite(high), verdict, why or known(relative))
 
 
-def _explained(covariance: Floats) -> bool:
-    """Whether the rudder acts at all: K or K/T more than three standard errors from zero (ln K's is the inverse)."""
-    return min(math.sqrt(max(float(covariance[0, 0]), 0.0)), _ratio_spread(covariance)) < 1.0 / 3.0
-
-
-def _ratio_spread(covariance: Floats) -> float:
-    return math.sqrt(max(float(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]), 0.0))
-
-
-def _main(name: str, value: float, relative: float, ratio: Estimate, refusal: str, *, short: bool) -> Estimate:
-    se = _finite(abs(value) * relative)
-    if refusal:
-        return Estimate(value, se, NOT_IDENTIFIABLE, refusal)
-    if relative <= LOOSE and not short:
-        return Estimate(value, se, IDENTIFIABLE, f"known to {_percent(relative)}")
+def _main(value: float, fit: Fit, place: int, ratio: Estimate, *, usable: bool, step_s: float = 0.0) -> Estimate:
+    relative = fit.spread(place)
+    if not usable:
+        return _logarithmic(value, relative, NOT_IDENTIFIABLE, "the rudder explains next to nothing of the motion")
+    why = known(relative)
+    if relative <= LOOSE:
+        return _logarithmic(value, relative, IDENTIFIABLE, why)
+    if value < step_s:
+        why += f"; T is shorter than the rows ({step_s:.2g} s)"
+    if fit.share(place) > FROM_PRIOR:
+        why += "; it comes from the prior, not from the log"
     if ratio.verdict == IDENTIFIABLE:
-        why = f"{name} alone is known to {_percent(relative)} only, K/T = {ratio.value:.4g} {ratio.why}"
-        return Estimate(value, se, RATIO, why)
-    return Estimate(value, se, NOT_IDENTIFIABLE, f"known to {_percent(relative)} only")
+        return _logarithmic(value, relative, RATIO, f"{why}; K/T = {ratio.value:.4g} 1/s^2 {ratio.why}")
+    return _logarithmic(value, relative, NOT_IDENTIFIABLE, why)
 
 
-def _alpha(fit: Fit, value: float, se: float, *, explained: bool, known: bool) -> Estimate:
-    rate = fit.typical_rate_rad_s()
-    share = abs(value) * rate**2
-    bound = (max(value, 0.0) + 1.96 * se) * rate**2
+def _alpha(value: float, fit: Fit, train: Errors, *, usable: bool) -> Estimate:
+    se = _finite(fit.spread(ALPHA))
+    rate = float(np.quantile(np.abs(np.concatenate([one.yaw_rate_rad_s for one in train.predictions])), 0.95))
+    low, high = max(value - NORMAL_95 * se, 0.0), _finite(value + NORMAL_95 * se)
     where = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
-    if explained and not known and (value > 2.0 * se or not math.isfinite(se)):
-        return Estimate(value, _finite(se), NOT_IDENTIFIABLE, "it goes with K and T, which are not known by themselves")
-    if explained and value > CERTAIN * se:
-        return Estimate(value, _finite(se), IDENTIFIABLE, f"{where} {_percent(share)} of the yaw rate, and shows")
-    if explained and value > 2.0 * se:
-        why = f"{where} {_percent(share)} of the yaw rate, but alpha is known to {_percent(se / value)} only"
-    else:
-        why = f"{where} at most {_percent(bound)} of the yaw rate; zero is as likely"
-    return Estimate(value, _finite(se), NOT_IDENTIFIABLE, why)
+    if ALPHA not in fit.free:
+        return Estimate(value, se, value, value, NOT_IDENTIFIABLE, "held at zero: --model linear")
+    if usable and value > CERTAIN * se:
+        return Estimate(value, se, low, high, IDENTIFIABLE, f"{where} {percent(value * rate**2)} of the yaw rate")
+    why = f"{where} at most {percent(high * rate**2)} of the yaw rate"
+    if fit.share(ALPHA) > FROM_PRIOR:
+        why += "; it comes from the prior, not from the log"
+    return Estimate(value, se, low, high, NOT_IDENTIFIABLE, why)
 
 
-def _offset(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
-    rudder = np.concatenate([stretch.rudder_rad for stretch in fit.problem.data.stretches])
-    spread = float(np.std(rudder))
-    if explained and se <= LOOSE_OFFSET * spread:
-        why = f"known to {_percent(se / max(spread, 1e-300))} of the rudder's spread"
-        if fit.problem.data.stretches[0].heading_rad is None:
-            why += "; it includes the gyroscope's constant error over K, for only a heading beside it tells them apart"
-        return Estimate(value, se, IDENTIFIABLE, why)
-    return Estimate(value, _finite(se), NOT_IDENTIFIABLE, "its error is as large as the rudder's own motion")
+def _offset(value: float, fit: Fit, data: Data, *, usable: bool) -> Estimate:
+    se, spread = fit.spread(OFFSET), float(np.std(data.rudder_rad))
+    interval = value - NORMAL_95 * se, value + NORMAL_95 * se
+    if usable and se <= LOOSE_OFFSET * spread:
+        why = f"known to {percent(se / spread)} of the rudder's spread"
+        if data.stretches[0].heading_rad is None:
+            why += "; it includes the constant error of the yaw rate over K"
+        return Estimate(value, se, *interval, IDENTIFIABLE, why)
+    return Estimate(value, _finite(se), *interval, NOT_IDENTIFIABLE, "its error is as large as the rudder's own motion")
 
 
-def _correlations(free: list[int], covariance: Floats) -> dict[str, float]:
-    names = ("K", "T", "alpha", "delta0")
-    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    table = covariance / np.outer(spread, spread)
-    return {
-        f"{names[free[a]]},{names[free[b]]}": float(np.clip(table[a, b], -1.0, 1.0))
-        for a in range(len(free))
-        for b in range(a + 1, len(free))
-    }
+def known(relative: float) -> str:
+    """Say how well a value is known."""
+    return f"known to {percent(relative)}"
+
+
+def percent(share: float) -> str:
+    """Write a share."""
+    return "worse than a factor of ten" if share >= 10.0 else f"{100.0 * share:.2g} %"
 
 
 def _finite(value: float) -> float:
-    return min(LARGEST_ERROR, value)
-
-
-def _percent(share: float) -> str:
-    if share >= 10.0:
-        return "worse than a factor of ten"
-    return f"{100.0 * share:.2g} %"
+    return min(LARGEST, value)

@@ -44,8 +44,7 @@ BAD = {
     "two logs": (plain(ROWS) + plain(ROWS), ":102: the column names stand there again: make a file of each"),
     "NMEA": ("$IIHDT,12.5,T*00\n" * 50, "sentences of NMEA 0183, no table"),
     "damaged packing": (gzip.compress(plain(ROWS).encode())[:-40], "its gzip packing is damaged"),
-    "time goes back": (with_row(5, "0.3,0.3,0,0.01,0.4"), ":7: time_s 0.3 does not come after 0.4; sort the rows"),
-    "time stands": (with_row(5, "0.4,0.3,0,0.01,0.4"), ":7: time_s 0.4 does not come after 0.4"),
+    "time goes back": (with_row(50, "0.35,0.3,0,0.01,0.4"), ":52: time_s 0.35 does not come after 4.9; sort the rows"),
     "degrees": (
         with_row(5, "0.5,20,0,0.01,0.4"),
         ":7: rudder_rad 20 is beyond 90 deg (1.5708 rad); are these degrees?",
@@ -53,7 +52,7 @@ BAD = {
     "degrees a second": (with_row(5, "0.5,0.3,0,45,0.4"), ":7: yaw_rate_rad_s 45 is beyond 30; give radians a second"),
     "cut": (with_row(50, "5.0,0.3,0"), ":52: 3 fields under 5 column names; mend or remove the line"),
     "constant rudder": (plain([row.replace("-0.3", "0.3") for row in ROWS]), "constant rudder, 0.3 throughout"),
-    "nothing turns": (plain([f"{n},{n % 7 / 10},1,0," for n in range(100)]), "she does not turn at all"),
+    "nothing turns": (plain([f"{n},{n % 7 / 10},1,0," for n in range(100)]), "the boat does not turn at all"),
     "too short": (plain(ROWS[:12]), "too short, 12 rows; the file holds 0 to 1.1 s; give at least 20 rows"),
     "header alone": (HEADER + "\n", "no rows below the column names"),
     "empty": ("", "empty; the first line must name the columns"),
@@ -137,14 +136,16 @@ def test_the_whole_contract(tank, tmp_path, capsys):
     assert main(["identify", *map(str, words)]) == 0
     said = capsys.readouterr()
     assert said.err == ""
-    for told in ("verdict", "standard", "residuals", "fish swarm", "prediction of"):
-        assert told in said.out or told == "standard"
+    for told in ("verdict", "95 % interval", "disturbances: ", "prediction of"):
+        assert told in said.out
     data = json.loads(names["json"].read_text())
     assert data["model"] == "cubic"
     for name, true in (("K", 0.049), ("T", 4.0), ("alpha", 17.0), ("delta0", 0.02)):
-        assert set(data[name]) >= {"value", "se", "verdict"}
+        assert set(data[name]) >= {"value", "se", "verdict", "interval"}
         assert data[name]["verdict"] == "identifiable"
         assert abs(data[name]["value"] - true) < 4.0 * data[name]["se"]
+        low, high = data[name]["interval"]
+        assert low <= data[name]["value"] <= high
     assert data["train"]["yaw_rate_rmse_rad_s"] == pytest.approx(np.radians(0.01), rel=0.05)
     (held_out,) = data["validate"]
     assert held_out["file"].endswith("circles.csv:400:")
@@ -154,26 +155,26 @@ def test_the_whole_contract(tank, tmp_path, capsys):
     assert data["seconds"] > 0.0
     assert names["png"].read_bytes().startswith(b"\x89PNG")
     values = dict(parse_file(names["param"].read_text(), "x"))
-    assert "ALPHA_S2 is written as 0" not in names["param"].read_text()
     assert values["MDL_K"] == pytest.approx(0.049, rel=0.01)
     assert values["MDL_T_S"] == pytest.approx(4.0, rel=0.01)
     assert values["MDL_SPEED"] == pytest.approx(0.4)
     assert values["CTL_TRIM_DEG"] == pytest.approx(np.degrees(0.02), abs=0.1)
 
 
-def test_an_alpha_that_is_not_in_the_model_is_written_as_zero_and_told(yard, tmp_path, capsys):
-    """A delivered 17 was replaced by 0 without a word."""
-    boat, time = yard.boat(0.049, 4.0, 0.0, 0.02), np.arange(4000) * 0.1
-    rudder = yard.steps(time, 0.3, 20.0, 0.5)
-    write(tmp_path / "zigzag.csv", yard.recorded(time, rudder, *boat.motion(time, rudder)))
-    out = tmp_path / "boat.param"
-    assert main(["identify", str(tmp_path / "zigzag.csv"), "--out-params", str(out)]) == 0
-    (note,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ") and "ALPHA" in line)
-    told = "MDL_ALPHA_S2 is written as 0, over what the boat has (delivered: 17, of another boat): K and T were fitted"
-    assert told in note
-    assert re.search(r"and go with 0 alone; this log allows up to [\d.]+ s\^2$", note)
-    assert told in out.read_text()
+def test_a_linear_model_holds_alpha_at_zero(tank, tmp_path):
+    out, found = tmp_path / "boat.param", tmp_path / "found.json"
+    words = [str(tank / "zigzag.csv"), "--model", "linear", "--out-params", str(out), "--json", str(found)]
+    assert main(["identify", *words]) == 0
+    data = json.loads(found.read_text())
+    assert (data["model"], data["alpha"]["value"], data["alpha"]["interval"]) == ("linear", 0.0, [0.0, 0.0])
     assert dict(parse_file(out.read_text(), "x"))["MDL_ALPHA_S2"] == 0.0
+
+
+@pytest.mark.parametrize("name", ["flight.tlog", "flight.TLOG"])
+def test_a_telemetry_log_is_named(capsys, tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(b"\0" * 64)
+    assert "MAVLink telemetry log; give the onboard .BIN log, or convert it" in refused(capsys, path)
 
 
 def test_a_page_stands_alone_and_a_seed_gives_the_same_result(tank, tmp_path, capsys):
@@ -199,7 +200,7 @@ def test_no_model_is_a_finding(yard, tmp_path, capsys):
     out = tmp_path / "x.param"
     assert main(["identify", str(tmp_path / "noise.csv"), "--out-params", str(out)]) == 1
     said = capsys.readouterr()
-    assert "no model can be told" in said.err
+    assert "as likely without a rudder" in said.err
     assert "zigzag" in said.out
     assert not out.exists()
 

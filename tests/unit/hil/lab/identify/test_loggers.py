@@ -190,3 +190,60 @@ def test_headings_that_are_hardly_ever_there_do_not_cost_the_yaw_rates(tmp_path)
     path.write_text(with_holes("heading_rad", range(10, ROWS)))
     got = read(path)
     assert (got.heading_rad, got.time_s.size) == (None, ROWS)
+
+
+TECPLOT = (
+    'TITLE = "Zigzag"\nVARIABLES = "t [s]" "delta [deg]" "psi [deg]" "r [deg/s]" "u [m/s]"\nZONE T="run 12", I=200\n'
+)
+
+
+def test_a_table_of_tecplot_is_read(tmp_path):
+    path, rows = tmp_path / "tank.dat", table("t", (TIME, *DEGREES[1:4], PLAIN[4]), "  ").splitlines()[1:]
+    path.write_text(TECPLOT + "\n".join(rows) + "\n")
+    got = read(path)
+    np.testing.assert_allclose(got.rudder_rad, RUDDER, atol=1e-5)
+    np.testing.assert_allclose(got.heading_rad, HEADING, atol=1e-5)
+
+
+def test_quoted_decimal_commas_between_commas_are_read(tmp_path):
+    path, lines = tmp_path / "table.csv", PLAINLY.splitlines()
+    cells = [",".join(f'"{cell.replace(".", ",")}"' for cell in line.split(",")) for line in lines[1:]]
+    path.write_text("\n".join([lines[0], *cells]) + "\n")
+    np.testing.assert_allclose(read(path).heading_rad, HEADING, atol=1e-6)
+
+
+def test_units_behind_a_blank_are_read(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(table("Time,Rudder Angle °,Heading °M,Rate of Turn °/sec", DEGREES[:4]), encoding="utf-8")
+    got = read(path)
+    np.testing.assert_allclose(got.heading_rad, HEADING, atol=1e-5)
+    np.testing.assert_allclose(got.yaw_rate_rad_s, RATE, atol=1e-5)
+
+
+def test_milliseconds_that_are_named_seconds_are_recognised(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(with_times([f"{1000.0 * seconds:.0f}" for seconds in TIME], "time_s"))
+    got = read(path)
+    np.testing.assert_allclose(got.time_s, TIME, atol=1e-6)
+    assert any("taken for milliseconds" in text for text in got.warnings)
+
+
+def test_a_time_that_stands_there_twice_costs_one_row(tmp_path):
+    path, lines = tmp_path / "table.csv", PLAINLY.splitlines()
+    cells = lines[60].split(",")
+    lines.insert(61, ",".join([cells[0], "0.1", *cells[2:]]))
+    path.write_text("\n".join(lines) + "\n")
+    got = read(path)
+    np.testing.assert_allclose(got.time_s, TIME)
+    assert "1 row has the time of the row before (first in line 62), and is left out" in got.notes
+
+
+def test_a_column_that_names_its_unit_is_believed_with_a_warning(tmp_path):
+    """A model boat that turns within its length was refused as being in degrees."""
+    path = tmp_path / "table.csv"
+    quick = np.cumsum(np.where(np.arange(ROWS) % 20 < 10, 0.5, -0.5))
+    slow = np.full(ROWS, 0.1)
+    path.write_text(table("time_s,rudder_rad,heading_rad,speed_m_s", (TIME, RUDDER, quick, slow)))
+    got = read(path)
+    np.testing.assert_allclose(got.heading_rad, quick, atol=1e-5)
+    assert any("radians as named are believed" in text for text in got.warnings)

@@ -58,5 +58,4 @@ def test_a_noisy_speed_does_not_make_k_wrong(yard):
     noise = 0.1 * np.random.default_rng(0).standard_normal(ROWS)
     found = identify([replace(recording, speed_m_s=0.4 * ratio + noise)])
     gain = found.judgement.estimates["K"]
-    assert found.choice.scaled
-    assert abs(gain.value - 0.049 * found.data.speed_m_s / 0.4) < 2.0 * gain.se
+    assert abs(gain.value - 0.049 * found.data.speed_m_s / 0.4) < 3.0 * gain.se

@@ -141,7 +141,9 @@ def test_a_table_without_names_is_told_so(tmp_path):
 def test_a_course_over_ground_is_said_to_be_no_heading(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(table("time_s,rudder_rad,cog_deg", (TIME, RUDDER, TIME)))
-    with pytest.raises(UsageError, match="; there are time_s, rudder_rad, cog_deg; cog_deg is where she goes"):
+    with pytest.raises(
+        UsageError, match="; there are time_s, rudder_rad, cog_deg; cog_deg is the course over ground, not a heading"
+    ):
         read(path)
 
 

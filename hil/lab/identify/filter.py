@@ -1,0 +1,168 @@
+"""The likelihood: the autopilot's own Kalman filter of the heading, run over a recording with a known rudder.
+
+State, transition and update are those of firmware_py/estimate/heading_model.py. Here the gyroscope's measurement is
+added, and the cubic term is linearised at the yaw rate at the start of each step (exponential Rosenbrock step:
+Hochbruck and Ostermann, Acta Numerica 19, 2010), which is stable however long the step and however large alpha is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.model.kt import KtModel
+from hil.lab.compiled import compiled
+from hil.lab.identify.recording import Floats
+from hil.lab.numeric_core import Motion, NoiseLevels, heading_model, inner, kt
+
+# Places in a vector of unknowns. K, T and the noise levels are natural logarithms; the exponent is that of the speed.
+LN_K, LN_T, ALPHA, OFFSET, DELAY, LAG, EXPONENT, DIFFUSION, WAVE, PERIOD, DAMPING, COMPASS, WALK, GYRO = range(14)
+UNKNOWNS = 14
+
+OUTLIER = heading_model.OUTLIER
+UNKNOWN_RATE_VARIANCE = 1.0  # at the first row of a recording without yaw rates
+BIAS_MEMORY_S = 300.0  # the bias at the first row lies around delta0 as after a walk of so long
+
+
+@inner
+def advance(
+    m: Motion, levels: NoiseLevels, gain_1_s: float, lag_s: float, alpha_s2: float, rudder_rad: float, step_s: float
+) -> Motion:
+    """Return the state after a step, with the cubic term linearised at its start."""
+    rate = m.yaw_rate_rad_s
+    cubic = alpha_s2 * rate * rate
+    slope = 1.0 + 3.0 * cubic
+    # The same disturbance in dr/dt: sqrt(D) / T.
+    diffusion = levels.diffusion - 2.0 * math.log(slope)
+    scaled = NoiseLevels(
+        diffusion, levels.wave_sd, levels.wave_period, levels.wave_damping, levels.compass_noise, levels.bias_walk
+    )
+    model = KtModel(gain_1_s / slope, lag_s / slope, 0.0, 0.0, 1.0)
+    return heading_model.predict(m, scaled, model, rudder_rad + 2.0 * cubic * rate / gain_1_s, step_s)
+
+
+@inner
+def correct_rate(m: Motion, noise_variance: float, yaw_rate_rad_s: float) -> tuple[Motion, float, float]:
+    """Return the state with a gyroscope's yaw rate (of hull and waves) taken in, the innovation and its variance."""
+    k0, k1, k2, k3, k4 = m.p01 + m.p04, m.p11 + m.p14, m.p12 + m.p24, m.p13 + m.p34, m.p14 + m.p44
+    variance = k1 + k4 + noise_variance
+    innovation = yaw_rate_rad_s - m.yaw_rate_rad_s - m.wave_rate_rad_s
+    share = 1.0 / max(variance, innovation * innovation / OUTLIER)
+    return heading_model.moved(m, k0, k1, k2, k3, k4, innovation * share, share), innovation, variance
+
+
+@compiled
+def innovations(
+    values: Floats,
+    sign: float,
+    step_s: Floats,
+    first: NDArray[np.bool_],
+    measured: Floats,
+    rudder_rad: Floats,
+    speed_ratio: Floats,
+    headings: bool,  # noqa: FBT001 - numba takes no keywords
+    out: Floats,
+) -> None:
+    """Fill out (2, rows) with the innovations and their variances.
+
+    first: the rows at which a stretch begins. measured: headings, or yaw rates. rudder_rad: the mean over the interval
+    that ends at each row.
+    """
+    levels = NoiseLevels(
+        values[DIFFUSION], values[WAVE], values[PERIOD], values[DAMPING], values[COMPASS], values[WALK]
+    )
+    walk, gyro = math.exp(2.0 * values[WALK]), math.exp(2.0 * values[GYRO])
+    gain_1_s, lag_s, alpha_s2 = sign * math.exp(values[LN_K]), math.exp(values[LN_T]), values[ALPHA]
+    m = heading_model.begin(0.0, levels)
+    for row in range(step_s.shape[0]):
+        if first[row]:
+            b = heading_model.begin(measured[row] if headings else 0.0, levels)
+            rate = 0.0 if headings else measured[row]
+            rate_variance = UNKNOWN_RATE_VARIANCE if headings else gyro + b.p44
+            m = Motion(
+                b.heading_rad, rate, values[OFFSET], 0.0, 0.0,
+                b.p00, 0.0, 0.0, 0.0, 0.0,
+                rate_variance, 0.0, 0.0, 0.0,
+                walk * BIAS_MEMORY_S, 0.0, 0.0,
+                b.p33, b.p34, b.p44,
+            )  # fmt: skip
+        else:
+            ratio = speed_ratio[row] ** values[EXPONENT]
+            gain, lag, alpha = gain_1_s * ratio, lag_s / ratio, alpha_s2 / (ratio * ratio)
+            m = advance(m, levels, gain, lag, alpha, rudder_rad[row], step_s[row])
+        if headings:
+            m, out[0, row], out[1, row] = heading_model.correct(m, levels, measured[row])
+        else:
+            m, out[0, row], out[1, row] = correct_rate(m, gyro, measured[row])
+
+
+@compiled
+def scores(base: Floats, moved: Floats, by: Floats, gradient: Floats, information: Floats) -> None:
+    """Add gradient and Fisher information of minus the log-likelihood, from innovations of moved unknowns.
+
+    base (2, rows), moved (unknowns, 2, rows): innovations and variances; by: how far each unknown was moved.
+    """
+    count = moved.shape[0]
+    by_innovation, by_variance = np.zeros(count), np.zeros(count)
+    for row in range(base.shape[1]):
+        variance = base[1, row]
+        spread = math.sqrt(variance)
+        z = base[0, row] / spread
+        inside = z * z <= OUTLIER
+        for i in range(count):
+            by_variance[i] = (moved[i, 1, row] - variance) / by[i] / variance
+            by_innovation[i] = (moved[i, 0, row] - base[0, row]) / by[i] / spread if inside else 0.0
+        for i in range(count):
+            gradient[i] += 0.5 * by_variance[i] * (1.0 - z * z) + z * by_innovation[i] if inside else by_variance[i] / 2
+            for j in range(i + 1):
+                information[i, j] += by_innovation[i] * by_innovation[j] + 0.5 * by_variance[i] * by_variance[j]
+
+
+@compiled
+def lagged(mean_rad: Floats, step_s: Floats, first: NDArray[np.bool_], lag_s: float, out: Floats) -> None:
+    """Fill out with the means behind a first-order lag, which begins each stretch at rest."""
+    now = 0.0
+    for row in range(step_s.shape[0]):
+        if first[row]:
+            now = out[row] = mean_rad[row]
+            continue
+        fade = math.exp(-step_s[row] / lag_s)
+        out[row] = mean_rad[row] + (now - mean_rad[row]) * (1.0 - fade) * lag_s / step_s[row]
+        now = mean_rad[row] + (now - mean_rad[row]) * fade
+
+
+@compiled
+def simulate(
+    model: Floats,
+    starts_rad_s: Floats,
+    step_s: Floats,
+    first: NDArray[np.bool_],
+    rudder_rad: Floats,
+    speed_ratio: Floats,
+    out: Floats,
+) -> None:
+    """Fill out (2, rows) with heading and yaw rate by the rudder alone; each stretch begins with heading 0.
+
+    model: K, T, alpha, delta0 and the exponent of the speed. starts_rad_s: the first yaw rate of each stretch.
+    """
+    heading = rate = 0.0
+    stretch = -1
+    for row in range(step_s.shape[0]):
+        if first[row]:
+            stretch += 1
+            heading, rate = 0.0, starts_rad_s[stretch]
+        else:
+            ratio = speed_ratio[row] ** model[4]
+            gain, lag, alpha = model[0] * ratio, model[1] / ratio, model[2] / (ratio * ratio)
+            steps = min(max(math.ceil(4.0 * step_s[row] / lag), 1), 20)
+            step = step_s[row] / steps
+            for _ in range(steps):
+                cubic = alpha * rate * rate
+                slope = 1.0 + 3.0 * cubic
+                steady = (gain * (rudder_rad[row] - model[3]) + 2.0 * cubic * rate) / slope
+                decay = kt.decay_over(step, lag / slope)
+                turned, rate = kt.exact_step(rate, steady, decay, step, lag / slope)
+                heading += turned
+        out[0, row], out[1, row] = heading, rate

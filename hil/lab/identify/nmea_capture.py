@@ -1,0 +1,115 @@
+"""Reads a capture of NMEA 0183 as a recording: HDG, HDT, HDM or THS, the rudder of RSA or XDR, the speed of VHW or RMC.
+
+A capture does not say when a sentence came. The sentences that carry a time (RMC, GGA, GLL, ZDA) do: the others are
+spread evenly between them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from firmware_py.common.angles import radians
+from firmware_py.sensors.message_error import MessageError
+from firmware_py.sensors.nmea_framing import NmeaFramer
+from firmware_py.sensors.nmea_sentences import Decoded, decode_sentence
+from hil.errors import UsageError
+from hil.lab.identify.onboard_log import Pair, smoothed_speed
+from hil.lab.identify.recording import LEAST_ROWS, Recording
+
+LOOKED_AT_BYTES, LEAST_SENTENCES = 4096, 3
+DAY_S = 86400.0
+HEADINGS = ("heading_true_deg", "heading_magnetic_deg", "sensor_deg")
+KINDS = ("HDG", "HDT", "HDM", "THS")
+WANTED = frozenset((*KINDS, "RSA", "XDR", "VHW", "RMC", "GGA", "GLL", "GNS", "ZDA"))
+
+
+def is_one(path: Path) -> bool:
+    """Return whether a file begins with NMEA sentences that have a right checksum."""
+    try:
+        with path.open("rb") as file:
+            begin = file.read(LOOKED_AT_BYTES)
+    except OSError:
+        return False
+    whole = [sentence for sentence in NmeaFramer().feed(begin) if not sentence.fault]
+    lines = [line for line in begin.splitlines() if line.strip() and not line.startswith(b"#")]
+    return len(whole) >= LEAST_SENTENCES and lines[0].lstrip().startswith((b"$", b"!"))
+
+
+def read(path: Path) -> Recording:
+    """Read a whole capture; UsageError names what is lacking."""
+    times, series, faults = _gathered(path.read_bytes())
+    if len(times) < 2:
+        raise UsageError(f"{path}: NMEA 0183 with {len(times)} times in it; the capture needs RMC, GGA, GLL or ZDA")
+    marks = np.array(times)
+    midnights = np.cumsum(np.diff(marks[:, 1], prepend=marks[0, 1]) < -0.5 * DAY_S)
+    clock = marks[:, 1] + DAY_S * midnights
+    rising = np.concatenate(([True], np.diff(np.maximum.accumulate(clock)) > 0.0))
+    marks, clock = marks[rising, 0], clock[rising]
+
+    def timed(name: str) -> list[Pair]:
+        pairs = np.array(series[name]).reshape(-1, 2)
+        inside = pairs[(pairs[:, 0] >= marks[0]) & (pairs[:, 0] <= marks[-1])]
+        return list(zip(np.interp(inside[:, 0], marks, clock).tolist(), inside[:, 1].tolist(), strict=True))
+
+    kind = max(KINDS, key=lambda one: len(series[one]))
+    heading, rudder = np.array(timed(kind)).reshape(-1, 2), np.array(timed("rudder")).reshape(-1, 2)
+    if heading.shape[0] < LEAST_ROWS or rudder.shape[0] < LEAST_ROWS:
+        raise UsageError(
+            f"{path}: NMEA 0183 with {heading.shape[0]} headings and {rudder.shape[0]} rudder angles (RSA, XDR) "
+            f"between its times; at least {LEAST_ROWS} of each are needed"
+        )
+    new = np.concatenate(([True], np.diff(heading[:, 0]) > 0.0)) & (heading[:, 0] >= rudder[0, 0])
+    heading = heading[new & (heading[:, 0] <= rudder[-1, 0])]
+    time_s = heading[:, 0]
+    notes = [f"NMEA 0183: headings of {kind}; sentences without a time are spread between those with one"]
+    if faults:
+        notes.append(f"{faults} damaged sentences left out")
+    speed = smoothed_speed(timed("water" if len(series["water"]) >= LEAST_ROWS else "ground"), time_s, notes)
+    return Recording(
+        str(path),
+        time_s - time_s[0],
+        np.interp(time_s, rudder[:, 0], rudder[:, 1]) * radians(1.0),
+        heading[:, 1] * radians(1.0),
+        None,
+        speed,
+        tuple(notes),
+    )
+
+
+def _gathered(data: bytes) -> tuple[list[Pair], dict[str, list[Pair]], int]:
+    """Return places and times of day, the series by place in the capture, and the number of damaged sentences."""
+    times: list[Pair] = []
+    series: dict[str, list[Pair]] = defaultdict(list)
+    framer, faults = NmeaFramer(), 0
+    for place, sentence in enumerate([*framer.feed(data), *framer.finish()]):
+        if sentence.kind not in WANTED:
+            continue
+        decoded = None
+        if not sentence.fault:
+            try:
+                decoded = decode_sentence(sentence)
+            except MessageError:
+                decoded = None
+        if decoded is None:
+            faults += 1
+            continue
+        _take(decoded, sentence.kind, float(place), times, series)
+    return times, series, faults
+
+
+def _take(decoded: Decoded, kind: str, place: float, times: list[Pair], series: dict[str, list[Pair]]) -> None:
+    numbers = decoded.numbers
+    now_s = numbers.get("time_of_day_s")
+    if now_s is not None and (not times or now_s != times[-1][1]):
+        times.append((place, now_s))
+    for name, key in (("rudder", "rudder_deg"), ("water", "water_speed_m_s"), ("ground", "sog_m_s")):
+        value = numbers.get(key)
+        if value is not None:
+            series[name].append((place, value))
+    if kind in KINDS:
+        angle = next((numbers[name] for name in HEADINGS if numbers.get(name) is not None), None)
+        if angle is not None:
+            series[kind].append((place, angle))

@@ -1,0 +1,208 @@
+"""Cuts recordings at gaps into stretches, and holds them as the columns that the filter runs over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from hil.errors import UsageError
+from hil.lab.identify.agreement import check_scale, without_standstill
+from hil.lab.identify.filter import lagged
+from hil.lab.identify.mend import once, without_speed_noise
+from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
+
+GAP_ROWS = 10.0  # a gap longer than so many usual intervals: the rudder in it is unknown
+JUMP_ROWS, ROWS_A_JUMP = 2.5, 200  # one that long in a log that is even but for it: a clock that was set
+SPEED_RATIO_RANGE = (0.2, 5.0)  # similarity is not stretched further
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Rows without a gap. The heading counts from the first row; speed_ratio is U / U0."""
+
+    name: str
+    time_s: Floats
+    rudder_rad: Floats
+    heading_rad: Floats | None
+    yaw_rate_rad_s: Floats | None
+    speed_ratio: Floats
+
+    def measured(self, *, headings: bool) -> Floats:
+        """Return the headings, or the yaw rates."""
+        values = self.heading_rad if headings else self.yaw_rate_rad_s
+        if values is None:
+            raise ValueError("a stretch without that column")
+        return values
+
+    def rows(self, rows: slice) -> Stretch:
+        """Return some of the rows."""
+        return Stretch(
+            self.name,
+            self.time_s[rows],
+            self.rudder_rad[rows],
+            None if self.heading_rad is None else self.heading_rad[rows],
+            None if self.yaw_rate_rad_s is None else self.yaw_rate_rad_s[rows],
+            self.speed_ratio[rows],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """The stretches, and the speed U0 that the model is given for; None where a file has no speed."""
+
+    stretches: tuple[Stretch, ...]
+    speed_m_s: float | None
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are."""
+        return sum(stretch.time_s.size for stretch in self.stretches)
+
+    @property
+    def usual_step_s(self) -> float:
+        """The median interval."""
+        return float(np.median(np.concatenate([np.diff(stretch.time_s) for stretch in self.stretches])))
+
+    @property
+    def duration_s(self) -> float:
+        """How long all stretches last together."""
+        return sum(float(stretch.time_s[-1] - stretch.time_s[0]) for stretch in self.stretches)
+
+    @property
+    def rudder_rad(self) -> Floats:
+        """The rudder of all rows."""
+        return np.concatenate([stretch.rudder_rad for stretch in self.stretches])
+
+
+class Columns:
+    """The rows of all stretches one after the other, averaged in groups; the rudder stays as fine as recorded."""
+
+    def __init__(self, data: Data, every: int = 1) -> None:
+        """Average `every` rows to one."""
+        self.headings = all(stretch.heading_rad is not None for stretch in data.stretches)
+        parts = [_averaged(stretch, every, headings=self.headings) for stretch in data.stretches]
+        self.times = [times for times, _, _ in parts]
+        self.measured = np.concatenate([measured for _, measured, _ in parts])
+        self.speed_ratio = np.concatenate([ratio for _, _, ratio in parts])
+        self.step_s = np.concatenate([np.diff(times, prepend=times[0]) for times in self.times])
+        self.first = np.concatenate([np.arange(times.size) == 0 for times in self.times])
+        self._rudders = [_Integral(stretch.time_s, stretch.rudder_rad) for stretch in data.stretches]
+
+    def rudder_rad(self, delay_s: float, lag_s: float) -> Floats:
+        """Return the mean rudder over the interval that ends at each row, behind a dead time and a first-order lag."""
+        mean = np.concatenate(
+            [rudder.means(times - delay_s) for rudder, times in zip(self._rudders, self.times, strict=True)]
+        )
+        if lag_s <= 0.0:
+            return mean
+        out = np.empty_like(mean)
+        lagged(mean, self.step_s, self.first, lag_s, out)
+        return out
+
+
+class _Integral:
+    """The integral of a rudder that goes evenly from row to row and is held before the first and behind the last."""
+
+    def __init__(self, time_s: Floats, rudder_rad: Floats) -> None:
+        steps = np.diff(time_s)
+        self._time_s, self._rudder = time_s, rudder_rad
+        self._slope = np.diff(rudder_rad) / steps
+        self._area = np.concatenate(([0.0], np.cumsum(0.5 * (rudder_rad[1:] + rudder_rad[:-1]) * steps)))
+
+    def means(self, time_s: Floats) -> Floats:
+        """Return the mean over each interval that ends at a time, and at the first time the rudder itself."""
+        first, last = self._time_s[0], self._time_s[-1]
+        row = np.clip(np.searchsorted(self._time_s, time_s, side="right") - 1, 0, self._slope.size - 1)
+        inside = np.clip(time_s, first, last) - self._time_s[row]
+        area = self._area[row] + inside * (self._rudder[row] + 0.5 * inside * self._slope[row])
+        area += self._rudder[0] * np.minimum(time_s - first, 0.0) + self._rudder[-1] * np.maximum(time_s - last, 0.0)
+        now = float(np.interp(time_s[0], self._time_s, self._rudder))
+        return np.concatenate(([now], np.diff(area) / np.diff(time_s)))
+
+
+def _averaged(stretch: Stretch, every: int, *, headings: bool) -> tuple[Floats, Floats, Floats]:
+    """Return times, headings (or yaw rates) and speed ratios, averaged."""
+    measured = stretch.measured(headings=headings)
+    every = max(1, min(every, stretch.time_s.size // LEAST_ROWS))
+    rows = stretch.time_s.size // every
+
+    def means(values: Floats) -> Floats:
+        return np.asarray(values[: rows * every].reshape(rows, every).mean(axis=1))
+
+    return means(stretch.time_s), means(measured), means(stretch.speed_ratio)
+
+
+def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> Data:
+    """Make stretches of recordings; speed_m_s is U0, their mean speed if None. UsageError names the remedy."""
+    warnings = [f"{recording.name}: {text}" for recording in recordings for text in recording.warnings]
+    notes = [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
+    recordings = [without_standstill(recording, warnings) for recording in recordings]
+    for recording in recordings:
+        check_scale(recording, warnings)
+    recordings = [without_speed_noise(recording, notes) for recording in once(recordings, notes)]
+    headings = all(recording.heading_rad is not None for recording in recordings)
+    rates = all(recording.yaw_rate_rad_s is not None for recording in recordings)
+    if not headings and not rates:
+        raise UsageError("some files have only a heading, others only a yaw rate; give files that share one of them")
+    speeds = [recording.speed_m_s for recording in recordings]
+    if any(speed is None for speed in speeds):
+        speed_m_s = None
+    elif speed_m_s is None:
+        mean = float(np.mean(np.abs(np.concatenate([speed for speed in speeds if speed is not None]))))
+        speed_m_s = mean if mean > 1e-3 else None
+    stretches = tuple(
+        _stretch(recording, part, speed_m_s) for recording in recordings for part in _between_gaps(recording, notes)
+    )
+    return Data(stretches, speed_m_s, tuple(notes), tuple(warnings))
+
+
+def excerpt(data: Data, rows: int) -> Data:
+    """Return at most about so many rows, of each stretch those in which the rudder moves most."""
+    if data.rows <= rows:
+        return data
+    parts = []
+    for stretch in data.stretches:
+        length = min(max(round(rows * stretch.time_s.size / data.rows), LEAST_ROWS), stretch.time_s.size)
+        firsts = np.linspace(0, stretch.time_s.size - length, 20).astype(int).tolist()
+        spreads = [float(np.std(stretch.rudder_rad[at : at + length])) for at in firsts]
+        first = firsts[int(np.argmax(spreads))]
+        parts.append(stretch.rows(slice(first, first + length)))
+    parts.sort(key=lambda part: -part.time_s.size)
+    count = max(1, rows // LEAST_ROWS)
+    return replace(data, stretches=tuple(parts[:count]))
+
+
+def _between_gaps(recording: Recording, notes: list[str]) -> list[slice]:
+    steps = np.diff(recording.time_s)
+    usual_s = float(np.median(steps))
+    jumps = steps > JUMP_ROWS * usual_s
+    rare = np.count_nonzero(jumps) * ROWS_A_JUMP <= steps.size
+    cuts = np.flatnonzero(jumps if rare else steps > GAP_ROWS * usual_s) + 1
+    parts = [slice(low, high) for low, high in pairwise([0, *cuts.tolist(), recording.time_s.size])]
+    kept = [part for part in parts if part.stop - part.start >= LEAST_ROWS]
+    if cuts.size:
+        lost = recording.time_s.size - sum(part.stop - part.start for part in kept)
+        notes.append(
+            f"{recording.name}: {cuts.size} gaps; the fit starts again behind each"
+            + f", {lost} rows between them are too few" * (lost > 0)
+        )
+    if not kept:
+        raise UsageError(f"{recording.name}: too short: no {LEAST_ROWS} rows without a gap; record without gaps")
+    return kept
+
+
+def _stretch(recording: Recording, part: slice, speed_m_s: float | None) -> Stretch:
+    rows = recording.rows(part)
+    heading = rows.heading_rad
+    if heading is not None:
+        heading = np.unwrap(heading)
+        heading = heading - heading[0]
+    ratio = np.ones(rows.time_s.size)
+    if speed_m_s is not None and rows.speed_m_s is not None:
+        ratio = np.clip(np.abs(rows.speed_m_s) / speed_m_s, *SPEED_RATIO_RANGE)
+    return Stretch(recording.name, rows.time_s, rows.rudder_rad, heading, rows.yaw_rate_rad_s, ratio)
