@@ -48,6 +48,7 @@ class Table:
     places: dict[str, Column]
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    whole_milliseconds: bool = True  # seconds that are whole and far apart are taken for milliseconds
 
     def unit(self, name: str, usual: float) -> float:
         """Return the size of a column's unit, the usual one where its name says none."""
@@ -113,7 +114,7 @@ class Table:
         if seconds is not None:
             self.notes.append(f"column {column.shown} holds times of the day as hhmmss")
             times[wanted] = seconds
-        elif column.known and column.unit == 1.0 and _in_milliseconds(times[wanted]):
+        elif self.whole_milliseconds and column.known and column.unit == 1.0 and _in_milliseconds(times[wanted]):
             times *= MILLISECOND_S
             self.warnings.append(
                 f"column {column.shown} counts by {float(np.median(np.diff(times[wanted]))) / MILLISECOND_S:g} from "

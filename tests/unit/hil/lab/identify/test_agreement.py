@@ -36,7 +36,7 @@ def near(found):
     )
 
 
-@pytest.mark.parametrize("channels", ["h", "hr"])
+@pytest.mark.parametrize("channels", [pytest.param("h", marks=pytest.mark.proof), "hr"])
 def test_a_compass_that_is_frozen_for_half_of_the_log_is_told_and_left_out(zigzag, channels):
     """K was half of what it is, identifiable, without a word."""
     recording = replace(zigzag, heading_rad=frozen(zigzag.heading_rad, slice(HALF, 2 * HALF)))
@@ -91,7 +91,11 @@ def test_what_a_recording_to_be_predicted_disagrees_in_is_told(zigzag):
 
 @pytest.mark.parametrize(
     ("scale", "told"),
-    [(0.9, "turns 1.1"), (1.5, "turns 0.66"), (-1.0, "turns against yaw_rate_rad_s"), (57.3, "in degrees?")],
+    [
+        (0.9, "turns 1.1"),
+        pytest.param(-1.0, "turns against yaw_rate_rad_s", marks=pytest.mark.proof),
+        pytest.param(57.3, "in degrees?", marks=pytest.mark.proof),
+    ],
 )
 def test_a_yaw_rate_of_another_measure_is_a_warning_and_the_heading_is_taken(zigzag, scale, told):
     found = identify([replace(zigzag, yaw_rate_rad_s=scale * zigzag.yaw_rate_rad_s).rows(slice(0, 3000))])

@@ -113,7 +113,10 @@ def repeated(values, rows):
     return np.repeat(values[::rows], rows)[: values.size]
 
 
-@pytest.mark.parametrize(("rows", "channels"), [(20, "h"), (20, "hr"), (2, "hr")])
+@pytest.mark.parametrize(
+    ("rows", "channels"),
+    [(20, "h"), pytest.param(20, "hr", marks=pytest.mark.proof), pytest.param(2, "hr", marks=pytest.mark.proof)],
+)
 def test_a_sensor_whose_last_value_stands_there_until_the_next_is_not_taken_for_a_late_one(
     tmp_path, slow_sensor, rows, channels
 ):

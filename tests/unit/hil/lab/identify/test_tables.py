@@ -202,7 +202,7 @@ def ardupilot_log(recording, *, pulses):
     return log_bytes(*columns, pulses=pulses)
 
 
-@pytest.mark.parametrize("pulses", [True, False])
+@pytest.mark.parametrize("pulses", [pytest.param(True, marks=pytest.mark.proof), False])
 def test_a_log_of_ardupilot_tells_the_boat(yard, tmp_path, capsys, pulses):
     time = np.arange(3000) * 0.1
     rudder = yard.zigzag(time, 0.35, 20.0)
