@@ -153,6 +153,10 @@ def choice_lines(report: Report) -> list[str]:
     ]
     if tuned.kept:
         lines.append(f"chosen: the delivered defaults stay; {tuned.why}")
+        lines.append(
+            "what tuning is worth: nothing here; the gain for a boat is in its identified model. To trade error for "
+            "rudder travel, see the curve of rambler-hil compare --prices 0.5 1 2 4"
+        )
     else:
         lines.append(f"chosen: {chosen} ({tuned.why})")
         lines.append(_beside("in these seas", report.trials, tuned.chosen))
