@@ -160,6 +160,7 @@ def _judge_steering(
     tick, water_state = estimator.tick, estimator.water
     started, heading_sd_rad = heading_filter.has_started(tick.filter), heading_tick.heading_sd(tick)
     speed_m_s = water.model_speed(water_state)
+    diffusion_rad2_s, trim_rad = heading_tick.learned_disturbance(tick)
     shown = SteeringInput(
         rudder_rad=rudder.angle_rad,
         heading_rad=or_nan(situation.heading_rad if armed and situation.rudder_ok else None),
@@ -167,6 +168,8 @@ def _judge_steering(
         speed_m_s=speed_m_s,
         error_rad=or_nan(target.error_rad),
         shown_rad=sources.compass_in_use(tick.sources).raw_rad,
+        diffusion_rad2_s=diffusion_rad2_s,
+        trim_rad=trim_rad,
     )
     steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
     seen = OscillationInput(

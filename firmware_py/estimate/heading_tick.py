@@ -266,6 +266,14 @@ def estimate_of(s: HeadingTick, heading_rad: float, yaw_rate_rad_s: float, known
     )
 
 
+def learned_disturbance(s: HeadingTick) -> tuple[float, float]:
+    """Return the diffusion of the heading [rad^2/s] and the mean rudder bias; 0 in the filter's first minute."""
+    f = s.filter
+    if not f.t_s - f.begun_s > heading_filter.FIRST_S:
+        return 0.0, 0.0
+    return math.exp(f.levels.diffusion), s.bias_mean_rad
+
+
 def heading_sd(s: HeadingTick) -> float:
     """Return the standard deviation of the heading [rad], larger where predictions have failed; 0 before the start."""
     return math.sqrt(s.filter.motion.p00) * prediction_check.inflation(s.check)

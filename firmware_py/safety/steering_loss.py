@@ -65,7 +65,8 @@ FAR_OFF_RAD: Final = radians(10.0)
 DISTURBANCE_RAD: Final = radians(2.0)
 CORRELATION_S: Final = 100.0
 LEARNED_S: Final = 1800.0
-GUSTS_SQUARE_S: Final = radians(6.0) ** 2  # white part of the disturbance, in a second
+GUSTS_SQUARE_S: Final = radians(6.0) ** 2  # white part of the disturbance in a second, at least
+DIFFUSION_PART: Final = 0.5  # of the learned diffusion: a part of it is the wander that is learned here
 NOISE_SHARE: Final = 0.7  # of the heading's standard deviation, from block to block
 ENOUGH: Final = 7.0  # of a log-likelihood ratio; 6.8 were reached in 38 days of turns in eleven seas
 AGAIN: Final = 20.0  # for a recovery: a disturbance without a rudder looks like one
@@ -152,6 +153,7 @@ def update(
     heading_sd_rad: float,
     speed_m_s: float,
     error_rad: float,
+    diffusion_rad2_s: float,
 ) -> SteeringLossState:
     """Return the state after a block: its mean rudder, its turn and its length; an error of NaN is by hand."""
     near, by_hand = abs(error_rad) < FAR_OFF_RAD, math.isnan(error_rad)
@@ -162,7 +164,7 @@ def update(
     by_rudder, keep = ability_1_s * step_s, math.exp(-step_s / CORRELATION_S)
     noise = (NOISE_SHARE * heading_sd_rad) * (NOISE_SHARE * heading_sd_rad)
     heading = noise if math.isnan(state.heading_variance) else state.heading_variance
-    gusts = GUSTS_SQUARE_S / step_s
+    gusts = max(GUSTS_SQUARE_S, DIFFUSION_PART * diffusion_rad2_s / (ability_1_s * ability_1_s)) / step_s
     heading += by_rudder * (2.0 * state.covariance + by_rudder * (state.disturbance_variance + gusts))
     covariance = keep * (state.covariance + by_rudder * state.disturbance_variance)
     disturbance = keep * keep * state.disturbance_variance + (1.0 - keep * keep) * state.wander

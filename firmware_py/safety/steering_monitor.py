@@ -27,7 +27,8 @@ class SteeringInput(NamedTuple):
     """Measured rudder of a tick, estimated heading and its standard deviation, speed, heading error.
 
     `heading_rad` is NaN while nothing can be learned. `shown_rad` is the heading of the compass (NaN: none),
-    `error_rad` the goal less the heading (NaN: the boat does not steer for a heading).
+    `error_rad` the goal less the heading (NaN: the boat does not steer for a heading), `diffusion_rad2_s` that of the
+    heading and `trim_rad` the mean rudder bias, as they have been learned (0: not yet).
     """
 
     rudder_rad: float
@@ -36,6 +37,8 @@ class SteeringInput(NamedTuple):
     speed_m_s: float
     error_rad: float
     shown_rad: float = math.nan
+    diffusion_rad2_s: float = 0.0
+    trim_rad: float = 0.0
 
 
 class Block(NamedTuple):
@@ -98,11 +101,17 @@ def update(
             speed_m_s = given.speed_m_s if math.isnan(slow_speed_m_s) else slow_speed_m_s
             loss = steering_loss.update(
                 model, loss, turn.rudder_rad, turn.turned_rad, step_s, given.heading_sd_rad, given.speed_m_s,
-                given.error_rad,
+                given.error_rad, given.diffusion_rad2_s,
             )  # fmt: skip
             reversal = steering_reversal.update(
-                at_speed(model, speed_m_s), reversal, turn, slow_rudder_rad, given.error_rad, given.heading_sd_rad
-            )
+                at_speed(model, speed_m_s),
+                reversal,
+                turn,
+                slow_rudder_rad,
+                given.error_rad,
+                given.heading_sd_rad,
+                given.diffusion_rad2_s, given.trim_rad,
+            )  # fmt: skip
             over_rad = turn.rudder_rad - slow_rudder_rad
             order_s = ordered_s(order_s, over_rad, given.error_rad, step_s)
             # By hand the boat may be kept straight with any trim.

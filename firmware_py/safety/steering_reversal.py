@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from firmware_py.common.angles import clamp, radians
 from firmware_py.model.kt import KtModel, decay_over, exact_step
-from firmware_py.safety.turn_order import FAR_RUDDER_RAD, LATE_S, LEAST_S, MEMORY_S, is_enough, ordered_s
+from firmware_py.safety.turn_order import FAR_RUDDER_RAD, LATE_S, LEAST_S, MEMORY_S, is_enough, ordered_s, wander_rad
 
 REVERSED: Final = -0.5  # of the turn that the model expects: this or a lower share is an opposite turn
 SURE_RAD: Final = radians(60.0)  # an opposite turn of this is enough at any estimated speed and uncertainty
@@ -66,14 +66,16 @@ def update(
     slow_rudder_rad: float,
     error_rad: float,
     heading_sd_rad: float,
+    diffusion_rad2_s: float,
+    trim_rad: float,
 ) -> ReversalState:
     """Return the state after a block; an error of NaN: the boat is steered by hand.
 
     The response to a reversed rudder is slow at first and looks like trim. So no more is taken for trim than there can
     be, and none of the turn.
     """
-    step_s, reversed_ = turn.step_s, state.reversed
-    over_rad = turn.rudder_rad - clamp(slow_rudder_rad, -FAR_RUDDER_RAD, FAR_RUDDER_RAD)
+    step_s, reversed_, most_trim_rad = turn.step_s, state.reversed, max(FAR_RUDDER_RAD, abs(trim_rad))
+    over_rad = turn.rudder_rad - clamp(slow_rudder_rad, -most_trim_rad, most_trim_rad)
     decay = decay_over(step_s, model.turning_lag_s)
     steady_rad_s = model.turning_ability_1_s * over_rad
     expected_rad, rate_rad_s = exact_step(state.rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
@@ -89,8 +91,10 @@ def update(
         by_compass = added(by_compass, step_s, abs(expected_rad), sign * turn.shown_rad, SHOWN_REVERSED)
         # An estimate that does not know of a reversal explains it by lost speed, and expects next to no turn.
         most_rad = max(by_estimate.expected_rad, -by_estimate.turned_rad)
-        estimated = is_enough(by_estimate.telling_s, most_rad, heading_sd_rad, model.turning_lag_s) or (
-            by_estimate.telling_s >= LEAST_S and -by_estimate.turned_rad >= SURE_RAD
+        least_rad = wander_rad(by_estimate.telling_s, diffusion_rad2_s)
+        estimated = most_rad >= least_rad and (
+            is_enough(by_estimate.telling_s, most_rad, heading_sd_rad, model.turning_lag_s)
+            or (by_estimate.telling_s >= LEAST_S and -by_estimate.turned_rad >= max(SURE_RAD, least_rad))
         )
         # An estimate that a reversal has led astray needs the compass.
         shown = by_compass.expected_rad >= SHOWN_TURN_RAD

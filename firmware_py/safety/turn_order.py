@@ -21,6 +21,7 @@ LEAST_S: Final = 20.0
 LEAST_LAGS: Final = 3.0
 LEAST_TURN_RAD: Final = radians(15.0)
 LEAST_SPREADS: Final = 8.0
+LEAST_WANDERS: Final = 3.5  # of the standard deviation by which the heading wanders meanwhile without any rudder
 
 
 def ordered_s(before_s: float, over_rad: float, error_rad: float, step_s: float) -> float:
@@ -34,6 +35,11 @@ def is_order(over_rad: float, error_rad: float) -> bool:
     """Return whether a rudder so far over commands a turn, not one that stops a turn; an error of NaN: by hand."""
     ordered = math.isnan(error_rad) or (abs(error_rad) >= FAR_OFF_RAD and error_rad * over_rad > 0.0)
     return ordered and abs(over_rad) >= FAR_RUDDER_RAD
+
+
+def wander_rad(telling_s: float, diffusion_rad2_s: float) -> float:
+    """Return the turn that the diffusion of the heading does not explain."""
+    return LEAST_WANDERS * math.sqrt(diffusion_rad2_s * telling_s)
 
 
 def is_enough(telling_s: float, expected_rad: float, heading_sd_rad: float, lag_s: float) -> bool:

@@ -65,8 +65,8 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
         taken, n = intake.update(a, at, taken, deadline_s)
         if fixed:
             n = Seen(
-                n.started, False, n.estimate, n.heading_sd_rad, n.wave_period_s, n.diffusion_rad2_s, n.rudder_rad,
-                n.shown_rad, n.heading_interval_s, n.inconsistent, n.current_strong,
+                n.started, False, n.estimate, n.heading_sd_rad, n.wave_period_s, n.diffusion_rad2_s, n.disturbance,
+                n.rudder_rad, n.shown_rad, n.heading_interval_s, n.inconsistent, n.current_strong,
             )  # fmt: skip
         helm = pilot.steer(a, helm, n, deadline_s)
         plant.send_rudder(at, deadline_s, a.boat.servo_sign * a.state.command_rad)

@@ -69,6 +69,7 @@ class Seen(NamedTuple):
     heading_sd_rad: float
     wave_period_s: float
     diffusion_rad2_s: float
+    disturbance: tuple[float, float]
     rudder_rad: float
     shown_rad: float
     heading_interval_s: float

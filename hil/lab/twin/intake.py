@@ -75,6 +75,7 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
         heading_tick.heading_sd(s),
         math.exp(f.levels.wave_period),
         math.exp(f.levels.diffusion),
+        heading_tick.learned_disturbance(s),
         s.rudder_rad,
         compass.raw_rad,
         interval_s,

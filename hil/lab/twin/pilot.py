@@ -77,6 +77,8 @@ def steer(a: Autopilot, helm: Helm, seen: Seen, now_s: float) -> Helm:
         known.speed_m_s,
         me.error_rad,
         seen.shown_rad,
+        seen.disturbance[0],
+        seen.disturbance[1],
     )
     steering = steering_monitor.update(a.law.model, boat.servo_sign < 0.0, helm.steering, given, now_s)
     law_state, demand_rad = law.IDLE, me.command_rad if armed else 0.0

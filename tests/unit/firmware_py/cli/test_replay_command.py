@@ -72,10 +72,10 @@ def _state(text):
 
 
 def test_what_is_not_known_is_noted(tmp_path, capsys):
-    path = with_checkpoint(tmp_path / "later.BIN", edited(lambda data: data.update(version=9, tide_m=1.0, idle=None)))
+    path = with_checkpoint(tmp_path / "later.BIN", edited(lambda data: data.update(version=99, tide_m=1.0, idle=None)))
     main(["replay", path])
     assert (
-        f"note: State: written by a later version (9, here {state_codec.VERSION}), read by name\n"
+        f"note: State: written by a later version (99, here {state_codec.VERSION}), read by name\n"
         in capsys.readouterr().out
     )
     path = with_checkpoint(tmp_path / "more.BIN", edited(lambda data: data.update(tide_m=1.0)))

@@ -27,6 +27,7 @@ class Boat:
         self.state, self.rate_rad_s, self.rudders = SteeringLossState(), 0.0, [0.0] * late
         self.answers, self.lags, self.wind_rad = answers, lags, wind_rad
         self.ship, self.speed_m_s, self.sd_rad = OCEAN_RAMBLER.at_speed(speed_m_s), speed_m_s, sd_rad
+        self.diffusion_rad2_s = 0.0
 
     def block(self, rudder_rad, error_rad, noise_rad=0.0):
         """Hold the rudder over for a block; return the turn in it."""
@@ -36,8 +37,9 @@ class Boat:
         self.rate_rad_s += gone * (steady_rad_s - self.rate_rad_s)
         turned_rad = self.rate_rad_s * BLOCK_S + noise_rad
         self.state = update(
-            OCEAN_RAMBLER, self.state, rudder_rad, turned_rad, BLOCK_S, self.sd_rad, self.speed_m_s, error_rad
-        )
+            OCEAN_RAMBLER, self.state, rudder_rad, turned_rad, BLOCK_S, self.sd_rad, self.speed_m_s, error_rad,
+            self.diffusion_rad2_s,
+        )  # fmt: skip
         return turned_rad
 
     def hold(self, seconds, rudder_rad, error_rad):
@@ -94,6 +96,15 @@ def test_the_detection_time_depends_on_speed_and_heading_uncertainty(speed_m_s, 
     lost = boat.hold(200.0, radians(-25.0), -1.0)
     boat.answers = 1.0
     assert (lost, boat.hold(200.0, radians(30.0), 1.0)) == (lost_s, again_s)
+
+
+@pytest.mark.parametrize(("diffusion_deg2_s", "reported"), [(0.1, True), (6.0, False)])
+def test_where_the_heading_is_known_to_diffuse_a_turn_that_does_not_come_proves_less(diffusion_deg2_s, reported):
+    boat = Boat()
+    boat.diffusion_rad2_s = radians(1.0) ** 2 * diffusion_deg2_s
+    boat.hold(400.0, radians(5.0), 0.0)
+    boat.answers = 0.0
+    assert (boat.hold(30.0, radians(-25.0), -1.0) is not None) is reported
 
 
 def test_the_mean_speed_has_a_memory_of_200_s():
