@@ -267,11 +267,15 @@ def estimate_of(s: HeadingTick, heading_rad: float, yaw_rate_rad_s: float, known
 
 
 def learned_disturbance(s: HeadingTick) -> tuple[float, float]:
-    """Return the diffusion of the heading [rad^2/s] and the mean rudder bias; 0 in the filter's first minute."""
+    """Return the diffusion of the heading [rad^2/s], 0 in the filter's first minute, and the mean rudder bias [rad].
+
+    The bias is 0 in the first LEARNING_S: a servo that is reversed from the start leads it astray, and shows by then.
+    """
     f = s.filter
-    if not f.t_s - f.begun_s > heading_filter.FIRST_S:
+    age_s = f.t_s - f.begun_s
+    if not age_s > heading_filter.FIRST_S:
         return 0.0, 0.0
-    return math.exp(f.levels.diffusion), s.bias_mean_rad
+    return math.exp(f.levels.diffusion), s.bias_mean_rad if age_s > LEARNING_S else 0.0
 
 
 def heading_sd(s: HeadingTick) -> float:

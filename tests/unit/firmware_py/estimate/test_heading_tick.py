@@ -295,3 +295,14 @@ def test_a_late_heading_changes_nothing():
     assert after.filter == boat.state.filter
     assert after.bias_mean_rad == boat.state.bias_mean_rad
     assert after.check == boat.state.check
+
+
+def test_the_monitors_are_given_what_has_been_learned():
+    boat = Boat().run(50.0)
+    assert heading_tick.learned_disturbance(boat.state) == (0.0, 0.0)
+    boat.run(20.0)
+    diffusion_rad2_s, trim_rad = heading_tick.learned_disturbance(boat.state)
+    assert diffusion_rad2_s == math.exp(boat.state.filter.levels.diffusion)
+    assert trim_rad == 0.0
+    old = boat.state.filter._replace(begun_s=boat.state.filter.t_s - heading_tick.LEARNING_S - 1.0)
+    assert heading_tick.learned_disturbance(boat.state._replace(filter=old))[1] == boat.state.bias_mean_rad
