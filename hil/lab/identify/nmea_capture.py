@@ -6,18 +6,21 @@ spread evenly between them.
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 
 from firmware_py.common.angles import radians
+from firmware_py.files.reading import open_regular
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer
 from firmware_py.sensors.nmea_sentences import Decoded, decode_sentence
 from hil.errors import UsageError
 from hil.lab.identify.onboard_log import Pair, smoothed_speed
 from hil.lab.identify.recording import LEAST_ROWS, Recording
+from hil.lab.identify.table_text import MOST_BYTES
 
 LOOKED_AT_BYTES, LEAST_SENTENCES = 4096, 3
 DAY_S = 86400.0
@@ -29,7 +32,7 @@ WANTED = frozenset((*KINDS, "RSA", "XDR", "VHW", "RMC", "GGA", "GLL", "GNS", "ZD
 def is_one(path: Path) -> bool:
     """Return whether a file begins with NMEA sentences that have a right checksum."""
     try:
-        with path.open("rb") as file:
+        with os.fdopen(open_regular(path, most_bytes=MOST_BYTES), "rb") as file:
             begin = file.read(LOOKED_AT_BYTES)
     except OSError:
         return False
