@@ -69,7 +69,7 @@ def runs(pid):
 @pytest.mark.parametrize(
     ("words", "number"),
     [
-        (("compare", "tank", "--only", "ours", "--seeds", "8"), signal.SIGKILL),
+        (("compare", "tank", "--only", "paper", "--seeds", "8"), signal.SIGKILL),
         (("drill", "--jobs", "2"), signal.SIGTERM),
     ],
 )
