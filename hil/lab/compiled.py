@@ -130,18 +130,22 @@ class _Implementation(caching.CompileResultCacheImpl):
 
 
 class _Cache(caching.FunctionCache):
-    """Machine code of a function on disk. While a process compiles it, another one that needs it waits and loads it."""
+    """Machine code of a function on disk; a process waits while another one compiles the same function."""
 
     _impl_class = _Implementation
     _lock: Any = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the machine code for a signature, None when it is to be compiled: then this process has the lock."""
+        """Return the machine code for a signature; None: this process compiles it, and holds the lock until then."""
         found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         if found is None and self._lock is None:
             with suppress(OSError):  # the folder has gone, or can no longer be written
                 self._lock = (Path(self._cache_path) / f"{self._impl.filename_base}.lock").open("w")
-                flock(self._lock, LOCK_EX)
+                _compilations.on_start(None)  # a terminal shows the wait as a compilation
+                try:
+                    flock(self._lock, LOCK_EX)
+                finally:
+                    _compilations.on_end(None)
                 found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         if found is not None:
             self._unlock()

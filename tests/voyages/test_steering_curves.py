@@ -48,7 +48,7 @@ def of_seeds(seas, sail):
 
 
 def ours(name, parameters, informed=False, fixed=False):
-    """Return what sails a sea by our controller."""
+    """Return a function that simulates a run in a sea with our controller."""
 
     def sail(sea):
         record = informed_voyage.sail(sea, GOALS, SECONDS, parameters, RECORDED_LIKE[name], informed, fixed)
@@ -58,7 +58,7 @@ def ours(name, parameters, informed=False, fixed=False):
 
 
 def by_pid(numbers):
-    """Return what sails a sea by a PID."""
+    """Return a function that simulates a run in a sea with a PID controller."""
     return lambda sea: pid.sail_sea(sea, GOALS, SECONDS, pid.Pid(*np.exp(numbers)))
 
 

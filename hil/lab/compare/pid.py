@@ -41,7 +41,7 @@ TUNED = Pid(1.2, 0.0226, 1.18, 4.6, 8.0)
 
 @compiled
 def voyage(at: Plant, waters: Waters, pid: Pid, given_s: Array, goals_rad: Array, record: Record) -> None:
-    """Steer for each goal from its time on as long as there are rows, and fill them.
+    """Simulate the closed loop with the PID controller until the rows of the record are full.
 
     The integral stands still while the rudder is at its limit and the error would drive it farther.
     """
@@ -73,7 +73,7 @@ def voyage(at: Plant, waters: Waters, pid: Pid, given_s: Array, goals_rad: Array
 
 
 def sail_sea(sea: Sea, goals: Sequence[Goal], seconds: float, pid: Pid) -> Truth:
-    """Steer in a sea that is drawn already, and return what happened, as a run's truth."""
+    """Simulate a run in a given sea with the PID controller and return its truth."""
     rows = round(seconds * ROWS_PER_SECOND) + 1
     record = Record(np.zeros(rows), np.zeros(rows), np.zeros((0, 0)))
     given_s, goals_rad = (np.array(column) for column in zip(*((g.t_s, g.heading_rad) for g in goals), strict=True))
@@ -83,5 +83,5 @@ def sail_sea(sea: Sea, goals: Sequence[Goal], seconds: float, pid: Pid) -> Truth
 
 
 def sail(scenario: Scenario, seed: int, goals: Sequence[Goal], seconds: float, pid: Pid) -> Truth:
-    """Steer a scenario's task and return what happened, as a run's truth."""
+    """Simulate a run of a scenario with the PID controller and return its truth."""
     return sail_sea(sea_of(scenario, seed, seconds), goals, seconds, pid)

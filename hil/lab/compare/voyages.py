@@ -96,7 +96,7 @@ def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) 
 
 
 def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) -> Truth:
-    """Sail one run and return what happened; ours in the compiled loop, which commands what the autopilot does."""
+    """Simulate one run and return its truth; the compiled loop gives the same commands as the autopilot process."""
     scenario = scenarios.sea_of(scenario_name)
     if controller.sailed_by == TWIN:
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
