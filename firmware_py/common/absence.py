@@ -8,8 +8,3 @@ import math
 def or_nan(value: float | None) -> float:
     """Return NaN for a value that is absent."""
     return math.nan if value is None else value
-
-
-def or_none(value: float) -> float | None:
-    """Return None for a value that is NaN."""
-    return None if math.isnan(value) else value

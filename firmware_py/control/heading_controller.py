@@ -1,8 +1,7 @@
 """Heading controllers that CTL_MODE chooses: from a heading error to a rudder demand.
 
-The arithmetic stands in law.py; this module converts between its NamedTuples, where NaN is absence, and the records of
-the tick. A new controller is its law, a function here, one row of TABLE, and one value of the parameter CTL_MODE; its
-state is a field of `HeadingControllerState`.
+The arithmetic stands in law.py. A new controller is its law, a function here, one row of TABLE, and one value of the
+parameter CTL_MODE; its state is a field of `LawState`.
 """
 
 from __future__ import annotations
@@ -13,10 +12,9 @@ from typing import Final
 
 import msgspec
 
-from firmware_py.common.absence import or_nan, or_none
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control import law
-from firmware_py.control.law import Gains, LawSettings, LawState
+from firmware_py.control.law import IDLE, Gains, LawSettings, LawState
 from firmware_py.model.heading_estimate import HeadingEstimate
 
 
@@ -36,57 +34,22 @@ class HeadingControllerInput(msgspec.Struct, frozen=True):
     softness: float = 1.0
 
 
-class Reference(msgspec.Struct, frozen=True):
-    """Heading and yaw rate that the boat should have now, and the rudder beyond the bias that they take."""
-
-    heading_rad: float
-    yaw_rate_rad_s: float
-    feedforward_rad: float = 0.0
-
-
-class HeadingControllerState(msgspec.Struct, frozen=True):
-    """State of the controllers; each keeps its own fields and leaves the others at their defaults.
-
-    `reference` is the reference of a turn, `bias_rad` the rudder bias that is followed while the gain is reduced.
-    """
-
-    reference: Reference | None = None
-    bias_rad: float | None = None
-
-
-Controller = Callable[[HeadingControllerState, HeadingControllerInput], tuple[HeadingControllerState, float | None]]
+Controller = Callable[[LawState, HeadingControllerInput], tuple[LawState, float | None]]
 """A controller with its settings: returns its state and the rudder demand [rad], None when it cannot steer."""
 
 
-def steer_by_fixed_gains(
-    gains: Gains, _state: HeadingControllerState, given: HeadingControllerInput
-) -> tuple[HeadingControllerState, float]:
+def steer_by_fixed_gains(gains: Gains, _state: LawState, given: HeadingControllerInput) -> tuple[LawState, float]:
     """Return the rudder demand [rad] of fixed gains, which keep no state."""
-    return HeadingControllerState(), law.s_surface(gains, given.error_rad, given.yaw_rate_rad_s)
+    return IDLE, law.s_surface(gains, given.error_rad, given.yaw_rate_rad_s)
 
 
 def steer_by_schedule(
-    settings: LawSettings, state: HeadingControllerState, given: HeadingControllerInput
-) -> tuple[HeadingControllerState, float | None]:
+    settings: LawSettings, state: LawState, given: HeadingControllerInput
+) -> tuple[LawState, float | None]:
     """Return the rudder demand [rad] of the scheduled law with its state; None without an estimate."""
     if given.estimate is None:
-        return HeadingControllerState(), None
-    before = state.reference
-    after, demand_rad = law.steer(
-        settings,
-        LawState(
-            law.IDLE.reference
-            if before is None
-            else law.Reference(before.heading_rad, before.yaw_rate_rad_s, before.feedforward_rad),
-            or_nan(state.bias_rad),
-        ),
-        given.estimate,
-        given.error_rad,
-        given.command_rad,
-        given.step_s,
-        given.softness,
-    )
-    return HeadingControllerState(Reference(*after.reference), or_none(after.bias_rad)), demand_rad
+        return IDLE, None
+    return law.steer(settings, state, given.estimate, given.error_rad, given.command_rad, given.step_s, given.softness)
 
 
 # By the value of CTL_MODE.
@@ -109,8 +72,8 @@ class HeadingControllerSettings(msgspec.Struct, frozen=True):
 
 
 def update(
-    settings: HeadingControllerSettings, state: HeadingControllerState, given: HeadingControllerInput
-) -> tuple[HeadingControllerState, float]:
+    settings: HeadingControllerSettings, state: LawState, given: HeadingControllerInput
+) -> tuple[LawState, float]:
     """Return the state and the rudder demand [rad]; the fixed gains replace a controller that cannot steer."""
     state, demand_rad = settings.controller(state, given)
     return steer_by_fixed_gains(settings.stand_in, state, given) if demand_rad is None else (state, demand_rad)

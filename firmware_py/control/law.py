@@ -115,19 +115,19 @@ class Ship(NamedTuple):
 class Reference(NamedTuple):
     """Heading and yaw rate that the boat should have now, and the rudder beyond the bias that they take."""
 
-    heading_rad: float
-    yaw_rate_rad_s: float
+    heading_rad: float = math.nan
+    yaw_rate_rad_s: float = math.nan
     feedforward_rad: float = 0.0
 
 
 class LawState(NamedTuple):
     """Reference of the turn, and the rudder bias that is followed while the gain is reduced; NaN: none."""
 
-    reference: Reference
-    bias_rad: float
+    reference: Reference = Reference()
+    bias_rad: float = math.nan
 
 
-IDLE: Final = LawState(Reference(math.nan, math.nan, math.nan), math.nan)
+IDLE: Final = LawState()
 
 
 class Gains(NamedTuple):

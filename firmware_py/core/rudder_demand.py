@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from firmware_py.common.mode_table import MODES, RudderBy
 from firmware_py.control import heading_controller
-from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState
+from firmware_py.control.heading_controller import HeadingControllerInput
+from firmware_py.control.law import IDLE, LawState
 from firmware_py.core.state import Settings, State
 from firmware_py.estimate.heading_estimator import heading_estimate
 from firmware_py.faults.table import Fault
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import live_bench, live_stick
 
-IDLE: Final = HeadingControllerState()
-
 
 def rudder_demand(
     settings: Settings, state: State, target: SteeringTarget, softness: float, now_s: float, step_s: float
-) -> tuple[float, HeadingControllerState]:
-    """Return the demand and the heading controller's state, the default while it does not steer."""
+) -> tuple[float, LawState]:
+    """Return the demand and the heading controller's state, IDLE while it does not steer."""
     modes, command_rad = state.modes, state.rudder.command_rad
     limit_rad = settings.rudder.limits.limit_rad
     if (deflection := live_bench(modes, now_s)) is not None:

@@ -14,7 +14,8 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind, Plans, homes
 from firmware_py.common.reports import Home
 from firmware_py.common.silence import timeout_s
-from firmware_py.control.heading_controller import HeadingControllerSettings, HeadingControllerState
+from firmware_py.control.heading_controller import HeadingControllerSettings
+from firmware_py.control.law import IDLE, LawState
 from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
 from firmware_py.core.rudder import RudderSettings, RudderState
@@ -94,7 +95,7 @@ class State(msgspec.Struct, frozen=True):
     fault_latch: LatchState = LatchState()
     supervisor: SupervisorState = SupervisorState()
     guidance: GuidanceState = GuidanceState()
-    controller: HeadingControllerState = HeadingControllerState()
+    controller: LawState = IDLE
     torque_release: TorqueReleaseState = TorqueReleaseState()
     energy_meter: EnergyMeterState = EnergyMeterState()
     power: PowerMonitorState = PowerMonitorState()

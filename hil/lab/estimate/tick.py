@@ -22,9 +22,9 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, Inputs, PositionSample, RudderFeedback, Tick
 from firmware_py.common.reports import Output, Snapshot
-from firmware_py.control.heading_controller import HeadingControllerState
+from firmware_py.control.law import IDLE, LawState
 from firmware_py.control.rudder_limit import limited_command
-from firmware_py.core.rudder_demand import IDLE, rudder_demand
+from firmware_py.core.rudder_demand import rudder_demand
 from firmware_py.core.state import Settings, State, settings_of
 from firmware_py.core.step import step
 from firmware_py.estimate import observer, prediction_check, water
@@ -245,7 +245,7 @@ class _Queue(Generic[Sample]):
 class _Helm:
     """What the heading controller would command if its own command before had been carried out."""
 
-    controller: HeadingControllerState = IDLE
+    controller: LawState = IDLE
     command_rad: float = 0.0
     travel_rad: float = 0.0
 

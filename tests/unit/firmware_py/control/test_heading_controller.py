@@ -8,15 +8,13 @@ from firmware_py.control.heading_controller import (
     TABLE,
     HeadingControllerInput,
     HeadingControllerSettings,
-    HeadingControllerState,
-    Reference,
     update,
 )
-from firmware_py.control.law import Gains, s_surface
+from firmware_py.control.law import IDLE, Gains, LawState, Reference, s_surface
 from firmware_py.model.heading_estimate import HeadingEstimate
 
 ESTIMATE = HeadingEstimate(1.0, math.radians(0.3) ** 2, 0.01, 0.05, 0.05, 0.4, 0.02)
-UNDER_WAY = HeadingControllerState(Reference(1.0, 0.0))
+UNDER_WAY = LawState(Reference(1.0, 0.0))
 
 
 def settings(mode):
@@ -41,11 +39,11 @@ def test_an_error_to_starboard_gives_rudder_to_starboard(mode, estimate):
 @pytest.mark.parametrize("mode", TABLE)
 def test_without_an_estimate_the_s_surface_stands_in_and_nothing_is_remembered(mode):
     expected_rad = s_surface(Gains.of(ParameterSet()), 0.1, 0.01)
-    assert steered(mode, 0.1, estimate=None) == (HeadingControllerState(), expected_rad)
+    assert steered(mode, 0.1, estimate=None) == (IDLE, expected_rad)
 
 
 def test_fixed_gains_steer_by_error_and_yaw_rate_alone_and_forget_the_turn_of_another_controller():
-    assert steered(0, 0.1) == steered(0, 0.1, estimate=None, state=HeadingControllerState(), command_rad=0.3)
+    assert steered(0, 0.1) == steered(0, 0.1, estimate=None, state=IDLE, command_rad=0.3)
 
 
 def test_the_scheduled_controller_carries_its_turn_on():
