@@ -238,6 +238,9 @@ class Endpoint:
         if self._from_self(message):
             self._namesake.look(message, now_s)
             return
+        # A station that may not command cannot take the boat back: it does not keep STATION_SILENT off.
+        if frame.number == _HEARTBEAT and standing is not Standing.COMMANDER:
+            return
         if standing is Standing.COMMANDER or self._reads_only(frame.number, message):
             self._handlers[frame.number](peer, message, now_s)
         else:
@@ -249,8 +252,8 @@ class Endpoint:
         return sender == (self._context.system, self._context.component)
 
     def _note_ground_station(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Note that a ground station is there."""
-        if message.type == _GROUND_STATION:
+        """Note that a ground station is there; a program aboard, which has the boat's own system id, is none."""
+        if message.type == _GROUND_STATION and message.get_srcSystem() != self._context.system:
             peer.ground_station_s = self._station_s = now_s
 
     # ------------------------------------------------------------------ out
