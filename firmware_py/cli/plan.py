@@ -79,7 +79,11 @@ def _read_plans(path: Path, *, home: bool) -> tuple[Plan, ...]:
         content = read_regular(path, MOST_BYTES)
     except OSError as error:
         raise PlanFileError(f"{path}: {error.strerror}; name a file that can be read") from None
-    return read_plan_file(content, str(path), home=home)
+    return read_plan_file(content, str(path), home=home, note=_note)
+
+
+def _note(text: str) -> None:
+    print(text, file=sys.stderr)
 
 
 def _check(arguments: argparse.Namespace) -> None:

@@ -252,7 +252,7 @@ class Endpoint:
         return sender == (self._context.system, self._context.component)
 
     def _note_ground_station(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Note that a ground station is there; a program aboard, which has the boat's own system id, is none."""
+        """Note a ground station that may command; a program with the boat's own system id is none."""
         if message.type == _GROUND_STATION and message.get_srcSystem() != self._context.system:
             peer.ground_station_s = self._station_s = now_s
 

@@ -273,6 +273,11 @@ TABLE: tuple[ItemRow, ...] = (
 
 ROWS: Mapping[int, ItemRow] = {int(row.command): row for row in TABLE}
 
+# MAV_CMD of cameras, their triggers and gimbals: the boat has none, and a plan file may ask for them all the same.
+CAMERA = frozenset(
+    {*range(195, 199), *range(200, 207), 214, 260, *range(530, 535), 1000, 1001, *range(2000, 2006), *range(2500, 2504)}
+)
+
 # MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain.
 PLACE_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 MISSION_FRAME = 2  # of items without a place
@@ -289,6 +294,6 @@ def markdown() -> str:
 
 
 def has_place(command: int) -> bool:
-    """Return whether x and y of an item with this command are a place; True for an unknown one."""
+    """Return whether x and y of an item with this command are a place; True for an unknown one but a camera's."""
     row = ROWS.get(command)
-    return row is None or row.place
+    return command not in CAMERA if row is None else row.place

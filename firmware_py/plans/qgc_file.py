@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
@@ -19,6 +20,21 @@ _GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
 _ARDUPILOT, _SURFACE_BOAT = 3, 11
 _SLOW_M_S = 0.5
 
+# The version of each object, and all keys that QGroundControl has given it in that version. What is not here was not
+# understood, and would be left out of the plan without a word.
+_DOCUMENT_KEYS = frozenset({"fileType", "groundStation", "mission", "geoFence", "rallyPoints"})
+_MISSION_KEYS = frozenset(
+    {"items", "plannedHomePosition", "firmwareType", "vehicleType", "cruiseSpeed", "hoverSpeed"}
+    | {"globalPlanAltitudeMode"}
+)
+_FENCE_KEYS = frozenset({"polygons", "circles", "breachReturn"})
+_RALLY_KEYS = frozenset({"points"})
+_ITEM_KEYS = frozenset(
+    {"type", "command", "frame", "params", "autoContinue", "doJumpId"}
+    | {"Altitude", "AltitudeMode", "AMSLAltAboveTerrain", "MISSION_ITEM_ID"}
+)
+_TRANSECTS = "TransectStyleComplexItem"
+
 
 def read_plan(text: str, source: str) -> tuple[Plan, ...]:
     """Read a .plan file into the plans that it has sections for."""
@@ -28,7 +44,7 @@ def read_plan(text: str, source: str) -> tuple[Plan, ...]:
         if section not in document:
             continue
         try:
-            plans.append(read(_object(document[section])))
+            plans.append(read(document[section]))
         except PlanFileError as error:
             raise located(source, f": {section}", error) from None
     if not plans:
@@ -40,15 +56,26 @@ def _document(text: str, source: str) -> Mapping[str, Any]:
     def constant(name: str) -> float:
         raise ValueError(f"{name} is no JSON")
 
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key, value in pairs:
+            if key in found:
+                raise ValueError(f"key {shorten(key)} stands twice in one object")
+            found[key] = value
+        return found
+
     try:
-        document = json.loads(text, parse_constant=constant)
+        document = json.loads(text, parse_constant=constant, object_pairs_hook=once)
     except RecursionError:
         raise PlanFileError(f"{source}: it is nested too deeply; save it anew with QGroundControl") from None
     except ValueError as error:
         raise PlanFileError(f"{source}: this is no JSON: {error}; save it anew with QGroundControl") from None
     if not isinstance(document, dict) or document.get("fileType") != "Plan":
         raise PlanFileError(f"{source}: fileType is not Plan; save it with QGroundControl as a .plan")
-    return document
+    try:
+        return _known(document, 1, _DOCUMENT_KEYS)
+    except PlanFileError as error:
+        raise located(source, "", error) from None
 
 
 def _object(value: Any) -> Mapping[str, Any]:
@@ -57,8 +84,25 @@ def _object(value: Any) -> Mapping[str, Any]:
     return value
 
 
+def _known(value: Any, version: int, keys: frozenset[str]) -> Mapping[str, Any]:
+    """Return an object of this version, or of none, without a key that is not known here."""
+    data = _object(value)
+    found = data.get("version", version)
+    if type(found) not in (int, float) or found != version:
+        raise PlanFileError(
+            f"version {shorten(found)} is not known here, only {version}; save it anew with a current QGroundControl"
+        )
+    _check_keys(data, keys | {"version"})
+    return data
+
+
+def _check_keys(data: Mapping[str, Any], keys: frozenset[str]) -> None:
+    if unknown := sorted(data.keys() - keys):
+        raise PlanFileError(f"key {shorten(unknown[0])} is not known here; known are {', '.join(sorted(keys))}")
+
+
 def _list(data: Mapping[str, Any], key: str) -> list[Any]:
-    value = data.get(key, [])
+    value = data.get(key)
     if not isinstance(value, list):
         raise PlanFileError(f"{key}: expected a list, found {shorten(value)}")
     if len(value) > MOST_ITEMS:
@@ -100,13 +144,31 @@ def _coordinates(value: Any, least: int) -> list[float]:
 # ------------------------------------------------------------------------------- sections
 
 
-def _mission(section: Mapping[str, Any]) -> Plan:
-    entries = [_numbered(_object, entry, number) for number, entry in enumerate(_list(section, "items"), start=1)]
-    indexes = {_jump_id(entry, index): index for index, entry in enumerate(entries)}
-    items = [
-        _numbered(lambda entry: _item(entry, indexes), entry, number) for number, entry in enumerate(entries, start=1)
+def _mission(section: Any) -> Plan:
+    entries: list[tuple[int, Any]] = []
+    for number, entry in enumerate(_list(_known(section, 2, _MISSION_KEYS), "items"), start=1):
+        entries += [(number, each) for each in _numbered(_unfolded, entry, number)]
+    if len(entries) > MOST_ITEMS:
+        raise PlanFileError(f"items: {len(entries)} with those of surveys; at most {MOST_ITEMS} are kept")
+    jump_ids = [
+        _numbered(partial(_jump_id, index=index), entry, number) for index, (number, entry) in enumerate(entries)
     ]
+    items = [_numbered(lambda entry: _item(entry, jump_ids), entry, number) for number, entry in entries]
     return Plan.of(PlanKind.MISSION, items)
+
+
+def _unfolded(entry: Any) -> list[Mapping[str, Any]]:
+    """Return a simple item, or those that QGroundControl has made of a survey or a corridor scan."""
+    data = _object(entry)
+    if data.get("type") != "ComplexItem" or _TRANSECTS not in data:
+        return [data]
+    transects = _object(data[_TRANSECTS])
+    if transects.get("version", 1) not in (1, 2):
+        raise PlanFileError(f"{_TRANSECTS}: version {shorten(transects['version'])} is not known here, only 1 and 2")
+    items = [_object(item) for item in _list(transects, "Items")]
+    if not items:
+        raise PlanFileError(f"{_TRANSECTS} has no Items; open it in QGroundControl and save it anew")
+    return items
 
 
 def _numbered(read: Any, entry: Any, number: int) -> Any:
@@ -117,18 +179,18 @@ def _numbered(read: Any, entry: Any, number: int) -> Any:
 
 
 def _jump_id(entry: Mapping[str, Any], index: int) -> int:
-    jump_id = entry.get("doJumpId")
-    return jump_id if type(jump_id) is int else index + 1
+    return _whole(entry.get("doJumpId", index + 1), 0xFFFF)
 
 
-def _item(entry: Mapping[str, Any], indexes: Mapping[int, int]) -> PlanItem:
+def _item(entry: Mapping[str, Any], jump_ids: Sequence[int]) -> PlanItem:
     kind = entry.get("type")
     if kind != "SimpleItem":
         name = entry.get("complexItemType", kind)
         raise PlanFileError(
-            f"{shorten(name)} is not a simple item; only QGroundControl can unfold it: upload it from there, "
+            f"{shorten(name)} is not a simple item, and has none of its own; upload it from QGroundControl, "
             "or save it from the boat afterwards"
         )
+    _check_keys(entry, _ITEM_KEYS)
     command = _whole(entry.get("command"), 0xFFFF)
     values = entry.get("params")
     if not isinstance(values, list) or len(values) != 7:
@@ -137,18 +199,23 @@ def _item(entry: Mapping[str, Any], indexes: Mapping[int, int]) -> PlanItem:
     unset = (math.nan, math.nan, math.nan, math.nan, unset_place, unset_place, math.nan)
     params = [_number(value, default) for value, default in zip(values, unset, strict=True)]
     if command == Command.JUMP:
-        if params[0] not in indexes:
-            raise PlanFileError(f"DO_JUMP: there is no item with doJumpId {params[0]:g}")
-        params[0] = float(indexes[int(params[0])])
+        count = jump_ids.count(params[0])
+        if count != 1:
+            items = f"are {count} items" if count else "is no item"
+            raise PlanFileError(f"DO_JUMP: there {items} with doJumpId {params[0]:g}")
+        params[0] = float(jump_ids.index(params[0]))
     frame = _whole(entry.get("frame"), 0xFF)
     return make_item(command, frame, params, autocontinue=_truth(entry.get("autoContinue", True)))
 
 
-def _fence(section: Mapping[str, Any]) -> Plan:
+def _fence(value: Any) -> Plan:
+    section = _known(value, 2, _FENCE_KEYS)
+    if not section.keys() & {"polygons", "circles"}:
+        raise PlanFileError("it has neither polygons nor circles; save it anew with QGroundControl")
     items: list[PlanItem] = []
-    for number, polygon in enumerate(_list(section, "polygons"), start=1):
+    for number, polygon in enumerate(_list({"polygons": [], **section}, "polygons"), start=1):
         items += _numbered(_polygon, polygon, number)
-    for number, circle in enumerate(_list(section, "circles"), start=1):
+    for number, circle in enumerate(_list({"circles": [], **section}, "circles"), start=1):
         items.append(_numbered(_circle, circle, number))
     if section.get("breachReturn") is not None:
         latitude_deg, longitude_deg, *altitude_m = _coordinates(section["breachReturn"], 2)
@@ -158,7 +225,7 @@ def _fence(section: Mapping[str, Any]) -> Plan:
 
 
 def _polygon(entry: Any) -> list[PlanItem]:
-    data = _object(entry)
+    data = _known(entry, 1, frozenset({"inclusion", "polygon"}))
     command = Command.INCLUDED_VERTEX if _truth(data.get("inclusion")) else Command.EXCLUDED_VERTEX
     corners = [_coordinates(corner, 2) for corner in _list(data, "polygon")]
     count = float(len(corners))
@@ -169,17 +236,17 @@ def _polygon(entry: Any) -> list[PlanItem]:
 
 
 def _circle(entry: Any) -> PlanItem:
-    data = _object(entry)
+    data = _known(entry, 1, frozenset({"inclusion", "circle"}))
     command = Command.INCLUDED_CIRCLE if _truth(data.get("inclusion")) else Command.EXCLUDED_CIRCLE
-    circle = _object(data.get("circle"))
+    circle = _known(data.get("circle"), 1, frozenset({"center", "radius"}))
     latitude_deg, longitude_deg, *_ = _coordinates(circle.get("center"), 2)
     params = [_number(circle.get("radius")), 0.0, 0.0, 0.0, latitude_deg, longitude_deg, 0.0]
     return make_item(int(command), _GLOBAL, params, autocontinue=True)
 
 
-def _rally(section: Mapping[str, Any]) -> Plan:
+def _rally(section: Any) -> Plan:
     items = []
-    for number, point in enumerate(_list(section, "points"), start=1):
+    for number, point in enumerate(_list(_known(section, 2, _RALLY_KEYS), "points"), start=1):
         latitude_deg, longitude_deg, altitude_m = _numbered(lambda value: _coordinates(value, 3), point, number)
         params = [0.0, 0.0, 0.0, 0.0, latitude_deg, longitude_deg, altitude_m]
         items.append(make_item(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True))

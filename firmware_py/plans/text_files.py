@@ -61,6 +61,8 @@ def _waypoints(lines: Sequence[Line], source: str, *, home: bool) -> Plan:
             )
     kind = _kind(lines, source)
     home_count = int(home and kind is PlanKind.MISSION)
+    if not lines:
+        raise PlanFileError(f"{source}: it has no items, so that its kind is not known; clear a plan with a .plan file")
     items = _each(lines[home_count:], source, _waypoint)
     return Plan.of(kind, [_shift_jump(item, -home_count) for item in items])
 

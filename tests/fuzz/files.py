@@ -255,7 +255,7 @@ QGC_WORDS = (
     b'"fileType":"Plan"', b'"mission":', b'"items":', b'"geoFence":', b'"rallyPoints":', b'"polygons":', b'"circles":',
     b'"polygon":', b'"inclusion":', b'"circle":', b'"center":', b'"radius":', b'"points":', b'"params":', b'"command":',
     b'"frame":', b'"type":"SimpleItem"', b'"plannedHomePosition":', b'"complexItemType":',
-    b'"TransectStyleComplexItem":', b"QGC WPL 110",
+    b'"TransectStyleComplexItem":', b'"Items":', b'"version":2', b'"doJumpId":', b'"breachReturn":', b"QGC WPL 110",
 )  # fmt: skip
 TOML_WORDS = (
     b"[vehicle]", b"[compass]", b"[compass_b]", b"[position]", b"[rudder]", b"[link]", b"[hull]", b"[parameters]",

@@ -52,6 +52,38 @@ QGC = document(
 )
 
 
+def changed(section, **more):
+    return QGC | {section: QGC[section] | more}
+
+
+def survey(items, *, version=2):
+    transects = {"version": version, "CameraShots": 0, "VisualTransectPoints": [[36.0, 121.0]]}
+    if items is not None:
+        transects["Items"] = items
+    return {
+        "type": "ComplexItem",
+        "complexItemType": "survey",
+        "version": 5,
+        "polygon": [[36.0, 121.0]],
+        "TransectStyleComplexItem": transects,
+    }
+
+
+def test_a_survey_is_unfolded_into_its_own_items():
+    lanes = [simple(number, 16, [0, 0, 0, None, 36.0 + 0.001 * number, 121.0, 0]) for number in range(2, 6)]
+    again = simple(6, 177, [2, 1, 0, 0, 0, 0, 0], frame=2)
+    text = json.dumps(document([simple(1, 16, [0, 0, 0, None, 36.0, 121.0, 0]), survey(lanes), again]))
+    mission = read_plan(text, "a.plan")[0]
+    assert [item.x for item in mission.items[:-1]] == [360_000_000, *range(360_020_000, 360_060_000, 10_000)]
+    assert mission.items[-1].params[:2] == (1.0, 1.0)  # the first lane, by its doJumpId
+
+
+@pytest.mark.parametrize("keys", [{"polygons"}, {"circles"}, {"polygons", "circles"}])
+def test_a_fence_has_polygons_or_circles(keys):
+    section = {"version": 2.0} | {key: QGC["geoFence"][key] for key in keys}
+    assert read_plan(json.dumps({"fileType": "Plan", "geoFence": section}), "a.plan")[0].items
+
+
 def test_a_plan_of_qgroundcontrol():
     mission, fence, rally = read_plan(json.dumps(QGC), "a.plan")
     assert repr(mission.items) == repr(
@@ -95,6 +127,49 @@ def test_a_plan_that_is_written_is_read_back():
             json.dumps(document([{"type": "ComplexItem", "complexItemType": "survey"}])),
             "item 1: 'survey' is not a simple",
         ),
+        (json.dumps(QGC | {"version": 2}), "a.plan: version 2 is not known here, only 1"),
+        (json.dumps(QGC | {"version": "1"}), "a.plan: version '1' is not known"),
+        (json.dumps(QGC | {"version": True}), "a.plan: version True is not known"),
+        (json.dumps(QGC | {"geofence": {}}), "a.plan: key 'geofence' is not known here; known are fileType, geoFence"),
+        (json.dumps(changed("mission", version=1)), "mission: version 1 is not known here, only 2"),
+        (json.dumps(changed("mission", Items=[])), "mission: key 'Items' is not known here"),
+        (json.dumps({"fileType": "Plan", "mission": {"version": 2}}), "mission: items: expected a list, found None"),
+        (json.dumps(QGC | {"geoFence": {"version": 1, "polygon": [[1, 2]] * 3}}), "geoFence: version 1 is not known"),
+        (json.dumps(changed("geoFence", version=3)), "geoFence: version 3 is not known here, only 2"),
+        (json.dumps(changed("geoFence", polygon=[])), "geoFence: key 'polygon' is not known here"),
+        (json.dumps(QGC | {"geoFence": {}}), "geoFence: it has neither polygons nor circles"),
+        (json.dumps(QGC | {"geoFence": {"version": 2, "breachReturn": [1, 2]}}), "geoFence: it has neither"),
+        (json.dumps(changed("rallyPoints", version=1)), "rallyPoints: version 1 is not known here, only 2"),
+        (json.dumps(QGC | {"rallyPoints": {"version": 2, "Points": []}}), "rallyPoints: key 'Points' is not known"),
+        (json.dumps(QGC | {"rallyPoints": {"version": 2}}), "rallyPoints: points: expected a list"),
+        (
+            json.dumps(document(polygons=[{"version": 2, "inclusion": True, "polygon": [[1, 2]]}])),
+            "geoFence: item 1: version 2 is not known here, only 1",
+        ),
+        (
+            json.dumps(document(circles=[{"inclusion": True, "circle": {}, "Circle": {}}])),
+            "geoFence: item 1: key 'Circle' is not known here",
+        ),
+        (
+            json.dumps(
+                document(circles=[{"inclusion": True, "circle": {"center": [1, 2], "radius": 9, "unit": "ft"}}])
+            ),
+            "geoFence: item 1: key 'unit' is not known here",
+        ),
+        (json.dumps(document([simple(1, 16, [0] * 7, autocontinue=False)])), "item 1: key 'autocontinue' is not known"),
+        (json.dumps(document([simple("1", 16, [0] * 7)])), "item 1: expected a number"),
+        (
+            json.dumps(
+                document([simple(4, 16, [0] * 7), simple(4, 16, [0] * 7), simple(5, 177, [4, 1, 0, 0, 0, 0, 0])])
+            ),
+            "item 3: DO_JUMP: there are 2 items with doJumpId 4",
+        ),
+        ('{"fileType": "Plan", "geoFence": {}, "geoFence": {}}', "key 'geoFence' stands twice"),
+        (json.dumps(document([survey([], version=3)])), "item 1: TransectStyleComplexItem: version 3 is not known"),
+        (json.dumps(document([survey([])])), "item 1: TransectStyleComplexItem has no Items"),
+        (json.dumps(document([survey(None)])), "item 1: Items: expected a list"),
+        (json.dumps(document([survey([survey([])])])), "item 1: 'survey' is not a simple item"),
+        (json.dumps(document([survey([simple(1, 16, [0] * 7)] * 1001)] * 2)), "items: 2002 with those of surveys"),
         (json.dumps(document([7])), "item 1: expected an object"),
         (json.dumps(document([simple(1, 16, [0] * 6)])), "item 1: expected 7 params"),
         (json.dumps(document([simple(1, 16, [0, 0, 0, 0, None, 0, 0])])), "item 1: expected a number"),

@@ -1,6 +1,7 @@
 """Plan files of any format, with pymavlink as the oracle, and whatever a file may hold."""
 
 import importlib
+import json
 
 import pytest
 from hypothesis import given
@@ -129,3 +130,45 @@ def test_files_that_cannot_be_read(tmp_path):
     ):
         with pytest.raises(PlanFileError, match=error):
             read_plan_file(path.read_bytes(), path.name)
+
+
+def waypoints(*rows):
+    """Return a mission: home, then a line for each command with its param1."""
+    lines = [f"{n}\t0\t3\t{command}\t{first}\t1\t0\t0\t0\t0\t0\t1\n" for n, (command, first) in enumerate(rows, 1)]
+    return (HEADER + "".join(lines)).encode()
+
+
+def test_camera_items_are_passed_over_with_a_notice_and_jumps_lead_where_they_did():
+    said = []
+    rows = [(206, 25), (16, 0), (177, 6), (206, 0), (2000, 0), (16, 0), (177, 1), (17, 0)]
+    (plan,) = read_plan_file(waypoints(*rows), "a.waypoints", note=said.append)
+    assert [(item.command, item.params[0]) for item in plan.items] == [(16, 0), (177, 2), (16, 0), (177, 0), (17, 0)]
+    assert said == [
+        "a.waypoints: mission: camera items passed over: 3 (MAV_CMD 206, 2000); the boat has no camera",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rows", "error"),
+    [
+        ([(206, 25), (16, -1)], "mission: item 2: NAV_WAYPOINT: param1 is -1"),
+        ([(206, 25), (16, 0), (177, 9)], "mission: item 3: DO_JUMP: leads to an item"),
+        ([(206, 25), (16, 0), (177, 1.5)], "mission: item 3: DO_JUMP: param1 is 0.5"),
+        ([(206, 25), (16, 0), (177, "nan")], "mission: item 3: DO_JUMP: param1 is nan"),
+        ([(16, 0), (177, 3), (206, 25)], "mission: item 2: DO_JUMP: leads to an item that is not there"),
+        ([(206, 25), (206, 0)], "nothing but commands for a camera"),
+        ([(42, 0)], "command 42 is not known in a mission"),
+    ],
+)
+def test_what_is_wrong_beside_camera_items_keeps_its_number(rows, error):
+    said = []
+    with pytest.raises(PlanFileError, match=error):
+        read_plan_file(waypoints(*rows), "a", note=said.append)
+    assert said == []
+
+
+def test_the_item_of_an_unset_place_is_a_camera_s():
+    trigger = {"type": "SimpleItem", "command": 2000, "frame": 2, "params": [0, 1, 1, None, None, None, None]}
+    there = {"type": "SimpleItem", "command": 16, "frame": 3, "params": [0, 0, 0, None, 1, 2, 0]}
+    text = json.dumps({"fileType": "Plan", "mission": {"version": 2, "items": [trigger, there]}})
+    assert [item.command for item in read_plan_file(text.encode(), "a.plan")[0].items] == [16]
