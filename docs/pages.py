@@ -3,7 +3,8 @@
 A generated part stands between two HTML comments, which Markdown viewers do not show:
 
     <!-- figure: NAME -->12.3 ms<!-- end -->     a measured value of docs/figures.json, within a sentence or a table
-    <!-- table: bench PREFIX -->                 a table of all figures PREFIX_*; also `reproduce`, `sources`, `drivers`
+    <!-- table: bench PREFIX -->                 a table of all figures PREFIX_*; also `reproduce`, `sources`,
+                                                 `drivers`, `sentences`, `transducers`
     <!-- help: rambler run -->                   the help of a command
     <!-- output: rambler plan items -->          the Markdown that a command prints
     <!-- code: PATH -->                          a file
@@ -37,6 +38,11 @@ sys.path.insert(0, str(ROOT))
 
 from firmware_py.common.options import OptionMeaning, meanings  # noqa: E402 - found by the path above
 from firmware_py.devices import SECTIONS  # noqa: E402
+from firmware_py.sensors import nmea_compass, nmea_position  # noqa: E402
+from firmware_py.sensors.nmea_sentences import IGNORED  # noqa: E402
+from firmware_py.sensors.nmea_sentences import TABLE as SENTENCES  # noqa: E402
+from firmware_py.sensors.nmea_transducers import QUANTITIES, UNITS  # noqa: E402
+from hil.lab.identify import nmea_capture  # noqa: E402
 
 PROGRAMS = {"rambler": "firmware_py.__main__", "rambler-hil": "hil.__main__"}
 WHOLE = {
@@ -134,6 +140,36 @@ def _allowed(meaning: OptionMeaning) -> str:
     return f"{meaning.minimum:g} to {meaning.maximum:g}" if meaning.maximum < math.inf else ""
 
 
+def sentence_table() -> str:
+    """Return the table of NMEA 0183 sentences: what is decoded of each, and what uses it."""
+    users = {
+        "`[compass]`": {*nmea_compass.HEADING_SENTENCES, *nmea_compass.SIDE_SENTENCES},
+        "`[position]`": {*nmea_position.FIX_SENTENCES, *nmea_position.TIME_AND_COURSE},
+        "`rambler-hil identify`": nmea_capture.WANTED,
+    }
+    rows = []
+    for kind, layout in sorted(SENTENCES.items()):
+        names = [name for name, _ in (*layout.numbers, *layout.letters, *layout.derived)]
+        used_by = ", ".join(user for user, kinds in users.items() if kind in kinds)
+        rows.append((kind, ", ".join(f"`{name}`" for name in names) or "see below", used_by))
+    rows.append(("VDM, VDO", "messages of AIS", "`[ais]`"))
+    rows += [
+        (", ".join(kind for kind in IGNORED if IGNORED[kind] == text), f"ignored: {text}", "")
+        for text in dict.fromkeys(IGNORED.values())
+    ]
+    return table(("sentence", "values of `rambler decode nmea`", "used by"), rows)
+
+
+def transducer_table() -> str:
+    """Return the table of XDR's transducers by type, unit and name."""
+    rows = []
+    for value, quantity in QUANTITIES.items():
+        units = " ".join(unit for kind, unit in UNITS if kind == quantity.kind)
+        names = ", ".join(f"`{name}`" if name else "none" for name in quantity.names)
+        rows.append((quantity.kind, units, names, f"`{value}`", f"{quantity.low:g} to {quantity.high:g}"))
+    return table(("type", "units", "names", "value", "range"), rows)
+
+
 def table(titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     """Return a Markdown table without its empty columns."""
     if not rows:
@@ -217,8 +253,9 @@ class Pages:
 
     def _table(self, what: str) -> str:
         kind, _, prefix = what.partition(" ")
-        if kind == "drivers":
-            return driver_table()
+        made = {"drivers": driver_table, "sentences": sentence_table, "transducers": transducer_table}
+        if kind in made:
+            return made[kind]()
         if kind == "sources":
             return source_table(self._figures)
         entries = [entry for name, entry in self._figures.items() if name.startswith(f"{prefix or kind}_")]

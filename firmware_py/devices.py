@@ -105,12 +105,12 @@ def _ais() -> Code[Vessels]:
 
 
 COMPASSES: Mapping[str, Driver[Compass]] = {
-    "nmea": Driver("any that speaks NMEA 0183 (HDT, HDG, HDM, THS, PASHR, ROT)", _nmea_compass),
+    "nmea": Driver("any that speaks NMEA 0183 (HDT, HDG, HDM, THS, PASHR, ROT, XDR)", _nmea_compass),
     "pni_tcm": Driver("PNI TCM, Prime and TRAX", _pni),
     "mti": Driver("Xsens (Movella) MTi", _mti),
 }
 POSITIONS: Mapping[str, Driver[Position]] = {
-    "nmea": Driver("any that speaks NMEA 0183 (RMC, GGA, GNS, GLL, VTG)", _nmea_position),
+    "nmea": Driver("any that speaks NMEA 0183 (RMC, GGA, GNS, GLL, VTG, ZDA)", _nmea_position),
     "ubx": Driver("u-blox receivers that send NAV-PVT", _ubx),
 }
 RUDDERS: Mapping[str, Driver[Rudder]] = {

@@ -3,9 +3,10 @@
 Every result has `line` and `type`. For nmea, `line` is counted from 1 and split at LF, and
 `sentence` is the address; for binary protocols `line` counts the results and `offset` the
 bytes of the capture. Types are heading, position, course, turn_rate, rudder, transducer,
-wind, weather, water_speed, steering, time, module_info, `other` for a whole message of a
+wind, weather, water_speed, depth, steering, time, module_info, `other` for a whole message of a
 kind that is not decoded, and `error`: its `error` is "checksum", "no checksum",
-"malformed" or "range", and `detail`, when there, says more.
+"malformed" or "range", and `detail`, when there, says more. `unknown` names transducers
+of XDR that are not known, each once.
 
 Values have their unit in their name and are None where the message leaves them empty.
 Headings are `heading_true_deg` and `heading_magnetic_deg`; a result of type heading repeats

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +16,9 @@ from firmware_py.sensors.nmea_reader import NmeaReader
 from firmware_py.sensors.nmea_sentences import Decoded, Numbers
 
 HEADING_SENTENCES = ("HDG", "HDT", "HDM", "THS", "PASHR")
+SIDE_SENTENCES = ("ROT", "XDR")
 TURN_RATE_KEPT_S = 1.0
+ATTITUDE_KEPT_S = 2.5  # XDR comes once a second
 TRUE_ESTABLISHED = 3
 TRUE_KEPT_S = 2.0
 SAMPLES_KEPT = 512  # more than one read of 4096 bytes can hold
@@ -41,7 +44,7 @@ class NmeaCompassOptions:
 
 
 class NmeaCompass:
-    """Gives every heading of HDG, HDT, HDM, THS and PASHR, with ROT as its yaw rate.
+    """Gives every heading of HDG, HDT, HDM, THS and PASHR, with ROT as its yaw rate and XDR as its roll and pitch.
 
     HDG is true where it states its variation and magnetic otherwise. VHW repeats
     the heading for a speed log, later and slower, and is not taken. Several true
@@ -58,11 +61,12 @@ class NmeaCompass:
         self._reader = NmeaReader(
             line,
             self._monitor,
-            {*(options.sentences or HEADING_SENTENCES), "ROT"},
+            {*(options.sentences or HEADING_SENTENCES), *SIDE_SENTENCES},
             require_checksum=options.require_checksum,
         )
         self._samples: deque[HeadingSample] = deque(maxlen=SAMPLES_KEPT)
         self._turn: tuple[float, float] | None = None  # when, rad/s
+        self._attitude: dict[str, tuple[float, float]] = {}  # when, rad
         self._true_count = 0
         self._true_s = 0.0
 
@@ -75,10 +79,15 @@ class NmeaCompass:
         if self._monitor.notice_reopening():
             self._reader.restart()
             self._turn = None
+            self._attitude.clear()
             self._true_count = 0
         for sentence, decoded in self._reader.read(now_s):
             if sentence.kind == "ROT":
                 self._handle_turn(decoded, now_s)
+            elif sentence.kind == "XDR":
+                for name in ("roll_deg", "pitch_deg"):
+                    if (angle_deg := decoded.numbers.get(name)) is not None:
+                        self._attitude[name] = (now_s, radians(angle_deg))
             elif sentence.kind == "THS" and decoded.letters["mode"] not in _THS_MODES:
                 self._monitor.note(f"{sentence.address}: heading not valid")
             else:
@@ -106,6 +115,13 @@ class NmeaCompass:
             return None
         return self._turn[1]
 
+    def _attitude_rad(self, name: str, numbers: Numbers, now_s: float) -> float | None:
+        """Return an angle of the sentence itself, else that of the last XDR."""
+        if name in numbers:
+            return _radians(numbers[name])
+        t_s, angle_rad = self._attitude.get(name, (-math.inf, 0.0))
+        return angle_rad if now_s - t_s <= ATTITUDE_KEPT_S else None
+
     def _handle_heading(self, address: str, numbers: Numbers, now_s: float) -> None:
         true_deg, magnetic_deg = numbers.get("heading_true_deg"), numbers.get("heading_magnetic_deg")
         heading_deg = magnetic_deg if true_deg is None else true_deg
@@ -127,8 +143,8 @@ class NmeaCompass:
                 reference=NorthReference.MAGNETIC if true_deg is None else NorthReference.TRUE,
                 variation_rad=_radians(numbers.get("variation_deg")),
                 yaw_rate_rad_s=self._yaw_rate_rad_s(now_s),
-                roll_rad=_radians(numbers.get("roll_deg")),
-                pitch_rad=_radians(numbers.get("pitch_deg")),
+                roll_rad=self._attitude_rad("roll_deg", numbers, now_s),
+                pitch_rad=self._attitude_rad("pitch_deg", numbers, now_s),
             )
         )
 

@@ -16,6 +16,7 @@ from firmware_py.sensors.nmea_reader import NmeaReader
 from firmware_py.sensors.nmea_sentences import Decoded
 
 FIX_SENTENCES = frozenset({"RMC", "GGA", "GNS", "GLL"})
+TIME_AND_COURSE = frozenset({"VTG", "ZDA"})
 EPOCH_ENDS_AFTER_S = 0.5  # an epoch is one burst; a sentence it lost must not hold it back for long
 TIME_STANDS_S = 3.0  # whole seconds are repeated by a quick receiver; longer by one that has hung, or by a router
 SAMPLES_KEPT = 512
@@ -96,7 +97,7 @@ class NmeaPosition:
         self._reader = NmeaReader(
             line,
             self._monitor,
-            {*FIX_SENTENCES, "VTG", "ZDA"},
+            FIX_SENTENCES | TIME_AND_COURSE,
             require_checksum=options.require_checksum,
         )
         self._samples: deque[PositionSample] = deque(maxlen=SAMPLES_KEPT)

@@ -9,7 +9,16 @@ from firmware_py.sensors.decode import CaptureFormat, Result, chunks, values_of
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import NO_CHECKSUM, MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer, Sentence
-from firmware_py.sensors.nmea_sentences import Decoded, decode_sentence
+from firmware_py.sensors.nmea_sentences import IGNORED, Decoded, decode_sentence
+
+MOST_UNKNOWN = 32  # transducers that are remembered
+
+
+def _unreported(decoded: Decoded, reported: set[str]) -> str:
+    """Return the transducers of a sentence that are not known and not yet reported, "" for none, and note them."""
+    fresh = [name for name in decoded.unknown if name not in reported] if len(reported) < MOST_UNKNOWN else []
+    reported.update(fresh)
+    return ", ".join(dict.fromkeys(fresh))
 
 
 class NmeaReader:
@@ -29,6 +38,7 @@ class NmeaReader:
         self._wanted = frozenset(wanted)
         self._require_checksum = require_checksum
         self._framer = NmeaFramer()
+        self._reported: set[str] = set()
 
     def restart(self) -> None:
         """Forget a sentence that was begun."""
@@ -50,6 +60,8 @@ class NmeaReader:
                 self._monitor.reject(now_s, str(error))
                 continue
             if decoded is not None:
+                if decoded.unknown and (names := _unreported(decoded, self._reported)):
+                    self._monitor.reject(now_s, f"not known: {names}", count=0)
                 sentences.append((sentence, decoded))
         return sentences
 
@@ -69,13 +81,13 @@ class NmeaReader:
 
 
 def _decode_capture(data: bytes) -> Iterator[Result]:
-    framer = NmeaFramer()
+    framer, reported = NmeaFramer(), set[str]()
     for chunk in chunks(data):
-        yield from map(_result, framer.feed(chunk))
-    yield from map(_result, framer.finish())
+        yield from (_result(sentence, reported) for sentence in framer.feed(chunk))
+    yield from (_result(sentence, reported) for sentence in framer.finish())
 
 
-def _result(sentence: Sentence) -> Result:
+def _result(sentence: Sentence, reported: set[str]) -> Result:
     head = {"line": sentence.line}
     name = {"sentence": sentence.address}
     if sentence.fault:
@@ -85,8 +97,11 @@ def _result(sentence: Sentence) -> Result:
     except MessageError as error:
         return {**head, "type": "error", "error": error.error, **name, "detail": str(error)}
     if decoded is None:
-        return {**head, "type": "other", **name}
-    return {**head, "type": decoded.topic, **name, **values_of(decoded.topic, decoded.numbers), **decoded.letters}
+        ignored = IGNORED.get(sentence.kind)
+        return {**head, "type": "other", **name, **({"detail": f"{ignored}: not used"} if ignored else {})}
+    values = values_of(decoded.topic, decoded.numbers)
+    new = _unreported(decoded, reported)
+    return {**head, "type": decoded.topic, **name, **values, **decoded.letters, **({"unknown": new} if new else {})}
 
 
 CAPTURE_FORMAT = CaptureFormat("nmea", _decode_capture)

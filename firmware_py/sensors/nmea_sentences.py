@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 
 import msgspec
 
-from firmware_py.sensors.message_error import MALFORMED, MessageError, within
+from firmware_py.sensors.message_error import MALFORMED, MessageError
 from firmware_py.sensors.nmea_fields import (
     Fields,
     Reader,
@@ -23,21 +23,22 @@ from firmware_py.sensors.nmea_fields import (
     signed,
     speed,
     time_of_day,
-    to_number,
     utc_of_long_date,
     utc_of_short_date,
 )
 from firmware_py.sensors.nmea_framing import Sentence
+from firmware_py.sensors.nmea_transducers import read_transducers
 
 Numbers = Mapping[str, float | None]
 
 
 class Decoded(msgspec.Struct, frozen=True):
-    """The values of a sentence: numbers (None where the field is empty) and letters."""
+    """The values of a sentence: numbers (None where the field is empty), letters, unknown transducers."""
 
     topic: str
     numbers: Numbers
     letters: Mapping[str, str]
+    unknown: tuple[str, ...] = ()
 
 
 class Layout(msgspec.Struct, frozen=True):
@@ -66,23 +67,41 @@ def _hdg_true(numbers: Numbers) -> float | None:
     return None if magnetic_deg is None or variation_deg is None else (magnetic_deg + variation_deg) % 360.0
 
 
-def _transducer(name: str, unit: str, low: float, high: float) -> Reader:
-    """Find a transducer of XDR by its name.
-
-    The groups (type, value, unit, name) of real plotters are shifted by missing and
-    doubled fields, so the value is taken where it stands seen from its name.
-    """
+def _first(*readers: Reader) -> Reader:
+    """Read the first of several fields for one value that is not empty."""
 
     def read(fields: Fields) -> float | None:
-        for place in range(2, len(fields)):
-            if fields[place] == name:
-                if fields[place - 1] != unit:
-                    raise MessageError(MALFORMED, f"unit is not {unit}")
-                value = to_number(fields[place - 2])
-                return None if value is None else within(value, low, high)
-        return None
+        return next((value for one in readers if (value := one(fields)) is not None), None)
 
     return read
+
+
+def _side(index: int) -> Reader:
+    """Read an angle of at most 180 degrees and R or L in the next field as 0 to 360, clockwise from the bow."""
+    read_side = signed(index, 180.0, {"R": 1.0, "L": -1.0})
+
+    def read(fields: Fields) -> float | None:
+        angle_deg = read_side(fields)
+        return None if angle_deg is None else angle_deg % 360.0
+
+    return read
+
+
+def _depth(name: str) -> Layout:
+    """Return the layout of a depth in feet, metres and fathoms."""
+    metres = number(2, 0.0, 12e3, unit="M")
+    feet, fathoms = number(0, 0.0, 4e4, unit="f", scale=0.3048), number(4, 0.0, 7e3, unit="F", scale=1.8288)
+    return Layout("depth", 6, ((name, _first(metres, feet, fathoms)),))
+
+
+def _offset_depth(side: float) -> Callable[[Numbers], float | None]:
+    """Return what adds a depth and its offset of this sign: positive up to the surface, negative down to the keel."""
+
+    def derive(numbers: Numbers) -> float | None:
+        depth_m, offset_m = numbers["depth_below_transducer_m"], numbers["offset_m"]
+        return None if depth_m is None or offset_m is None or side * offset_m <= 0.0 else depth_m + offset_m
+
+    return derive
 
 
 def _position(latitude_at: int) -> tuple[tuple[str, Reader], ...]:
@@ -100,6 +119,10 @@ def _fix_quality(satellites_at: int) -> tuple[tuple[str, Reader], ...]:
 _TRUE = ("heading_true_deg", number(0, 0.0, 360.0, unit="T"))
 _CROSS_TRACK = ("cross_track_m", number(2, 0.0, 1e4, scale=1852.0))
 _TIME_FIRST = ("time_of_day_s", time_of_day(0))
+_WIND_AT_SIDE = Layout(
+    "wind", 8, (("wind_angle_deg", _side(0)), ("wind_speed_m_s", _first(speed(2), speed(4), speed(6))))
+)
+_PRESSURE = _first(number(2, 0.5, 1.5, unit="B", scale=1e5), number(0, 14.0, 45.0, unit="I", scale=3386.389))
 
 TABLE: Mapping[str, Layout] = {
     "HDG": Layout(
@@ -130,16 +153,7 @@ TABLE: Mapping[str, Layout] = {
     # Degrees a minute, positive to starboard; nothing afloat turns by more than 60 degrees a second.
     "ROT": Layout("turn_rate", 2, (("turn_rate_deg_min", number(0, -3600.0, 3600.0)),), (("status", 1),)),
     "RSA": Layout("rudder", 2, (("rudder_deg", number(0, -90.0, 90.0)),), (("status", 1),)),
-    "XDR": Layout(
-        "transducer",
-        4,
-        (
-            ("rudder_deg", _transducer("RUDDER", "D", -90.0, 90.0)),
-            ("heel_deg", _transducer("HEEL", "D", -180.0, 180.0)),
-            ("trim_deg", _transducer("TRIM", "D", -90.0, 90.0)),
-            ("air_temperature_c", _transducer("AIRTEMP", "C", -100.0, 100.0)),
-        ),
-    ),
+    "XDR": Layout("transducer", 3, ()),  # nmea_transducers.py
     "RMC": Layout(
         "position",
         9,
@@ -194,7 +208,7 @@ TABLE: Mapping[str, Layout] = {
         "weather",
         20,
         (
-            ("air_pressure_pa", number(2, 0.5, 1.5, unit="B", scale=1e5)),
+            ("air_pressure_pa", _PRESSURE),
             ("air_temperature_c", number(4, -100.0, 100.0, unit="C")),
             ("water_temperature_c", number(6, -10.0, 100.0, unit="C")),
             ("humidity_percent", number(8, 0.0, 100.0)),
@@ -204,6 +218,42 @@ TABLE: Mapping[str, Layout] = {
             ("wind_speed_m_s", speed(18)),
         ),
     ),
+    "VWR": _WIND_AT_SIDE,
+    "VWT": _WIND_AT_SIDE,
+    "MTW": Layout("weather", 2, (("water_temperature_c", number(0, -10.0, 100.0, unit="C")),)),
+    "MTA": Layout("weather", 2, (("air_temperature_c", number(0, -100.0, 100.0, unit="C")),)),
+    "MMB": Layout("weather", 4, (("air_pressure_pa", _PRESSURE),)),
+    "MHU": Layout(
+        "weather",
+        4,
+        (("humidity_percent", number(0, 0.0, 100.0)), ("dew_point_c", number(2, -100.0, 100.0, unit="C"))),
+    ),
+    "DPT": Layout(
+        "depth",
+        2,
+        (("depth_below_transducer_m", number(0, 0.0, 12e3)), ("offset_m", number(1, -100.0, 100.0))),
+        derived=(("depth_below_surface_m", _offset_depth(1.0)), ("depth_below_keel_m", _offset_depth(-1.0))),
+    ),
+    "DBT": _depth("depth_below_transducer_m"),
+    "DBS": _depth("depth_below_surface_m"),
+    "DBK": _depth("depth_below_keel_m"),
+}
+# Sentences that the autopilot has no use for, and what they say.
+IGNORED: Mapping[str, str] = {
+    kind: text
+    for text, kinds in {
+        "satellites in use and in view": "GSA GSV",
+        "estimated errors of a position": "GST GBS GRS PGRME",
+        "datum": "DTM PGRMM",
+        "where a plotter is going": "RMB BOD BWC BWR AAM WPL RTE HSC",
+        "speed by axis and to windward, distance sailed, set and drift": "VBW VPW VLW VDR",
+        "radar targets": "TTM TLL",
+        "texts and alarms of an instrument": "TXT ALR",
+        "engine": "RPM",
+        "orders to an Airmar instrument and its answers": "PAMTC PAMTR PAMTX",
+        "reports of a u-blox receiver": "PUBX",
+    }.items()
+    for kind in kinds.split()
 }
 
 
@@ -219,13 +269,17 @@ def decode_sentence(sentence: Sentence) -> Decoded | None:
     if len(fields) < layout.fewest:
         raise MessageError(MALFORMED, f"{sentence.address}: {len(fields)} fields")
     numbers: dict[str, float | None] = {}
+    unknown: tuple[str, ...] = ()
     name = ""
     try:
         for name, read in layout.numbers:
             numbers[name] = read(fields)
+        if sentence.kind == "XDR":
+            numbers, unknown = read_transducers(fields)
     except MessageError as error:
-        raise MessageError(error.error, f"{sentence.address}: {name} {error}") from None
+        text = f"{name} {error}".lstrip()
+        raise MessageError(error.error, f"{sentence.address}: {text}") from None
     for name, derive in layout.derived:
         numbers[name] = derive(numbers)
     letters = {name: fields[index] if index < len(fields) else "" for name, index in layout.letters}
-    return Decoded(layout.topic, numbers, letters)
+    return Decoded(layout.topic, numbers, letters, unknown)

@@ -197,7 +197,8 @@ NMEA_WORDS = tuple(
     word.encode()
     for word in (
         "HCHDG,", "HEHDT,", "HCHDM,", "HETHS,", "PASHR,", "TIROT,", "GPRMC,", "GNGGA,", "GNGNS,", "GPGLL,", "GPVTG,",
-        "IIXDR,", "IIRSA,", ",A", ",V", ",N,", ",S,", ",E,", ",W,", ",T,", ",M", "-0.0", "359.99", "360", "1e9", ".",
+        "IIXDR,", "IIRSA,", "WIVWR,", "SDDPT,", "SDDBT,", "A,1.2,D,PTCH", "P,1.0164,B,STNP", ",C,23.3,C,0",
+        ",A", ",V", ",N,", ",S,", ",E,", ",W,", ",T,", ",M", "-0.0", "359.99", "360", "1e9", ".",
         "235960", "310299", "290224", "9000.000", "18000.000", "*", "\\s:x*00\\", "$", "!",
     )
 )  # fmt: skip

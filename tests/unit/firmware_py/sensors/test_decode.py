@@ -119,6 +119,23 @@ def test_results_are_as_the_contract_says(raw, result):
     assert list(decode("nmea", raw)) == [result]
 
 
+def test_an_unknown_transducer_is_reported_once(nmea):
+    results = list(decode("nmea", nmea("SDXDR,C,23.1,C,WTHI,A,1.0,D,ROLL") * 3 + nmea("SDXDR,C,1.0,C,WTLO")))
+    assert [result.get("unknown") for result in results] == [
+        "WTHI (type C, unit C)",
+        None,
+        None,
+        "WTLO (type C, unit C)",
+    ]
+    assert [result.get("roll_deg") for result in results] == [1.0, 1.0, 1.0, None]
+
+
+def test_a_sentence_without_a_use_is_named_as_such(nmea):
+    answer, unheard_of = decode("nmea", nmea("PAMTR,EN,1,1") + nmea("GPABC,1"))
+    assert (answer["type"], answer["detail"]) == ("other", "orders to an Airmar instrument and its answers: not used")
+    assert unheard_of == {"line": 2, "type": "other", "sentence": "GPABC"}
+
+
 def test_a_value_out_of_range_is_an_error_with_a_detail(nmea):
     (result,) = decode("nmea", nmea("HEHDT,400,T"))
     assert (result["error"], result["detail"]) == ("range", "HEHDT: heading_true_deg 400 out of range")

@@ -53,6 +53,29 @@ def test_pashr_brings_roll_and_pitch(line, hear, near):
     assert near(sample.pitch_rad, -0.79)
 
 
+def test_xdr_brings_roll_and_pitch_while_they_are_fresh(line, hear, near):
+    compass = NmeaCompass(line, NmeaCompassOptions())
+    (sample,) = hear(compass, "YXXDR,A,1.2,D,PTCH,A,-3.4,D,ROLL", "HCHDT,10.0,T")
+    assert near(sample.pitch_rad, 1.2)
+    assert near(sample.roll_rad, -3.4)
+    (sample,) = hear(compass, "WIXDR,A,5.0,D,ROLL", "HCHDT,10.0,T", now_s=3.5)
+    assert near(sample.roll_rad, 5.0)
+    assert near(sample.pitch_rad, 1.2)
+    (sample,) = hear(compass, "HCHDT,10.0,T", now_s=3.6)
+    assert near(sample.roll_rad, 5.0)
+    assert sample.pitch_rad is None
+    line.openings += 1
+    assert hear(compass, "HCHDT,10.0,T", now_s=3.7)[0].roll_rad is None
+
+
+def test_an_unknown_transducer_is_reported_once_and_is_no_rejected_sentence(line, hear):
+    compass = NmeaCompass(line, NmeaCompassOptions())
+    hear(compass, "SDXDR,C,23.1,C,WTHI", "HCHDT,10.0,T", now_s=1.0)
+    assert compass.health(1.0).text == "not known: WTHI (type C, unit C)"
+    hear(compass, "SDXDR,C,23.1,C,WTHI", "HCHDT,10.0,T", now_s=15.0)
+    assert (compass.health(15.0).text, compass.health(15.0).rejected) == ("", 0)
+
+
 def test_turn_rate_is_attached_while_it_is_fresh_and_valid(line, hear):
     compass = NmeaCompass(line, NmeaCompassOptions())
     (sample,) = hear(compass, "TIROT,-60.0,A", "HEHDT,1,T", now_s=1.0)

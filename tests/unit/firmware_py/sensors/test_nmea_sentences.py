@@ -55,9 +55,29 @@ def test_hdg_wraps_at_north(nmea, body, true_deg):
          {"air_pressure_pa": 101320.0, "air_temperature_c": 20.1, "water_temperature_c": 18.5, "humidity_percent": 55.0,
           "dew_point_c": 10.2, "wind_from_true_deg": 270.0, "wind_from_magnetic_deg": 268.0, "wind_speed_m_s": 5.1}),
         ("IIXDR,C,C,,C,AIRTEMP,A,13.5,D,HEEL,A,2.8,D,TRIM,P,,B,BARO,A,A,0.-6,D,RUDDER",
-         {"rudder_deg": -0.6, "heel_deg": 13.5, "trim_deg": 2.8, "air_temperature_c": None}),
+         {"rudder_deg": -0.6, "heel_deg": 13.5, "trim_deg": 2.8, "air_temperature_c": None, "air_pressure_pa": None}),
         ("IIXDR,C,,C,AIRTEMP,A,-1.0,D,HEEL,A,2.9,D,TRIM,P,,B,BARO,A,-3.9,D,RUDDER",
-         {"rudder_deg": -3.9, "heel_deg": -1.0, "trim_deg": 2.9, "air_temperature_c": None}),
+         {"rudder_deg": -3.9, "heel_deg": -1.0, "trim_deg": 2.9, "air_temperature_c": None, "air_pressure_pa": None}),
+        ("WIMDA,29.92,I,,B,,C,,C,,,,C,,T,,M,,N,,M",
+         {"air_pressure_pa": 101320.8, "air_temperature_c": None, "water_temperature_c": None, "humidity_percent": None,
+          "dew_point_c": None, "wind_from_true_deg": None, "wind_from_magnetic_deg": None, "wind_speed_m_s": None}),
+        ("IIVWR,133,L,07.03,N,03.62,M,,", {"wind_angle_deg": 227.0, "wind_speed_m_s": 7.03 * 1852 / 3600}),
+        ("WIVWT,20.5,R,,N,3.2,M,,K", {"wind_angle_deg": 20.5, "wind_speed_m_s": 3.2}),
+        ("WIVWR,,,,,,,,", {"wind_angle_deg": None, "wind_speed_m_s": None}),
+        ("YXMTW,17.4,C", {"water_temperature_c": 17.4}),
+        ("WIMTA,19.4,C", {"air_temperature_c": 19.4}),
+        ("IIMMB,27.061,I,0.9164,B", {"air_pressure_pa": 91640.0}),
+        ("WIMHU,55.0,,10.2,C", {"humidity_percent": 55.0, "dew_point_c": 10.2}),
+        ("SDDPT,5.3,0.4,", {"depth_below_transducer_m": 5.3, "offset_m": 0.4, "depth_below_surface_m": 5.7,
+                            "depth_below_keel_m": None}),
+        ("SDDPT,5.3,-0.4", {"depth_below_transducer_m": 5.3, "offset_m": -0.4, "depth_below_surface_m": None,
+                            "depth_below_keel_m": 4.9}),
+        ("SDDPT,5.3,", {"depth_below_transducer_m": 5.3, "offset_m": None, "depth_below_surface_m": None,
+                        "depth_below_keel_m": None}),
+        ("SDDBT,12.9,f,3.9,M,2.1,F", {"depth_below_transducer_m": 3.9}),
+        ("SDDBT,10.0,f,,M,,F", {"depth_below_transducer_m": 3.048}),
+        ("YDDBS,,f,,M,2.0,F", {"depth_below_surface_m": 3.6576}),
+        ("IIDBK,29.2,f,8.90,M,4.9,F", {"depth_below_keel_m": 8.9}),
     ],
 )  # fmt: skip
 def test_values(nmea, body, numbers):
@@ -82,6 +102,66 @@ def test_sentences_that_are_refused(nmea, body):
     assert refusal.value.error in {"malformed", "range"}
     assert str(refusal.value).startswith(body[:5])
     assert str(refusal.value).isascii()
+
+
+AIRMAR = {"air_pressure_pa": 101640.0, "wind_chill_relative_c": 24.4, "wind_chill_theoretical_c": 23.9,
+          "heat_index_c": 25.1}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("body", "numbers"),
+    [  # as the documents of docs/reference/nmea-sentences.md have them
+        ("YXXDR,A,1.2,D,PTCH,A,-3.4,D,ROLL", {"pitch_deg": 1.2, "roll_deg": -3.4}),
+        ("YXXDR, A,0.1,D,PTCH, A,-2.0,D,ROLL", {"pitch_deg": 0.1, "roll_deg": -2.0}),
+        ("YXXDR,C,24.4,C,WCHR,C,23.9,C,WCHT,C,25.1,C,HINX,P,1.0164,B,STNP", AIRMAR),
+        ("YXXDR,C,,C,WCHR,,,,,C,25.1,C,HINX,P,1.0164,B,STNP",
+         {"wind_chill_relative_c": None, "heat_index_c": 25.1, "air_pressure_pa": 101640.0}),
+        ("YXXDR,P,0.98966,B", {"air_pressure_pa": 98966.0}),
+        ("YXXDR,C,29.9,C", {"air_temperature_c": 29.9}),
+        ("WIXDR,C,022.0,C,,", {"air_temperature_c": 22.0}),
+        ("IIXDR,C,28.7,C,ENV_OUTSIDE_T,P,101400,P,ENV_ATMOS_P,H,47.38,P,ENV_OUTSIDE_H",
+         {"air_temperature_c": 28.7, "air_pressure_pa": 101400.0, "humidity_percent": 47.38}),
+        ("IIXDR,C,18.2,C,ENV_WATER_T,C,28.69,C,ENV_OUTAIR_T",
+         {"water_temperature_c": 18.2, "air_temperature_c": 28.69}),
+        ("YDXDR,C,6.2,C,Sea_T,H,59.5,P,ENV_INSIDE_H,C,15.6,C,ENV_INSIDE_T",
+         {"water_temperature_c": 6.2, "inside_humidity_percent": 59.5, "inside_temperature_c": 15.6}),
+        ("YDXDR,A,-4.5,D,Yaw,A,0.75,D,Pitch,A,1.0,D,Roll", {"yaw_deg": -4.5, "pitch_deg": 0.75, "roll_deg": 1.0}),
+        ("IIXDR,P,1.02481,B,Barometer", {"air_pressure_pa": 102481.0}),
+        ("IIXDR,P,1013.2,B,Barometer,C,19.52,C,TempAir", {"air_pressure_pa": 101320.0, "air_temperature_c": 19.52}),
+        ("WIXDR,C,71.6,F,Air,H,50,P,Air", {"air_temperature_c": 22.0, "humidity_percent": 50.0}),
+        ("WIXDR,C,23.3,C,0,C,24.0,C,1,H,50.1,P,0,P,1009.5,H,0",
+         {"air_temperature_c": 23.3, "inside_temperature_c": 24.0, "humidity_percent": 50.1,
+          "air_pressure_pa": 100950.0}),
+        ("IIXDR,A,4.5,D,Rudder#0", {"rudder_deg": 4.5}),
+        ("IIXDR,C,C,10.7,C,AIRTEMP,A,0.5,D,HEEL,A,-1.-3,D,TRIM,P,1.026,B,BARO,A,A,-4.-3,D,RUDDER",
+         {"air_temperature_c": 10.7, "heel_deg": 0.5, "trim_deg": -1.3, "air_pressure_pa": 102600.0,
+          "rudder_deg": -4.3}),
+        ("IIXDR,10.7,C,AIRTEMP,A,0.5,D,HEEL", {"air_temperature_c": 10.7, "heel_deg": 0.5}),
+    ],
+)  # fmt: skip
+def test_transducers_of_real_instruments(nmea, body, numbers):
+    found = decode(nmea(body))
+    assert found.unknown == ()
+    assert found.numbers == {name: value if value is None else pytest.approx(value) for name, value in numbers.items()}
+
+
+def test_a_transducer_that_is_not_known_is_named_beside_the_values_of_the_others(nmea):
+    found = decode(nmea("WIXDR,A,302,D,0,A,320,D,1,S,0.1,M,0,S,0.2,M,1,U,11.99,V,BRDV,G,5,,"))
+    assert found.numbers == {"wind_angle_deg": 320.0, "wind_speed_m_s": 0.2}
+    assert found.unknown == (
+        "0 (type A, unit D)",
+        "0 (type S, unit M)",
+        "BRDV (type U, unit V)",
+        "no name (type G, unit )",
+    )
+
+
+@pytest.mark.parametrize(
+    "body", ["YXXDR,A,181,D,PTCH", "YXXDR,C,1,D,WCHR", "YXXDR,P,1.6,B,STNP", "YXXDR,P,300,B,STNP", "YXXDR,C, 7,C,WCHR"]
+)
+def test_a_known_transducer_with_a_value_that_cannot_be_is_refused(nmea, body):
+    with pytest.raises(MessageError, match=r"^YXXDR: \w+"):
+        decode(nmea(body))
 
 
 def test_unknown_sentences_and_namesakes_are_no_error(nmea):
