@@ -16,6 +16,11 @@ JUDGED = ("rms deg", "worst mean deg", "travel deg/h")
 # The controller that these parameters belong to.
 DELIVERED = {"CTL_MODE": 1.0, "EST_MODE": 1.0}
 RATIO = 3  # digits of what is by how much better
+WORTH = (
+    "what tuning is worth: on two other ships it found nothing better than the delivered defaults, so that all gain "
+    "came from the identified model. To trade error for rudder travel, see the curve of "
+    "rambler-hil compare --prices 0.5 1 2 4"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,15 +158,11 @@ def choice_lines(report: Report) -> list[str]:
     ]
     if tuned.kept:
         lines.append(f"chosen: the delivered defaults stay; {tuned.why}")
-        lines.append(
-            "what tuning is worth: nothing here; the gain for a boat is in its identified model. To trade error for "
-            "rudder travel, see the curve of rambler-hil compare --prices 0.5 1 2 4"
-        )
     else:
         lines.append(f"chosen: {chosen} ({tuned.why})")
         lines.append(_beside("in these seas", report.trials, tuned.chosen))
         lines.append(_beside(f"in fresh seas, seeds {_seeds(report.fresh)}", report.fresh, tuned.fresh))
-    return [*lines, *report.notes]
+    return [*lines, WORTH, *report.notes]
 
 
 def _beside(where: str, trials: Trials, score: Score) -> str:

@@ -111,6 +111,8 @@ def test_the_delivered_controller_is_tuned_and_everything_is_written(tmp_path, c
     assert "seas: sea+leeway=8; ships K T alpha x 1 1 1, 0.7 1.3 1.3, 1.3 0.7 0.7; seeds 3" in said.out
     assert "case, seed 1000006 " in said.out
     assert "worst mean deg" in said.out
+    assert "what tuning is worth: on two other ships it found nothing better" in said.out
+    assert "compare --prices 0.5 1 2 4" in said.out
     assert "# Seas: sea+leeway=8;" in written
     # The file does not switch off what was tuned.
     assert (kept.pop("CTL_MODE"), kept.pop("EST_MODE")) == (1.0, 1.0)
