@@ -5,17 +5,16 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from hil.cli import progress
 from hil.errors import UsageError
 from hil.lab.reproduce.chain import FULL, QUICK, run_chain
-from hil.lab.reproduce.rows import Row, all_match, rows
+from hil.lab.reproduce.results import results, text
+from hil.lab.reproduce.rows import all_match
 from hil.sim.run_directory import held
 
 RUNS = Path("runs")
-COLUMNS = ("quantity", "paper", "ours", "")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,22 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     with held(out):
         chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, tell)
         tell("", 1.0)
-        table = rows(chain)
-        print(text(table))
+        found = results(chain)
+        print(text(found))
         from hil.lab.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import
 
-        print(f"report: {page.write(chain, table, out)}")
-    return 0 if all_match(table) else 1
-
-
-def text(table: Sequence[Row]) -> str:
-    """Return the table, a note below its row."""
-    cells = [COLUMNS, *((row.quantity, row.paper, row.ours, row.verdict.value) for row in table)]
-    widths = [max(len(row[column]) for row in cells) for column in range(len(COLUMNS))]
-    lines = []
-    for number, row in enumerate(cells):
-        lines.append("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-        note = table[number - 1].note if number else ""
-        if note:
-            lines.append(f"    {note}")
-    return "\n".join(lines)
+        print(f"report: {page.write(chain, found, out)}")
+    return 0 if all_match(found.rows) else 1

@@ -53,6 +53,11 @@ def image(png: bytes, description: str) -> str:
     return f'<img alt="{escape(description)}" src="data:image/png;base64,{data}">'
 
 
+def images(pictures: Iterable[tuple[bytes, str]]) -> str:
+    """Return pictures with their descriptions, side by side where the page is wide enough."""
+    return '<div class="pictures">' + "".join(image(png, description) for png, description in pictures) + "</div>"
+
+
 def table(rows: Iterable[Sequence[str | Cell]], *, head: bool = True) -> str:
     """Return a table, its first row as the head."""
     lines = []

@@ -1,4 +1,4 @@
-"""The chain, link by link: manoeuvres, identification, tuning, closed-loop runs."""
+"""The chain: heading control test, identification, tuning, closed-loop runs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_py.common.angles import DEGREES_PER_RADIAN, radians
+from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.lab.identify.identify import Identification, identify
 from hil.lab.identify.manoeuvre_file import read
-from hil.lab.reproduce.manoeuvre import Floats, Manoeuvre, circles, predicted, sail, zigzag
+from hil.lab.reproduce.heading_test import PAPER_SETTINGS, HeadingTest, run_heading_test
+from hil.lab.reproduce.manoeuvre import circles, sail, zigzag
 from hil.lab.tune import paper
 from hil.lab.tune.cases import pilot_of
 from hil.lab.tune.paper import StepStudy
@@ -29,26 +30,26 @@ from hil.sim.truth import Truth
 
 ZIGZAG_RAD = radians(20.0)
 CIRCLES_RAD = tuple(radians(angle) for angle in (10.0, -10.0, 20.0, -20.0, 30.0, -30.0))
-PAPER_SETTINGS = {"CTL_K1": paper.K1, "CTL_K2": paper.K2}
 
 Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How long everything lasts."""
+    """How long everything lasts; the model is identified from train_s of the heading control test."""
 
+    train_s: float
+    held_out_s: float
     zigzag_s: float
     circle_s: float
-    held_out_s: float
     evaluations: int
     scenarios: tuple[str, ...]
     goals: str
     run_s: float
 
 
-FULL = Effort(3600.0, 600.0, 900.0, 300, ("tank", "sea", "swell", "weak"), "0:0,120:60,720:-90", 1320.0)
-QUICK = Effort(1800.0, 300.0, 600.0, 120, ("tank", "sea"), "0:0,10:60", 330.0)
+FULL = Effort(1800.0, 600.0, 3600.0, 600.0, 300, ("tank", "sea", "swell", "weak"), "0:0,120:60,720:-90", 1320.0)
+QUICK = Effort(600.0, 300.0, 1800.0, 300.0, 120, ("tank", "sea"), "0:0,10:60", 330.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +80,11 @@ class Voyage:
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """Everything that the table is made of."""
+    """All results. open_loop: the model from zigzag and circles, where the rudder does not depend on the heading."""
 
     effort: Effort
-    zigzag: Identification
-    everything: Identification
-    held_out: Manoeuvre
-    prediction_rad: Floats
+    test: HeadingTest
+    open_loop: Identification
     studies: tuple[StepStudy, ...]
     trials: Trials
     tuned: Tuned
@@ -93,51 +92,38 @@ class Chain:
 
     @property
     def model(self) -> KtModel:
-        """The identified model, of all manoeuvres together."""
-        return self.everything.model()
-
-    @property
-    def prediction_error_deg(self) -> Floats:
-        """Heading predicted less heading measured."""
-        return (self.prediction_rad - self.held_out.heading_rad) * DEGREES_PER_RADIAN
+        """The model from the heading control test, at the paper's speed."""
+        return self.test.found.model().at_speed(OCEAN_RAMBLER.speed_m_s)
 
 
 def run_chain(effort: Effort, out: Path, seed: int, tell: Tell) -> Chain:
-    """Go through the chain; what is recorded is written to out."""
-    tell("manoeuvres in the tank", 0.0)
-    tank = scenarios.named("tank")
-    recorded = {
-        "zigzag": sail(OCEAN_RAMBLER, tank, zigzag(ZIGZAG_RAD, ZIGZAG_RAD), effort.zigzag_s, seed),
-        "circles": sail(
-            OCEAN_RAMBLER, tank, circles(CIRCLES_RAD, effort.circle_s), len(CIRCLES_RAD) * effort.circle_s, seed + 1
-        ),
-        "held-out": sail(OCEAN_RAMBLER, tank, zigzag(ZIGZAG_RAD, ZIGZAG_RAD), effort.held_out_s, seed + 2),
-    }
-    for name, manoeuvre in recorded.items():
-        manoeuvre.write(out / f"{name}.csv")
-    tell("identification", 0.1)
-    zigzag_recording, circle_recording = (read(out / f"{name}.csv") for name in ("zigzag", "circles"))
-    from_zigzag = identify([zigzag_recording])
-    from_both = identify([zigzag_recording, circle_recording], model="cubic")
-    model = from_both.model()
-    tell("tuning", 0.3)
+    """Go through the chain; recordings and runs are written to out."""
+    tell("heading control test in the tank", 0.0)
+    test = run_heading_test(effort.train_s, effort.held_out_s, out / "heading-test", seed)
+    model = test.found.model().at_speed(OCEAN_RAMBLER.speed_m_s)
+    tell("zigzag and circles in the tank", 0.3)
+    open_loop = _identified_open_loop(effort, out, seed)
+    tell("tuning", 0.4)
     parameters = with_model(ParameterSet(), model)
     pilot = pilot_of(parameters)
     studies = tuple(paper.study(step_deg, model, pilot, seed) for step_deg in paper.STEPS_DEG)
     trials = Trials(model, parameters, effort.scenarios, seed)
     tuned = tune(trials, Setting.of(parameters), evaluations=effort.evaluations, seed=seed)
     voyages = _voyages(effort, out, seed, model, tuned, tell)
-    return Chain(
-        effort=effort,
-        zigzag=from_zigzag,
-        everything=from_both,
-        held_out=recorded["held-out"],
-        prediction_rad=predicted(model, recorded["held-out"]),
-        studies=studies,
-        trials=trials,
-        tuned=tuned,
-        voyages=voyages,
-    )
+    return Chain(effort, test, open_loop, studies, trials, tuned, voyages)
+
+
+def _identified_open_loop(effort: Effort, out: Path, seed: int) -> Identification:
+    tank = scenarios.named("tank")
+    recorded = {
+        "zigzag": sail(OCEAN_RAMBLER, tank, zigzag(ZIGZAG_RAD, ZIGZAG_RAD), effort.zigzag_s, seed),
+        "circles": sail(
+            OCEAN_RAMBLER, tank, circles(CIRCLES_RAD, effort.circle_s), len(CIRCLES_RAD) * effort.circle_s, seed + 1
+        ),
+    }
+    for name, manoeuvre in recorded.items():
+        manoeuvre.write(out / f"{name}.csv")
+    return identify([read(out / f"{name}.csv") for name in recorded])
 
 
 def with_model(parameters: ParameterSet, model: KtModel) -> ParameterSet:

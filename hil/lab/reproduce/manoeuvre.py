@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 from firmware_py.common.angles import clamp, radians
 from firmware_py.model.kt import KtModel
 from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
-from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import Stream, generator
 from hil.ship.scenarios import Scenario
 from hil.ship.servo import DEFAULT_SLEW_RAD_S
@@ -96,14 +94,3 @@ def sail(model: KtModel, sea: Scenario, steer: Steer, seconds: float, seed: int)
 
 def _rounded(angle_rad: float, resolution_rad: float) -> float:
     return math.floor(angle_rad / resolution_rad + 0.5) * resolution_rad
-
-
-def predicted(model: KtModel, manoeuvre: Manoeuvre) -> Floats:
-    """Return the heading that a model predicts from the recorded rudder alone, from rest at heading north."""
-    plant = KtPlant(model.at_speed(manoeuvre.speed_m_s), 1.0 / ROWS_PER_SECOND)
-    headings_rad = np.zeros(manoeuvre.time_s.size)
-    rudders = manoeuvre.rudder_rad.tolist()
-    for row, (before_rad, after_rad) in enumerate(itertools.pairwise(rudders), start=1):
-        plant.step(0.5 * (before_rad + after_rad))
-        headings_rad[row] = plant.heading_rad
-    return headings_rad

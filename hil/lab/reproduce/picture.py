@@ -1,7 +1,10 @@
-"""The picture of a reproduction, in the manner of the paper's figures 4 to 7 and of its trials."""
+"""The pictures of a reproduction, in the manner of the paper's figures 4 to 7 and of its trials."""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +12,7 @@ import numpy as np
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.lab.reproduce.chain import Chain, Voyage
+from hil.lab.reproduce.heading_test import GOAL_S, HeadingTest
 from hil.lab.reproduce.rows import WITHIN_DEG
 from hil.report.style import (
     BAND,
@@ -24,78 +28,132 @@ from hil.report.style import (
     new_figure,
 )
 
-SIZE_INCHES = (13.0, 9.4)
+TITLE = "The paper's heading control test, identification and trials, on synthetic data"
+SIZE_INCHES, PANEL_INCHES = (13.0, 14.0), (6.4, 3.0)
 COLOURS = {"paper": GOAL, "tuned": HULL}
+STEP_S = 4.0  # of the rudder after a step of the goal
+
+Panel = Callable[[Any], None]
 
 
 def draw(chain: Chain, path: Path) -> None:
-    """Write the picture as a PNG file."""
-    figure = new_figure("From manoeuvre to closed loop, on synthetic tank data", *SIZE_INCHES)
-    grid = figure.subplots(4, 2, height_ratios=(1.3, 1.0, 1.3, 1.0))
-    _prediction(grid[0][0], chain)
-    _prediction_error(grid[1][0], chain)
-    _planned_rudder(grid[0][1], chain)
-    _spread(grid[1][1], chain)
-    for column, sea in enumerate(("tank", "sea")):
-        voyages = [voyage for voyage in chain.voyages if voyage.scenario == sea]
-        _headings(grid[2][column], voyages)
-        _errors(grid[3][column], voyages)
-    for axes in grid.ravel():
+    """Write all panels as one PNG file."""
+    figure = new_figure(TITLE, *SIZE_INCHES)
+    panels = list(_panels(chain).values())
+    grid = figure.subplots(len(panels) // 2, 2)
+    for axes, panel in zip(grid.ravel(), panels, strict=True):
+        panel(axes)
         finish(axes)
     figure.savefig(path)
 
 
-def _prediction(axes: Any, chain: Chain) -> None:
-    held = chain.held_out
-    axes.plot(held.time_s, held.heading_rad * DEGREES_PER_RADIAN, color=COMPASS, lw=1.6, label="compass")
-    axes.plot(held.time_s, chain.prediction_rad * DEGREES_PER_RADIAN, color=HULL, lw=1.0, label="predicted")
-    name_panel(axes, "heading of a zigzag that the model has not seen", y="deg")
-    add_legend(axes, 2)
+def panels(chain: Chain) -> list[tuple[bytes, str]]:
+    """Return each panel as a PNG of its own, which stays legible on a phone, and what it shows."""
+    pictures = []
+    for description, panel in _panels(chain).items():
+        figure = new_figure("", *PANEL_INCHES)
+        axes = figure.subplots()
+        panel(axes)
+        finish(axes)
+        png = io.BytesIO()
+        figure.savefig(png, format="png")
+        pictures.append((png.getvalue(), description))
+    return pictures
+
+
+def _panels(chain: Chain) -> dict[str, Panel]:
+    """Return the panels by description, in the order of reading."""
+    test = chain.test
+    panels: dict[str, Panel] = {
+        "heading control test: heading measured and predicted": partial(_prediction, test),
+        "yaw rate measured and predicted, as in figure 6": partial(_yaw_rate, test),
+        "prediction error of the heading": partial(_prediction_error, test),
+        "distribution of the prediction error": partial(_spread, test),
+        "rudder commanded and actual, as in figure 7": partial(_rudder, test),
+        "rudder commanded and actual after a step of the goal": partial(_rudder_step, test),
+    }
+    for sea in WITHIN_DEG:
+        voyages = [voyage for voyage in chain.voyages if voyage.scenario == sea]
+        panels[f"{sea}: heading"] = partial(_headings, voyages)
+        panels[f"{sea}: error"] = partial(_errors, voyages)
+    return panels
+
+
+def _prediction(test: HeadingTest, axes: Any) -> None:
+    truth = test.held_out
+    axes.plot(truth.time_s, truth.goal_rad * DEGREES_PER_RADIAN, color=INK, lw=1.0, ls="--", label="goal")
+    axes.plot(test.time_s, test.measured_deg, color=COMPASS, lw=1.6, label="compass")
+    axes.plot(test.time_s, test.predicted_deg, color=HULL, lw=1.0, label="predicted")
+    name_panel(axes, "heading control test, part not used for the model", x="time, s", y="deg")
     add_headroom(axes)
+    add_legend(axes, 3)
 
 
-def _prediction_error(axes: Any, chain: Chain) -> None:
+def _yaw_rate(test: HeadingTest, axes: Any) -> None:
+    axes.plot(test.time_s, test.measured_rate_deg_s, color=COMPASS, lw=1.6, label="measured")
+    axes.plot(test.time_s, test.predicted_rate_deg_s, color=HULL, lw=1.0, label="predicted")
+    name_panel(axes, "as figure 6: yaw rate measured and predicted", x="time, s", y="deg/s")
+    add_headroom(axes)
+    add_legend(axes, 2)
+
+
+def _prediction_error(test: HeadingTest, axes: Any) -> None:
     axes.axhspan(-10.0, 10.0, color=BAND, lw=0, label="the paper's ±10°")
-    axes.plot(chain.held_out.time_s, chain.prediction_error_deg, color=HULL, lw=0.7)
+    axes.plot(test.time_s, test.heading_error_deg, color=HULL, lw=0.7)
     axes.set_ylim(-15.0, 15.0)
-    name_panel(axes, "prediction error", x="time, s", y="deg")
+    name_panel(axes, "heading predicted less measured", x="time, s", y="deg")
     add_legend(axes)
 
 
-def _planned_rudder(axes: Any, chain: Chain) -> None:
-    held = chain.held_out
-    axes.plot(held.time_s, held.rudder_rad * DEGREES_PER_RADIAN, color=COMMAND, lw=1.0)
-    name_panel(axes, "rudder of that zigzag", x="time, s", y="deg")
-
-
-def _spread(axes: Any, chain: Chain) -> None:
-    error = chain.prediction_error_deg
+def _spread(test: HeadingTest, axes: Any) -> None:
+    error = test.heading_error_deg
     axes.hist(error, bins=np.linspace(-10.0, 10.0, 81), color=COMPASS)
     mean = float(np.mean(error))
     axes.axvline(mean, color=HULL, lw=1.4, label=f"mean {mean:+.2f}°")
     axes.axvline(-0.6, color=GOAL, lw=1.2, ls="--", label="the paper's mean -0.6°")
-    name_panel(axes, "prediction error, how often", x="deg", y="samples")
+    name_panel(axes, "heading predicted less measured: distribution", x="deg", y="samples")
     add_legend(axes)
 
 
-def _headings(axes: Any, voyages: list[Voyage]) -> None:
+def _rudder(test: HeadingTest, axes: Any) -> None:
+    _draw_rudder(test, axes, 2.0 * GOAL_S)
+    name_panel(axes, "as figure 7: rudder commanded and actual", x="time, s", y="deg")
+
+
+def _rudder_step(test: HeadingTest, axes: Any) -> None:
+    _draw_rudder(test, axes, STEP_S)
+    name_panel(axes, f"as figure 7: the first {STEP_S:g} s", x="time, s", y="deg")
+
+
+def _draw_rudder(test: HeadingTest, axes: Any, seconds: float) -> None:
+    truth = test.held_out
+    shown = truth.time_s <= truth.time_s[0] + seconds
+    for name, values, colour, width in (
+        ("commanded", truth.rudder_command_rad, COMMAND, 3.0), ("actual", truth.rudder_rad, HULL, 1.0)
+    ):  # fmt: skip
+        axes.plot(truth.time_s[shown], values[shown] * DEGREES_PER_RADIAN, color=colour, lw=width, label=name)
+    add_headroom(axes)
+    add_legend(axes, 2)
+
+
+def _headings(voyages: list[Voyage], axes: Any) -> None:
     truth = voyages[0].truth
     axes.plot(truth.time_s, truth.goal_rad * DEGREES_PER_RADIAN, color=INK, lw=1.0, ls="--", label="goal")
     for voyage in voyages:
         heading_deg = voyage.truth.heading_low_rad * DEGREES_PER_RADIAN
         axes.plot(voyage.truth.time_s, heading_deg, color=COLOURS[voyage.gains], lw=1.2, label=f"{voyage.gains} gains")
-    name_panel(axes, f"{voyages[0].scenario}: heading", y="deg")
-    add_legend(axes, 3)
+    name_panel(axes, f"{voyages[0].scenario}: heading", x="time, s", y="deg")
     add_headroom(axes)
+    add_legend(axes, 3)
 
 
-def _errors(axes: Any, voyages: list[Voyage]) -> None:
+def _errors(voyages: list[Voyage], axes: Any) -> None:
     within = WITHIN_DEG[voyages[0].scenario]
     axes.axhspan(-within, within, color=BAND, lw=0, label=f"the paper's ±{within:g}°")
     for voyage in voyages:
         truth = voyage.truth
         error_deg = (truth.heading_low_rad - truth.goal_rad) * DEGREES_PER_RADIAN
-        axes.plot(truth.time_s, error_deg, color=COLOURS[voyage.gains], lw=0.9)
+        axes.plot(truth.time_s, error_deg, color=COLOURS[voyage.gains], lw=0.9, label=f"{voyage.gains} gains")
     axes.set_ylim(-1.6 * within, 1.6 * within)
-    name_panel(axes, f"{voyages[0].scenario}: error", x="time, s", y="deg")
-    add_legend(axes)
+    name_panel(axes, f"{voyages[0].scenario}: heading less goal", x="time, s", y="deg")
+    add_legend(axes, 3)

@@ -1,22 +1,28 @@
-"""The links of the paper's chain that need no search."""
+"""The parts of the reproduction of the paper that need no search, and the whole command with short runs."""
 
+import json
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
+from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.__main__ import main
-from hil.cli.reproduce import text
+from hil.cli import progress, reproduce
 from hil.lab.identify.identify import identify
 from hil.lab.identify.manoeuvre_file import read
 from hil.lab.reproduce import rows as table
-from hil.lab.reproduce.chain import Voyage
-from hil.lab.reproduce.manoeuvre import circles, predicted, sail, zigzag
+from hil.lab.reproduce.chain import Effort, Voyage
+from hil.lab.reproduce.equations import equations
+from hil.lab.reproduce.heading_test import goals, mean_rate
+from hil.lab.reproduce.manoeuvre import circles, sail, zigzag
+from hil.lab.reproduce.results import rows_text
 from hil.lab.reproduce.rows import Row, Verdict, all_match
+from hil.lab.reproduce.table_2 import as_json, cells, table_2
 from hil.report.figures import goal_figures
 from hil.ship import scenarios
+from hil.ship.regressions import FLOAT
 from hil.sim.run_directory import held
 from hil.sim.truth import Truth
 
@@ -37,13 +43,6 @@ def test_circles_hold_one_angle_after_the_other():
     sailed = sail(OCEAN_RAMBLER, scenarios.named("calm"), circles((10.0 * DEG, -30.0 * DEG), 60.0), 120.0, 1)
     late = np.diff(sailed.heading_low_rad)[-100:] * 10.0
     assert np.degrees(late) == pytest.approx(-1.4541, abs=0.01)  # physics.md section 1
-
-
-def test_the_true_model_predicts_the_hull():
-    sailed = sail(OCEAN_RAMBLER, TANK, zigzag(20.0 * DEG, 20.0 * DEG), 300.0, 2)
-    assert np.max(np.abs(predicted(OCEAN_RAMBLER, sailed) - sailed.heading_low_rad)) < 0.1 * DEG
-    wrong = KtModel(0.06, 4.0, 17.0, 0.0, 0.4)
-    assert np.max(np.abs(predicted(wrong, sailed) - sailed.heading_low_rad)) > 3.0 * DEG
 
 
 def test_what_is_recorded_is_a_manoeuvre_file(tmp_path):
@@ -74,7 +73,7 @@ def test_the_largest_steady_error_leaves_the_turn_out():
 
 
 def chain_with_errors(error_deg: np.ndarray) -> SimpleNamespace:
-    return SimpleNamespace(prediction_error_deg=error_deg, effort=SimpleNamespace(held_out_s=600.0))
+    return SimpleNamespace(test=SimpleNamespace(heading_error_deg=error_deg), effort=SimpleNamespace(held_out_s=600.0))
 
 
 def test_a_prediction_is_judged_by_its_mean_and_its_spread():
@@ -102,7 +101,100 @@ def test_the_rows_without_an_answer_say_why():
     assert "not bent" in radius.note
     assert {row.verdict for row in silent[1:]} == {Verdict.SILENT}
     assert all(row.note for row in silent)
-    assert "not printed" in text(silent)
+    assert "not printed there" in rows_text(silent)
+
+
+def identified(verdict: str, k: float, k_se: float) -> SimpleNamespace:
+    """A model at 0.8 m/s: K is half as large at the paper's speed, T twice, alpha four times."""
+    numbers = {"K": (k, k_se, verdict), "T": (2.0, 0.1, "identifiable"), "alpha": (4.25, 1.0, "not identifiable")}
+    estimates = {
+        name: SimpleNamespace(value=value, se=se, verdict=verdict, why="why")
+        for name, (value, se, verdict) in numbers.items()
+    }
+    model = OCEAN_RAMBLER._replace(turning_ability_1_s=k, turning_lag_s=2.0, norrbin_s2=4.25, speed_m_s=0.8)
+    return SimpleNamespace(judgement=SimpleNamespace(estimates=estimates), model=lambda: model)
+
+
+def test_a_model_is_judged_at_the_paper_s_speed_by_its_own_error():
+    ability, lag, cubic = table._estimate_rows("test", identified("identifiable", 0.102, 0.002))
+    assert (ability.ours, ability.verdict) == ("0.051 +-0.001 1/s", Verdict.MATCHES)
+    assert (lag.ours, lag.verdict) == ("4 +-0.2 s", Verdict.MATCHES)
+    assert (cubic.ours, cubic.verdict) == ("17 +-4 s^2", Verdict.DIFFERS)
+    assert cubic.note == "not identifiable from this: why"
+    wrong = table._estimate_rows("test", identified("not identifiable", 0.110, 0.002))[0]
+    assert wrong.verdict is Verdict.MISSES
+
+
+def test_table_2_is_similarity_by_hand():
+    rows = table_2(OCEAN_RAMBLER._replace(turning_ability_1_s=0.05))
+    assert [row.speed_kn for row in rows] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    # 2 kn are 1.02889 m/s, 2.57222 times the speed of the model.
+    two = rows[4]
+    assert two.speed_m_s == pytest.approx(1.028889, abs=1e-6)
+    assert (two.printed.K, two.printed.T, two.printed.alpha) == pytest.approx((0.126039, 1.555076, 2.569378), rel=1e-5)
+    assert [row.ours.K for row in rows[4:5]] == pytest.approx([0.128611], rel=1e-5)
+    assert (rows[0].ours.K, rows[0].ours.T, rows[0].ours.alpha) == (0.0, None, None)
+    assert cells(rows)[1] == ("0", "0.000", "0", "-", "-", "0", "-", "-", "not printed there")
+    assert json.loads(json.dumps(as_json(rows)))[0]["paper"] == "not printed there"
+
+
+def test_the_coefficients_of_equations_1_to_3_are_those_by_hand():
+    first, second, third = equations(FLOAT, OCEAN_RAMBLER)
+    assert [one.number for one in (first, second, third)] == [1, 2, 3]
+    assert first.numbers[0] == "dx/dt = 0.4 cos psi - v sin psi"
+    # L/B 3.76543, D/B 0.283951, B/D 3.52174, D/L 0.0754098, B/L 0.265574, Cb 200 / (1025 3.05 0.81 0.23) = 0.343395
+    # 0.398 + 8.46385 - 4.93607 + 0.98291 - 1.18361 = 3.7251 % of 200 kg
+    assert third.coefficients["Cb"] == pytest.approx(0.343395, abs=1e-6)
+    assert third.numbers[0] == "100 mx/m = 0.398 + 8.464 - 4.936 + 0.9829 - 1.184 = 3.725; m11 = 207.5 kg"
+    # -0.0178652 (1 + 0.193496 - 0.359696) = -0.0148961; -0.0178652 (1 + 0.483741) = -0.0265073
+    assert third.coefficients["Yvdot_dimensionless"] == pytest.approx(-0.0148961, rel=1e-4)
+    assert third.coefficients["Yv_dimensionless"] == pytest.approx(-0.0265073, rel=1e-4)
+    # m22 = 200 + 512.5 28.3726 0.0148961 = 416.60; Yv = -512.5 9.3025 0.4 0.0265073 = -50.55
+    assert second.coefficients["m11_kg"] == pytest.approx(207.450, abs=0.01)
+    assert second.coefficients["m22_kg"] == pytest.approx(416.60, abs=0.02)
+    assert second.coefficients["Yv_kg_s"] == pytest.approx(-50.55, abs=0.01)
+    assert second.numbers[2] == "4 dr/dt + r + 17 r^3 = 0.049 (delta - delta0)"
+
+
+def test_a_mean_yaw_rate_is_that_of_the_turn_without_the_waves():
+    time_s = np.arange(0.0, 60.0, 0.1)
+    heading_rad = 0.02 * time_s + 0.03 * np.sin(2.0 * math.pi * time_s / 2.5)
+    rate = mean_rate(time_s, heading_rad, 5.0)
+    assert rate[25:-25] == pytest.approx(0.02, abs=1e-4)
+    assert np.all(np.isfinite(rate))
+
+
+def test_the_goals_of_the_heading_control_test_last_to_its_end():
+    assert [(goal.t_s, goal.heading_deg) for goal in goals(400.0)] == [
+        (0.0, 0.0), (75.0, 40.0), (150.0, -20.0), (225.0, 20.0), (300.0, -40.0)
+    ]  # fmt: skip
+    assert len(goals(10.0)) == 1
+
+
+@pytest.mark.timeout(600)
+def test_the_whole_command_writes_everything(tmp_path, capsys, monkeypatch):
+    """Runs of a few minutes, so that the values are rough; the proof in tests/process/test_tune.py judges them."""
+    monkeypatch.setattr(progress, "NOW_AND_THEN_S", math.inf)
+    monkeypatch.setattr(reproduce, "QUICK", Effort(150.0, 75.0, 120.0, 30.0, 20, ("tank",), "0:0,2:10", 30.0))
+    assert main(["reproduce", "--quick", "--out", str(tmp_path)]) in (0, 1)
+    said = capsys.readouterr()
+    assert said.err == ""
+    found = json.loads((tmp_path / "reproduce.json").read_text())
+    assert f"report: {tmp_path / 'reproduce.html'}" in said.out
+    by_quantity = {row["quantity"]: row for row in found["rows"]}
+    assert by_quantity["K, heading control test"]["paper"] == "0.049 1/s"
+    # Identified in closed loop from the log of the autopilot itself.
+    assert float(by_quantity["K, heading control test"]["ours"].split()[0]) == pytest.approx(0.049, rel=0.3)
+    assert by_quantity["yaw rate, predicted less measured (figure 6)"]["paper"] == "not printed there"
+    assert [row["speed_kn"] for row in found["table_2"]] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    assert [one["number"] for one in found["equations"]] == [1, 2, 3]
+    assert "Table 2" in said.out
+    html = (tmp_path / "reproduce.html").read_text()
+    assert html.count("data:image/png;base64,") == 10
+    for part in ("as in figure 6", "as in figure 7", "Table 2", "(1) track and heading", "not printed there"):
+        assert part in html
+    assert (tmp_path / "reproduce.png").read_bytes().startswith(b"\x89PNG")
+    assert next((tmp_path / "heading-test").glob("state/logs/*.BIN")).stat().st_size > 100_000
 
 
 def test_bad_usage_is_one_line(tmp_path, capsys):
