@@ -11,7 +11,7 @@ from functools import partial
 from msgspec.structs import replace
 
 from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Power, Recorder, Rudder, Vessels
-from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, RudderCommand, Tick
+from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, RudderCommand, Severity, Tick
 from firmware_py.common.reports import Output
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.liveness import Liveness, StuckError, devices_progress
@@ -170,7 +170,8 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
     for event in output.events:
         parts.show_event(event)
     for line in () if last else parts.lines:
-        line.reopen(now_s)
+        if text := line.reopen(now_s):
+            parts.notices.append(Event(Severity.WARNING, text))
     parts.samples += len(inputs.headings) + len(inputs.positions) + len(inputs.rudder)
     parts.health.update(parts.reporting, (parts.store, parts.recorder), clock, parts.link, now_s)
     parts.autopilot.keep_resume(now_s, clock.utc_s())

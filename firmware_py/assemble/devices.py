@@ -11,9 +11,12 @@ from firmware_py.common.records import DeviceRole
 from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, calibrator_of
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.relabelled import Relabelled
+from firmware_py.system.port_users import port_users
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.system.udp_line import UdpLine
 from firmware_py.vehicle import UDP_PREFIX, DeviceEntry, Vehicle
+
+REOPENED_AFTER_S = 10.0  # without a byte
 
 Line = SerialPort | UdpLine
 
@@ -83,7 +86,7 @@ def views(line: ByteLine, count: int) -> list[ByteLine]:
 
 def line_of(port: str, baud: int) -> Line:
     """Return the line of a port of the vehicle file: a serial one, or UDP."""
-    return UdpLine(port) if port.startswith(UDP_PREFIX) else SerialPort(port, baud)
+    return UdpLine(port) if port.startswith(UDP_PREFIX) else SerialPort(port, baud, silent_s=REOPENED_AFTER_S)
 
 
 def _line(entry: DeviceEntry, lines: list[Line]) -> Line:
@@ -113,6 +116,12 @@ def open_lines(lines: Sequence[Line], *, wait: bool) -> None:
     except PortError:
         close_all(lines)
         raise
+
+
+def shared_ports(lines: Sequence[Line]) -> Sequence[str]:
+    """Return what to say of each port that another program has open, too."""
+    users = port_users(line.name for line in lines if isinstance(line, SerialPort) and line.connected)
+    return [f"Port {path}: also open in {names}; end that" for path, names in users.items()]
 
 
 def close_all(lines: Sequence[Line]) -> None:

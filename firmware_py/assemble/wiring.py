@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from firmware_py import ROOT, __version__, ask_commit
-from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines
+from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines, shared_ports
 from firmware_py.assemble.earlier_runs import read_state, report_key, resume
 from firmware_py.assemble.logs import dated, recorder_of, storage_of
 from firmware_py.assemble.status import show_status
@@ -99,6 +99,9 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     # The clock of lockstep is made after the lines.
     ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, talkers = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
+    if options.lockstep is None:
+        for text in shared_ports(lines):
+            say(text)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     clock, begun = _clock(clock, options, lines, store)
     now = begun.at(clock.now_s(), clock.utc_s())

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from firmware_py.assemble.devices import shared_ports
 from firmware_py.assemble.wiring import base_parameters
 from firmware_py.cli.state_owner import foreign_file, user_text
 from firmware_py.common.calendar import is_possible
@@ -213,15 +214,19 @@ def _keep_nothing(content: bytes, *, both: bool = False) -> None:
 
 
 def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
+    shared: list[Finding] = []
+
     def open_line(path: str, baud: int) -> SerialPort:
         line = SerialPort(path, baud)
         line.open()
         opened.callback(line.close)
+        shared.extend(Finding(Level.FAIL, "links", text, {"url": url}) for text in shared_ports([line]))
         return line
 
     try:
         if url.startswith(NMEA):
             opened.callback(open_output(url, open_line).close)
+            yield from shared
             yield Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
             return
         transport = open_transport(url, open_line)
@@ -229,6 +234,7 @@ def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
         yield Finding(Level.FAIL, "links", str(error), {"url": url})
         return
     opened.callback(transport.close)
+    yield from shared
     if isinstance(transport, Satellite):
         yield _look_at_modem(url, transport)
     if invites_anybody(gate, transport):

@@ -51,7 +51,7 @@ def service_files(service: Service) -> tuple[ServiceFile, ...]:
     page = () if service.page is None else (ServiceFile(PAGE_UNIT, page_unit_text(service, service.page)),)
     return (
         ServiceFile(UNIT, unit_text(service)),
-        ServiceFile(Path("/etc/udev/rules.d/60-rambler.rules"), _template("rambler.rules")),
+        ServiceFile(Path("/etc/udev/rules.d/99-rambler.rules"), _template("rambler.rules")),
         ServiceFile(Path("/etc/sysusers.d/rambler.conf"), _template("rambler.sysusers")),
         ServiceFile(Path("/etc/tmpfiles.d/rambler.conf"), _template("rambler.tmpfiles")),
         ServiceFile(TRIAL, trial_text()),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+from contextlib import suppress
 
 from firmware_py.system.serial_port import READ_LIMIT, REOPEN_INTERVAL_S, PortError
 
@@ -50,15 +51,13 @@ class UdpLine:
         self._socket = listener
         self.openings += 1
 
-    def reopen(self, now_s: float) -> None:
-        """Try once a second to bind a socket that is not there."""
-        if self._socket is not None or now_s < self._retry_s:
-            return
-        self._retry_s = now_s + REOPEN_INTERVAL_S
-        try:
-            self.open()
-        except PortError:
-            return
+    def reopen(self, now_s: float) -> str:
+        """Try once a second to bind a socket that is not there; there is nothing to report."""
+        if self._socket is None and now_s >= self._retry_s:
+            self._retry_s = now_s + REOPEN_INTERVAL_S
+            with suppress(PortError):
+                self.open()
+        return ""
 
     def read(self) -> bytes:
         """The datagrams that are there, until 4096 bytes or more have come; each ends a line."""

@@ -23,6 +23,7 @@ _PATIENCE_S = 2.0
 _YIELDS = 100  # how often to give way before sleeping
 _NAP_S = 20e-6
 _NOBODY = -1
+_TIOCGEXCL = 0x80045440  # of <asm-generic/ioctls.h>; termios has it not
 _NO_COUNT = bytes(4)  # room for the kernel's answer, a C int
 
 
@@ -83,6 +84,17 @@ class PtyLine:
         os.close(self._master)
         self._master = self._slave = _NOBODY
         self._under_way = 0
+
+    def free(self) -> None:
+        """Lift the exclusive use of a firmware that was killed: the kernel keeps it, as the slave stays open here."""
+        if not (self.plugged and any(fcntl.ioctl(self._slave, _TIOCGEXCL, _NO_COUNT))):
+            return
+        try:
+            fcntl.flock(self._slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return  # it lives
+        fcntl.ioctl(self._slave, termios.TIOCNXCL)
+        fcntl.flock(self._slave, fcntl.LOCK_UN)
 
     def close(self) -> None:
         """End the port."""

@@ -5,8 +5,11 @@ from __future__ import annotations
 import select
 import time
 
+from hil.devices.pty_line import PtyLine
 from hil.errors import HilError
 from hil.sim.board import Board
+
+FREE_INTERVAL_S = 1.0
 
 
 class RealTimeServer:
@@ -16,6 +19,7 @@ class RealTimeServer:
         """Start the clock."""
         self._board = board
         self._ports = {port.line.fileno(): port for port in board.ports}
+        self._free_s = 0.0
         self._start_s = time.monotonic() - board.world.now_s
 
     def now_s(self) -> float:
@@ -30,6 +34,11 @@ class RealTimeServer:
         when this is called a little late, so the world is the one of a lockstep run with the same commands.
         """
         board = self._board
+        if self.now_s() >= self._free_s:
+            self._free_s = self.now_s() + FREE_INTERVAL_S
+            for port in board.ports:
+                if isinstance(port.line, PtyLine):
+                    port.line.free()
         busy = self._catch_up(limit_s)
         self._miss_lines()
         wait_s = min(board.next_output_s(), limit_s) - self.now_s()

@@ -46,6 +46,14 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "its name is not known, or its address not this computer's, now; she sails on without it",
         "nothing, where the network comes later; else correct the link in the vehicle file",
     ),
+    "Port <path>: changed by another program, restored<more>": (
+        "another program has opened a device's port and changed its settings; they are as before within a second",
+        "end that program, or keep it from the port; `rambler check` as root names it",
+    ),
+    "Port <path>: also open in <program>; end that": (
+        "two programs read one port: each gets a part of the bytes",
+        "end that program, or keep it from the port, and start again",
+    ),
     "watchdog <path>: <problem>": (
         "the hardware watchdog is not as asked for; she sails on",
         "see the page on the float, hardware watchdog; systemd may hold it already",

@@ -149,6 +149,9 @@ class DrillBoat:
     def kill(self) -> None:
         """End the autopilot as a power cut does."""
         self._process.kill()
+        for port in self.board.ports:
+            if isinstance(port.line, PtyLine):
+                port.line.free()
         self.server.close()
 
     def run(self, seconds: float) -> None:

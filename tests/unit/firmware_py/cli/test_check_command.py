@@ -3,9 +3,12 @@
 import json
 import os
 import pty
+import re
 import select
 import shutil
 import socket
+import subprocess
+import sys
 import threading
 import tty
 from types import SimpleNamespace
@@ -68,6 +71,7 @@ def check(tmp_path, state, capsys, monkeypatch):
             found.setdefault(row["subject"], []).append(row)
         return found
 
+    run.compass = os.ttyname(ends[0][1])
     yield run
     for end in (end for pair in ends for end in pair):
         os.close(end)
@@ -206,6 +210,28 @@ def test_each_link_is_opened_and_who_may_command_over_it_is_told(check, state):
     assert "end the program that has the port" in texts[1]
     assert "rambler key set" in texts[2]
     assert "no such port" in texts[4]
+
+
+def test_a_program_that_has_a_port_open_too_is_named(check, state):
+    opener = (
+        "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('opened', flush=True); sys.stdin.read()"
+    )
+    ends = pty.openpty()
+    port = os.ttyname(ends[1])
+    command = [sys.executable, "-c", opener]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with (
+        subprocess.Popen([*command, check.compass], **pipes) as other,
+        subprocess.Popen([*command, port], **pipes) as third,
+    ):
+        assert other.stdout.readline() == third.stdout.readline() == b"opened\n"
+        found = check("--link", f"serial:{port}:57600")
+    for rows, number, path in ((found["compass"], other.pid, check.compass), (found["links"], third.pid, port)):
+        assert rows[0]["level"] == "fail"
+        assert re.fullmatch(rf"Port {path}: also open in .+ \(process {number}\); end that", rows[0]["text"])
+    assert "also open" not in found["rudder"][0]["text"]
+    for end in ends:
+        os.close(end)
 
 
 HEADING = HeadingSample(2.0, 1.0, NorthReference.TRUE)

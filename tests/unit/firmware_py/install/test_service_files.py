@@ -122,6 +122,19 @@ def test_names_are_those_of_sockets():
             assert re.fullmatch(r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"', part), part
 
 
+def test_other_programs_are_kept_from_every_serial_port_behind_their_own_rules():
+    (file,) = (file for file in service_files(SERVICE) if file.path.suffix == ".rules")
+    assert file.path.name > "90-brltty"  # gpsd has 60, ModemManager 77 to 80, brltty 85 or 90
+    (ports,) = (line for line in file.text.splitlines() if "ID_MM_PORT_IGNORE" in line)
+    assert 'KERNEL=="tty[a-zA-Z]*"' in ports  # ttyUSB0, ttyACM0, ttyS1, ttyAMA0; no tty1
+    assert "usb" not in ports
+    assert 'ENV{SYSTEMD_WANTS}=""' in ports
+    (adapters,) = (line for line in file.text.splitlines() if "BRLTTY" in line)
+    assert 'ENV{DEVTYPE}=="usb_device"' in adapters
+    assert 'ENV{SYSTEMD_WANTS}=""' in adapters
+    assert {"0403", "067b", "10c4", "1a86"} <= set(re.findall("[0-9a-f]{4}", adapters))
+
+
 @pytest.mark.parametrize(
     ("path", "is_hidden"),
     [("/home/pi/boat.toml", True), ("/root", True), ("/tmp/x", True), ("/etc/rambler/boat.toml", False)],

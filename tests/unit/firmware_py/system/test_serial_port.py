@@ -2,9 +2,14 @@ import errno
 import os
 import pty
 import select
+import subprocess
+import sys
+import termios
+from pathlib import Path
 
 import pytest
 
+from firmware_py.system.port_users import port_users
 from firmware_py.system.serial_port import EMPTY_READS_LIMIT, UNSENT_LIMIT, PortError, SerialPort
 
 
@@ -169,6 +174,133 @@ def test_a_line_that_is_silent_is_not_opened_anew(line, cable):
         line.read()
         line.reopen(10.0 + number)
     assert line.openings == 1
+
+
+def set_as_a_terminal(cable, then=lambda descriptor: None):
+    """What getty, stty and others do, on a descriptor of their own; return what the settings were."""
+    descriptor = os.open(cable.path, os.O_RDWR | os.O_NOCTTY)
+    try:
+        before = termios.tcgetattr(descriptor)
+        cooked = [before[0] | termios.ICRNL | termios.IXON, before[1] | termios.OPOST, before[2],
+                  before[3] | termios.ICANON | termios.ECHO, termios.B9600, termios.B9600, before[6]]  # fmt: skip
+        termios.tcsetattr(descriptor, termios.TCSANOW, cooked)
+        assert termios.tcgetattr(descriptor) != before
+        then(descriptor)
+    finally:
+        os.close(descriptor)
+    return before
+
+
+def test_settings_that_another_program_has_changed_are_restored_and_told_once(line, cable):
+    assert line.reopen(10.0) == ""
+    before = set_as_a_terminal(cable)
+    os.write(cable.master, b"no line end")
+    assert line.reopen(10.5) == ""  # within a second of the last look
+    assert line.reopen(11.0) == f"Port {cable.path}: changed by another program, restored"
+    assert termios.tcgetattr(cable._slave) == before
+    assert read_all(line, 11) == b"no line end"
+    assert line.openings == 1
+    set_as_a_terminal(cable)
+    assert line.reopen(12.0) == ""  # told a second ago
+    assert termios.tcgetattr(cable._slave) == before
+    set_as_a_terminal(cable)
+    assert line.reopen(612.0)
+
+
+def test_a_port_whose_settings_cannot_be_restored_is_opened_again(line, cable, monkeypatch):
+    line.reopen(10.0)
+    before = set_as_a_terminal(cable)
+    tries = []
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            termios,
+            "tcsetattr",
+            lambda *words, real=termios.tcsetattr: tries.append(words) or (tries[1:] and real(*words)),
+        )
+        assert line.reopen(11.0)
+    assert termios.tcgetattr(cable._slave) == before
+    assert (line.connected, line.openings) == (True, 1)
+
+
+def test_a_silent_port_is_opened_again_after_ever_longer_times_and_is_the_same_line(cable):
+    line = SerialPort(str(cable.path), 38400, silent_s=10.0)
+    line.open()
+    line.write(b"ask")
+    opened_at_s, descriptor = [], line._port
+    for now_s in range(100):
+        line.reopen(float(now_s))
+        if line._port is not descriptor:
+            descriptor = line._port
+            opened_at_s.append(now_s)
+    assert opened_at_s == [10, 30, 70]
+    assert (line.openings, line.written) == (1, 3)
+    os.write(cable.master, b"here")
+    assert read_all(line, 4) == b"here"
+    for now_s in range(100, 112):
+        line.reopen(float(now_s))
+        opened_at_s += [now_s] if line._port is not descriptor else []
+        descriptor = line._port
+    assert opened_at_s == [10, 30, 70, 110]
+    line.close()
+
+
+def test_a_port_that_is_away_when_it_is_opened_again_is_taken_up_as_a_new_line(cable):
+    line = SerialPort(str(cable.path), 38400, silent_s=10.0)
+    line.open()
+    line.reopen(0.0)
+    cable.path.unlink()
+    line.reopen(10.0)
+    assert not line.connected
+    cable.path.symlink_to(os.ttyname(cable._slave))
+    line.reopen(11.0)
+    assert (line.connected, line.openings) == (True, 2)
+    line.close()
+
+
+OPENER = """
+import os, sys
+if os.geteuid() == 0 and sys.argv[2] == "user":
+    os.setuid(65534)  # TIOCEXCL does not keep root out
+try:
+    descriptor = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+    print("opened", flush=True)
+    sys.stdin.read()
+except OSError as error:
+    print(error.errno, flush=True)
+"""
+
+
+def another_program(cable, who):
+    terminal = os.ttyname(cable._slave)
+    Path(terminal).chmod(0o666)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    return subprocess.Popen([sys.executable, "-c", OPENER, terminal, who], **pipes)
+
+
+def test_a_port_is_kept_from_programs_that_ask_for_no_lock(line, cable):
+    with another_program(cable, "user") as other:
+        assert other.stdout.readline() == f"{errno.EBUSY}\n"
+    line.close()
+    with another_program(cable, "user") as other:
+        assert other.stdout.readline() == "opened\n"
+
+
+def test_who_else_has_a_port_open_is_named(line, cable):
+    assert port_users([str(cable.path)]) == {}
+    line.close()
+    with another_program(cable, "root") as other:
+        assert other.stdout.readline() == "opened\n"
+        line.open()
+        users = f"{port_name(other.pid)} (process {other.pid})"
+        assert port_users(["/dev/none", str(cable.path)]) == {str(cable.path): users}
+        line.reopen(10.0)
+        set_as_a_terminal(cable)
+        assert line.reopen(11.0).endswith(f"changed by another program, restored; open in {users}")
+    assert port_users([str(cable.path)]) == {}
+
+
+def port_name(process):
+    return Path(f"/proc/{process}/comm").read_text().strip()
 
 
 def test_a_line_that_takes_no_more_refuses_whole_messages_and_keeps_order(line, cable):

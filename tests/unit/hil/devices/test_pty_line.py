@@ -1,4 +1,5 @@
 import contextlib
+import fcntl
 import os
 import random
 import threading
@@ -6,6 +7,8 @@ import threading
 import pytest
 import serial
 
+from firmware_py.system.serial_port import SerialPort
+from hil.devices import pty_line
 from hil.devices.pty_line import PtyLine
 
 
@@ -105,6 +108,22 @@ def test_pyserial_opens_it_exclusively_and_raw(line, tmp_path):
         assert port.read(7) == b"\x03\x04\x11\x13\x7f\r\n"
         port.write(b"\x00\n\r\xff")
         assert line.read_until_total(4) == b"\x00\n\r\xff"
+
+
+def test_a_port_is_free_again_when_the_firmware_was_killed_and_not_before(line, tmp_path):
+    """As the slave stays open here, the kernel keeps the exclusive use of one that has not closed the port."""
+
+    def exclusive():
+        return any(fcntl.ioctl(line._slave, pty_line._TIOCGEXCL, bytes(4)))
+
+    firmware = SerialPort(str(tmp_path / "compass"), 38400)
+    firmware.open()
+    line.free()
+    assert exclusive()
+    fcntl.flock(firmware._fd, fcntl.LOCK_UN)  # as at the end of its process
+    line.free()
+    assert not exclusive()
+    firmware.close()
 
 
 def test_pulling_the_plug_hangs_up_and_removes_the_path(line, tmp_path):
