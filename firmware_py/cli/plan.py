@@ -14,6 +14,7 @@ from firmware_py.cli.state_owner import check_directory, check_owner, check_read
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.files.making import exact_modes
 from firmware_py.files.reading import read_regular
+from firmware_py.plans.fence import Breach, breaches
 from firmware_py.plans.items import ROWS, Command, has_place, markdown
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
@@ -21,7 +22,7 @@ from firmware_py.plans.read_file import MOST_BYTES, read_plan_file
 from firmware_py.plans.text_files import write_text
 from firmware_py.system.hold import StoreError
 from firmware_py.system.slots import examine
-from firmware_py.system.state_directory import PLAN_FILES
+from firmware_py.system.state_directory import PLAN_FILES, load_plans
 from firmware_py.system.store import Store
 
 KINDS: Mapping[str, PlanKind] = {kind.name.lower(): kind for kind in PlanKind}
@@ -91,8 +92,11 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.json:
         _print_json(plans)
         return
+    outside = _warn_of_fence(arguments, arguments.file, Plans(), plans)
     for plan in plans:
-        print(f"{arguments.file}: {plan.kind.name.lower()}: {_count(plan)}, all valid")
+        count = sum(breach.kind is plan.kind for breach in outside)
+        finding = f"{count} outside the fence" if count else "all valid"
+        print(f"{arguments.file}: {plan.kind.name.lower()}: {_count(plan)}, {finding}")
 
 
 def _load(arguments: argparse.Namespace) -> None:
@@ -104,13 +108,16 @@ def _load(arguments: argparse.Namespace) -> None:
             store = Store(arguments.state)
         except StoreError as error:
             raise StoreError(f"{error}, or upload the plan with a ground station") from None
+        before = load_plans(store, lambda _: None)
         for plan in plans:
             store.save(PLAN_FILES[plan.kind], to_text(plan).encode())
         store.close()
     if store.failure:
         raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and load it again")
     for plan in plans:
-        print(f"{arguments.state}: {plan.kind.name.lower()}: {_count(plan)}")
+        removed = len(before.of(plan.kind).items) if not plan.items else 0
+        print(f"{arguments.state}: {plan.kind.name.lower()}: {_count(plan)}" + f", {removed} removed" * bool(removed))
+    _warn_of_fence(arguments, arguments.state, before, plans)
 
 
 def _show(arguments: argparse.Namespace) -> None:
@@ -140,6 +147,17 @@ def _save(arguments: argparse.Namespace) -> None:
 
 
 # ------------------------------------------------------------------------------------ parts
+
+
+def _warn_of_fence(arguments: argparse.Namespace, source: Path, before: Plans, plans: Iterable[Plan]) -> list[Breach]:
+    """Say and return what the fence would end, once the plans are in force beside those of before."""
+    for plan in plans:
+        before = before.replaced(plan)
+    outside = [breach for breach in breaches(before) if breach is not None]
+    for breach in outside:
+        first = int(breach.kind is PlanKind.MISSION and not arguments.no_home)
+        _note(f"{source}: warning: {breach.shown(first)}")
+    return outside
 
 
 def _stored_plans(directory: Path) -> Plans:

@@ -15,8 +15,8 @@ from msgspec.structs import replace
 
 from firmware_py.common.angles import TWO_PI
 from firmware_py.common.plan import Plan
-from firmware_py.guidance import fence
 from firmware_py.guidance.tasks import HoldStation, TaskSettings
+from firmware_py.plans import fence
 
 HELD_RADII = 5.0  # of the turning circle: in a smaller watch circle no current lets her stay
 SWING_RADII = 3.5  # so far she comes out of one: of any size, after a turn that the current has drawn out

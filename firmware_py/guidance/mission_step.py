@@ -40,6 +40,7 @@ from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem
 from firmware_py.plans.items import FARTHEST_M, LONGEST_S, MOST_TURNS, Command
+from firmware_py.plans.places import number, place_of
 from firmware_py.plans.sequence import next_places, tags_of
 
 LARGEST_RADIUS_M = 100_000.0
@@ -87,18 +88,6 @@ def step_of(item: PlanItem) -> MissionStep:
     if reader is None:
         return MissionStep(None, autocontinue=item.autocontinue)
     return reader(item)
-
-
-def place_of(item: PlanItem) -> Place | None:
-    """Return the place of an item, None for 'where the boat is' and for what is on no globe."""
-    if (item.x == 0 and item.y == 0) or abs(item.x) > 900_000_000 or abs(item.y) > 1_800_000_000:
-        return None
-    return Place(radians(item.x * 1e-7), radians(item.y * 1e-7))
-
-
-def number(value: float, low: float, high: float) -> float:
-    """Return a parameter within its bounds; an absent one (NaN) is 0 within them."""
-    return min(max(0.0 if math.isnan(value) else value, low), high)
 
 
 def _radius(value: float) -> float | None:

@@ -20,11 +20,11 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.vessels import Vessel
-from firmware_py.guidance import fence
 from firmware_py.guidance.approach import Velocity, relative
 from firmware_py.guidance.tasks import Task, VesselMotion
 from firmware_py.guidance.traffic import TrafficSettings
 from firmware_py.modes import HeadingGoal, PositionGoal
+from firmware_py.plans import fence
 
 TRY_EVERY_S = 30.0
 STEPS = 6  # headings tried to either side

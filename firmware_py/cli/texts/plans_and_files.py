@@ -11,6 +11,15 @@ _BROKEN = "the file is cut off, or not of this kind"
 TEXTS: Mapping[str, tuple[str, str]] = {
     "New <plan>: <number> items": ("a plan is in force and on disk", "nothing"),
     "New <plan>: items <number> to <number>": ("a mission is in force and on disk; home is item 0", "nothing"),
+    "<item> is <number> m outside the fence": (
+        "where the fence is enabled, the mission ends there in what `FS_FENCE_ACT` says",
+        "move the item or the fence; `rambler plan check` names each item",
+    ),
+    "Way to <item> leaves the fence by <number> m": (
+        "both ends lie inside, the straight way between them does not",
+        "add a waypoint, or move the fence",
+    ),
+    "<item outside the fence>, and <number> more": ("the same of several items", "`rambler plan check` names each"),
     "Item 0 is home: the waypoint that was sent as such is not sailed": (
         "the program does not know that an ArduPilot's mission begins with home, as MAVSDK's `Mission` does not",
         "send home, or anything with an absolute altitude, as item 0; with MAVSDK use `MissionRaw`",

@@ -13,6 +13,7 @@ from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.correspondent import Correspondent, Sender, correspondent, sender_of
 from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.download import PlanDownloads
+from firmware_py.link.mission.fence_warning import FenceWarning
 from firmware_py.link.mission.items import KINDS, NAMES, acknowledge
 from firmware_py.link.mission.upload import PlanUploads
 from firmware_py.link.peer import Peer
@@ -35,6 +36,7 @@ class MissionServer:
         self._context = context
         self._uploads = PlanUploads(context)
         self._downloads = PlanDownloads(context)
+        self._fence_warning = FenceWarning(context)
         self._clearing: set[tuple[Correspondent, int]] = set()  # who is still to be answered, and by which type
         self._cleared = Marks()
 
@@ -58,6 +60,7 @@ class MissionServer:
     def update(self, now_s: float) -> None:
         """Go on with what goes on by itself; once a tick."""
         self._uploads.update(now_s)
+        self._fence_warning.update()
 
     def report_progress(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
         """Tell what was reached, and hasten the rest when something has changed."""

@@ -117,3 +117,49 @@ def test_a_file_that_cannot_be_read_is_named(capsys, tmp_path):
     huge = tmp_path / "huge"
     huge.write_bytes(b"1 2\n" * (3 << 20))
     assert "larger than" in said(capsys, "check", huge, code=2)
+
+
+OUTSIDE = {
+    "fileType": "Plan",
+    "mission": {
+        "items": [
+            {"type": "SimpleItem", "command": 16, "frame": 3, "params": [0, 0, 0, None, latitude_deg, 121.0, 0]}
+            for latitude_deg in (36.001, 36.01, 36.02)
+        ]
+    },
+    "geoFence": {
+        "polygons": [
+            {"inclusion": True, "polygon": [[36.003, 120.99], [36.003, 121.01], [35.99, 121.01], [35.99, 120.99]]}
+        ]
+    },
+}
+WARNED = "warning: Mission item 2 is 778 m outside the fence\n"
+
+
+def test_a_mission_outside_the_fence_is_told(capsys, tmp_path, state):
+    both, mission = tmp_path / "both.plan", tmp_path / "mission.plan"
+    both.write_text(json.dumps(OUTSIDE))
+    mission.write_text(json.dumps({"fileType": "Plan", "mission": OUTSIDE["mission"]}))
+    assert main(["plan", "check", str(both)]) == 0
+    out, err = capsys.readouterr()
+    assert f"{both}: mission: 3 items, 2 outside the fence\n{both}: fence: 4 items, all valid\n" == out
+    assert err.startswith(f"{both}: {WARNED}{both}: warning: Mission item 3 is 18")
+    assert main(["plan", "check", str(mission)]) == 0
+    assert capsys.readouterr() == (f"{mission}: mission: 3 items, all valid\n", "")
+    for file in (both, mission):  # with its own fence, and with the one that is in force
+        assert main(["plan", "load", str(file), "--state", str(state)]) == 0
+        assert capsys.readouterr().err.startswith(f"{state}: {WARNED}")
+
+
+@pytest.mark.parametrize("text", ['{"version": 1, "polygon": [[1, 2]]}', '{"version": 2, "polygon": []}', "{}"])
+def test_a_fence_that_is_not_understood_leaves_the_one_in_force(capsys, tmp_path, state, text):
+    path = tmp_path / "a.plan"
+    path.write_text(json.dumps(OUTSIDE))
+    main(["plan", "load", str(path), "--state", str(state)])
+    capsys.readouterr()
+    before = shown(capsys, state)
+    path.write_text(f'{{"fileType": "Plan", "mission": {{"items": []}}, "geoFence": {text}}}')
+    assert "geoFence: " in said(capsys, "load", path, "--state", state, code=2)
+    assert shown(capsys, state) == before
+    path.write_text('{"fileType": "Plan", "geoFence": {"polygons": [], "circles": []}}')
+    assert said(capsys, "load", path, "--state", state) == f"{state}: fence: 0 items, 4 removed\n"

@@ -17,6 +17,8 @@ PATTERNS = {
 # Texts that are put together from parts, which support.told_texts does not find.
 PUT_TOGETHER = (
     "AIS: another ship sends her number 235000007",
+    "Mission item 2 is 778 m outside the fence",
+    "Way to mission item 2 leaves the fence by 55 m",
     "mission.plan.0 is damaged: there is no mission",
     "resume.state.0 is of another version: not resumed",
     "resume.record.1 is missing: the other slot is used, perhaps an older version",

@@ -8,11 +8,12 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Activity
-from firmware_py.guidance import berth, fence
+from firmware_py.guidance import berth
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.guidance_reports import circle_events
 from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import HoldStation, Orbit
+from firmware_py.plans import fence
 
 INCLUDED, EXCLUDED_CIRCLE = 5001, 5004
 ORIGIN = Place(0.6, 2.0)

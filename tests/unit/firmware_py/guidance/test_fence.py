@@ -6,7 +6,9 @@ from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.guidance.fence import FARTHEST_M, FenceState, fence_of, margin_m, update
+from firmware_py.guidance.fence import FenceState, update
+from firmware_py.plans.fence import fence_of, margin_m
+from firmware_py.plans.items import FARTHEST_M
 
 CENTRE = Place(0.6, 2.0)
 

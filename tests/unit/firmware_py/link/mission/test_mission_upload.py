@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, ReplacePlan, Verdict
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
 from firmware_py.link.wire.url_options import LinkClass, LinkOptions
 from firmware_py.plans.validation import PlanResult
 
@@ -617,3 +617,48 @@ def test_who_comes_back_by_a_new_connection_need_not_wait_for_itself(station):
     station.rig.tick()
     said = station.protocol(station.rig.tell(count, address="again"))
     assert [message.get_type() for message in said] == ["MISSION_REQUEST_INT"]
+
+
+def a_fence(station, half=1_000):
+    corners = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    places = [(360_000_000 + x * half, 1_210_000_000 + y * half) for x, y in corners]
+    params = (4.0, 0.0, 0.0, 0.0)
+    return [station.item(n, 5001, kind=1, frame=0, x=x, y=y, params=params) for n, (x, y) in enumerate(places)]
+
+
+OUT = "Mission item 2 is 11 m outside the fence"
+
+
+@pytest.mark.parametrize("identity", [0, 3])
+def test_whichever_of_mission_and_fence_comes_last_what_lies_outside_is_told(make_station, texts, identity):
+    station = make_station(identity=identity)
+    items = [*station.mission(1), station.item(station.home_count + 1, x=360_002_000)]
+    out = OUT if identity else OUT.replace("2", "1", 1)
+    station.upload(a_fence(station), 1)
+    assert out not in texts(station.rig.ticks(3))
+    for _ in range(2):  # the same again is told again
+        station.upload(items)
+        assert texts(station.rig.ticks(3)).count(out) == 1
+        assert out not in texts(station.rig.ticks(3))
+    station.upload(a_fence(station, half=3_000), 1)
+    assert not [text for text in texts(station.rig.ticks(3)) if "outside" in text]
+    station.upload(a_fence(station), 1)
+    assert texts(station.rig.ticks(3)).count(out) == 1
+
+
+def test_several_items_outside_are_told_in_one_text(station, texts):
+    station.upload(a_fence(station), 1)
+    station.upload([*station.mission(1), *(station.item(n, x=360_002_000) for n in range(2, 52))])
+    assert texts(station.rig.ticks(5)) == [f"{OUT}, and 49 more"]
+
+
+def test_a_large_fence_is_looked_at_a_little_in_each_tick(station, texts):
+    """So that no tick is late for it: some 500 corners, or the whole fence once."""
+    rig = station.rig
+    corners = [PlanItem(5004, 0, True, (1.0, 0.0, 0.0, 0.0), 370_000_000 + n, 1_210_000_000) for n in range(999)]
+    rig.request_handler.plans_kept = Plans(
+        Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=360_002_000, y=1_210_000_000 + n) for n in range(20)]),
+        Plan.of(PlanKind.FENCE, [*corners, PlanItem(5003, 0, True, (11.1, 0, 0, 0), 360_000_000, 1_210_000_000)]),
+    )
+    assert texts(rig.ticks(20)) == []
+    assert texts(rig.ticks(30)) == ["Mission item 1 is 11 m outside the fence, and 19 more"]

@@ -1,0 +1,198 @@
+"""The fence: how far a place is from a breach, and which places of the plans lie outside.
+
+Areas are polygons and circles, to stay within or to stay out of. As MAVLink has it, the boat
+must be inside all inclusion areas of at least one group, and outside every exclusion.
+Edges are straight on the plane that touches the fence's first corner, which is good to
+0.1 % over a hundred kilometres.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator
+
+import msgspec
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
+from firmware_py.plans.items import FARTHEST_M, Command
+from firmware_py.plans.places import number, place_of
+
+LOOKS = 500  # at the fence for one way, at the most
+NEAREST_LOOK_M = 1.0
+ON_THE_LINE_M = 0.1  # outside by less is on the fence
+_DESTINATIONS = frozenset(
+    {Command.WAYPOINT, Command.LOITER_UNLIMITED, Command.LOITER_TURNS, Command.LOITER_TIME}
+    | {Command.FENCE_RETURN, Command.RALLY_POINT}
+)
+_NAMES = {PlanKind.MISSION: "Mission item", PlanKind.FENCE: "Fence item", PlanKind.RALLY: "Rally point"}
+
+Point = tuple[float, float]
+
+
+class Area(msgspec.Struct, frozen=True):
+    """A polygon (corners) or a circle (one corner and a radius), in metres north and east of the anchor."""
+
+    corners: tuple[Point, ...]
+    radius_m: float
+    inclusion: bool
+    group: int = 0
+
+
+class Fence(msgspec.Struct, frozen=True):
+    """The areas of a fence around their anchor."""
+
+    anchor: Place
+    areas: tuple[Area, ...]
+
+
+class Breach(msgspec.Struct, frozen=True):
+    """An item of a plan that lies outside the fence by so much, or (`way`) to which the straight way leaves it."""
+
+    kind: PlanKind
+    index: int
+    distance_m: float
+    way: bool
+
+    def shown(self, first: int) -> str:
+        """Return it in words; `first` is the number of the plan's first item."""
+        item, distance = f"{_NAMES[self.kind]} {self.index + first}", f"{max(self.distance_m, 1.0):.0f} m"
+        if self.way:
+            return f"Way to {item.lower()} leaves the fence by {distance}"
+        return f"{item} is {distance} outside the fence"
+
+
+@functools.lru_cache(maxsize=4)
+def fence_of(plan: Plan) -> Fence | None:
+    """Convert a fence, once; None when nothing of it bounds the boat."""
+    if not plan.items:
+        return None
+    anchor = _place(plan.items[0])
+    areas = []
+    items = list(plan.items)
+    while items:
+        command = items[0].command
+        if command in (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX):
+            count = round(number(items[0].params[0], 1.0, MOST_ITEMS))
+            corners = tuple(_point(anchor, item) for item in items[:count] if item.command == command)
+            if len(corners) >= 3:
+                areas.append(Area(corners, 0.0, command == Command.INCLUDED_VERTEX, _group(items[0])))
+            items = items[count:]
+            continue
+        if command in (Command.INCLUDED_CIRCLE, Command.EXCLUDED_CIRCLE):
+            radius_m = number(items[0].params[0], 0.0, FARTHEST_M)
+            areas.append(
+                Area((_point(anchor, items[0]),), radius_m, command == Command.INCLUDED_CIRCLE, _group(items[0]))
+            )
+        items = items[1:]
+    return Fence(anchor, tuple(areas)) if areas else None
+
+
+def _group(item: PlanItem) -> int:
+    return round(number(item.params[1], 0.0, 255.0))
+
+
+def _place(item: PlanItem) -> Place:
+    """Return the place of an item; 0, 0 is a corner like any other, and not where the boat is."""
+    return place_of(item) or Place(0.0, 0.0)
+
+
+def _point(anchor: Place, item: PlanItem) -> Point:
+    return anchor.offset_m(_place(item))
+
+
+def margin_m(plan: Plan, place: Place) -> float:
+    """Return the distance to a breach, negative in breach; FARTHEST_M where no area bounds the boat."""
+    fence = fence_of(plan)
+    if fence is None:
+        return FARTHEST_M
+    return _margin_m(fence, fence.anchor.offset_m(place))
+
+
+def _margin_m(fence: Fence, here: Point) -> float:
+    inside: dict[int, float] = {}
+    margin = FARTHEST_M
+    for area in fence.areas:
+        # Positive within the area.
+        depth_m = _depth_m(area, here)
+        if area.inclusion:
+            inside[area.group] = min(inside.get(area.group, FARTHEST_M), depth_m)
+        else:
+            margin = min(margin, -depth_m)
+    return min(margin, max(inside.values())) if inside else margin
+
+
+def breaches(plans: Plans) -> Iterator[Breach | None]:
+    """Yield what the fence would end, in the order of the plans; None after each look at the fence, which takes time.
+
+    Where the boat is when a mission begins, and so the first way, is not known.
+    """
+    fence = fence_of(plans.fence)
+    if fence is None:
+        return
+    for plan in (plans.mission, plans.fence, plans.rally):
+        before: Point | None = None
+        heeded = True
+        for index, item in enumerate(plan.items):
+            if item.command == Command.FENCE_ENABLE:
+                heeded = item.params[0] != 0.0
+            if item.command not in _DESTINATIONS:
+                continue
+            if (place := place_of(item)) is None or not heeded:
+                before = None
+                continue
+            here = fence.anchor.offset_m(place)
+            # Only a circle with turns stays where it was laid; the others are moved inward.
+            turned_m = number(abs(item.params[2]), 0.0, FARTHEST_M) if item.command == Command.LOITER_TURNS else 0.0
+            yield None
+            worst_m = _margin_m(fence, here) - turned_m
+            way = False
+            if before is not None and worst_m >= -ON_THE_LINE_M:
+                way = True
+                for margin_m in _margins_on_way(fence, before, here):
+                    worst_m = min(worst_m, margin_m)
+                    yield None
+            if worst_m < -ON_THE_LINE_M:
+                yield Breach(plan.kind, index, -worst_m, way)
+            before = here if plan.kind is PlanKind.MISSION and (way or worst_m >= -ON_THE_LINE_M) else None
+
+
+def _margins_on_way(fence: Fence, start: Point, end: Point) -> Iterator[float]:
+    """Yield the margins on a straight way, each one margin after the last, but in no more looks than LOOKS."""
+    length_m = math.dist(start, end)
+    at_m = 0.0
+    while at_m < length_m:
+        part = at_m / length_m
+        margin_m = _margin_m(fence, (start[0] + part * (end[0] - start[0]), start[1] + part * (end[1] - start[1])))
+        yield margin_m
+        at_m += max(margin_m, length_m / LOOKS, NEAREST_LOOK_M)
+
+
+def _depth_m(area: Area, here: Point) -> float:
+    if len(area.corners) == 1:
+        centre = area.corners[0]
+        return area.radius_m - math.hypot(here[0] - centre[0], here[1] - centre[1])
+    inside = False
+    nearest = math.inf
+    north, east = here
+    before = area.corners[-1]
+    for corner in area.corners:
+        nearest = min(nearest, _square_to_edge(before, corner, here))
+        if (before[0] > north) is not (corner[0] > north):
+            crossing = before[1] + (north - before[0]) * (corner[1] - before[1]) / (corner[0] - before[0])
+            if east < crossing:
+                inside = not inside
+        before = corner
+    distance_m = math.sqrt(nearest)
+    return distance_m if inside else -distance_m
+
+
+def _square_to_edge(start: Point, end: Point, here: Point) -> float:
+    along_north, along_east = end[0] - start[0], end[1] - start[1]
+    north, east = here[0] - start[0], here[1] - start[1]
+    square = along_north * along_north + along_east * along_east
+    part = (north * along_north + east * along_east) / square if square > 0.0 else 0.0
+    part = min(max(part, 0.0), 1.0)
+    north, east = north - part * along_north, east - part * along_east
+    return north * north + east * east
