@@ -153,7 +153,8 @@ def _errors(voyages: list[Voyage], axes: Any) -> None:
     for voyage in voyages:
         truth = voyage.truth
         error_deg = (truth.heading_low_rad - truth.goal_rad) * DEGREES_PER_RADIAN
+        error_deg[np.abs(error_deg) > 1.6 * within] = np.nan  # the turns, which would cross the legend
         axes.plot(truth.time_s, error_deg, color=COLOURS[voyage.gains], lw=0.9, label=f"{voyage.gains} gains")
-    axes.set_ylim(-1.6 * within, 1.6 * within)
+    axes.set_ylim(-1.6 * within, 2.2 * within)
     name_panel(axes, f"{voyages[0].scenario}: heading less goal", x="time, s", y="deg")
     add_legend(axes, 3)

@@ -24,7 +24,7 @@ RADIUS_M = (20.0, 30.0)
 SEA_SPEEDS_KN = (1.5, 2.1)
 NOT_PRINTED = "not printed there"
 STANDARD_ERRORS = 3.0
-RELATIVE = 0.02
+PRINTED = (("K", "1/s", 0.0005), ("T", "s", 0.5), ("alpha", "s^2", 0.5))  # the last: half of the last printed digit
 
 
 class Verdict(Enum):
@@ -81,12 +81,12 @@ def _estimate_rows(source: str, found: Identification) -> list[Row]:
     """Compare an identified model with the paper's, brought to the paper's speed."""
     rows = []
     scaled = found.model().at_speed(OCEAN_RAMBLER.speed_m_s)
-    for place, (name, unit) in enumerate((("K", "1/s"), ("T", "s"), ("alpha", "s^2"))):
+    for place, (name, unit, rounding) in enumerate(PRINTED):
         estimate, true = found.judgement.estimates[name], OCEAN_RAMBLER[place]
         # By similarity, also for the standard error; an alpha of zero has no ratio.
         ratio = scaled[place] / estimate.value if estimate.value else 1.0
         value, se = estimate.value * ratio, estimate.se * ratio
-        good = abs(value - true) <= max(STANDARD_ERRORS * se, RELATIVE * true)
+        good = abs(value - true) <= max(STANDARD_ERRORS * se, rounding)
         known = estimate.verdict == IDENTIFIABLE
         verdict = _judged(good=good) if known or not good else Verdict.DIFFERS
         note = "" if known else f"{estimate.verdict} from this: {estimate.why}"

@@ -121,6 +121,12 @@ def test_a_model_is_judged_at_the_paper_s_speed_by_its_own_error():
     assert (lag.ours, lag.verdict) == ("4 +-0.2 s", Verdict.MATCHES)
     assert (cubic.ours, cubic.verdict) == ("17 +-4 s^2", Verdict.DIFFERS)
     assert cubic.note == "not identifiable from this: why"
+    # The paper prints T as 4 s; three standard errors do not reach it, its rounding does.
+    rounded = SimpleNamespace(value=1.8, se=0.01, verdict="identifiable", why="why")
+    near = identified("identifiable", 0.102, 0.002)
+    near.judgement.estimates["T"] = rounded
+    near.model = lambda: OCEAN_RAMBLER._replace(turning_ability_1_s=0.102, turning_lag_s=1.8, speed_m_s=0.8)
+    assert table._estimate_rows("test", near)[1].verdict is Verdict.MATCHES
     wrong = table._estimate_rows("test", identified("not identifiable", 0.110, 0.002))[0]
     assert wrong.verdict is Verdict.MISSES
 
