@@ -106,6 +106,8 @@ def _change(arguments: argparse.Namespace, state: KeyState, change: Callable[[Si
     signing.restore(vault.load())
     change(signing)
     store.close()
+    if store.obstacle:
+        print(store.obstacle, file=sys.stderr)
     if store.failure:
         raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and try again")
     if arguments.json:

@@ -112,6 +112,8 @@ def _load(arguments: argparse.Namespace) -> None:
         for plan in plans:
             store.save(PLAN_FILES[plan.kind], to_text(plan).encode())
         store.close()
+    if store.obstacle:
+        print(store.obstacle, file=sys.stderr)
     if store.failure:
         raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and load it again")
     for plan in plans:

@@ -164,9 +164,12 @@ def _import(arguments: argparse.Namespace) -> int:
     wanted = _begin_import(directory, export)
     try:
         with exact_modes():
-            Store(directory).close()  # whoever holds it next puts it into the slots: if we are killed, the autopilot
+            store = Store(directory)  # whoever holds it next puts it into the slots: if we are killed, the autopilot
+            store.close()
     except StoreError as error:
         raise StoreError(f"{error}; what was imported counts all the same, from the next start on") from None
+    if store.obstacle:
+        raise StoreError(store.obstacle)
     told = {name: _change(before[name], wanted[name]) for name in wanted}
     _report(arguments, {SIGNING_FILE: "not in the file, stays as it is", **told})
     return 0

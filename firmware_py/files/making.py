@@ -40,8 +40,12 @@ def write_whole(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
     An OSError after the new one is in place can only be that of forcing its name to disk.
     """
     fresh = path.with_name(f".{path.name}.new")
-    with contextlib.suppress(FileNotFoundError):
+    try:
         os.unlink(fresh)  # noqa: PTH108 - the tests' disk stands before the calls of os
+    except IsADirectoryError:
+        set_aside(fresh)
+    except FileNotFoundError:
+        pass
     descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         try:
@@ -60,6 +64,20 @@ def write_whole(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
             os.unlink(fresh)  # noqa: PTH108
         raise
     sync_directory(path.parent)
+
+
+def set_aside(path: Path) -> Path:
+    """Rename what is in the way of a file, whatever it is, and return its new name; OSError.
+
+    A file that was set aside before by that name is replaced; a directory is not.
+    """
+    for number in range(10):
+        aside = path.with_name(f"{path.name}.aside{number or ''}")
+        with contextlib.suppress(FileExistsError, IsADirectoryError, NotADirectoryError):
+            if not aside.is_dir():
+                os.replace(path, aside)  # noqa: PTH105 - the tests' disk stands before the calls of os
+                return aside
+    raise FileExistsError(errno.EEXIST, f"too many of {path.name} were set aside")
 
 
 def sync_directory(directory: Path) -> None:

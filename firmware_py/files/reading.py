@@ -10,6 +10,8 @@ import os
 import stat
 from pathlib import Path
 
+# Of what cannot be read because of what it is: no regular file, too large, or closed to its reader.
+UNFIT = (errno.EINVAL, errno.EISDIR, errno.EFBIG, errno.ELOOP, errno.ENXIO, errno.EACCES)
 _CHUNK_BYTES = 1 << 20
 _KINDS = {
     stat.S_IFIFO: "is a pipe",

@@ -30,6 +30,7 @@ STUCK = 11  # the exit code of an autopilot of which a part was stuck
 MOST_KEPT = 20
 _MOST_BYTES = 1 << 16
 _TEXT_CHARACTERS = 160
+_MOST_COUNT = 1_000_000_000
 STOPPED, SHUT_DOWN, STUCK_PART, FAILED, WATCHDOG, KILLED, CRASHED, MEMORY, CUT_OFF = (
     "stopped", "shut down", "stuck", "failed", "watchdog", "killed", "crashed", "out of memory", "cut off",
 )  # fmt: skip
@@ -74,13 +75,16 @@ def to_bytes(endings: Endings) -> bytes:
 def from_bytes(content: bytes) -> tuple[Endings, tuple[str, ...]]:
     """Return what `to_bytes` wrote, by this version or another, and notes on it; ValueError says why there is none."""
     endings, notes = record_codec.decode(Endings, content, _VERSION)
-    return replace(endings, last=tuple(map(_bounded, endings.last[-MOST_KEPT:]))), notes
+    counts = {
+        _one_line(why): min(max(count, 0), _MOST_COUNT) for why, count in list(endings.counts.items())[:MOST_KEPT]
+    }
+    return replace(endings, counts=counts, last=tuple(map(_bounded, endings.last[-MOST_KEPT:]))), notes
 
 
 def _bounded(ending: Ending) -> Ending:
-    """Return an ending with a text of bounded length, and 0 for a time that is not finite: JSON cannot show it."""
+    """Return an ending with texts of one bounded line, and 0 for a time that is not finite: JSON cannot show it."""
     utc_s = ending.utc_s if math.isfinite(ending.utc_s) else 0.0
-    return replace(ending, text=ending.text[:_TEXT_CHARACTERS], utc_s=utc_s)
+    return Ending(_one_line(ending.why), _one_line(ending.text), utc_s)
 
 
 def take_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:
@@ -150,4 +154,5 @@ def _take(path: Path) -> str:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())[:_TEXT_CHARACTERS]
+    line = " ".join(text.split())[:_TEXT_CHARACTERS]
+    return line if line.isprintable() else ascii(line)[1:-1][:_TEXT_CHARACTERS]

@@ -11,8 +11,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from firmware_py.files.making import FILE_MODE, make_directory
-from firmware_py.files.reading import open_regular
+from firmware_py.files.making import FILE_MODE, make_directory, set_aside
+from firmware_py.files.reading import UNFIT, open_regular
 
 LOCK_FILE = "lock"
 
@@ -90,7 +90,15 @@ class Hold:
         return os.open(self._directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
 
     def _open_file(self) -> int:
-        return open_regular(self._directory / LOCK_FILE, flags=os.O_RDWR | os.O_CREAT, mode=FILE_MODE, follow=False)
+        path, flags = self._directory / LOCK_FILE, os.O_RDWR | os.O_CREAT
+        try:
+            return open_regular(path, flags=flags, mode=FILE_MODE, follow=False)
+        except OSError as error:
+            if error.errno not in UNFIT:
+                raise
+            with contextlib.suppress(OSError):
+                set_aside(path)
+            return open_regular(path, flags=flags, mode=FILE_MODE, follow=False)
 
     def _text(self, error: OSError) -> str:
         return f"state directory {self._directory}: {error.strerror}; choose another with --state"

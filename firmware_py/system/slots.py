@@ -23,19 +23,15 @@ from pathlib import Path
 import msgspec
 
 from firmware_py.common.records import Stored
-from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, sync_directory
-from firmware_py.files.reading import open_regular, read_regular
-from firmware_py.system.state_export import RECORD_ENDING, BrokenExportError, awaited_import
+from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, set_aside, sync_directory, write_whole
+from firmware_py.files.reading import UNFIT, open_regular, read_regular
+from firmware_py.system.state_export import KEY_ENDING, RECORD_ENDING, BrokenExportError, awaited_import, largest_bytes
 
 SLOTS = (0, 1)
 # Earlier versions keep the same records as text under this ending. They stay whole there for a roll-back.
 _EARLIER_ENDING = ".state"
 _ASIDE_ENDING = ".old"
 SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
-_KEY_ENDING = ".key"
-# The largest slot that is read or written, by the ending of its name: no plan comes near it.
-_LARGEST_BYTES = {".plan": 4 << 20, _KEY_ENDING: 64 << 10}
-_LARGEST_BYTES_ELSE = 1 << 20
 _HEAD = re.compile(rb"# rambler state (\d{1,18}) (\d{1,12}) ([0-9a-f]{8})\n")
 _EMPTY = b"# rambler empty\n"
 
@@ -72,7 +68,7 @@ def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
     A record counts only where no slot of an earlier version lies beside it: that version has run since, or may
     run again after a roll-back.
     """
-    with contextlib.suppress(BrokenExportError):  # which the store tells
+    with contextlib.suppress(BrokenExportError, OSError):  # which the store reports
         awaited = awaited_import(directory)
         if awaited is not None and name in awaited.files:
             return Stored(awaited.content(name))
@@ -92,7 +88,7 @@ def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
 
 def is_secret(name: str) -> bool:
     """Whether what has this name is for nobody but the owner to read."""
-    return Path(name).suffix == _KEY_ENDING
+    return Path(name).suffix == KEY_ENDING
 
 
 def slot_path(directory: Path, name: str, slot: int) -> Path:
@@ -113,12 +109,8 @@ def earlier_slots(directory: Path, name: str) -> list[Path]:
 
 
 def _read_slots(directory: Path, name: str, owner_uid: int | None) -> tuple[_Slot, ...]:
-    most_bytes = _largest_bytes(name)
+    most_bytes = largest_bytes(name)
     return tuple(_read_slot(slot_path(directory, name, slot), slot, most_bytes, owner_uid) for slot in SLOTS)
-
-
-def _largest_bytes(name: str) -> int:
-    return _LARGEST_BYTES.get(Path(name).suffix, _LARGEST_BYTES_ELSE)
 
 
 def _read_slot(path: Path, number: int, most_bytes: int, owner_uid: int | None) -> _Slot:
@@ -162,9 +154,9 @@ def _make_fit_for_secret(path: Path) -> None:
     if stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid():
         path.chmod(PRIVATE_MODE)
         return
-    fresh = path.with_name(f"{path.name}.new")
-    os.close(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, PRIVATE_MODE))
-    fresh.replace(path)
+    if stat.S_ISDIR(status.st_mode):
+        set_aside(path)
+    write_whole(path, b"", PRIVATE_MODE)
 
 
 def _in_blocks(count: int) -> int:
@@ -256,6 +248,10 @@ class SlotWriter:
     def _place(self, name: str) -> tuple[int, int]:
         """Return slot and sequence of the newest version; an unreadable slot is never what is written beside."""
         slots = _read_slots(self._directory, name, os.geteuid() if name in self._private else None)
+        for number in [slot.number for slot in slots if slot.condition is Condition.DAMAGED]:
+            if name not in self._private:
+                self._close_slot(name, number)
+                set_aside(slot_path(self._directory, name, number))  # to be looked into
         newest = _newest(slots)
         if newest is not None:
             # A process that was killed may have left it, and its name, in memory only, and the other slot is next.
@@ -276,7 +272,7 @@ class SlotWriter:
         sequence = b"%d" % number
         data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
         size = _in_blocks(len(data))
-        if size > _largest_bytes(name):
+        if size > largest_bytes(name):
             raise OSError(errno.EFBIG, "it is too large to be read again")
         descriptor, present = self._open_slot(name, slot)
         if name in self._private:
@@ -311,8 +307,14 @@ class SlotWriter:
         if name in self._private:
             _make_fit_for_secret(path)
         self._named |= not path.exists()
-        flags, most_bytes = os.O_RDWR | os.O_CREAT, _largest_bytes(name)
-        descriptor = open_regular(path, flags=flags, mode=mode, follow=False, most_bytes=most_bytes)
+        flags, most_bytes = os.O_RDWR | os.O_CREAT, largest_bytes(name)
+        try:
+            descriptor = open_regular(path, flags=flags, mode=mode, follow=False, most_bytes=most_bytes)
+        except OSError as error:
+            if error.errno not in UNFIT:
+                raise
+            set_aside(path)
+            descriptor = open_regular(path, flags=flags, mode=mode, follow=False, most_bytes=most_bytes)
         self._files[name, slot] = descriptor
         return descriptor, os.fstat(descriptor).st_size
 

@@ -35,6 +35,7 @@ RECORD_FILES: Final = (RESUME_FILE, ENDINGS_FILE, SATELLITE_FILE)
 LOG_DIRECTORY: Final = "logs"
 UPLOAD_DIRECTORY: Final = "uploads"
 BOOT_COUNT: Final = "STAT_BOOTCNT"
+MOST_UNUSABLE: Final = 200  # stored parameters: more than a version adds
 # What is used of a name of which no version is left.
 _INSTEAD: Final = {
     PARAMETER_FILE: "the vehicle file's parameters are used",
@@ -242,10 +243,12 @@ def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[
     """Return the values that ground stations have set in earlier runs, and those that this version cannot use.
 
     The latter are said. They stay in the store for the version that knows them, until all are forgotten or
-    the parameter is set anew; a line that is no name and value is said and left out for good.
+    the parameter is set anew; a line that is no name and value is said and left out for good. What comes after the
+    first MOST_UNUSABLE lines of either kind is not read.
     """
     values: dict[str, float] = {}
     unusable: dict[str, float] = {}
+    problems = 0
     if content is None:
         return values, unusable
     for number, line in enumerate(content.decode("utf-8", "replace").splitlines(), start=1):
@@ -256,6 +259,9 @@ def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[
             if name:
                 unusable[name] = value
             say(f"stored parameter left out{', and kept for another version' if name else ''}: {error}")
+            if (problems := problems + 1) == MOST_UNUSABLE:
+                say(f"stored {PARAMETER_FILE}: what comes after line {number} is left out")
+                break
     return values, {name: value for name, value in unusable.items() if name not in values}
 
 

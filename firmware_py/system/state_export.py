@@ -13,18 +13,25 @@ import hashlib
 import json
 import os
 import re
+import stat
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
-from firmware_py.files.making import PRIVATE_MODE, sync_directory, write_whole
-from firmware_py.files.reading import read_regular
+from firmware_py.files.making import PRIVATE_MODE, set_aside, sync_directory, write_whole
+from firmware_py.files.reading import UNFIT, read_regular
 
 RECORD_ENDING: Final = ".record"  # of what this program alone writes and reads; everything else is text
 FORMAT: Final = 2  # 1: the records were texts, too
 MOST_BYTES: Final = 64 << 20  # more than all slots can hold, escaped
+# The largest slot that is read or written, by the ending of its name: no plan comes near it.
+KEY_ENDING: Final = ".key"
+_LARGEST_BYTES: Final = {".plan": 4 << 20, KEY_ENDING: 64 << 10}
+_LARGEST_BYTES_ELSE: Final = 1 << 20
+MOST_HEAD_BYTES: Final = 64  # of a slot
+MOST_ABOUT, MOST_CHARACTERS = 8, 200
 AWAITED: Final = "import.awaited"
 _DONE: Final = ".import.done"
 _HEAD = re.compile(rb"# rambler exported state (\d{1,9}) (\d{1,12}) ([0-9a-f]{64})\n")
@@ -34,6 +41,11 @@ _ANY_HEAD = b"# rambler exported state "
 
 class BrokenExportError(ValueError):
     """What was read is no exported state, or none that this version can read; the text names the remedy."""
+
+
+def largest_bytes(name: str) -> int:
+    """Return the size of the largest slot of a name."""
+    return _LARGEST_BYTES.get(Path(name).suffix, _LARGEST_BYTES_ELSE)
 
 
 class Export(msgspec.Struct, frozen=True):
@@ -70,9 +82,11 @@ def unpack(data: bytes) -> Export:
         content = json.loads(body)
         texts = content["files"].items()
         files = {_name(name): None if text is None else _from_text(name, text) for name, text in texts}
-        return Export(files, {str(key): str(value) for key, value in content["about"].items()})
+        about = list(content["about"].items())[:MOST_ABOUT]
+        return Export(files, {str(key)[:MOST_CHARACTERS]: str(value)[:MOST_CHARACTERS] for key, value in about})
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise BrokenExportError(f"is no state that rambler has exported: {error}") from None
+        text = ascii(str(error))[1:-1][:MOST_CHARACTERS]
+        raise BrokenExportError(f"is no state that rambler has exported: {text}") from None
 
 
 def await_import(directory: Path, export: Export) -> None:
@@ -94,9 +108,10 @@ def await_import(directory: Path, export: Export) -> None:
 
 
 def awaited_import(directory: Path) -> Export | None:
-    """Return the import that counts and is not in the slots, None when there is none; BrokenExportError.
+    """Return the import that counts and is not in the slots, None when there is none.
 
-    Only the owner of the directory may have begun one.
+    BrokenExportError for what lies there and is none, OSError for a disk that does not give it. Only the owner of the
+    directory may have begun one.
     """
     path = directory / AWAITED
     try:
@@ -104,9 +119,12 @@ def awaited_import(directory: Path) -> Export | None:
         return _refuse("belongs to another user") if stranger else unpack(read_regular(path, MOST_BYTES, follow=False))
     except (FileNotFoundError, NotADirectoryError):
         return None
-    except (OSError, BrokenExportError) as error:
-        text = error.strerror if isinstance(error, OSError) else error
-        raise BrokenExportError(f"{AWAITED} {text}; remove it, and import again") from None
+    except BrokenExportError as error:
+        raise BrokenExportError(f"{AWAITED} {error}") from None
+    except OSError as error:
+        if error.errno not in UNFIT:
+            raise
+        raise BrokenExportError(f"{AWAITED} {error.strerror}") from None
 
 
 def end_import(directory: Path) -> None:
@@ -125,6 +143,10 @@ def remove_leftovers(directory: Path) -> None:
 
 def _wipe(path: Path) -> None:
     with contextlib.suppress(FileNotFoundError):
+        status = path.lstat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES:
+            set_aside(path)  # it is none of ours
+            return
         descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
         try:
             os.pwrite(descriptor, bytes(os.fstat(descriptor).st_size), 0)
@@ -151,7 +173,10 @@ def _to_text(name: str, content: bytes) -> str:
 def _from_text(name: str, value: object) -> bytes:
     if not isinstance(value, str):
         raise TypeError("a content is no text")
-    return base64.b64decode(value, validate=True) if name.endswith(RECORD_ENDING) else value.encode()
+    content = base64.b64decode(value, validate=True) if name.endswith(RECORD_ENDING) else value.encode()
+    if len(content) > largest_bytes(name) - MOST_HEAD_BYTES:
+        raise ValueError(f"{name} is larger than it may be, {largest_bytes(name) >> 10} KiB")
+    return content
 
 
 def _name(value: str) -> str:

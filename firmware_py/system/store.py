@@ -55,7 +55,7 @@ class Store:
         self._unheld = ""  # why nothing can be written now: the directory is not held
         try:
             self.obstacle = self._hold.take(strict=not wait)
-            self.obstacle = self._finish_import(strict=not wait) or self.obstacle
+            self.obstacle = finish_import(directory) or self.obstacle
         except InUseError:
             raise
         except StoreError as error:
@@ -211,13 +211,6 @@ class Store:
             os.close(self._wake_fd)
         self._hold.release()
 
-    def _finish_import(self, *, strict: bool) -> str:
-        """Finish an import that was cut off; return why one does not count, or raise it as a StoreError."""
-        problem = finish_import(self._directory)
-        if problem and strict:
-            raise StoreError(problem)
-        return problem
-
     def _queue(self, name: str, job: Job) -> None:
         """Hand a job to the writer; the lock is held."""
         first = not self._jobs
@@ -262,7 +255,7 @@ class Store:
         before = self._hold.identity
         try:
             self._hold.take(strict=False)
-            self._finish_import(strict=False)
+            finish_import(self._directory)
         except StoreError as error:
             self._unheld = str(error)
             return

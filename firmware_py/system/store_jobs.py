@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import msgspec
 
+from firmware_py.files.making import set_aside
 from firmware_py.system.hold import StoreError
 from firmware_py.system.slots import SlotWriter, is_secret
-from firmware_py.system.state_export import BrokenExportError, awaited_import, end_import, remove_leftovers
+from firmware_py.system.state_export import AWAITED, BrokenExportError, awaited_import, end_import, remove_leftovers
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -54,8 +56,8 @@ def write_job(writer: SlotWriter, name: str, job: Job, unheld: str) -> Failure |
 def finish_import(directory: Path) -> str:
     """Bring what an import has begun into the slots of a directory that is held, before anything else is written there.
 
-    Returns what is wrong with one that cannot be read, which does not count; StoreError when one that counts cannot
-    be written.
+    One that cannot be used is set aside; returns what was wrong with it. StoreError when the disk does not take or give
+    one that counts.
     """
     try:
         remove_leftovers(directory)
@@ -75,7 +77,9 @@ def finish_import(directory: Path) -> str:
             writer.close()
         end_import(directory)
     except BrokenExportError as error:
-        return f"state directory {directory}: {error}"
+        with contextlib.suppress(OSError):
+            return f"Import not used: {error}; set aside as {set_aside(directory / AWAITED).name}"
+        return f"Import not used: {error}"
     except OSError as error:
         text = f"state directory {directory}: what was imported cannot be written: {error.strerror}"
         raise StoreError(f"{text}; make room and start again") from None

@@ -1,6 +1,8 @@
 """What is read from files: plans, parameters, vehicles, and what a state directory holds."""
 
+import contextlib
 import functools
+import hashlib
 import json
 import math
 import tempfile
@@ -11,6 +13,8 @@ from types import SimpleNamespace
 from firmware_py.assemble.earlier_runs import resume
 from firmware_py.assemble.wiring import base_parameters
 from firmware_py.cli.plan import _fields as plan_item_fields
+from firmware_py.cli.state import _RECORDS as RECORDS
+from firmware_py.cli.state import _check_contents as check_contents
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import MOST_PROBLEMS, ParameterSet, format_file, parse_file
@@ -30,7 +34,17 @@ from firmware_py.plans.read_file import read_plan_file
 from firmware_py.plans.text_files import write_text
 from firmware_py.plans.validation import problem_of
 from firmware_py.system.slots import SlotWriter, examine
-from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, load_parameters, load_plans
+from firmware_py.system.state_directory import (
+    KEPT_NAMES,
+    PARAMETER_FILE,
+    PLAN_FILES,
+    StateFiles,
+    load_parameters,
+    load_plans,
+    report_damage,
+)
+from firmware_py.system.state_export import AWAITED, FORMAT, BrokenExportError, unpack
+from firmware_py.system.store_jobs import finish_import
 from firmware_py.vehicle import VehicleError, load
 from fuzz.boat import AFTERWARDS, UTC_S, inputs_at
 from fuzz.target import Target, bits, check_finite, check_line, records
@@ -206,6 +220,43 @@ def signing_key(data):
     assert restored(saved[-1]).active
 
 
+def state_import(data):
+    """Import what anybody may have made, and start with the same as an import that was cut off.
+
+    The first byte says whether the rest is given the head of an export. What cannot be used is set aside, and the
+    state of before counts.
+    """
+    body = data[1:]
+    if data[:1] != b"\0":
+        head = f"# rambler exported state {FORMAT} {len(body)} {hashlib.sha256(body).hexdigest()}\n"
+        body = head.encode() + body
+    said = []
+    try:
+        check_contents(unpack(body), said.append)
+    except BrokenExportError as error:
+        said.append(str(error))
+    with tempfile.TemporaryDirectory() as name:
+        directory = Path(name)
+        writer = SlotWriter(directory, frozenset())
+        writer.write(PARAMETER_FILE, b"CTL_K1 3\n")
+        writer.close()
+        (directory / AWAITED).write_bytes(body)
+        problem = finish_import(directory)
+        assert not (directory / AWAITED).exists()
+        if problem:
+            assert examine(directory, PARAMETER_FILE).content == b"CTL_K1 3\n"
+            said.append(problem)
+        store = StateFiles(directory)
+        report_damage(store, said.append)
+        check_values(load_parameters(store, said.append)[0])
+        load_plans(store, said.append)
+        for record, read in RECORDS.items():
+            with contextlib.suppress(ValueError):
+                read(store.load(record) or b"")
+    for line in said:
+        check_line(line)
+
+
 SEALED, ABSENT, LONG = 0x01, 0x02, 0x04
 
 
@@ -280,5 +331,10 @@ TARGETS = {
     "resume_file": Target(resume_file, (), MSGPACK_WORDS),
     "checkpoint": Target(checkpoint, (ValueError,), JSON_WORDS, 16_384),
     "signing_key": Target(signing_key, (), (b"key ", b"timestamp ", b"stream ")),
+    "state_import": Target(
+        state_import,
+        (),
+        (b"#", b'{"about":{},"files":{', *(b'"%s":"' % name.encode() for name in KEPT_NAMES), *JSON_WORDS),
+    ),
     "slots": Target(slots, (), (b"# rambler state ", b"# rambler empty\n")),
 }

@@ -13,6 +13,8 @@ from firmware_py.link.satellite.keyed import Window
 
 KEPT_MESSAGES = 32
 _VERSION: Final = 1
+MOST_COUNT: Final = 1 << 40  # the numbers of messages have 5 bytes
+LAST_DAY: Final = 1_000_000  # since 1970: in the calendar of Python
 
 
 class Record(msgspec.Struct, frozen=True):
@@ -32,6 +34,9 @@ def from_bytes(content: bytes) -> tuple[Record, tuple[str, ...]]:
     """Return what `to_bytes` wrote, by this version or another, and notes on it; ValueError says why there is none."""
     record, notes = record_codec.decode(Record, content, _VERSION)
     used = record.window.used
-    if min(*astuple(record.ledger), record.window.floor, *used) < 0 or list(used) != sorted(set(used)):
+    counts = (*astuple(record.ledger), record.window.floor, *used)
+    if min(counts) < 0 or list(used) != sorted(set(used)):
         raise ValueError("a count is negative, or the numbers are not in order")
+    if max(counts) > MOST_COUNT or record.ledger.day > LAST_DAY:
+        raise ValueError("a count or a day is beyond all bounds")
     return record, notes

@@ -1,5 +1,6 @@
 """`rambler key`: what it says, what it takes for a key, and what it refuses."""
 
+import errno
 import io
 import json
 import os
@@ -12,7 +13,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.link.security.key_record import KeyState, find_key
-from firmware_py.system.state_directory import SIGNING_FILE, stored_key
+from firmware_py.system.state_directory import stored_key
 from firmware_py.system.store import Store
 
 PASSPHRASE = b"seaworthy"
@@ -183,12 +184,15 @@ def test_who_may_not_read_it_is_not_told_that_it_is_lost(keyed, capsys, monkeypa
     )
 
 
-def test_what_cannot_be_stored_is_told(state, typed, capsys):
+def test_what_cannot_be_stored_is_told(state, typed, capsys, monkeypatch):
     typed(PASSPHRASE)
-    for number in (0, 1):
-        (state / f"{SIGNING_FILE}.{number}").mkdir()
+
+    def no_room(*_words):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "pwrite", no_room)
     assert "signing.key cannot be stored" in refused(capsys, "set", "--state", state)
-    assert shown(capsys, state)["state"] == "lost"
+    assert shown(capsys, state)["state"] == "absent"
 
 
 @pytest.mark.parametrize(("again", "code"), [("seaworthy", 0), ("seawrothy", 2)])

@@ -1,6 +1,8 @@
 """`rambler plan` from the outside."""
 
+import errno
 import json
+import os
 
 import pytest
 
@@ -76,8 +78,11 @@ def test_a_state_in_use_is_left_to_the_ground_stations_but_can_be_shown(capsys, 
         store.close()
 
 
-def test_a_disk_that_fails_is_told(capsys, file, state):
-    (state / "mission.plan.0").mkdir()
+def test_a_disk_that_fails_is_told(capsys, file, state, monkeypatch):
+    def no_room(*_words):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "pwrite", no_room)
     error = said(capsys, "load", file, "--state", state, code=2)
     assert "cannot be stored" in error
     assert error.count("\n") == 1

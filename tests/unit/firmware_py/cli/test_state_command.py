@@ -273,9 +273,10 @@ def test_killed_or_failing_at_a_call_all_is_imported_or_nothing(
 
 def test_the_autopilot_at_sea_goes_on_without_an_import_that_is_damaged(old):
     (old / AWAITED).write_bytes(b"# rambler exported state 2 5 ")
-    store = Store(old, wait=True)
-    assert f"{AWAITED} is damaged; remove it, and import again" in store.obstacle
+    store = Store(old)
+    assert store.obstacle == f"Import not used: {AWAITED} is damaged; set aside as {AWAITED}.aside"
     assert store.failure == ""
+    assert not (old / AWAITED).exists()
     assert store.load(MISSION) == OLD[MISSION]
     store.close()
 

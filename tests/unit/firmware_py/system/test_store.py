@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from firmware_py.common.records import Stored
 from firmware_py.system.store import Store, StoreError
 
 
@@ -94,13 +95,16 @@ def test_content_that_looks_like_a_head_is_safe(store):
     assert store.load("a") == tricky
 
 
-def test_a_failure_is_said_and_heals(store, tmp_path):
-    blocked = tmp_path / "state" / "a.0"
-    blocked.mkdir()
-    store.save("a", b"one")
-    assert settle(store) == [False]
+def no_room(*_words):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_failure_is_said_and_heals(store, monkeypatch):
+    with monkeypatch.context() as patches:
+        patches.setattr(os, "pwrite", no_room)
+        store.save("a", b"one")
+        assert settle(store) == [False]
     assert "a cannot be stored" in store.failure
-    blocked.rmdir()
     store.save("a", b"two")
     assert settle(store) == [True]
     assert store.load("a") == b"two"
@@ -213,18 +217,18 @@ def test_a_directory_that_is_gone_is_not_made_anew(tmp_path, no_pause):
 
 
 def test_another_autopilot_is_kept_out_by_whoever_waits_too(tmp_path, no_pause):
-    """Also where the lock file cannot be had: the directory itself is locked."""
+    """Also where a directory lay in the place of the lock file: it is set aside."""
     (tmp_path / "state").mkdir()
     (tmp_path / "state" / "lock").mkdir()
     first = Store(tmp_path / "state", wait=True)
-    assert "Is a directory" in first.obstacle
+    assert first.obstacle == ""
+    assert (tmp_path / "state" / "lock.aside").is_dir()
     first.save("a", b"1")
     assert settle(first) == [True]
     with pytest.raises(StoreError, match="in use by another autopilot"):
         Store(tmp_path / "state", wait=True)
     first.close()
-    with pytest.raises(StoreError, match="Is a directory; choose another with --state"):
-        Store(tmp_path / "state")
+    Store(tmp_path / "state").close()
 
 
 def test_the_version_before_is_kept_out_by_the_file_and_keeps_out(tmp_path):
@@ -270,20 +274,18 @@ ODD = {
 
 
 @pytest.mark.parametrize("make", ODD, ids=lambda make: make.__name__)
-def test_a_slot_that_is_no_file_is_neither_read_nor_written(make, tmp_path):
+def test_a_slot_that_is_no_file_is_not_read_and_is_set_aside_by_the_next_version(make, tmp_path):
     (tmp_path / "state").mkdir()
     make(tmp_path / "state" / "a.0")
     outside = (tmp_path / "outside").read_bytes() if make is linked_out else b""
     store = Store(tmp_path / "state")
     found = store.examine("a")
     assert (found.content, found.damage) == (None, f"a.0 cannot be read ({ODD[make]})")
-    store.save("a", b"new")
-    assert settle(store) == [False]
-    assert ODD[make] in store.failure
-    (tmp_path / "state" / "a.0").unlink()
-    store.save("a", b"new")
-    assert settle(store) == [True]
-    assert store.load("a") == b"new"
+    for content in (b"new", b"newer"):
+        store.save("a", content)
+        assert settle(store) == [True]
+    assert store.examine("a") == Stored(b"newer")
+    assert os.path.lexists(tmp_path / "state" / "a.0.aside")
     store.close()
     if make is linked_out:
         assert (tmp_path / "outside").read_bytes() == outside
@@ -333,12 +335,10 @@ def test_what_is_private_is_for_the_owner_alone(tmp_path):
 
 
 def test_a_failure_is_not_hidden_by_a_later_success(tmp_path):
-    directory = tmp_path / "state"
-    store = Store(directory)
-    (directory / "broken.0").mkdir()
+    store = Store(tmp_path / "state")
     answers = []
     for name in ("broken", "whole"):
-        store.save(name, b"content")
+        store.save(name, bytes(2 << 20 if name == "broken" else 1))  # the first is too large
         store.when_stored((name,), lambda well, name=name: answers.append((name, well)))
         assert select.select([store.fileno()], [], [], 10.0)[0]
         woken = os.eventfd_read(store.fileno())  # nobody looks in between
