@@ -7,7 +7,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +23,9 @@ _POLYGONS: Final = {98: "inclusion", 97: "exclusion"}
 _CIRCLES: Final = {92: "inclusion", 93: "exclusion"}
 _CORNERS: Final = 36  # a circle is drawn as so many
 _JUMP_S: Final = 60.0  # a track with so long a gap is two
+_HALF_TURN_DEG: Final = 180.0
+
+MapPoint = tuple[float, float]  # longitude and latitude in degrees
 
 
 @dataclass(slots=True)
@@ -45,10 +48,11 @@ class Tracks:
     shift_s: float | None = None
 
     def legs(self) -> Iterator[list[Point]]:
-        """Yield the pieces of the track between long gaps."""
+        """Yield the pieces of the track between long gaps and crossings of 180 degrees."""
         leg: list[Point] = []
         for point in self.points:
-            if leg and not 0.0 <= point.t_s - leg[-1].t_s <= _JUMP_S:
+            gap = bool(leg) and not 0.0 <= point.t_s - leg[-1].t_s <= _JUMP_S
+            if gap or (leg and abs(point.longitude_deg - leg[-1].longitude_deg) > _HALF_TURN_DEG):
                 yield leg
                 leg = []
             leg.append(point)
@@ -83,7 +87,7 @@ def gather(buffer: Buffer) -> Tracks:
     for message in messages(buffer, {"FIX", "CMD", "FNCE"}):
         values = message.values
         if message.name == "FIX":
-            place = (degrees(values["LatR"]), degrees(values["LngR"]))
+            place = (degrees(values["LatR"]), _longitude_deg(degrees(values["LngR"])))
             if abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0:  # NaN is neither
                 altitude_m = values.get("Alt", 0.0)
                 tracks.points.append(Point(values["T"], *place, altitude_m if altitude_m == altitude_m else 0.0))  # noqa: PLR0124
@@ -111,7 +115,7 @@ def _child(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> E
 def _gpx(tracks: Tracks) -> ET.Element:
     root = ET.Element("gpx", {"xmlns": _GPX, "version": "1.1", "creator": "rambler export"})
     for item in tracks.mission:
-        waypoint = _child(root, "wpt", lat=f"{item['Lat']:.7f}", lon=f"{item['Lng']:.7f}")
+        waypoint = _child(root, "wpt", lat=f"{item['Lat']:.7f}", lon=f"{_longitude_deg(item['Lng']):.7f}")
         _child(waypoint, "name", _title(item))
     track = _child(root, "trk")
     _child(track, "name", "Rambler")
@@ -133,7 +137,8 @@ def _kml(tracks: Tracks) -> ET.Element:
         _line(document, " to ".join(filter(None, map(tracks.time, (leg[0], leg[-1])))) or "Track", _places(leg))
     mission = [(item["Lng"], item["Lat"]) for item in tracks.mission]
     if len(mission) > 1:
-        _line(document, "Mission", mission)
+        for part in _split(mission):
+            _line(document, "Mission", part)
     for item, place in zip(tracks.mission, mission, strict=True):
         placemark = _child(document, "Placemark")
         _child(placemark, "name", _title(item))
@@ -149,21 +154,71 @@ def _kml(tracks: Tracks) -> ET.Element:
     return root
 
 
-def _ring(document: ET.Element, kind: str, corners: Sequence[tuple[float, float]]) -> None:
-    placemark = _child(document, "Placemark")
-    _child(placemark, "name", f"Fence, {kind}")
-    outer = _child(_child(_child(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
-    _child(outer, "coordinates", _coordinates([*corners, corners[0]]))
+def _ring(document: ET.Element, kind: str, corners: Sequence[MapPoint]) -> None:
+    for part in _split_ring(corners):
+        placemark = _child(document, "Placemark")
+        _child(placemark, "name", f"Fence, {kind}")
+        outer = _child(_child(_child(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
+        _child(outer, "coordinates", _coordinates([*part, part[0]]))
 
 
-def _circle(latitude_deg: float, longitude_deg: float, radius_m: float) -> list[tuple[float, float]]:
+def _longitude_deg(longitude_deg: float) -> float:
+    """Return a longitude as it is written: GPX 1.1 wants it below 180."""
+    return -_HALF_TURN_DEG if round(longitude_deg, 7) >= _HALF_TURN_DEG else longitude_deg
+
+
+def _split(places: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
+    """Yield the parts of a line on either side of 180 degrees; each goes on to there."""
+    part = [places[0]]
+    for before, place in pairwise(places):
+        if abs(place[0] - before[0]) > _HALF_TURN_DEG:
+            edge_deg = math.copysign(_HALF_TURN_DEG, before[0])
+            crossing = _crossing(before, (place[0] + 2.0 * edge_deg, place[1]), edge_deg)
+            yield [*part, crossing]
+            part = [(-edge_deg, crossing[1])]
+        part.append(place)
+    yield part
+
+
+def _split_ring(corners: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
+    """Yield the parts of a ring on either side of 180 degrees, cut along that meridian."""
+    ring = [corners[0]]
+    for longitude_deg, latitude_deg in corners[1:]:
+        turns = round((ring[-1][0] - longitude_deg) / (2.0 * _HALF_TURN_DEG))
+        ring.append((longitude_deg + turns * 2.0 * _HALF_TURN_DEG, latitude_deg))
+    for turn_deg in (-360.0, 0.0, 360.0):
+        part = [(longitude_deg - turn_deg, latitude_deg) for longitude_deg, latitude_deg in ring]
+        if part := _cut(_cut(part, _HALF_TURN_DEG), -_HALF_TURN_DEG):
+            yield part
+
+
+def _cut(ring: Sequence[MapPoint], edge_deg: float) -> list[MapPoint]:
+    """Return what of a ring lies on the near side of 180 or -180 degrees (Sutherland and Hodgman, CACM 17(1):32)."""
+    kept: list[MapPoint] = []
+    for before, corner in zip((*ring[-1:], *ring[:-1]), ring, strict=True):
+        inside = [math.copysign(1.0, edge_deg) * place[0] < _HALF_TURN_DEG for place in (before, corner)]
+        if inside[0] is not inside[1]:
+            kept.append(_crossing(before, corner, edge_deg))
+        if inside[1]:
+            kept.append(corner)
+    return kept
+
+
+def _crossing(start: MapPoint, end: MapPoint, longitude_deg: float) -> MapPoint:
+    """Return where a line meets a meridian."""
+    way_deg = end[0] - start[0]
+    part = (longitude_deg - start[0]) / way_deg if way_deg else 0.0
+    return longitude_deg, start[1] + part * (end[1] - start[1])
+
+
+def _circle(latitude_deg: float, longitude_deg: float, radius_m: float) -> list[MapPoint]:
     centre = Place(radians(latitude_deg), radians(longitude_deg))
     angles = (math.tau * corner / _CORNERS for corner in range(_CORNERS))
     places = (centre.at_offset(radius_m * math.cos(angle), radius_m * math.sin(angle)) for angle in angles)
     return [(degrees(place.longitude_rad), degrees(place.latitude_rad)) for place in places]
 
 
-def _line(document: ET.Element, name: str, places: Sequence[tuple[float, float]]) -> None:
+def _line(document: ET.Element, name: str, places: Sequence[MapPoint]) -> None:
     placemark = _child(document, "Placemark")
     _child(placemark, "name", name)
     line = _child(placemark, "LineString")
@@ -171,11 +226,11 @@ def _line(document: ET.Element, name: str, places: Sequence[tuple[float, float]]
     _child(line, "coordinates", _coordinates(places))
 
 
-def _places(points: Sequence[Point]) -> list[tuple[float, float]]:
+def _places(points: Sequence[Point]) -> list[MapPoint]:
     return [(point.longitude_deg, point.latitude_deg) for point in points]
 
 
-def _coordinates(places: Sequence[tuple[float, float]]) -> str:
+def _coordinates(places: Sequence[MapPoint]) -> str:
     return " ".join(f"{longitude_deg:.7f},{latitude_deg:.7f},0" for longitude_deg, latitude_deg in places)
 
 
