@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Mapping
 
 from firmware_py.common.angles import wrap_two_pi
 from firmware_py.common.intents import SteerHeading, SteerPosition, Verdict
 from firmware_py.common.records import Severity
+from firmware_py.link.commands.memory import OVERTAKEN_S
 from firmware_py.link.context import Handler, LinkContext, within
-from firmware_py.link.correspondent import sender_of
+from firmware_py.link.correspondent import Sender, sender_of
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.items import acknowledge
 from firmware_py.link.peer import Peer
 from firmware_py.link.positions import GLOBAL_FRAMES, home_of, offset_goal, position_goal
@@ -28,10 +31,12 @@ _IGNORE_ATTITUDE = 0b1000_0000
 # MAV_FRAME
 _LOCAL_NED, _LOCAL_OFFSET_NED = 1, 7
 _BODY_FRAMES = frozenset({8, 9, 12})  # BODY_NED, BODY_OFFSET_NED, BODY_FRD: offsets ahead and to starboard
+_RELATIVE_FRAMES = _BODY_FRAMES | {_LOCAL_OFFSET_NED}
 _LOCAL_FRAMES = _BODY_FRAMES | {_LOCAL_NED, _LOCAL_OFFSET_NED}
 
 GUIDED = 2  # `current` of such an item
 _UNIT_TOLERANCE = 0.01
+_REMEMBERED = 128  # relative goals: two stations may send 20 a second each
 _SLOWEST_M_S = 1e-3
 _FASTEST_M_S = 1e3
 
@@ -42,6 +47,7 @@ class Setpoints:
     def __init__(self, context: LinkContext) -> None:
         """Take the context to ask and to answer through."""
         self._context = context
+        self._relative: OrderedDict[tuple[Sender, int], tuple[bytes, float]] = OrderedDict()
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -68,6 +74,8 @@ class Setpoints:
     def _local(self, peer: Peer, message: Message, now_s: float) -> None:
         """Go to the position, from home or from her, or steer where velocity or yaw point."""
         goal: Goal
+        if message.coordinate_frame in _RELATIVE_FRAMES and self._is_repeated(message, now_s):
+            return
         turned_rad = self._frame_heading_rad(message.coordinate_frame)
         if isinstance(turned_rad, str):
             goal = turned_rad
@@ -81,6 +89,15 @@ class Setpoints:
         """Set home to a position."""
         home = home_of(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         self._context.request_or_warn(peer, message, home, now_s)
+
+    def _is_repeated(self, message: Message, now_s: float) -> bool:
+        """Return whether a goal that counts from where the boat is came before, perhaps by another way; note it."""
+        key, frame = (sender_of(message), message.get_seq()), bytes(message.get_msgbuf())
+        before, seen_s = self._relative.get(key, (b"", 0.0))
+        if frame == before and now_s - seen_s < OVERTAKEN_S:
+            return True
+        keep_latest(self._relative, key, (frame, now_s), _REMEMBERED)
+        return False
 
     def _frame_heading_rad(self, frame: int) -> float | str:
         """Return where a frame's x axis points, or why the frame cannot be used."""

@@ -69,8 +69,8 @@ class CommandRow(msgspec.Struct, frozen=True):
 
     `text` says what it does, for the reference. `repeatable`: a retry is carried out again,
     since it only asks for something. `relative`: done twice it does something else than
-    done once, so that a COMMAND_INT, which has no number of its retries, is taken for a
-    retry when it comes again at once.
+    done once, so that its retries and doubles are known by whatever way they come, and a
+    COMMAND_INT, which has no number of its retries, is one when it comes again at once.
     """
 
     command: int
@@ -141,7 +141,7 @@ class CommandServer:
             self._acknowledge(call, earlier.result)
             return
         # Remembered first: a command under way says its result later.
-        self._memory.remember(call.command, done)
+        self._memory.remember(call.command, done, relative=row.relative)
         self._carry_out(row, call)
 
     def _set_mode(self, peer: Peer, message: Message, now_s: float) -> None:
@@ -220,7 +220,9 @@ class CommandServer:
         self._acknowledge(call, result, second=_UNKEPT if unkept else 0)
 
     def _note_result(self, call: CommandCall, result: int) -> None:
-        self._memory.set_result(call.station, call.command, call.message.get_seq(), result)
+        row = self._rows.get(call.command)
+        relative = row is not None and row.relative
+        self._memory.set_result(call.station, call.command, call.message.get_seq(), result, relative=relative)
 
     def _acknowledge(self, call: CommandCall, result: int, percent: int = UNKNOWN_PROGRESS, *, second: int = 0) -> None:
         progress = percent if result == IN_PROGRESS else 0

@@ -165,3 +165,16 @@ def test_near_the_poles_local_positions_end(rig, texts):
     rig.tick(position=PositionSample(0.0, FixType.FIX_3D, math.pi / 2, 0.0), position_ok=True)
     assert len(texts(rig.tell(local(POSITION_ONLY, x=1.0, y=1.0)))) == 1
     assert rig.request_handler.intents == []
+
+
+@pytest.mark.parametrize(("frame", "count"), [(1, 2), (7, 1), (8, 1), (9, 1), (12, 1)])
+def test_a_goal_that_counts_from_where_she_is_counts_once_however_many_links_repeat_it(make_rig, frame, count):
+    rig = make_rig(addresses=("one", "two"))
+    rig.tick(**FIX)
+    goal = rig.frame(local(VELOCITY_ONLY, frame=frame, vx=1.0, vy=1.0))
+    rig.give(goal, "one")
+    rig.tick(heading_rad=2.0, **FIX)
+    rig.give(goal, "two")
+    assert len(rig.request_handler.intents) == count
+    rig.tell(local(VELOCITY_ONLY, frame=frame, vx=1.0, vy=1.0))  # the next one, with its own number
+    assert len(rig.request_handler.intents) == count + 1

@@ -165,6 +165,69 @@ def test_a_relative_command_int_that_comes_again_at_once_is_a_retry(rig):
     assert len(rig.request_handler.requests) == 4
 
 
+RELATIVE = {115: (10, 0, 1, 1), 213: (10, 0, 1)}
+
+
+def turn(number, confirmation=0, **changes):
+    values = (*RELATIVE[number], 0.0, 0.0, 0.0, 0.0)[:7]
+    message = mavlink.MAVLink_command_long_message(1, 1, number, confirmation, *values)
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+@pytest.mark.parametrize("by_int", [False, True])
+@pytest.mark.parametrize("delay_s", [0.0, 1.5, 9.0])
+@pytest.mark.parametrize("number", RELATIVE)
+def test_a_relative_turn_that_a_second_link_repeats_turns_once(make_rig, number, delay_s, by_int):
+    """Also before enough frames were alike for the two ways to be one station's."""
+    rig = make_rig(addresses=("one", "two"))
+    rig.tick()
+    frame = int_frame(rig, number, *RELATIVE[number]) if by_int else rig.frame(turn(number))
+    assert only_ack(rig.give(frame, "one")).result == ACCEPTED
+    rig.now_s += delay_s
+    assert only_ack(rig.give(frame, "two")).result == ACCEPTED
+    assert len(rig.request_handler.requests) == 1
+
+
+@pytest.mark.parametrize("address", ["one", "two"])
+@pytest.mark.parametrize("number", RELATIVE)
+@pytest.mark.parametrize("verdict", [Verdict.ACCEPTED, Verdict.TEMPORARILY_REJECTED])
+def test_a_relative_turn_whose_acknowledgement_was_lost_is_acknowledged_again(make_rig, number, address, verdict):
+    """QGroundControl asks again after 3, 6 and 9 s."""
+    rig = make_rig(addresses=("one", "two"))
+    rig.tick()
+    rig.request_handler.answer = Answer(verdict)
+    rig.tell(turn(number), address="one")
+    rig.request_handler.answer = Answer(Verdict.ACCEPTED)
+    for confirmation in (1, 2, 3):
+        rig.now_s += 3.0
+        assert only_ack(rig.tell(turn(number, confirmation), address=address)).result == verdict
+    assert len(rig.request_handler.requests) == 1
+    rig.tell(turn(number, 4, param1=20.0), address=address)  # another turn
+    rig.now_s += 30.0
+    rig.tell(turn(number, 1), address=address)  # a retry of one that was lost
+    assert len(rig.request_handler.requests) == 3
+
+
+def test_the_retry_of_a_turn_behind_the_next_one_is_not_done_again(rig):
+    for confirmation, angle_deg in ((0, 10.0), (0, 20.0), (1, 10.0), (1, 20.0)):
+        rig.tell(turn(115, confirmation, param1=angle_deg))
+        rig.now_s += 1.0
+    assert len(rig.request_handler.requests) == 2
+
+
+def test_a_script_that_is_started_again_turns_again(make_rig):
+    """It counts its frames from 0 again, and comes by another port."""
+    rig = make_rig(addresses=())
+    for number in range(3):
+        rig.station.seq = 0
+        rig.prove(("script", number))
+        assert only_ack(rig.tell(turn(115), address=("script", number))).result == ACCEPTED
+        rig.tick(seconds=3.0)
+    assert len(rig.request_handler.requests) == 3
+
+
 def test_over_a_satellite_a_retry_may_come_minutes_later(make_rig):
     rig = make_rig(options=LinkOptions(link_class=LinkClass.SATELLITE))
     rig.tick()

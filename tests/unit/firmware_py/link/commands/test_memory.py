@@ -5,6 +5,7 @@ from msgspec.structs import replace
 
 from firmware_py.link.commands.memory import (
     OVERTAKEN_S,
+    RELATIVE_RETRY_S,
     REMEMBERED,
     REPEAT_S,
     RETRY_S,
@@ -13,7 +14,7 @@ from firmware_py.link.commands.memory import (
     CommandRecord,
 )
 from firmware_py.link.correspondent import Correspondent
-from firmware_py.link.ways import Way
+from firmware_py.link.ways import DOUBLED_S, Way
 
 ARM = 400
 STATION = (255, 190)
@@ -36,7 +37,7 @@ OFF = replace(ON, asked=b"off")
 def original(now, *done, confirmed=False, relative=False):
     memory = CommandMemory()
     for record in done:
-        memory.remember(ARM, record)
+        memory.remember(ARM, record, relative=relative)
     return memory.find_original(ARM, now, confirmed=confirmed, relative=relative)
 
 
@@ -57,6 +58,32 @@ def test_what_comes_soon_with_no_later_number_came_twice(sequence, ahead, again)
     now = replace(before, t_s=1000.0 + OVERTAKEN_S - SHORTLY, sequence=(sequence + ahead) % 256)
     assert original(now, before) is (before if again else None)
     assert original(replace(now, t_s=1000.0 + OVERTAKEN_S + SHORTLY), before) is None
+
+
+@pytest.mark.parametrize(("peer", "longest_s"), [(Peer(), RELATIVE_RETRY_S), (Peer(quiet=True), SATELLITE_RETRY_S)])
+@pytest.mark.parametrize("others", [(), (OFF,)])
+def test_a_relative_command_that_is_confirmed_is_one_for_longer_and_by_any_way(peer, longest_s, others):
+    again = replace(ON, sequence=99, station=Correspondent(peer, STATION))
+    soon, late = (replace(again, t_s=1000.0 + longest_s + more_s) for more_s in (-SHORTLY, SHORTLY))
+    assert original(soon, ON, *others, confirmed=True, relative=True) is ON
+    assert original(late, ON, *others, confirmed=True, relative=True) is None
+    assert original(soon, ON, *others, relative=True) is None
+    assert original(soon, ON, *others, confirmed=True) is None
+    assert original(replace(soon, asked=b"other"), ON, *others, confirmed=True, relative=True) is None
+
+
+def test_a_relative_command_is_one_with_the_same_frame_by_a_way_that_was_there_then():
+    other, later = Peer(), Peer()
+    later.way = Way(None, ON.t_s + OVERTAKEN_S)
+    there, new = (
+        replace(ON, t_s=1000.0 + DOUBLED_S - SHORTLY, station=Correspondent(p, STATION)) for p in (other, later)
+    )
+    assert original(there, ON, relative=True) is ON
+    assert original(replace(there, t_s=1000.0 + DOUBLED_S + SHORTLY), ON, relative=True) is None
+    assert original(replace(there, sequence=8), ON, relative=True) is None
+    assert original(there, ON) is None
+    assert original(new, ON, relative=True) is None
+    assert original(replace(there, station=RADIO), ON, relative=True) is None  # the same way: so long after it is new
 
 
 @pytest.mark.parametrize("in_whole_numbers", [True, False])
