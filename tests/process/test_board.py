@@ -138,6 +138,7 @@ def listening(port):
         return caller.connect_ex(("127.0.0.1", port)) == 0
 
 
+@pytest.mark.proof
 def test_an_autopilot_at_the_far_ends_of_the_wires_is_given_goals(program, tmp_path):
     summary = sailed_over_wires(program, tmp_path, 9600, ["calm", "--goal", "0:0,2:40", "--seconds", "7"])
     assert all(goal["accepted_s"] is not None for goal in summary["goals"])

@@ -40,7 +40,7 @@ def ended_everywhere(tmp_path, kind, code=0, every=1):
 
 @pytest.mark.parametrize(
     ("kind", "how", "every"),
-    [("kill", "killed", 3), ("full", "refused", 1), pytest.param("kill", "killed", 1, marks=pytest.mark.proof)],
+    [("kill", "killed", 6), ("full", "refused", 1), pytest.param("kill", "killed", 1, marks=pytest.mark.proof)],
 )
 def test_wherever_it_is_ended_she_steers_and_the_next_update_goes_through(tmp_path, kind, how, every):
     told = ended_everywhere(tmp_path, kind, every=every)
@@ -56,7 +56,7 @@ def test_wherever_it_is_ended_she_steers_and_the_next_update_goes_through(tmp_pa
     assert told[-1]["starts"] == ["steers new"] * 3 + ["steers old"]
 
 
-@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.proof)])
+@pytest.mark.parametrize("every", [16, pytest.param(1, marks=pytest.mark.proof)])
 def test_one_that_does_not_start_is_taken_back_wherever_its_update_was_ended(tmp_path, every):
     told = ended_everywhere(tmp_path, "kill", code=1, every=every)
     for one in told:

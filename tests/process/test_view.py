@@ -163,6 +163,7 @@ def serve(port=0):
     return server, hub
 
 
+@pytest.mark.proof
 def test_browsers_come_back_to_a_service_that_was_started_anew_and_to_one_that_had_no_room(browser):
     banner = "document.querySelector('.banner')"
     server, hub = serve()

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom, norm
-from scipy.stats import t as student
+from scipy.special import bdtr, ndtr, ndtri, stdtrit  # scipy.stats takes a second to import
 
 from hil.sim.truth import Array
 
@@ -97,12 +96,12 @@ def told_from(spread: float, runs: int) -> float:
 
     `spread` is the standard deviation of what a run adds: of the differences of pairs, or of both kinds together.
     """
-    return float(student.ppf(0.975, runs - 1) + student.ppf(TOLD, runs - 1)) * spread / math.sqrt(runs)
+    return float(stdtrit(runs - 1, 0.975) + stdtrit(runs - 1, TOLD)) * spread / math.sqrt(runs)
 
 
 def runs_to_tell(spread: float, least: float) -> int:
     """Return how many runs tell a difference as told_from does (Guenther, American Statistician 35, 1981)."""
-    of_spread = (NINETY_FIVE + float(norm.ppf(TOLD))) * spread / least
+    of_spread = (NINETY_FIVE + float(ndtri(TOLD))) * spread / least
     return max(LEAST, math.ceil(of_spread**2 + 0.5 * NINETY_FIVE**2))
 
 
@@ -112,7 +111,9 @@ def median(values: Array) -> Estimate:
     Whatever the values are distributed like: each lies below the median as often as a coin shows heads.
     """
     ordered, runs = np.sort(values), values.size
-    out = int(binom.ppf(0.025, runs, 0.5))  # so many or fewer lie to one side in more than 2.5 %
+    out = int(
+        np.searchsorted(bdtr(np.arange(runs + 1), runs, 0.5), 0.025)
+    )  # so many or fewer lie to one side in more than 2.5 %
     low, high = ordered[max(out - 1, 0)], ordered[min(runs - out, runs - 1)]
     middle = ordered[(runs - 1) // 2], ordered[runs // 2]
     value = np.mean(middle) if np.isfinite(middle).all() else min(middle, key=abs)
@@ -166,7 +167,7 @@ def _likeness(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> float:
 
 def _between(value: float, resampled: Array, runs: int) -> Estimate:
     """Return the ends of the bootstrap, as far out as few runs ask (Hesterberg, American Statistician 69, 2015)."""
-    tail = float(norm.cdf(student.ppf(0.025, runs - 1) * math.sqrt(runs / (runs - 1)))) if runs > 1 else 0.0
+    tail = float(ndtr(stdtrit(runs - 1, 0.025) * math.sqrt(runs / (runs - 1)))) if runs > 1 else 0.0
     low, high = np.quantile(resampled, (tail, 1.0 - tail)).tolist()
     return Estimate(value, low, high)
 

@@ -14,7 +14,12 @@ BEAT = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 READ = mavlink1.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 HOME = mavlink1.MAVLink_command_long_message(1, 1, 410, 0, 0, 0, 0, 0, 0, 0, 0)
 NUMBERS = {kind.msgname: number for number, kind in mavlink.mavlink_map.items()}
-SAID = sorted({row.number for row in TABLE} | {NUMBERS[name] for name in answers()})
+
+
+@pytest.fixture(scope="module")
+def sent_numbers():
+    """Numbers of all messages that the boat sends; a fixture, since the sources of the link are parsed for them."""
+    return sorted({row.number for row in TABLE} | {NUMBERS[name] for name in answers()})
 
 
 class OldStation:
@@ -122,15 +127,18 @@ def test_shut_out_by_a_parameter_it_is_answered_nothing(rig, old):
     assert old.seconds(20) == []
 
 
-@pytest.mark.parametrize("number", [number for number in SAID if number in mavlink1.mavlink_map])
-def test_each_message_of_hers_has_the_length_that_mavlink_1_gives_it(number):
-    kind = mavlink1.mavlink_map[number]
-    codec = Codec(1, 1)
-    frame = stamp(in_first_version(codec.pack_payload(number, bytes(range(1, 256))[: kind.unpacker.size])), 7)
-    decoded = mavlink1.MAVLink(None).decode(bytearray(frame))
-    assert (decoded.get_msgId(), decoded.get_seq(), decoded.get_srcSystem()) == (number, 7, 1)
+def test_each_message_of_the_boat_has_the_length_that_mavlink_1_gives_it(sent_numbers):
+    known = [number for number in sent_numbers if number in mavlink1.mavlink_map]
+    assert len(known) > 30
+    for number in known:
+        size = mavlink1.mavlink_map[number].unpacker.size
+        frame = stamp(in_first_version(Codec(1, 1).pack_payload(number, bytes(range(1, 256))[:size])), 7)
+        decoded = mavlink1.MAVLink(None).decode(bytearray(frame))
+        assert (decoded.get_msgId(), decoded.get_seq(), decoded.get_srcSystem()) == (number, 7, 1)
 
 
-@pytest.mark.parametrize("number", [number for number in SAID if number > 255])
-def test_what_mavlink_1_has_no_number_for_is_left_out(number):
-    assert in_first_version(Codec(1, 1).pack_payload(number, b"x")) is None
+def test_a_message_without_a_number_in_mavlink_1_is_left_out(sent_numbers):
+    later = [number for number in sent_numbers if number > 255]
+    assert later
+    for number in later:
+        assert in_first_version(Codec(1, 1).pack_payload(number, b"x")) is None, number

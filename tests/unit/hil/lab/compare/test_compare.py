@@ -76,6 +76,7 @@ def test_the_mean_pools_the_squares():
     assert mean == Score(math.sqrt(12.5), 200.0, 0.0, 3.0, 25.0)
 
 
+@pytest.mark.proof
 def test_the_tuned_pid_is_worthy_of_the_comparison():
     goals = parse_goals("0:0,120:60,720:-30")
     found = {
