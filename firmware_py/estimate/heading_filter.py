@@ -23,11 +23,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.common.angles import PI, clamp, radians, wrap_pi
 from firmware_py.estimate import heading_model
-from firmware_py.estimate.heading_model import Motion, NoiseLevels
+from firmware_py.estimate.heading_model import NUMBERS, Floats, Motion, NoiseLevels, store, stored
 from firmware_py.model.kt import KtModel
 
 LEVELS = 6
@@ -62,9 +61,7 @@ LONGEST_GAP_S = 600.0  # after it the filter starts again
 LATEST_S = 1.0  # a heading that is older than the state by more is not taken
 AVERAGE_S = 60.0
 
-
-Floats = NDArray[np.float64]
-FILTERS, NUMBERS = 2 * LEVELS, len(Motion._fields)
+FILTERS = 2 * LEVELS
 
 
 class Learning(NamedTuple):
@@ -100,23 +97,6 @@ class HeadingFilter(NamedTuple):
     innovation_rad: float = 0.0
     innovation_sd_rad: float = 0.0
     innovation_square: float = 1.0
-
-
-def stored(row: Floats) -> Motion:
-    """Return the state whose NUMBERS are in a row of an array."""
-    return Motion(
-        float(row[0]), float(row[1]), float(row[2]), float(row[3]), float(row[4]),
-        float(row[5]), float(row[6]), float(row[7]), float(row[8]), float(row[9]),
-        float(row[10]), float(row[11]), float(row[12]), float(row[13]),
-        float(row[14]), float(row[15]), float(row[16]),
-        float(row[17]), float(row[18]), float(row[19]),
-    )  # fmt: skip
-
-
-def store(row: Floats, m: Motion) -> None:
-    """Write the numbers of a state to a row of an array."""
-    for i in range(NUMBERS):
-        row[i] = m[i]
 
 
 def candidate(number: int) -> NoiseLevels:

@@ -21,6 +21,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.model.kt import KtModel, decay_over, exact_step
 
@@ -73,15 +76,49 @@ class Motion(NamedTuple):
     p44: float = 0.0
 
 
+STATES = 5
+NUMBERS = len(Motion._fields)
+Floats = NDArray[np.float64]
+
+
+def store(row: Floats, m: Motion) -> None:
+    """Write the numbers of a state to a row of an array."""
+    for i in range(NUMBERS):
+        row[i] = m[i]
+
+
+def stored(row: Floats) -> Motion:
+    """Return the state whose NUMBERS are in a row of an array."""
+    return Motion(
+        float(row[0]), float(row[1]), float(row[2]), float(row[3]), float(row[4]),
+        float(row[5]), float(row[6]), float(row[7]), float(row[8]), float(row[9]),
+        float(row[10]), float(row[11]), float(row[12]), float(row[13]),
+        float(row[14]), float(row[15]), float(row[16]),
+        float(row[17]), float(row[18]), float(row[19]),
+    )  # fmt: skip
+
+
 def begin(heading_rad: float, levels: NoiseLevels) -> Motion:
     """Return the state at the first heading: at rest, without bias."""
+    return begin_at(heading_rad, 0.0, FIRST_RATE_VARIANCE, 0.0, FIRST_BIAS_VARIANCE, levels)
+
+
+def begin_at(
+    heading_rad: float,
+    yaw_rate_rad_s: float,
+    rate_variance: float,
+    bias_rad: float,
+    bias_variance: float,
+    levels: NoiseLevels,
+) -> Motion:
+    """Return the state at the first heading, with a yaw rate and bias and their variances."""
     wave_variance = math.exp(2.0 * levels.wave_sd)
     omega_rad_s = TWO_PI * math.exp(-levels.wave_period)
     return Motion(
-        heading_rad, 0.0, 0.0, 0.0, 0.0,
+        heading_rad, yaw_rate_rad_s, bias_rad, 0.0, 0.0,
         FIRST_HEADING_VARIANCE, 0.0, 0.0, 0.0, 0.0,
-        FIRST_RATE_VARIANCE, 0.0, 0.0, 0.0,
-        FIRST_BIAS_VARIANCE, 0.0, 0.0,
+        rate_variance, 0.0, 0.0, 0.0,
+        bias_variance, 0.0, 0.0,
         wave_variance, 0.0,
         wave_variance * omega_rad_s * omega_rad_s,
     )  # fmt: skip
@@ -199,6 +236,18 @@ def correct_course(m: Motion, heading_rad: float, sd_rad: float) -> Motion:
     innovation_rad = wrap_pi(heading_rad - m.heading_rad)
     share = 1.0 / max(k0 + sd_rad * sd_rad, innovation_rad * innovation_rad / OUTLIER)
     return moved(m, k0, k1, k2, k3, k4, innovation_rad * share, share)
+
+
+def correct_rate(m: Motion, yaw_rate_rad_s: float, noise_variance: float) -> tuple[Motion, float, float]:
+    """Return the state with a gyroscope's yaw rate of hull and waves taken in, the innovation and its variance.
+
+    For recordings (`rambler-hil identify`); the autopilot does not use gyroscopes.
+    """
+    k0, k1, k2, k3, k4 = m.p01 + m.p04, m.p11 + m.p14, m.p12 + m.p24, m.p13 + m.p34, m.p14 + m.p44
+    variance = k1 + k4 + noise_variance
+    innovation_rad_s = yaw_rate_rad_s - m.yaw_rate_rad_s - m.wave_rate_rad_s
+    share = 1.0 / max(variance, innovation_rad_s * innovation_rad_s / OUTLIER)
+    return moved(m, k0, k1, k2, k3, k4, innovation_rad_s * share, share), innovation_rad_s, variance
 
 
 def ahead(m: Motion, model: KtModel, rudder_rad: float, step_s: float) -> tuple[float, float]:

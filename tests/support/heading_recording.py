@@ -14,7 +14,9 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from firmware_py.common.angles import radians
-from firmware_py.estimate.heading_filter import HeadingFilter, begin, update
+from firmware_py.estimate import heading_model
+from firmware_py.estimate.heading_filter import PRIOR, HeadingFilter, begin, update
+from firmware_py.estimate.heading_model import NUMBERS, Motion, store
 from firmware_py.model.kt import KtModel
 from hil.lab.compiled import compiled
 
@@ -79,7 +81,7 @@ class Recording(NamedTuple):
 
 
 class Estimates(NamedTuple):
-    """Columns of an estimate: heading, yaw rate and rudder bias, and the standard deviation of the heading."""
+    """Columns of an estimate: the states, of which the heading is the first, and its standard deviation."""
 
     states: Any
     heading_sd_rad: Any
@@ -200,7 +202,7 @@ def informed_rows(compass_rad, steered_rad, transition, by_rudder, noise, compas
             x[i] += gain[i] * innovation / variance
             for j in range(STATES):
                 p[i, j] -= gain[i] * gain[j] / variance
-        out[row, 0], out[row, 1], out[row, 2], out[row, 3] = x[0], x[1], x[2], math.sqrt(p[0, 0])
+        out[row, :STATES], out[row, STATES] = x, math.sqrt(p[0, 0])
         for i in range(STATES):
             y[i] = by_rudder[i] * steered_rad[row]
             for j in range(STATES):
@@ -241,30 +243,32 @@ def informed(sea: Sea, recording: Recording, *, rudder_known: bool = True) -> Es
     omega = 2.0 * math.pi / sea.wave_period_s
     first = np.diag([0.1, 0.01, bias_sd_rad**2, wave_rad**2, (omega * wave_rad) ** 2])
     steered_rad = (recording.rudder_rad - radians(sea.bias_mean_deg)) * rudder_known
-    out = np.empty((recording.t_s.size, 4))
+    out = np.empty((recording.t_s.size, STATES + 1))
     variance = radians(sea.compass_noise_deg) ** 2
     informed_rows(recording.compass_rad, steered_rad, transition, by_rudder, covariance, variance, first, out)
-    return Estimates(out[:, :3], out[:, 3])
+    return Estimates(out[:, :STATES], out[:, STATES])
 
 
 @compiled
-def learned_rows(t_s, compass_rad, rudder_rad, model, out):
-    """Run the heading filter of the boat; fill state and standard deviation, and return the filter at the end."""
-    f = begin(t_s[0], compass_rad[0])
+def learned_rows(t_s, compass_rad, rudder_rad, model):
+    """Run the heading filter of the boat; return it as it is at the end, and its numbers at each row."""
+    f, rows = begin(t_s[0], compass_rad[0]), np.empty((t_s.size, NUMBERS))
     for row in range(t_s.size):
         f = update(f, model, t_s[row], compass_rad[row], rudder_rad[row - 1] if row else 0.0)
-        out[row, 0], out[row, 1], out[row, 2] = f.motion.heading_rad, f.motion.yaw_rate_rad_s, f.motion.bias_rad
-        out[row, 3] = math.sqrt(f.motion.p00)
-    return f
+        store(rows[row], f.motion)
+    return f, rows
+
+
+def estimated(rows) -> Estimates:
+    """Return the columns of rows of the heading filter."""
+    return Estimates(rows[:, : heading_model.STATES], np.sqrt(rows[:, Motion._fields.index("p00")]))
 
 
 def learned(sea: Sea, recording: Recording, *, rudder_known: bool = True) -> tuple[Estimates, HeadingFilter]:
     """Estimate with the heading filter of the boat, and return it as it is at the end."""
-    out, rudder_rad = np.empty((recording.t_s.size, 4)), recording.rudder_rad
-    if not rudder_known:
-        rudder_rad = np.full(rudder_rad.size, math.nan)
-    f = learned_rows(recording.t_s, recording.compass_rad, rudder_rad, sea.model, out)
-    return Estimates(out[:, :3], out[:, 3]), f
+    rudder_rad = recording.rudder_rad if rudder_known else np.full(recording.t_s.size, math.nan)
+    f, rows = learned_rows(recording.t_s, recording.compass_rad, rudder_rad, sea.model)
+    return estimated(rows), f
 
 
 def wrapped(angle_rad):
@@ -288,6 +292,19 @@ def best_low_pass_deg(recording: Recording) -> float:
     return math.degrees(least)
 
 
+def learned_ahead(sea: Sea, ahead_s: float):
+    """Return the heading ahead_s later by each state of the heading filter: the first row of its transition."""
+    ends = (
+        heading_model.predict(Motion(*state), PRIOR, sea.model, 0.0, ahead_s) for state in np.eye(heading_model.STATES)
+    )
+    return np.array([end.heading_rad for end in ends])
+
+
+def informed_ahead(sea: Sea, ahead_s: float):
+    """Return the heading ahead_s later by each state of the filter that is given all levels."""
+    return expm(informed_drift(sea) * ahead_s)[0]
+
+
 def prediction_r2(sea: Sea, recording: Recording, states, row, steered_rad, ahead_s: float) -> float:
     """Return R2 of the heading change ahead_s later, which the recorded rudder and row of a transition predict."""
     t_s, model = recording.t_s, sea.model
@@ -302,17 +319,17 @@ def prediction_r2(sea: Sea, recording: Recording, states, row, steered_rad, ahea
     by_rudder = moved[count:] - moved[:-count] - rate[:-count] * far_s
     rows = settled(recording)[:-count]
     before, after = recording.true_rad[:-count][rows], recording.true_rad[count:][rows]
-    predicted = (states[:-count] @ row[:3] + by_rudder)[rows]
+    predicted = (states[:-count] @ row + by_rudder)[rows]
     return 1.0 - float(np.sum(wrapped(predicted - after) ** 2) / np.sum((after - before) ** 2))
 
 
-def scores(sea: Sea, recording: Recording, estimates: Estimates, drift, steered_rad) -> Scores:
-    """Judge an estimate; predictions by the drift matrix, none where steered_rad is None."""
+def scores(sea: Sea, recording: Recording, estimates: Estimates, ahead, steered_rad) -> Scores:
+    """Judge an estimate; predictions by `ahead` (`learned_ahead`, `informed_ahead`), none where steered_rad is None."""
     error_rad, rows = wrapped(estimates.states[:, 0] - recording.true_rad), settled(recording)
     r2 = ()
     if steered_rad is not None:
         r2 = tuple(
-            prediction_r2(sea, recording, estimates.states, expm(drift * ahead_s)[0], steered_rad, ahead_s)
+            prediction_r2(sea, recording, estimates.states, ahead(sea, ahead_s), steered_rad, ahead_s)
             for ahead_s in AHEAD_S
         )
     nees = float(np.mean((error_rad / estimates.heading_sd_rad)[rows] ** 2))
@@ -330,13 +347,11 @@ def compared(sea: Sea, seeds: range, *, rudder_known: bool = True, seconds: floa
     ours, best, low_pass_deg = [], [], []
     for seed in seeds:
         recording = recorded(sea, seed, seconds)
-        drift, walk = informed_drift(sea), informed_drift(sea)
-        walk[2, 2] = 0.0
         steered_rad = recording.rudder_rad if rudder_known else None
         from_mean_rad = recording.rudder_rad - radians(sea.bias_mean_deg) if rudder_known else None
         estimates, _ = learned(sea, recording, rudder_known=rudder_known)
-        ours.append(scores(sea, recording, estimates, walk, steered_rad))
+        ours.append(scores(sea, recording, estimates, learned_ahead, steered_rad))
         estimates = informed(sea, recording, rudder_known=rudder_known)
-        best.append(scores(sea, recording, estimates, drift, from_mean_rad))
+        best.append(scores(sea, recording, estimates, informed_ahead, from_mean_rad))
         low_pass_deg.append(best_low_pass_deg(recording))
     return Comparison(mean_scores(ours), mean_scores(best), float(np.mean(low_pass_deg)))

@@ -15,7 +15,7 @@ import numpy as np
 from hil.lab.compiled import compiled
 from hil.lab.estimate.tick import Watched
 from hil.lab.identify.recording import Floats
-from hil.lab.numeric_core import heading_filter, heading_model, kt
+from hil.lab.numeric_core import heading_model, kt
 
 AHEAD_S: Final = (5, 10, 30, 60)
 LONGEST_STEP_S: Final = 0.5
@@ -83,7 +83,7 @@ def predicted(
     for row in range(at_s.shape[0]):
         if not math.isfinite(motions[row, 0]):
             continue
-        motion = heading_filter.stored(motions[row])
+        motion = heading_model.stored(motions[row])
         level = levels[row]
         noise = heading_model.NoiseLevels(level[0], level[1], level[2], level[3], level[4], level[5])
         model = kt.KtModel(models[row, 0], models[row, 1], models[row, 2], 0.0, 1.0)

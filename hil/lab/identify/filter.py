@@ -1,8 +1,8 @@
 """The likelihood: the autopilot's own Kalman filter of the heading, run over a recording with a known rudder.
 
-State, transition and update are those of firmware_py/estimate/heading_model.py. Here the gyroscope's measurement is
-added, and the cubic term is linearised at the yaw rate at the start of each step (exponential Rosenbrock step:
-Hochbruck and Ostermann, Acta Numerica 19, 2010), which is stable however long the step and however large alpha is.
+State, transition and updates are those of firmware_py/estimate/heading_model.py. Here the cubic term is linearised at
+the yaw rate at the start of each step (exponential Rosenbrock step: Hochbruck and Ostermann, Acta Numerica 19, 2010),
+which is stable however long the step and however large alpha is.
 """
 
 from __future__ import annotations
@@ -43,16 +43,6 @@ def advance(
     return heading_model.predict(m, scaled, model, rudder_rad + 2.0 * cubic * rate / gain_1_s, step_s)
 
 
-@inner
-def correct_rate(m: Motion, noise_variance: float, yaw_rate_rad_s: float) -> tuple[Motion, float, float]:
-    """Return the state with a gyroscope's yaw rate (of hull and waves) taken in, the innovation and its variance."""
-    k0, k1, k2, k3, k4 = m.p01 + m.p04, m.p11 + m.p14, m.p12 + m.p24, m.p13 + m.p34, m.p14 + m.p44
-    variance = k1 + k4 + noise_variance
-    innovation = yaw_rate_rad_s - m.yaw_rate_rad_s - m.wave_rate_rad_s
-    share = 1.0 / max(variance, innovation * innovation / OUTLIER)
-    return heading_model.moved(m, k0, k1, k2, k3, k4, innovation * share, share), innovation, variance
-
-
 @compiled
 def innovations(
     values: Floats,
@@ -75,19 +65,12 @@ def innovations(
     )
     walk, gyro = math.exp(2.0 * values[WALK]), math.exp(2.0 * values[GYRO])
     gain_1_s, lag_s, alpha_s2 = sign * math.exp(values[LN_K]), math.exp(values[LN_T]), values[ALPHA]
-    m = heading_model.begin(0.0, levels)
+    m = start = heading_model.begin(0.0, levels)
     for row in range(step_s.shape[0]):
         if first[row]:
-            b = heading_model.begin(measured[row] if headings else 0.0, levels)
-            rate = 0.0 if headings else measured[row]
-            rate_variance = UNKNOWN_RATE_VARIANCE if headings else gyro + b.p44
-            m = Motion(
-                b.heading_rad, rate, values[OFFSET], 0.0, 0.0,
-                b.p00, 0.0, 0.0, 0.0, 0.0,
-                rate_variance, 0.0, 0.0, 0.0,
-                walk * BIAS_MEMORY_S, 0.0, 0.0,
-                b.p33, b.p34, b.p44,
-            )  # fmt: skip
+            heading, rate = (measured[row], 0.0) if headings else (0.0, measured[row])
+            rate_variance = UNKNOWN_RATE_VARIANCE if headings else gyro + start.p44
+            m = heading_model.begin_at(heading, rate, rate_variance, values[OFFSET], walk * BIAS_MEMORY_S, levels)
         else:
             ratio = speed_ratio[row] ** values[EXPONENT]
             gain, lag, alpha = gain_1_s * ratio, lag_s / ratio, alpha_s2 / (ratio * ratio)
@@ -95,7 +78,7 @@ def innovations(
         if headings:
             m, out[0, row], out[1, row] = heading_model.correct(m, levels, measured[row])
         else:
-            m, out[0, row], out[1, row] = correct_rate(m, gyro, measured[row])
+            m, out[0, row], out[1, row] = heading_model.correct_rate(m, measured[row], gyro)
 
 
 @compiled

@@ -12,9 +12,9 @@ from hil.lab.compiled import compiled_here
 from hil.lab.numeric_core import functions_of, inner
 from support.heading_recording import (
     OLD_SEAS,
-    Estimates,
     Sea,
     best_low_pass_deg,
+    estimated,
     learned_rows,
     mean_scores,
     recorded,
@@ -86,10 +86,9 @@ def judged(kernel, name: str):
     sea, rudder_known = SEAS[name]
     found = []
     for recording in recordings(name):
-        out = np.empty((recording.t_s.size, 4))
         rudder_rad = recording.rudder_rad if rudder_known else np.full(recording.t_s.size, np.nan)
-        kernel(recording.t_s, recording.compass_rad, rudder_rad, sea.model, out)
-        found.append(scores(sea, recording, Estimates(out[:, :3], out[:, 3]), None, None))
+        _, rows = kernel(recording.t_s, recording.compass_rad, rudder_rad, sea.model)
+        found.append(scores(sea, recording, estimated(rows), None, None))
     return mean_scores(found)
 
 
@@ -119,9 +118,8 @@ def test_no_other_constant_is_clearly_better(what):
 
 def errors_deg(kernel, sea: Sea, recording):
     """Return the errors of a filter over a recording."""
-    out = np.empty((recording.t_s.size, 4))
-    kernel(recording.t_s, recording.compass_rad, recording.rudder_rad, sea.model, out)
-    return np.degrees(np.abs(wrapped(out[:, 0] - recording.true_rad)))
+    _, rows = kernel(recording.t_s, recording.compass_rad, recording.rudder_rad, sea.model)
+    return np.degrees(np.abs(wrapped(rows[:, 0] - recording.true_rad)))
 
 
 @pytest.mark.proof

@@ -10,7 +10,7 @@ import pytest
 
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.estimate import heading_model, prediction_check
-from firmware_py.estimate.heading_model import Motion, NoiseLevels
+from firmware_py.estimate.heading_model import STATES, Motion, NoiseLevels
 from firmware_py.estimate.prediction_check import ACCEPT, HORIZON_S, PredictionCheck
 from firmware_py.model.kt import OCEAN_RAMBLER
 
@@ -34,11 +34,11 @@ class Boat:
     def sail(self, hours, levels=LEVELS):
         """Return for how long the check rejected the filter [s]."""
         rejected_s = 0.0
-        for draws in self.numbers.standard_normal((round(3600.0 * hours / STEP_S), 6)):
+        for draws in self.numbers.standard_normal((round(3600.0 * hours / STEP_S), STATES + 1)):
             self.t_s += STEP_S
             rudder_rad = radians(10.0) * math.sin(self.t_s / 40.0)
-            self.truth = moved(self.truth, rudder_rad, draws)
-            shown_rad = self.truth.heading_rad + self.truth.wave_rad + radians(0.3) * draws[5]
+            self.truth = moved(self.truth, rudder_rad, draws[:STATES])
+            shown_rad = self.truth.heading_rad + self.truth.wave_rad + radians(0.3) * draws[STATES]
             predicted = heading_model.predict(self.filter, levels, OCEAN_RAMBLER, rudder_rad, STEP_S)
             self.filter, _, _ = heading_model.correct(predicted, levels, shown_rad)
             self.check = prediction_check.update(
@@ -51,19 +51,10 @@ class Boat:
 
 def moved(truth, rudder_rad, draws):
     """Return the true state after a step; the covariance after a step from none is that of the noise."""
-    state = Motion(truth.heading_rad, truth.yaw_rate_rad_s, truth.bias_rad, truth.wave_rad, truth.wave_rate_rad_s)
-    after = heading_model.predict(state, LEVELS, OCEAN_RAMBLER, rudder_rad, STEP_S)
-    heading, rate = correlated(after.p00, after.p01, after.p11, draws[0], draws[1])
-    wave, wave_rate = correlated(after.p33, after.p34, after.p44, draws[3], draws[4])
-    return Motion(
-        after.heading_rad + heading, after.yaw_rate_rad_s + rate, after.bias_rad + math.sqrt(after.p22) * draws[2],
-        after.wave_rad + wave, after.wave_rate_rad_s + wave_rate,
-    )  # fmt: skip
-
-
-def correlated(a, b, c, first, second):
-    sd = math.sqrt(a)
-    return sd * first, b / sd * first + math.sqrt(max(c - b * b / a, 0.0)) * second
+    after = heading_model.predict(truth, LEVELS, OCEAN_RAMBLER, rudder_rad, STEP_S)
+    noise = np.zeros((STATES, STATES))
+    noise[np.triu_indices(STATES)] = after[STATES:]
+    return Motion(*(np.array(after[:STATES]) + np.linalg.cholesky(noise.T) @ draws))
 
 
 def over_confident(factor):
