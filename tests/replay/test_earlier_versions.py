@@ -19,8 +19,10 @@ from firmware_py.common.plan import PlanKind
 from firmware_py.control import law
 from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
+from firmware_py.log.reader import read_log
 from firmware_py.system.state_directory import RESUME_FILE, load_parameters, load_plans
 from firmware_py.system.store import Store
+from replay.relog import relogged
 from support.paths import REPLAY
 
 DATA = REPLAY
@@ -63,6 +65,19 @@ def test_a_change_of_behaviour_is_told_from_another(capsys, monkeypatch):
     assert replayed(LOGS["tank_pni_volz.BIN"], capsys)[2] == expected("tank_pni_volz.BIN", accepted)
     factor = 1.02
     assert replayed(LOGS["tank_pni_volz.BIN"], capsys)[2] != expected("tank_pni_volz.BIN", accepted)
+
+
+def test_a_log_computed_again_after_a_change_has_the_same_inputs_and_is_recomputed(capsys, monkeypatch, tmp_path):
+    old, right = LOGS["tank_pni_volz.BIN"], law.gains_of
+    monkeypatch.setattr(law, "gains_of", lambda *given: (gains := right(*given))._replace(k1=gains.k1 * 1.01))
+    data, changed, notes = relogged(old.read_bytes())
+    new = tmp_path / old.name
+    new.write_bytes(data)
+    assert changed > 20
+    assert notes == ()
+    assert [tick.inputs for tick in read_log(new)] == [tick.inputs for tick in read_log(old)]
+    code, report, found = replayed(new, capsys)
+    assert (code, found, report["compared"]) == (0, UNCHANGED, 400)
 
 
 def test_a_boat_wakes_as_she_was(tmp_path):

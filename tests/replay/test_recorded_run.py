@@ -1,6 +1,7 @@
 """A recorded run is recomputed bit for bit: a change of the control path shows here.
 
-When the control is meant to change, accept it in data/accepted.json (test_earlier_versions.py), or record again:
+When the control is meant to change, compute the logs again (relog.py), or accept it in data/accepted.json
+(test_earlier_versions.py). The run was recorded by:
 rambler-hil run tank --speed max --seconds 40 --goal "0:0,5:60" --compass pni --servo volz --set CTL_K1=38
 """
 
