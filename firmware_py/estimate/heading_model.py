@@ -5,7 +5,8 @@ State vector x = (psi, r, b, w, v):
     d psi = r dt
     d r   = (K (delta - b) - r - alpha r^3) / T dt + sqrt(D) / T dB1     K-T equation (model/kt.py), yaw disturbance D
     d b   = q dB2                                                        rudder bias, random walk
-    d w   = v dt,  d v = -(omega^2 w + 2 zeta omega v) dt + ... dB3      wave yaw of standard deviation sigma
+    d w   = v dt                                                         wave yaw of standard deviation sigma
+    d v   = -(omega^2 w + 2 zeta omega v) dt + 2 sigma sqrt(zeta omega^3) dB3
 
 D is the diffusion of the heading [rad^2/s]: within times much longer than T the heading wanders by sqrt(D t). The
 compass measures psi + w + noise. The second-order wave model is the usual one of dynamic positioning (Fossen,
