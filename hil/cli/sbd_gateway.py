@@ -8,7 +8,9 @@ import hashlib
 import os
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +116,10 @@ class _Outbox:
             self._thread.submit(self._send, self._sender, imei, message)
             return
         self._number = (self._number + 1) % 1_000_000
-        self._post.put(imei, self._number, message)
+        try:
+            self._post.put(imei, self._number, message)
+        except OSError as error:
+            self.problems.append(f"Not sent: {self._post.directory}: {error.strerror}")
 
     def _send(self, sender: Sender, imei: str, message: bytes) -> None:
         for _ in range(_TRIES):
@@ -158,19 +163,31 @@ def run(arguments: argparse.Namespace) -> int:
             if now_s >= look_s:
                 look_s = now_s + _LOOK_S
                 for sender, _, content in inbox.take():
-                    gateway.take_message(sender, content)
-                while outbox.problems:
-                    gateway.complain(outbox.problems.pop(0))
+                    _survive(gateway, partial(gateway.take_message, sender, content))
+                problems = [*inbox.problems, *outbox.problems]
+                inbox.problems.clear()
+                outbox.problems.clear()
+                for problem in problems:
+                    gateway.complain(problem)
             for _ in range(_MOST_ORDERS):
-                message = station.receive()
+                message = _survive(gateway, station.receive)
                 if message is None:
                     break
                 if not heard:
                     heard = True
-                    gateway.greet()
-                gateway.take_order(message, now_s, time.time())
+                    _survive(gateway, gateway.greet)
+                _survive(gateway, partial(gateway.take_order, message, now_s, time.time()))
             time.sleep(_PAUSE_S)
     return 0
+
+
+def _survive(gateway: Gateway, work: Callable[[], Any]) -> Any:
+    """Return what comes of a message; whatever is wrong with it, the next one is due."""
+    try:
+        return work()
+    except Exception as error:  # noqa: BLE001 - messages come from outside
+        gateway.complain(f"Message left out: {type(error).__name__}: {error}")
+        return None
 
 
 def _say(text: str) -> None:

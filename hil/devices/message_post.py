@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -24,6 +25,8 @@ class MessagePost:
         self.directory = directory / which
         self._taken = self.directory / TAKEN
         self._taken.mkdir(parents=True, exist_ok=True)
+        self._named: set[str] = set()
+        self.problems: list[str] = []  # of files that are left where they are, each once
 
     def put(self, imei: str, number: int, message: bytes) -> bool:
         """Leave a message, whole or not at all; False when this one was left here before."""
@@ -37,11 +40,38 @@ class MessagePost:
         return True
 
     def take(self) -> Iterator[tuple[str, int, bytes]]:
-        """Yield IMEI, number and content of what is there, the oldest first, and move it away."""
-        places = [(path, match) for path in self.directory.iterdir() if (match := _NAME.fullmatch(path.name))]
-        for path, match in sorted(places, key=lambda place: (place[0].stat().st_mtime_ns, place[0].name)):
-            if not path.is_file() or path.stat().st_size > _MOST_BYTES:
+        """Yield IMEI, number and content of what is there, the oldest first, and move it away.
+
+        What is no file of a message, such as a link, is left there, and is a problem.
+        """
+        found = []
+        try:
+            names = [path.name for path in self.directory.iterdir() if _NAME.fullmatch(path.name)]
+        except OSError as error:
+            self._leave(self.directory.name, error.strerror or "")
+            return
+        self._named.intersection_update(names)
+        for name in names:
+            try:
+                status = (self.directory / name).lstat()
+            except OSError as error:
+                self._leave(name, error.strerror or "")
                 continue
-            content = path.read_bytes()
-            path.replace(self._taken / path.name)
-            yield match[1], int(match[2]), content
+            if stat.S_ISREG(status.st_mode) and status.st_size <= _MOST_BYTES:
+                found.append((status.st_mtime_ns, name))
+            else:
+                self._leave(name, f"no file of at most {_MOST_BYTES} bytes")
+        for _, name in sorted(found):
+            path = self.directory / name
+            try:
+                content = path.read_bytes()
+                path.replace(self._taken / name)
+            except OSError as error:
+                self._leave(name, error.strerror or "")
+                continue
+            yield name[:IMEI_DIGITS], int(name[IMEI_DIGITS + 1 : -4]), content
+
+    def _leave(self, name: str, why: str) -> None:
+        if name not in self._named:
+            self._named.add(name)
+            self.problems.append(f"{name} is left where it is: {why}")

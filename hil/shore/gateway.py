@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
@@ -46,7 +47,8 @@ class _Order:
 class Gateway:
     """Takes messages and orders one by one, time passed in; what it sends goes through `station` and `hand_over`.
 
-    `hand_over` takes the modem's IMEI and a message for it. The boat's system id is learnt from what she says.
+    `hand_over` takes the modem's IMEI and a message for it. The boat's system id is that of its first frame; frames in
+    the name of another, and of a kind that is not known here, are left out, counted and reported.
     """
 
     def __init__(
@@ -63,6 +65,8 @@ class Gateway:
         self._key = key
         self.imei = imei
         self.system = 1
+        self.left_out: Counter[str] = Counter()
+        self._heard = False  # the boat, so that its system id is known
         self._numbers = Numbers()
         self._orders: dict[bytes, _Order] = {}
         self._last: dict[str, Any] = {}
@@ -73,18 +77,32 @@ class Gateway:
     def take_message(self, imei: str, content: bytes) -> int:
         """Pass on what a message holds; return how many frames that was."""
         if self.imei and imei != self.imei:
-            self._say(f"message of modem {imei} left out: the boat's is {self.imei}")
+            self._leave_out("message of another modem", f"{imei}; the boat's is {self.imei}")
             return 0
-        self.imei = imei
-        frames = parse(content)
-        for frame in frames:
-            self.system = frame.get_srcSystem()
+        passed_on = [frame for frame in parse(content) if self._is_of_boat(frame)]
+        for frame in passed_on:
+            self.imei = imei
             if frame.get_type() == "COMMAND_ACK":
                 self._orders = {order: row for order, row in self._orders.items() if row.command != frame.command}
             self._station.send(frame, frame.get_srcSystem(), frame.get_srcComponent())
             self._last[frame.get_type()] = frame
-        self._say(f"message of {len(content)} bytes: {', '.join(frame.get_type() for frame in frames) or 'nothing'}")
-        return len(frames)
+        self._say(f"message of {len(content)} bytes: {', '.join(each.get_type() for each in passed_on) or 'nothing'}")
+        return len(passed_on)
+
+    def _is_of_boat(self, frame: Any) -> bool:
+        if isinstance(frame, mavlink.MAVLink_unknown):
+            self._leave_out("frame of unknown kind", frame.get_type().removeprefix("UNKNOWN_"))
+            return False
+        if not self._heard:
+            self._heard, self.system = True, frame.get_srcSystem()
+        if frame.get_srcSystem() != self.system:
+            self._leave_out("frame of another system", f"{frame.get_srcSystem()}; the boat is system {self.system}")
+            return False
+        return True
+
+    def _leave_out(self, kind: str, what: str) -> None:
+        self.left_out[kind] += 1
+        self._say(f"{kind} {what}: left out ({self.left_out[kind]} so far)")
 
     def greet(self) -> None:
         """Tell a station that has just come what was reported last."""
@@ -97,7 +115,7 @@ class Gateway:
         """Send an order to the boat as a message, or say why not."""
         name = message.get_type()
         target = getattr(message, "target_system", 0)
-        if name in _HABITS or target not in (0, self.system):
+        if name in _HABITS or target not in (0, self.system) or isinstance(message, mavlink.MAVLink_unknown):
             return
         if name not in _SENT:
             self._tell_once(name)

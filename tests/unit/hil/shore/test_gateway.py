@@ -117,3 +117,59 @@ def test_without_a_key_orders_are_plain_frames():
     ((_, message),) = desk.messages
     (frame,) = parse(message)
     assert (frame.get_type(), frame.get_srcSystem()) == ("COMMAND_LONG", 255)
+
+
+def frame(message, system=1):
+    return message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=1))
+
+
+def unknown():
+    """A frame of a kind that is in no dialect."""
+    data = bytearray(frame(mavlink.MAVLink_ping_message(1, 2, 3, 4)))
+    data[7:10] = (12_345).to_bytes(3, "little")
+    return bytes(data)
+
+
+PING = mavlink.MAVLink_ping_message(1, 2, 3, 4)
+
+
+def test_a_frame_of_an_unknown_kind_is_left_out_and_counted_and_those_beside_it_pass(desk):
+    assert desk.gateway.take_message(IMEI, frame(PING) + unknown() + frame(PING)) == 2
+    assert [message.get_type() for message, _, _ in desk.got] == ["PING", "PING"]
+    assert desk.gateway.left_out == {"frame of unknown kind": 1}
+    desk.gateway.take_message(IMEI, unknown())
+    assert desk.said[-2:] == [
+        "frame of unknown kind 12345: left out (2 so far)",
+        f"message of {len(unknown())} bytes: nothing",
+    ]
+    (heard,) = parse(unknown())
+    desk.gateway.take_order(heard, 0.0, UTC_S)
+    assert (desk.messages, desk.texts()) == ([], [])
+
+
+@pytest.mark.parametrize("boat", [1, 7])
+def test_a_message_in_the_name_of_another_system_does_not_keep_orders_from_the_boat(desk, boat):
+    desk.gateway.take_message(IMEI, frame(PING, boat))
+    desk.gateway.take_message(IMEI, frame(PING, 9) + frame(PING, boat))
+    assert [system for _, system, _ in desk.got] == [boat, boat]
+    assert "frame of another system 9; the boat is system" in desk.said[-2]
+    desk.order(set_mode(4, target=boat))
+    desk.order(set_mode(4, target=9))
+    assert len(desk.messages) == 1
+
+
+def test_an_acknowledgement_in_the_name_of_another_system_ends_no_order(desk):
+    desk.gateway.take_message(IMEI, frame(PING))
+    desk.order(set_mode(4))
+    desk.gateway.take_message(IMEI, frame(mavlink.MAVLink_command_ack_message(176, 0), 9))
+    desk.order(set_mode(4))
+    assert len(desk.messages) == 1
+
+
+def test_the_modem_of_a_message_without_a_frame_is_not_taken_for_the_boat_s():
+    desk = Desk()
+    desk.gateway.take_message("300234010753371", b"junk")
+    desk.gateway.take_message(IMEI, frame(PING))
+    assert desk.gateway.imei == IMEI
+    desk.gateway.take_message("300234010753371", frame(PING))
+    assert desk.gateway.left_out == {"message of another modem": 1}
