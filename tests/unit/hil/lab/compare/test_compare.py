@@ -94,6 +94,7 @@ def test_the_tuned_pid_is_worthy_of_the_comparison():
 def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys, monkeypatch):
     """In two seas, of which the limit knows too little of one: its speed varies."""
     monkeypatch.setattr("hil.lab.compare.limit.PRICES", (0.1, 1.0))
+    monkeypatch.setattr("hil.cli.progress.NOW_AND_THEN_S", math.inf)
     file = tmp_path / "found.json"
     figures = tmp_path / "figures.json"
     words = [
@@ -101,7 +102,7 @@ def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys, monkeypat
         "sea",
         "gusts",
         "--only",
-        "pid",
+        "ours",
         "--seeds",
         "1",
         "--limit",
@@ -113,7 +114,7 @@ def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys, monkeypat
     assert main([*words, "--goal", "0:60"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
-    assert "PID, tuned" in said.out
+    assert OURS.name in said.out
     assert "compiled twin" in said.out
     assert said.out.count("with a receiver") == 1
     row, _ = json.loads(file.read_text())

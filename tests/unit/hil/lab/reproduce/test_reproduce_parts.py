@@ -178,6 +178,7 @@ def test_the_goals_of_the_heading_control_test_last_to_its_end():
 
 
 @pytest.mark.timeout(600)
+@pytest.mark.proof
 def test_the_whole_command_writes_everything(tmp_path, capsys, monkeypatch):
     """Runs of a few minutes, so that the values are rough; the proof in tests/process/test_tune.py judges them."""
     monkeypatch.setattr(progress, "NOW_AND_THEN_S", math.inf)
