@@ -12,6 +12,9 @@ import msgspec
 NAME_LETTERS = 20
 CALL_SIGN_LETTERS = 7
 STATUS_UNKNOWN = 15
+STATUS_DISTRESS = 14  # an active AIS-SART, man overboard device or EPIRB
+BESIDE_S = 60.0  # so long at the boat's place, and a heading changes nothing
+DISTRESS_DEVICES = frozenset((970, 972, 974))  # the first three digits of their numbers (ITU-R M.585)
 
 
 class VesselKind(IntEnum):
@@ -61,6 +64,11 @@ class VesselIdentity(msgspec.Struct, frozen=True):
 VesselReport = VesselPosition | VesselIdentity
 
 
+def is_distress_number(mmsi: int) -> bool:
+    """Whether a number is that of an AIS-SART, a man overboard device or an EPIRB."""
+    return mmsi // 1_000_000 in DISTRESS_DEVICES
+
+
 def merged(before: VesselIdentity, after: VesselIdentity) -> VesselIdentity:
     """Return what a vessel has said of itself in two messages, the later one where both tell the same."""
     return VesselIdentity(
@@ -79,6 +87,9 @@ class Vessel(msgspec.Struct, frozen=True):
     `doubted` is a position that it cannot have come to, told `doubts` times in a row. `distance_m` and `bearing_rad`
     are of where it is by now if it has gone on. `cpa_m` is how near it comes within twice AIS_NEAR_S, `cpa_in_s` when;
     None while the boat does not know where she is. `near_s`: since when it is told of as near, None while it is not.
+    `beside_s` and `beside_rad`: since when this vessel is always at the very place of the boat, and where it was then
+    (latitude, longitude). `own`: it has gone a way with the boat since, so it is the boat's own echo.
+    `reported_s`: when a distress beacon was last reported; `bearing_reported`: with bearing and distance.
     """
 
     position: VesselPosition
@@ -90,6 +101,27 @@ class Vessel(msgspec.Struct, frozen=True):
     cpa_m: float | None = None
     cpa_in_s: float | None = None
     near_s: float | None = None
+    beside_s: float | None = None
+    beside_rad: tuple[float, float] = (0.0, 0.0)
+    own: bool = False
+    reported_s: float | None = None
+    bearing_reported: bool = False
+
+    @property
+    def distress(self) -> bool:
+        """Whether it is a distress beacon."""
+        return self.position.status == STATUS_DISTRESS or is_distress_number(self.position.mmsi)
+
+    @property
+    def warned_of(self) -> bool:
+        """Whether it is another vessel."""
+        return not (self.own or self.distress)
+
+    @property
+    def avoided(self) -> bool:
+        """Whether it is another vessel that is not at the boat's place all the time."""
+        beside = self.beside_s is not None and self.position.t_s - self.beside_s >= BESIDE_S
+        return self.warned_of and not beside
 
     @property
     def mmsi(self) -> int:
@@ -99,6 +131,8 @@ class Vessel(msgspec.Struct, frozen=True):
     @property
     def title(self) -> str:
         """The name, or the number where none is known."""
+        if self.distress:
+            return f"Distress beacon {self.position.mmsi:09d}"
         return (self.identity.name if self.identity is not None else "") or f"MMSI {self.position.mmsi:09d}"
 
 

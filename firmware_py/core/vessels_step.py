@@ -63,7 +63,7 @@ def avoid_vessels(
         motion=guidance.vessel_motion(
             Place(state.position.latitude_rad, state.position.longitude_rad), heading_rad, known
         ),
-        vessels=state.traffic.vessels,
+        vessels=tuple(vessel for vessel in state.traffic.vessels if vessel.avoided),
         fence=state.plans.fence if fence_enabled(settings, state) else None,
         goal=modes.goal,
         task=state.guidance.task,
@@ -110,4 +110,5 @@ def report(state: State) -> Traffic | None:
     known = state.traffic
     if known.looked_s is None:
         return None
-    return Traffic(known.vessels, state.aside.heading_rad, known.turned_away)
+    others = tuple(vessel for vessel in known.vessels if not vessel.own)
+    return Traffic(others, state.aside.heading_rad, known.turned_away)

@@ -16,6 +16,7 @@ import msgspec
 from msgspec.structs import replace
 
 from firmware_py.common.angles import compass_degrees, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan
 from firmware_py.common.records import Event, Severity
@@ -50,7 +51,10 @@ class AsideSettings(msgspec.Struct, frozen=True):
 
 
 class Trial(msgspec.Struct, frozen=True):
-    """What a heading comes to: how near the nearest vessel comes, as a distance and in parts of what is near."""
+    """What a heading comes to: how near the nearest vessel comes, as a distance and in parts of what is near.
+
+    A vessel that a heading keeps as far off as it is now does not count beside others: no heading does better.
+    """
 
     heading_rad: float
     cpa_m: float
@@ -190,21 +194,29 @@ def _going_on(traffic: TrafficSettings, given: AsideInput) -> Trial:
     if given.line is not None:
         off_m, course_rad = given.line.cross_track_m, given.line.course_rad
         foot = given.motion.place.at_offset(off_m * math.sin(course_rad), -off_m * math.cos(course_rad))
-        back = replace(given, motion=replace(given.motion, place=foot))
-        trials += [_trial(traffic, one, given.line.along_rad) for one in (given, back)]
+        trials += [_trial(traffic, given, given.line.along_rad, place) for place in (given.motion.place, foot)]
     return min(trials, key=lambda trial: trial.part)
 
 
-def _trial(traffic: TrafficSettings, given: AsideInput, heading_rad: float) -> Trial:
-    """Return how near vessels come on a heading, by the nearest in parts of what is near."""
+def _trial(traffic: TrafficSettings, given: AsideInput, heading_rad: float, place: Place | None = None) -> Trial:
+    """Return how near vessels come on a heading from where she is, or from another place."""
     own_m_s = _velocity(given.motion, heading_rad)
-    cpa_m, part = math.inf, math.inf
+    counted = uncounted = (math.inf, math.inf)
     for vessel in given.vessels:
-        near_m, _ = relative(given.motion.place, vessel.position, given.t_s).nearest(own_m_s, traffic.horizon_s)
-        share = near_m / traffic.limit_m(vessel.position)
-        if share < part:
-            cpa_m, part = near_m, share
-    return Trial(heading_rad, cpa_m, part)
+        limit_m = traffic.limit_m(vessel.position)
+        seen = relative(given.motion.place, vessel.position, given.t_s)
+        here = min(AMPLE, math.hypot(seen.north_m, seen.east_m) / limit_m)
+        if place is not None:
+            seen = relative(place, vessel.position, given.t_s)
+        near_m, _ = seen.nearest(own_m_s, traffic.horizon_s)
+        share = near_m / limit_m
+        if here - share < WORTH:
+            uncounted = min(uncounted, (share, near_m))
+        else:
+            counted = min(counted, (share, near_m))
+    if counted[1] < math.inf:
+        return Trial(heading_rad, counted[1], counted[0])
+    return Trial(heading_rad, uncounted[1], max(AMPLE, uncounted[0]))
 
 
 def _velocity(motion: VesselMotion, heading_rad: float) -> Velocity:

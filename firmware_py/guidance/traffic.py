@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.common.angles import compass_degrees, wrap_two_pi
+from firmware_py.common.angles import compass_degrees, degrees, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Severity
-from firmware_py.common.vessels import Vessel, VesselPosition, VesselReport, merged
+from firmware_py.common.vessels import Vessel, VesselPosition, VesselReport, is_distress_number, merged
 from firmware_py.guidance.approach import Velocity, relative
 
 MOST_VESSELS = 100
@@ -24,12 +24,13 @@ MOST_VESSELS = 100
 FORGOTTEN_AFTER_S, STILL_FORGOTTEN_AFTER_S = 600.0, 1800.0
 LOOK_S = 2.0
 TELL_S = 5.0  # between two vessels
-TELL_AGAIN_S = 600.0  # what the receiver says of itself
+TELL_AGAIN_S = 600.0  # what the receiver says of itself, and a distress beacon
 LEAP_M, FASTEST_M_S = 500.0, 60.0  # what a sound position may be off, and the fastest craft
 BELIEVED_AFTER = 3  # doubted positions in a row that agree with each other
 PAST = 1.1  # of the distance, once the vessel goes away
 CLEAR = 3.0  # of the distance
 OWN_SPEED_M_S = 0.5
+ECHO_M, ECHO_WAY_M = 40.0, 50.0
 
 
 class TrafficSettings(msgspec.Struct, frozen=True):
@@ -68,13 +69,18 @@ class TrafficSettings(msgspec.Struct, frozen=True):
 
 
 class TrafficState(msgspec.Struct, frozen=True):
-    """The vessels, when they were last looked through, who was told last, and how many there was no room for."""
+    """The vessels, when they were last looked through, who was told last, and how many there was no room for.
+
+    `unplaced_mmsi` and `unplaced_s` are of the distress beacon without a position that was reported last.
+    """
 
     vessels: tuple[Vessel, ...] = ()
     looked_s: float | None = None
     told_s: float | None = None
     receiver_told_s: float | None = None
     turned_away: int = 0
+    unplaced_mmsi: int = 0
+    unplaced_s: float | None = None
 
     @property
     def near(self) -> bool:
@@ -99,11 +105,15 @@ def update(
     now_s: float,
 ) -> tuple[TrafficState, tuple[Event, ...]]:
     """Take the reports of a tick in and, every LOOK_S, look through the table; return what is to be told."""
+    events: tuple[Event, ...] = ()
     if reports:
         state = _take(state, reports, own, now_s)
+        state, events = _report_unplaced(state, reports, now_s)
     if state.looked_s is not None and 0.0 <= now_s - state.looked_s < LOOK_S:
-        return state, ()
-    return _look_through(settings, replace(state, looked_s=now_s), own, now_s)
+        return state, events
+    state, distress = _report_distress(replace(state, looked_s=now_s), own, now_s)
+    state, more = _look_through(settings, state, own, now_s)
+    return state, (*events, *distress, *more)
 
 
 def receiver_events(
@@ -150,9 +160,11 @@ def _admit(vessels: dict[int, Vessel], vessel: Vessel, own: OwnMotion | None, no
 
 
 def _soonest_s(vessel: Vessel) -> float:
-    """Return how soon a vessel could be here; one that was told of stays."""
+    """Return how soon a vessel could be here; one that was told of stays, and a distress beacon before all."""
     if vessel.near_s is not None:
         return 0.0
+    if vessel.distress:
+        return -1.0
     if vessel.distance_m is None:
         return math.inf
     return vessel.distance_m / ((vessel.position.speed_m_s or 0.0) + OWN_SPEED_M_S)
@@ -185,18 +197,85 @@ def _look_through(
     if own is None:
         unseen = (replace(one, distance_m=None, bearing_rad=None, cpa_m=None, cpa_in_s=None) for one in kept)
         return replace(state, vessels=tuple(unseen)), ()
-    vessels = [_judged(settings, vessel, own, now_s) for vessel in kept]
+    vessels = [_judged(settings, _told_apart(vessel, own, now_s), own, now_s) for vessel in kept]
     state = replace(state, vessels=tuple(vessels))
+    echoes = tuple(
+        Event(Severity.NOTICE, f"{now.title} is always where the boat is: its own echo")
+        for now, before in zip(vessels, kept, strict=True)
+        if now.own and not before.own
+    )
     if state.told_s is not None and now_s - state.told_s < TELL_S:
-        return state, ()
-    others = (at for at, vessel in enumerate(vessels) if vessel.near_s is None)
+        return state, echoes
+    others = (at for at, vessel in enumerate(vessels) if vessel.near_s is None and vessel.warned_of)
     coming = [at for at in others if _comes_near(settings, vessels[at], own, now_s)]
     if not coming:
-        return state, ()
+        return state, echoes
     first = min(coming, key=lambda at: vessels[at].cpa_in_s or 0.0)
     vessels[first] = replace(vessels[first], near_s=now_s)
     event = Event(Severity.WARNING, near_text(vessels[first]))
-    return replace(state, vessels=tuple(vessels), told_s=now_s), (event,)
+    return replace(state, vessels=tuple(vessels), told_s=now_s), (*echoes, event)
+
+
+def _told_apart(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
+    """Return a vessel with what its newest report says of whether it is the boat itself, heard from outside.
+
+    It is, once it has moved by ECHO_WAY_M and never been further than ECHO_M from the boat.
+    """
+    if now_s - vessel.position.t_s > LOOK_S:
+        return vessel
+    place = Place(vessel.position.latitude_rad, vessel.position.longitude_rad)
+    if own.place.distance_and_bearing(place)[0] > ECHO_M:
+        return vessel if vessel.beside_s is None else replace(vessel, beside_s=None, own=False)
+    if vessel.beside_s is None:
+        return replace(vessel, beside_s=vessel.position.t_s, beside_rad=(place.latitude_rad, place.longitude_rad))
+    if vessel.own or place.distance_and_bearing(Place(*vessel.beside_rad))[0] < ECHO_WAY_M:
+        return vessel
+    return replace(vessel, own=True)
+
+
+# ------------------------------------------------------------------------- distress beacons
+
+
+def _report_distress(
+    state: TrafficState, own: OwnMotion | None, now_s: float
+) -> tuple[TrafficState, tuple[Event, ...]]:
+    """Report the distress beacon that waits longest by bearing and distance, by its place while those are unknown."""
+    vessels = list(state.vessels)
+    waiting = [at for at, vessel in enumerate(vessels) if vessel.distress and _is_to_be_reported(vessel, own, now_s)]
+    if not waiting:
+        return state, ()
+    first = min(waiting, key=lambda at: -math.inf if vessels[at].reported_s is None else vessels[at].reported_s or 0.0)
+    vessel = vessels[first] = replace(vessels[first], reported_s=now_s, bearing_reported=own is not None)
+    if own is None:
+        position = vessel.position
+        latitude_deg, longitude_deg = degrees(position.latitude_rad), degrees(position.longitude_rad)
+        text = f"Distress beacon {vessel.mmsi:09d}: at {latitude_deg:.4f}, {longitude_deg:.4f}"
+    else:
+        seen = _seen(vessel, own, now_s)
+        bearing_deg = compass_degrees(seen.bearing_rad or 0.0)
+        text = f"Distress beacon {vessel.mmsi:09d}: {seen.distance_m:.0f} m, bearing {bearing_deg:03.0f} deg"
+    return replace(state, vessels=tuple(vessels)), (Event(Severity.CRITICAL, text),)
+
+
+def _is_to_be_reported(vessel: Vessel, own: OwnMotion | None, now_s: float) -> bool:
+    """Whether a distress beacon is new, was reported long ago, or without a bearing that is known now."""
+    if vessel.reported_s is None:
+        return True
+    return (own is not None and not vessel.bearing_reported) or now_s - vessel.reported_s >= TELL_AGAIN_S
+
+
+def _report_unplaced(
+    state: TrafficState, reports: Sequence[VesselReport], now_s: float
+) -> tuple[TrafficState, tuple[Event, ...]]:
+    """Report a distress beacon that has sent no position yet."""
+    placed = {vessel.mmsi for vessel in state.vessels}
+    calls = (one.mmsi for one in reports if is_distress_number(one.mmsi) and one.mmsi not in placed)
+    mmsi = next(calls, None)
+    before_s = -math.inf if state.unplaced_s is None else state.unplaced_s
+    if mmsi is None or now_s - before_s < (TELL_AGAIN_S if mmsi == state.unplaced_mmsi else TELL_S):
+        return state, ()
+    event = Event(Severity.CRITICAL, f"Distress beacon {mmsi:09d}: no position yet")
+    return replace(state, unplaced_mmsi=mmsi, unplaced_s=now_s), (event,)
 
 
 def _seen(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
@@ -223,7 +302,7 @@ def _judged(settings: TrafficSettings, vessel: Vessel, own: OwnMotion, now_s: fl
         bearing_rad=wrap_two_pi(math.atan2(seen.east_m, seen.north_m)),
         cpa_m=cpa_m,
         cpa_in_s=cpa_in_s,
-        near_s=None if over else vessel.near_s,
+        near_s=None if over or not vessel.warned_of else vessel.near_s,
     )
 
 

@@ -9,7 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_py.common.angles import METRES_PER_SECOND_PER_KNOT, radians
-from firmware_py.common.vessels import STATUS_UNKNOWN, VesselIdentity, VesselKind, VesselPosition, VesselReport
+from firmware_py.common.vessels import (
+    STATUS_UNKNOWN,
+    VesselIdentity,
+    VesselKind,
+    VesselPosition,
+    VesselReport,
+    is_distress_number,
+)
 from firmware_py.sensors.ais_payload import Payload
 from firmware_py.sensors.message_error import RANGE, MessageError
 
@@ -39,6 +46,8 @@ def reports_of(payload: Payload, now_s: float) -> tuple[VesselReport, ...]:
         raise MessageError(RANGE, f"no vessel has the number {payload.mmsi}")
     position = _position(payload, now_s) if payload.kind in _KINDS else None
     identity = _identity(payload, now_s)
+    if position is None and identity is None and is_distress_number(payload.mmsi):
+        identity = VesselIdentity(now_s, payload.mmsi)  # it has no position yet, but it calls
     return tuple(report for report in (position, identity) if report is not None)
 
 

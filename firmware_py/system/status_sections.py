@@ -142,12 +142,12 @@ def calibration(swing: SwingReport) -> Values:
 
 
 def _traffic(snapshot: Snapshot) -> Values:
-    """Return how many vessels are known, and those that matter most: who comes near, then the nearest."""
+    """Return how many vessels are known, and those that matter most: in distress, coming near, then the nearest."""
     traffic = snapshot.traffic
     if traffic is None:
         return {}
     seen = [vessel for vessel in traffic.vessels if vessel.distance_m is not None]
-    seen.sort(key=lambda vessel: (vessel.near_s is None, vessel.distance_m))
+    seen.sort(key=lambda vessel: (not vessel.distress, vessel.near_s is None, vessel.distance_m))
     return {
         "vessels": len(traffic.vessels),
         "no_room_for": traffic.turned_away,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -202,12 +202,13 @@ def _ais(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
     if vessels is None and vehicle.ais is None:
         return {}
     asked = vessels or Vessels()
+    own_mmsi = (vehicle.ais.options.own_mmsi if vehicle.ais is not None else 0) or OWN_MMSI
     transponder = AisEmulator(
         world,
         (START_LATITUDE_DEG, START_LONGITUDE_DEG),
-        world.ships,
+        [replace(ship, mmsi=own_mmsi) if ship.mmsi == OWN_MMSI else ship for ship in world.ships],
         generator(seed, Stream.AIR),
-        own_mmsi=OWN_MMSI,
+        own_mmsi=own_mmsi,
         range_m=1e3 * asked.range_km,
         lost=asked.lost,
         baud=AIS_BAUD,

@@ -91,19 +91,28 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
     sections: dict[str, Section] = {
         "vehicle": {"name": vehicle.name},
         "compass": _device_section(vehicle.compass, ports["compass"]),
-        "position": {"driver": POSITION.driver, "port": ports["position"], "baud": POSITION.baud},
+        "position": _same_device("position", vehicle.position, POSITION.driver, ports["position"], POSITION.baud),
         "rudder": _device_section(vehicle.rudder, ports["rudder"]),
         **{
             name: {"driver": POWER_DRIVER, "port": ports[name], "baud": POWER_BAUD}
             for name in ("power", "power_b")
             if name in ports
         },
-        **({"ais": {"driver": "nmea", "port": ports["ais"], "baud": AIS_BAUD}} if "ais" in ports else {}),
+        **({"ais": _same_device("ais", vehicle.ais, "nmea", ports["ais"], AIS_BAUD)} if "ais" in ports else {}),
         "link": {"urls": [f"serial:{ports['link']}:{LINK_BAUD}"] if "link" in ports else list(vehicle.link_urls)},
         "hull": {name: value for name, value in asdict(vehicle.hull).items() if value is not None},
         "parameters": {**vehicle.parameters, **settings},
     }
     return "\n".join(_section_text(name, section) for name, section in sections.items() if section)
+
+
+def _same_device(section: str, given: DeviceEntry | None, driver: str, port: str, baud: int) -> Section:
+    """Write the device that the board emulates, with the options of the given file when its driver is the same."""
+    values = {"driver": driver, "port": _NO_PORT, "baud": baud}
+    entry = vehicle_format.read_device(section, values, f"[{section}]")
+    if given is not None and given.driver == driver:
+        entry = replace(entry, options=given.options)
+    return _device_section(entry, port)
 
 
 def _device_section(entry: DeviceEntry, port: str) -> Section:

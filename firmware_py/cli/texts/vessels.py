@@ -20,6 +20,22 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "look whether another way is open: she goes on as she did",
     ),
     "Goes her own way again": ("the vessel is past, or wide enough away", _NOTHING),
+    "Distress beacon <number>: <number> m, bearing <number> deg": (
+        "a man overboard device, an AIS-SART or an EPIRB calls, or a vessel of status 14; told again every ten minutes",
+        "report position and number to the rescue coordination centre; she does not avoid it as a vessel",
+    ),
+    "Distress beacon <number>: at <latitude>, <longitude>": (
+        "the same, while the boat does not know its own position",
+        "report position and number to the rescue coordination centre",
+    ),
+    "Distress beacon <number>: no position yet": (
+        "the beacon has switched on and has no fix; its position follows within minutes",
+        "report the number to the rescue coordination centre",
+    ),
+    "<vessel> is always where the boat is: its own echo": (
+        "the boat's own transponder heard by a receiver (VDM); it is no vessel to avoid",
+        "nothing; `own_mmsi` in the vehicle file keeps it out at once",
+    ),
     "AIS: <what is wrong>": (
         "it is away, or messages are refused, or more came than she reads; told once in ten minutes",
         "if it goes on: cable and baud rate; `rambler status` counts. Who sends her own number errs, or deceives",

@@ -26,13 +26,13 @@ _TURNS_HZ = 10.0
 
 
 def ais_vessel(context: TelemetryContext) -> Message | None:
-    """Return AIS_VESSEL of the vessel whose turn it is; those that come near have more turns."""
+    """Return AIS_VESSEL of the vessel whose turn it is; those that come near, and distress beacons, have more turns."""
     boat = context.snapshot
     if boat.traffic is None or not boat.traffic.vessels:
         return None
     turn, vessels = math.floor(boat.t_s * _TURNS_HZ), boat.traffic.vessels
     if turn * _NEAR_ROUND % 1.0 < _NEAR_SHARE:
-        vessels = tuple(vessel for vessel in vessels if vessel.near_s is not None) or vessels
+        vessels = tuple(vessel for vessel in vessels if vessel.near_s is not None or vessel.distress) or vessels
     return _message(vessels[int(turn * _ROUND % 1.0 * len(vessels))], boat.t_s)
 
 

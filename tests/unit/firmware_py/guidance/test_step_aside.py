@@ -211,3 +211,22 @@ def test_a_tick_tries_one_heading(monkeypatch):
         before = len(counts)
         state, _ = step_aside.update(SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0), t_s=0.1 * tick))
         assert len(counts) - before <= 3
+
+
+def test_an_escort_hides_no_ship():
+    """It keeps its place beside her on any heading that she tries, so it is the ship that headings are chosen by."""
+    escort = replace(ship(80.0, 0.0, 0.4, 0.0, in_s=0.0), near_s=0.0)
+    alone, told_alone = decided(ship(6000.0, -50.0))
+    state, told = decided(ship(6000.0, -50.0), escort)
+    assert math.degrees(state.heading_rad) == pytest.approx(math.degrees(alone.heading_rad))
+    assert told == told_alone
+
+
+def test_with_an_escort_alone_she_goes_on():
+    for north_m, east_m in ((80.0, 0.0), (-80.0, 0.0), (0.0, 80.0), (0.0, -5.0)):
+        assert decided(ship(north_m, east_m, 0.4, 0.0))[0].heading_rad is None
+
+
+def test_an_escort_that_would_be_run_down_still_counts():
+    state, _ = decided(ship(80.0, 0.0, 0.0, 0.0))
+    assert state.heading_rad is not None

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -78,16 +78,24 @@ class Plane:
         return north_m_s, motion.current_east_m_s + motion.speed_m_s * math.sin(way_rad)
 
     def part(self, heading_rad, begin=(0.0, 0.0)):
-        """How near the nearest vessel comes, in parts of what is near, and in metres."""
+        """How near the nearest vessel comes, in parts of what is near, and in metres.
+
+        One that is kept as far off as it is does not count beside others.
+        """
         own = self.velocity(heading_rad)
-        found = []
+        counted, uncounted = [], []
         for (north_m, east_m, *velocity), vessel in self.seen:
             x, y = north_m - begin[0], east_m - begin[1]
             u, v = velocity[0] - own[0], velocity[1] - own[1]
             t_s = min(max(-(x * u + y * v) / (u * u + v * v), 0.0), TRAFFIC.horizon_s) if u or v else 0.0
             near_m = math.hypot(x + t_s * u, y + t_s * v)
-            found.append((near_m / TRAFFIC.limit_m(vessel.position), near_m))
-        return min(found)
+            limit_m = TRAFFIC.limit_m(vessel.position)
+            lost = min(AMPLE, math.hypot(north_m, east_m) / limit_m) - near_m / limit_m
+            assume(abs(lost - WORTH) > NEARLY)
+            (counted if lost > WORTH else uncounted).append((near_m / limit_m, near_m))
+        if counted:
+            return min(counted)
+        return max(AMPLE, min(uncounted)[0]), min(uncounted)[1]
 
     def fence(self):
         if self.sides is None:

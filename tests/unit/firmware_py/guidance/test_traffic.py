@@ -2,12 +2,13 @@
 
 import math
 import random
+import re
 
 import pytest
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Severity
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
 from firmware_py.guidance import traffic
 from firmware_py.guidance.traffic import MOST_VESSELS, OwnMotion, TrafficSettings, TrafficState
@@ -185,3 +186,132 @@ def test_what_the_receiver_refuses_is_told_now_and_then():
     assert traffic.receiver_events(state, health("more than she reads, dropped"), 10.0)[1] == ()
     assert len(traffic.receiver_events(state, health("checksum"), 700.0)[1]) == 1
     assert traffic.receiver_events(TrafficState(), health("checksum", DeviceRole.COMPASS), 0.0)[1] == ()
+
+
+def sail_north(seconds, *ships, speed_m_s=0.5, state=None, radius_m=math.inf, every_s=10.0):
+    """Sail north, or to and fro within a radius, among ships that say where they are seen from the boat's place."""
+    state, told = state or TrafficState(), []
+    for t_s in range(round(seconds)):
+        way_m = speed_m_s * t_s if radius_m == math.inf else radius_m * math.sin(speed_m_s * t_s / radius_m)
+        own = OwnMotion(Place(*placed(way_m, 0.0)), (speed_m_s, 0.0))
+        reports = [ship(float(t_s), way_m) for ship in ships] if t_s % every_s == 0 else []
+        state, texts = look(state, float(t_s), *reports, own=own)
+        told += [(t_s, text) for text in texts]
+    return state, told
+
+
+def keeping(mmsi, off_m, speed_m_s=0.5):
+    """A vessel that stays so far north of the boat, give or take what two receivers differ by."""
+    return lambda t_s, way_m: position(mmsi, t_s, way_m + off_m + 8.0 * math.sin(t_s), 5.0, speed_m_s, 0.0)
+
+
+def test_her_own_echo_is_told_apart_once_and_is_near_no_more():
+    state, told = sail_north(900.0, keeping(235000007, 0.0))
+    assert [text for _, text in told][1:] == ["MMSI 235000007 is always where the boat is: its own echo"]
+    assert told[1][0] < 50.0 / 0.5 + 40.0
+    assert not state.near
+    (echo,) = state.vessels
+    assert (echo.own, echo.avoided) == (True, False)
+
+
+def test_an_echo_is_told_apart_where_she_keeps_station():
+    state, told = sail_north(3000.0, keeping(235000007, 0.0), radius_m=60.0)
+    assert told[-1][1].endswith("its own echo")
+    assert not state.near
+
+
+@pytest.mark.parametrize("off_m", [60.0, 80.0, -150.0])
+def test_an_escort_is_another_vessel(off_m):
+    state, told = sail_north(3000.0, keeping(244000123, off_m))
+    assert state.vessels[0].avoided
+    assert not any("echo" in text for _, text in told)
+
+
+def test_a_mark_that_she_circles_is_another_vessel():
+    def mark(t_s, _way_m):
+        return position(992351001, t_s, 0.0, 5.0, 0.0, kind=VesselKind.MARK)
+
+    state, told = sail_north(3000.0, mark, radius_m=30.0)
+    assert state.near
+    assert len(told) == 1
+
+
+def test_an_echo_that_goes_elsewhere_is_a_vessel_again():
+    state, _ = sail_north(900.0, keeping(235000007, 0.0))
+    own = OwnMotion(Place(*placed(450.0, 0.0)), (0.5, 0.0))
+    for t_s in (902.0, 912.0, 922.0):  # believed at the third
+        state, _ = look(state, t_s, position(235000007, t_s, 3000.0, 0.0, 5.0), own=own)
+    state, _ = look(state, 930.0, own=own)
+    assert state.vessels[0].avoided
+    assert state.near
+
+
+def test_who_stays_alongside_is_near_but_no_heading_is_taken_for_it():
+    state, told = sail_north(90.0, keeping(244000123, 0.0))
+    (vessel,) = state.vessels
+    assert (vessel.own, vessel.near_s is not None, vessel.avoided) == (False, True, False)
+    assert len(told) == 1
+
+
+BEACON = 972603802
+
+
+def beacon(t_s, mmsi=BEACON, north_m=400.0, status=14):
+    return VesselPosition(t_s, mmsi, VesselKind.CLASS_A, *placed(north_m, 0.0), 0.2, 1.5, status=status)
+
+
+@pytest.mark.parametrize(
+    ("mmsi", "status"), [(970123456, 15), (972603802, 14), (974001001, 0), (211000001, 14), (970123456, 14)]
+)
+@pytest.mark.parametrize("distance_m", [20.0, 400.0, 3000.0, 30000.0])
+def test_a_distress_beacon_is_reported_at_once_and_is_no_vessel_to_avoid(mmsi, status, distance_m):
+    state, events = traffic.update(SETTINGS, TrafficState(), [beacon(0.0, mmsi, distance_m, status)], HERE, 0.0)
+    (event,) = events
+    assert event.severity is Severity.CRITICAL
+    found = re.fullmatch(rf"Distress beacon {mmsi:09d}: (\d+) m, bearing (000|360) deg", event.text)
+    assert float(found[1]) == pytest.approx(distance_m, rel=1e-3)
+    for t_s in range(1, 600):
+        state, texts = look(state, float(t_s), beacon(float(t_s), mmsi, distance_m, status))
+        assert texts == []
+    assert not state.near
+    assert not state.vessels[0].avoided
+    assert state.vessels[0].title == f"Distress beacon {mmsi:09d}"
+    assert look(state, 602.0, beacon(602.0, mmsi, distance_m, status))[1]  # told again after ten minutes
+
+
+def test_a_beacon_is_reported_just_after_a_ship_and_several_one_after_the_other():
+    state, texts = look(TrafficState(), 0.0, position(1, 0.0, 3000.0, 0.0))
+    assert len(texts) == 1
+    state, texts = look(state, 2.0, beacon(2.0), beacon(2.0, 972000002, 800.0))
+    assert [text[:25] for text in texts] == ["Distress beacon 972603802"]
+    assert [text[:25] for text in look(state, 4.0)[1]] == ["Distress beacon 972000002"]
+
+
+def test_a_beacon_is_reported_without_a_position_of_hers_or_of_its_own():
+    state, texts = look(TrafficState(), 0.0, VesselIdentity(0.0, BEACON), own=None)
+    assert texts == [f"Distress beacon {BEACON}: no position yet"]
+    for t_s in range(1, 600):
+        state, texts = look(state, float(t_s), VesselIdentity(float(t_s), BEACON), own=None)
+        assert texts == []
+    state, texts = look(state, 600.0, beacon(600.0), own=None)
+    latitude_deg, longitude_deg = (math.degrees(angle) for angle in placed(400.0, 0.0))
+    assert texts == [f"Distress beacon {BEACON}: at {latitude_deg:.4f}, {longitude_deg:.4f}"]
+
+
+@pytest.mark.parametrize("fix_s", [1, 4, 14, 300])
+def test_a_beacon_that_was_heard_before_the_first_fix_gets_its_bearing_with_it(fix_s):
+    state, texts = look(TrafficState(), 0.0, beacon(0.0), own=None)
+    assert len(texts) == 1
+    told = []
+    for t_s in range(1, 400):
+        state, texts = look(state, float(t_s), beacon(float(t_s)), own=HERE if t_s >= fix_s else None)
+        told += [(t_s, text) for text in texts]
+    ((when_s, text),) = told
+    assert fix_s <= when_s <= fix_s + 2
+    assert re.fullmatch(rf"Distress beacon {BEACON}: 400 m, bearing (000|360) deg", text)
+
+
+def test_a_full_table_has_room_for_a_beacon():
+    near = [position(number, 0.0, 100.0, 0.0) for number in range(1, MOST_VESSELS + 1)]
+    state, _ = look(TrafficState(), 0.0, *near)
+    assert look(state, 2.0, beacon(2.0, north_m=9000.0))[1][0].startswith("Distress beacon")

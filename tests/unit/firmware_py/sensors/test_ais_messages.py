@@ -213,3 +213,11 @@ def test_the_mother_ship_of_a_craft_is_not_its_size():
         VesselIdentity(0.0, 211000000, "", "AB", 36, (5, 6, 1, 2)),
         VesselIdentity(0.0, 982110000, "", "AB", 36, None),
     ]
+
+
+@pytest.mark.parametrize("mmsi", [970000001, 972603802, 974001001])
+def test_a_distress_beacon_calls_before_it_has_a_position(mmsi):
+    nowhere = payload(1, mmsi, latitude=91 * 600_000, longitude=181 * 600_000, status=14)
+    assert reports_of(nowhere, 5.0) == (VesselIdentity(5.0, mmsi),)
+    (report,) = reports_of(payload(1, mmsi, status=14), 5.0)
+    assert report.status == 14

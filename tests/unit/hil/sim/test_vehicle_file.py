@@ -71,6 +71,31 @@ def test_a_given_file_keeps_everything_but_its_ports(tmp_path):
     assert mounting_of(vehicle) == Mounting(radians(4.0), rudder_reversed=True)
 
 
+def test_options_of_position_and_ais_are_kept_when_the_board_emulates_that_driver(tmp_path):
+    more = """
+[position]
+driver = "nmea"
+port = "/dev/ttyUSB2"
+baud = 4800
+require_checksum = false
+[ais]
+driver = "nmea"
+port = "/dev/ttyUSB3"
+baud = 38400
+own_mmsi = 235000099
+"""
+    (tmp_path / "boat.vehicle").write_text(GIVEN.replace('file = "boat.param"', "") + more)
+    vehicle = load(tmp_path / "boat.vehicle")
+    data = tomllib.loads(file_text(vehicle, {**PORTS, "ais": "/a"}, {}))
+    assert data["position"] == {"driver": "nmea", "port": "/p", "baud": 9600, "require_checksum": False}
+    assert data["ais"] == {"driver": "nmea", "port": "/a", "baud": 38400, "own_mmsi": 235000099}
+    (tmp_path / "boat.vehicle").write_text(
+        GIVEN.replace('file = "boat.param"', "") + '[position]\ndriver = "ubx"\nport = "/dev/x"\nbaud = 38400\n'
+    )
+    data = tomllib.loads(file_text(load(tmp_path / "boat.vehicle"), PORTS, {}))
+    assert data["position"] == {"driver": "nmea", "port": "/p", "baud": 9600}
+
+
 def test_choosing_another_device_replaces_its_section_and_the_same_keeps_it(tmp_path):
     (tmp_path / "boat.vehicle").write_text(GIVEN.replace('file = "boat.param"', ""))
     vehicle = load(tmp_path / "boat.vehicle")
