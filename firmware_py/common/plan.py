@@ -22,6 +22,8 @@ from typing import Any, Final
 import msgspec
 from msgspec.structs import replace
 
+from firmware_py.common.angles import radians
+from firmware_py.common.geodesy import Place
 from firmware_py.common.reading_notes import Spot, shown
 
 MOST_ITEMS = 2000
@@ -57,6 +59,18 @@ class PlanItem(msgspec.Struct, frozen=True):
     x: int = 0
     y: int = 0
     z: float = 0.0  # metres, single precision
+
+
+def place_of(item: PlanItem) -> Place | None:
+    """Return the place of an item, None for 'where the boat is' and for what is on no globe."""
+    if (item.x == 0 and item.y == 0) or abs(item.x) > 900_000_000 or abs(item.y) > 1_800_000_000:
+        return None
+    return Place(radians(item.x * 1e-7), radians(item.y * 1e-7))
+
+
+def number(value: float, low: float, high: float) -> float:
+    """Return a parameter within its bounds; an absent one (NaN) is 0 within them."""
+    return min(max(0.0 if math.isnan(value) else value, low), high)
 
 
 def _normalise_nan(item: PlanItem) -> PlanItem:

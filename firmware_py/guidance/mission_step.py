@@ -38,9 +38,8 @@ from msgspec.structs import replace
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
-from firmware_py.common.plan import Plan, PlanItem
+from firmware_py.common.plan import Plan, PlanItem, number, place_of
 from firmware_py.plans.items import FARTHEST_M, LONGEST_S, MOST_TURNS, Command
-from firmware_py.plans.places import number, place_of
 from firmware_py.plans.sequence import next_places, tags_of
 
 LARGEST_RADIUS_M = 100_000.0

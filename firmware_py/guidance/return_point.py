@@ -6,12 +6,11 @@ import functools
 import math
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.plan import Plan
+from firmware_py.common.plan import Plan, place_of
 from firmware_py.common.reports import Home
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 from firmware_py.model.crab import speed_made_good
 from firmware_py.plans.items import Command
-from firmware_py.plans.places import place_of
 
 UNREACHABLE_M_S = 0.02
 

@@ -15,9 +15,8 @@ from collections.abc import Iterator
 import msgspec
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans, number, place_of
 from firmware_py.plans.items import FARTHEST_M, Command
-from firmware_py.plans.places import number, place_of
 
 LOOKS = 500  # at the fence for one way, at the most
 NEAREST_LOOK_M = 1.0

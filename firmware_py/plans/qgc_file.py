@@ -56,16 +56,8 @@ def _document(text: str, source: str) -> Mapping[str, Any]:
     def constant(name: str) -> float:
         raise ValueError(f"{name} is no JSON")
 
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for key, value in pairs:
-            if key in found:
-                raise ValueError(f"key {shorten(key)} stands twice in one object")
-            found[key] = value
-        return found
-
     try:
-        document = json.loads(text, parse_constant=constant, object_pairs_hook=once)
+        document = json.loads(text, parse_constant=constant)
     except RecursionError:
         raise PlanFileError(f"{source}: it is nested too deeply; save it anew with QGroundControl") from None
     except ValueError as error:

@@ -17,12 +17,8 @@ from firmware_py.plans.validation import problem_of
 MOST_BYTES = 8 << 20
 
 
-def _no_note(_text: str) -> None:
-    pass
-
-
 def read_plan_file(
-    content: bytes, source: str, *, home: bool = True, note: Callable[[str], None] = _no_note
+    content: bytes, source: str, *, home: bool = True, note: Callable[[str], None] = lambda _text: None
 ) -> tuple[Plan, ...]:
     """Read the content of a plan file and judge its plans; PlanFileError names source, line or item, and the remedy.
 

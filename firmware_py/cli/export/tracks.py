@@ -155,11 +155,15 @@ def _kml(tracks: Tracks) -> ET.Element:
 
 
 def _ring(document: ET.Element, kind: str, corners: Sequence[MapPoint]) -> None:
-    for part in _split_ring(corners):
-        placemark = _child(document, "Placemark")
-        _child(placemark, "name", f"Fence, {kind}")
-        outer = _child(_child(_child(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
-        _child(outer, "coordinates", _coordinates([*part, part[0]]))
+    parts = list(_split([*corners, corners[0]]))
+    if len(parts) > 1:  # as an outline: a polygon cannot cross there
+        for part in parts:
+            _line(document, f"Fence, {kind}", part)
+        return
+    placemark = _child(document, "Placemark")
+    _child(placemark, "name", f"Fence, {kind}")
+    outer = _child(_child(_child(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
+    _child(outer, "coordinates", _coordinates(parts[0]))
 
 
 def _longitude_deg(longitude_deg: float) -> float:
@@ -173,42 +177,13 @@ def _split(places: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
     for before, place in pairwise(places):
         if abs(place[0] - before[0]) > _HALF_TURN_DEG:
             edge_deg = math.copysign(_HALF_TURN_DEG, before[0])
-            crossing = _crossing(before, (place[0] + 2.0 * edge_deg, place[1]), edge_deg)
-            yield [*part, crossing]
-            part = [(-edge_deg, crossing[1])]
+            way_deg = place[0] + 2.0 * edge_deg - before[0]
+            share = (edge_deg - before[0]) / way_deg if way_deg else 0.0
+            latitude_deg = before[1] + share * (place[1] - before[1])
+            yield [*part, (edge_deg, latitude_deg)]
+            part = [(-edge_deg, latitude_deg)]
         part.append(place)
     yield part
-
-
-def _split_ring(corners: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
-    """Yield the parts of a ring on either side of 180 degrees, cut along that meridian."""
-    ring = [corners[0]]
-    for longitude_deg, latitude_deg in corners[1:]:
-        turns = round((ring[-1][0] - longitude_deg) / (2.0 * _HALF_TURN_DEG))
-        ring.append((longitude_deg + turns * 2.0 * _HALF_TURN_DEG, latitude_deg))
-    for turn_deg in (-360.0, 0.0, 360.0):
-        part = [(longitude_deg - turn_deg, latitude_deg) for longitude_deg, latitude_deg in ring]
-        if part := _cut(_cut(part, _HALF_TURN_DEG), -_HALF_TURN_DEG):
-            yield part
-
-
-def _cut(ring: Sequence[MapPoint], edge_deg: float) -> list[MapPoint]:
-    """Return what of a ring lies on the near side of 180 or -180 degrees (Sutherland and Hodgman, CACM 17(1):32)."""
-    kept: list[MapPoint] = []
-    for before, corner in zip((*ring[-1:], *ring[:-1]), ring, strict=True):
-        inside = [math.copysign(1.0, edge_deg) * place[0] < _HALF_TURN_DEG for place in (before, corner)]
-        if inside[0] is not inside[1]:
-            kept.append(_crossing(before, corner, edge_deg))
-        if inside[1]:
-            kept.append(corner)
-    return kept
-
-
-def _crossing(start: MapPoint, end: MapPoint, longitude_deg: float) -> MapPoint:
-    """Return where a line meets a meridian."""
-    way_deg = end[0] - start[0]
-    part = (longitude_deg - start[0]) / way_deg if way_deg else 0.0
-    return longitude_deg, start[1] + part * (end[1] - start[1])
 
 
 def _circle(latitude_deg: float, longitude_deg: float, radius_m: float) -> list[MapPoint]:

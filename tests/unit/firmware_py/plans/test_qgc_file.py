@@ -164,7 +164,6 @@ def test_a_plan_that_is_written_is_read_back():
             ),
             "item 3: DO_JUMP: there are 2 items with doJumpId 4",
         ),
-        ('{"fileType": "Plan", "geoFence": {}, "geoFence": {}}', "key 'geoFence' stands twice"),
         (json.dumps(document([survey([], version=3)])), "item 1: TransectStyleComplexItem: version 3 is not known"),
         (json.dumps(document([survey([])])), "item 1: TransectStyleComplexItem has no Items"),
         (json.dumps(document([survey(None)])), "item 1: Items: expected a list"),
