@@ -1,6 +1,9 @@
 """The compiled twin against the real autopilot on ptys: the same rudder, to the last bit, in every sea."""
 
 import os
+import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -18,17 +21,35 @@ from hil.sim.goals import parse_goals
 from hil.sim.logbook import RunOptions
 from hil.sim.runner import run
 from support import voyage
+from support.paths import ROOT
 
 pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minute of one processor
 
 SHORT = ("0:0,25:60", 45.0)
+WALK = ("0:0,30:60,80:-30", 120.0)  # a turn to each side
 SEEN_S = 310.0  # a goal that is held for less is no turn to a score
 TASK = ("0:0,120:60,720:-30", 1320.0)
 SEEDS = int(os.environ.get("SEEDS", "20"))  # of the proof
 # What the scenarios leave out: a receiver that never has a fix, and floats on which the helm swings and is softened.
 SOFTENED = ("calm+float=0.1:0.3", "tank+float=0.08:0.4")
 RECORDED = ("fjord", "coast", "offshore")  # disturbances move the heading there as an oscillation would
+EVERY = tuple(row.name for row in TABLE)
 MORE = ("sea+float=0.3:0.6,receiver=0:1", *SOFTENED, "swell+kt=0.5:2,delay=2")
+
+
+# Without numba's compiler, in a process of its own; plain Python wants the records as those of numpy.
+INTERPRETED = """
+import pickle, sys
+import numpy as np
+from hil.lab.twin import loop, sailing
+
+assert not hasattr(loop.voyage, "py_func")
+zeros, record_of = sailing.zeros, sailing.record_of
+sailing.zeros = lambda kind: np.array([zeros(kind)]).view(np.recarray)[0]
+sailing.record_of = lambda numbers: np.array([record_of(numbers)]).view(np.recarray)[0]
+record, count = sailing.sail(*pickle.load(sys.stdin.buffer))
+pickle.dump((tuple(record), count), sys.stdout.buffer)
+"""
 
 
 def monitored(log):
@@ -78,6 +99,34 @@ def test_the_twin_sails_every_mixture_as_the_autopilot_does(tmp_path, name, told
     assert compared(tmp_path, name, 1, *SHORT, **told) == (1.0, 0)
 
 
+@pytest.mark.proof
+@pytest.mark.parametrize("text", EVERY)
+def test_the_autopilot_steers_every_scenario_as_the_compiled_loop_does(tmp_path, text):
+    assert compared(tmp_path, text, 1, *WALK)[1] == 0
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("text", EVERY)
+def test_interpreted_and_compiled_loop_agree_in_every_scenario(text):
+    told, seconds = voyage.told(), WALK[1]
+    sea, task = drawn(sea_of(text), 1, seconds), sailing.task_of(parse_goals(WALK[0]))
+    run_of = (sailing.boat_of(told), LawSettings.of(told), sea, task, seconds)
+    compiled, count = sailing.sail(*run_of)
+    done = subprocess.run(
+        [sys.executable, "-c", INTERPRETED],
+        input=pickle.dumps(run_of),
+        env={**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"},
+        check=False,
+        capture_output=True,
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    assert count > 9.9 * seconds
+    interpreted = pickle.loads(done.stdout)
+    assert interpreted[1] == count
+    for ours, theirs in zip(compiled, interpreted[0], strict=True):
+        assert ours.tobytes() == theirs.tobytes()
+
+
 # Mean and longest time [s] in which she first is within 5 deg of a goal 60 deg away that is given as she wakes up.
 @pytest.mark.parametrize(
     ("name", "mean_s", "most_s"), [("sea", 46.0, 58.0), ("swell", 58.0, 110.0), ("tank", 48.0, 50.0)]
@@ -94,7 +143,7 @@ def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
 
 @pytest.mark.proof
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("text", [*(row.name for row in TABLE), *MORE])
+@pytest.mark.parametrize("text", [*EVERY, *MORE])
 @pytest.mark.parametrize("seed", range(1, SEEDS + 1))
 def test_the_twin_sails_the_whole_task_as_the_autopilot_does(tmp_path, text, seed):
     softness, differs = compared(tmp_path, text, seed, *TASK)

@@ -84,5 +84,5 @@ def test_compiled_functions_are_those_of_the_changed_firmware(changed, capsys):
 @pytest.mark.timeout(1800)
 def test_the_closed_loop_sails_by_the_changed_firmware_as_its_autopilot_does(changed):
     assert said(ROOT, "-c", LOOP) != said(changed, "-c", LOOP)
-    words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/process/test_twin.py", "-k", "mixture and coast")
+    words = ("-m", "pytest", "tests/process/test_twin.py", "-k", "mixture and coast")
     assert "1 passed" in said(changed, *words)
