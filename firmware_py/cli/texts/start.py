@@ -58,6 +58,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the hardware watchdog is not as asked for; she sails on",
         "see the page on the float, hardware watchdog; systemd may hold it already",
     ),
+    "Import not used: <problem>": (
+        "an imported state cannot be applied: nothing of it counts, and the boat starts with what it had",
+        "export the state again and import that file; what was set aside beside it may be deleted",
+    ),
     "<file> is of another version: <consequence>": (
         "an earlier program version kept this record; it is set aside for a roll-back to that version, and not used",
         "nothing after an update; set the mode and arm again as you need",
