@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         try:
             print("\n".join(_lines(told)))
-        except (KeyError, TypeError, ValueError, AttributeError):  # of another version than this program
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):  # of another version than this program
             print(f"{told['status']}, and not in the words of this version; --json shows all of it")
     return 0 if found.freshness is Freshness.RUNNING else 1
 

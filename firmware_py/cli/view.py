@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.cli.refusal import refused
-from firmware_py.common.plan import PlanKind, from_text
+from firmware_py.common.plan import PlanKind
 from firmware_py.system import realtime
 from firmware_py.system.clock import machine_s
 from firmware_py.system.signals import Signals
 from firmware_py.system.slots import examine
-from firmware_py.system.state_directory import PLAN_FILES
+from firmware_py.system.state_directory import PLAN_FILES, sound_plan
 from firmware_py.system.status_file import Found, Freshness, find, find_all
 from firmware_py.view.feed import MOST_LINE_BYTES, Feed
 from firmware_py.view.guard import DEFAULT_LISTEN, Guard, ViewError, listen_address, read_token
@@ -136,7 +136,7 @@ def _plans(directory: Path | None) -> Mapping[str, Any]:
         try:
             stored = examine(directory, PLAN_FILES[kind])
             if stored.content is not None:
-                plan, _ = from_text(stored.content.decode("ascii", "replace"))
+                plan, _ = sound_plan(kind, stored.content.decode("ascii", "replace"))
                 found[kind.name.lower()] = plan_rows(plan)
         except (OSError, ValueError):
             continue  # the autopilot itself tells of it

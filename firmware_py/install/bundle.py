@@ -7,7 +7,6 @@ list by ssh-keygen(1). `make bundle` makes it (.ci/bundle.py). Whatever is in it
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import platform
 import re
@@ -21,7 +20,7 @@ from typing import Any, Final
 
 import msgspec
 
-from firmware_py.files.reading import open_regular
+from firmware_py.files.reading import open_regular, read_json
 
 LIST, SIGNATURE, LOCK = "bundle.json", "bundle.json.sig", "requirements.txt"
 FORMAT: Final = 1
@@ -93,7 +92,7 @@ def check_computer(bundle: Bundle, machine: str = platform.machine(), python: tu
 def read_list(content: bytes) -> Bundle:
     """Read the list of a bundle; UpdateError for what is none."""
     try:
-        data: Any = json.loads(content)
+        data: Any = read_json(content)
         if data["format"] != FORMAT:
             raise UpdateError(f"it has format {str(data['format'])[:20]}, this program reads {FORMAT}")
         files = {str(name): (int(entry["bytes"]), str(entry["sha256"])) for name, entry in data["files"].items()}
@@ -104,7 +103,7 @@ def read_list(content: bytes) -> Bundle:
             files,
             hashlib.sha256(content).hexdigest(),
         )
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise UpdateError(f"its list cannot be read: {error}") from None
     version_key(bundle.version)
     for name, (count, digest) in files.items():

@@ -162,9 +162,9 @@ def _check_age(bundle: Bundle, current: Environment, may: Permissions, say: Say)
 def _check_unarmed(state: Path, may: Permissions) -> Found:
     """Raise UpdateError when she is armed, or does not say whether she is, unless that may be; return her status."""
     found = find(state, machine_s())
-    if may.armed or found.freshness is Freshness.ABSENT:
+    if may.armed or (found.freshness is Freshness.ABSENT and not found.is_refused):
         return found
-    if found.freshness is Freshness.STALE or "armed" not in found.content:
+    if found.freshness is not Freshness.RUNNING or "armed" not in found.content:
         raise UpdateError(
             f"what runs does not say whether she is armed ({found.reason}); --armed to go on all the same"
         )

@@ -10,10 +10,9 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
-import json
-import math
 import os
 import pwd
+import stat
 from collections.abc import Mapping, Sequence
 from enum import Enum
 from pathlib import Path
@@ -22,7 +21,7 @@ from typing import Any
 import msgspec
 
 from firmware_py.files.making import write_whole
-from firmware_py.files.reading import read_regular
+from firmware_py.files.reading import read_json, read_regular
 
 # The first is made by a service manager or a tmpfiles line and the second is on every Linux; whatever is not memory is
 # passed over.
@@ -43,12 +42,16 @@ class Freshness(Enum):
 
 
 class Found(msgspec.Struct, frozen=True):
-    """What was found of an autopilot: what it said, how long ago, and why it is not to be taken for what is now."""
+    """What was found of an autopilot: what it said, how long ago, and why it is not to be taken for what is now.
+
+    `is_refused`: a file lies there that is not believed, and may stand in the way of the true one.
+    """
 
     freshness: Freshness
     content: Mapping[str, Any] = msgspec.field(default_factory=dict)
     age_s: float | None = None
     reason: str = ""
+    is_refused: bool = False
 
 
 def file_name(state_directory: Path) -> str:
@@ -101,8 +104,8 @@ class StatusFile:
 
 def find(state_directory: Path, machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> Found:
     """Return what the autopilot on a state directory says; `machine_s` is now (system.clock.machine_s)."""
-    name = file_name(state_directory)
-    return _newest([_read(directory / name, machine_s) for directory in directories if (directory / name).exists()])
+    paths = [directory / file_name(state_directory) for directory in directories]
+    return _newest([_read(path, machine_s, state_directory) for path in paths if os.path.lexists(path)])
 
 
 def find_all(machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> dict[str, Found]:
@@ -112,8 +115,8 @@ def find_all(machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> dic
     ]
     found: dict[str, list[Found]] = {}
     for path in paths:
-        one = _read(path, machine_s)
-        if TRIED not in Path(one.content.get("state_directory", "")).parts:
+        one = _read(path, machine_s, None)
+        if not one.is_refused and TRIED not in Path(one.content.get("state_directory", "")).parts:
             found.setdefault(path.name, []).append(one)
     return {name: _newest(versions) for name, versions in found.items()}
 
@@ -123,19 +126,39 @@ def _newest(found: Sequence[Found]) -> Found:
     return min(found, key=lambda one: float("inf") if one.age_s is None else one.age_s, default=nothing)
 
 
-def _read(path: Path, machine_s: float) -> Found:
+def _owners(path: Path, state_directory: Path) -> set[int]:
+    """Return who may write the status of a state directory: root, its owner, and the owner of a directory of our own.
+
+    Anybody may put a file into /dev/shm.
+    """
+    owners = {0}
+    with contextlib.suppress(OSError, ValueError):
+        owners.add(state_directory.stat().st_uid)
+    with contextlib.suppress(OSError):
+        status = path.parent.stat()
+        if not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            owners.add(status.st_uid)
+    return owners
+
+
+def _read(path: Path, machine_s: float, state_directory: Path | None) -> Found:
+    """Read a file; without `state_directory` that which the file names is asked whose word counts."""
     try:
-        content = json.loads(read_regular(path, MOST_BYTES, follow=False))
+        owner_uid = path.lstat().st_uid
+        owners = {owner_uid} if state_directory is None else _owners(path, state_directory)
+        content = read_json(read_regular(path, MOST_BYTES, follow=False, owners=owners))
         age_s = machine_s - float(content["written_machine_s"])
         pid = int(content["pid"])
-        # Anybody may put a file into /dev/shm: whoever reads it is told whose word it is.
-        content |= {"user": _user(path.stat().st_uid), "state_directory": str(content["state_directory"])}
-        if not math.isfinite(age_s):
-            raise ValueError("no time")  # noqa: TRY301 - no status either
+        content |= {"user": _user(owner_uid), "state_directory": str(content["state_directory"])}
+        if state_directory is None:
+            named = Path(content["state_directory"])
+            if owner_uid not in _owners(path, named) or file_name(named) != path.name:
+                raise PermissionError(errno.EPERM, f"is not of {named}")
     except OSError as error:
         hint = "; look as a user of its group" if error.errno == errno.EACCES else ""
-        return Found(Freshness.ABSENT, reason=f"{path}: {error.strerror}{hint}")
-    except (ValueError, TypeError, KeyError, RecursionError):
+        refused = error.errno not in (errno.EACCES, errno.ENOENT)
+        return Found(Freshness.ABSENT, reason=f"{path}: {error.strerror}{hint}", is_refused=refused)
+    except (ValueError, TypeError, KeyError):
         return Found(Freshness.ABSENT, reason=f"{path}: it is no status; remove it")
     if not _lives(pid):
         return Found(Freshness.STALE, content, age_s, f"process {pid} is gone without having ended in good order")

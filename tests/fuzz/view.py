@@ -1,16 +1,24 @@
 """What the page under way takes from outside: requests of browsers, and lines of a harness."""
 
+import contextlib
 import ipaddress
 import json
+import tempfile
+from pathlib import Path
+from unittest.mock import patch
 
-from firmware_py.system.status_file import Found, Freshness
+from firmware_py.cli import status as command
+from firmware_py.install import update
+from firmware_py.install.bundle import UpdateError
+from firmware_py.system.status_file import Found, Freshness, file_name, find
 from firmware_py.view.feed import Feed
 from firmware_py.view.guard import COOKIE, Guard
 from firmware_py.view.history import History
-from fuzz.target import Target
+from fuzz.target import Target, check_line
 
 TOKEN = "0123456789abcdef"
 HERE, OPEN = Guard("", loopback=True), Guard(TOKEN, loopback=False)
+NOW_S = 1000.0
 STATUSES = {200, 303, 403, 405, 414, 421}
 
 
@@ -66,6 +74,28 @@ def status(data):
     json.loads(told, parse_constant=refuse)
 
 
+def status_file(data):
+    """Read a status file as every reader does: `rambler status` in both forms, the page, and an update."""
+    with tempfile.TemporaryDirectory() as name:
+        state = Path(name) / "state"
+        state.mkdir()
+        (Path(name) / file_name(state)).write_bytes(data)
+        found = find(state, NOW_S, (Path(name),))
+        assert found.content or found.reason
+        check_line(found.reason or "none")
+        told = command._whole(found, state)
+        json.dumps(told, allow_nan=False)
+        with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, OverflowError):  # as the command does
+            for one in command._lines(told):
+                assert one.isprintable()
+        with contextlib.suppress(UpdateError), patch.object(update, "find", lambda *_: found):
+            update._check_unarmed(state, update.Permissions())
+        history = History()
+        new = Feed(history, lambda: found, dict).poll()
+        json.loads(history.whole(), parse_constant=refuse)
+        json.loads(new, parse_constant=refuse)
+
+
 def refuse(constant):
     """No reader of JSON but Python's knows these."""
     raise AssertionError(constant)
@@ -81,6 +111,15 @@ TARGETS = {
         ),
     ),
     "view_line": Target(line, words=(b'{"time_s": 1.0, "true_heading_deg": 3}', b'"title": ', b"NaN", b"1e999", b"\n")),
+    "status_file": Target(
+        status_file,
+        words=(
+            b'{"written_machine_s":1000,"pid":1,"state_directory":"/x",', b'"mode":"HOLD"', b'"armed":true', b"1e400",
+            b"NaN", b"[" * 20,
+            b'"faults":[{"severity":"ERROR","fault":"X","since_s":1,"text":"x"}]', b'"devices":[]', b'"links":[]',
+            b'"uptime_s":1', b'"utc_s":2e9', b'"\\u001b"', b"1" + b"0" * 400, b'"traffic":{"nearest":[{}]}', b"null",
+        ),
+    ),
     "view_status": Target(
         status,
         words=(

@@ -123,7 +123,11 @@ def test_a_process_that_is_gone_is_told_however_new_its_words(memory, state, pid
 @pytest.mark.parametrize(
     "data",
     [b"", b"{", b"[]", b"null", b"\xff", b'{"pid": 1}', b'{"pid": "x", "written_machine_s": 0, "state_directory": "/"}',
-     b'{"pid": 1, "written_machine_s": NaN, "state_directory": 5}', b"[" * 100000],
+     b'{"pid": 1, "written_machine_s": NaN, "state_directory": 5}', b"[" * 100000,
+     b'{"pid": 1e400, "written_machine_s": 0, "state_directory": "/"}',
+     b'{"pid": 1, "written_machine_s": 1' + b"0" * 400 + b', "state_directory": "/"}',
+     b'{"pid": 1, "written_machine_s": 0, "state_directory": "/", "mode": "HOLD", "x": 1e400}',
+     b'{"pid": 1, "written_machine_s": 0, "state_directory": "/", "x": ' + b"[" * 900 + b"]" * 900 + b"}"],
 )  # fmt: skip
 def test_what_is_no_status_is_told_as_such(memory, state, data):
     (memory / file_name(state)).write_bytes(data)
@@ -135,8 +139,41 @@ def test_what_is_no_status_is_told_as_such(memory, state, data):
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
 def test_whose_word_it_is_is_told(memory, state):
     StatusFile(state, (memory,)).write(content(state))
+    os.chown(state, 4242, 4242)
     os.chown(memory / file_name(state), 4242, 4242)
     assert find(state, NOW_S, (memory,)).content["user"] == "4242"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_a_newer_word_of_another_user_is_not_believed(memory, state, tmp_path):
+    anybody = tmp_path / "anybody"
+    anybody.mkdir(mode=0o1777)
+    anybody.chmod(0o1777)
+    (memory / file_name(state)).write_bytes(content(state, armed=True))
+    (anybody / file_name(state)).write_bytes(content(state, armed=False, written_machine_s=NOW_S + 2.0))
+    os.chown(anybody / file_name(state), 4242, 4242)
+    places = (memory, anybody)
+    assert find(state, NOW_S + 3.0, places).content["armed"]
+    assert find_all(NOW_S + 3.0, places)[file_name(state)].content["armed"]
+    found = find(state, NOW_S + 3.0, (anybody,))
+    assert (found.freshness, found.content, found.is_refused) == (Freshness.ABSENT, {}, True)
+    assert "belongs to user 4242, who is not trusted here" in found.reason
+    # Nor one that names a state directory of the forger's, by the name of this one.
+    forged = tmp_path / "forged"
+    forged.mkdir()
+    os.chown(forged, 4242, 4242)
+    (anybody / file_name(state)).write_bytes(content(forged, armed=False))
+    os.chown(anybody / file_name(state), 4242, 4242)
+    assert find_all(NOW_S, (anybody,)) == {}
+
+
+@pytest.mark.parametrize("mode", [0o660, 0o602])
+def test_a_file_that_others_may_write_is_not_believed(memory, state, mode):
+    (memory / file_name(state)).write_bytes(content(state))
+    (memory / file_name(state)).chmod(mode)
+    found = find(state, NOW_S, (memory,))
+    assert found.is_refused
+    assert "can be written by others" in found.reason
 
 
 def test_of_two_places_the_newest_word_counts(memory, state, tmp_path):
