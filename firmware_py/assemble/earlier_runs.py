@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 from msgspec.structs import replace
 
+from firmware_py.common.parameters import ParameterSet, format_value
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Stored
 from firmware_py.core.resume import Moment, restore
@@ -23,6 +25,16 @@ from firmware_py.system.state_directory import (
 )
 from firmware_py.system.store import Store
 
+EARLY_ENDINGS: Final = 3
+MOST_SHOWN: Final = 10
+STEERING: Final = (
+    "AIS_", "CMP", "COG_", "CRUISE_", "CTL_", "EST_", "LOIT_", "LOOP_", "MDL_", "NAV_", "POS_", "RUD_", "STK_", "WP_",
+)  # fmt: skip
+MOUNTING: Final = (
+    "CMP_OFFSET_DEG", "CMPB_OFFSET_DEG", "CMP_DECL_AUTO", "CMP_DECL_DEG", "RUD_CENTRE_DEG", "RUD_LIMIT_DEG",
+    "RUD_REVERSE",
+)  # fmt: skip
+
 
 def read_state(directory: Path, store: Store, say: Callable[[str], None]) -> tuple[StateDirectory, Plans]:
     """Return what earlier runs have left; what is wrong with it is said."""
@@ -36,6 +48,34 @@ def read_state(directory: Path, store: Store, say: Callable[[str], None]) -> tup
         say(f"Used of what is stored: {kept.inventory(plans)}")
     kept.count_start()
     return kept, plans
+
+
+def parameters_to_start_with(
+    stored: ParameterSet, vehicle: ParameterSet, early: int, say: Callable[[str], None]
+) -> ParameterSet:
+    """Return the parameters after so many runs in a row that failed soon after their start.
+
+    After each EARLY_ENDINGS of them control and estimation start with other parameters: those of the vehicle file, then
+    the built-in ones. How the devices are mounted stays: the built-in direction of a servo may be the wrong one.
+    """
+    sets = {stored: "stored"}
+    for base, name in ((vehicle, "vehicle file's"), (ParameterSet(), "built-in")):
+        values = (
+            value if _steers(row) else kept for (row, value), kept in zip(base.items(), stored.values(), strict=True)
+        )
+        sets.setdefault(ParameterSet(values), name)
+    used, name = list(sets.items())[min(early // EARLY_ENDINGS, len(sets) - 1)]
+    if used is not stored:
+        say(f"{early} starts failed: {name} steering parameters")
+        pairs = zip(stored.items(), used.values(), strict=True)
+        unused = [f"{row} {format_value(value)}" for (row, value), other in pairs if value != other]
+        say(f"Kept, and not used: {', '.join(unused[:MOST_SHOWN])}{', and more' if unused[MOST_SHOWN:] else ''}")
+    return used
+
+
+def _steers(name: str) -> bool:
+    """Whether a parameter is one of control or estimation, and says nothing of how the devices are mounted."""
+    return name.startswith(STEERING) and not (name in MOUNTING or "_DEV_" in name)
 
 
 def report_key(directory: Path, stored: Stored, say: Callable[[str], None], *, late: bool = False) -> None:

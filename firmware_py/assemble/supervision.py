@@ -8,9 +8,11 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from firmware_py.common.records import Event, Severity
+from firmware_py.common.reports import Output
 from firmware_py.loop import LoopParts
 from firmware_py.system.endings import (
     CUT_OFF,
+    EARLY_S,
     ENDINGS_FILE,
     EXPECTED,
     Ending,
@@ -32,24 +34,25 @@ class Supervision:
     def __init__(
         self,
         parts: LoopParts,
+        endings: Endings,
         say: Callable[[str], None],
         environment: Mapping[str, str],
         hardware: Path | None,
         *,
         wait: bool,
     ) -> None:
-        """Arm what there is, and tell how the runs before have ended.
+        """Arm what there is, and report how the runs before have ended.
 
         WatchdogError for a watchdog device that cannot be had, unless `wait`: then that is told, and she sails without.
         """
         self._store = parts.store
-        runtime = runtime_directory(environment)
-        self._endings = read_endings(parts.store, runtime, parts.clock.utc_s(), parts.notices)
         for event in parts.notices:
             if event.text.startswith(AGAIN):
                 say(event.text)
-        self._store.save(ENDINGS_FILE, to_bytes(replace(self._endings, running=True)))
-        self._watcher = Watcher(runtime)
+        self._keep(replace(endings, running=True, is_young=True))
+        self._watcher = Watcher(runtime_directory(environment))
+        self._look_on, self._old_enough_s = parts.show_status, parts.clock.now_s() + EARLY_S
+        parts.show_status = self._note_tick
         device: HardwareWatchdog | None = None
         try:
             device = HardwareWatchdog(hardware) if hardware is not None else None
@@ -66,12 +69,22 @@ class Supervision:
     def end(self, *, anew: bool) -> None:
         """Say that the run ends as it should; `anew`: another one follows in this process."""
         self._watchdogs.stop(anew=anew)
-        self._store.save(ENDINGS_FILE, to_bytes(replace(self._endings, running=False)))
+        self._keep(replace(self._endings, running=False, is_young=False))
 
     def end_badly(self, why: str) -> None:
         """Say why the run ends although nobody has asked for it, so that it is started anew."""
         self._watcher.say_why(why)
+        self._keep(replace(self._endings, failed=True))
         self._watchdogs.stop(anew=True)
+
+    def _note_tick(self, output: Output, now_s: float) -> None:
+        if self._endings.is_young and now_s >= self._old_enough_s:
+            self._keep(replace(self._endings, is_young=False))
+        self._look_on(output, now_s)
+
+    def _keep(self, endings: Endings) -> None:
+        self._endings = endings
+        self._store.save(ENDINGS_FILE, to_bytes(endings))
 
 
 AGAIN = "Started again: "
@@ -89,7 +102,7 @@ def read_endings(store: Store, runtime: Path | None, utc_s: float, notices: list
     found = take_endings(runtime, utc_s)
     if not found and kept.running:
         found = (Ending(CUT_OFF, "", utc_s),)
-    kept = kept.with_more(found)
+    kept = replace(kept.with_more(found), running=False)
     if found and (last := found[-1]).why not in EXPECTED:
         times = f"{kept.counts[last.why]} times so far" if kept.counts[last.why] > 1 else "the first time"
         notices.append(Event(Severity.WARNING, f"{AGAIN}{last.why}{last.text and f', {last.text}'} ({times})"))

@@ -13,9 +13,10 @@ import msgspec
 
 from firmware_py import ROOT, __version__, ask_commit
 from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines, shared_ports
-from firmware_py.assemble.earlier_runs import read_state, report_key, resume
+from firmware_py.assemble.earlier_runs import parameters_to_start_with, read_state, report_key, resume
 from firmware_py.assemble.logs import dated, recorder_of, storage_of
 from firmware_py.assemble.status import show_status
+from firmware_py.assemble.supervision import read_endings
 from firmware_py.assemble.talkers import feed_talkers, links_of, open_talkers
 from firmware_py.common.interfaces import Clock
 from firmware_py.common.parameter_table import INDEX, TABLE
@@ -33,6 +34,7 @@ from firmware_py.loop import LoopParts
 from firmware_py.system.clock import LOCKSTEP_BOOT, LockstepClock, RealClock, boot_id, machine_s, set_utc_s
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.console import Console
+from firmware_py.system.endings import Endings
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import SerialPort
@@ -63,6 +65,7 @@ class Options(msgspec.Struct, frozen=True):
     lockstep: str | None = None
     status: bool = False  # in lockstep, too
     may_set_clock: bool = False
+    runtime: Path | None = None  # where the service manager and the run before have left how it ended
 
 
 @dataclass(slots=True)
@@ -72,6 +75,7 @@ class Assembly:
     parts: LoopParts
     endpoint: Endpoint
     console: Console
+    endings: Endings
     close: Callable[[], None]
 
 
@@ -81,11 +85,10 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     What has been opened by then is closed again, whatever the error.
     """
     with ExitStack() as opened:
-        parts, endpoint, console = _wire(vehicle, options, opened)
-        return Assembly(parts, endpoint, console, opened.pop_all().close)
+        return Assembly(*_wire(vehicle, options, opened), opened.pop_all().close)
 
 
-def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopParts, Endpoint, Console]:
+def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopParts, Endpoint, Console, Endings]:
     """Open and wire everything; `opened` is to close it, the last first."""
     opened.callback(commit := ask_commit(ROOT))  # git looks while lines and state are opened
     console = opened.enter_context(closing(Console()))
@@ -94,7 +97,6 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     store = opened.enter_context(closing(Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)))
     notices: list[Event] = []
     kept, plans = read_state(options.state_directory, store, say := _teller(console, notices))
-    parameters = kept.parameters_over(base_parameters(vehicle))
     clock: Clock = RealClock()
     # The clock of lockstep is made after the lines.
     ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
@@ -104,6 +106,9 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
             say(text)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     clock, begun = _clock(clock, options, lines, store)
+    endings = read_endings(store, options.runtime, clock.utc_s(), notices)
+    base = base_parameters(vehicle)
+    parameters = parameters_to_start_with(kept.parameters_over(base), base, endings.early, say)
     now = begun.at(clock.now_s(), clock.utc_s())
     state = resume(State.at_start(parameters, plans), kept.resume_record(), now, say)
     autopilot, vault, version = Autopilot(state, kept, begun), KeyVault(store), _version(commit())
@@ -149,7 +154,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     else:
         store.set_aside(RECORD_FILES)
     feed_talkers(talkers, parts)
-    return parts, endpoint, console
+    return parts, endpoint, console, endings
 
 
 def _clock(real: Clock, options: Options, lines: Sequence[Line], store: Store) -> tuple[Clock, Moment]:

@@ -26,7 +26,7 @@ from firmware_py.system.endings import STUCK
 from firmware_py.system.hardware_watchdog import WatchdogError
 from firmware_py.system.hold import StoreError
 from firmware_py.system.serial_port import PortError
-from firmware_py.system.service_manager import ServiceManager
+from firmware_py.system.service_manager import ServiceManager, runtime_directory
 from firmware_py.system.signals import Signals
 from firmware_py.vehicle import VehicleError, load
 
@@ -93,6 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
                 wait=arguments.wait,
                 lockstep=arguments.lockstep,
                 status=arguments.status,
+                runtime=runtime_directory(os.environ),
                 # The harness's GPS shows the time of its own world.
                 may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
             )
@@ -134,7 +135,14 @@ def _check_owner(options: Options) -> None:
 def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:
     """Put the run under the watch of whom there is; what has been opened is closed again when that cannot be."""
     try:
-        return Supervision(assembly.parts, assembly.console.ahead, os.environ, arguments.watchdog, wait=arguments.wait)
+        return Supervision(
+            assembly.parts,
+            assembly.endings,
+            assembly.console.ahead,
+            os.environ,
+            arguments.watchdog,
+            wait=arguments.wait,
+        )
     except WatchdogError:
         assembly.close()
         raise

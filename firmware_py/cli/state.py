@@ -16,8 +16,6 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from msgspec.structs import replace
-
 from firmware_py import __version__
 from firmware_py.cli.refusal import refused
 from firmware_py.cli.state_owner import check_directory, check_owner, check_readable
@@ -28,7 +26,7 @@ from firmware_py.files.reading import read_regular
 from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
 from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.link.security.signing import Signing, timestamp_of
-from firmware_py.system.endings import ENDINGS_FILE
+from firmware_py.system.endings import ENDINGS_FILE, Endings
 from firmware_py.system.endings import from_bytes as endings_from_bytes
 from firmware_py.system.endings import to_bytes as endings_to_bytes
 from firmware_py.system.hold import Hold, StoreError
@@ -143,7 +141,7 @@ def _settled(content: bytes | None) -> bytes | None:
         return None
     for note in notes:
         _tell(f"{ENDINGS_FILE}: {note}")
-    return endings_to_bytes(replace(endings, running=False))
+    return endings_to_bytes(Endings(endings.counts, endings.last))
 
 
 # ------------------------------------------------------------------------------------ in

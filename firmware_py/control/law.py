@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.model.heading_estimate import HeadingEstimate
-from firmware_py.model.kt import KtModel, decay_over, exact_step, scaled, steady_yaw_rate
+from firmware_py.model.kt import KtModel, decay_over, exact_step, held_cubic, scaled, steady_yaw_rate
 
 if TYPE_CHECKING:
     from firmware_py.common.parameters import ParameterSet
@@ -192,9 +192,9 @@ def advance_reference(
     left_rad = error_rad - stopping_angle(ship, r, brake_rad)
     feedforward_rad = ship.limit_rad * share * left_rad / EASING_RAD - RATE_GAIN * r / ship.turning_ability_1_s
     feedforward_rad = clamp(feedforward_rad, low_rad, high_rad)
-    steady = ship.turning_ability_1_s * feedforward_rad - ship.norrbin_s2 * r * r * r
-    decay = decay_over(step_s, ship.turning_lag_s)
-    turned_rad, rate_rad_s = exact_step(r, steady, decay, step_s, ship.turning_lag_s)
+    divisor, cubic, _ = held_cubic(ship.turning_lag_s, ship.norrbin_s2, r, step_s)
+    steady, lag_s = (ship.turning_ability_1_s * feedforward_rad - cubic * r) / divisor, ship.turning_lag_s / divisor
+    turned_rad, rate_rad_s = exact_step(r, steady, decay_over(step_s, lag_s), step_s, lag_s)
     lead_limit_rad = LEAD_RAD * gain_reduction
     lead_rad = clamp(wrap_pi(reference.heading_rad - heading_rad) + turned_rad, -lead_limit_rad, lead_limit_rad)
     return Reference(wrap_two_pi(heading_rad + lead_rad), rate_rad_s, feedforward_rad)

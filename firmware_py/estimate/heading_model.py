@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
-from firmware_py.model.kt import KtModel, decay_over, exact_step
+from firmware_py.model.kt import KtModel, decay_over, exact_step, held_cubic
 
 OUTLIER = 12.0  # a squared innovation counts as at most so many variances (3.5 standard deviations)
 FIRST_HEADING_VARIANCE = radians(18.0) ** 2  # the first heading lies anywhere on a wave
@@ -127,17 +127,17 @@ def begin_at(
 
 def predict(m: Motion, levels: NoiseLevels, model: KtModel, rudder_rad: float, step_s: float) -> Motion:
     """Return the state after step_s > 0 with the rudder at rudder_rad."""
-    ability_1_s, lag_s = model.turning_ability_1_s, model.turning_lag_s
+    divisor, cubic, cubic_slope = held_cubic(model.turning_lag_s, model.norrbin_s2, m.yaw_rate_rad_s, step_s)
+    ability_1_s, lag_s = model.turning_ability_1_s / divisor, model.turning_lag_s / divisor
     # Yaw: F = [[1, reach, -by_bias], [0, keep, -gain], [0, 0, 1]].
     decay = decay_over(step_s, lag_s)
     reach_s = lag_s * (1.0 - decay)
-    cubic = model.norrbin_s2 * m.yaw_rate_rad_s * m.yaw_rate_rad_s
-    steady_rad_s = ability_1_s * (rudder_rad - m.bias_rad) - cubic * m.yaw_rate_rad_s
+    steady_rad_s = (model.turning_ability_1_s * (rudder_rad - m.bias_rad) - cubic * m.yaw_rate_rad_s) / divisor
     heading_rad = m.heading_rad + steady_rad_s * (step_s - reach_s) + m.yaw_rate_rad_s * reach_s
     yaw_rate_rad_s = steady_rad_s + (m.yaw_rate_rad_s - steady_rad_s) * decay
     gain, by_bias = ability_1_s * (1.0 - decay), ability_1_s * (step_s - reach_s)
-    reach, keep = reach_s - 3.0 * cubic * (step_s - reach_s), decay - 3.0 * cubic * (1.0 - decay)
-    diffusion = math.exp(levels.diffusion)
+    reach, keep = reach_s - cubic_slope * (step_s - reach_s), decay - cubic_slope * (1.0 - decay)
+    diffusion = math.exp(levels.diffusion) / (divisor * divisor)
     q00 = diffusion * (step_s - 2.0 * reach_s + 0.5 * lag_s * (1.0 - decay * decay))
     q01 = 0.5 * diffusion * (1.0 - decay) * (1.0 - decay)
     q11 = diffusion * (1.0 - decay * decay) / (2.0 * lag_s)
@@ -253,8 +253,8 @@ def correct_rate(m: Motion, yaw_rate_rad_s: float, noise_variance: float) -> tup
 
 def ahead(m: Motion, model: KtModel, rudder_rad: float, step_s: float) -> tuple[float, float]:
     """Return heading [rad] and yaw rate [rad/s] after a step, without their covariance."""
-    decay = decay_over(step_s, model.turning_lag_s)
-    cubic = model.norrbin_s2 * m.yaw_rate_rad_s * m.yaw_rate_rad_s * m.yaw_rate_rad_s
-    steady_rad_s = model.turning_ability_1_s * (rudder_rad - m.bias_rad) - cubic
-    turned_rad, yaw_rate_rad_s = exact_step(m.yaw_rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
+    divisor, cubic, _ = held_cubic(model.turning_lag_s, model.norrbin_s2, m.yaw_rate_rad_s, step_s)
+    lag_s = model.turning_lag_s / divisor
+    steady_rad_s = (model.turning_ability_1_s * (rudder_rad - m.bias_rad) - cubic * m.yaw_rate_rad_s) / divisor
+    turned_rad, yaw_rate_rad_s = exact_step(m.yaw_rate_rad_s, steady_rad_s, decay_over(step_s, lag_s), step_s, lag_s)
     return m.heading_rad + turned_rad, yaw_rate_rad_s

@@ -6,8 +6,8 @@ Source: Wang et al., J. Cent. South Univ. 25(9):2131-2142 (2018), eq. 2 and 7. N
 floats, which the laboratory compiles as they stand (hil/lab/numeric_core.py).
 
 Two steps lead from one moment to the next. The autopilot's parts take `exact_step`, which solves the
-equation with the cubic term held at its present value: stable however long the step is. The plant
-takes `rk4_step`, which shares no error with it.
+equation with the cubic term held (`held_cubic`): stable however long the step is. The plant takes
+`rk4_step`, which shares no error with it.
 """
 
 from __future__ import annotations
@@ -44,6 +44,8 @@ class KtModel(NamedTuple):
         ability_1_s, lag_s, norrbin_s2 = scaled(self, speed_m_s / self.speed_m_s)
         return KtModel(ability_1_s, lag_s, norrbin_s2, self.rudder_offset_rad, speed_m_s)
 
+
+MAX_CUBIC = 1e9  # alpha r^2 of a yaw rate beyond all bounds
 
 # Identified in the tank at 0.4 m/s by the paper.
 OCEAN_RAMBLER = KtModel(
@@ -101,6 +103,22 @@ def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: f
 def decay_over(step_s: float, turning_lag_s: float) -> float:
     """Return what a step leaves of the difference between a yaw rate and the steady one: exp(-step / T)."""
     return math.exp(-step_s / turning_lag_s)
+
+
+def held_cubic(
+    turning_lag_s: float, norrbin_s2: float, yaw_rate_rad_s: float, step_s: float
+) -> tuple[float, float, float]:
+    """Return how the cubic term is held over a step: a divisor of K, T and drive, the term by the yaw rate, its slope.
+
+    Held at its present value, alpha r^3 makes a step unstable where its slope 3 alpha r^2 is large and the step long.
+    There it is linearised: (1 + 3 alpha r0^2) r - 2 alpha r0^3, whose exact solution is stable for any step, and tends
+    to the steady yaw rate as Newton's method does.
+    """
+    cubic, decay = norrbin_s2 * yaw_rate_rad_s * yaw_rate_rad_s, decay_over(step_s, turning_lag_s)
+    if 3.0 * cubic * (1.0 - decay) <= 1.0 + decay:
+        return 1.0, cubic, 3.0 * cubic
+    cubic = min(cubic, MAX_CUBIC)
+    return 1.0 + 3.0 * cubic, -2.0 * cubic, 0.0
 
 
 def settled_yaw_rate(yaw_rate_rad_s: float, steady_rad_s: float, decay: float) -> float:

@@ -27,6 +27,7 @@ ENDED, LAST_WORDS, TRACEBACK = "ended", "last-words", "traceback"
 ENDINGS_FILE: Final = "endings.record"
 _VERSION: Final = 1
 STUCK = 11  # the exit code of an autopilot of which a part was stuck
+EARLY_S: Final = 60.0
 MOST_KEPT = 20
 _MOST_BYTES = 1 << 16
 _TEXT_CHARACTERS = 160
@@ -53,18 +54,30 @@ class Ending(msgspec.Struct, frozen=True):
 
 
 class Endings(msgspec.Struct, frozen=True):
-    """All that is kept: how often a run has ended why, the last endings (newest last), and whether one is under way."""
+    """All that is kept: how often a run has ended why, the last endings (newest last), and whether one is under way.
+
+    `is_young`: the last run had not gone on for EARLY_S. `failed`: it has ended by an error of its own.
+    `early` counts the runs in a row that failed so soon.
+    """
 
     counts: Mapping[str, int] = msgspec.field(default_factory=dict)
     last: tuple[Ending, ...] = ()
     running: bool = False
+    is_young: bool = False
+    failed: bool = False
+    early: int = 0
 
     def with_more(self, endings: tuple[Ending, ...]) -> Endings:
-        """Return these and more of them."""
+        """Return these and more of them.
+
+        A power cut, or whatever else leaves no sign of an error, is no failure of the run, and no success.
+        """
+        failed = self.failed or any(ending.why not in (*EXPECTED, CUT_OFF) for ending in endings)
+        early = self.early + failed if self.is_young else 0
         counts = dict(self.counts)
         for ending in endings:
             counts[ending.why] = counts.get(ending.why, 0) + 1
-        return replace(self, counts=counts, last=(*self.last, *endings)[-MOST_KEPT:])
+        return replace(self, counts=counts, last=(*self.last, *endings)[-MOST_KEPT:], failed=False, early=early)
 
 
 def to_bytes(endings: Endings) -> bytes:
@@ -78,7 +91,8 @@ def from_bytes(content: bytes) -> tuple[Endings, tuple[str, ...]]:
     counts = {
         _one_line(why): min(max(count, 0), _MOST_COUNT) for why, count in list(endings.counts.items())[:MOST_KEPT]
     }
-    return replace(endings, counts=counts, last=tuple(map(_bounded, endings.last[-MOST_KEPT:]))), notes
+    last, early = tuple(map(_bounded, endings.last[-MOST_KEPT:])), min(max(endings.early, 0), _MOST_COUNT)
+    return replace(endings, counts=counts, last=last, early=early), notes
 
 
 def _bounded(ending: Ending) -> Ending:
@@ -145,7 +159,8 @@ class Watcher:
 
 def _take(path: Path) -> str:
     try:
-        text = read_regular(path, _MOST_BYTES, follow=False).decode("utf-8", "replace")
+        owners = {0, os.geteuid()}
+        text = read_regular(path, _MOST_BYTES, follow=False, owners=owners).decode("utf-8", "replace")
     except OSError:
         text = ""
     with contextlib.suppress(OSError):

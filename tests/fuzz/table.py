@@ -1,5 +1,7 @@
 """All that is fuzzed, by name."""
 
-from fuzz import devices, files, link, logs, satellite, view
+from fuzz import devices, files, link, logs, satellite, steering, view
 
-TARGETS = devices.TARGETS | link.TARGETS | files.TARGETS | logs.TARGETS | satellite.TARGETS | view.TARGETS
+TARGETS = (
+    devices.TARGETS | link.TARGETS | files.TARGETS | logs.TARGETS | satellite.TARGETS | steering.TARGETS | view.TARGETS
+)

@@ -22,7 +22,7 @@ from msgspec.structs import replace
 
 from firmware_py.assemble.earlier_runs import read_state, resume
 from firmware_py.assemble.logs import dated, storage_of
-from firmware_py.assemble.supervision import Supervision
+from firmware_py.assemble.supervision import Supervision, read_endings
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.common.intents import Arm, Request, SetMode
 from firmware_py.common.mode_table import Mode
@@ -472,7 +472,8 @@ class Months:
             show_event=lambda event: say(event.text),
             fault_barrier=FaultBarrier(say),
         )
-        self._supervision = Supervision(parts, say, {}, None, wait=False)
+        endings = read_endings(store, None, clock.utc_s(), parts.notices)
+        self._supervision = Supervision(parts, endings, say, {}, None, wait=False)
         return parts
 
     def _say(self, text):

@@ -13,7 +13,7 @@ from firmware_py.cli.run import _supervise
 from firmware_py.common.records import Severity
 from firmware_py.link.security.key_record import KeyRecord, find_key, to_text
 from firmware_py.system.console import Console
-from firmware_py.system.state_directory import SIGNING_FILE, stored_key
+from firmware_py.system.state_directory import SIGNING_FILE, StateFiles, stored_key
 from firmware_py.system.store import Store
 from firmware_py.vehicle import load
 from support.program import unused_ports
@@ -90,6 +90,68 @@ def test_what_is_said_ahead_of_the_first_tick_is_not_shown_again_in_it(vehicle, 
     told = "Started again: cut off (the first time)"
     assert capfd.readouterr().err.count(told) == 1
     assert [event.text for event in assembly.parts.notices].count(told) == 1
+
+
+def begun(directory, vehicle, how, after_s=1.0):
+    """Start an autopilot and end it so; return the parameters that it had and what it reported."""
+    assembly = assemble(vehicle, Options(directory / "state", wait=True))
+    supervision = _supervise(assembly, argparse.Namespace(watchdog=None, wait=True))
+    assembly.parts.show_status(None, assembly.parts.clock.now_s() + after_s)
+    if how == "fails":
+        supervision.end_badly("ValueError: math domain error")
+    elif how == "ends":
+        supervision.end(anew=False)
+    values = assembly.parts.autopilot.parameters()
+    assembly.close()
+    return [values[name] for name in ("CTL_K1", "MDL_K", "RUD_REVERSE")], [e.text for e in assembly.parts.notices]
+
+
+@pytest.fixture
+def misled(vehicle, tmp_path, monkeypatch):
+    """A boat whose operator has set what its vehicle file has otherwise."""
+    monkeypatch.setattr("firmware_py.assemble.wiring.show_status", lambda *_words: None)
+    store = Store(tmp_path / "state")
+    store.save("parameters.param", b"CTL_K1 55\nMDL_K 20\nRUD_REVERSE 1\n")
+    store.close()
+    return tmp_path
+
+
+STORED, OF_VEHICLE, BUILT_IN = [55.0, 20.0, 1.0], [41.0, 0.049, 1.0], [40.0, 0.049, 1.0]
+
+
+def test_after_three_early_failures_control_starts_with_the_parameters_of_the_vehicle_file(vehicle, misled):
+    for expected in (STORED,) * 3 + (OF_VEHICLE,) * 3 + (BUILT_IN,) * 4:
+        values, said = begun(misled, vehicle, "fails")
+        assert [round(value, 3) for value in values] == expected
+    assert "9 starts failed: built-in steering parameters" in said
+    assert "Kept, and not used: CTL_K1 55, MDL_K 20" in said
+    kept = StateFiles(misled / "state").load("parameters.param").decode()
+    assert {"CTL_K1 55", "MDL_K 20", "RUD_REVERSE 1"} < set(kept.splitlines())
+
+
+@pytest.mark.parametrize(("how", "after_s"), [("ends", 1.0), ("fails", 61.0), ("is cut off", 61.0)])
+def test_a_run_that_went_on_or_ended_as_it_should_begins_the_count_again(how, after_s, vehicle, misled):
+    for _ in range(2):
+        begun(misled, vehicle, "fails")
+    begun(misled, vehicle, how, after_s)
+    for _ in range(3):
+        assert begun(misled, vehicle, "fails")[0] == STORED
+    assert begun(misled, vehicle, "fails")[0] != STORED
+
+
+def test_power_cuts_are_no_failures(vehicle, misled):
+    for _ in range(5):
+        assert begun(misled, vehicle, "is cut off")[0] == STORED
+
+
+def test_a_watchdog_that_ends_young_runs_counts_too(vehicle, misled):
+    for runs in range(4):
+        (misled / "ended").write_text("2 watchdog killed ABRT\n")
+        options = Options(misled / "state", wait=True, runtime=misled)
+        assembly = assemble(vehicle, options)
+        _supervise(assembly, argparse.Namespace(watchdog=None, wait=True))
+        assert (assembly.parts.autopilot.parameters()["MDL_K"] == 20.0) == (runs < 3)
+        assembly.close()
 
 
 def test_what_happens_again_is_shown_again(capfd):

@@ -10,6 +10,7 @@ from firmware_py.model.kt import (
     KtModel,
     decay_over,
     exact_step,
+    held_cubic,
     rk4_step,
     settled_yaw_rate,
     steady_yaw_rate,
@@ -76,3 +77,29 @@ def test_the_equation_s_terms():
     assert yaw_acceleration(0.02, 0.3, 0.049, 4.0, 17.0, 0.1) == pytest.approx(
         (0.049 * 0.2 - 0.02 - 17.0 * 0.02**3) / 4.0
     )
+
+
+@pytest.mark.parametrize("lag_s", [0.05, 4.0, 5000.0])
+@pytest.mark.parametrize("norrbin_s2", [0.0, 17.0, 1e6, 1e12])
+@pytest.mark.parametrize("step_s", [0.02, 0.1, 5.0, 600.0])
+def test_a_step_with_the_held_cubic_term_is_stable_and_tends_to_the_steady_yaw_rate(lag_s, norrbin_s2, step_s):
+    ability_1_s, rudder_rad, rate, largest = 20.0, 0.5, 3.0, 0.0
+    for _ in range(300):
+        divisor, cubic, _ = held_cubic(lag_s, norrbin_s2, rate, step_s)
+        drive, lag = (ability_1_s * rudder_rad - cubic * rate) / divisor, lag_s / divisor
+        _, rate = exact_step(rate, drive, decay_over(step_s, lag), step_s, lag)
+        largest = max(largest, abs(rate))
+    assert largest <= ability_1_s * rudder_rad
+    if 300 * step_s > 20.0 * lag_s:
+        assert rate == pytest.approx(steady_yaw_rate(rudder_rad, ability_1_s, norrbin_s2), rel=1e-3)
+
+
+def test_an_ordinary_boat_has_its_cubic_term_held_as_it_is():
+    for rate_rad_s in (0.0, 0.02, 0.1, -0.3):
+        cubic = 17.0 * rate_rad_s * rate_rad_s
+        assert held_cubic(4.0, 17.0, rate_rad_s, 0.1) == (1.0, cubic, 3.0 * cubic)
+
+
+def test_a_yaw_rate_beyond_all_bounds_is_reduced():
+    divisor, cubic, _ = held_cubic(4.0, 17.0, 1e200, 0.1)
+    assert 0.0 < -cubic * 1e200 / divisor < 1e200

@@ -1,0 +1,27 @@
+"""The step function under lawful parameters at the corners of their ranges, with every kind of compass."""
+
+from firmware_py.common.mode_table import Mode
+from fuzz.target import Target, records
+from support.corners import COMPASSES, FREE, Sail, lawful
+
+SECONDS = 12.0
+MODES = tuple(mode.value for mode in Mode)
+
+
+def parameter_corners(data):
+    """Steer with the parameters of the records: kind and first byte say which, the second where in its range.
+
+    The first two bytes of the input say by which compass, and in which mode. A kind of 0x80 or more: the parameter is
+    set under way.
+    """
+    values, later = {}, {}
+    for kind, body in records(data[2:]):
+        if len(body) >= 2:
+            row = FREE[body[0] % len(FREE)]
+            (later if kind & 0x80 else values)[row.name] = lawful(row, body[1] / 255)
+    compass, mode = (*data[:2], 0, 0)[:2]
+    names = tuple(COMPASSES)
+    Sail(values, names[compass % len(names)], later, MODES[mode % len(MODES)]).run(SECONDS)
+
+
+TARGETS = {"parameter_corners": Target(parameter_corners, largest=128)}
