@@ -65,8 +65,8 @@ def check_finite(value, name=""):
     if isinstance(value, float):
         assert math.isfinite(value), f"{name} {value}"
     elif isinstance(value, msgspec.Struct):
-        for field in msgspec.structs.fields(value):
-            check_finite(getattr(value, field.name), field.name)
+        for field in value.__struct_fields__:
+            check_finite(getattr(value, field), field)
     elif isinstance(value, tuple):
         for part in value:
             check_finite(part, name)
