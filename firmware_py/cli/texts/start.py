@@ -58,6 +58,16 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the hardware watchdog is not as asked for; she sails on",
         "see the page on the float, hardware watchdog; systemd may hold it already",
     ),
+    "<number> starts failed: <whose> steering parameters": (
+        "so many runs in a row ended by an error within 60 s of their start; control and estimation start with the vehicle "
+        "file's parameters, after three more with the built-in ones; how the devices are mounted stays",
+        "see the next text; the log and `journalctl -u rambler` hold the errors",
+    ),
+    "Kept, and not used: <parameters>": (
+        "these values are stored, and others are in force after starts that failed",
+        "set them right, or reset all parameters; a run of more than 60 s begins the count again, and the next start uses "
+        "what is stored",
+    ),
     "Import not used: <problem>": (
         "an imported state cannot be applied: nothing of it counts, and the boat starts with what it had",
         "export the state again and import that file; what was set aside beside it may be deleted",
