@@ -59,14 +59,12 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "see the page on the float, hardware watchdog; systemd may hold it already",
     ),
     "<number> starts failed: <whose> steering parameters": (
-        "so many runs in a row ended by an error within 60 s of their start; control and estimation start with the vehicle "
-        "file's parameters, after three more with the built-in ones; how the devices are mounted stays",
+        "runs in a row ended by an error within 60 s of their start; control and estimation start with other parameters",
         "see the next text; the log and `journalctl -u rambler` hold the errors",
     ),
     "Kept, and not used: <parameters>": (
-        "these values are stored, and others are in force after starts that failed",
-        "set them right, or reset all parameters; a run of more than 60 s begins the count again, and the next start uses "
-        "what is stored",
+        "these values are stored; after starts that failed others are in force, until a run has gone on for 60 s",
+        "set them right before the next start, or reset all parameters",
     ),
     "Import not used: <problem>": (
         "an imported state cannot be applied: nothing of it counts, and the boat starts with what it had",
