@@ -59,7 +59,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "see the page on the float, hardware watchdog; systemd may hold it already",
     ),
     "<number> starts failed: <whose> steering parameters": (
-        "runs in a row ended by an error within 60 s of their start; control and estimation start with other parameters",
+        "runs in a row failed within 60 s of their start; control and estimation start with other parameters",
         "see the next text; the log and `journalctl -u rambler` hold the errors",
     ),
     "Kept, and not used: <parameters>": (
