@@ -21,6 +21,7 @@ from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.log.reader import LogReader
 from firmware_py.system.slots import stored_content
 from firmware_py.system.store import Store
+from support.paths import ROOT
 from support.program import Program
 
 VEHICLE = """
@@ -44,6 +45,11 @@ if not os.geteuid():
 sys.exit(main(sys.argv[1:]))
 """
 PLAIN = ["-m", "firmware_py"]
+# As root the tests start programs of another user, who must be able to read the checkout: not one in /root.
+needs_readable_checkout = pytest.mark.skipif(
+    os.geteuid() == 0 and not all(path.stat().st_mode & 0o001 for path in (ROOT, *ROOT.parents)),
+    reason="other users cannot read this checkout",
+)
 MISSION = plan_to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 3, x=1, y=2),))).encode()
 
 
@@ -114,6 +120,7 @@ def parameters_in_log(directory):
     return first.checkpoint
 
 
+@needs_readable_checkout
 def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, vehicle, tmp_path, capsys):
     state = place / "state"
     filled(state)
@@ -150,6 +157,7 @@ def test_root_leaves_the_state_of_another_user_alone(place, vehicle):
     assert sorted(state.iterdir()) == before
 
 
+@needs_readable_checkout
 def test_what_can_not_even_be_read_is_told_and_the_vehicle_file_counts(place, vehicle, tmp_path):
     state = place / "state"
     filled(state)
@@ -221,6 +229,7 @@ def test_too_little_memory_is_one_line(place, vehicle, megabytes):
     assert "too little memory" in line
 
 
+@needs_readable_checkout
 def test_no_thread_is_one_line(place, vehicle):
     place.chmod(0o777)
     alone = "resource.setrlimit(resource.RLIMIT_NPROC, (1, 1))\nsys.exit"
@@ -228,6 +237,7 @@ def test_no_thread_is_one_line(place, vehicle):
     assert "no new thread" in line
 
 
+@needs_readable_checkout
 def test_twenty_two_descriptors_are_enough_and_too_few_for_many_links(place, vehicle, tmp_path):
     links = [word for port in range(20) for word in ("--link", f"udpout:127.0.0.1:{40000 + port}")]
     limit = limits(resource.RLIMIT_NOFILE, 22)
