@@ -119,7 +119,7 @@ def open_lines(lines: Sequence[Line], *, wait: bool) -> None:
 
 
 def shared_ports(lines: Sequence[Line]) -> Sequence[str]:
-    """Return what to say of each port that another program has open, too."""
+    """Return a report for each port that is also open in another program."""
     users = port_users(line.name for line in lines if isinstance(line, SerialPort) and line.connected)
     return [f"Port {path}: also open in {names}; end that" for path, names in users.items()]
 

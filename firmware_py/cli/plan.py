@@ -152,7 +152,7 @@ def _save(arguments: argparse.Namespace) -> None:
 
 
 def _warn_of_fence(arguments: argparse.Namespace, source: Path, before: Plans, plans: Iterable[Plan]) -> list[Breach]:
-    """Say and return what the fence would end, once the plans are in force beside those of before."""
+    """Report and return the breaches of the fence that new plans would cause together with the present ones."""
     for plan in plans:
         before = before.replaced(plan)
     outside = [breach for breach in breaches(before) if breach is not None]

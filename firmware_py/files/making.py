@@ -67,7 +67,7 @@ def write_whole(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
 
 
 def set_aside(path: Path) -> Path:
-    """Rename what is in the way of a file, whatever it is, and return its new name; OSError.
+    """Rename an entry that is in the way of a file, of any kind, and return its new name; OSError.
 
     A file that was set aside before by that name is replaced; a directory is not.
     """

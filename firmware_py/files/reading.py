@@ -55,7 +55,7 @@ def open_regular(
 def read_regular(path: Path, most_bytes: int, *, follow: bool = True, owners: Collection[int] | None = None) -> bytes:
     """Return the content of a regular file of at most so many bytes; OSError, whose strerror says what is wrong.
 
-    With `owners`, the file must belong to one of these users, and nobody else may be able to write it: EPERM.
+    With `owners`, the file must belong to one of these users and not be writable by others; otherwise EPERM.
     """
     descriptor = open_regular(path, follow=follow, most_bytes=most_bytes)
     try:

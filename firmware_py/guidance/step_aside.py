@@ -199,7 +199,7 @@ def _going_on(traffic: TrafficSettings, given: AsideInput) -> Trial:
 
 
 def _trial(traffic: TrafficSettings, given: AsideInput, heading_rad: float, place: Place | None = None) -> Trial:
-    """Return how near vessels come on a heading from where she is, or from another place."""
+    """Predict the closest approach of all vessels on a heading, from the place of the boat or from another one."""
     own_m_s = _velocity(given.motion, heading_rad)
     counted = uncounted = (math.inf, math.inf)
     for vessel in given.vessels:

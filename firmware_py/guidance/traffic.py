@@ -69,7 +69,7 @@ class TrafficSettings(msgspec.Struct, frozen=True):
 
 
 class TrafficState(msgspec.Struct, frozen=True):
-    """The vessels, when they were last looked through, who was told last, and how many there was no room for.
+    """The vessels, the times of the last check and of the last report, and how many did not fit.
 
     `unplaced_mmsi` and `unplaced_s` are of the distress beacon without a position that was reported last.
     """
@@ -160,7 +160,7 @@ def _admit(vessels: dict[int, Vessel], vessel: Vessel, own: OwnMotion | None, no
 
 
 def _soonest_s(vessel: Vessel) -> float:
-    """Return how soon a vessel could be here; one that was told of stays, and a distress beacon before all."""
+    """Return how soon a vessel could be here; distress beacons, then reported vessels, have the first places."""
     if vessel.near_s is not None:
         return 0.0
     if vessel.distress:

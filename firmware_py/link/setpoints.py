@@ -91,7 +91,7 @@ class Setpoints:
         self._context.request_or_warn(peer, message, home, now_s)
 
     def _is_repeated(self, message: Message, now_s: float) -> bool:
-        """Return whether a goal that counts from where the boat is came before, perhaps by another way; note it."""
+        """Whether a goal relative to the boat came before, perhaps over another link; remember it."""
         key, frame = (sender_of(message), message.get_seq()), bytes(message.get_msgbuf())
         before, seen_s = self._relative.get(key, (b"", 0.0))
         if frame == before and now_s - seen_s < OVERTAKEN_S:

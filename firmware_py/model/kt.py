@@ -108,7 +108,7 @@ def decay_over(step_s: float, turning_lag_s: float) -> float:
 def held_cubic(
     turning_lag_s: float, norrbin_s2: float, yaw_rate_rad_s: float, step_s: float
 ) -> tuple[float, float, float]:
-    """Return how the cubic term is held over a step: a divisor of K, T and drive, the term by the yaw rate, its slope.
+    """Return the cubic term held over a step: a divisor of K, T and drive, the term per yaw rate, and its slope.
 
     Held at its present value, alpha r^3 makes a step unstable where its slope 3 alpha r^2 is large and the step long.
     There it is linearised: (1 + 3 alpha r0^2) r - 2 alpha r0^3, whose exact solution is stable for any step, and tends

@@ -132,13 +132,13 @@ def breaches(plans: Plans) -> Iterator[Breach | None]:
         return
     for plan in (plans.mission, plans.fence, plans.rally):
         before: Point | None = None
-        heeded = True
+        is_enabled = True
         for index, item in enumerate(plan.items):
             if item.command == Command.FENCE_ENABLE:
-                heeded = item.params[0] != 0.0
+                is_enabled = item.params[0] != 0.0
             if item.command not in _DESTINATIONS:
                 continue
-            if (place := place_of(item)) is None or not heeded:
+            if (place := place_of(item)) is None or not is_enabled:
                 before = None
                 continue
             here = fence.anchor.offset_m(place)

@@ -59,9 +59,9 @@ def _document(text: str, source: str) -> Mapping[str, Any]:
     try:
         document = json.loads(text, parse_constant=constant)
     except RecursionError:
-        raise PlanFileError(f"{source}: it is nested too deeply; save it anew with QGroundControl") from None
+        raise PlanFileError(f"{source}: it is nested too deeply; save it again with QGroundControl") from None
     except ValueError as error:
-        raise PlanFileError(f"{source}: this is no JSON: {error}; save it anew with QGroundControl") from None
+        raise PlanFileError(f"{source}: this is no JSON: {error}; save it again with QGroundControl") from None
     if not isinstance(document, dict) or document.get("fileType") != "Plan":
         raise PlanFileError(f"{source}: fileType is not Plan; save it with QGroundControl as a .plan")
     try:
@@ -82,7 +82,7 @@ def _known(value: Any, version: int, keys: frozenset[str]) -> Mapping[str, Any]:
     found = data.get("version", version)
     if type(found) not in (int, float) or found != version:
         raise PlanFileError(
-            f"version {shorten(found)} is not known here, only {version}; save it anew with a current QGroundControl"
+            f"version {shorten(found)} is not known here, only {version}; save it again with a current QGroundControl"
         )
     _check_keys(data, keys | {"version"})
     return data
@@ -159,7 +159,7 @@ def _unfolded(entry: Any) -> list[Mapping[str, Any]]:
         raise PlanFileError(f"{_TRANSECTS}: version {shorten(transects['version'])} is not known here, only 1 and 2")
     items = [_object(item) for item in _list(transects, "Items")]
     if not items:
-        raise PlanFileError(f"{_TRANSECTS} has no Items; open it in QGroundControl and save it anew")
+        raise PlanFileError(f"{_TRANSECTS} has no Items; open it in QGroundControl and save it again")
     return items
 
 
@@ -203,7 +203,7 @@ def _item(entry: Mapping[str, Any], jump_ids: Sequence[int]) -> PlanItem:
 def _fence(value: Any) -> Plan:
     section = _known(value, 2, _FENCE_KEYS)
     if not section.keys() & {"polygons", "circles"}:
-        raise PlanFileError("it has neither polygons nor circles; save it anew with QGroundControl")
+        raise PlanFileError("it has neither polygons nor circles; save it again with QGroundControl")
     items: list[PlanItem] = []
     for number, polygon in enumerate(_list({"polygons": [], **section}, "polygons"), start=1):
         items += _numbered(_polygon, polygon, number)

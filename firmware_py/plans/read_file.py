@@ -52,7 +52,7 @@ def read_plan_file(
 
 
 def _without_camera(plan: Plan) -> tuple[Plan, list[int]]:
-    """Return a mission without its items for a camera, its jumps counted anew, and where the others stood."""
+    """Return a mission without its camera items, its jumps renumbered, and the old places of the other items."""
     kept = [number for number, item in enumerate(plan.items) if item.command not in CAMERA]
     if plan.kind is not PlanKind.MISSION or len(kept) == len(plan.items):
         return plan, list(range(len(plan.items)))

@@ -95,7 +95,7 @@ def _depth(name: str) -> Layout:
 
 
 def _offset_depth(side: float) -> Callable[[Numbers], float | None]:
-    """Return what adds a depth and its offset of this sign: positive up to the surface, negative down to the keel."""
+    """Return a reader of a depth and its offset; the sign is positive up to the surface, negative down to the keel."""
 
     def derive(numbers: Numbers) -> float | None:
         depth_m, offset_m = numbers["depth_below_transducer_m"], numbers["offset_m"]

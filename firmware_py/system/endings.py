@@ -70,7 +70,7 @@ class Endings(msgspec.Struct, frozen=True):
     def with_more(self, endings: tuple[Ending, ...]) -> Endings:
         """Return these and more of them.
 
-        A power cut, or whatever else leaves no sign of an error, is no failure of the run, and no success.
+        A power cut leaves no sign of an error: it counts neither as a failure nor as a success.
         """
         failed = self.failed or any(ending.why not in (*EXPECTED, CUT_OFF) for ending in endings)
         early = self.early + failed if self.is_young else 0

@@ -122,7 +122,7 @@ class SerialPort:
             pass  # not such an adapter
 
     def reopen(self, now_s: float) -> str:
-        """Once a second try to open a port that is away, and look after one that is open; return what to report."""
+        """Once a second open a port that is away, or check the settings of an open one; return a report or ""."""
         if self._fd >= 0:
             if now_s < self._look_s:
                 return ""

@@ -127,7 +127,7 @@ def _newest(found: Sequence[Found]) -> Found:
 
 
 def _owners(path: Path, state_directory: Path) -> set[int]:
-    """Return who may write the status of a state directory: root, its owner, and the owner of a directory of our own.
+    """Return who may write a status: root, the owner of the state directory, the owner of a private directory.
 
     Anybody may put a file into /dev/shm.
     """

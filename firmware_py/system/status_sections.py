@@ -142,7 +142,7 @@ def calibration(swing: SwingReport) -> Values:
 
 
 def _traffic(snapshot: Snapshot) -> Values:
-    """Return how many vessels are known, and those that matter most: in distress, coming near, then the nearest."""
+    """Return the number of vessels, and the most important ones: in distress, coming near, then the nearest."""
     traffic = snapshot.traffic
     if traffic is None:
         return {}

@@ -182,7 +182,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _survive(gateway: Gateway, work: Callable[[], Any]) -> Any:
-    """Return what comes of a message; whatever is wrong with it, the next one is due."""
+    """Return the result of a message; an error in it does not stop the next one."""
     try:
         return work()
     except Exception as error:  # noqa: BLE001 - messages come from outside

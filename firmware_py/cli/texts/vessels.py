@@ -21,8 +21,8 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     ),
     "Goes her own way again": ("the vessel is past, or wide enough away", _NOTHING),
     "Distress beacon <number>: <number> m, bearing <number> deg": (
-        "a man overboard device, an AIS-SART or an EPIRB calls, or a vessel of status 14; told again every ten minutes",
-        "report position and number to the rescue coordination centre; she does not avoid it as a vessel",
+        "a man overboard device, an AIS-SART or an EPIRB calls, or a vessel of status 14; repeated every ten minutes",
+        "report position and number to the rescue coordination centre; the boat does not avoid it as a vessel",
     ),
     "Distress beacon <number>: at <latitude>, <longitude>": (
         "the same, while the boat does not know its own position",

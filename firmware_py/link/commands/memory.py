@@ -91,7 +91,7 @@ def _key(station: Correspondent, command: int, *, relative: bool) -> tuple[Corre
 
 
 def _is_repeated(record: CommandRecord, now: CommandRecord, *, confirmed: bool) -> bool:
-    """Return whether a relative command is one that was done: confirmed, or the same frame by another way."""
+    """Whether a relative command was executed before: sent again with a confirmation, or a duplicate frame."""
     age_s = now.t_s - record.t_s
     way = now.station.peer.way
     if confirmed:
