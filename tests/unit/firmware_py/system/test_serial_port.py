@@ -1,4 +1,5 @@
 import errno
+import fcntl
 import os
 import pty
 import select
@@ -283,6 +284,14 @@ def test_a_port_is_kept_from_programs_that_ask_for_no_lock(line, cable):
     line.close()
     with another_program(cable, "user") as other:
         assert other.stdout.readline() == "opened\n"
+
+
+def test_exclusive_access_that_another_program_has_ended_is_taken_again(line, cable):
+    line.reopen(0.0)
+    fcntl.ioctl(cable._slave, termios.TIOCNXCL)
+    line.reopen(10.0)
+    with another_program(cable, "user") as other:
+        assert other.stdout.readline() == f"{errno.EBUSY}\n"
 
 
 def test_who_else_has_a_port_open_is_named(line, cable):
