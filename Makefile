@@ -57,11 +57,7 @@ sail: $(SAIL_READY)
 	  --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760
 
 # More workers than cores: many tests wait for programs that they have started.
-# Files without bytecode: a process for each half writes it first, where each of the four workers would do it for all.
 test: $(READY)
-	@if [ ! -d tests/support/__pycache__ ]; then echo "compiling the tests, once: about 20 s"; \
-	  for half in tests/unit/firmware_py "tests --ignore=tests/unit/firmware_py"; do \
-	    $(BIN)/python -m pytest --collect-only -qq $$half >/dev/null & done; wait; fi
 	@echo "running the tests: 6 to 10 minutes on two cores"
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
