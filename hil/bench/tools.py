@@ -13,7 +13,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.bench.figure import Figure, Finding, paired_figure
 from hil.bench.setting import Setting
-from hil.lab.identify import synthetic
+from hil.lab.identify.filter import simulate
 from hil.lab.identify.identify import identify
 from hil.lab.identify.recording import Recording
 from hil.lab.numeric_core import LawSettings
@@ -84,10 +84,17 @@ def hour_figures(passed_s: list[float], used_s: list[float]) -> tuple[Figure, ..
 
 
 def hour_of_zigzag(seed: int) -> Recording:
-    """Return an hour of zigzag at 10 Hz with the tank's noise."""
+    """Return an hour of zigzag at 10 Hz with about the tank's noise."""
     time_s = np.asarray(np.arange(round(HOUR_S / STEP_S)) * STEP_S, np.float64)
-    rudder_rad = synthetic.zigzag(time_s, radians(20.0), 20.0)
-    return synthetic.record(OCEAN_RAMBLER, time_s, rudder_rad, synthetic.TANK, seed)
+    rudder_rad, still = np.where(time_s % 40.0 < 20.0, 1.0, -1.0) * radians(20.0), np.ones(time_s.size)
+    model = np.array(
+        [OCEAN_RAMBLER.turning_ability_1_s, OCEAN_RAMBLER.turning_lag_s, OCEAN_RAMBLER.norrbin_s2, 0.0, 1.0]
+    )
+    out = np.empty((2, time_s.size))
+    simulate(model, np.zeros(1), STEP_S * still, time_s == 0.0, rudder_rad, still, out)
+    noise_rad = radians(0.3) * np.random.default_rng(seed).standard_normal(time_s.size)
+    heading_rad = out[0] + radians(1.5) * np.sin(2.5 * time_s) + noise_rad
+    return Recording(f"synthetic {seed}", time_s, rudder_rad, heading_rad, None, None)
 
 
 def swarm(setting: Setting) -> Finding:

@@ -1,4 +1,4 @@
-"""Times as other loggers write them: ISO 8601 and dates like it, times of the day, those of NMEA, and since 1970."""
+"""Parses times: ISO 8601 and similar dates, times of the day, NMEA hhmmss, and counts since 1970."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from hil.lab.identify.recording import Floats
 DAY_S = 86400.0
 SINCE_1970 = (1e-9, 1e-6, 1e-3)
 YEARS_S = (9e8, 5e9)  # of a time since 1970: from 1998 to 2128
-COARSE = 2  # rows that share a time, as the usual row does where times are coarse
-MINUTE_JUMP = 40.0  # from 59 to 100, at the end of a minute that is written hhmmss
+COARSE = 2  # rows with the same time; the median row, where the clock is coarse
+MINUTE_JUMP = 40.0  # from 59 to 100 at the end of a minute written as hhmmss
 
 
 def seconds_of(texts: list[str]) -> Floats:
-    """Return seconds of times as ISO 8601 writes them, from the first one; NaN for what is none."""
+    """Return seconds since the first of ISO 8601 times or times of the day; NaN for other text."""
     try:
         moments = [datetime.fromisoformat(_as_iso(text.strip())) for text in texts]
         zoned = [moment if moment.tzinfo else moment.replace(tzinfo=UTC) for moment in moments]
@@ -28,9 +28,9 @@ def seconds_of(texts: list[str]) -> Floats:
 
 
 def seconds_of_nmea(times: Floats) -> Floats | None:
-    """Return seconds of times of the day as NMEA writes them, hhmmss.ss; None where they may well be seconds.
+    """Return seconds of times of the day written as hhmmss.ss, None if they may be plain seconds.
 
-    Seconds pass from 60 to 99 in every hundred; these never do, and jump there.
+    In every hundred, plain seconds take values from 60 to 99; hhmmss never does.
     """
     if not np.all((times >= 0.0) & (times < 240000.0)):
         return None
@@ -46,17 +46,16 @@ def seconds_of_nmea(times: Floats) -> Floats | None:
 
 
 def unit_since_1970(times: Floats) -> float:
-    """Return the unit of times that count from 1970 in less than seconds, 1 where they may well be seconds."""
+    """Return the unit of times since 1970 that are finer than seconds, otherwise 1."""
     first, last = float(times[0]), float(times[-1])
     units = [unit for unit in SINCE_1970 if all(YEARS_S[0] < unit * one < YEARS_S[1] for one in (first, last))]
     return units[0] if units else 1.0
 
 
 def spread_evenly(times: Floats) -> Floats | None:
-    """Return times that are too coarse, so that rows share them, with the rows spread over the time to the next one.
+    """Return coarse times, which several rows share, spread evenly up to the next time.
 
-    None where rows do not, or only here and there, which is another fault. Rudder and motion of a row stay together, so
-    that it matters little where in that time they were.
+    None where no rows share a time, or only a few do, which is another fault.
     """
     steps = np.diff(times)
     first = np.flatnonzero(np.concatenate(([True], steps != 0.0)))
@@ -75,7 +74,7 @@ def spread_evenly(times: Floats) -> Floats | None:
 
 
 def number_of(text: str) -> float:
-    """Return a number, NaN for what is none."""
+    """Return a number, NaN for other text."""
     try:
         return float(text)
     except ValueError:
@@ -83,7 +82,7 @@ def number_of(text: str) -> float:
 
 
 def _as_iso(text: str) -> str:
-    """Write what is nearly ISO 8601 as that; with slashes, only a date that begins with the year is unambiguous."""
+    """Return a similar date as ISO 8601; with slashes, only a date that begins with the year is unambiguous."""
     text = re.sub(r"^(\d{4})/(\d\d?)/(\d\d?)", r"\1-\2-\3", re.sub(r"\s*(UTC|GMT)$", "Z", text))
     text = re.sub(r"^(\d\d?)\.(\d\d?)\.(\d{4})", r"\3-\2-\1", text)
     return re.sub(r"-(\d)(?=[-T ])", r"-0\1", re.sub(r"(?<=:\d\d),(?=\d)", ".", text))
@@ -95,7 +94,7 @@ def _past_midnight(times: Floats) -> Floats:
 
 
 def _time_of_day(text: str) -> float:
-    """Return seconds of the day; a date before it may begin with the day or the month, for what counts is midnight."""
+    """Return seconds of the day; a date before it is ignored, since midnight shows in the times."""
     plain = re.sub(r"^\d\d?([/-])\d\d?\1\d{4}[ T]+", "", text.strip())
     half = re.search(r"\s*([ap])\.?m\.?$", plain, re.IGNORECASE)
     try:

@@ -26,10 +26,6 @@ class Layout:
     optional: str
     units: str
 
-    def whole(self, found: Collection[str]) -> bool:
-        """Whether what is needed is there."""
-        return not self.missing(found)
-
     def missing(self, found: Collection[str]) -> list[str]:
         """Return what is needed and not there."""
         missing = [name for name in self.must if name not in found]
@@ -82,14 +78,7 @@ UNITS: dict[str, dict[str, float]] = {
     **dict.fromkeys(("heading_rad", "cog_rad", "lat_rad", "lon_rad", "goal_rad"), ANGLE),
     **dict.fromkeys(("speed_m_s", "sog_m_s"), SPEED),
 }
-SPELLINGS = {
-    "degrees": "deg",
-    "degree": "deg",
-    "radians": "rad",
-    "rps": "rad_s",
-    "dps": "deg_s",
-    "mps": "m_s",
-}
+SPELLINGS = {"degrees": "deg", "degree": "deg", "radians": "rad", "rps": "rad_s", "dps": "deg_s", "mps": "m_s"}
 SPELLINGS |= {"kmh": "km_h", "kph": "km_h", "rads": "rad_s", "degs": "deg_s", "ms_1": "m_s", "rad_s_1": "rad_s"}
 SPELLINGS |= {"deg_s_1": "deg_s", "seconds": "s", "knot": "kn", "m_s_1": "m_s", "deg_sec": "deg_s", "rad_sec": "rad_s"}
 SPELLINGS |= {"degm": "deg", "degt": "deg", "deg_m": "deg", "deg_t": "deg", "m_sec": "m_s"}  # magnetic and true
@@ -132,7 +121,7 @@ def found_columns(header: list[str], layout: Layout) -> dict[str, list[int]]:
 
     The names of the manoeuvre file, other names, and those behind a point, as ROS's field.heading.
     """
-    whole, ends = [_plain(text) for text in header], [_plain(_end(text)) for text in header]
+    whole, ends = [_plain(text) for text in header], [_plain(text.rpartition(".")[2]) for text in header]
     found = {}
     for quantity in layout.names:
         ways = (
@@ -162,7 +151,10 @@ def columns_of(where: str, header: list[str], layout: Layout) -> dict[str, Colum
             what = f"columns {names} all say {quantity}" if several else f"column {names} stands there twice"
             raise UsageError(f"{where}: {what}; remove all but one")
         name = header[places[0]]
-        units = (*(_unit(quantity, _plain(text)) for text in (name, _end(name))), _beside(quantity, _plain(name)))
+        units = (
+            *(_unit(quantity, _plain(text)) for text in (name, name.rpartition(".")[2])),
+            _beside(quantity, _plain(name)),
+        )
         unit = next((unit for unit in units if unit is not None), None)
         said = _asked(_plain(name)) if unit is None else unit
         found[quantity] = Column(places[0], shown[places[0]], math.nan if said is None else said, unit is None)
@@ -206,10 +198,6 @@ def _plain(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
 
 
-def _end(text: str) -> str:
-    return text.rpartition(".")[2]
-
-
 def _unit(quantity: str, name: str) -> float | None:
     """Return the size of the unit, NaN where the name is without one, None if it is another quantity's."""
     for alias in _aliases(quantity):
@@ -238,7 +226,7 @@ def _beside(quantity: str, name: str) -> float | None:
 
 
 def _asked(name: str) -> float | None:
-    """Return what _unit does, of what a rudder was told to do: `rudder_cmd_deg`."""
+    """Return what _unit does, of a rudder command: `rudder_cmd_deg`."""
     words = name.split("_")
     kept = [word for word in words if word not in ASKED]
     if len(kept) == len(words):

@@ -116,6 +116,11 @@ def lagged(mean_rad: Floats, step_s: Floats, first: NDArray[np.bool_], lag_s: fl
         now = mean_rad[row] + (now - mean_rad[row]) * fade
 
 
+def model_of(values: Floats, sign: float) -> Floats:
+    """Return K, T, alpha, delta0 and the exponent of the speed."""
+    return np.array([sign * math.exp(values[LN_K]), math.exp(values[LN_T]), *values[[ALPHA, OFFSET, EXPONENT]]])
+
+
 @compiled
 def simulate(
     model: Floats,
@@ -128,7 +133,7 @@ def simulate(
 ) -> None:
     """Fill out (2, rows) with heading and yaw rate by the rudder alone; each stretch begins with heading 0.
 
-    model: K, T, alpha, delta0 and the exponent of the speed. starts_rad_s: the first yaw rate of each stretch.
+    model: as of model_of. starts_rad_s: the first yaw rate of each stretch.
     """
     heading = rate = 0.0
     stretch = -1

@@ -28,8 +28,10 @@ from hil.lab.identify.filter import (
     WALK,
     WAVE,
     innovations,
+    model_of,
     scores,
 )
+from hil.lab.identify.output_error import nearest
 from hil.lab.identify.prior import LOW, Prior
 from hil.lab.identify.recording import Floats
 from hil.lab.identify.stretches import Columns, Data, excerpt
@@ -54,7 +56,8 @@ Tell = Callable[[], None]
 class Fit:
     """The unknowns at the maximum, the sign of K, which unknowns are free, their covariance and the prior's part in it.
 
-    gain: by how much the logarithm of the posterior density exceeds that of a boat which no rudder turns.
+    gain: by how much the logarithm of the posterior density exceeds that of a boat which no rudder turns. likeliest:
+    whether the values are those of the maximum, and not those that predict the record better (output_error.py).
     """
 
     values: Floats
@@ -65,7 +68,7 @@ class Fit:
     gain: float
     outliers: int
     evaluations: int
-    iterations: int
+    likeliest: bool
 
     def spread(self, place: int) -> float:
         """Return the standard deviation of an unknown, 0 where it is held."""
@@ -89,8 +92,7 @@ class Fit:
 
     def model(self) -> Floats:
         """Return K, T, alpha, delta0 and the exponent of the speed."""
-        v = self.values
-        return np.array([self.sign * math.exp(v[LN_K]), math.exp(v[LN_T]), v[ALPHA], v[OFFSET], v[EXPONENT]])
+        return model_of(self.values, self.sign)
 
 
 class Posterior:
@@ -148,14 +150,14 @@ class Posterior:
         tell: Tell,
         most: int = MOST_ITERATIONS,
         settled: float = SETTLED,
-    ) -> tuple[Floats, float, int]:
-        """Return the maximum that scoring finds from a start, its cost and the iterations."""
+    ) -> tuple[Floats, float]:
+        """Return the maximum that scoring finds from a start, and its cost."""
         chosen, low, high = np.array(free), self.prior.low, self.prior.high
         values = np.clip(values, low, high)
         base = self.innovations(values, sign)
         cost, damping = self.cost(values, base), 1e-2
         longest = np.array([{OFFSET: 0.3, ALPHA: math.inf}.get(place, LONGEST_STEP) for place in free])
-        for iteration in range(most):
+        for _ in range(most):
             tell()
             gradient, information, curvature = self.derivatives(values, sign, free, base)
             hessian = information + curvature
@@ -176,12 +178,12 @@ class Posterior:
                 better = self.cost(trial, found)
                 damping *= 1.0 if better < cost else 5.0
             if not better < cost:
-                return values, cost, iteration + 1
+                return values, cost
             gained = cost - better
             values, cost, base, damping = trial, better, found, max(damping / 5.0, 1e-6)
             if gained < settled and damping < 1.0:
                 break
-        return values, cost, iteration + 1
+        return values, cost
 
 
 def _difference(values: Floats, place: int) -> float:
@@ -206,7 +208,7 @@ def fit(data: Data, *, cubic: bool, exponent: float | None, tell: Tell) -> Fit:
         columns = Columns(data, every)
         for _ in range(2):  # the prior's scales go by T
             posterior = Posterior(columns, _prior(data, math.exp(values[LN_T])), pool)
-            values, cost, iterations = posterior.climb(values, sign, free, tell)
+            values, cost = posterior.climb(values, sign, free, tell)
             spent += posterior.evaluations
         base = posterior.innovations(values, sign)
         _, information, curvature = posterior.derivatives(values, sign, free, base)
@@ -218,9 +220,13 @@ def fit(data: Data, *, cubic: bool, exponent: float | None, tell: Tell) -> Fit:
     covariance: Floats = np.asarray(np.linalg.inv(information + curvature), dtype=np.float64)
     share = np.diag(covariance @ curvature @ covariance) / np.diag(covariance)
     outliers = int(np.count_nonzero(base[0] ** 2 > OUTLIER * base[1]))
+    best = nearest(data, posterior.prior, values, sign, tuple(free))
+    if best is not None:  # the model's error is as large as the two answers are apart
+        apart = (best - values)[free]
+        covariance, values = covariance + np.outer(apart, apart), best
     return Fit(
         values, sign, tuple(free), covariance, share, without - with_, outliers,
-        spent + posterior.evaluations, iterations,
+        spent + posterior.evaluations, best is None,
     )  # fmt: skip
 
 
@@ -246,7 +252,7 @@ def _started(
         posterior = Posterior(columns, _prior(data, lag_s), pool)
         start = posterior.prior.start(START_TURN / lag_s, lag_s)
         start[EXPONENT] = exponent
-        values, cost, _ = posterior.climb(start, sign, free, tell, START_ITERATIONS)
+        values, cost = posterior.climb(start, sign, free, tell, START_ITERATIONS)
         cost += SIGN_COST * (sign < 0.0)
         spent += posterior.evaluations
         if cost < best[0]:

@@ -1,4 +1,4 @@
-"""What is missing in single cells of a table: bridged where it is short, left out where it is not, and told."""
+"""Missing cells of a table: short gaps are interpolated, rows in longer ones left out; both are noted."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hil.errors import UsageError
 from hil.lab.identify.recording import LEAST_ROWS, Floats
 from hil.lab.identify.table import Raw
 
-LONGEST_HOLE = 10.0  # usual intervals of what a column holds, beyond which nobody knows what was in it
+LONGEST_HOLE = 10.0  # usual intervals of a column; a longer gap is not interpolated
 
 
 def filled(path: Path, time_s: Floats, raw: Raw, notes: list[str]) -> tuple[Raw, NDArray[np.bool_]]:

@@ -63,7 +63,8 @@ def identify(
         found = found.per_unit(size)
         errors = errors_of("train", found, data)
         others = tuple(
-            errors_of(recording.name, found, prepare((recording,), data.speed_m_s)) for recording in validate
+            errors_of(recording.name, found, prepare((recording,), data.speed_m_s, fitted=False))
+            for recording in validate
         )
     judgement = judge(found, data, errors)
     return Identification(data, found, judgement, errors, others, "linear" if model == "linear" else "cubic")

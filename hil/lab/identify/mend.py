@@ -1,4 +1,4 @@
-"""What recordings are checked for, and mended, before they are cut into stretches."""
+"""Repairs of a recording: repeated rows, spikes, noise of the speed."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ NOISE_CERTAIN = 4.0  # standard errors
 
 
 def once(recordings: Sequence[Recording], notes: list[str]) -> list[Recording]:
-    """Leave out what stands there again to the last digit: it is no further evidence."""
+    """Leave out exact repetitions: they are no further evidence."""
     kept: list[Recording] = []
     for recording in recordings:
-        if any(_same(_motion(recording), _motion(other)) for other in kept):
+        if any(np.array_equal(_motion(recording), _motion(other)) for other in kept):
             notes.append(f"{recording.name}: the same as another file; counted once")
             continue
         period = _period(_motion(recording))
         if period < recording.time_s.size:
             times = recording.time_s.size / period
-            notes.append(f"{recording.name}: the same {period} rows stand there {times:.3g} times; counted once")
+            notes.append(f"{recording.name}: the same {period} rows are repeated {times:.3g} times; counted once")
         kept.append(recording.rows(slice(0, period)))
     return kept
 
@@ -38,16 +38,13 @@ def _motion(recording: Recording) -> Floats:
     return np.column_stack((recording.rudder_rad, motion if motion is not None else recording.rudder_rad))
 
 
-def _same(one: Floats, other: Floats) -> bool:
-    return one.shape == other.shape and bool(np.array_equal(one, other))
-
-
 def _period(rows: Floats) -> int:
-    """Return after how many rows they begin anew and are the same from there on; all of them if they never do."""
+    """Return the number of rows after which they repeat themselves to the end; all rows if they do not."""
     for first in np.flatnonzero(np.all(rows == rows[0], axis=1)).tolist():
         if first < LEAST_ROWS or 2 * first > rows.shape[0]:
             continue
-        if np.array_equal(rows[first : first + LEAST_ROWS], rows[:LEAST_ROWS]) and _same(rows[first:], rows[:-first]):
+        begin = np.array_equal(rows[first : first + LEAST_ROWS], rows[:LEAST_ROWS])
+        if begin and np.array_equal(rows[first:], rows[:-first]):
             return int(first)
     return int(rows.shape[0])
 
@@ -60,7 +57,7 @@ def without_spikes(values: Floats) -> tuple[Floats, int]:
     padded = np.pad(values, SPIKE_NEIGHBOURS, mode="reflect", reflect_type="odd")
     middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
     apart = np.abs(values - middle)
-    # Coarse or slow readings are mostly equal to their neighbours: then the outer ones tell the spread.
+    # Coarse or slow readings mostly equal their neighbours: the outer ones give the spread.
     spread = max(NORMAL_MAD * float(np.median(apart)), float(np.quantile(apart, 0.9)) / NORMAL_90)
     wrong = apart > SPIKE_SPREADS * spread
     if spread <= 0.0 or not wrong.any():
@@ -69,7 +66,7 @@ def without_spikes(values: Floats) -> tuple[Floats, int]:
 
 
 def without_speed_noise(recording: Recording, notes: list[str]) -> Recording:
-    """Smooth a measured speed as far as its rows differ by noise: she follows the speed, which acts by its powers.
+    """Smooth a measured speed as far as its rows differ by noise, since the model uses powers of it.
 
     A speed that wanders, seen through white noise (Harvey, Forecasting, structural time series models, 1989, 4.3).
     """
@@ -90,7 +87,7 @@ def without_speed_noise(recording: Recording, notes: list[str]) -> Recording:
 
 
 def _both_ways(values: Floats, keep: float) -> Floats:
-    """Sum up values with weights that each row further away, before or behind, keeps a part of."""
+    """Return sums weighted by keep to the power of the distance in rows."""
     before = lfilter([1.0], [1.0, -keep], values)
     behind = lfilter([1.0], [1.0, -keep], values[::-1])[::-1]
     return np.asarray(before + behind - values)

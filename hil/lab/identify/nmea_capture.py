@@ -64,9 +64,10 @@ def read(path: Path) -> Recording:
             f"{path}: NMEA 0183 with {heading.shape[0]} headings and {rudder.shape[0]} rudder angles (RSA, XDR) "
             f"between its times; at least {LEAST_ROWS} of each are needed"
         )
-    new = np.concatenate(([True], np.diff(heading[:, 0]) > 0.0)) & (heading[:, 0] >= rudder[0, 0])
-    heading = heading[new & (heading[:, 0] <= rudder[-1, 0])]
-    time_s = heading[:, 0]
+    # Rows at the slower of both: between its readings nothing is known of a rudder, and T would be found too short.
+    slower = min(heading, rudder, key=len)
+    time_s = np.unique(slower[:, 0])
+    time_s = time_s[(time_s >= max(heading[0, 0], rudder[0, 0])) & (time_s <= min(heading[-1, 0], rudder[-1, 0]))]
     notes = [f"NMEA 0183: headings of {kind}; sentences without a time are spread between those with one"]
     if faults:
         notes.append(f"{faults} damaged sentences left out")
@@ -75,7 +76,7 @@ def read(path: Path) -> Recording:
         str(path),
         time_s - time_s[0],
         np.interp(time_s, rudder[:, 0], rudder[:, 1]) * radians(1.0),
-        heading[:, 1] * radians(1.0),
+        np.interp(time_s, heading[:, 0], np.unwrap(heading[:, 1] * radians(1.0))),
         None,
         speed,
         tuple(notes),

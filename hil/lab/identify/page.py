@@ -12,10 +12,7 @@ COLUMNS = ("", "value", "95 % interval", Cell("verdict"))
 
 
 def page_of(result: Identification, text: str, picture: bytes, title: str, *, angular: bool) -> str:
-    """Return the page: the table, the picture, and the report as on the terminal.
-
-    angular: the rudder column is an angle, and not a command of another unit.
-    """
+    """Return the page: table, picture, and the report of the terminal; angular: the rudder column is an angle."""
     rows = [_row(name, estimate, angular=angular) for name, estimate in result.judgement.estimates.items()]
     return page.page(
         title,

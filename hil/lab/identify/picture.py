@@ -15,7 +15,6 @@ from hil.report.style import BAND, COMPASS, GOAL, HULL, finish, name_panel, new_
 
 MEASURED, PREDICTED, RUDDER = COMPASS, GOAL, HULL
 BAND_DEG = 10.0  # the paper's figure 5: nearly all errors lie within
-NORMAL_95 = 1.96
 MOST_COLUMNS = 3
 MOST_POINTS = 6000
 
@@ -52,11 +51,6 @@ def _stretch(axes: Any, prediction: Prediction, *, first: bool, angular: bool) -
         axes[0].plot(time_s, measured * degrees, color=MEASURED, lw=2.0, label=label("measured"))
         error_deg = (measured - prediction.heading_rad) * degrees
         axes[1].axhspan(-BAND_DEG, BAND_DEG, color=BAND, lw=0, label=label(f"±{BAND_DEG:g} deg"))
-        reach = 3.0 * max(BAND_DEG, float(np.max(np.abs(error_deg))))
-        unsure_deg = np.minimum(NORMAL_95 * prediction.heading_se_rad * degrees, reach)
-        axes[1].fill_between(
-            time_s, -unsure_deg, unsure_deg, color=PREDICTED, alpha=0.3, lw=0, label=label("95 % by the model's errors")
-        )
         axes[1].plot(time_s, error_deg, color=RUDDER, lw=0.8)
     axes[0].plot(time_s, prediction.heading_rad * degrees, color=PREDICTED, lw=1.0, label=label("predicted"))
     if prediction.stretch.yaw_rate_rad_s is not None:
@@ -90,11 +84,11 @@ def _stretch(axes: Any, prediction: Prediction, *, first: bool, angular: bool) -
 
 
 def _thinned(prediction: Prediction) -> Prediction:
-    """Leave out rows that nobody can tell apart in a picture."""
+    """Leave out rows that a picture cannot resolve."""
     every = max(1, prediction.stretch.time_s.size // MOST_POINTS)
     if every == 1:
         return prediction
 
     chosen = slice(None, None, every)
-    columns = (prediction.heading_rad, prediction.yaw_rate_rad_s, prediction.heading_se_rad)
-    return Prediction(prediction.stretch.rows(chosen), *(column[chosen] for column in columns))
+    stretch = prediction.stretch.rows(chosen)
+    return Prediction(stretch, prediction.heading_rad[chosen], prediction.yaw_rate_rad_s[chosen])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.lab.identify.filter import ALPHA, DELAY, EXPONENT, LAG, LN_K, LN_T, OFFSET, simulate
+from hil.lab.identify.filter import DELAY, LAG, LN_T, model_of, simulate
 from hil.lab.identify.fit import Fit
 from hil.lab.identify.recording import LEAST_ROWS, Floats
 from hil.lab.identify.stretches import Columns, Data, Stretch
@@ -15,17 +15,15 @@ from hil.lab.identify.stretches import Columns, Data, Stretch
 START_LAGS = 3.0  # turning lags at the beginning of a stretch, which tell its first heading and yaw rate
 START_STEP_RAD_S = 1e-5
 START_ITERATIONS = 4
-SHIFT = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """One stretch, measured and predicted; heading_se_rad is due to the errors of K, T, alpha and delta0."""
+    """One stretch, measured and predicted."""
 
     stretch: Stretch
     heading_rad: Floats
     yaw_rate_rad_s: Floats
-    heading_se_rad: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,48 +66,29 @@ def _rms(values: Floats) -> float:
 
 def _predicted(fit: Fit, data: Data, stretch: Stretch) -> Prediction:
     columns = Columns(Data((stretch,), data.speed_m_s))
-    rows = _beginning(stretch, math.exp(fit.values[LN_T]))
+    until_s = stretch.time_s[0] + START_LAGS * math.exp(fit.values[LN_T])
+    rows = slice(0, max(int(np.searchsorted(stretch.time_s, until_s)), LEAST_ROWS))
     rate = 0.0 if stretch.yaw_rate_rad_s is None else float(np.median(stretch.yaw_rate_rad_s[:LEAST_ROWS]))
     channel = 0 if stretch.yaw_rate_rad_s is None else 1
     measured = stretch.measured(headings=channel == 0)
     for _ in range(START_ITERATIONS):
         found = _simulated(fit.values, fit.sign, columns, rate)[channel, rows]
-        by_rate = (_simulated(fit.values, fit.sign, columns, rate + START_STEP_RAD_S)[channel, rows] - found) / (
-            START_STEP_RAD_S
-        )
-        constant = np.full(rows.stop, 1.0 - channel)
-        step, *_ = np.linalg.lstsq(np.column_stack((by_rate, constant)), measured[rows] - found, rcond=1e-9)
-        rate += float(step[0])
+        moved = _simulated(fit.values, fit.sign, columns, rate + START_STEP_RAD_S)[channel, rows] - found
+        constant = np.full(found.size, 1.0 - channel)
+        step, *_ = np.linalg.lstsq(np.column_stack((moved, constant)), measured[rows] - found, rcond=1e-9)
+        rate += START_STEP_RAD_S * float(step[0])
     heading, yaw_rate = _simulated(fit.values, fit.sign, columns, rate)
     first = 0.0 if stretch.heading_rad is None else float(np.mean(stretch.heading_rad[rows] - heading[rows]))
-    slopes = []
-    for place in (LN_K, LN_T, ALPHA, OFFSET):
-        if place not in fit.free:
-            continue
-        by = max(0.01 * fit.spread(place), 1e-12)
-        shifted = fit.values.copy()
-        shifted[place] += by
-        slopes.append((_simulated(shifted, fit.sign, columns, rate)[0] - heading) / by)
-    chosen = [fit.free.index(place) for place in (LN_K, LN_T, ALPHA, OFFSET) if place in fit.free]
-    covariance = fit.covariance[np.ix_(chosen, chosen)]
-    variance = np.einsum("ir,ij,jr->r", np.array(slopes), covariance, np.array(slopes), optimize=True)
-    return Prediction(stretch, heading + first, yaw_rate, np.sqrt(np.maximum(variance, 0.0)))
+    return Prediction(stretch, heading + first, yaw_rate)
 
 
 def _simulated(values: Floats, sign: float, columns: Columns, rate_rad_s: float) -> Floats:
     out = np.empty((2, columns.step_s.size))
     rudder = columns.rudder_rad(float(values[DELAY]), float(values[LAG]))
-    model = np.array(
-        [sign * math.exp(values[LN_K]), math.exp(values[LN_T]), *values[[ALPHA, OFFSET]], values[EXPONENT]]
+    simulate(
+        model_of(values, sign), np.array([rate_rad_s]), columns.step_s, columns.first, rudder, columns.speed_ratio, out
     )
-    simulate(model, np.array([rate_rad_s]), columns.step_s, columns.first, rudder, columns.speed_ratio, out)
     return out
-
-
-def _beginning(stretch: Stretch, lag_s: float) -> slice:
-    time_s = stretch.time_s
-    until_s = time_s[0] + START_LAGS * lag_s
-    return slice(0, min(max(int(np.searchsorted(time_s, until_s)), LEAST_ROWS), time_s.size))
 
 
 def _explained(predictions: tuple[Prediction, ...], lag_s: float) -> float:

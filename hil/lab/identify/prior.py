@@ -8,9 +8,11 @@ speed. Published hulls:
     Zeefakkel, 45 m (van Amerongen 1982)             5 to 36    0.01 to 0.28
     Mariner class (Kempf; Fossen 2011)               20         -
 
-So ln (K T) is normal about 0 with standard deviation 2, alpha K^2 half-Cauchy of scale 3, and T anything from a model
-boat's (ln T normal about that of 5 s, standard deviation 2). Dead time and lag of the rudder are likely to be small
-beside T. The middle of the noise levels is that of the autopilot's own filter (heading_filter.py), wider.
+So ln (K T) is normal about 0 with standard deviation 2, and T anything from a model boat's (ln T normal about that of
+5 s, standard deviation 2). The density of alpha K^2 is even up to 0.5, and falls as its inverse beyond: a tanker that
+is nearly unstable on course (KVLCC2) has large K and T, and an alpha that limits its turns. Dead time and lag of the
+rudder are likely to be small beside T. The middle of the noise levels is that of the autopilot's own filter
+(heading_filter.py), wider.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from hil.lab.identify.filter import (
 )
 from hil.lab.identify.recording import Floats
 
-ALPHA_SCALE = 3.0  # of alpha K^2
+ALPHA_SCALE = 0.5  # of alpha K^2
 DELAY_SHARE, LAG_SHARE = 0.3, 0.2  # of T, standard deviations; the delay may beside be off by a row
 # A rudder bias lasts: within T, or ten rows, it walks by at most this share of the rudder's spread. The rest is yaw
 # disturbance. Otherwise a bias that follows every error of the model would predict one row ahead best.
@@ -104,17 +106,21 @@ class Prior:
         values[LN_K], values[LN_T] = math.log(gain_1_s), math.log(lag_s)
         return np.clip(values, self.low, self.high)
 
+    def residuals(self, values: Floats) -> Floats:
+        """Return what the cost is half the sum of squares of, but for the constant."""
+        return np.append(self.weights @ values - self.middles, math.sqrt(math.log1p(_cubic(values) ** 2)))
+
     def cost(self, values: Floats) -> float:
         """Return minus the logarithm of the density."""
-        off = self.weights @ values - self.middles
-        return 0.5 * float(off @ off) + math.log1p(_cubic(values) ** 2) + self.constant
+        off = self.residuals(values)
+        return 0.5 * float(off @ off) + self.constant
 
     def derivatives(self, values: Floats) -> tuple[Floats, Floats]:
         """Return gradient and curvature of the cost."""
         cubic = _cubic(values)
         slope = np.zeros(UNKNOWNS)
         slope[ALPHA], slope[LN_K] = math.exp(2.0 * values[LN_K]) / ALPHA_SCALE, 2.0 * cubic
-        weight = 2.0 / (1.0 + cubic * cubic)
+        weight = 1.0 / (1.0 + cubic * cubic)
         gradient = self.weights.T @ (self.weights @ values - self.middles) + weight * cubic * slope
         return gradient, self.weights.T @ self.weights + weight * np.outer(slope, slope)
 

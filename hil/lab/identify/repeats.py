@@ -35,7 +35,7 @@ def emptied(raw: Raw, shown: dict[str, str], notes: list[str]) -> Raw:
 
 
 def rows_each(values: Floats) -> int:
-    """Return how many rows a value stands for, 1 where it is not told apart from a coarse sensor's."""
+    """Return how many rows a value stands for, 1 if it may be a coarse sensor."""
     places = np.flatnonzero(_new(values))[1:]
     if places.size < LEAST_ROWS:
         return 1

@@ -26,7 +26,6 @@ def as_json(result: Identification, seconds: float) -> str:
     data: dict[str, Any] = {
         "model": result.name,
         **{name: _estimate(estimate) for name, estimate in judgement.estimates.items()},
-        "K_over_T": _estimate(judgement.ratio),
         "speed_m_s": result.data.speed_m_s,
         "speed_exponent": float(v[EXPONENT]),
         "rudder": {"delay_s": float(v[DELAY]), "lag_s": float(v[LAG])},

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from hil.errors import UsageError
-from hil.lab.identify.agreement import check_scale, without_standstill
+from hil.lab.identify.agreement import with_agreeing_rate, without_standstill
 from hil.lab.identify.filter import lagged
 from hil.lab.identify.mend import once, without_speed_noise
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
@@ -137,13 +137,16 @@ def _averaged(stretch: Stretch, every: int, *, headings: bool) -> tuple[Floats, 
     return means(stretch.time_s), means(measured), means(stretch.speed_ratio)
 
 
-def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> Data:
-    """Make stretches of recordings; speed_m_s is U0, their mean speed if None. UsageError names the remedy."""
+def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None, *, fitted: bool = True) -> Data:
+    """Make stretches of recordings; UsageError names the remedy.
+
+    speed_m_s: U0, their mean speed if None. fitted: they are fitted to, and not only predicted.
+    """
     warnings = [f"{recording.name}: {text}" for recording in recordings for text in recording.warnings]
     notes = [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
     recordings = [without_standstill(recording, warnings) for recording in recordings]
-    for recording in recordings:
-        check_scale(recording, warnings)
+    agreeing = [with_agreeing_rate(recording, warnings) for recording in recordings]
+    recordings = agreeing if fitted else recordings
     recordings = [without_speed_noise(recording, notes) for recording in once(recordings, notes)]
     headings = all(recording.heading_rad is not None for recording in recordings)
     rates = all(recording.yaw_rate_rad_s is not None for recording in recordings)

@@ -40,7 +40,7 @@ _BYTES_TOGETHER = re.compile(rb"[\x80-\xff]{2}")
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """The columns, the numbers of the rows' lines, the cells, and what to tell of them."""
+    """The columns, the numbers of the rows' lines, the cells, and notes."""
 
     places: dict[str, Column]
     numbers: list[int]
@@ -157,10 +157,10 @@ def _header(path: Path, file: io.TextIOWrapper, above: list[str], layout: Layout
             separator, bare = " ", " ".join(f'"{name}"' for name in bare.split('"')[1::2])
         fields = next(_records(path, csv.reader([bare], delimiter=separator, skipinitialspace=True), 0))[1]
         found = found_columns(fields, layout)
-        count = len(found) if not line.startswith(COMMENTS) or layout.whole(found) else -1
+        count = len(found) if not line.startswith(COMMENTS) or not layout.missing(found) else -1
         if best is None or count > best[0]:
             best = (count, fields, separator, len(above))
-        if layout.whole(found) or len(above) >= MOST_LINES_ABOVE:
+        if not layout.missing(found) or len(above) >= MOST_LINES_ABOVE:
             break
     names = ",".join(layout.names)
     if best is None or best[0] < 0:

@@ -1,4 +1,4 @@
-"""Judges the units of angles together: a table in degrees is told by its jumps, its turns and its speed."""
+"""Judges the units of angles together: jumps, turns and speed show a table in degrees."""
 
 from __future__ import annotations
 

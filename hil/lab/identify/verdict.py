@@ -14,7 +14,6 @@ from hil.lab.identify.predict import Errors
 from hil.lab.identify.stretches import Data
 
 IDENTIFIABLE = "identifiable"
-RATIO = "only the ratio K/T is identifiable"
 NOT_IDENTIFIABLE = "not identifiable"
 NORMAL_95 = 1.96
 LOOSE = 0.25  # of a value: 95 % within a factor of about 1.6
@@ -41,10 +40,9 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The four parameters, K/T, and warnings; usable: the model predicts better than none."""
+    """The four parameters and warnings; usable: the model predicts better than none."""
 
     estimates: Mapping[str, Estimate]  # K, T, alpha, delta0
-    ratio: Estimate
     usable: bool
     warnings: tuple[str, ...]
 
@@ -53,15 +51,10 @@ def judge(fit: Fit, data: Data, train: Errors) -> Judgement:
     """Judge a fit."""
     usable = fit.gain > LEAST_GAIN
     gain_1_s, lag_s, alpha_s2, offset_rad, _ = fit.model().tolist()
-    chosen = [fit.free.index(place) for place in (LN_K, LN_T)]
-    difference = np.array([1.0, -1.0])
-    ratio_se = math.sqrt(max(float(difference @ fit.covariance[np.ix_(chosen, chosen)] @ difference), 0.0))
-    ratio_known = usable and ratio_se <= LOOSE
-    ratio = _logarithmic(gain_1_s / lag_s, ratio_se, IDENTIFIABLE if ratio_known else NOT_IDENTIFIABLE, "")
     step_s = data.usual_step_s
     estimates = {
-        "K": _main(gain_1_s, fit, LN_K, ratio, usable=usable),
-        "T": _main(lag_s, fit, LN_T, ratio, usable=usable, step_s=step_s),
+        "K": _main(gain_1_s, fit, LN_K, usable=usable),
+        "T": _main(lag_s, fit, LN_T, usable=usable, step_s=step_s),
         "alpha": _alpha(alpha_s2, fit, train, usable=usable),
         "delta0": _offset(offset_rad, fit, data, usable=usable),
     }
@@ -79,6 +72,11 @@ def judge(fit: Fit, data: Data, train: Errors) -> Judgement:
             f"K {gain_1_s:.3g} 1/s at {speed_m_s:.2g} m/s is that of a boat which turns within half a metre: "
             "are heading and rudder in the units that their names say?"
         )
+    if usable and not fit.likeliest:
+        warnings.append(
+            "the boat is not quite a K-T boat: the likeliest model predicts this log worse than the best one does; "
+            "the best one is given, and its distance from the likeliest counts in the intervals"
+        )
     delay_s, lag_of_rudder_s = float(fit.values[DELAY]), float(fit.values[LAG])
     if usable and (
         abs(delay_s) > max(SHOWN_DELAY * fit.spread(DELAY), step_s)
@@ -88,16 +86,16 @@ def judge(fit: Fit, data: Data, train: Errors) -> Judgement:
             f"the boat answers the rudder column with a dead time of {delay_s:.2f} s and a lag of "
             f"{lag_of_rudder_s:.2f} s; both are counted in, so K and T are those behind them"
         )
-    return Judgement(estimates, ratio, usable, tuple(warnings))
+    return Judgement(estimates, usable, tuple(warnings))
 
 
 def _logarithmic(value: float, relative: float, verdict: str, why: str) -> Estimate:
     factor = math.exp(min(NORMAL_95 * relative, 25.0))
     low, high = sorted((value / factor, value * factor))
-    return Estimate(value, _finite(abs(value) * relative), low, _finite(high), verdict, why or known(relative))
+    return Estimate(value, _finite(abs(value) * relative), low, _finite(high), verdict, why)
 
 
-def _main(value: float, fit: Fit, place: int, ratio: Estimate, *, usable: bool, step_s: float = 0.0) -> Estimate:
+def _main(value: float, fit: Fit, place: int, *, usable: bool, step_s: float = 0.0) -> Estimate:
     relative = fit.spread(place)
     if not usable:
         return _logarithmic(value, relative, NOT_IDENTIFIABLE, "the rudder explains next to nothing of the motion")
@@ -108,8 +106,6 @@ def _main(value: float, fit: Fit, place: int, ratio: Estimate, *, usable: bool, 
         why += f"; T is shorter than the rows ({step_s:.2g} s)"
     if fit.share(place) > FROM_PRIOR:
         why += "; it comes from the prior, not from the log"
-    if ratio.verdict == IDENTIFIABLE:
-        return _logarithmic(value, relative, RATIO, f"{why}; K/T = {ratio.value:.4g} 1/s^2 {ratio.why}")
     return _logarithmic(value, relative, NOT_IDENTIFIABLE, why)
 
 

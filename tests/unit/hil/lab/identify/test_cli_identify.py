@@ -1,8 +1,6 @@
 import gzip
 import json
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -121,7 +119,7 @@ def write(path, recording, speed="0.4"):
 def tank(yard, tmp_path_factory):
     """A folder with a zigzag and circles of the paper's boat."""
     folder = tmp_path_factory.mktemp("tank")
-    boat, time = yard.boat(0.049, 4.0, 17.0, 0.02), np.arange(6000) * 0.1
+    boat, time = yard.boat(0.049, 4.0, 17.0, 0.02), np.arange(4000) * 0.1
     for seed, (name, angle, leg) in enumerate((("zigzag", 0.3, 20.0), ("circles", 0.6, 80.0))):
         rudder = yard.steps(time, angle, leg, 0.5)
         motion = boat.motion(time, rudder)
@@ -131,7 +129,7 @@ def tank(yard, tmp_path_factory):
 
 def test_the_whole_contract(tank, tmp_path, capsys):
     names = {option: tmp_path / f"out.{option}" for option in ("json", "png", "html", "param")}
-    words = [tank / "zigzag.csv", f"{tank}/circles.csv:0:400", "--validate", f"{tank}/circles.csv:400:"]
+    words = [tank / "zigzag.csv", f"{tank}/circles.csv:0:250", "--validate", f"{tank}/circles.csv:250:"]
     words += ["--json", names["json"], "--plot", names["png"], "--out-params", names["param"]]
     assert main(["identify", *map(str, words)]) == 0
     said = capsys.readouterr()
@@ -148,7 +146,7 @@ def test_the_whole_contract(tank, tmp_path, capsys):
         assert low <= data[name]["value"] <= high
     assert data["train"]["yaw_rate_rmse_rad_s"] == pytest.approx(np.radians(0.01), rel=0.05)
     (held_out,) = data["validate"]
-    assert held_out["file"].endswith("circles.csv:400:")
+    assert held_out["file"].endswith("circles.csv:250:")
     assert held_out["yaw_rate_rmse_rad_s"] == pytest.approx(np.radians(0.01), rel=0.05)
     assert held_out["heading_rmse_rad"] < np.radians(0.5)
     assert data["evaluations"] > 1000
@@ -163,7 +161,7 @@ def test_the_whole_contract(tank, tmp_path, capsys):
 
 def test_a_linear_model_holds_alpha_at_zero(tank, tmp_path):
     out, found = tmp_path / "boat.param", tmp_path / "found.json"
-    words = [str(tank / "zigzag.csv"), "--model", "linear", "--out-params", str(out), "--json", str(found)]
+    words = [f"{tank}/zigzag.csv:0:150", "--model", "linear", "--out-params", str(out), "--json", str(found)]
     assert main(["identify", *words]) == 0
     data = json.loads(found.read_text())
     assert (data["model"], data["alpha"]["value"], data["alpha"]["interval"]) == ("linear", 0.0, [0.0, 0.0])
@@ -179,7 +177,7 @@ def test_a_telemetry_log_is_named(capsys, tmp_path, name):
 
 def test_a_page_stands_alone_and_a_seed_gives_the_same_result(tank, tmp_path, capsys):
     page, first, second = tmp_path / "p.html", tmp_path / "1.json", tmp_path / "2.json"
-    source = str(tank / "zigzag.csv")
+    source = f"{tank}/zigzag.csv:0:150"
     assert main(["identify", source, "--plot", str(page), "--json", str(first), "--seed", "3"]) == 0
     assert main(["identify", source, "--json", str(second), "--seed", "3"]) == 0
     text = page.read_text()
@@ -206,7 +204,7 @@ def test_no_model_is_a_finding(yard, tmp_path, capsys):
 
 
 def test_a_thruster_command_is_taken_and_gives_no_parameters(yard, tmp_path, capsys):
-    boat, time = yard.boat(0.0012, 1.5), np.arange(3000) * 0.1
+    boat, time = yard.boat(0.0012, 1.5), np.arange(1500) * 0.1
     command = yard.steps(time, 500.0, 6.0, 1e9)
     write(tmp_path / "t.csv", yard.recorded(time, command, *boat.motion(time, command, held=True)), speed="")
     source = str(tmp_path / "t.csv")
@@ -233,9 +231,3 @@ def test_a_thruster_command_is_shown_in_no_unit(yard, monkeypatch, tmp_path):
     assert "1/s" not in table
     assert "rad" not in table
     assert "deg" not in re.sub(r'<span class="note">.*?</span>', "", table)
-
-
-def test_as_a_process(tmp_path):
-    words = [sys.executable, "-m", "hil", "identify", str(tmp_path / "none.csv")]
-    done = subprocess.run(words, check=False, capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

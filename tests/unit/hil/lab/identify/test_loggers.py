@@ -102,7 +102,7 @@ def test_a_compass_that_is_slower_than_the_table_is_read(tmp_path):
 @pytest.fixture(scope="module")
 def slow_sensor(yard):
     """Return rows of 0.05 s, and a boat's rudder, heading and yaw rate in them, with a sensor's noise."""
-    time = np.arange(12000) * 0.05
+    time = np.arange(6000) * 0.05
     rudder = yard.steps(time, 0.35, 15.0, 0.2)
     heading, rate = yard.boat(0.1, 5.0, 50.0, 0.02).motion(time, rudder)
     recording = yard.recorded(time, rudder, heading, rate)
