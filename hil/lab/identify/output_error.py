@@ -26,8 +26,8 @@ ROWS_A_LAG, MOST_ROWS = 12.0, 6000
 STARTS = ((0.0, None), (-1.0, None), (1.0, 0.3), (3.0, 3.0))
 MOST_EVALUATIONS, PASSES = 40, 2
 RATE_STEP_RAD_S = 1e-5
-# How much more error variance of the likeliest model is no evidence against it; the second one in closed loop, where
-# the rudder follows disturbance and waves.
+# How much more error variance of the likeliest model is no evidence against it. Random K-T boats had up to 0.04 where
+# the rudder explains 45 %, and 0.15 where it explains less, most in closed loop: it follows disturbance and waves.
 EXCESS, EXCESS_OF_UNEXPLAINED = 0.05, 0.3
 CUBIC_UNEXPLAINED = 0.1  # of the variance: with more, alpha stays, for a large one makes of waves in the rudder a turn
 

@@ -51,7 +51,7 @@ def test_the_intervals_of_a_hundred_boats_hold_the_truth(manoeuvre):
     assert all(share >= 0.9 for share in shares.values()), shares
 
 
-def steered(yard, *, delay_rows=0, lag_s=0.0, rows=2500, step=0.1):
+def steered(yard, *, delay_rows=0, lag_s=0.0, rows=1500, step=0.1):
     """Return a boat whose rudder follows its column late."""
     time = np.arange(rows) * step
     rudder = yard.steps(time, 0.35, 15.0, 0.2)
@@ -66,7 +66,7 @@ def steered(yard, *, delay_rows=0, lag_s=0.0, rows=2500, step=0.1):
 @pytest.mark.parametrize("late", [{"delay_rows": 20}, {"lag_s": 1.5}])
 def test_a_rudder_that_is_late_is_counted_in_and_reported(yard, late):
     """K was 58 % and T 108 % too large."""
-    found = identify([steered(yard, **late, rows=1500)])
+    found = identify([steered(yard, **late)])
     for name, true in zip(("K", "T"), TRUE, strict=False):
         assert found.judgement.estimates[name].value == pytest.approx(true, rel=0.04)
     assert any("dead time" in text for text in found.judgement.warnings)
@@ -105,7 +105,7 @@ def test_a_quick_boat_is_judged_in_units_of_its_t(yard):
 
 
 def test_noise_without_a_rudder_in_it_is_no_model():
-    source, time = np.random.default_rng(1), np.arange(1000) * 0.2
+    source, time = np.random.default_rng(1), np.arange(500) * 0.2
     heading = wave_yaw(time.size, 0.05, 4.0, source)
     found = identify([Recording("still", time, 0.3 * np.sign(np.sin(time / 9.0)), heading, None, None)])
     assert not found.judgement.usable
@@ -129,7 +129,7 @@ def test_several_files_and_a_speed_that_changes(yard):
     """K follows the speed, T its inverse."""
     parts = []
     for speed in (0.5, 1.0):
-        time = np.arange(1000) * 0.2
+        time = np.arange(700) * 0.2
         rudder = yard.steps(time, 0.35, 20.0, 0.2)
         boat = yard.boat(0.1 * speed, 4.0 / speed, 0.0)
         motion = boat.motion(time, rudder)
