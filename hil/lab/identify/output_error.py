@@ -1,4 +1,4 @@
-"""The output-error fit: the model whose simulation from the rudder alone lies nearest to the recorded turns.
+"""Output-error fit (Ljung, System identification, 1999, 4.2): the model whose simulation is nearest to the record.
 
 For a K-T boat in noise the likelihood (filter.py) is the better criterion, in open loop or closed. For another boat, as
 a hull with dynamics of higher order in a calm tank, the likelihood takes the model's own error for a disturbance, and
@@ -21,22 +21,24 @@ from hil.lab.identify.recording import Floats
 from hil.lab.identify.stretches import Columns, Data, Stretch
 
 ROWS_A_LAG, MOST_ROWS = 12.0, 6000
-# By which ln K and ln T differ from the likeliest, and alpha (K/T)^0.5 / T, None for the likeliest; the last one is a
-# hull that is all but unstable on course (KVLCC2).
+# Starts: what is added to ln K and ln T of the likeliest model, and the scaled alpha (see _scale), None for that of the
+# likeliest. The last one is a hull that is nearly unstable on course (KVLCC2).
 STARTS = ((0.0, None), (-1.0, None), (1.0, 0.3), (3.0, 3.0))
 MOST_EVALUATIONS, PASSES = 40, 2
 RATE_STEP_RAD_S = 1e-5
-# How much more error variance of the likeliest model is no evidence against it. Random K-T boats had up to 0.04 where
-# the rudder explains 45 %, and 0.15 where it explains less, most in closed loop: it follows disturbance and waves.
+# By how much the error variance of the likeliest model may exceed the least one without evidence against it. Random K-T
+# boats had up to 0.04 where the rudder explains 45 %, and 0.15 where it explains less, mostly in closed loop.
 EXCESS, EXCESS_OF_UNEXPLAINED = 0.05, 0.3
-CUBIC_UNEXPLAINED = 0.1  # of the variance: with more, alpha stays, for a large one makes of waves in the rudder a turn
+# Largest unexplained share of the variance with which alpha is fitted: a large alpha explains waves that the rudder
+# follows as turns.
+CUBIC_UNEXPLAINED = 0.1
 
 
 class Simulation:
-    """The turns that a model makes of the rudder, beside the recorded ones: yaw rates, or turns of heading in T."""
+    """Yaw rates simulated from the rudder, compared with the recorded ones; without yaw rates, heading changes in T."""
 
     def __init__(self, data: Data, values: Floats, sign: float) -> None:
-        """Take the rows; values: the likeliest unknowns, of which T sets how fine the rows are."""
+        """Average the rows of data as far as T allows; values: the likeliest unknowns."""
         rates = all(stretch.yaw_rate_rad_s is not None for stretch in data.stretches)
         data = replace(data, stretches=tuple(_plain(stretch, rates=rates) for stretch in data.stretches))
         lag_s = math.exp(values[LN_T])
@@ -57,7 +59,7 @@ class Simulation:
         return column if self._channel else column[self._after] - column[self._before]
 
     def errors(self, values: Floats, starts_rad_s: Floats | None = None) -> Floats:
-        """Return the simulated turns less the recorded ones."""
+        """Return the simulated less the recorded turns (rows,), rad/s or rad."""
         columns, out = self._columns, np.empty((2, self._columns.step_s.size))
         model = model_of(values, self._sign)
         starts = self.starts_rad_s if starts_rad_s is None else starts_rad_s
@@ -82,7 +84,7 @@ def _plain(stretch: Stretch, *, rates: bool) -> Stretch:
 
 
 def _scale(values: Floats) -> float:
-    """Return (K/T)^0.5 / T."""
+    """Return (K/T)^0.5 / T, by which alpha is multiplied: hulls nearly unstable on course differ little in that."""
     return math.exp(0.5 * float(values[LN_K]) - 1.5 * float(values[LN_T]))
 
 
@@ -98,7 +100,7 @@ def nearest(data: Data, prior: Prior, values: Floats, sign: float, free: tuple[i
     spread, weight = math.sqrt(likeliest), math.sqrt(data.rows / simulation.measured.size)
 
     def unknowns(x: Floats) -> Floats:
-        """Return all unknowns; in x alpha is scaled, and so no part of the valley of nearly unstable hulls."""
+        """Return all unknowns of the free ones, in which alpha is scaled."""
         found = values.copy()
         found[chosen] = x
         if ALPHA in chosen:
@@ -109,7 +111,7 @@ def nearest(data: Data, prior: Prior, values: Floats, sign: float, free: tuple[i
         found = unknowns(x)
         return np.concatenate((weight / spread * simulation.errors(found), prior.residuals(found)))
 
-    best, least = values, math.inf
+    best, least, error = values, math.inf, likeliest
     for shift, scaled in STARTS:
         start = values.copy()
         start[[LN_K, LN_T]] += shift

@@ -107,7 +107,7 @@ class Prior:
         return np.clip(values, self.low, self.high)
 
     def residuals(self, values: Floats) -> Floats:
-        """Return what the cost is half the sum of squares of, but for the constant."""
+        """Return residuals (weights + 1,): the cost is half the sum of their squares, plus the constant."""
         return np.append(self.weights @ values - self.middles, math.sqrt(math.log1p(_cubic(values) ** 2)))
 
     def cost(self, values: Floats) -> float:
