@@ -116,16 +116,7 @@ def update(
     tick = heading_tick.begin_tick(tick, now_s, now_s - before.t_s, timeouts.compass_s)
     for sample in true_headings:
         tick = heading_tick.add_sample(tick, sample)
-    tick = heading_tick.select(
-        tick,
-        settings.tick,
-        model,
-        now_s,
-        timeouts.compass_s,
-        water.known(state.water)[2],
-        now_s - state.water.fix_t_s,
-        timeouts.position_s,
-    )
+    tick = heading_tick.select(tick, settings.tick, model, now_s, timeouts.compass_s, state.water, timeouts.position_s)
     in_use = tick.sources.in_use
     if in_use != source_before:
         events = (*events, change_event(source_before, Source(in_use)))
@@ -138,8 +129,7 @@ def update(
         if fix.fix is FixType.NONE or fix.latitude_rad is None or fix.longitude_rad is None:
             continue
         water_state, course_rad, sd_rad = water.take_position(water_state, fix.t_s, fix.latitude_rad, fix.longitude_rad)
-        if in_use == Source.COURSE:
-            tick = heading_tick.take_course(tick, model, fix.t_s, course_rad, sd_rad)
+        tick = heading_tick.take_course(tick, settings.tick, model, fix.t_s, course_rad, sd_rad)
     tick = heading_tick.end_tick(tick, rudder_rad)
     heading = _steered(settings, observer_settings, state, tick, model, headings, timeouts, rudder_rad, now_s)
     if heading.t_s == now_s:

@@ -6,9 +6,9 @@ for each heading of the source in use (or `take_course` where there is no compas
 
 A compass that repeats one number while the boat turns has stopped measuring. As long as the compass in use repeats
 itself, a second state is predicted without it. When its number has stood for longer than usual and is not what the
-boat can show by that state, or has stood for a whole period of waves that turn the boat, the compass is not used any
-more, and the filter goes on from the second state. A coarse compass may stand for long on a straight course in a
-calm: nothing contradicts it there.
+boat can show by that state, or has stood for a whole period of waves that turn the boat, or for CMP_FROZEN_S while the
+track turned, the compass is not used any more, and the filter goes on from the second state. A coarse compass may stand
+for long on a straight course in a calm, or at the dock, where the rudder turns nothing: nothing contradicts it there.
 """
 
 from __future__ import annotations
@@ -17,7 +17,15 @@ import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
-from firmware_py.estimate import fixed_gain, heading_filter, heading_model, prediction_check, sources, water
+from firmware_py.estimate import (
+    fixed_gain,
+    heading_filter,
+    heading_model,
+    prediction_check,
+    sources,
+    water,
+    water_results,
+)
 from firmware_py.estimate.heading_filter import HeadingFilter
 from firmware_py.estimate.heading_model import Motion
 from firmware_py.estimate.prediction_check import PredictionCheck
@@ -30,9 +38,16 @@ if TYPE_CHECKING:
     from firmware_py.common.parameters import ParameterSet
 
 MAX_COURSE_SD_RAD: Final = radians(20.0)  # of a heading to steer by without a compass
-MIN_CONTRADICTION_RAD: Final = radians(5.0)  # several steps of the coarsest compass
-CONTRADICTION_SDS, MIN_CONTRADICTION_SDS = 3.0, 1.5  # the fewer, the longer it stands beyond its usual time
-MIN_SWING_RAD: Final = radians(3.0)  # wave yaw in which no compass can show one number
+MIN_CONTRADICTION_RAD: Final = radians(5.0)
+# The fewer, the longer it stands beyond its usual time; and for one that swung to and fro until it stood.
+CONTRADICTION_SDS, MIN_CONTRADICTION_SDS = 4.0, 2.5
+SWUNG_SDS, MIN_SWUNG_SDS = 3.0, 1.5
+MAX_SILENT_SD_RAD: Final = radians(10.0)  # of a motion without the compass; one that is less certain begins again
+MIN_SWING_RAD: Final = radians(3.0)  # wave yaw in which no fine compass can show one number for a period
+STILL_PERIODS: Final = 20.0  # for which a compass can, whose resolution is as large as the wave yaw
+SWING_S: Final = 20.0
+MIN_TRACK_RAD: Final = radians(30.0)  # by which the track must differ: wind and current set it, too
+MOORED_M_S: Final = 0.1  # over the ground; a boat that is slower may be held, and the rudder turns nothing
 LEARNED_S: Final = 60.0  # in which the wave yaw is learned
 BIAS_MEAN_S: Final = 300.0
 # The levels are learned by then. Only then are predictions checked; a filter that is rejected learns its levels again.
@@ -75,7 +90,8 @@ class HeadingTick(NamedTuple):
     """State from tick to tick.
 
     `silent` is the state without the compass in use, while that repeats one number, at `silent_s` (NaN: it does not).
-    `bias_mean_rad` is the mean of the rudder bias over minutes, `rudder_rad` the angle measured at the last tick.
+    `bias_mean_rad` is the mean of the rudder bias over minutes, `rudder_rad` the angle measured at the last tick,
+    `swing_rad2` the mean square of the wave yaw in the last SWING_S in which the compass in use changed its number.
     """
 
     sources: SourceState = sources.START
@@ -86,6 +102,7 @@ class HeadingTick(NamedTuple):
     smoothed: Smoothed = NO_SMOOTHED
     bias_mean_rad: float = 0.0
     rudder_rad: float = 0.0
+    swing_rad2: float = 0.0
 
 
 START: Final = HeadingTick()
@@ -93,7 +110,9 @@ START: Final = HeadingTick()
 
 def with_sources(s: HeadingTick, state: SourceState) -> HeadingTick:
     """Return the state with other sources."""
-    return HeadingTick(state, s.filter, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+    return HeadingTick(
+        state, s.filter, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
+    )
 
 
 def needs_restart(s: HeadingTick, now_s: float, timeouts_s: tuple[float, float]) -> bool:
@@ -105,7 +124,7 @@ def begin_tick(s: HeadingTick, now_s: float, step_s: float, timeouts_s: tuple[fl
     """Return the state at the begin of a tick, step_s after the one before; the estimate may start again."""
     if needs_restart(s, now_s, timeouts_s):
         f = heading_filter.not_started()
-        s = HeadingTick(sources.START, f, NO_MOTION, math.nan, NO_CHECK, s.smoothed, 0.0, s.rudder_rad)
+        s = HeadingTick(sources.START, f, NO_MOTION, math.nan, NO_CHECK, s.smoothed, 0.0, s.rudder_rad, 0.0)
     return with_sources(s, sources.decay_offsets(s.sources, clamp(step_s, 0.0, 1.0)))
 
 
@@ -126,50 +145,85 @@ def select(
     model: KtModel,
     now_s: float,
     timeouts_s: tuple[float, float],
-    speed_m_s: float,
-    fix_age_s: float,
+    known: WaterState,
     fix_timeout_s: float,
 ) -> HeadingTick:
-    """Return the state with the source chosen; model: the ship at its present speed, speed_m_s through the water."""
-    s = with_standstill(s, settings, model, now_s)
+    """Return the state with the source chosen; model: the ship at its present speed, in the water that is known."""
+    fixed = now_s - known.fix_t_s <= fix_timeout_s
+    north_m_s, east_m_s = water.over_ground_m_s(known, s.filter.motion.heading_rad)
+    held = fixed and math.sqrt(north_m_s * north_m_s + east_m_s * east_m_s) < MOORED_M_S
+    s = with_standstill(s, settings, model, now_s, held)
     course_ok = (
         heading_filter.has_started(s.filter)
-        and fix_age_s <= fix_timeout_s
+        and fixed
         and s.filter.motion.p00 <= MAX_COURSE_SD_RAD * MAX_COURSE_SD_RAD
-        and speed_m_s >= settings.course_speed_m_s
+        and water.known(known)[2] >= settings.course_speed_m_s
     )
     return with_sources(s, sources.select(s.sources, now_s, settings.frozen_s, timeouts_s, course_ok))
 
 
-def with_standstill(s: HeadingTick, settings: HeadingSettings, model: KtModel, now_s: float) -> HeadingTick:
-    """Return the state with the compass in use contradicted if it has stopped measuring."""
+def with_standstill(
+    s: HeadingTick,
+    settings: HeadingSettings,
+    model: KtModel,
+    now_s: float,
+    held: bool,  # noqa: FBT001 - compiled
+) -> HeadingTick:
+    """Return the state with the compass in use contradicted if it has stopped measuring; `held`: it may be moored."""
     compass, f = sources.compass_in_use(s.sources), s.filter
     if math.isnan(compass.t_s) or compass.t_s == compass.changed_s or not heading_filter.has_started(f):
-        return HeadingTick(s.sources, f, s.silent, math.nan, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+        return with_silent(s, s.silent, math.nan)
     silent, since_s = s.silent, s.silent_s
-    if math.isnan(since_s):
+    if math.isnan(since_s) or held or silent.p00 > MAX_SILENT_SD_RAD * MAX_SILENT_SD_RAD:
         silent, since_s = f.motion, f.t_s
     step_s, angle_rad = now_s - since_s, s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
     if 0.0 < step_s <= LONGEST_PREDICTION_S:
         silent, since_s = heading_model.predict(silent, f.levels, model, angle_rad, step_s), now_s
     ratio = sources.standstill_ratio(compass)
-    if settings.frozen_s > 0.0 and ratio > 1.0 and is_contradicted(compass, silent, f, ratio):
-        f = heading_filter.with_motion(f, since_s, silent)
-        state = sources.contradict(s.sources)
-        return HeadingTick(state, f, silent, math.nan, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
-    return HeadingTick(s.sources, f, silent, since_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+    if settings.frozen_s > 0.0 and ratio > 1.0 and is_contradicted(s, compass, silent, ratio, held):
+        return without_compass(s, since_s, silent)
+    return with_silent(s, silent, since_s)
 
 
-def is_contradicted(compass: sources.CompassState, silent: Motion, f: HeadingFilter, ratio: float) -> bool:
-    """Return whether a compass that stands cannot show what it shows; ratio: of its time to its usual one."""
-    noise_rad, wave_sd_rad = math.exp(f.levels.compass_noise), math.exp(f.levels.wave_sd)
+def with_silent(s: HeadingTick, silent: Motion, silent_s: float) -> HeadingTick:
+    """Return the state with another motion without the compass, at silent_s."""
+    return HeadingTick(
+        s.sources, s.filter, silent, silent_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
+    )
+
+
+def without_compass(s: HeadingTick, t_s: float, motion: Motion) -> HeadingTick:
+    """Return the state with the compass in use contradicted, and the motion as it is known without it."""
+    f, state = heading_filter.with_motion(s.filter, t_s, motion), sources.contradict(s.sources)
+    return HeadingTick(state, f, motion, math.nan, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2)
+
+
+def is_contradicted(
+    s: HeadingTick,
+    compass: sources.CompassState,
+    silent: Motion,
+    ratio: float,
+    held: bool,  # noqa: FBT001 - compiled
+) -> bool:
+    """Return whether a compass that stands cannot show what it shows.
+
+    `ratio` is that of its time to its usual one. The rudder does not turn a boat that is `held`.
+    """
+    levels = s.filter.levels
+    noise_rad, swing_rad = math.exp(levels.compass_noise), min(math.exp(levels.wave_sd), math.sqrt(s.swing_rad2))
     learned = compass.changed_s - compass.sound_since_s >= LEARNED_S
-    if learned and wave_sd_rad >= MIN_SWING_RAD and compass.t_s - compass.changed_s > math.exp(f.levels.wave_period):
-        return True
+    if learned and swing_rad >= MIN_SWING_RAD:
+        periods = max(1.0, STILL_PERIODS * compass.turns.resolution_rad / swing_rad)
+        if compass.t_s - compass.changed_s > periods * math.exp(levels.wave_period):
+            return True
+    if held:
+        return False
     off_rad = wrap_pi(compass.heading_rad + compass.offset_rad - silent.heading_rad - silent.wave_rad)
     sd_rad = math.sqrt(silent.p00 + 2.0 * silent.p03 + silent.p33 + noise_rad * noise_rad)
     sds = max(CONTRADICTION_SDS / math.sqrt(ratio), MIN_CONTRADICTION_SDS)
-    return abs(off_rad) > max(MIN_CONTRADICTION_RAD, sds * sd_rad)
+    if compass.turns.swings >= sources.SWINGS:
+        sds = max(SWUNG_SDS / math.sqrt(ratio), MIN_SWUNG_SDS)
+    return abs(off_rad) > max(sources.least_turn(compass, MIN_CONTRADICTION_RAD), sds * sd_rad)
 
 
 def take_heading(
@@ -194,7 +248,10 @@ def take_heading(
     else:
         check = prediction_check.begin(f.motion, f.t_s)
     smoothed = smoothed_with(s.smoothed, settings, t_s, heading_rad, angle_rad, timeout_s)
-    return HeadingTick(s.sources, f, s.silent, s.silent_s, check, smoothed, bias_mean_rad, s.rudder_rad)
+    swing_rad2, compass = s.swing_rad2, sources.compass_in_use(s.sources)
+    if compass.t_s == compass.changed_s:
+        swing_rad2 += clamp(step_s / SWING_S, 0.0, 1.0) * (f.motion.wave_rad * f.motion.wave_rad - swing_rad2)
+    return HeadingTick(s.sources, f, s.silent, s.silent_s, check, smoothed, bias_mean_rad, s.rudder_rad, swing_rad2)
 
 
 def smoothed_with(
@@ -216,17 +273,35 @@ def smoothed_with(
     return Smoothed(t_s, corrected_rad, rate_rad_s)
 
 
-def take_course(s: HeadingTick, model: KtModel, t_s: float, heading_rad: float, sd_rad: float) -> HeadingTick:
-    """Return the state with a heading from the track taken in, with its standard deviation."""
+def take_course(
+    s: HeadingTick, settings: HeadingSettings, model: KtModel, t_s: float, heading_rad: float, sd_rad: float
+) -> HeadingTick:
+    """Return the state with a heading from the track taken in, with its standard deviation (NaN: none).
+
+    Beside a compass it is only compared: it contradicts one that has stood for long.
+    """
+    if s.sources.in_use != sources.Source.COURSE:
+        compass = sources.compass_in_use(s.sources)
+        off_rad = abs(wrap_pi(heading_rad - compass.heading_rad - compass.offset_rad))
+        limit_rad = max(sources.least_turn(compass, MIN_TRACK_RAD), CONTRADICTION_SDS * sd_rad)
+        if sources.has_stood(compass, settings.frozen_s) and off_rad > limit_rad:
+            return without_compass(s, t_s, heading_model.begin(heading_rad, s.filter.levels))
+        return s
+    if not sd_rad <= water_results.MAX_HEADING_SD_RAD:
+        return s
     angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
     f = heading_filter.correct_course(s.filter, model, t_s, heading_rad, sd_rad, angle_rad)
     check = prediction_check.restarted(s.check, f.motion, f.t_s)
-    return HeadingTick(s.sources, f, s.silent, s.silent_s, check, s.smoothed, s.bias_mean_rad, s.rudder_rad)
+    return HeadingTick(
+        s.sources, f, s.silent, s.silent_s, check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
+    )
 
 
 def end_tick(s: HeadingTick, rudder_rad: float) -> HeadingTick:
     """Return the state with the rudder angle that was measured at this tick, NaN: not known."""
-    return HeadingTick(s.sources, s.filter, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, rudder_rad)
+    return HeadingTick(
+        s.sources, s.filter, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, rudder_rad, s.swing_rad2
+    )
 
 
 def is_trusted(s: HeadingTick) -> bool:

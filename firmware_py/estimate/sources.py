@@ -1,9 +1,13 @@
 """Choice of the heading source: compass A, compass B, or as a last resort the course over ground.
 
-Each compass is judged by itself: it has to send headings, they have to vary, and they have to stay inside the gate
-around the estimate. The first sound compass is in use. A change of source does not move the rudder: the new source
-starts with the offset at which it agrees with the estimate, and the offset then decays. A compass is used again only
-after it has been sound and in agreement for a while.
+Each compass is judged by itself: it has to send headings, they have to follow the boat's turns, and they have to stay
+inside the gate around the estimate. A coarse or damped compass may show one number for as long as the boat holds its
+heading. So a number that stays is no fault by itself; it is one when the boat has turned meanwhile, as rudder and
+waves (heading_tick.py), the other compass or the track show.
+
+The first sound compass is in use. A change of source does not move the rudder: the new source starts with the offset at
+which it agrees with the estimate, and the offset then decays. A compass is used again only after it has been sound and
+in agreement for a while.
 
 Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
 (hil/lab/numeric_core.py); NaN is absence.
@@ -30,6 +34,9 @@ MIN_STANDSTILL_S: Final = 1.5
 STANDSTILL_RATIO: Final = 2.0  # of the longest time with one number so far, after which the compass stands still
 FIRST_LONGEST_S: Final = 1.0
 LONGEST_MEMORY_S: Final = 600.0
+COARSEST_RAD: Final = radians(5.0)  # the resolution of a compass that has not yet changed its number
+RESOLUTIONS: Final = 2.5  # a turn by fewer of them, two steps, is none that a compass has to show
+SWINGS, SWINGS_MEMORY_S = 3.0, 20.0  # of a boat in waves; one in flat water overshoots once or twice after a turn
 
 
 class Source(IntEnum):
@@ -48,6 +55,24 @@ class TrueHeadingSample(NamedTuple):
     heading_rad: float
     raw_rad: float
     source: int
+
+
+class CompassTurns(NamedTuple):
+    """How the number of a compass turns.
+
+    `resolution_rad` is its smallest change so far, `apart_rad` the smoothed difference from the other compass when it
+    last changed (NaN: there was no other). `swings` is how often it recently swung back by a turn that the compass has
+    to show, `farthest_rad` the number farthest in the direction `rising` (1, -1; 0: none).
+    """
+
+    resolution_rad: float = COARSEST_RAD
+    apart_rad: float = math.nan
+    swings: float = 0.0
+    farthest_rad: float = math.nan
+    rising: float = 0.0
+
+
+NO_TURNS: Final = CompassTurns()
 
 
 class CompassState(NamedTuple):
@@ -74,6 +99,7 @@ class CompassState(NamedTuple):
     agreed: bool = False
     heading_rad: float = 0.0
     stay: Stay = NO_STAY
+    turns: CompassTurns = NO_TURNS
 
 
 class SourceState(NamedTuple):
@@ -92,11 +118,18 @@ def is_heard(compass: CompassState, now_s: float, timeout_s: float) -> bool:
 
 
 def has_stopped(compass: CompassState, frozen_s: float) -> bool:
-    """Return whether the number had stayed for too long, or while the boat turned, at the last heading.
+    """Return whether the number had stayed while the boat turned, at the last heading; frozen_s 0: it may."""
+    return frozen_s != 0.0 and compass.contradicted
 
-    frozen_s is the longest time with one number; 0: any.
-    """
-    return frozen_s != 0.0 and (compass.contradicted or compass.t_s - compass.changed_s > frozen_s)
+
+def has_stood(compass: CompassState, frozen_s: float) -> bool:
+    """Return whether the number has stayed for more than frozen_s; 0: no time is too long."""
+    return frozen_s != 0.0 and compass.t_s - compass.changed_s > frozen_s
+
+
+def least_turn(compass: CompassState, turn_rad: float) -> float:
+    """Return the least turn that contradicts a standing compass: turn_rad, or a few steps of a coarser one."""
+    return max(turn_rad, RESOLUTIONS * compass.turns.resolution_rad)
 
 
 def is_frozen(compass: CompassState, now_s: float, frozen_s: float, timeout_s: float) -> bool:
@@ -209,7 +242,25 @@ def update_compass(compass: CompassState, sample: TrueHeadingSample, expected_ra
         agreed,
         sample.heading_rad,
         stay,
+        turns_of(compass, sample),
     )
+
+
+def turns_of(compass: CompassState, sample: TrueHeadingSample) -> CompassTurns:
+    """Return the turns of a compass after a sample."""
+    t, raw_rad = compass.turns, sample.raw_rad
+    if math.isnan(compass.raw_rad):
+        return CompassTurns(t.resolution_rad, t.apart_rad, 0.0, raw_rad, 0.0)
+    if raw_rad == compass.raw_rad:
+        return t
+    resolution_rad = min(t.resolution_rad, abs(wrap_pi(raw_rad - compass.raw_rad)))
+    swings = t.swings * math.exp((compass.changed_s - sample.t_s) / SWINGS_MEMORY_S)
+    turned_rad = wrap_pi(raw_rad - t.farthest_rad)
+    if t.rising == 0.0 or turned_rad * t.rising > 0.0:
+        return CompassTurns(resolution_rad, t.apart_rad, swings, raw_rad, math.copysign(1.0, turned_rad))
+    if abs(turned_rad) < least_turn(compass, 0.0):
+        return CompassTurns(resolution_rad, t.apart_rad, swings, t.farthest_rad, t.rising)
+    return CompassTurns(resolution_rad, t.apart_rad, swings + 1.0, raw_rad, -t.rising)
 
 
 def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: float) -> SourceState:
@@ -224,25 +275,41 @@ def contradict(state: SourceState) -> SourceState:
     """Return the state with the compass in use found to repeat its number although the boat must have turned."""
     a, b = state.compasses
     if state.in_use == Source.COMPASS_A:
-        a = with_contradiction(a)
+        a = with_turns(a, a.turns, True)
     elif state.in_use == Source.COMPASS_B:
-        b = with_contradiction(b)
+        b = with_turns(b, b.turns, True)
     return SourceState((a, b), state.in_use)
 
 
-def with_contradiction(c: CompassState) -> CompassState:
-    """Return a compass that is contradicted."""
+def with_turns(c: CompassState, turns: CompassTurns, contradicted: bool) -> CompassState:  # noqa: FBT001 - compiled
+    """Return a compass with other turns, contradicted or not."""
     return CompassState(
-        c.t_s, c.raw_rad, c.changed_s, c.near_s, c.sound_since_s, c.difference_rad, c.offset_rad, c.longest_s, True,
-        c.steady_rad, c.agreed, c.heading_rad, c.stay,
+        c.t_s, c.raw_rad, c.changed_s, c.near_s, c.sound_since_s, c.difference_rad, c.offset_rad, c.longest_s,
+        contradicted, c.steady_rad, c.agreed, c.heading_rad, c.stay, turns,
     )  # fmt: skip
+
+
+def compare(compass: CompassState, other: CompassState, frozen_s: float) -> CompassState:
+    """Return a compass compared with the other one; contradicted if it stands in waves, or while that one turned.
+
+    The other one has to measure, and must not have jumped.
+    """
+    t, apart_rad = compass.turns, wrap_pi(compass.steady_rad - other.steady_rad)
+    stood = has_stood(compass, frozen_s)
+    contradicted = compass.contradicted or (stood and t.swings >= SWINGS)
+    if compass.t_s != compass.changed_s and not math.isnan(t.apart_rad):
+        turned_rad, apart_rad = abs(wrap_pi(apart_rad - t.apart_rad)), t.apart_rad
+        follows = other.near_s == other.t_s or other.stay.turned
+        contradicted |= stood and follows and turned_rad > least_turn(compass, DISAGREEMENT_RAD)
+    turns = CompassTurns(t.resolution_rad, apart_rad, t.swings, t.farthest_rad, t.rising)
+    return with_turns(compass, turns, contradicted)
 
 
 def with_soundness(c: CompassState, sound_since_s: float, raw_rad: float, steady_rad: float) -> CompassState:
     """Return a compass with the time since which it is sound, its number and its steady difference."""
     return CompassState(
         c.t_s, raw_rad, c.changed_s, c.near_s, sound_since_s, c.difference_rad, c.offset_rad, c.longest_s,
-        c.contradicted, steady_rad, c.agreed, c.heading_rad, c.stay,
+        c.contradicted, steady_rad, c.agreed, c.heading_rad, c.stay, c.turns,
     )  # fmt: skip
 
 
@@ -250,7 +317,7 @@ def with_offset(c: CompassState, offset_rad: float, near_s: float) -> CompassSta
     """Return a compass with an offset, and the time when its heading was last inside the gate."""
     return CompassState(
         c.t_s, c.raw_rad, c.changed_s, near_s, c.sound_since_s, c.difference_rad, offset_rad, c.longest_s,
-        c.contradicted, c.steady_rad, c.agreed, c.heading_rad, c.stay,
+        c.contradicted, c.steady_rad, c.agreed, c.heading_rad, c.stay, c.turns,
     )  # fmt: skip
 
 
@@ -278,8 +345,9 @@ def select(
     course_ok: bool,  # noqa: FBT001 - compiled
 ) -> SourceState:
     """Judge the compasses, each with its time-out, and choose the source; `course_ok`: the course can be used."""
-    a = judge(state.compasses[0], now_s, frozen_s, timeouts_s[0])
-    b = judge(state.compasses[1], now_s, frozen_s, timeouts_s[1])
+    a, b = state.compasses
+    a, b = compare(a, b, frozen_s), compare(b, a, frozen_s)
+    a, b = judge(a, now_s, frozen_s, timeouts_s[0]), judge(b, now_s, frozen_s, timeouts_s[1])
     in_use = first_sound_source(state.in_use, a, b, now_s, course_ok)
     if in_use != state.in_use and state.in_use != Source.NONE:  # noqa: PLR1714 - compiled
         # It starts at the estimate, and slowly comes to its own heading.

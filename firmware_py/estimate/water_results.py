@@ -30,7 +30,7 @@ TURNED_COSINE: Final = 0.85  # of 32 deg
 STALE_S: Final = 120.0  # without a position for longer the verdict stays
 FIX_SD_M: Final = 5.0
 TIDE_RAD_S: Final = 2.0 * math.pi / 44_712.0  # the principal lunar tide, 12.42 h
-MAX_HEADING_SD_RAD: Final = 0.5
+MAX_HEADING_SD_RAD: Final = 0.5  # of a heading from the track to steer by
 MAX_SPEED_SDS: Final = 3.0
 # Covariance of a record that lacks it: 0.3 m/s of current and speed, 0.1 m/s sideways.
 UNKNOWN_WATER: Final = (0.09, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.09, 0.0, 0.01)
@@ -197,8 +197,8 @@ def heading_from_track(
     """Return the mean heading over a stretch of track that ends at t_s, and its standard deviation, from the water.
 
     The way through the water is the displacement (north_m, east_m) less that of the current; the heading lies to port
-    of it by the leeway. Both are NaN when the standard deviation is above MAX_HEADING_SD_RAD, and when the speed
-    through the water differs from the expected one by more than MAX_SPEED_SDS: the water has changed.
+    of it by the leeway. Both are NaN when the speed through the water differs from the expected one by more than
+    MAX_SPEED_SDS: the water has changed.
     """
     if not (duration_s > 0.0 and abs(north_m) < math.inf and abs(east_m) < math.inf):
         return math.nan, math.nan
@@ -215,7 +215,4 @@ def heading_from_track(
     if abs(speed - way) > MAX_SPEED_SDS * deviation(along):
         return math.nan, math.nan
     across = quadratic(water.covariance, sine / speed, -cosine / speed, v * per2, -u * per2)
-    sd_rad = deviation(across + noise_m2_s2 / (speed * speed))
-    if not sd_rad <= MAX_HEADING_SD_RAD:
-        return math.nan, math.nan
-    return wrap_two_pi(math.atan2(y, x) - math.atan2(v, u)), sd_rad
+    return wrap_two_pi(math.atan2(y, x) - math.atan2(v, u)), deviation(across + noise_m2_s2 / (speed * speed))

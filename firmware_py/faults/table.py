@@ -118,7 +118,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         recovery="Compass speaks again",
     ),
     Fault.COMPASS_FROZEN: FaultRow(
-        condition="a compass has shown one and the same number for CMP_FROZEN_S, or while she must have turned",
+        condition="a compass shows one number while the boat turns, by rudder, waves, the other compass or the track",
         stands=lambda tick: tick.compass_frozen,
         severity=Severity.ERROR,
         action=Action.NEXT_SOURCE,

@@ -59,7 +59,15 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
                 f.innovation_square,
             )  # fmt: skip
             s = heading_tick.HeadingTick(
-                s.sources, f, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad
+                s.sources,
+                f,
+                s.silent,
+                s.silent_s,
+                s.check,
+                s.smoothed,
+                s.bias_mean_rad,
+                s.rudder_rad,
+                s.swing_rad2,
             )
             taken = Intake(s, taken.water, taken.heading_s, taken.heading_interval_s, taken.fix_s, taken.fix_interval_s)
         taken, n = intake.update(a, at, taken, deadline_s)

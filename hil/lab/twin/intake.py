@@ -37,14 +37,12 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
         interval_s = silence.learn_interval_s(interval_s, t_s - heading_s, boat.compass_timeout_s)
         me.newest_s = heading_s = t_s
         headings += 1
-    speed_m_s = water.known(before.water)[2]
-    age_s = now_s - before.water.fix_t_s
-    s = heading_tick.select(s, boat.heading, model, now_s, timeouts_s, speed_m_s, age_s, fix_lost_after_s)
+    s = heading_tick.select(s, boat.heading, model, now_s, timeouts_s, before.water, fix_lost_after_s)
     if sources.uses_compass(s.sources):
         for heading in range(headings):
             t_s, said_rad = at.headings[heading, THERE_S], at.headings[heading, SAID_RAD]
             s = heading_tick.take_heading(s, boat.heading, model, t_s, said_rad, lost_after_s)
-    by_course, known = s.sources.in_use == sources.Source.COURSE, before.water
+    known = before.water
     fix_s, fix_interval_s = before.fix_s, before.fix_interval_s
     for fix in range(fixes):
         t_s = at.fixes[fix, THERE_S]
@@ -53,8 +51,7 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
         if at.fixes[fix, LOST] == 0.0:
             latitude_rad, longitude_rad = at.fixes[fix, LATITUDE_RAD], at.fixes[fix, LONGITUDE_RAD]
             known, course_rad, sd_rad = water.take_position(known, t_s, latitude_rad, longitude_rad)
-            if by_course:
-                s = heading_tick.take_course(s, model, t_s, course_rad, sd_rad)
+            s = heading_tick.take_course(s, boat.heading, model, t_s, course_rad, sd_rad)
     drop(at, headings, fixes)
     s = heading_tick.end_tick(s, boat.servo_sign * at.feedback_rad)
     f, compass = s.filter, sources.compass_in_use(s.sources)

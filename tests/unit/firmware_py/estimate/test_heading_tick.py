@@ -30,10 +30,14 @@ class Boat:
         self.resolution_rad = radians(resolution_deg)
         self.state, self.t_s, self.heading_rad, self.rate_rad_s = heading_tick.START, 0.0, 1.0, 0.0
         self.rudder_known, self.settings, self.speed_m_s = True, SETTINGS, OCEAN_RAMBLER.speed_m_s
+        self.current_m_s = 0.0
         self.sources, self.estimates_rad = [], []
 
     def shows(self, source):
         return self.heading_rad + self.waves.angle_rad(0.0) if source == 0 else LEFT_OUT
+
+    def water(self):
+        return water.expecting(self.current_m_s, 0.0, self.speed_m_s)._replace(fix_t_s=self.t_s)
 
     def samples(self):
         for source in (0, 1):
@@ -49,12 +53,12 @@ class Boat:
         samples = tuple(self.samples())
         for sample in samples:
             s = heading_tick.add_sample(s, sample)
-        s = heading_tick.select(s, self.settings, model, self.t_s, TIMEOUTS_S, self.speed_m_s, 0.0, 2.0)
+        s = heading_tick.select(s, self.settings, model, self.t_s, TIMEOUTS_S, self.water(), 2.0)
         for sample in samples:
             if sample.source == s.sources.in_use:
                 s = heading_tick.take_heading(s, self.settings, model, sample.t_s, sample.heading_rad, 2.0)
-        if course is not None and s.sources.in_use == Source.COURSE:
-            s = heading_tick.take_course(s, model, self.t_s, course, radians(10.0))
+        if course is not None:
+            s = heading_tick.take_course(s, self.settings, model, self.t_s, course, radians(10.0))
         self.state = heading_tick.end_tick(s, rudder_rad if self.rudder_known else math.nan)
         self.sources.append(s.sources.in_use)
         if heading_filter.has_started(s.filter):
@@ -108,9 +112,50 @@ def test_a_compass_that_stands_in_a_turn_is_contradicted_and_the_estimate_goes_o
 
 @pytest.mark.parametrize("resolution_deg", [0.1, 1.0])
 def test_a_compass_that_stands_on_a_straight_course_in_a_calm_is_not_contradicted(resolution_deg):
-    boat = Boat(resolution_deg=resolution_deg).run(90.0)
+    boat = Boat(resolution_deg=resolution_deg, noise_deg=0.0).run(90.0)
     boat.shows = stands(boat)
-    assert by_compass(boat.run(0.5 * SETTINGS.frozen_s))
+    assert by_compass(boat.run(10.0 * SETTINGS.frozen_s))
+
+
+@pytest.mark.parametrize(("over_ground_m_s", "contradicts"), [(0.02, False), (0.2, True)])
+def test_a_compass_that_stands_is_contradicted_by_the_rudder_unless_the_boat_may_be_moored(
+    over_ground_m_s, contradicts
+):
+    boat = Boat(resolution_deg=1.0)
+    boat.heading_rad = 0.0
+    boat.run(90.0)
+    boat.shows, boat.current_m_s = stands(boat), over_ground_m_s - boat.speed_m_s
+    boat.run(60.0, radians(25.0))
+    assert by_compass(boat) is not contradicts
+
+
+@pytest.mark.parametrize(("off_deg", "contradicts"), [(20.0, False), (90.0, True)])
+def test_a_compass_that_has_stood_for_long_is_contradicted_by_a_track_that_has_turned(off_deg, contradicts):
+    boat = Boat(noise_deg=0.0).run(5.0)
+    boat.shows, course_rad = stands(boat), boat.heading_rad + radians(off_deg)
+    for _ in range(200):
+        boat.tick(course=course_rad)
+    assert by_compass(boat)  # not for long yet
+    for _ in range(200):
+        boat.tick(course=course_rad)
+    assert by_compass(boat) is not contradicts
+    if contradicts:
+        assert abs(wrap_pi(boat.estimates_rad[-1] - course_rad)) < radians(10.0)
+
+
+def test_a_compass_of_whole_degrees_may_stand_where_waves_have_died():
+    boat = Boat(wave_deg=4.0, resolution_deg=1.0).run(200.0)
+    waves, begun_s = boat.waves.angle_rad, boat.t_s
+    boat.waves.angle_rad = lambda since_s: max(0.0, 1.0 - (boat.t_s - begun_s) / 60.0) * waves(since_s)
+    boat.run(120.0)
+    assert set(boat.sources) == {Source.COMPASS_A}
+
+
+def test_a_compass_that_varied_and_stands_is_contradicted_after_a_while():
+    boat = Boat(wave_deg=1.0, period_s=3.0).run(30.0)
+    boat.shows, since_s = stands(boat), boat.t_s
+    boat.run(60.0, until=lambda boat: not by_compass(boat))
+    assert boat.t_s - since_s == pytest.approx(SETTINGS.frozen_s, abs=1.0)
 
 
 def test_a_compass_that_stands_in_waves_is_contradicted_after_about_a_period():

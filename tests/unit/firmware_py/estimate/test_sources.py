@@ -14,6 +14,7 @@ from firmware_py.estimate.sources import (
     TrueHeadingSample,
     add_sample,
     compass_in_use,
+    contradict,
     decay_offsets,
     is_frozen,
     is_jumping,
@@ -71,10 +72,8 @@ def test_b_alone_serves_too_and_a_takes_over_after_its_probation():
     assert watch.told[-1] == "Heading from compass A, not compass B"
 
 
-@pytest.mark.parametrize(
-    ("fault", "within_s"), [(None, 1.2), ("frozen", FROZEN_S + 1.0), (math.pi, 2.0), (JUMP_RAD + 0.05, 2.0)]
-)
-def test_a_dead_frozen_or_jumping_compass_is_left_for_the_other(fault, within_s):
+@pytest.mark.parametrize(("fault", "within_s"), [(None, 1.2), (math.pi, 2.0), (JUMP_RAD + 0.05, 2.0)])
+def test_a_dead_or_jumping_compass_is_left_for_the_other(fault, within_s):
     watch = Watch()
     watch.run(20.0, b=0.1)
     watch.told.clear()
@@ -104,6 +103,7 @@ def test_one_that_comes_back_starts_with_what_it_is_off_by_now_and_not_by_what_i
     watch.run(20.0, course_ok=True)
     for step in range(50):
         watch.run(1.0, a="frozen", course_ok=True, expected=1.0 + radians(min(4.0 * step, 120.0)))
+        watch.state = contradict(watch.state)
     assert watch.state.in_use is Source.COURSE
     goal = 1.0 + radians(120.0)
     assert watch.run(PROBATION_S + 0.5, course_ok=True, expected=goal) is Source.COMPASS_A
@@ -160,6 +160,89 @@ def frozen(watch):
     return is_frozen(watch.state.compasses[0], watch.t_s, watch.frozen_s, TIMEOUT_S)
 
 
+def stopped():
+    """Return two compasses of which A stood while the boat turned, as the rudder shows."""
+    watch = Watch()
+    watch.run(20.0)
+    watch.run(1.0, a="frozen")
+    watch.state = contradict(watch.state)
+    return watch
+
+
+def test_a_compass_that_stood_while_the_boat_turned_is_left_until_its_number_changes():
+    watch = stopped()
+    assert watch.run(1.0, a="frozen", b=0.0) is Source.COMPASS_B
+    assert frozen(watch)
+    watch.run(0.1, b=0.0)
+    assert not frozen(watch)
+
+
+@pytest.mark.parametrize("b", [None, 0.0, "frozen"])
+def test_a_number_that_stays_is_no_fault_while_nothing_shows_that_the_boat_turned(b):
+    watch = Watch()
+    assert watch.run(20.0 * FROZEN_S, a="frozen", b=b) is Source.COMPASS_A
+    assert not frozen(watch)
+    assert len(watch.told) == 1
+
+
+def turn(watch, rate_deg_s, seconds):
+    """Compass A is in use and stands, so the estimate stands, too; B turns."""
+    for tick in range(round(seconds)):
+        watch.run(1.0, a="frozen", b=radians(rate_deg_s) * (tick + 0.5))
+
+
+@pytest.mark.parametrize("rate_deg_s", [0.5, 2.0])
+def test_a_compass_that_stands_while_the_other_turns_is_frozen(rate_deg_s):
+    watch = Watch()
+    watch.run(10.0, a="frozen", b=0.0)
+    turn(watch, rate_deg_s, 60.0)
+    assert frozen(watch)
+
+
+@pytest.mark.parametrize("off_deg", [5.0, 90.0, 170.0])
+def test_another_that_is_off_or_jumps_does_not_contradict_a_compass_that_stands(off_deg):
+    watch = Watch()
+    watch.run(10.0, a="frozen", b=0.0)
+    assert watch.run(3.0 * FROZEN_S, a="frozen", b=radians(off_deg)) is Source.COMPASS_A
+    assert not frozen(watch)
+
+
+@pytest.mark.parametrize(("period_s", "steps", "waves"), [(0.6, 3.5, True), (0.6, 2.5, False), (30.0, 20.0, False)])
+def test_a_compass_that_swung_to_and_fro_and_stands_is_frozen(period_s, steps, waves):
+    """Swings of fewer steps, and seldom ones as of a boat that turns, do not count."""
+    watch, step_rad = Watch(), radians(0.5)
+    for tick in range(600):
+        off_rad = step_rad * round(0.5 * steps * math.sin(2.0 * math.pi * tick / (10.0 * period_s)) + 0.25)
+        watch.state = add_sample(watch.state, TrueHeadingSample(0.1 * tick, 1.0 + off_rad, 1.0 + off_rad, 0), 1.0)
+    watch.t_s = 60.0
+    watch.run(FROZEN_S - 1.0, a="frozen")
+    assert not frozen(watch)
+    watch.run(2.0, a="frozen")
+    assert frozen(watch) is waves
+
+
+def test_a_turn_of_less_than_a_few_steps_contradicts_no_coarse_compass():
+    watch = Watch()
+    steps = (0.0, radians(10.0), 0.0)  # of one that has shown no smaller ones
+    for off_rad in steps:
+        watch.state = add_sample(watch.state, TrueHeadingSample(watch.t_s, 1.0 + off_rad, 1.0 + off_rad, 0), 1.0)
+    watch.run(2.0, a="frozen", b=0.0)
+    coarse = watch.state.compasses[0]
+    assert coarse.turns.resolution_rad == pytest.approx(radians(5.0))  # no compass is coarser
+    watch.run(FROZEN_S, a="frozen", b=0.0)
+    watch.run(30.0, a="frozen", b=radians(14.0))
+    assert not frozen(watch)
+
+
+@pytest.mark.parametrize("resolution_deg", [0.1, 1.0, 2.0])
+def test_the_resolution_of_a_compass_is_learned(resolution_deg):
+    state, rng = CompassState(), random.Random(1)
+    for number in range(100):
+        raw_rad = radians(resolution_deg) * round(rng.uniform(-3.0, 3.0) / resolution_deg) % (2.0 * math.pi)
+        state = update_compass(state, TrueHeadingSample(0.1 * number, raw_rad, raw_rad, 0), 0.0)
+    assert state.turns.resolution_rad == pytest.approx(radians(resolution_deg))
+
+
 def test_a_compass_that_comes_back_with_the_number_that_it_left_with_is_not_frozen():
     """As one that is switched off for a night: its number has not stood, it was not there."""
     watch = Watch()
@@ -168,14 +251,11 @@ def test_a_compass_that_comes_back_with_the_number_that_it_left_with_is_not_froz
     assert watch.run(2.0 * FROZEN_S, a=None) is Source.NONE
     assert watch.run(0.1, a="frozen") is Source.COMPASS_A
     assert not frozen(watch)
-    watch.run(FROZEN_S + 1.0, a="frozen")
-    assert frozen(watch)
 
 
 def test_a_frozen_compass_that_is_silent_for_a_while_is_frozen_still():
-    watch = Watch()
-    watch.run(20.0)
-    watch.run(FROZEN_S + 1.0, a="frozen")
+    watch = stopped()
+    watch.run(5.0, a="frozen")
     watch.run(5.0, a=None)
     assert watch.run(0.1, a="frozen") is Source.NONE
     assert frozen(watch)

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from firmware_py.common.angles import radians, wrap_pi
-from firmware_py.common.intents import SteerHeading
+from firmware_py.common.intents import Arm, SetMode, SteerHeading
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import HeadingSample
 from firmware_py.estimate.sources import Source
@@ -66,6 +66,24 @@ def test_one_that_freezes_in_a_turn_is_reported_early_and_is_not_followed(freeze
     assert len(boat.said(TOLD)) == len(boat.said(OVER)) == 1
     assert boat.said("No heading") == []  # not for a tick
     assert boat.state.heading_estimator.tick.sources.in_use == Source.COMPASS_A
+
+
+@pytest.mark.parametrize(("resolution_deg", "noise_deg", "every"), [(1.0, 0.1, 10), (0.1, 0.0, 1)])
+def test_a_coarse_compass_in_flat_water_is_sound_from_the_dock_on(monkeypatch, resolution_deg, noise_deg, every):
+    """Without a receiver, so that there is no other heading: it can be armed, and steers."""
+    boat = rig.Sailing(rig.sea("calm"), 1)
+    boat.resolution_rad, boat.noise_rad = radians(resolution_deg), radians(noise_deg)
+    monkeypatch.setattr(boat, "fixes", tuple)
+    inputs = rig.Inputs
+    seldom = lambda tick, headings, *more, **named: inputs(tick, () if tick.index % every else headings, *more, **named)  # noqa: E731
+    monkeypatch.setattr(rig, "Inputs", seldom)
+    boat.run(60.0)
+    boat.tick(Arm(armed=True), SetMode(Mode.GUIDED))
+    boat.tick(SteerHeading(radians(60.0)))
+    assert boat.state.modes.armed
+    boat.run(120.0)
+    assert boat.said("Compass") == boat.said("Heading lost") == []
+    assert math.degrees(boat.hull.heading_low_rad(0.0)) == pytest.approx(60.0, abs=3.0)
 
 
 def turning(name, resolution_deg, noise_deg, legs, leg_s):
