@@ -69,7 +69,8 @@ TABLE: tuple[Parameter, ...] = (
         -180.0,
         180.0,
         "deg",
-        "Magnetic declination, east positive; used when the compass is magnetic and does not state its own.",
+        "Magnetic declination, east positive; used when the compass is magnetic and does not state its own. Unless "
+        "it is 0, it also replaces a stated variation that is 0 or differs from it by more than 3 deg.",
     ),
     *_deviations("CMP", "the compass"),
     real(
@@ -78,7 +79,8 @@ TABLE: tuple[Parameter, ...] = (
         0.0,
         3600.0,
         "s",
-        "A compass that shows the same number for so long has stopped measuring; 0: never, for a boat ashore.",
+        "Time with one number after which a compass has stopped measuring, if until then it swung with the waves or "
+        "if the other compass or the track turns meanwhile. Rudder and large waves show it earlier. 0: never judged.",
     ),
     real("CMP_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of the compass, added to its reading."),
     real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", f"A heading older than this is not steered by; {_SELDOM}"),

@@ -94,7 +94,7 @@ class HeadingSample(msgspec.Struct, frozen=True):
     t_s: float
     heading_rad: float  # [0, 2 pi), as the device gives it, from `reference`
     reference: NorthReference
-    variation_rad: float | None = None  # east positive, when the device states it
+    variation_rad: float | None = None  # east positive, as added by the device; the deviation if that is magnetic
     yaw_rate_rad_s: float | None = None
     roll_rad: float | None = None
     pitch_rad: float | None = None

@@ -19,6 +19,7 @@ from firmware_py.estimate import (
     observer,
     prediction_check,
     sources,
+    variation,
     water,
 )
 from firmware_py.estimate.declination import Declination
@@ -64,12 +65,16 @@ class HeadingTimeouts(msgspec.Struct, frozen=True):
 
 
 class HeadingEstimatorState(msgspec.Struct, frozen=True):
-    """Heading and yaw rate of the tick, the filter with its sources, the water, and the declination of the place."""
+    """Heading and yaw rate of the tick, the filter with its sources, the water, and the declination of the place.
+
+    `odd_variation`: what the compasses state and is not used, or not as it was stated.
+    """
 
     heading: HeadingState = HeadingState()
     tick: HeadingTick = heading_tick.START
     water: WaterState = water.START
     declination: Declination = Declination()
+    odd_variation: variation.Odd = (None, None)
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> HeadingEstimatorState:
@@ -101,6 +106,9 @@ def update(
         state = _with_declination(state, positions)
         if state.declination.declination_rad is not None:
             observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
+    declination_rad = observer_settings.declination_rad or None
+    odd_variation, events = variation.notice(state.odd_variation, headings, declination_rad)
+    headings = [variation.reconciled(sample, declination_rad) for sample in headings]
     true_headings = [
         TrueHeadingSample(
             sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
@@ -108,10 +116,10 @@ def update(
         for sample in headings
         if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
     ]
-    events: tuple[Event, ...] = ()
+    source_before = tick.sources.in_use
     if heading_tick.needs_restart(tick, now_s, timeouts.compass_s):
-        events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
-    source_before = tick.sources.in_use if not events else Source.NONE
+        events = (*events, Event(Severity.WARNING, "Heading estimate is begun anew"))
+        source_before = Source.NONE
     model = water.model_at_speed(settings.tick.model, state.water)
     tick = heading_tick.begin_tick(tick, now_s, now_s - before.t_s, timeouts.compass_s)
     for sample in true_headings:
@@ -138,7 +146,7 @@ def update(
             water_state, heading.heading_rad if by_compass else math.nan, now_s - before.t_s
         )
     water_state = water.update(water_state, now_s)
-    return HeadingEstimatorState(heading, tick, water_state, state.declination), events
+    return HeadingEstimatorState(heading, tick, water_state, state.declination, odd_variation), events
 
 
 def _steered(

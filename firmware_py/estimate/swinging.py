@@ -14,7 +14,7 @@ from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import CalibrationState, Inputs
 from firmware_py.common.reports import SwingReport
-from firmware_py.estimate import declination, position, swing
+from firmware_py.estimate import declination, position, swing, variation
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.deviation import Deviation
 from firmware_py.estimate.position import PositionSettings, PositionState
@@ -88,9 +88,10 @@ class Swinging:
             if heading.source == 0 and math.isfinite(heading.heading_rad):
                 self._smooth_in(heading.heading_rad, heading.t_s)
         by_model = self._declination.declination_rad if self.parameters["CMP_DECL_AUTO"] == 1 else None
+        declination_rad = radians(self.parameters["CMP_DECL_DEG"]) if by_model is None else by_model
         given = SwingInput(
-            headings=inputs.headings,
-            declination_rad=radians(self.parameters["CMP_DECL_DEG"]) if by_model is None else by_model,
+            headings=[variation.reconciled(heading, declination_rad or None) for heading in inputs.headings],
+            declination_rad=declination_rad,
             fix=fix,
             heading_rad=math.atan2(self._smooth[1], self._smooth[0]),
             water=(0.0, 0.0, self.parameters["CRUISE_SPEED"]),

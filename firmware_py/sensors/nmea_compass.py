@@ -21,6 +21,8 @@ TURN_RATE_KEPT_S = 1.0
 ATTITUDE_KEPT_S = 2.5  # XDR comes once a second
 TRUE_ESTABLISHED = 3
 TRUE_KEPT_S = 2.0
+SMALL_DEVIATION_DEG = 3.0
+SAME_S, SAME_DEG = 0.3, 1.5  # between two sentences of one heading
 SAMPLES_KEPT = 512  # more than one read of 4096 bytes can hold
 
 # THS: A autonomous, E estimated (a satellite compass coasting on its gyro); not manual, simulated or invalid.
@@ -46,7 +48,7 @@ class NmeaCompassOptions:
 class NmeaCompass:
     """Gives every heading of HDG, HDT, HDM, THS and PASHR, with ROT as its yaw rate and XDR as its roll and pitch.
 
-    HDG is true where it states its variation and magnetic otherwise. VHW repeats
+    HDG is true where it states its variation and magnetic otherwise; the estimate judges the variation. VHW repeats
     the heading for a speed log, later and slower, and is not taken. Several true
     sentences on a line all state the one heading and are all given; a magnetic one is
     not, once three true headings have come, none more than 2 s after the other, and while
@@ -69,6 +71,8 @@ class NmeaCompass:
         self._attitude: dict[str, tuple[float, float]] = {}  # when, rad
         self._true_count = 0
         self._true_s = 0.0
+        self._stated: tuple[float, float, float] | None = None  # when, true heading and variation of HDG
+        self._is_derived = False  # other true headings from it
 
     def fileno(self) -> int:
         """The descriptor of the line, or -1."""
@@ -122,8 +126,24 @@ class NmeaCompass:
         t_s, angle_rad = self._attitude.get(name, (-math.inf, 0.0))
         return angle_rad if now_s - t_s <= ATTITUDE_KEPT_S else None
 
+    def _variation_of(self, true_deg: float, now_s: float) -> float | None:
+        """The variation in a true heading: the instrument has added what it states in HDG, if both are the same."""
+        if self._stated is None or now_s - self._stated[0] > TRUE_KEPT_S:
+            return None
+        stated_s, stated_deg, variation_deg = self._stated
+        if now_s - stated_s <= SAME_S:
+            self._is_derived = abs((true_deg - stated_deg + 180.0) % 360.0 - 180.0) <= SAME_DEG
+        return variation_deg if self._is_derived else None
+
     def _handle_heading(self, address: str, numbers: Numbers, now_s: float) -> None:
         true_deg, magnetic_deg = numbers.get("heading_true_deg"), numbers.get("heading_magnetic_deg")
+        variation_deg, deviation_deg = numbers.get("variation_deg"), numbers.get("deviation_deg")
+        if deviation_deg is not None and abs(deviation_deg) > SMALL_DEVIATION_DEG and not variation_deg:
+            true_deg, variation_deg = None, deviation_deg  # which it may be (estimate/variation.py)
+        if true_deg is not None and variation_deg is None:
+            variation_deg = self._variation_of(true_deg, now_s)
+        elif true_deg is not None and variation_deg is not None:
+            self._stated = (now_s, true_deg, variation_deg)
         heading_deg = magnetic_deg if true_deg is None else true_deg
         if heading_deg is None:
             self._monitor.note(f"{address}: no heading")
@@ -141,7 +161,7 @@ class NmeaCompass:
                 t_s=now_s,
                 heading_rad=wrap_two_pi(radians(heading_deg)),
                 reference=NorthReference.MAGNETIC if true_deg is None else NorthReference.TRUE,
-                variation_rad=_radians(numbers.get("variation_deg")),
+                variation_rad=_radians(variation_deg),
                 yaw_rate_rad_s=self._yaw_rate_rad_s(now_s),
                 roll_rad=self._attitude_rad("roll_deg", numbers, now_s),
                 pitch_rad=self._attitude_rad("pitch_deg", numbers, now_s),

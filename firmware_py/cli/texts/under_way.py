@@ -31,6 +31,18 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the fault is gone, and what she did before is not possible now",
         "mend what is named, or choose a mode",
     ),
+    "Compass <A or B> states variation <angle>: <angle> is used": (
+        "the compass states a variation that differs by more than 3 deg from the declination that is configured",
+        "correct the place or variation in the instrument, or `CMP_DECL_DEG` or `CMP_DECL_AUTO`",
+    ),
+    "Compass <A or B> states deviation <angle>: <use>": (
+        "the field of the deviation has what must be the variation, as from early versions of Signal K",
+        "mend what sends the sentence; see whether the heading is right",
+    ),
+    "Compass <A or B>: stated variation agrees": (
+        "the stated variation no longer differs from the declination that is configured",
+        "nothing",
+    ),
     "Position believed where it jumped to: <distance> m off": (
         "fixes that were held back bear each other out, or she can have sailed there by now: she goes on from there",
         "look whether she can be there: a deceived receiver is as sure of it; HOLD and STEERING need no position",

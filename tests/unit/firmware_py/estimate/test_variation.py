@@ -1,0 +1,107 @@
+"""Variation that a compass states, beside the declination of the operator, from the sentence to the heading."""
+
+import math
+
+import pytest
+
+from firmware_py.common.angles import radians
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
+from firmware_py.core.state import State, heading_timeouts_of, settings_of
+from firmware_py.estimate import heading_estimator
+from firmware_py.estimate.declination import declination_rad
+from firmware_py.estimate.variation import notice, reconciled
+from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
+from hil.devices.nmea_text import whole_sentence
+from support.line import FakeLine
+
+UTC_S = 1_767_225_600.0
+PLACE = PositionSample(0.0, FixType.FIX_3D, radians(36.0), radians(121.0), utc_s=UTC_S)
+BY_MODEL_DEG = math.degrees(declination_rad(radians(36.0), radians(121.0), UTC_S))  # 7.7 W
+MODEL, CONFIGURED, NOT_CONFIGURED = {"CMP_DECL_AUTO": 1}, {"CMP_DECL_DEG": BY_MODEL_DEG}, {}
+
+
+def steered(body, settings, *more):
+    """Return the true heading [deg] that the boat steers by after its sentences each second, and what is reported."""
+    values = ParameterSet()
+    for name, value in settings.items():
+        values = values.replaced(name, value)
+    state, line, texts = State.at_start(values), FakeLine(), []
+    compass, settings = NmeaCompass(line, NmeaCompassOptions()), settings_of(values)
+    estimate, timeouts = state.heading_estimator, heading_timeouts_of(settings, state.devices)
+    for second in range(1, 4):
+        line.inbox += b"".join(map(whole_sentence, (body, *more)))
+        compass.receive(float(second))
+        headings = compass.poll()
+        estimate, events = heading_estimator.update(
+            settings.heading_estimator, estimate, headings, [PLACE], 0.0, timeouts, float(second)
+        )
+        texts += [event.text for event in events if "states" in event.text]
+    return math.degrees(estimate.heading.heading_rad), texts
+
+
+@pytest.mark.parametrize("settings", [MODEL, CONFIGURED])
+@pytest.mark.parametrize(
+    ("fields", "texts"),
+    [
+        ("100.0,0.0,E,0.0,E", []),
+        ("100.0,,,0.0,E", []),
+        ("100.0,0.0,E,0.0,W", []),
+        ("100.0,,,,", []),
+        ("100.0,0.0,E,12.0,E", ["Compass A states variation 12.0 E: 7.7 W is used"]),
+        ("100.0,,,7.6,E", ["Compass A states variation 7.6 E: 7.7 W is used"]),
+        ("100.0,7.6,W,,", ["Compass A states deviation 7.6 W: used as variation"]),
+        ("100.0,7.6,W,0.0,E", ["Compass A states deviation 7.6 W: used as variation"]),
+        ("100.0,20.0,E,,", ["Compass A states deviation 20.0 E: 7.7 W is used"]),
+    ],
+)
+def test_the_configured_declination_wins_over_a_stated_one_that_cannot_be(settings, fields, texts):
+    assert steered(f"HCHDG,{fields}", settings) == (pytest.approx(100.0 + BY_MODEL_DEG, abs=0.1), texts)
+
+
+@pytest.mark.parametrize(
+    ("fields", "settings", "true_deg"),
+    [
+        ("100.0,0.0,E,0.0,E", NOT_CONFIGURED, 100.0),
+        ("100.0,0.0,E,12.0,E", NOT_CONFIGURED, 112.0),
+        ("100.0,0.0,E,6.0,W", CONFIGURED, 94.0),  # the instrument knows better where it is than a parameter does
+        ("100.0,2.0,E,6.0,W", MODEL, 96.0),
+        ("100.0,4.0,E,,", CONFIGURED, 104.0 + BY_MODEL_DEG),  # a deviation
+        ("100.0,4.0,E,6.0,W", CONFIGURED, 98.0),
+    ],
+)
+def test_a_variation_that_can_be_is_used_and_not_reported(fields, settings, true_deg):
+    assert steered(f"HCHDG,{fields}", settings) == (pytest.approx(true_deg, abs=0.1), [])
+
+
+def test_a_true_heading_without_a_variation_is_taken_as_it_is():
+    assert steered("HEHDT,100.0,T", CONFIGURED) == (pytest.approx(100.0), [])
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_true_heading_that_the_instrument_made_with_its_variation_is_corrected_too(reverse):
+    both = ["HCHDG,100.0,,,12.0,E", "HCHDT,112.0,T"][:: -1 if reverse else 1]
+    true_deg, texts = steered(both[0], CONFIGURED, both[1])
+    assert true_deg == pytest.approx(100.0 + BY_MODEL_DEG, abs=2.0)
+    assert len(texts) == 1
+
+
+def test_a_true_heading_of_another_instrument_on_the_line_is_not_corrected():
+    true_deg, _ = steered("HCHDG,100.0,,,12.0,E", CONFIGURED, "HEHDT,92.3,T")
+    assert true_deg == pytest.approx(100.0 + BY_MODEL_DEG, abs=0.2)
+
+
+def test_each_compass_is_reported_once_and_when_it_agrees_again():
+    wrong, right = (HeadingSample(0.0, 1.0, NorthReference.TRUE, radians(deg), source=1) for deg in (12.0, -7.0))
+    odd, events = notice((None, None), [wrong, wrong], radians(-7.6))
+    assert [event.text for event in events] == ["Compass B states variation 12.0 E: 7.6 W is used"]
+    assert notice(odd, [wrong], radians(-7.6)) == (odd, ())
+    odd, events = notice(odd, [right], radians(-7.6))
+    assert [event.text for event in events] == ["Compass B: stated variation agrees"]
+    assert odd == (None, None)
+
+
+@pytest.mark.parametrize("heading_rad", [math.nan, math.inf])
+def test_no_heading_is_made_of_none(heading_rad):
+    sample = HeadingSample(0.0, heading_rad, NorthReference.TRUE, 0.0)
+    assert reconciled(sample, 0.1) is sample
