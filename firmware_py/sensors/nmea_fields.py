@@ -134,17 +134,21 @@ def time_of_day(index: int) -> Reader:
 
 
 def utc_of_short_date(time_index: int, date_index: int) -> Reader:
-    """Read a time and ddmmyy, the year nearest to this version's, as seconds since 1970-01-01 UTC."""
+    """Read a time and ddmmyy, the year nearest to this version's, as seconds since 1970-01-01 UTC.
+
+    A date that cannot be is none, because the position in the same sentence counts.
+    """
     read_time = time_of_day(time_index)
 
     def read(fields: Fields) -> float | None:
         seconds = read_time(fields)
-        if fields[date_index] in ("", "000000"):  # a receiver that has a place and no date yet says either
-            return None
         match = _DATE.fullmatch(fields[date_index])
         if match is None:
-            raise MessageError(MALFORMED, "not a date")
-        return _utc_s(full_year(int(match[3])), int(match[2]), int(match[1]), seconds)
+            return None
+        try:
+            return _utc_s(full_year(int(match[3])), int(match[2]), int(match[1]), seconds)
+        except MessageError:
+            return None
 
     return read
 

@@ -16,7 +16,7 @@ import msgspec
 from firmware_py.common.records import FixType
 from firmware_py.sensors.binary_framing import PacketFramer
 from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
-from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError, within
+from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 
 NAV_PVT = 0x0107
 _NAV_PVT_SIZE = 84  # of u-blox 7; 92 since u-blox 8, which may call the position invalid beside its fix
@@ -118,16 +118,16 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
 
 
 def _utc_s(fields: tuple[int, ...]) -> float | None:
-    """The time, when the receiver calls it valid and knows the leap second; MessageError when it then cannot be."""
+    """Return the time if the receiver calls it valid and knows the leap second; None for one that cannot be."""
     _, year, month, day, hour, minute, second, valid, _, nanosecond = fields[:10]
     if valid & 7 != 7:
         return None
     if not (1980 <= year <= 2099 and hour <= 23 and minute <= 59 and second <= 60 and abs(nanosecond) <= 10**9):
-        raise MessageError(RANGE, "NAV-PVT time out of range")
+        return None
     try:
         midnight = dt.datetime(year, month, day, tzinfo=dt.UTC)
     except ValueError:
-        raise MessageError(RANGE, "NAV-PVT date out of range") from None
+        return None
     return midnight.timestamp() + hour * 3600 + minute * 60 + second + nanosecond * 1e-9
 
 

@@ -174,12 +174,21 @@ def test_utc_is_carried_on_from_the_last_date(line, hear):
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("date", ["2208-1", "320126", "000126", "310221", "", "000000", "220826E"])
+def test_a_position_with_a_date_that_cannot_be_counts_without_a_time(line, hear, date):
+    receiver = NmeaPosition(line, NmeaPositionOptions())
+    hear(receiver, rmc(date=date))
+    (sample,) = hear(receiver, now_s=9.0)
+    assert (sample.fix, sample.utc_s, sample.latitude_rad is None) == (FixType.FIX_2D, None, False)
+    assert receiver.health(9.0).rejected == 0
+
+
 def test_without_any_date_there_is_no_utc_and_a_bad_date_is_refused(line, hear):
     receiver = NmeaPosition(line, NmeaPositionOptions())
     hear(receiver, gga(), rmc(date="310221"), "GPZDA,103607.00,31,02,2021,00,00")
     (sample,) = hear(receiver, now_s=9.0)
     assert (sample.fix, sample.utc_s) == (FixType.FIX_3D, None)
-    assert receiver.health(1.0).rejected == 2
+    assert receiver.health(1.0).rejected == 1  # ZDA, which has nothing but the date
 
 
 def test_a_missing_checksum_is_refused_unless_the_file_says_otherwise(line, hear):

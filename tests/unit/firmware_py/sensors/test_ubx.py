@@ -45,13 +45,18 @@ def test_the_fix(line, hear, solution, fix_type, flags, fix):
 
 @pytest.mark.parametrize(
     "values",
-    [{"lat": 900000001}, {"lon": -1800000001}, {"speed": -1}, {"speed": 10**6}, {"course": 36000001}, {"course": -1},
-     {"date": (2017, 2, 30)}, {"date": (1979, 1, 6)}, {"date": (2017, 0, 1)}],
+    [{"lat": 900000001}, {"lon": -1800000001}, {"speed": -1}, {"speed": 10**6}, {"course": 36000001}, {"course": -1}],
 )  # fmt: skip
 def test_values_out_of_range_are_refused(line, hear, solution, values):
     receiver = UbxPosition(line)
     assert hear(receiver, solution(**values)) == ()
     assert (receiver.health(1.0).rejected, receiver.health(1.0).accepted) == (1, 0)
+
+
+@pytest.mark.parametrize("date", [(2017, 2, 30), (1979, 1, 6), (2017, 0, 1)])
+def test_a_position_with_a_date_that_cannot_be_counts_without_a_time(line, hear, solution, date):
+    (sample,) = hear(UbxPosition(line), solution(date=date))
+    assert (sample.fix, sample.utc_s, sample.latitude_rad is None) == (FixType.FIX_3D, None, False)
 
 
 def test_a_time_that_the_receiver_does_not_trust_is_not_given(line, hear, solution):
