@@ -18,6 +18,8 @@ from firmware_py.common.angles import clamp, wrap_two_pi
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 Vector = tuple[float, float, float]
 LEAST_SHRINK = 1e-3  # of a circle of latitude against the equator: 6 km from a pole
+UNSET_RAD = 1e-6  # 6 m
+HIGHEST_LATITUDE_RAD = math.radians(89.9)
 SHORTEST_LINE = 1e-9  # in radii of the earth: a line of 6 mm has no direction
 
 
@@ -83,6 +85,13 @@ class Place(msgspec.Struct, frozen=True):
         shrink = max(math.cos(latitude_rad), 1e-6)
         longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
         return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
+
+
+def can_be(latitude_rad: float, longitude_rad: float) -> bool:
+    """Return whether a boat can be there; 0 N 0 E is what a receiver gives that does not know. False for NaN."""
+    if abs(latitude_rad) < UNSET_RAD and abs(longitude_rad) < UNSET_RAD:
+        return False
+    return abs(latitude_rad) <= HIGHEST_LATITUDE_RAD and abs(longitude_rad) <= math.pi
 
 
 class Track(msgspec.Struct, frozen=True):

@@ -7,6 +7,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus, Severity
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, last_place, rudder, tick_timing
@@ -14,8 +15,9 @@ from firmware_py.core.state import Settings, State, heading_timeouts_of
 from firmware_py.estimate import heading_estimator, place_and_velocity, position, reckoning, water
 from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.sources import Source
+from firmware_py.modes import PositionGoal
 
-FIRST_PLACE_S: Final = 1800.0  # for so long a receiver's first place may prove wrong
+MOVED_SHARE: Final = 0.5  # of the error of the first place: what is nearer to it was derived from it
 
 
 def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, RudderStatus, tuple[Event, ...]]:
@@ -27,7 +29,6 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     heading, in_use = state.heading_estimator.heading, Source(state.heading_estimator.tick.sources.in_use)
     heading_rad = heading.heading_rad if heading.fresh(now_s, timeouts.of(in_use)) else None
     place = _carried_on(state, now_s, heading_rad, timeouts.position_s)
-    home = state.home
     agreement = state.agreement
     credible: list[PositionSample] = []
     told: list[Event] = []
@@ -36,7 +37,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
             agreement, odd = place_and_velocity.update(agreement, sample, afloat=True)
             told += odd
             continue
-        before, begun = place, place.begun
+        before = place
         place, good = position.update(place, sample, settings.position.jump_s)
         if good:
             credible.append(sample)
@@ -46,7 +47,11 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
                 told += _found_again(before, sample)
             agreement, odd = place_and_velocity.update(agreement, sample, afloat=state.modes.armed)
             told += odd
-            home = _home(home, begun, place.begun)
+            if state.home is None:
+                state = replace(state, home=_home_at(place.begun))
+            elif (wrong := position.withdrawn(before, place)) is not None:
+                state, found = _taken_again(state, wrong, sample)
+                told += found
     heading_state, events = heading_estimator.update(
         settings.heading_estimator,
         state.heading_estimator,
@@ -67,7 +72,6 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         heading_estimator=heading_state,
         position=place,
         agreement=agreement,
-        home=home,
     )
     return state, rudder_status, (*told, *events, *device_events)
 
@@ -103,17 +107,35 @@ def _found_again(before: PositionState, fix: PositionSample) -> tuple[Event, ...
     return (Event(Severity.NOTICE, f"Reckoned for {minutes:.0f} min: she was {off_m:.0f} m off"),)
 
 
-def _home(home: Home | None, before: PositionSample | None, begun: PositionSample | None) -> Home | None:
-    """Return home after a fix: the first one since start, until home is set.
+def _taken_again(state: State, wrong: PositionSample, right: PositionSample) -> tuple[State, tuple[Event, ...]]:
+    """Return the state without what was derived from a first place that has proved wrong, and what is reported.
 
-    A receiver that has just been switched on may be sure of a place where it is not: when the first one proves wrong
-    soon, home goes along.
+    Home and the goal move along if they lie near the wrong place. Water and tasks of the modes, as the loiter point,
+    are taken again at the place of now; so is the margin to the fence, as after each move.
     """
-    if home is None:
-        return _home_at(begun)
-    if before is begun or before is None or begun is None or begun.t_s - before.t_s > FIRST_PLACE_S:
-        return home
-    return _home_at(begun) if home == _home_at(before) else home
+    first, place = position.place_of(wrong), position.place_of(right)
+    off_m, _ = first.distance_and_bearing(place)
+
+    def moved(latitude_rad: float, longitude_rad: float) -> Place | None:
+        other = Place(latitude_rad, longitude_rad)
+        near = first.distance_and_bearing(other)[0] < MOVED_SHARE * off_m
+        return place.at_offset(*first.offset_m(other)) if near else None
+
+    home, modes, goal = state.home, state.modes, state.modes.goal
+    if home is not None and (there := moved(home.latitude_rad, home.longitude_rad)) is not None:
+        home = Home(there.latitude_rad, there.longitude_rad, right.altitude_m or 0.0)
+    if isinstance(goal, PositionGoal) and (there := moved(goal.latitude_rad, goal.longitude_rad)) is not None:
+        modes = replace(modes, goal=PositionGoal(there.latitude_rad, there.longitude_rad))
+    expected = state.heading_estimator.water.expected
+    state = replace(
+        state,
+        home=home,
+        modes=modes,
+        guidance=replace(state.guidance, mode=None),  # it enters the mode again
+        heading_estimator=heading_estimator.expecting(state.heading_estimator, expected),
+    )
+    text = f"First position was {1e-3 * off_m:.1f} km off: home and tasks move"
+    return state, (Event(Severity.WARNING, text),)
 
 
 def _home_at(sample: PositionSample | None) -> Home | None:

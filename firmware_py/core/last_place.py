@@ -12,7 +12,7 @@ from typing import Final
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.common.geodesy import Place
+from firmware_py.common.geodesy import Place, can_be
 from firmware_py.estimate import position, reckoning
 from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.reckoning import Reckoning
@@ -75,5 +75,4 @@ def counted_from(state: PositionState, now_s: float) -> PositionState:
 
 
 def _usable(last: LastPlace) -> bool:
-    on_earth = abs(last.latitude_rad) <= 0.5 * math.pi and abs(last.longitude_rad) <= math.pi
-    return on_earth and last.reckoning.begun_s <= 0.0
+    return can_be(last.latitude_rad, last.longitude_rad) and last.reckoning.begun_s <= 0.0

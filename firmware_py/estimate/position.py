@@ -12,7 +12,7 @@ import math
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.common.geodesy import Place
+from firmware_py.common.geodesy import Place, can_be
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate.reckoning import Reckoning
@@ -22,6 +22,7 @@ SPREAD_M = 50.0  # what a sound receiver may be off at worst
 SMOOTHING_S = 10.0
 LONGEST_GAP_S = 60.0  # after which the estimate begins anew at a fix
 LEAST_WITNESSES = 3
+FIRST_PLACE_S = 1800.0
 
 
 class PositionSettings(msgspec.Struct, frozen=True):
@@ -53,11 +54,11 @@ class PositionState(msgspec.Struct, frozen=True):
 
 
 def on_earth(sample: PositionSample) -> bool:
-    """Whether the sample has a position; the comparisons fail for NaN."""
+    """Return whether the sample has a position that can be."""
     latitude_rad, longitude_rad = sample.latitude_rad, sample.longitude_rad
     if latitude_rad is None or longitude_rad is None or sample.fix is FixType.NONE:
         return False
-    return abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and math.isfinite(sample.t_s)
+    return can_be(latitude_rad, longitude_rad) and math.isfinite(sample.t_s)
 
 
 def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
@@ -85,7 +86,7 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
     if gap_s > LONGEST_GAP_S or gap_s < 0.0:
         return _at(sample, max(sample.t_s, state.t_s), state.begun), True
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
-    north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample))
+    north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(place_of(sample))
     state = replace(state, fix=sample, suspect=None, witnesses=0, reckoning=None)
     return _displace(state, gain * north_m, gain * east_m, state.t_s), True
 
@@ -98,9 +99,17 @@ def leap_m(state: PositionState, sample: PositionSample) -> float | None:
     return distance_m if distance_m > SPREAD_M else None
 
 
+def withdrawn(before: PositionState, after: PositionState) -> PositionSample | None:
+    """Return the first place if a jump has just proved it wrong; a receiver's first place may be, for FIRST_PLACE_S."""
+    first, now = before.begun, after.begun
+    if first is None or now is None or now is first or now.t_s - first.t_s > FIRST_PLACE_S:
+        return None
+    return first
+
+
 def off_m(state: PositionState, sample: PositionSample) -> float:
     """Return how far a fix lies from where she is taken to be."""
-    return math.hypot(*Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample)))
+    return math.hypot(*Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(place_of(sample)))
 
 
 def unfixed_s(state: PositionState) -> float:
@@ -120,18 +129,19 @@ def _reach_m(gap_s: float) -> float:
     return SPREAD_M + FASTEST_M_S * max(0.0, gap_s)
 
 
-def _place(sample: PositionSample) -> Place:
+def place_of(sample: PositionSample) -> Place:
+    """Return the place of a sample that has one."""
     return Place(sample.latitude_rad or 0.0, sample.longitude_rad or 0.0)
 
 
 def _at(sample: PositionSample, t_s: float, begun: PositionSample | None) -> PositionState:
     """Return the state that begins anew at a fix."""
-    place = _place(sample)
+    place = place_of(sample)
     return PositionState(t_s, place.latitude_rad, place.longitude_rad, sample, begun=begun)
 
 
 def _distance_m(fix: PositionSample, other: PositionSample) -> float:
-    return math.hypot(*_place(fix).nearby_offset_m(_place(other)))
+    return math.hypot(*place_of(fix).nearby_offset_m(place_of(other)))
 
 
 def _displace(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.geodesy import can_be
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import option
 from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
@@ -154,9 +155,13 @@ class NmeaPosition:
         epoch.given = True
         values = epoch.values
         fix = FixType.NONE if FixType.NONE in epoch.fixes else max(epoch.fixes)
-        stands = self._time_stands(epoch)
-        if stands or fix is FixType.NONE or "lat_deg" not in values or "lon_deg" not in values:
-            self._monitor.note("its time stands still: no fix" if stands else "no fix")
+        reason = "its time stands still: no fix" if self._time_stands(epoch) else ""
+        if fix is FixType.NONE or "lat_deg" not in values or "lon_deg" not in values:
+            reason = reason or "no fix"
+        elif not can_be(radians(values["lat_deg"]), radians(values["lon_deg"])):
+            reason = reason or "its place cannot be: no fix"
+        if reason:
+            self._monitor.note(reason)
             self._samples.append(PositionSample(epoch.t_s, FixType.NONE, satellites=_whole(values.get("satellites"))))
             return
         self._monitor.note("")

@@ -43,6 +43,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the stated variation no longer differs from the declination that is configured",
         "nothing",
     ),
+    "First position was <distance> km off: home and tasks move": (
+        "the first place was wrong: home and goal near it move along, loiter point and water are taken again",
+        "check home and task on the map",
+    ),
     "Position believed where it jumped to: <distance> m off": (
         "fixes that were held back bear each other out, or she can have sailed there by now: she goes on from there",
         "look whether she can be there: a deceived receiver is as sure of it; HOLD and STEERING need no position",

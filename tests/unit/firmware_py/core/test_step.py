@@ -475,7 +475,7 @@ def homes(*fixes, orders=()):
     return found
 
 
-WRONG, RIGHT = (0.0, 0.0), (0.5, 0.2)
+WRONG, RIGHT = (0.0, 0.1), (0.5, 0.2)
 
 
 def test_home_goes_along_when_the_receiver_s_first_place_proves_wrong():

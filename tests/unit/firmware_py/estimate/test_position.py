@@ -82,7 +82,10 @@ def test_no_fix_and_no_number_are_nothing():
     state = told(fix(0.0))[0]
     for sample in (fix(1.0, kind=FixType.NONE), PositionSample(1.0, FixType.FIX_3D, math.nan, 2.0), fix(1.0, math.nan)):
         assert update(state, sample, 60.0) == (state, False)
-    assert update(state, PositionSample(1.0, FixType.FIX_3D, 9.0, 2.0), 60.0) == (state, False)
+    for latitude_rad, longitude_rad in ((9.0, 2.0), (0.0, 0.0), (-0.0, 0.0), (math.pi / 2, 2.0)):
+        sample = PositionSample(1.0, FixType.FIX_3D, latitude_rad, longitude_rad)
+        assert update(state, sample, 60.0) == (state, False)
+        assert update(PositionState(), sample, 60.0) == (PositionState(), False)
 
 
 samples = st.builds(

@@ -183,6 +183,25 @@ def test_a_position_with_a_date_that_cannot_be_counts_without_a_time(line, hear,
     assert receiver.health(9.0).rejected == 0
 
 
+@pytest.mark.parametrize("where", ["0000.0000,N,00000.0000,E", "0000.0000,S,00000.0000,W", "9000.0000,N,00000.0000,E"])
+def test_a_place_that_cannot_be_is_no_fix(line, hear, where):
+    receiver = NmeaPosition(line, NmeaPositionOptions())
+    hear(receiver, rmc(where=where))
+    (sample,) = hear(receiver, now_s=9.0)
+    assert (sample.fix, sample.latitude_rad) == (FixType.NONE, None)
+    assert receiver.health(9.0).text == "its place cannot be: no fix"
+
+
+def test_on_the_equator_and_on_the_meridian_there_are_fixes(line, hear):
+    receiver = NmeaPosition(line, NmeaPositionOptions())
+    for number, where in enumerate(
+        ("0000.0000,N,02100.0000,E", "5100.0000,N,00000.0000,E", "0000.0100,N,00000.0000,E")
+    ):
+        hear(receiver, rmc(f"1036{number:02d}.00", where=where), now_s=1.0 + number)
+    samples = hear(receiver, now_s=20.0)
+    assert all(sample.fix is not FixType.NONE for sample in samples)
+
+
 def test_without_any_date_there_is_no_utc_and_a_bad_date_is_refused(line, hear):
     receiver = NmeaPosition(line, NmeaPositionOptions())
     hear(receiver, gga(), rmc(date="310221"), "GPZDA,103607.00,31,02,2021,00,00")

@@ -59,6 +59,14 @@ def test_a_position_with_a_date_that_cannot_be_counts_without_a_time(line, hear,
     assert (sample.fix, sample.utc_s, sample.latitude_rad is None) == (FixType.FIX_3D, None, False)
 
 
+@pytest.mark.parametrize(("lat", "lon"), [(0, 0), (900000000, 0)])
+def test_a_place_that_cannot_be_is_no_fix(line, hear, solution, lat, lon):
+    receiver = UbxPosition(line)
+    (sample,) = hear(receiver, solution(lat=lat, lon=lon))
+    assert (sample.fix, sample.latitude_rad) == (FixType.NONE, None)
+    assert receiver.health(1.0).text == "its place cannot be: no fix"
+
+
 def test_a_time_that_the_receiver_does_not_trust_is_not_given(line, hear, solution):
     for valid in (0, 1, 2, 3):  # 3: with what leap second is not known yet
         (sample,) = hear(UbxPosition(line), solution(valid=valid, date=(2000, 0, 0)))

@@ -1,0 +1,78 @@
+"""A receiver whose first place is wrong: what was derived from it moves or is taken again, and this is reported."""
+
+import math
+
+import pytest
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.intents import ReplacePlan, SetHome, SteerPosition
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.guidance.tasks import HoldStation
+from support import rig
+from support.plans import item, placed
+
+WRONG_S, WRONG_M = 20.0, (30_000.0, -4_000.0)
+TEXT = "First position was "
+
+
+def boat_at_a_wrong_place(mode, *intents, **parameters):
+    """Return a boat whose receiver gave another place for its first 20 s, after the true one is believed."""
+    boat = rig.Sailing(rig.sea("calm"), POS_JUMP_S=30.0, **parameters)
+    boat.jump_m = WRONG_M
+    boat.under_way(mode, *intents)
+    boat.run(WRONG_S - boat.t_s)
+    boat.jump_m = (0.0, 0.0)
+    return boat.run(60.0)
+
+
+def north_east_m(place):
+    return Place(*placed(0.0, 0.0)).nearby_offset_m(place)
+
+
+def place_of(record):
+    return Place(record.latitude_rad, record.longitude_rad)
+
+
+def test_loiter_point_home_water_and_fence_are_taken_again():
+    expected = rig.Sailing(rig.sea("calm")).state.heading_estimator.water.expected
+    fence = ReplacePlan(Plan.of(PlanKind.FENCE, [item(5003, 0.0, 0.0, 500.0)]))
+    boat = boat_at_a_wrong_place(Mode.LOITER, fence, FENCE_ENABLE=1, FS_FENCE_ACT=0)
+    assert len(boat.said(TEXT)) == len(boat.said("Fence breached")) == len(boat.said("Inside the fence again")) == 1
+    task, known = boat.state.guidance.task, boat.state.heading_estimator.water
+    assert isinstance(task, HoldStation)
+    for place in (task.centre, place_of(boat.state.home), known.origin):
+        assert math.hypot(*north_east_m(place)) < 100.0
+    assert boat.state.guidance.fence.margin_m == pytest.approx(450.0, abs=50.0)
+    assert known.expected == expected
+
+
+@pytest.mark.parametrize("off_m", [(0.0, 0.0), (200.0, 300.0)])
+def test_a_goal_and_a_home_near_the_wrong_place_move_along(off_m):
+    there = placed(WRONG_M[0] + off_m[0], WRONG_M[1] + off_m[1])
+    boat = boat_at_a_wrong_place(Mode.GUIDED, SetHome(*there, 0.0), SteerPosition(*there))
+    for moved in (boat.state.home, boat.state.modes.goal):
+        assert north_east_m(place_of(moved)) == (pytest.approx(off_m[0], abs=60.0), pytest.approx(off_m[1], abs=60.0))
+
+
+def test_a_goal_and_a_home_elsewhere_stay():
+    there = placed(500.0, 300.0)
+    boat = boat_at_a_wrong_place(Mode.GUIDED, SetHome(*there, 0.0), SteerPosition(*there))
+    assert place_of(boat.state.home) == place_of(boat.state.modes.goal) == Place(*there)
+
+
+def test_a_jump_long_after_the_first_place_moves_nothing(monkeypatch):
+    monkeypatch.setattr("firmware_py.estimate.position.FIRST_PLACE_S", 10.0)
+    boat = boat_at_a_wrong_place(Mode.LOITER)
+    assert boat.said(TEXT) == []
+    assert math.hypot(*north_east_m(boat.state.guidance.task.centre)) > 20_000.0
+
+
+def test_places_at_0_n_0_e_are_no_fixes(monkeypatch):
+    boat = rig.Sailing(rig.sea("calm"))
+    monkeypatch.setattr(rig, "placed", lambda *_: (0.0, 0.0))
+    boat.run(5.0)
+    assert boat.state.home is boat.state.position.fix is None
+    monkeypatch.setattr(rig, "placed", placed)
+    boat.run(5.0)
+    assert math.hypot(*north_east_m(place_of(boat.state.home))) < 100.0
