@@ -97,7 +97,9 @@ def compiled(function: Function) -> Function:
 def compiled_here(function: Function) -> Function:
     """Compile a function for this process alone; necessary for one that takes other functions as arguments."""
     # nogil: several threads may share the work, and the one that shows progress gets its turn.
-    return numba.njit(function, error_model=ERROR_MODEL, nogil=True)  # type: ignore[no-any-return]
+    # no_cfunc_wrapper: nothing calls these functions from C, and the wrapper takes time to compile.
+    options: dict[str, Any] = {"error_model": ERROR_MODEL, "nogil": True, "no_cfunc_wrapper": True}
+    return numba.njit(function, **options)  # type: ignore[no-any-return]
 
 
 class _Place(caching._CacheLocator):  # noqa: SLF001 - numba has no public one

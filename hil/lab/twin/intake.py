@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from hil.lab.compiled import compiled
-from hil.lab.numeric_core import heading_filter, heading_tick, silence, sources, water
+from hil.lab.numeric_core import heading_filter, heading_tick, inner, silence, sources, water
 from hil.lab.twin.autopilot import Autopilot, Intake, Seen
 from hil.lab.twin.devices import LATITUDE_RAD, LONGITUDE_RAD, LOST, SAID_RAD, THERE_S
 from hil.lab.twin.plant import Plant
@@ -16,7 +15,7 @@ from hil.lab.twin.ship import Floats
 EPOCH_ENDS_AFTER_S = 0.5
 
 
-@compiled
+@inner
 def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intake, Seen]:
     """Take in the headings and fixes that are there (heading_estimator.update).
 
@@ -82,7 +81,7 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
     return Intake(s, known, heading_s, interval_s, fix_s, fix_interval_s), seen
 
 
-@compiled
+@inner
 def count_fixes(at: Plant, now_s: float) -> int:
     """Return how many fixes are there; the first epoch is given when nothing has followed it for a while."""
     if not (at.first_given or now_s - at.first_fix_s > EPOCH_ENDS_AFTER_S):
@@ -94,7 +93,7 @@ def count_fixes(at: Plant, now_s: float) -> int:
     return count
 
 
-@compiled
+@inner
 def drop(at: Plant, headings: int, fixes: int) -> None:
     """Remove the sentences of a tick from the queues."""
     at.heading_count -= headings
@@ -103,7 +102,7 @@ def drop(at: Plant, headings: int, fixes: int) -> None:
     shift(at.fixes, fixes, at.fix_count)
 
 
-@compiled
+@inner
 def shift(queue: Floats, gone: int, left: int) -> None:
     """Remove the first sentences of a queue, of which so many are left."""
     for place in range(left):

@@ -8,6 +8,7 @@ tests/process/test_twin.py holds the whole of it against the real autopilot on p
 from __future__ import annotations
 
 from hil.lab.compiled import compiled
+from hil.lab.numeric_core import inner
 from hil.lab.twin import intake, pilot, plant
 from hil.lab.twin.autopilot import Autopilot, Helm, Intake, Seen, Task
 from hil.lab.twin.plant import Plant, Record, Waters
@@ -22,7 +23,7 @@ MORE_TICKS = 8  # than rows there are not
 TICK_COLUMNS = 16
 
 
-@compiled
+@inner
 def note(row: Floats, a: Autopilot, helm: Helm, seen: Seen, now_s: float) -> None:
     """Fill the row of a tick."""
     me = a.state

@@ -10,8 +10,7 @@ import math
 import numpy as np
 
 from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
-from hil.lab.compiled import compiled
-from hil.lab.numeric_core import law, oscillation, rudder_limit, silence, steering_monitor
+from hil.lab.numeric_core import inner, law, oscillation, rudder_limit, silence, steering_monitor
 from hil.lab.twin.autopilot import Autopilot, Helm, Seen, Task
 
 ARMED_S, GUARD_S = 0.28, 0.003  # when the operator has armed and set the mode; before a tick the link waits
@@ -20,19 +19,19 @@ PERIOD_S = 1.0 / 10.0
 LONGEST_STEP_S = 1.0
 
 
-@compiled
+@inner
 def begin(a: Autopilot) -> None:
     """Set the state before the first tick."""
     a.state.before_s = a.state.sample_s = a.state.goal_rad = np.nan
 
 
-@compiled
+@inner
 def is_armed(now_s: float) -> bool:
     """Whether the boat is armed and in GUIDED by a tick."""
     return now_s > ARMED_S + GUARD_S
 
 
-@compiled
+@inner
 def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
     """Take the goals that have come by the tick; without one, keep the heading."""
     me = a.state
@@ -48,7 +47,7 @@ def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
         me.goal_rad = me.heading_rad
 
 
-@compiled
+@inner
 def steer(a: Autopilot, helm: Helm, seen: Seen, now_s: float) -> Helm:
     """Update the monitors of limit cycle and steering, and set the next rudder command."""
     me, boat, known = a.state, a.boat, seen.estimate
@@ -94,7 +93,7 @@ def steer(a: Autopilot, helm: Helm, seen: Seen, now_s: float) -> Helm:
     return Helm(law_state, cycle, steering)
 
 
-@compiled
+@inner
 def next_deadline(deadline_s: float, newest_s: float) -> float:
     """Return when the next tick is due: the ticks draw near to the compass (firmware_py/system/clock.py)."""
     if math.isnan(newest_s):
