@@ -20,7 +20,7 @@ from hil.lab.identify.prior import Prior
 from hil.lab.identify.recording import Floats
 from hil.lab.identify.stretches import Columns, Data, Stretch
 
-ROWS_A_LAG, MOST_ROWS = 12.0, 6000
+MOST_ROWS = 6000
 # Starts: what is added to ln K and ln T of the likeliest model, and the scaled alpha (see _scale), None for that of the
 # likeliest. The last one is a hull that is nearly unstable on course (KVLCC2).
 STARTS = ((0.0, None), (-1.0, None), (1.0, 0.3), (3.0, 3.0))
@@ -38,11 +38,11 @@ class Simulation:
     """Yaw rates simulated from the rudder, compared with the recorded ones; without yaw rates, heading changes in T."""
 
     def __init__(self, data: Data, values: Floats, sign: float) -> None:
-        """Average the rows of data as far as T allows; values: the likeliest unknowns."""
+        """Take rows of data, averaged if there are many; values: the likeliest unknowns."""
         rates = all(stretch.yaw_rate_rad_s is not None for stretch in data.stretches)
         data = replace(data, stretches=tuple(_plain(stretch, rates=rates) for stretch in data.stretches))
         lag_s = math.exp(values[LN_T])
-        every = max(1, int(lag_s / ROWS_A_LAG / data.usual_step_s), data.rows // MOST_ROWS)
+        every = max(1, data.rows // MOST_ROWS)
         self._columns, self._sign, self._channel = Columns(data, every), sign, int(rates)
         self._rudder_rad = self._columns.rudder_rad(float(values[DELAY]), float(values[LAG]))
         firsts = np.flatnonzero(self._columns.first)

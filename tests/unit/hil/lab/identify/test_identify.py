@@ -171,6 +171,16 @@ def test_a_hull_of_higher_order_is_predicted_as_well_as_by_least_squares(yard):
     assert any("not quite a K-T boat" in text for text in found.judgement.warnings)
 
 
+def test_a_boat_of_the_equation_keeps_the_likeliest_model(yard):
+    """With rows averaged over T / 12, their error was taken for one of the likeliest model."""
+    time = np.arange(1200) * 0.5
+    rudder = yard.zigzag(time, 0.25, 35.0, 0.17)
+    motion = yard.boat(0.2, 25.0, 6.0).motion(time, rudder)
+    found = identify([yard.recorded(time, rudder, *motion, noise=0.1, rate_noise=0.005)])
+    assert found.fit.likeliest
+    assert found.judgement.estimates["K"].value == pytest.approx(0.2, rel=0.02)
+
+
 def test_a_capture_of_nmea_0183_is_read():
     path = DATA / "nmea" / "gpsd_bundg_zeus_9.nmea"
     assert nmea_capture.is_one(path)
