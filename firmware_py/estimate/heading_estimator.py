@@ -10,7 +10,7 @@ import msgspec
 from msgspec.structs import replace
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
+from firmware_py.common.records import Event, HeadingSample, PositionSample, Severity
 from firmware_py.common.reports import Estimate, Water
 from firmware_py.estimate import (
     declination,
@@ -25,6 +25,7 @@ from firmware_py.estimate import (
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.heading_tick import HeadingSettings, HeadingTick
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
+from firmware_py.estimate.position import place_of
 from firmware_py.estimate.sources import Source, TrueHeadingSample
 from firmware_py.estimate.water import WaterState
 from firmware_py.model.heading_estimate import HeadingEstimate
@@ -98,7 +99,7 @@ def update(
 ) -> tuple[HeadingEstimatorState, tuple[Event, ...]]:
     """Take a tick's samples in; return the state, with the heading that is steered by, and the events.
 
-    rudder_rad is the rudder angle measured at this tick, NaN where it is not known.
+    `positions` are those that are believed; rudder_rad is the angle measured at this tick, NaN where it is not known.
     """
     before, tick = state.heading, state.tick
     observer_settings = settings.observer
@@ -134,9 +135,10 @@ def update(
             tick = heading_tick.take_heading(tick, settings.tick, model, sample.t_s, sample.heading_rad, timeout_s)
     water_state = state.water
     for fix in positions:
-        if fix.fix is FixType.NONE or fix.latitude_rad is None or fix.longitude_rad is None:
-            continue
-        water_state, course_rad, sd_rad = water.take_position(water_state, fix.t_s, fix.latitude_rad, fix.longitude_rad)
+        place = place_of(fix)
+        water_state, course_rad, sd_rad = water.take_position(
+            water_state, fix.t_s, place.latitude_rad, place.longitude_rad
+        )
         tick = heading_tick.take_course(tick, settings.tick, model, fix.t_s, course_rad, sd_rad)
     tick = heading_tick.end_tick(tick, rudder_rad)
     heading = _steered(settings, observer_settings, state, tick, model, headings, timeouts, rudder_rad, now_s)
@@ -191,11 +193,8 @@ def _with_declination(state: HeadingEstimatorState, positions: Sequence[Position
     """Return the state with the declination of the place."""
     latest = state.declination
     for sample in positions:
-        latitude_rad, longitude_rad = sample.latitude_rad, sample.longitude_rad
-        if sample.fix is FixType.NONE or latitude_rad is None or longitude_rad is None:
-            continue
-        if abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi:
-            latest = declination.update(latest, latitude_rad, longitude_rad, sample.utc_s)
+        place = place_of(sample)
+        latest = declination.update(latest, place.latitude_rad, place.longitude_rad, sample.utc_s)
     return state if latest is state.declination else replace(state, declination=latest)
 
 

@@ -47,7 +47,7 @@ MIN_SWING_RAD: Final = radians(3.0)  # wave yaw in which no fine compass can sho
 STILL_PERIODS: Final = 20.0  # for which a compass can, whose resolution is as large as the wave yaw
 SWING_S: Final = 20.0
 MIN_TRACK_RAD: Final = radians(30.0)  # by which the track must differ: wind and current set it, too
-MOORED_M_S: Final = 0.1  # over the ground; a boat that is slower may be held, and the rudder turns nothing
+MOORED_M_S: Final = 0.1  # over the ground; a boat that is slower may be moored, and the rudder turns nothing
 LEARNED_S: Final = 60.0  # in which the wave yaw is learned
 BIAS_MEAN_S: Final = 300.0
 # The levels are learned by then. Only then are predictions checked; a filter that is rejected learns its levels again.
@@ -151,8 +151,9 @@ def select(
     """Return the state with the source chosen; model: the ship at its present speed, in the water that is known."""
     fixed = now_s - known.fix_t_s <= fix_timeout_s
     north_m_s, east_m_s = water.over_ground_m_s(known, s.filter.motion.heading_rad)
-    held = fixed and math.sqrt(north_m_s * north_m_s + east_m_s * east_m_s) < MOORED_M_S
-    s = with_standstill(s, settings, model, now_s, held)
+    if fixed and math.sqrt(north_m_s * north_m_s + east_m_s * east_m_s) < MOORED_M_S:
+        s = with_silent(s, s.silent, math.nan)
+    s = with_standstill(s, settings, model, now_s)
     course_ok = (
         heading_filter.has_started(s.filter)
         and fixed
@@ -162,25 +163,19 @@ def select(
     return with_sources(s, sources.select(s.sources, now_s, settings.frozen_s, timeouts_s, course_ok))
 
 
-def with_standstill(
-    s: HeadingTick,
-    settings: HeadingSettings,
-    model: KtModel,
-    now_s: float,
-    held: bool,  # noqa: FBT001 - compiled
-) -> HeadingTick:
-    """Return the state with the compass in use contradicted if it has stopped measuring; `held`: it may be moored."""
+def with_standstill(s: HeadingTick, settings: HeadingSettings, model: KtModel, now_s: float) -> HeadingTick:
+    """Return the state with the compass in use contradicted if it has stopped measuring."""
     compass, f = sources.compass_in_use(s.sources), s.filter
     if math.isnan(compass.t_s) or compass.t_s == compass.changed_s or not heading_filter.has_started(f):
         return with_silent(s, s.silent, math.nan)
     silent, since_s = s.silent, s.silent_s
-    if math.isnan(since_s) or held or silent.p00 > MAX_SILENT_SD_RAD * MAX_SILENT_SD_RAD:
+    if math.isnan(since_s) or silent.p00 > MAX_SILENT_SD_RAD * MAX_SILENT_SD_RAD:
         silent, since_s = f.motion, f.t_s
     step_s, angle_rad = now_s - since_s, s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
     if 0.0 < step_s <= LONGEST_PREDICTION_S:
         silent, since_s = heading_model.predict(silent, f.levels, model, angle_rad, step_s), now_s
     ratio = sources.standstill_ratio(compass)
-    if settings.frozen_s > 0.0 and ratio > 1.0 and is_contradicted(s, compass, silent, ratio, held):
+    if settings.frozen_s > 0.0 and ratio > 1.0 and is_contradicted(s, compass, silent, ratio):
         return without_compass(s, since_s, silent)
     return with_silent(s, silent, since_s)
 
@@ -198,17 +193,8 @@ def without_compass(s: HeadingTick, t_s: float, motion: Motion) -> HeadingTick:
     return HeadingTick(state, f, motion, math.nan, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2)
 
 
-def is_contradicted(
-    s: HeadingTick,
-    compass: sources.CompassState,
-    silent: Motion,
-    ratio: float,
-    held: bool,  # noqa: FBT001 - compiled
-) -> bool:
-    """Return whether a compass that stands cannot show what it shows.
-
-    `ratio` is that of its time to its usual one. The rudder does not turn a boat that is `held`.
-    """
+def is_contradicted(s: HeadingTick, compass: sources.CompassState, silent: Motion, ratio: float) -> bool:
+    """Return whether a compass that stands cannot show what it shows; ratio: of its time to its usual one."""
     levels = s.filter.levels
     noise_rad, swing_rad = math.exp(levels.compass_noise), min(math.exp(levels.wave_sd), math.sqrt(s.swing_rad2))
     learned = compass.changed_s - compass.sound_since_s >= LEARNED_S
@@ -216,8 +202,6 @@ def is_contradicted(
         periods = max(1.0, STILL_PERIODS * compass.turns.resolution_rad / swing_rad)
         if compass.t_s - compass.changed_s > periods * math.exp(levels.wave_period):
             return True
-    if held:
-        return False
     off_rad = wrap_pi(compass.heading_rad + compass.offset_rad - silent.heading_rad - silent.wave_rad)
     sd_rad = math.sqrt(silent.p00 + 2.0 * silent.p03 + silent.p33 + noise_rad * noise_rad)
     sds = max(CONTRADICTION_SDS / math.sqrt(ratio), MIN_CONTRADICTION_SDS)
