@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hil.errors import HilError
+from hil.errors import HilError, UsageError
 from hil.report import run_page
 from hil.report.summary import Summary
 from hil.report.text import figures_text
@@ -19,6 +19,8 @@ def reported(out: Path) -> Iterator[None]:
     """Write figures and page of the run in a directory and print them; of one cut short, if it had begun."""
     try:
         yield
+    except UsageError:  # the run has not begun
+        raise
     except BaseException as error:
         _report_what_there_is(out, told=isinstance(error, KeyboardInterrupt))
         raise

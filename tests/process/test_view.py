@@ -192,6 +192,7 @@ def test_a_page_that_cannot_be_is_told_and_there_is_no_run(tmp_path, capsys, lis
     said = capsys.readouterr()
     assert (code, said.out, len(said.err.splitlines())) == (2, "", 1)
     assert listen in said.err
+    assert not (tmp_path / "run" / "report.html").exists()
 
 
 @pytest.mark.proof
