@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from firmware_py.common.angles import radians
 from firmware_py.estimate import heading_model
@@ -118,6 +117,16 @@ def oscillation(first, noise, ww, wv, vw, vv, l00, l10, l11):
 
 
 @compiled
+def decayed(values, keep, before):
+    """Return y[n] = values[n] + keep * y[n - 1] from y[-1] = before (scipy.signal takes a second to import)."""
+    out = np.empty(values.size)
+    for i in range(values.size):
+        before = values[i] + keep * before
+        out[i] = before
+    return out
+
+
+@compiled
 def sail(
     every, steer_every, model, kick, wave_rad, bias_rad, noise_rad, trim_rad, t_s, compass_rad, rudder_rad, true_rad
 ):
@@ -168,7 +177,7 @@ def recorded(sea: Sea, seed: int, seconds: float = 5400.0) -> Recording:
     keep = math.exp(-GRID_S / sea.bias_memory_s)
     steps = math.sqrt(1.0 - keep * keep) * numbers.standard_normal(n)
     steps[0] = numbers.standard_normal()
-    bias_rad = radians(sea.bias_mean_deg) + radians(sea.bias_sd_deg) * lfilter([1.0], [1.0, -keep], steps)
+    bias_rad = radians(sea.bias_mean_deg) + radians(sea.bias_sd_deg) * decayed(steps, keep, 0.0)
     kick = radians(math.sqrt(sea.diffusion_deg2_s * GRID_S)) / sea.turning_lag_s * numbers.standard_normal(n)
     noise_rad = radians(sea.compass_noise_deg) * numbers.standard_normal(n)
     every = round(1.0 / sea.compass_hz / GRID_S)
@@ -202,7 +211,9 @@ def informed_rows(compass_rad, steered_rad, transition, by_rudder, noise, compas
             x[i] += gain[i] * innovation / variance
             for j in range(STATES):
                 p[i, j] -= gain[i] * gain[j] / variance
-        out[row, :STATES], out[row, STATES] = x, math.sqrt(p[0, 0])
+        out[row, STATES] = math.sqrt(p[0, 0])
+        for i in range(STATES):  # numba takes seconds to compile the checks of a slice assignment
+            out[row, i] = x[i]
         for i in range(STATES):
             y[i] = by_rudder[i] * steered_rad[row]
             for j in range(STATES):
@@ -210,8 +221,8 @@ def informed_rows(compass_rad, steered_rad, transition, by_rudder, noise, compas
                 a[i, j] = 0.0
                 for k in range(STATES):
                     a[i, j] += transition[i, k] * p[k, j]
-        x[:] = y
         for i in range(STATES):
+            x[i] = y[i]
             for j in range(STATES):
                 p[i, j] = noise[i, j]
                 for k in range(STATES):
@@ -287,7 +298,7 @@ def best_low_pass_deg(recording: Recording) -> float:
     compass_rad, rows = swing_rad + recording.true_rad, settled(recording)
     for constant_s in LOW_PASSES_S:
         keep = math.exp(-step_s / constant_s) if constant_s else 0.0
-        smooth_rad, _ = lfilter([1.0 - keep], [1.0, -keep], compass_rad, zi=[keep * compass_rad[0]])
+        smooth_rad = decayed((1.0 - keep) * compass_rad, keep, compass_rad[0])
         least = min(least, float(np.sqrt(np.mean((smooth_rad - recording.true_rad)[rows] ** 2))))
     return math.degrees(least)
 
@@ -312,7 +323,7 @@ def prediction_r2(sea: Sea, recording: Recording, states, row, steered_rad, ahea
     count, keep = round(ahead_s / step_s), math.exp(-step_s / model.turning_lag_s)
     # The response to the rudder from rest at the first row; what of it lies in the interval follows by linearity.
     steady = model.turning_ability_1_s * steered_rad
-    rate = lfilter([0.0, 1.0 - keep], [1.0, -keep], steady)
+    rate = np.concatenate([[0.0], decayed((1.0 - keep) * steady[:-1], keep, 0.0)])
     reach_s = model.turning_lag_s * (1.0 - keep)
     moved = np.concatenate([[0.0], np.cumsum(steady * (step_s - reach_s) + rate * reach_s)[:-1]])
     far_s = model.turning_lag_s * (1.0 - math.exp(-ahead_s / model.turning_lag_s))

@@ -4,7 +4,6 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 START_DEG = (63.4, 10.4)
 EARTH_M = 6_371_000.0
@@ -14,6 +13,8 @@ K, T, SPEED_M_S, CURRENT_M_S = 0.049, 4.0, 0.5, 0.15
 
 def coloured(rng, sd, period_s, damping, count):
     """Noise of a second-order system with this period and damping, of this standard deviation."""
+    from scipy.signal import cont2discrete, lfilter  # noqa: PLC0415 - takes a second to import
+
     omega = 2.0 * math.pi / period_s
     top, bottom, _ = cont2discrete(([1.0], [1.0, 2.0 * damping * omega, omega**2]), FINE_S)
     noise = lfilter(top.ravel(), bottom, rng.standard_normal(count + 4000))[4000:]
@@ -21,6 +22,8 @@ def coloured(rng, sd, period_s, damping, count):
 
 
 def wandering(rng, sd, memory_s, count):
+    from scipy.signal import lfilter  # noqa: PLC0415 - takes a second to import
+
     keep = math.exp(-FINE_S / memory_s)
     return lfilter([math.sqrt(1.0 - keep**2)], [1.0, -keep], sd * rng.standard_normal(count))
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
-from scipy.signal import lfilter
 
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
@@ -88,6 +88,9 @@ def without_speed_noise(recording: Recording, notes: list[str]) -> Recording:
 
 def _both_ways(values: Floats, keep: float) -> Floats:
     """Return sums weighted by keep to the power of the distance in rows."""
-    before = lfilter([1.0], [1.0, -keep], values)
-    behind = lfilter([1.0], [1.0, -keep], values[::-1])[::-1]
-    return np.asarray(before + behind - values)
+    return _one_way(values, keep) + _one_way(values[::-1], keep)[::-1] - values
+
+
+def _one_way(values: Floats, keep: float) -> Floats:
+    """Return sums over each row and those before it (lfilter of scipy.signal, which takes a second to import)."""
+    return np.array(list(accumulate(values.tolist(), lambda total, value: value + keep * total)))

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import welch
 
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.orbit import ShortCrestedOrbit
@@ -42,6 +41,8 @@ def test_the_rms_of_the_vector_and_its_part_across_are_those_of_the_directions(y
 
 
 def test_the_period_is_that_of_the_waves_and_the_velocity_that_of_the_place():
+    from scipy.signal import welch  # noqa: PLC0415 - takes a second to import
+
     along, _, place, _ = motion(0.3)
     frequency, power = welch(along, fs=1.0 / STEP_S, nperseg=1024)
     assert 1.0 / frequency[np.argmax(power)] == pytest.approx(8.0, rel=0.08)

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import welch
 
 from hil.ship.drift import RudderDrift
 from hil.ship.gusts import PAUSE_S, Gusts
@@ -29,6 +28,8 @@ def sampled(process: WaveYaw, count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("period_s", [2.53, 8.0])
 def test_spread_and_peak_period(period_s):
+    from scipy.signal import welch  # noqa: PLC0415 - takes a second to import
+
     # A coarse grid makes the run long; the discretisation is exact, so it is the same process.
     step_s = period_s / 10.0
     angles = sampled(waves(0.35, period_s, step_s=step_s), 60_000)
@@ -129,6 +130,8 @@ def test_damping_gives_the_correlation_of_a_second_order_process(damping):
 
 
 def test_the_spectrum_peaks_at_the_period_for_any_damping():
+    from scipy.signal import welch  # noqa: PLC0415 - takes a second to import
+
     process = WaveYaw(0.2, 2.5, 0.1, NormalNumbers(generator(3, Stream.WAVES)), 0.4)
     frequency_hz, power = welch(sampled(process, 120_000), fs=10.0, nperseg=128)
     assert 1.0 / frequency_hz[np.argmax(power)] == pytest.approx(2.5, rel=0.15)

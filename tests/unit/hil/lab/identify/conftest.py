@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import cont2discrete, lfilter
 
 from hil.lab.identify.recording import Recording
 
@@ -64,6 +63,8 @@ def zigzag(time, angle, leg, slew=0.5236):
 
 def wave_yaw(count, step, spread, period, source):
     """Return the yaw of a regular sea: white noise through a lightly damped second-order filter."""
+    from scipy.signal import cont2discrete, lfilter  # noqa: PLC0415 - takes a second to import
+
     omega = 2.0 * np.pi / period
     system = ([omega**2], [1.0, 0.2 * omega, omega**2])
     top, bottom, _ = cont2discrete(system, step, "bilinear")

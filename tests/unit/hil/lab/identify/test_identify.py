@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
-from scipy.signal import TransferFunction, lfilter, lsim
 
 from hil.lab.identify import manoeuvre_file, nmea_capture, report
 from hil.lab.identify.filter import ALPHA, LN_K, UNKNOWNS
@@ -53,6 +52,8 @@ def test_the_intervals_of_a_hundred_boats_hold_the_truth(manoeuvre):
 
 def steered(yard, *, delay_rows=0, lag_s=0.0, rows=1500, step=0.1):
     """Return a boat whose rudder follows its column late."""
+    from scipy.signal import lfilter  # noqa: PLC0415 - takes a second to import
+
     time = np.arange(rows) * step
     rudder = yard.steps(time, 0.35, 15.0, 0.2)
     late = np.concatenate((np.zeros(delay_rows), rudder))[:rows]
@@ -152,6 +153,8 @@ def test_a_yacht_is_predicted_from_another_part_of_its_log():
 
 def test_a_hull_of_higher_order_is_predicted_as_well_as_by_least_squares(yard):
     """The likelihood of one step ahead took what the model leaves out for a disturbance, and predicted worse."""
+    from scipy.signal import TransferFunction, lsim  # noqa: PLC0415 - takes a second to import
+
     time = np.arange(1000) * 0.5
     rudder = yard.zigzag(time, 0.35, 30.0, 0.1) * np.where(time < 300.0, 1.0, 0.5)
     hull = TransferFunction([0.2 * 4.0, 0.2], [20.0 * 3.0, 23.0, 1.0])  # K (1 + T3 s) / (1 + T1 s) / (1 + T2 s)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from hil.lab.identify.identify import identify
 from hil.lab.identify.mend import without_speed_noise
@@ -14,6 +13,8 @@ ROWS, STEP = 6000, 0.1
 
 def wandering(seed):
     """Return a speed about 0.4 m/s that changes by a third within a minute."""
+    from scipy.signal import lfilter  # noqa: PLC0415 - takes a second to import
+
     keep = np.exp(-STEP / 60.0)
     steps = np.sqrt(1.0 - keep**2) * np.random.default_rng(seed).standard_normal(ROWS)
     return 0.4 * np.exp(0.3 * lfilter([1.0], [1.0, -keep], steps))
