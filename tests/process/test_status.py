@@ -1,32 +1,29 @@
 """`rambler status` from outside: a boat under way, one that hangs, one that was killed, one that has ended."""
 
+import contextlib
+import io
 import json
 import os
 import signal
 import socket
 import stat
-import subprocess
-import sys
 from contextlib import closing
 
 import pytest
 
 from firmware_py import __version__
+from firmware_py.__main__ import main
 from firmware_py.system.status_file import DIRECTORIES, STALE_S, file_name
-from support.paths import ROOT
 
 GUIDED = 15
 
 
 def status_of(boat, *words):
-    """Return the exit code and the output of the command; the devices go on while it runs, however long it takes."""
-    command = [sys.executable, "-m", "firmware_py", "status", "--state", str(boat.state), *words]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        while boat.process is not None and boat.process.running() and process.poll() is None:
-            boat.run(0.05)
-        said, errors = process.communicate()
-    assert errors == ""
-    return process.returncode, json.loads(said) if "--json" in words else said
+    """Return the exit code and the output of the command."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        code = main(["status", "--state", str(boat.state), *words])
+    return code, json.loads(said.getvalue()) if "--json" in words else said.getvalue()
 
 
 def until(boat, wanted):

@@ -27,6 +27,10 @@ def off_deg(one, other):
     return np.degrees((one - other + math.pi) % math.tau - math.pi)
 
 
+def first_rows(recorded, count):
+    return {name: values[:count].copy() for name, values in recorded.columns.items()}
+
+
 def test_a_row_for_each_heading_with_the_columns_of_the_contract(recorded, whole):
     columns, _ = whole
     assert list(columns) == CONTRACT
@@ -77,7 +81,7 @@ def test_the_summary(whole):
 
 
 def test_the_same_recording_gives_the_same_estimate(recorded, estimated):
-    few = {name: values[:200] for name, values in recorded.columns.items()}
+    few = first_rows(recorded, 200)
     (columns, summary), (others, other) = estimated(few), estimated(few)
     assert all(np.array_equal(columns[name], others[name], equal_nan=True) for name in columns)
     summary["file"] = other["file"]
@@ -85,14 +89,14 @@ def test_the_same_recording_gives_the_same_estimate(recorded, estimated):
 
 
 def test_degrees_and_a_late_clock_are_the_same_recording(recorded, whole, estimated):
-    columns = dict(recorded.columns)
+    columns = first_rows(recorded, 200)
     for name in ("heading", "rudder"):
         columns[f"{name}_deg"] = np.degrees(columns.pop(f"{name}_rad"))
     columns["time_s"] = columns["time_s"] + 1.7e9
     text = text_of(columns | {"time_s": [repr(time_s) for time_s in columns["time_s"].tolist()]})
     found, summary = estimated(text)
     assert found["time_s"].tolist() == columns["time_s"].tolist()
-    assert np.max(np.abs(off_deg(found["heading_rad"], whole[0]["heading_rad"]))) < 1e-3
+    assert np.max(np.abs(off_deg(found["heading_rad"], whole[0]["heading_rad"][:200]))) < 1e-3
     assert summary["from_s"] == 1.7e9
 
 
@@ -129,13 +133,13 @@ def test_a_gap_in_the_headings_is_a_fault_and_no_row(recorded, estimated):
 
 
 def test_empty_cells(recorded, estimated):
-    columns = {name: values.copy() for name, values in recorded.columns.items()}
+    columns = first_rows(recorded, 300)
     columns["heading_rad"][100:110] = np.nan
     for name, every in (("rudder_rad", 2), ("lat_deg", 5), ("lon_deg", 5), ("sog_m_s", 5), ("cog_deg", 5)):
-        columns[name][np.arange(800) % every != 0] = np.nan
+        columns[name][np.arange(300) % every != 0] = np.nan
     found, summary = estimated(columns)
-    assert found["time_s"].size == 790
-    assert summary["positions"] == 160
+    assert found["time_s"].size == 290
+    assert summary["positions"] == 60
     assert np.isfinite(found["heading_rad"]).all()
 
 
@@ -146,9 +150,10 @@ def test_a_quick_recording(estimated):
     assert np.sqrt(np.mean(off_deg(found["heading_rad"], fast.hull_rad)[400:] ** 2)) < LARGEST_RMS_DEG
 
 
-def test_a_recorded_goal_is_what_it_is_ordered_to_steer(recorded, whole, estimated):
-    _, near = whole
-    _, far = estimated({**recorded.columns, "goal_rad": np.full(800, 1.0)})
+def test_a_recorded_goal_is_what_it_is_ordered_to_steer(recorded, estimated):
+    few = first_rows(recorded, 200)
+    _, near = estimated(few)
+    _, far = estimated({**few, "goal_rad": np.full(200, 1.0)})
     assert far["rudder_travel_commanded_deg_per_h"] != near["rudder_travel_commanded_deg_per_h"]
 
 
@@ -170,7 +175,7 @@ def test_parameters_of_files(recorded, estimated, tmp_path):
     vehicle.write_text(
         f"[compass]\n{device.format('nmea')}[rudder]\n{device.format('volz')}id = 1\n[parameters]\nMDL_T_S = 7.0\n"
     )
-    few = {name: values[:200] for name, values in recorded.columns.items()}
+    few = first_rows(recorded, 200)
     _, summary = estimated(few, "--params", str(params), "--vehicle", str(vehicle))
     assert summary["ship"] == {"K": 0.1, "T": 7.0, "alpha": 17.0, "speed": 0.4}
 
@@ -205,14 +210,14 @@ def test_a_log_of_ardupilot(recorded, estimated):
 
 def test_json_to_standard_output(recorded, tmp_path, capsys):
     path = tmp_path / "table.csv"
-    path.write_text(text_of({name: values[:100] for name, values in recorded.columns.items()}))
+    path.write_text(text_of(first_rows(recorded, 100)))
     assert main(["estimate", str(path), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["headings"] == 100
 
 
 def test_the_page_is_self_contained(recorded, estimated, tmp_path):
     path = tmp_path / "page.html"
-    few = {name: values[:300] for name, values in recorded.columns.items()}
+    few = first_rows(recorded, 300)
     _, summary = estimated(few, "--page", str(path))
     text = path.read_text()
     assert "http" not in text.replace("http-equiv", "").replace("http://www.w3.org/", "")
