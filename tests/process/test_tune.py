@@ -59,7 +59,7 @@ def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenari
 @pytest.mark.proof
 def test_the_paper_s_chain_is_reproduced(tmp_path, figures):
     code, said, errors = rambler_hil("reproduce", "--out", tmp_path)
-    assert (code, errors) == (0, "")
+    assert code == 0, errors  # progress, if it takes long
     found = json.loads((tmp_path / "reproduce.json").read_text())
     for row in found["rows"]:
         if row["verdict"] != "silent":
