@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from scipy import stats
+from scipy.special import stdtrit  # scipy.stats takes a second to import
 
 from hil.bench.figure import Figure, Finding
 from hil.bench.report import number
@@ -104,7 +104,7 @@ def compare(baseline: Kept, findings: Mapping[str, Finding]) -> list[Verdict]:
 def _allowed(repeats: Sequence[float], compared: int, more_is_better: bool) -> tuple[float, float]:  # noqa: FBT001
     """Return the middle of the repeats and the worst that one more may be."""
     logarithms, count = [math.log(one) for one in repeats], len(repeats)
-    quantile = float(stats.t.ppf(1.0 - FALSE_ALARM / compared, count - 1))
+    quantile = float(stdtrit(count - 1, 1.0 - FALSE_ALARM / compared))
     reach = max(quantile * statistics.stdev(logarithms) * math.sqrt(1.0 + 1.0 / count), math.log1p(LEAST_REACH))
     mean = statistics.fmean(logarithms)
     return statistics.median(repeats), math.exp(mean - reach if more_is_better else mean + reach)

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
@@ -16,6 +15,7 @@ from hil.lab.twin.sea import sea_of
 from hil.ship.scenarios import sea_of as named
 from hil.sim.goals import Goal
 from support import informed_voyage
+from support.heading_recording import decayed
 from support.informed_voyage import RECORDED_LIKE
 
 pytestmark = [pytest.mark.proof, pytest.mark.timeout(7200)]
@@ -45,7 +45,7 @@ def judged(record):
     passes = []
     for lag_s in LOW_PASSES_S:
         keep = math.exp(-0.1 / lag_s) if lag_s else 0.0
-        low = lfilter([1.0 - keep], [1.0, -keep], shown, zi=[keep * shown[0]])[0]
+        low = decayed((1.0 - keep) * shown, keep, shown[0])
         off = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[heard:] - low])[use[heard:]]
         passes.append(float(np.mean(off**2)))
     return float(np.mean(error**2)), float(np.mean((error / t[use, loop.HEADING_SD_RAD]) ** 2)), passes

@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.signal import welch
 
 from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled_here
@@ -70,6 +69,8 @@ def steered(rows, hull, ship, plain, series, waiting):
 
 def spectrum_in_band(values):
     """Return the mean of the one-sided spectrum from 0.02 to 0.04 Hz, below that of all waves."""
+    from scipy.signal import welch  # noqa: PLC0415 - takes a second to import
+
     frequency_hz, power = welch(values, fs=1.0 / ROW_S, nperseg=4000)
     return float(np.mean(power[(frequency_hz >= 0.02) & (frequency_hz <= 0.04)]))
 

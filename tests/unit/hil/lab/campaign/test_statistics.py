@@ -2,14 +2,20 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from hil.lab.campaign import statistics
 
 ALONE = np.zeros(200)
 
 
-def test_a_share_has_wilsons_interval():
+@pytest.fixture(scope="module")
+def stats():
+    from scipy import stats  # noqa: PLC0415 - takes a second to import
+
+    return stats
+
+
+def test_a_share_has_wilsons_interval(stats):
     found = statistics.share(5, 50)
     expected = stats.binomtest(5, 50).proportion_ci(method="wilson")
     assert found.value == 0.1
@@ -19,13 +25,13 @@ def test_a_share_has_wilsons_interval():
     assert statistics.share(0, 0) == statistics.Estimate(0.0, 0.0, 1.0)
 
 
-def test_ranks_are_those_of_the_books_and_infinity_is_last():
+def test_ranks_are_those_of_the_books_and_infinity_is_last(stats):
     values = np.random.default_rng(1).integers(0, 20, 200).astype(float)
     assert np.array_equal(statistics.ranks(values), stats.rankdata(values))
     assert statistics.ranks(np.array([3.0, math.inf, 1.0, math.inf])).tolist() == [2.0, 3.5, 1.0, 3.5]
 
 
-def test_a_rank_correlation_is_spearmans():
+def test_a_rank_correlation_is_spearmans(stats):
     random = np.random.default_rng(2)
     one = random.normal(size=200)
     other = np.exp(one) + random.normal(size=200)
@@ -135,7 +141,7 @@ def _settling(random, runs, after_s):
     return after_s + random.normal(0.0, 5.0, runs) + late_s
 
 
-def test_a_median_may_be_infinite_and_its_ends_are_those_of_the_books():
+def test_a_median_may_be_infinite_and_its_ends_are_those_of_the_books(stats):
     assert statistics.median(np.array([1.0] * 3 + [math.inf] * 5)).value == math.inf
     assert statistics.median(np.array([-math.inf, -math.inf, 1.0, 2.0, 4.0, 8.0, math.inf, math.inf])).value == 3.0
     never, soon = np.full(9, math.inf), np.arange(9.0)
@@ -148,7 +154,7 @@ def test_a_median_may_be_infinite_and_its_ends_are_those_of_the_books():
 
 
 @pytest.mark.parametrize("runs", [8, 30, 200])
-def test_four_of_five_tell_what_so_many_runs_are_said_to_tell(runs):
+def test_four_of_five_tell_what_so_many_runs_are_said_to_tell(stats, runs):
     random = np.random.default_rng(runs)
     least = statistics.told_from(1.0, runs)
     values = random.normal(least, 1.0, (4000, runs))

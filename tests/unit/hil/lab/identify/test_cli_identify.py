@@ -7,8 +7,6 @@ import pytest
 
 from firmware_py.common.parameters import parse_file
 from hil.__main__ import main
-from hil.lab.identify import picture
-from hil.report.style import new_figure
 
 HEADER = "time_s,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s"
 ROWS = [f"{0.1 * n:.1f},{0.3 if n % 40 < 20 else -0.3},{0.001 * n},0.01,0.4" for n in range(100)]
@@ -216,6 +214,9 @@ def test_a_thruster_command_is_taken_and_gives_no_parameters(yard, tmp_path, cap
 
 
 def test_a_thruster_command_is_shown_in_no_unit(yard, monkeypatch, tmp_path):
+    from hil.lab.identify import picture  # noqa: PLC0415 - with matplotlib: no time of each collection
+    from hil.report.style import new_figure  # noqa: PLC0415
+
     boat, time = yard.boat(0.0012, 1.5), np.arange(1000) * 0.1
     command = yard.steps(time, 500.0, 6.0, 1e9)
     write(tmp_path / "t.csv", yard.recorded(time, command, *boat.motion(time, command, held=True)), speed="")
