@@ -321,7 +321,7 @@ def test_a_servo_that_was_not_asked_while_she_was_halted_is_not_silent(halted_s)
     assert "Rudder servo does not answer" not in boat.events
 
 
-@pytest.mark.parametrize(("every", "found_s"), [(1, 1.0), (2, 1.0), (4, 1.0), (10, 2.5), (20, 5.0)])
+@pytest.mark.parametrize(("every", "found_s"), [(1, 1.0), (4, 1.0), (10, 2.5), (20, 5.0)])
 @pytest.mark.parametrize("estimator", [0, 1])
 def test_a_compass_is_lost_as_fast_as_its_own_rate_allows(every, found_s, estimator):
     boat = Boat(ParameterSet().replaced("EST_MODE", estimator), noise_rad=0.002)
@@ -504,15 +504,15 @@ def test_home_stays_when_the_receiver_goes_wrong_under_way():
     assert set(found) == {Home(*RIGHT, 3.0)}
 
 
-@pytest.mark.parametrize(("armed", "least_m", "most_m"), [(True, 35.0, 45.0), (False, 0.0, 3.0)])
+@pytest.mark.parametrize(("armed", "least_m", "most_m"), [(True, 21.0, 27.0), (False, 0.0, 3.0)])
 def test_without_fixes_she_reckons_on_under_way_and_stays_on_the_hook(armed, least_m, most_m):
     boat = Boat(noise_rad=0.01)
     boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), 10
     boat.under_way().tick(SteerHeading(0.5))
-    boat.run(120.0)
+    boat.run(60.0)
     boat.tick(Arm(armed=armed))
     fix, boat.position = boat.state.position.fix, None
-    boat.run(100.0)
+    boat.run(60.0)
     place = boat.state.position
     north_m = 6371008.8 * (place.latitude_rad - fix.latitude_rad)
     east_m = 6371008.8 * math.cos(0.5) * (place.longitude_rad - fix.longitude_rad)

@@ -44,7 +44,8 @@ def test_she_tells_steps_aside_and_goes_her_way_again():
     assert boat.said("A vessel comes near") == [told]
     assert boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert 40.0 <= math.degrees(boat.snapshot.goal_heading_rad) <= 60.001
-    boat.run(290.0)
+    boat.run(290.0, until=lambda boat: not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1)
+    boat.run(10.0)
     assert boat.said("Goes her own way again")
     assert not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
