@@ -135,10 +135,11 @@ class LockstepClock:
         """Let the world move on; return the descriptors that are readable then.
 
         Returns early, without any time gone by, for a descriptor that the HIL does not
-        feed (a socket of an outside ground station).
+        feed (a socket of an outside ground station), and then for no other: the bytes that
+        the HIL puts into its lines meanwhile belong to a later time.
         """
         watch = self._watch(tuple(descriptors), tuple(self._fed()))
-        if self._settle() and (ready := watch.ready()):
+        if self._settle() and (ready := self._ready(watch)):
             return ready
         if deadline_s > self._now_s and not (self._outstanding or self._coming):
             self._send(deadline_s, watch.lines)
@@ -148,7 +149,10 @@ class LockstepClock:
             self._now_s, line = self._coming.pop()
             if line >= 0:
                 return [descriptor for descriptor in (self._fed()[line],) if descriptor in descriptors]
-        return watch.ready()
+        return self._ready(watch)
+
+    def _ready(self, watch: _Watch) -> Sequence[int]:
+        return watch.ready(fed=not (self._outstanding or self._coming))
 
     def _watch(self, descriptors: tuple[int, ...], fed: tuple[int, ...]) -> _Watch:
         """Return what looks at these descriptors, of which there are a few sets, again and again."""
@@ -193,9 +197,9 @@ class _Watch:
         for descriptor in {hil, *descriptors}.difference(fed):
             self._waking.register(descriptor, select.POLLIN)
 
-    def ready(self) -> list[int]:
-        """Return what is readable now, in the order in which it is watched."""
-        ready = {descriptor for descriptor, _ in self._all.poll(0)}
+    def ready(self, *, fed: bool) -> list[int]:
+        """Return what is readable now, with or without the lines of the HIL, in the order in which it is watched."""
+        ready = {descriptor for descriptor, _ in (self._all if fed else self._waking).poll(0)}
         return [descriptor for descriptor in self._descriptors if descriptor in ready]
 
     def hil_has_answered(self, look_s: float) -> bool:

@@ -187,7 +187,7 @@ def _wait(done: Callable[[], bool], timeout_s: float) -> bool:
     turns = 0
     while not done():
         if time.monotonic() > deadline_s:
-            return False
+            return done()  # this process may have been stopped meanwhile
         turns += 1
         if turns < _YIELDS:
             os.sched_yield()

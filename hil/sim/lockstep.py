@@ -151,8 +151,8 @@ class LockstepServer:
         elif not self._waiting():
             self._board.advance(min(deadline_s, limit_s), self._patience)
         for port in self._board.ports:
-            if isinstance(port.line, PtyLine):
-                port.line.arrived()
+            if isinstance(port.line, PtyLine) and not port.line.arrived():
+                raise LockstepError(f"bytes for the autopilot have not come through to {port.path.name}")
         now_s = self._board.world.now_s
         if paced:
             self._pacer.wait(now_s)

@@ -166,6 +166,27 @@ def test_lockstep_serves_an_outside_socket_without_time_going_by(lockstep):
             hil.recv(64)  # one packet each way, although there were two waits
 
 
+def test_bytes_of_a_later_time_are_not_read_when_an_outside_socket_ends_the_wait(lockstep):
+    """They would be stamped too early, and the HIL would wait for their arrival in vain."""
+    clock, hil = lockstep
+    (ours, theirs), (fed, other) = socket.socketpair(), socket.socketpair()
+    descriptors = [fed.fileno(), ours.fileno()]
+    with ours, theirs, fed, other:
+        clock.fed += [-1, fed.fileno()]
+        theirs.sendall(b"x")
+        other.sendall(b"x")
+        assert list(clock.wait(3.1, descriptors)) == [ours.fileno()]
+        clock.settled.append(lambda: True)
+        assert list(clock.wait(3.1, descriptors)) == [ours.fileno()]
+        hil.sendall(answer(3.1, (3.05, 1)))
+        ours.recv(1)
+        assert list(clock.wait(3.1, descriptors)) == [fed.fileno()]
+        assert clock.now_s() == 3.05
+        assert list(clock.wait(3.05, descriptors)) == []  # the rest is of 3.1
+        assert list(clock.wait(3.1, descriptors)) == [fed.fileno()]
+        assert clock.now_s() == 3.1
+
+
 def test_bytes_on_a_line_of_the_hil_do_not_keep_time_from_going_on(lockstep):
     clock, hil = lockstep
     fed, other = socket.socketpair()

@@ -255,6 +255,14 @@ def test_an_autopilot_that_hangs_or_dies_is_told(tmp_path):
             assert not server.serve()
 
 
+def test_bytes_that_do_not_come_through_are_an_error_and_no_silent_delay(tmp_path, monkeypatch):
+    monkeypatch.setattr(PtyLine, "arrived", lambda _line: False)
+    with make_board(tmp_path, a=Beacon()) as board:
+        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], [(1.0, {})])
+        with pytest.raises(LockstepError, match="not come through to a"):
+            serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
+
+
 def test_a_path_that_cannot_be_listened_at_is_an_error(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board, pytest.raises(LockstepError, match="lockstep socket"):
         LockstepServer(tmp_path / "absent" / "clock", board, Pacer(math.inf))
