@@ -139,14 +139,12 @@ def update(
         water_state, course_rad, sd_rad = water.take_position(
             water_state, fix.t_s, place.latitude_rad, place.longitude_rad
         )
-        tick = heading_tick.take_course(tick, settings.tick, model, fix.t_s, course_rad, sd_rad)
+        tick = heading_tick.take_course(tick, settings.tick, fix.t_s, course_rad, sd_rad)
     tick = heading_tick.end_tick(tick, rudder_rad)
     heading = _steered(settings, observer_settings, state, tick, model, headings, timeouts, rudder_rad, now_s)
     if heading.t_s == now_s:
         by_compass = sources.uses_compass(tick.sources)
-        water_state = water.take_heading(
-            water_state, heading.heading_rad if by_compass else math.nan, now_s - before.t_s
-        )
+        water_state = water.take_heading(water_state, heading.heading_rad, by_compass, now_s - before.t_s)
     water_state = water.update(water_state, now_s)
     return HeadingEstimatorState(heading, tick, water_state, state.declination, odd_variation), events
 

@@ -286,17 +286,6 @@ def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rud
     return f if t_s - given.t_s < LEARNING_STEP_S else _learned(f, levels, model, t_s, heading_rad)
 
 
-def correct_course(
-    f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, sd_rad: float, rudder_rad: float
-) -> HeadingFilter:
-    """Return a filter that has started with a heading from the track taken in; nothing is learned of it."""
-    step_s = t_s - f.t_s
-    if not (0.0 < step_s <= LONGEST_GAP_S and math.isfinite(heading_rad) and sd_rad > 0.0):
-        return f
-    motion = heading_model.predict(f.motion, f.levels, model, rudder_rad, step_s)
-    return with_motion(f, t_s, heading_model.correct_course(motion, heading_rad, sd_rad))
-
-
 def relearned(f: HeadingFilter) -> HeadingFilter:
     """Return the filter with its learning started again, as in the first minute, because its levels fit no more."""
     learning = _first_learning(f.t_s, f.motion.heading_rad + f.motion.wave_rad)

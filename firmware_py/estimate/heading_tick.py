@@ -160,7 +160,22 @@ def select(
         and s.filter.motion.p00 <= MAX_COURSE_SD_RAD * MAX_COURSE_SD_RAD
         and water.known(known)[2] >= settings.course_speed_m_s
     )
-    return with_sources(s, sources.select(s.sources, now_s, settings.frozen_s, timeouts_s, course_ok))
+    s = with_sources(s, sources.select(s.sources, now_s, settings.frozen_s, timeouts_s, course_ok))
+    step_s = now_s - s.filter.t_s
+    if s.sources.in_use != sources.Source.COURSE or not 0.0 < step_s <= LONGEST_PREDICTION_S:
+        return s
+    # Courses come rarely: in between the motion follows each rudder angle, and its variance grows.
+    angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
+    return with_motion(s, now_s, heading_model.predict(s.filter.motion, s.filter.levels, model, angle_rad, step_s))
+
+
+def with_motion(s: HeadingTick, t_s: float, motion: Motion) -> HeadingTick:
+    """Return the state with a motion that no compass has corrected."""
+    f = heading_filter.with_motion(s.filter, t_s, motion)
+    check = prediction_check.restarted(s.check, motion, t_s)
+    return HeadingTick(
+        s.sources, f, s.silent, s.silent_s, check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
+    )
 
 
 def with_standstill(s: HeadingTick, settings: HeadingSettings, model: KtModel, now_s: float) -> HeadingTick:
@@ -258,7 +273,7 @@ def smoothed_with(
 
 
 def take_course(
-    s: HeadingTick, settings: HeadingSettings, model: KtModel, t_s: float, heading_rad: float, sd_rad: float
+    s: HeadingTick, settings: HeadingSettings, t_s: float, heading_rad: float, sd_rad: float
 ) -> HeadingTick:
     """Return the state with a heading from the track taken in, with its standard deviation (NaN: none).
 
@@ -273,12 +288,7 @@ def take_course(
         return s
     if not sd_rad <= water_results.MAX_HEADING_SD_RAD:
         return s
-    angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
-    f = heading_filter.correct_course(s.filter, model, t_s, heading_rad, sd_rad, angle_rad)
-    check = prediction_check.restarted(s.check, f.motion, f.t_s)
-    return HeadingTick(
-        s.sources, f, s.silent, s.silent_s, check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
-    )
+    return with_motion(s, s.filter.t_s, heading_model.correct_course(s.filter.motion, heading_rad, sd_rad))
 
 
 def end_tick(s: HeadingTick, rudder_rad: float) -> HeadingTick:

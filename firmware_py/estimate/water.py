@@ -46,11 +46,17 @@ class Place(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """Begin of a stretch of track; NaN: there is none."""
+    """Begin of a stretch of track (NaN: there is none), and the estimated heading on it.
+
+    `heading_rad` is the last one (NaN: none), `cosine_s` and `sine_s` are the integrals of its cosine and sine.
+    """
 
     t_s: float = math.nan
     north_m: float = 0.0
     east_m: float = 0.0
+    heading_rad: float = math.nan
+    cosine_s: float = 0.0
+    sine_s: float = 0.0
 
 
 NO_STRETCH: Final = Stretch()
@@ -103,12 +109,16 @@ def with_filter(s: WaterState, fix_t_s: float, f: WaterFilter, origin: Place, st
     return WaterState(fix_t_s, f, s.verdict, s.slow_t_s, s.slow, s.expected, origin, stretch)
 
 
-def take_heading(s: WaterState, heading_rad: float, step_s: float) -> WaterState:
-    """Return the state after step_s on this heading (NaN: not known by a compass)."""
+def take_heading(s: WaterState, heading_rad: float, by_compass: bool, step_s: float) -> WaterState:  # noqa: FBT001 - compiled
+    """Return the state after step_s on this estimated heading; the filter takes only one by a compass."""
     if not has_started(s):
         return s
-    f = water_filter.take_heading(s.filter, heading_rad, step_s)
-    return with_filter(s, s.fix_t_s, f, s.origin, s.stretch)
+    f, t = water_filter.take_heading(s.filter, heading_rad if by_compass else math.nan, step_s), s.stretch
+    stretch = Stretch(
+        t.t_s, t.north_m, t.east_m, heading_rad,
+        t.cosine_s + step_s * math.cos(heading_rad), t.sine_s + step_s * math.sin(heading_rad),
+    )  # fmt: skip
+    return with_filter(s, s.fix_t_s, f, s.origin, stretch)
 
 
 def offset_m(origin: Place, latitude_rad: float, longitude_rad: float) -> tuple[float, float]:
@@ -121,7 +131,10 @@ def offset_m(origin: Place, latitude_rad: float, longitude_rad: float) -> tuple[
 def take_position(
     s: WaterState, t_s: float, latitude_rad: float, longitude_rad: float
 ) -> tuple[WaterState, float, float]:
-    """Return the state with a position, and the heading from the track with its standard deviation (NaN: none)."""
+    """Return the state with a position, and the heading from the track with its standard deviation (NaN: none).
+
+    A stretch of track has its mean heading; the heading at its end differs from that as the estimated heading does.
+    """
     here, heading_rad, sd_rad = Place(latitude_rad, longitude_rad), math.nan, math.nan
     if not has_started(s):
         return with_filter(s, t_s, begin_filter(t_s, s.expected), here, NO_STRETCH), heading_rad, sd_rad
@@ -137,7 +150,8 @@ def take_position(
             heading_rad, sd_rad = water_results.heading_from_track(
                 f, t_s, north_m - stretch.north_m, east_m - stretch.east_m, duration_s
             )
-        stretch = Stretch(t_s, north_m, east_m)
+            heading_rad += wrap_pi(stretch.heading_rad - math.atan2(stretch.sine_s, stretch.cosine_s))
+        stretch = Stretch(t_s, north_m, east_m, stretch.heading_rad, 0.0, 0.0)
     return with_filter(s, t_s, f, origin, stretch), heading_rad, sd_rad
 
 

@@ -30,7 +30,7 @@ TURNED_COSINE: Final = 0.85  # of 32 deg
 STALE_S: Final = 120.0  # without a position for longer the verdict stays
 FIX_SD_M: Final = 5.0
 TIDE_RAD_S: Final = 2.0 * math.pi / 44_712.0  # the principal lunar tide, 12.42 h
-MAX_HEADING_SD_RAD: Final = 0.5  # of a heading from the track to steer by
+MAX_HEADING_SD_RAD: Final = 1.0  # of a heading from the track that is taken; beyond it is no linear measurement
 MAX_SPEED_SDS: Final = 3.0
 # Covariance of a record that lacks it: 0.3 m/s of current and speed, 0.1 m/s sideways.
 UNKNOWN_WATER: Final = (0.09, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.09, 0.0, 0.01)

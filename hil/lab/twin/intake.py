@@ -50,7 +50,7 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
         if at.fixes[fix, LOST] == 0.0:
             latitude_rad, longitude_rad = at.fixes[fix, LATITUDE_RAD], at.fixes[fix, LONGITUDE_RAD]
             known, course_rad, sd_rad = water.take_position(known, t_s, latitude_rad, longitude_rad)
-            s = heading_tick.take_course(s, boat.heading, model, t_s, course_rad, sd_rad)
+            s = heading_tick.take_course(s, boat.heading, t_s, course_rad, sd_rad)
     drop(at, headings, fixes)
     s = heading_tick.end_tick(s, boat.servo_sign * at.feedback_rad)
     f, compass = s.filter, sources.compass_in_use(s.sources)
@@ -61,7 +61,7 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
             me.sample_s = now_s
         elif not me.sample_s > f.t_s:
             me.sample_s = f.t_s
-        known = water.take_heading(known, me.heading_rad if by_compass else np.nan, now_s - me.steered_s)
+        known = water.take_heading(known, me.heading_rad, by_compass, now_s - me.steered_s)
         me.steered_s = now_s
     known = water.update(known, now_s)
     seen = Seen(

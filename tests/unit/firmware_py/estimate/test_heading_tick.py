@@ -58,7 +58,7 @@ class Boat:
             if sample.source == s.sources.in_use:
                 s = heading_tick.take_heading(s, self.settings, model, sample.t_s, sample.heading_rad, 2.0)
         if course is not None:
-            s = heading_tick.take_course(s, self.settings, model, self.t_s, course, radians(10.0))
+            s = heading_tick.take_course(s, self.settings, self.t_s, course, radians(10.0))
         self.state = heading_tick.end_tick(s, rudder_rad if self.rudder_known else math.nan)
         self.sources.append(s.sources.in_use)
         if heading_filter.has_started(s.filter):
@@ -248,6 +248,17 @@ def test_the_course_gives_the_heading_without_a_compass():
     assert boat.in_use == Source.COURSE
     assert boat.off_deg < 15.0
     assert boat.state.check.comparisons <= 3.0  # nothing is compared with what the track gave
+
+
+def test_without_a_compass_the_heading_follows_each_rudder_angle_between_courses():
+    boat = Boat().run(90.0)
+    boat.shows, before_rad = (lambda _: LEFT_OUT), boat.heading_rad
+    sd_rad = heading_tick.heading_sd(boat.run(20.0, radians(20.0)).state)
+    boat.run(20.0)
+    assert boat.in_use == Source.COURSE
+    assert abs(wrap_pi(boat.heading_rad - before_rad)) > radians(15.0)
+    assert boat.off_deg < 3.0
+    assert heading_tick.heading_sd(boat.state) > sd_rad
 
 
 # ---------------------------------------------------------------------------------- check and fallback
