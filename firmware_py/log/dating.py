@@ -1,12 +1,28 @@
-"""When the rows of the thin log were, of runs that began before the computer knew the time."""
+"""The calendar time of logs whose process began before the computer knew the time."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
-from firmware_py.common.calendar import is_possible
+from firmware_py.common.calendar import LAST_UTC_S, is_possible
+from firmware_py.log.dataflash import Buffer, Parser
 
 _SLACK_S = 1.0
+_FIRST_UTC_S = 1.0e9  # 2001: an earlier time is not from a receiver
+
+
+def utc_shift_s(buffer: Buffer) -> float | None:
+    """Return UTC less the time of the process, by the first dated fix of a log; None without one."""
+    for found, at in Parser(buffer):
+        if found.name == "FIX":
+            fix = dict(zip(found.labels, found.unpack(buffer, at), strict=True))
+            utc_s, t_s = fix.get("Utc"), fix.get("T")
+            if not (isinstance(utc_s, float) and isinstance(t_s, float)):  # of another version, or damaged
+                continue
+            if _FIRST_UTC_S < utc_s < LAST_UTC_S and math.isfinite(t_s):
+                return utc_s - t_s
+    return None
 
 
 def dated(utc_s: Sequence[float], t_s: Sequence[float], span_s: Sequence[float]) -> list[float]:

@@ -1,7 +1,7 @@
 """Onboard logs as a run is shown: the boat's own estimate in place of what really happened, and what she said.
 
-The columns are read by name, so that a log of another version shows what it has. Logs of several starts are put end to
-end, whatever time lay between them.
+The columns are read by name, so that a log of another version shows what it has. Logs of several starts stand at their
+dates; one without a date, or with one before the end of the log before it, directly behind that log.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -23,7 +24,7 @@ from firmware_py.common.reports import Activity
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.open_file import open_buffer
 from hil.errors import UsageError
-from hil.report.log_records import Gathered, LogFile
+from hil.report.log_records import SAME_START_S, Gathered, LogFile, Segment
 from hil.sim.truth import Array, Truth
 
 _LINE: Final = Activity.LINE.value
@@ -52,8 +53,8 @@ class FieldLog:
     `more` holds columns beside the truth by the names of the page's model, in its units, NaN where nothing was logged
     at a tick. `plans` and `home` (degrees) are the newest, north and east count from `origin`, people
     count the items of a mission from `first_item`.
-    `late_us` are percentiles by name; `utc_s` is the calendar's time of time 0, None when no fix has told it, `start_s`
-    that of the process.
+    `late_us` are percentiles by name; `utc_s` is UTC at time 0 by the first log with a dated fix, `start_s` the time of
+    the process then. `cuts` are the rows with which a log begins that does not continue the one before.
     """
 
     truth: Truth
@@ -69,11 +70,20 @@ class FieldLog:
     late_us: Mapping[str, float]
     steering_wh: float
     notes: tuple[str, ...]
+    segments: tuple[Segment, ...]
+    cuts: tuple[int, ...]
     more: Mapping[str, Array] = field(default_factory=dict)
     plans: Mapping[str, Plan] = field(default_factory=dict)
     home: tuple[float, float] | None = None
     origin: tuple[float, float] | None = None
     first_item: int = 0
+
+    def axis_utc_s(self) -> float | None:
+        """Return UTC at time 0 where it is the same by all logs, else None."""
+        agree = all(
+            one.utc_s is not None and abs(one.utc_s - (self.utc_s or 0.0)) <= SAME_START_S for one in self.segments
+        )
+        return self.utc_s if agree else None
 
 
 def read(paths: Sequence[Path], *, every: int = 1) -> FieldLog:
@@ -98,6 +108,8 @@ def read(paths: Sequence[Path], *, every: int = 1) -> FieldLog:
 def _made(got: Gathered) -> FieldLog:
     columns = {name: np.asarray(column) for name, column in got.columns.items()}
     time_s = columns["time_s"]
+    places = (int(np.searchsorted(time_s, one.begin_s)) for one in got.segments if one.is_apart)
+    cuts = tuple(place for place in places if 0 < place < time_s.size)
     heading = _filled(columns["heading"])
     hull = np.unwrap(np.where(np.isnan(columns["hull"]), heading, _filled(columns["hull"])))
     error = np.array([wrap_pi(value) if math.isfinite(value) else math.nan for value in columns["error"]])
@@ -114,8 +126,8 @@ def _made(got: Gathered) -> FieldLog:
     percentiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
     return FieldLog(
         truth=truth,
-        goal_held_rad=_held(time_s, columns["goal"], goal),
-        stretches=tuple(_stretches(truth, columns["mode"], columns["armed"], error)),
+        goal_held_rad=_held(time_s, columns["goal"], goal, cuts),
+        stretches=tuple(_stretches(truth, columns["mode"], columns["armed"], error, cuts)),
         texts=tuple(got.texts),
         settings={name: value for name, value in got.settings.items() if _is_set(name, value)},
         software=got.software,
@@ -128,6 +140,8 @@ def _made(got: Gathered) -> FieldLog:
         else {},
         steering_wh=got.steering_j / 3600.0,
         notes=tuple(got.notes),
+        segments=tuple(got.segments),
+        cuts=cuts,
         more=_more(columns),
         plans=got.orders.plans,
         home=got.orders.home or first,
@@ -199,24 +213,25 @@ def _track(fixes: Mapping[str, array[float]], time_s: Array) -> tuple[Array, Arr
     )
 
 
-def _held(time_s: Array, named_rad: Array, goal_rad: Array) -> Array:
+def _held(time_s: Array, named_rad: Array, goal_rad: Array, cuts: Sequence[int]) -> Array:
     """Return the goal, one number for each stretch in which it stood for HELD_S, NaN elsewhere."""
     held = np.full_like(goal_rad, np.nan)
     if not time_s.size:
         return held
     changes = np.flatnonzero((named_rad[1:] != named_rad[:-1]) | (np.abs(np.diff(goal_rad)) > math.pi)) + 1
-    for first, last in zip([0, *changes], [*changes, time_s.size], strict=True):
+    for first, last in pairwise([0, *np.union1d(changes, cuts).astype(int), time_s.size]):
         if last - first > 1 and time_s[last - 1] - time_s[first] >= HELD_S and np.isfinite(goal_rad[first]):
             turns = round((goal_rad[first] - named_rad[first]) / math.tau)  # she may have turned round
             held[first:last] = named_rad[first] + turns * math.tau
+    held[list(cuts)] = np.nan  # a goal that goes on in the next log is judged there as another one
     return held
 
 
-def _stretches(truth: Truth, mode: Array, armed: Array, error_rad: Array) -> Iterator[Stretch]:
+def _stretches(truth: Truth, mode: Array, armed: Array, error_rad: Array, cuts: Sequence[int]) -> Iterator[Stretch]:
     state = np.nan_to_num(mode) * 2.0 + np.nan_to_num(armed)
     changes = np.flatnonzero(np.diff(state)) + 1
-    for first, last in zip([0, *changes], [*changes, state.size], strict=True):
-        part = slice(int(first), int(last))
+    for first, last in pairwise([0, *np.union1d(changes, cuts).astype(int), state.size]):
+        part = slice(first, last)
         seconds = float(truth.time_s[part][-1] - truth.time_s[part][0])
         errors = np.degrees(error_rad[part][np.isfinite(error_rad[part])])
         travel_deg = float(np.degrees(np.sum(np.abs(np.diff(truth.rudder_rad[part])))))

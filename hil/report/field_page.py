@@ -95,9 +95,10 @@ def _days_parts(table: thin_log.ThinTable) -> Iterator[str]:
 def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> Iterator[str]:
     truth = log.truth
     goals = goal_figures(_pieces(replace(truth, goal_rad=log.goal_held_rad)))
-    begin = "" if log.utc_s is None else f"{_calendar(log.utc_s + float(truth.time_s[0]))} UTC, "
-    hours = float(truth.time_s[-1] - truth.time_s[0]) / 3600.0
-    yield page.paragraph(f"{begin}{hours:.2f} h; {log.software or 'software unknown'}", "lead")
+    begin = "" if log.segments[0].utc_s is None else f"{_clock(float(truth.time_s[0]), log)} UTC, "
+    apart_s = sum(one.gap_s for one in log.segments if one.gap_s > 0.0)
+    hours = (float(truth.time_s[-1] - truth.time_s[0]) - apart_s) / 3600.0
+    yield page.paragraph(f"{begin}{hours:.2f} h logged; {log.software or 'software unknown'}", "lead")
     yield from page.voyage(field_voyage(log))
     yield page.heading("Figures")
     if goals:
@@ -105,7 +106,7 @@ def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> I
     yield page.table(
         [
             ("under way", "for", "mean error", "rms error", "rudder travel"),
-            *(_stretch_cells(one) for one in log.stretches[:STRETCHES_SHOWN]),
+            *(_stretch_cells(one, log) for one in log.stretches[:STRETCHES_SHOWN]),
         ]
     )
     late = ", ".join(f"{name} {value:.0f} us" for name, value in log.late_us.items())
@@ -142,11 +143,11 @@ def _pieces(truth: Truth) -> list[Truth]:
     ]
 
 
-def _stretch_cells(one: field_log.Stretch) -> tuple[str, ...]:
+def _stretch_cells(one: field_log.Stretch, log: FieldLog) -> tuple[str, ...]:
     armed = "armed" if one.armed else "disarmed"
     known = math.isfinite(one.rms_error_deg)
     return (
-        f"{MODE_NAMES.get(one.mode, f'mode {one.mode}')}, {armed}, from {one.t_s:.0f} s",
+        f"{MODE_NAMES.get(one.mode, f'mode {one.mode}')}, {armed}, from {_clock(one.t_s, log)}",
         f"{one.seconds:.0f} s",
         f"{one.mean_error_deg:+.2f} deg" if known else "-",
         f"{one.rms_error_deg:.2f} deg" if known else "-",
@@ -155,7 +156,11 @@ def _stretch_cells(one: field_log.Stretch) -> tuple[str, ...]:
 
 
 def _clock(t_s: float, log: FieldLog) -> str:
-    return f"{t_s:.1f} s" if log.utc_s is None else _calendar(log.utc_s + t_s)
+    """Return a time of the page as UTC by the log that it is in; without a date, since the first tick of that log."""
+    here = next((one for one in reversed(log.segments) if one.begin_s <= t_s), log.segments[0])
+    if here.utc_s is not None:
+        return _calendar(here.utc_s + t_s)
+    return f"{here.name + ' ' if len(log.segments) > 1 else ''}{t_s - here.begin_s:.1f} s"
 
 
 def _calendar(utc_s: float) -> str:

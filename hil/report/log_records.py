@@ -8,15 +8,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from firmware_py.log.dataflash import Buffer, Format, Parser, text_of
+from firmware_py.log.dating import utc_shift_s
 from firmware_py.log.rows import TEXT
 from hil.report.orders import Orders
 
-BETWEEN_S = 0.1  # the end of one start and the begin of the next
+BETWEEN_S = 0.1  # between logs without dates
+SAME_START_S = 60.0  # the clock of a process and that of the receiver differ by less in a month
+_SHORTEST_GAP_S = 5.0  # a shorter time without ticks is not reported
 _MOST_SKIPPED = 1e9  # ticks between two: more is damage
 _WITH_TEXT = ("MSG", "PARM", "CHK", "REQ")
 _MOST_PARTS = 1 << 12  # of a state: more is damage
@@ -40,7 +43,7 @@ _TICK_COLUMNS: Final = (
 )
 _WANTED: Final[dict[str, Sequence[str]]] = {
     "TICK": ("T", "Late", "Skip"),
-    "FIX": ("T", "LatR", "LngR", "Sog", "Utc"),
+    "FIX": ("T", "LatR", "LngR", "Sog"),
     "MSG": ("TimeUS", "Message", "Sev"),
     "PARM": ("Name", "Value"),
     "ENRG": ("Enrg", "Pow"),
@@ -48,6 +51,23 @@ _WANTED: Final[dict[str, Sequence[str]]] = {
     "REQ": tuple(column.label for column in TEXT),
     "HDG": ("I", "Hdg"),
 }
+
+
+class Segment(NamedTuple):
+    """One log on the page: its name, when it begins there, and the UTC of time 0 of the page by this log's date.
+
+    `gap_s` is the time without ticks before it, NaN where a log is not dated.
+    """
+
+    name: str
+    begin_s: float
+    utc_s: float | None
+    gap_s: float
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether the boat did something unknown between the log before and this one."""
+        return not self.gap_s < _SHORTEST_GAP_S
 
 
 @dataclass(slots=True)
@@ -74,7 +94,8 @@ class Gathered:
     end_s: float = 0.0  # of what has been taken
     shift_s: float = 0.0  # from the time of the process to that of the page
     start_s: float = 0.0  # of the process, at the first tick: time 0 of the page
-    utc_s: float | None = None  # of time 0 of the page
+    utc_s: float | None = None  # of time 0 of the page, by the first log with a date
+    segments: list[Segment] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
@@ -99,6 +120,8 @@ class LogFile:
         self._path, self._got = path, got
         self._row: dict[str, float] = {}
         self._first_s: float | None = None
+        self._utc_shift_s: float | None = None  # from the time of the process to UTC
+        self._texts: list[tuple[float, int, str]] = []
         self._energy: tuple[float, float] | None = None
         self._pieces: list[bytes] = []
         self._take: Mapping[str, Callable[..., None]] = {
@@ -108,6 +131,7 @@ class LogFile:
 
     def take(self, data: Buffer) -> None:
         """Take all records."""
+        self._utc_shift_s = utc_shift_s(data)
         wanted = _WANTED | {name: tuple(row) for name, row in _READ_BY_TICK.items()}
         for name, values in records(data, wanted):
             if name in _READ_BY_TICK:
@@ -117,6 +141,8 @@ class LogFile:
             else:
                 self._take[name](*map(_number, values))
         self._flush()
+        shift_s = self._got.shift_s  # known from the first tick on
+        self._got.texts += [(t_s + shift_s, severity, text) for t_s, severity, text in self._texts]
         if self._energy is not None:
             self._got.steering_j += self._energy[1] - self._energy[0]
         if self._first_s is None:
@@ -129,13 +155,31 @@ class LogFile:
         got = self._got
         if self._first_s is None:
             self._first_s = t_s
-            if not got.columns["time_s"]:
-                got.shift_s, got.start_s = -t_s, t_s
-            elif t_s + got.shift_s <= got.end_s:  # of another start
-                got.shift_s = got.end_s + BETWEEN_S - t_s
+            self._begin(t_s)
         self._row = {"time_s": t_s + got.shift_s}
         got.late_s.append(late_s)
         got.skipped += int(skipped) if skipped < _MOST_SKIPPED else 0
+
+    def _begin(self, t_s: float) -> None:
+        """Place the log on the page: at its date, or directly behind the log before."""
+        got, shift_s = self._got, self._utc_shift_s
+        gap_s = 0.0
+        if not got.segments:
+            got.shift_s, got.start_s = -t_s, t_s
+        else:
+            dated_s = math.nan if shift_s is None or got.utc_s is None else shift_s - got.utc_s
+            if t_s + got.shift_s <= got.end_s or abs(dated_s - got.shift_s) > SAME_START_S:  # of another start
+                got.shift_s = max(got.end_s + BETWEEN_S - t_s, dated_s)  # NaN is not greater
+                gap_s = math.nan if got.shift_s != dated_s else gap_s
+            elif shift_s is None and got.segments[-1].utc_s is not None:
+                shift_s = got.segments[-1].utc_s + got.shift_s
+            gap_s += t_s + got.shift_s - got.end_s
+        utc_s = None if shift_s is None else shift_s - got.shift_s
+        got.utc_s = utc_s if got.utc_s is None else got.utc_s
+        got.segments.append(segment := Segment(self._path.name, t_s + got.shift_s, utc_s, gap_s))
+        if segment.is_apart:
+            known = f"{gap_s:.0f} s without a log before it" if gap_s >= 0.0 else "time since the log before it unknown"
+            got.notes.append(f"{segment.name}: {known}")
 
     def _flush(self) -> None:
         row, got = self._row, self._got
@@ -147,15 +191,11 @@ class LogFile:
             got.end_s = row["time_s"]
         self._row = {}
 
-    def _fix(self, t_s: float, latitude_rad: float, longitude_rad: float, speed_m_s: float, utc_s: float) -> None:
+    def _fix(self, t_s: float, latitude_rad: float, longitude_rad: float, speed_m_s: float) -> None:
         if self._first_s is None or not (abs(latitude_rad) <= math.pi and abs(longitude_rad) <= math.tau):
             return
         got = self._got
         self._row["ground"] = speed_m_s
-        if math.isfinite(utc_s) and 0.0 <= t_s < _LONGEST_S:
-            zero_utc_s = utc_s - t_s - got.shift_s
-            if got.utc_s is None:
-                got.utc_s = zero_utc_s
         for column, value in zip(
             got.fixes.values(), (t_s + got.shift_s, latitude_rad, longitude_rad, speed_m_s), strict=True
         ):
@@ -167,9 +207,7 @@ class LogFile:
         text = text_of(message)
         if not self._got.software and text.startswith("rambler"):
             self._got.software = text
-        self._got.texts.append(
-            (_number(time_us) / 1e6 + self._got.shift_s, int(np.nan_to_num(_number(severity))), text)
-        )
+        self._texts.append((_number(time_us) / 1e6, int(np.nan_to_num(_number(severity))), text))
 
     def _parameter(self, name: Any, value: Any) -> None:
         if isinstance(name, bytes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -23,11 +24,14 @@ _LEAST_WAVES_DEG: Final = 0.2  # below, the filter's period is that of nothing
 def spectrum_of(log: FieldLog) -> dict[str, Any] | None:
     """Return the spectra for a page, in deg2/Hz; None for a log that is too short, or without an estimate."""
     truth = log.truth
-    if truth.time_s.size < 3 or np.array_equal(truth.heading_rad, truth.heading_low_rad):
+    # Of the longest part without a gap.
+    part = slice(*max(pairwise([0, *log.cuts, truth.time_s.size]), key=lambda ends: ends[1] - ends[0]))
+    time_s, compass, hull = (column[part] for column in (truth.time_s, truth.heading_rad, truth.heading_low_rad))
+    if time_s.size < 3 or np.array_equal(compass, hull):
         return None
-    period_s, waves_deg = log.more["wave_period_s"], log.more["wave_sd_deg"]
+    period_s, waves_deg = log.more["wave_period_s"][part], log.more["wave_sd_deg"][part]
     told = np.isfinite(period_s) & (waves_deg > _LEAST_WAVES_DEG)
-    return spectra(truth.time_s, truth.heading_rad, truth.heading_low_rad, period_s[told & _second_half(told)])
+    return spectra(time_s, compass, hull, period_s[told & _second_half(told)])
 
 
 def spectra(time_s: Array, compass_rad: Array, hull_rad: Array, period_s: Array) -> dict[str, Any] | None:

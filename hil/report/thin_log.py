@@ -20,6 +20,7 @@ from hil.errors import UsageError
 from hil.report.log_records import records
 from hil.sim.truth import Array
 
+Rows = NDArray[np.intp]
 DAY_S: Final = 86_400.0
 _GAP_S: Final = 600.0  # longer than this between two rows, and no line is drawn between them
 _SAILING = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
@@ -139,8 +140,12 @@ def panel_values(table: ThinTable, panel: tuple[str, str, float]) -> Array:
     return np.asarray((values > 0.0).astype(float) if label == "Flt" else values)
 
 
-def broken(time_s: Array, columns: Mapping[str, Array]) -> dict[str, Array]:
-    """Return columns over time, as lines that are broken where nothing was logged."""
-    gaps = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
+def gaps_of(time_s: Array) -> Rows:
+    """Return the rows before which nothing was logged."""
+    return np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
+
+
+def broken(time_s: Array, columns: Mapping[str, Array], gaps: Rows) -> dict[str, Array]:
+    """Return columns over time, as lines that are broken before the rows `gaps`."""
     found = {name: np.insert(values, gaps, np.nan) for name, values in columns.items()}
-    return {"time_s": np.insert(time_s, gaps, time_s[gaps - 1] + 1.0), **found}
+    return {"time_s": np.insert(time_s, gaps, (time_s[gaps - 1] + time_s[gaps]) / 2.0), **found}

@@ -13,7 +13,7 @@ from firmware_py.view.model import Line, Panel, Voyage, numbers, plan_rows, voya
 from hil.report import thin_log
 from hil.report.field_log import FieldLog
 from hil.report.spectrum import spectrum_of
-from hil.report.thin_log import ThinTable, broken, panel_values, places_m
+from hil.report.thin_log import ThinTable, broken, gaps_of, panel_values, places_m
 from hil.report.thinning import thinned
 from hil.sim.truth import Array, Truth
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
@@ -40,8 +40,10 @@ def field_voyage(log: FieldLog) -> Voyage:
     """Return the voyage that a boat's own logs tell of."""
     truth = log.truth
     few = thinned((truth,), truth.time_s.size)
-    made = voyage({**_onboard(log, few.time_s), **_columns(few)}, log.texts) | _beside(log)
-    made["begin_utc_s"], made["origin"] = log.utc_s, None if log.origin is None else numbers(log.origin, 7)
+    gaps = np.searchsorted(few.time_s, truth.time_s[list(log.cuts)])
+    columns = broken(few.time_s, {**_onboard(log, few.time_s), **_columns(few)}, gaps)
+    made = voyage(columns, log.texts) | _beside(log)
+    made["begin_utc_s"], made["origin"] = log.axis_utc_s(), None if log.origin is None else numbers(log.origin, 7)
     return made
 
 
@@ -51,7 +53,8 @@ def days_voyage(table: ThinTable) -> Voyage:
     every = max(1, math.ceil(table.rows / _DAY_LINES))
     north_m, east_m = places_m(table)
     named = {f"day_{number}": panel_values(table, panel) for number, panel in enumerate(thin_log.PANELS)}
-    columns = broken(table["Utc"] - begin_s, {**named, "north_m": north_m, "east_m": east_m})
+    time_s = table["Utc"] - begin_s
+    columns = broken(time_s, {**named, "north_m": north_m, "east_m": east_m}, gaps_of(time_s))
     panels = [
         Panel(title, (Line(f"day_{number}", title),), step=label == "Flt")
         for number, (title, label, _) in enumerate(thin_log.PANELS)

@@ -11,9 +11,10 @@ import math
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.cli.export.messages import Message, messages, utc_shift_s
+from firmware_py.cli.export.messages import Message, messages
 from firmware_py.common.records import Severity
 from firmware_py.log.dataflash import Buffer
+from firmware_py.log.dating import utc_shift_s
 
 LAYOUT_SUFFIX: Final = ".layout.json"
 _POSITION, _LOG = "/position", "/log"

@@ -1,18 +1,15 @@
-"""The messages of a log in numbers that others understand, and the calendar they are put on."""
+"""The messages of a log in numbers that others understand."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator
 from typing import Any, Final, NamedTuple
 
-from firmware_py.common.calendar import LAST_UTC_S
 from firmware_py.log.dataflash import FMT_TYPE, Buffer, Format, Parser, text_of
 
 _SCALES: Final = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 _TEXTS: Final = frozenset("nNZ")
 _MICROSECONDS: Final = 1e-6
-_FIRST_UTC_S: Final = 1.0e9  # 2001: what is earlier is no date of a receiver
 
 
 class Message(NamedTuple):
@@ -56,12 +53,3 @@ def _values(found: Format, buffer: Buffer, at: int) -> dict[str, Any]:
         else:
             values[label] = value * _SCALES[kind] if kind in _SCALES else value
     return values
-
-
-def utc_shift_s(buffer: Buffer) -> float | None:
-    """Return what makes a process's time UTC, by the first date of the receiver; None when it never told one."""
-    for message in messages(buffer, {"FIX"}):
-        utc_s, t_s = message.values.get("Utc", math.nan), message.values.get("T", math.nan)
-        if _FIRST_UTC_S < utc_s < LAST_UTC_S and math.isfinite(t_s):
-            return float(utc_s - t_s)
-    return None

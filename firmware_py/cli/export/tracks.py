@@ -11,10 +11,11 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.cli.export.messages import Message, declared, messages, utc_shift_s
+from firmware_py.cli.export.messages import Message, declared, messages
 from firmware_py.common.angles import degrees, radians
 from firmware_py.common.geodesy import Place
 from firmware_py.log.dataflash import Buffer
+from firmware_py.log.dating import utc_shift_s
 from firmware_py.plans.items import ROWS
 
 _GPX, _KML = "http://www.topografix.com/GPX/1/1", "http://www.opengis.net/kml/2.2"

@@ -16,8 +16,9 @@ from firmware_py.log.dataflash import header
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
 from hil.__main__ import main
 from hil.errors import UsageError
-from hil.report import field_log, field_page, thin_log
+from hil.report import field_log, field_page, log_records, thin_log
 from hil.report.log_records import Gathered, LogFile
+from hil.report.voyages import field_voyage
 from support.paths import REPLAY, ROOT
 
 LOG = REPLAY / "tank_pni_volz.BIN"
@@ -66,6 +67,43 @@ def test_logs_of_two_starts_are_put_end_to_end():
     assert two.ticks == pytest.approx(2 * one.ticks, abs=1)
     assert np.all(np.diff(two.truth.time_s) > 0.0)
     assert two.truth.time_s[-1] == pytest.approx(2.0 * one.truth.time_s[-1] - one.truth.time_s[0], rel=0.01)
+
+
+def test_logs_stand_at_their_dates_with_the_gaps_between_them(tmp_path, monkeypatch):
+    """The second start is 300 s after the first one's end, the third two days later without a date."""
+    one = field_log.read([LOG])
+    length_s = float(one.truth.time_s[-1])
+    begin_s = 1.8e9
+    dates = iter([begin_s, begin_s + length_s + 300.0, None] * 2)
+    monkeypatch.setattr(log_records, "utc_shift_s", lambda _data: next(dates))
+    log = field_log.read([LOG] * 3)
+    second, third = (float(log.truth.time_s[row]) for row in log.cuts)
+    assert second == pytest.approx(length_s + 300.0)
+    assert third == pytest.approx(2.0 * length_s + 300.1)
+    seconds = sum(one.seconds for one in log.stretches)
+    assert seconds == pytest.approx(3.0 * sum(one.seconds for one in one.stretches), rel=0.01), "without the gaps"
+    assert [field_page._clock(t_s, log) for t_s in (10.0, second + 10.0, third + 10.0)] == [
+        "2027-01-15 08:00:10", field_page._calendar(begin_s + second + 10.0), f"{LOG.name} 10.0 s"
+    ]  # fmt: skip
+    assert log.axis_utc_s() is None
+    drawn = field_voyage(log)["columns"]
+    assert sum(rudder is None for rudder in drawn["rudder_deg"]) == 2
+    field_page.write([LOG] * 3, tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    assert f"{LOG.name}: 300 s without a log before it" in text
+    assert f"{LOG.name}: time since the log before it unknown" in text
+    assert field_page._calendar(begin_s + length_s + 300.0 + one.texts[-1][0]) in text
+
+
+def test_a_log_that_continues_another_one_has_its_date():
+    got = log_records.Gathered()
+    for t_s, date in ((0.0, 1.8e9), (100.0, None), (200.0, 1.8e9 + 20.0), (201.0, 1.9e9)):
+        file = LogFile(LOG, got)
+        file._utc_shift_s = date
+        file._tick(t_s, 0.0, 0.0)
+        file._flush()
+    assert [one.utc_s for one in got.segments] == [1.8e9, 1.8e9, 1.8e9 + 20.0, 1.8e9]
+    assert [one.gap_s for one in got.segments] == [0.0, 100.0, 100.0, 1e8 + 1.0]
 
 
 def test_the_page_holds_all_that_it_shows(state, tmp_path, capsys):
