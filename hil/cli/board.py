@@ -73,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
             (directory / VEHICLE_NAME).write_text(file_text(options.vehicle, board.paths(), {}), encoding="utf-8")
         except OSError as error:
             raise UsageError(f"directory {directory}: {error.strerror}; give another") from None
+        book.begin()
         _introduce(directory, board, lines)
         book.wall_s = _serve(board, options.seconds, stack.enter_context(stopped_by_signal()))
     return 0

@@ -17,19 +17,27 @@ from hil.sim import run_file
 @contextmanager
 def reported(out: Path) -> Iterator[None]:
     """Write figures and page of the run in a directory and print them; of one cut short, if it had begun."""
+    before = _record_of(out)
     try:
         yield
     except UsageError:  # the run has not begun
         raise
     except BaseException as error:
-        _report_what_there_is(out, told=isinstance(error, KeyboardInterrupt))
+        if _record_of(out) not in (None, before):
+            _report_what_there_is(out, told=isinstance(error, KeyboardInterrupt))
         raise
     _tell(*run_page.make(out))
 
 
+def _record_of(out: Path) -> tuple[int, int] | None:
+    try:
+        found = (out / run_file.NAME).stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns
+
+
 def _report_what_there_is(out: Path, *, told: bool) -> None:
-    if not (out / run_file.NAME).exists():
-        return
     try:
         figures, report = run_page.make(out)
     except HilError as error:  # what has ended the run is told, too

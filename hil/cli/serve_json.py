@@ -8,6 +8,7 @@ import math
 import socket
 import sys
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -82,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
             flush=True,
         )
         ship = JsonShip(book.world, servo=arguments.steering, travel_rad=radians(arguments.travel))
-        book.wall_s = _serve(listener, ship, options.seconds)
+        book.wall_s = _serve(listener, ship, options.seconds, book.begin)
     return 0
 
 
@@ -114,7 +115,7 @@ def _listener(port: int) -> socket.socket:
     return listener
 
 
-def _serve(listener: socket.socket, ship: JsonShip, end_s: float) -> float | None:
+def _serve(listener: socket.socket, ship: JsonShip, end_s: float, begin: Callable[[], None]) -> float | None:
     """Answer packets until the ship's time is over or none comes any more; what is none is told, once of a kind.
 
     Return how long she was steered, None for not at all.
@@ -140,6 +141,9 @@ def _serve(listener: socket.socket, ship: JsonShip, end_s: float) -> float | Non
             continue
         if is_new:
             print(f"steered from {address[0]}:{address[1]}", flush=True)
-        begun_s, heard_s = now_s if begun_s is None else begun_s, now_s
+        if begun_s is None:
+            begun_s = now_s
+            begin()
+        heard_s = now_s
         listener.sendto(ship.answer(packet), address)
     return None if begun_s is None or heard_s is None else heard_s - begun_s

@@ -33,6 +33,8 @@ def goal_cells(goal: dict[str, Any]) -> tuple[str, ...]:
 
 def loop_line(summary: Summary) -> str:
     """Return how the control loop kept time."""
+    if not summary["sailed_s"]:
+        return f"empty run, no figures: {summary['ending']}"
     loop = summary["loop"]
     ratio = summary["speed_ratio"]
     speed = "speed unknown" if ratio is None else f"{ratio:.1f} x real time"

@@ -63,6 +63,7 @@ def run(options: RunOptions, paths: Mapping[str, str], url: str) -> None:
         aboard: dict[str, Emulator] = {**{name: devices[name] for name in paths}, "link": station}
         directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rambler-")))
         board = stack.enter_context(Board(book.world, aboard, directory, wired=lines))
+        book.begin()
         title = f"rambler-hil run {options.scenario.name}, seed {options.seed}, with the autopilot at {url}"
         display = stack.enter_context(
             make_display(Banner(title, options.seconds, (url,), lockstep=False), board.world, station)

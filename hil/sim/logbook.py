@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from firmware_py.vehicle import Vehicle
@@ -17,7 +18,7 @@ from hil.ship.scenarios import Scenario, rows_of
 from hil.sim import run_file
 from hil.sim.goals import Goal
 from hil.sim.ground_station import GUIDED
-from hil.sim.run_directory import TRUTH_FILE, prepare_directory
+from hil.sim.run_directory import TRUTH_FILE, prepare_directory, remove_earlier, restore_earlier
 from hil.sim.run_file import FINISHED, OrderRecord, RunFile
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import model_of, mounting_of, standard_vehicle
@@ -52,8 +53,12 @@ class RunOptions:
 
 @dataclass(slots=True)
 class Logbook:
-    """A boat at sea and what is to be written of it at the end; `wall_s` is what it took, the start left out."""
+    """A boat at sea and what is to be written of it at the end; `wall_s` is what it took, the start left out.
 
+    `begin` is called when all ports are open and the autopilot runs: from then on an earlier run is replaced.
+    """
+
+    begin: Callable[[], None]
     world: World
     truth: TruthFile
     wall_s: float | None = None
@@ -64,15 +69,28 @@ class Logbook:
 
 @contextmanager
 def put_to_sea(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
-    """Begin a run's directory and its world, and write down how it ended; HilError when that cannot be."""
+    """Begin a run's directory and its world, and write down how it ended; HilError when that cannot be.
+
+    A run that fails before it has begun leaves an earlier one in the directory as it was.
+    """
     prepare_directory(options.out, options.state)
+    try:
+        with _recorded(options, start_utc_s) as book:
+            yield book
+        book.begin()
+    finally:
+        restore_earlier(options.out)
+
+
+@contextmanager
+def _recorded(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
     record = _record(options, start_utc_s)
     record.write(options.out)
     truth = TruthFile(options.out / TRUTH_FILE, columns_beside(options.scenario))
     ending, begun_s = FINISHED, time.monotonic()
     book: Logbook | None = None
     try:
-        book = Logbook(_world(options, truth, start_utc_s), truth)
+        book = Logbook(partial(remove_earlier, options.out), _world(options, truth, start_utc_s), truth)
         yield book
     except BaseException as error:
         ending = _ending(error, truth.end_s)

@@ -22,6 +22,8 @@ SUMMARY, PAGE, PICTURE = "summary.json", "report.html", "run.png"
 CAMPAIGN = "campaign.json"  # of a directory that is not a run's
 # What an earlier run has left: nobody shall take it for what this one came to.
 FILES = (TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME, run_file.NAME, SUMMARY, PAGE, PICTURE)
+_EARLIER = ".earlier"  # the files of an earlier run, until this one has begun
+_PARTLY = ".earlier-moving"  # some of them, while they are moved
 
 
 @contextmanager
@@ -67,14 +69,16 @@ def check_free(out: Path, names: tuple[str, ...]) -> None:
 
 
 def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
-    """Make the output directory, with a copy of a state in it, in place of an earlier run; or raise UsageError.
+    """Make the output directory, with a copy of a state in it, and set an earlier run aside; or raise UsageError.
 
+    `remove_earlier` deletes the earlier run when this one has begun, `restore_earlier` restores it when it is refused.
     The copy is made first: it may be of the earlier run's state, and one that cannot be made leaves that run whole.
     """
     check_free(out, (CAMPAIGN,))
     state = out / STATE
     try:
         out.mkdir(parents=True, exist_ok=True)
+        restore_earlier(out)  # of a process that was killed before its run had begun
         with tempfile.TemporaryDirectory(prefix=".state-", dir=out) as directory:
             copied = Path(directory) / STATE
             if begin_with is not None:
@@ -82,11 +86,11 @@ def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
             # What the autopilot remembers would change the run. But never remove what no run's autopilot has made.
             if state.exists() and not (out / FIRMWARE_LOG).exists():
                 raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
-            _tell_replaced(out)
-            if state.exists():
-                shutil.rmtree(state)
-            for name in FILES:
-                (out / name).unlink(missing_ok=True)
+            if earlier := [name for name in (STATE, *FILES) if (out / name).exists()]:
+                (out / _PARTLY).mkdir()
+                for name in earlier:
+                    (out / name).rename(out / _PARTLY / name)
+                (out / _PARTLY).rename(out / _EARLIER)
             if begin_with is not None:
                 (out / FIRMWARE_LOG).touch()
                 copied.rename(state)
@@ -94,15 +98,32 @@ def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
         raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
 
 
-def _tell_replaced(out: Path) -> None:
-    """Say which run a directory holds that is about to be replaced."""
-    if not any((out / name).exists() for name in (run_file.NAME, VEHICLE_NAME)):
+def restore_earlier(out: Path) -> None:
+    """Replace what a run that was refused has left by the earlier run that was set aside, if any."""
+    if (out / _EARLIER).exists():
+        shutil.rmtree(out / STATE, ignore_errors=True)
+        for name in FILES:
+            (out / name).unlink(missing_ok=True)
+        (out / _EARLIER).rename(out / _PARTLY)
+    if (out / _PARTLY).exists():
+        for path in (out / _PARTLY).iterdir():
+            path.rename(out / path.name)
+        (out / _PARTLY).rmdir()
+
+
+def remove_earlier(out: Path) -> None:
+    """Report which run is replaced, if one was set aside, and delete it."""
+    earlier = out / _EARLIER
+    if not earlier.exists():
         return
-    try:
-        before = f"the run of {run_file.read(out).begun}"
-    except UsageError:  # of another version
-        before = "an earlier run"
-    print(f"rambler-hil: {out}: {before} is replaced; another --out keeps both", file=sys.stderr)
+    if any((earlier / name).exists() for name in (run_file.NAME, VEHICLE_NAME)):
+        try:
+            before = f"the run of {run_file.read(earlier).begun}"
+        except UsageError:  # of another version
+            before = "an earlier run"
+        print(f"rambler-hil: {out}: {before} is replaced; another --out keeps both", file=sys.stderr)
+    with tempfile.TemporaryDirectory(prefix=".state-", dir=out) as directory:
+        earlier.rename(Path(directory) / STATE)
 
 
 def copy_state(state: Path, target: Path) -> None:

@@ -93,7 +93,7 @@ def _make(options: RunOptions, book: Logbook, station: GroundStation, devices: d
         tempfile.TemporaryDirectory(prefix="rambler-") as directory,
         Board(book.world, devices, Path(directory), send) as board,
     ):
-        book.wall_s = _Run(options, board, station, Path(directory)).make()
+        book.wall_s = _Run(options, board, station, Path(directory), book.begin).make()
     if station.gave_way:
         print(f"rambler-hil: {station.gave_way}", file=sys.stderr)
     if not options.play:
@@ -108,8 +108,16 @@ def _judge(station: GroundStation, out: Path) -> None:
 class _Run:
     """The parts of a run while it goes."""
 
-    def __init__(self, options: RunOptions, board: Board, station: GroundStation, directory: Path) -> None:
+    def __init__(
+        self,
+        options: RunOptions,
+        board: Board,
+        station: GroundStation,
+        directory: Path,
+        begin: Callable[[], None],
+    ) -> None:
         self._options = options
+        self._begin = begin
         self._board = board
         self._station = station
         self._socket_path = directory / "clock"
@@ -159,6 +167,7 @@ class _Run:
         ):
             try:
                 server.accept(autopilot.running, START_UTC_S)
+                self._begin()
                 start_s = time.monotonic()
                 with display:
                     while self._under_way():
@@ -190,14 +199,23 @@ class _Run:
         return True
 
     def _in_real_time(self, arguments: list[str], display: Display) -> float:
-        with AutopilotProcess(arguments, self._options.out / FIRMWARE_LOG) as autopilot, display:
+        begun = False
+        with (
+            AutopilotProcess(arguments, self._options.out / FIRMWARE_LOG) as autopilot,
+            contextlib.ExitStack() as shown,
+        ):
             server = RealTimeServer(self._board)
             while self._under_way():
                 slack_s = server.serve(min(self._options.seconds, server.now_s() + LOOK_S))
+                if not begun and self._station.heartbeat is not None:
+                    begun = True
+                    self._begin()
+                    shown.enter_context(display)
                 if not autopilot.running():
                     self._check_ending(autopilot)
                     break
-                display.update(slack_s)
+                if begun:
+                    display.update(slack_s)
             wall_s = server.now_s()
             autopilot.terminate()
             while autopilot.running() and server.now_s() < wall_s + END_S:

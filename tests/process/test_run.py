@@ -129,13 +129,18 @@ def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, 
     assert len(fixes) > 5
 
 
-def test_an_autopilot_that_cannot_start_is_told_with_its_own_words(tmp_path):
+def test_an_autopilot_that_cannot_start_is_told_with_its_own_words_and_replaces_no_run(tmp_path):
+    for name in ("run.json", "vehicle.toml", "firmware.log"):
+        (tmp_path / name).write_text("earlier")
     code, said, errors = rambler_hil("run", "calm", "--speed", "max", "--link", "udp:nowhere", "--out", str(tmp_path))
     assert code == 1
     assert said == ""
     assert len(errors.splitlines()) == 1
     assert "the autopilot ended" in errors
     assert "udp:nowhere" in errors
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys(
+        ("run.json", "vehicle.toml", "firmware.log"), "earlier"
+    )
 
 
 def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):

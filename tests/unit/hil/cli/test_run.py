@@ -1,7 +1,11 @@
 """The command line of `rambler-hil run`: what it takes and what it refuses."""
 
 import argparse
+import contextlib
+import itertools
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -12,7 +16,8 @@ from hil.ship.extras import NONE
 from hil.ship.extras_table import text_of
 from hil.sim import run_directory
 from hil.sim.goals import Goal
-from hil.sim.run_directory import prepare_directory
+from hil.sim.logbook import put_to_sea
+from hil.sim.run_directory import prepare_directory, remove_earlier
 
 
 def options(*words):
@@ -114,7 +119,8 @@ def test_runs_are_hidden_from_git_and_only_an_earlier_runs_state_is_cleared(tmp_
         prepare_directory(tmp_path / "mine")
     (tmp_path / "mine" / "firmware.log").write_text("")
     prepare_directory(tmp_path / "mine")
-    assert not kept.exists()
+    remove_earlier(tmp_path / "mine")
+    assert list((tmp_path / "mine").iterdir()) == []
 
 
 def test_a_run_replaces_nothing_of_a_campaign(tmp_path):
@@ -133,6 +139,7 @@ def test_a_run_begins_with_the_state_of_the_one_that_it_replaces_and_keeps_what_
         (tmp_path / name).write_text("")
     for _ in range(2):
         prepare_directory(tmp_path, state)
+        remove_earlier(tmp_path)
         assert sorted(path.name for path in tmp_path.iterdir()) == ["firmware.log", "state"]
         assert (state / "mission").read_text() == "x"
         (tmp_path / "vehicle.toml").write_text("")
@@ -164,12 +171,78 @@ def test_a_run_that_replaces_another_says_so(tmp_path, monkeypatch, capsys):
         for name in names:
             (tmp_path / name).write_text("{}")
         prepare_directory(tmp_path)
+        assert capsys.readouterr().err == ""
+        remove_earlier(tmp_path)
         line = f"rambler-hil: {tmp_path}: an earlier run is replaced; another --out keeps both\n"
         assert capsys.readouterr().err == ("" if names == ["truth.csv"] else line)
     monkeypatch.setattr(run_directory.run_file, "read", lambda _out: argparse.Namespace(begun="yesterday"))
     (tmp_path / "vehicle.toml").touch()
     prepare_directory(tmp_path)
+    remove_earlier(tmp_path)
     assert ": the run of yesterday is replaced;" in capsys.readouterr().err
+
+
+def content(directory):
+    return {str(path.relative_to(directory)): path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+
+
+def earlier_run(directory):
+    """Put files of a run into a directory and return their content."""
+    (directory / "state/logs").mkdir(parents=True)
+    for name in ("vehicle.toml", "firmware.log", "run.json", "truth.csv", "report.html", "state/logs/00000001.BIN"):
+        (directory / name).write_text(f"earlier {name}")
+    return content(directory)
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--view", "0.0.0.0:9000"], "asks for a token"),
+        (["--link", "sbd:/dev/null"], "give a directory"),
+        (
+            ["--remote", "udpout:nowhere.invalid:1", "--compass-port", "/dev/null/x", "--speed", "real"],
+            "--compass-port",
+        ),
+    ],
+)
+def test_a_run_that_is_refused_leaves_the_earlier_one_and_makes_no_report(tmp_path, capsys, words, reason):
+    before = earlier_run(tmp_path)
+    assert main(["run", "calm", "--speed", "max", "--out", str(tmp_path), *words]) == 2
+    said = capsys.readouterr()
+    assert reason in said.err
+    assert (said.err + said.out).count("\n") == 1
+    assert content(tmp_path) == before
+
+
+def test_a_run_replaces_the_earlier_one_from_its_begin_on_however_it_ends(tmp_path, capsys):
+    earlier_run(tmp_path)
+    options_here = replace(options("calm", "--speed", "max"), out=tmp_path)
+    with contextlib.suppress(ZeroDivisionError), put_to_sea(options_here, 0.0) as book:
+        assert capsys.readouterr().err == ""
+        book.begin()
+        assert "an earlier run is replaced" in capsys.readouterr().err
+        _ = 1 / 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.json", "truth.csv"]
+    assert "ZeroDivisionError" in (tmp_path / "run.json").read_text()
+
+
+@pytest.mark.parametrize("moved", [1, 9])
+def test_a_run_that_was_killed_before_its_begin_leaves_the_earlier_one_to_the_next(tmp_path, monkeypatch, moved):
+    before = earlier_run(tmp_path)
+    rename, count = Path.rename, itertools.count()
+
+    def killed(path, target):
+        if next(count) == moved:
+            raise KeyboardInterrupt
+        rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", killed)
+    with contextlib.suppress(KeyboardInterrupt):
+        prepare_directory(tmp_path)
+    monkeypatch.undo()
+    (tmp_path / "run.json").touch()
+    run_directory.restore_earlier(tmp_path)
+    assert content(tmp_path) == before
 
 
 @pytest.mark.parametrize("why", ["a state that is not there", "a campaign"])

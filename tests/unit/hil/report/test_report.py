@@ -136,7 +136,10 @@ def test_a_run_that_was_cut_off_anywhere_still_makes_a_page(out, content):
     found, path = run_page.make(out)
     assert (len(found["goals"]) > 0) == (content == "cut")
     assert found["speed_ratio"] is None
-    assert "speed unknown" in figures_text(found)
+    assert (found["rudder_travel_whole_deg_per_h"] is None) == (content != "cut")
+    said = "speed unknown" if content == "cut" else "empty run, no figures: under way"
+    assert said in figures_text(found)
+    assert said in path.read_text()
     assert "Cut short: under way" in Path(path).read_text(encoding="utf-8")
 
 
