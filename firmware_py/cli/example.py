@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import tomllib
 from pathlib import Path
 
 from firmware_py.cli.refusal import refused
@@ -22,24 +21,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the example and the parameter file that it names; 2 where something is there already."""
+    """Write the example; 2 where something is there already."""
+    path: Path = arguments.file
+    if path.is_dir():
+        return refused("example", f"{path} is a directory; name a file in it, such as {path / 'boat.toml'}")
+    if os.path.lexists(path):
+        return refused("example", f"{path} is there already; give another name")
     text = example(NAMES[arguments.kind]).read_text(encoding="utf-8")
-    wanted = {arguments.file: text}
-    if name := tomllib.loads(text).get("parameters", {}).get("file"):
-        wanted[arguments.file.parent / name] = example(name).read_text(encoding="utf-8")
-    for path, content in tuple(wanted.items()):
-        if path.is_dir():
-            return refused("example", f"{path} is a directory; name a file in it, such as {path / 'boat.toml'}")
-        if path != arguments.file and path.is_file() and path.read_bytes() == content.encode():
-            del wanted[path]  # of another example in the same place
-        elif os.path.lexists(path):
-            remedy = "another name" if path == arguments.file else "a name in another directory"
-            return refused("example", f"{path} is there already; give {remedy}")
-    for path, content in wanted.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _write(path, content)
-        print(f"wrote {path}")
-    print(f"name your ports and drivers in it, then: rambler check {arguments.file}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write(path, text)
+    print(f"wrote {path}")
+    print(f"name your ports and drivers in it, then: rambler check {path}")
     return 0
 
 

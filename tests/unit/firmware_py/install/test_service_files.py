@@ -161,15 +161,16 @@ def test_an_example_is_a_vehicle_file_that_is_never_written_over_another(tmp_pat
     assert path.read_text() == before
 
 
-def test_examples_of_one_directory_share_what_they_name_and_each_refusal_names_what_helps(tmp_path, capsys):
-    for name in ("boat.toml", "another.toml"):
-        assert main(["example", str(tmp_path / name)]) == 0
-        assert load(tmp_path / name).parameters
-    (tmp_path / "paper.param").write_text("CTL_K1 1\n")
-    capsys.readouterr()
-    assert main(["example", str(tmp_path / "third.toml")]) == 2
-    assert "give a name in another directory" in capsys.readouterr().err
-    assert (tmp_path / "paper.param").read_text() == "CTL_K1 1\n"
+def test_an_example_has_nothing_of_one_boat_in_force(tmp_path, capsys):
+    for kind in NAMES:
+        path = tmp_path / kind
+        assert main(["example", str(path), "--kind", kind]) == 0
+        vehicle = load(path)
+        assert vehicle.parameters == {}
+        assert vehicle.link_urls == ("udpin:127.0.0.1:14550",)
+        for device in (vehicle.compass, vehicle.position, vehicle.rudder):
+            assert re.fullmatch("/dev/serial/by-path/[A-Z]+", device.port)
+    assert {path.name for path in tmp_path.iterdir()} == set(NAMES)
     assert main(["example", str(tmp_path)]) == 2
     assert "is a directory; name a file in it" in capsys.readouterr().err
 
