@@ -1,9 +1,12 @@
 """MAVSDK 4 against a running HIL: what it reads is right, and what it asks for is done."""
 
+import importlib
 import importlib.util
 import json
 import math
+import re
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +20,7 @@ from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 CLIENT = Path(__file__).with_name("mavsdk_client.py")
 VOYAGE = Path(__file__).with_name("mavsdk_voyage.py")
+STATIONS = Path(__file__).parents[2] / "docs/how-to/ground-stations.md"
 CANNOT_BE_HAD = 77
 SESSION_S = 90.0  # at most; a quarter of a minute on an idle machine
 METRES_PER_DEGREE = 111_195.0
@@ -45,6 +49,24 @@ def told(script, tmp_path, start, hil):
     if code != 0:
         client.fail(f"it ended with code {code}")
     return json.loads(results.read_text())
+
+
+def test_the_lines_of_the_handbook_find_the_boat(tmp_path, start, free_ports):
+    if importlib.util.find_spec("mavsdk") is None:
+        pytest.skip("mavsdk is not installed; install the extra [clients]")
+    (port,) = free_ports(["udpin"])
+    (lines,) = re.findall(r"```python\n(from mavsdk .*?)```", STATIONS.read_text(), re.DOTALL)
+    assert lines.count("0.0.0.0:14550") == 1
+    script = tmp_path / "lines.py"
+    script.write_text(lines.replace("0.0.0.0:14550", f"127.0.0.1:{port}") + "print('system', boat.get_system_id())\n")
+    client = start("mavsdk", [sys.executable, str(script)])
+    mavutil = importlib.import_module("pymavlink.mavutil")  # takes 0.3 s
+    boat = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=1, source_component=1)
+    while client.running():
+        boat.mav.heartbeat_send(11, 3, 0, 0, 4)  # a surface boat with ArduPilot's identity, active
+        time.sleep(0.1)
+    boat.close()
+    assert "system 1" in client.text()
 
 
 @pytest.mark.proof
