@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.cli.refusal import refused
+from firmware_py.cli.texts.faults import REMEDIES
 from firmware_py.common.plan import PlanKind
 from firmware_py.system import realtime
 from firmware_py.system.clock import machine_s
@@ -29,6 +30,7 @@ from firmware_py.view.server import Hub, ViewServer
 POLL_S, POLL_BESIDE_S = 0.5, 0.1  # the autopilot writes each second; a harness may be many times faster
 NICENESS = 15  # whatever else this computer does comes first
 FAREWELL_S = 0.5  # for the readers to be told that it is over
+_REMEDIES = {fault.name: remedy.replace("`", "") for fault, remedy in REMEDIES.items()}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         if beside and not realtime.end_with_parent(arguments.with_parent):
             return 0
         history = History()
-        feed = Feed(history, lambda: _look(arguments.state), lambda: _plans(_directory(arguments.state)))
+        feed = Feed(history, lambda: _look(arguments.state), lambda: _plans(_directory(arguments.state)), _REMEDIES)
         hub = Hub(history.whole)
         try:
             server = _server(arguments.listen, arguments.token, hub, any_port=beside)

@@ -222,6 +222,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     saving: int = 0  # how far she saves power (safety.power_saving.Saving)
     traffic: Traffic | None = None  # other vessels, once one was heard
     reckoned: Reckoned | None = None  # in the place of a position, while she is steered by it
+    heading_age_s: float | None = None  # of the last heading that was taken in; None while none has come
 
 
 class Output(msgspec.Struct, frozen=True):

@@ -60,6 +60,7 @@ def snapshot_of(
         saving=power_saving.saving(state.fault_latch.active),
         traffic=traffic_report(state),
         reckoned=None if situation.reckoned_sd_m is None else _reckoned(state, situation.reckoned_sd_m),
+        heading_age_s=None if heading.sample_t_s is None else inputs.tick.t_s - heading.sample_t_s,
     )
 
 

@@ -56,6 +56,7 @@ class StatusReporter:
         self._due_s = -math.inf
         self._complaint = ""
         self._events: deque[Values] = deque(maxlen=MOST_EVENTS)
+        self._spoken_s: dict[DeviceRole, tuple[int, float]] = {}  # messages counted, and when their number last grew
         self._counts: deque[tuple[float, Mapping[DeviceRole, int]]] = deque(maxlen=RATE_OVER + 1)
 
     def update(self, output: Output, now_s: float) -> None:
@@ -119,7 +120,12 @@ class StatusReporter:
             driver, port = self._sources.ports.get(role, ("", ""))
             counts = role in self._sources.ports and role in before and now_s > begun_s
             rate_hz = max(0, health.accepted - before[role]) / (now_s - begun_s) if counts else None
-            told.append(device_values(role.name.lower(), driver, port, health, rate_hz))
+            if role in self._sources.ports and health.accepted != self._spoken_s.get(role, (0, 0.0))[0]:
+                self._spoken_s[role] = (health.accepted, now_s)
+            values = device_values(role.name.lower(), driver, port, health, rate_hz)
+            if role in self._spoken_s:
+                values["age_s"] = round(now_s - self._spoken_s[role][1], 1)  # to INTERVAL_S
+            told.append(values)
         return told
 
 
@@ -131,6 +137,7 @@ def _condition(snapshot: Snapshot) -> Values:
         "goal_deg": rounded(snapshot.goal_heading_rad, 2, compass_degrees),
         "heading_deg": rounded(snapshot.heading_rad, 2, compass_degrees),
         "heading_ok": snapshot.heading_ok,
+        "heading_age_s": rounded(snapshot.heading_age_s, 1),
         "error_deg": rounded(snapshot.heading_error_rad, 2, degrees),
         "yaw_rate_deg_s": rounded(snapshot.yaw_rate_rad_s, 3, degrees),
     }

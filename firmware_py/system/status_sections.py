@@ -21,13 +21,14 @@ def _rudder(snapshot: Snapshot) -> Values:
         "ok": snapshot.rudder_ok,
         "helm_softness": rounded(snapshot.helm_softness, 2),
         **({} if snapshot.servo is None else rudder_values(snapshot.servo)),
+        "age_s": None if snapshot.servo is None else rounded(snapshot.t_s - snapshot.servo.t_s, 1),
     }
 
 
 def _position(snapshot: Snapshot) -> Values:
     values: Values = {"ok": snapshot.position_ok}
     if snapshot.position is not None:
-        values |= position_values(snapshot.position)
+        values |= {"age_s": rounded(snapshot.t_s - snapshot.position.t_s, 1), **position_values(snapshot.position)}
     if (reckoned := snapshot.reckoned) is not None:
         values |= {
             "reckoned_lat_deg": rounded(reckoned.latitude_rad, 5, degrees),

@@ -44,6 +44,9 @@ function shown(value, step) {
   return Number(text) === 0 ? (0).toFixed(digits) : text;
 }
 
+// A direction from 0 to 360 degrees, which is 0 also where rounding makes 360 of it.
+const compassText = (value, digits) => (known(value) ? ((Number(value.toFixed(digits)) % 360 + 360) % 360).toFixed(digits) : "–");
+
 const TIMES = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400];
 
 // A moment of a voyage: seconds, hours and minutes, or the calendar where it has one.

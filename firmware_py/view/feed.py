@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, Final
 
 from firmware_py.system.status_file import Found, Freshness
@@ -45,15 +46,26 @@ FROM_STATUS: Final[Mapping[str, tuple[str, str, float]]] = {
     "load_w": ("power", "load_w", 1.0),
 }
 
+# Columns that are empty while what they are measured by is past its time-out, by the flag of the status that says so.
+VALID: Final[Mapping[str, tuple[str, str]]] = {
+    **dict.fromkeys(("lat_deg", "lon_deg", "ground_m_s", "water_m_s", "current_m_s"), ("position", "ok")),
+    **dict.fromkeys(("compass_deg", "heading_deg", "error_deg", "wave_period_s", "wave_sd_deg"), ("", "heading_ok")),
+    "rudder_deg": ("rudder", "ok"),
+}
+
 
 class Feed:
     """Takes the newest at each `poll`; `look` returns the status, `read_plans` the plans as the page has them."""
 
     def __init__(
-        self, history: History, look: Callable[[], Found], read_plans: Callable[[], Mapping[str, Any]]
+        self,
+        history: History,
+        look: Callable[[], Found],
+        read_plans: Callable[[], Mapping[str, Any]],
+        remedies: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        """Begin before the first look."""
-        self._history, self._look, self._read_plans = history, look, read_plans
+        """Begin before the first look; `remedies` are texts by the names of faults."""
+        self._history, self._look, self._read_plans, self._remedies = history, look, read_plans, remedies
         self._truth: dict[str, Any] = {}
         self._plan_key: object = None
         self._plans: Mapping[str, Any] = {}
@@ -100,6 +112,8 @@ class Feed:
     def _take(self, found: Found) -> bytes:
         # Anybody may have written it: what is no number is null, else no reader could be told anything any more.
         status = json.loads(json.dumps(found.content), parse_constant=lambda _: None)
+        for fault in status.get("faults", ()):
+            fault["remedy"] = self._remedies.get(str(fault.get("fault")), "")
         time_s = self._truth.get("time_s")
         marks: tuple[Mark, ...] = ()
         plans_before = self._plans
@@ -112,6 +126,7 @@ class Feed:
         # A harness without an autopilot's status has its own, and a status that is old has no row.
         current = status if found.freshness is Freshness.RUNNING else {}
         columns = {name: _value(current, *place) for name, place in FROM_STATUS.items()}
+        columns |= {name: None for name, flag in VALID.items() if _entry(current, *flag) is False}
         if (current.get("navigation") or {}).get("activity") != "LINE":
             columns["cross_track_m"] = None  # off no line, but toward a circle or home
         columns |= {"faults": len(current["faults"]) if current else None, "time_s": time_s}
@@ -119,6 +134,7 @@ class Feed:
         now = {
             "freshness": found.freshness.value,
             "reason": found.reason,
+            "age_s": found.age_s,
             "status": status,
             "title": self._truth.get("title") or status.get("vehicle", ""),
             **({} if self._plans is plans_before else {"plans": self._plans}),
@@ -144,7 +160,10 @@ class Feed:
             if key not in self._seen:
                 self._seen.append(key)
                 ago_s = status["uptime_s"] - event["t_s"]
-                found.append((round(time_s - ago_s, 1), int(event["severity"]), str(event["text"])[:MOST_TITLE]))
+                event_s = time_s - ago_s
+                # A run begins at 0: what the autopilot reports while it starts belongs there.
+                event_s = max(0.0, event_s) if "time_s" in self._truth else event_s
+                found.append((round(event_s, 1), int(event["severity"]), str(event["text"])[:MOST_TITLE]))
         return found
 
     def _look_at_plans(self, status: Status) -> None:
@@ -155,8 +174,12 @@ class Feed:
             self._plans = {**self._read_plans(), **({} if None in home else {"home": home})}
 
 
+def _entry(status: Status, section: str, key: str) -> Any:
+    return (status.get(section) or {} if section else status).get(key)
+
+
 def _value(status: Status, section: str, key: str, factor: float = 1.0) -> float | None:
-    value = (status.get(section) or {} if section else status).get(key)
+    value = _entry(status, section, key)
     return value * factor if isinstance(value, (int, float)) and abs(value) <= MOST else None
 
 

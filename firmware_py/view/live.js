@@ -1,16 +1,22 @@
 "use strict";
-// The page under way: what is so now, the plots as they grow, and a word when nothing comes any more.
+// The page under way: values with their ages, faults, the plots as they grow, and a notice when nothing comes any more.
 
-const DEGREES = (value, digits = 1) => (known(value) ? `${value.toFixed(digits)}°` : "–");
-const BESIDE = ["rudder", "position", "navigation", "estimate", "energy", "power", "traffic", "loop"];
+const BESIDE = { rudder: "Rudder", position: "Position", navigation: "Navigation", estimate: "Estimate", energy: "Energy of the rudder",
+  power: "Battery and panels", traffic: "Traffic", loop: "Control loop" };
+const UNITS = Object.entries({ _deg2_s: "deg²/s", _deg_per_h: "deg/h", _per_h: "per hour", _deg_s: "deg/s", _m_s: "m/s", _deg: "deg",
+  _percent: "%", _hz: "Hz", _ms: "ms", _wh: "Wh", _w: "W", _v: "V", _a: "A", _c: "°C", _m: "m", _s: "s" });
+const WORDS = { ok: "valid", sog: "speed over ground", cog: "course over ground", lat: "latitude", lon: "longitude", reckoned: "dead reckoning",
+  sd: "standard deviation", softness: "gain reduction" };
 const SHOWN = 12; // texts
 const AGAIN_MS = 5000; // after an answer that is none, such as that there are too many readers
 
 class Live {
   constructor(place) {
+    this.place = place;
     this.title = document.querySelector("h1");
-    this.banner = html(place, "p", { class: "banner", role: "status" }, "Waiting for the first words.");
+    this.banner = html(place, "p", { class: "banner", role: "status" }, "Waiting for the first report.");
     this.cards = html(place, "dl", { class: "now" });
+    this.faults = html(place, "div", { class: "faults" });
     this.plots = html(place, "div");
     this.parts = html(place, "div", { class: "parts" });
     this.view = null;
@@ -34,7 +40,7 @@ class Live {
 
   take(told, whole) {
     this.lost = 0;
-    this.heard = Date.now();
+    if (known(told.now.age_s) || !this.heard) this.heard = Date.now() - 1000 * (told.now.age_s || 0);
     if (whole) {
       this.names = told.names;
       this.voyage = { columns: Object.fromEntries(told.names.map((name) => [name, []])), panels: told.panels, marks: [] };
@@ -53,7 +59,7 @@ class Live {
 
   draw() {
     const { now, voyage, values } = this, status = now.status || {};
-    if (now.title) { this.title.textContent = now.title; document.title = `${DEGREES(values.heading_deg, 0)} ${now.title}`; }
+    if (now.title) { this.title.textContent = now.title; document.title = `${direction(values.heading_deg, 0)} ${now.title}`; }
     Object.assign(voyage, { plans: now.plans, item: now.item, first_item: now.first_item, target: now.target, begin_utc_s: now.begin_utc_s,
       vessels: vesselsOf(status, values) });
     if (!voyage.columns.lat_deg.some(known)) delete voyage.columns.lat_deg;
@@ -65,78 +71,157 @@ class Live {
     } else if (this.view) this.view.set(voyage);
     if (!voyage.columns.lat_deg) voyage.columns.lat_deg = voyage.columns.time_s.map(() => null);
     this.drawCards(status, values);
+    this.drawFaults(status);
     this.drawParts(status);
     this.tellAge();
   }
 
   drawCards(status, values) {
-    const place = status.position || {}, way = status.navigation || {};
-    const heading = values.true_heading_deg ?? values.heading_deg ?? values.compass_deg;
-    const turn = known(heading) ? ((heading % 360) + 360) % 360 : null;
+    const place = status.position || {}, way = status.navigation || {}, rudder = status.rudder || {};
+    const faults = status.faults || [], open = faults.filter((one) => !isAcknowledged(status, one));
+    const own = (status.estimate || {}).heading_deg ?? status.heading_deg;
+    const heading = [direction(own), "", status.heading_age_s, status.heading_ok === false];
     const cards = [
-      ["heading", DEGREES(turn), known(values.true_heading_deg) ? `estimated ${DEGREES(values.heading_deg)}` : ""],
-      ["goal", DEGREES(values.goal_deg), `off by ${DEGREES(values.error_deg)}`],
-      ["rudder", DEGREES(values.rudder_deg), `commanded ${DEGREES(values.command_deg)}`],
-      ["mode", status.mode || "–", status.mode ? (status.armed ? "armed" : "disarmed") : ""],
-      ["over ground", known(place.sog_m_s) ? `${place.sog_m_s.toFixed(2)} m/s` : "–", `course ${DEGREES(place.cog_deg, 0)}`],
-      ["ahead", known(way.distance_m) ? `${way.distance_m.toFixed(0)} m` : "–",
-        known(way.item) ? `item ${way.item} of ${way.items}` : (way.activity || "").toLowerCase()],
-      ["faults", status.faults ? String(status.faults.length) : "–", ((status.faults || [])[0] || {}).text || ""],
+      ...(known(values.true_heading_deg) ? [["heading", "true heading", direction(values.true_heading_deg), "simulated boat"],
+        ["estimated-heading", "estimated heading", ...heading]] : [["heading", "heading", ...heading]]),
+      ["goal", "goal", direction(status.goal_deg),
+        status.heading_ok === false || !known(status.error_deg) ? "" : `off by ${shown(-status.error_deg, 0.1)}°`],
+      ["rudder", "rudder", known(rudder.angle_deg) ? `${shown(rudder.angle_deg, 0.1)}°` : "–",
+        known(rudder.command_deg) ? `commanded ${shown(rudder.command_deg, 0.1)}°` : "", rudder.age_s, rudder.ok === false],
+      ["mode", "mode", status.mode || "–", status.mode ? (status.armed ? "armed" : "disarmed") : ""],
+      ["over-ground", "over ground", known(place.sog_m_s) ? `${place.sog_m_s.toFixed(2)} m/s` : "–",
+        known(place.cog_deg) ? `course ${direction(place.cog_deg, 0)}` : "", place.age_s, place.ok === false],
+      ["ahead", "ahead", known(way.distance_m) ? `${way.distance_m.toFixed(0)} m` : "–",
+        known(way.item) ? `item ${way.item} of ${way.items}` : inWords(way.activity || ""), place.age_s, place.ok === false],
+      ["faults", "faults", status.faults ? String(faults.length) : "–", open.map((one) => one.text).join("; ")
+        || (faults.length ? "acknowledged" : "")],
     ];
     this.cards.replaceChildren();
     this.cards.dataset.time = values.time_s;
-    for (const [name, value, note] of cards) {
-      const card = html(this.cards, "div");
+    for (const [id, name, value, note, age, stale] of cards) {
+      const card = html(this.cards, "div", { class: stale && value !== "–" ? "stale" : "" });
       html(card, "dt", {}, name);
-      html(card, "strong", { id: `now-${name.replace(" ", "-")}`, class: name === "faults" && value > "0" ? "bad" : "" }, value);
+      html(card, "strong", { id: `now-${id}`, class: id === "faults" && open.length ? "bad" : "" }, value);
       html(card, "small", {}, note);
+      if (value !== "–" && status.mode) html(card, "small", { class: "age", "data-age": age ?? 0 });
+    }
+  }
+
+  // Rebuilt only when the list changes, so that a press on a button is not lost.
+  drawFaults(status) {
+    const faults = status.faults || [];
+    const key = JSON.stringify(faults.map((one) => [one.fault, isAcknowledged(status, one)]));
+    if (key !== this.faultsKey) {
+      this.faultsKey = key;
+      this.faults.replaceChildren();
+      const body = faults.length ? tableCard(this.faults, "Active faults") : null;
+      for (const one of faults) {
+        const seen = isAcknowledged(status, one), row = html(body, "tr");
+        html(row, "td", { "data-since": one.fault });
+        const words = html(row, "td", { class: seen ? "words" : "words bad" }, `${one.text} (${one.severity})`);
+        html(words, "small", {}, one.remedy ? `What to do: ${one.remedy}` : "");
+        const button = html(html(row, "td"), "button", { type: "button" }, seen ? "acknowledged" : "Acknowledge");
+        button.disabled = seen;
+        button.addEventListener("click", () => { acknowledge(status, one); this.draw(); });
+      }
+    }
+    for (const one of faults) {
+      const cell = this.faults.querySelector(`[data-since="${CSS.escape(one.fault)}"]`);
+      if (cell) cell.textContent = `for ${since(one.since_s)}`;
     }
   }
 
   drawParts(status) {
     this.parts.replaceChildren();
-    const table = (title, rows) => {
+    const table = (title, rows, age, stale) => {
       if (!rows.length) return;
-      const card = html(this.parts, "div", { class: "card" });
-      html(html(card, "header"), "span", {}, title);
-      const body = html(card, "table");
+      const body = tableCard(this.parts, title, stale, age);
       for (const [name, value, bad] of rows) {
         const row = html(body, "tr");
         html(row, "td", {}, name);
         html(row, "td", { class: bad ? "words bad" : "words" }, value);
       }
     };
-    const since = (seconds) => (known(seconds) ? (seconds < 120 ? `${seconds.toFixed(0)} s` : `${(seconds / 60).toFixed(0)} min`) : "?");
-    table("Faults", (status.faults || []).map((one) => [`${one.fault}, ${since(one.since_s)}`, one.text, true]));
     const [from, to] = this.view ? this.view.panels.extent() : [0, 1];
-    table("What she said", this.voyage.marks.slice(-SHOWN).reverse().map(([time, severity, text]) => [
+    table("Events", this.voyage.marks.slice(-SHOWN).reverse().map(([time, severity, text]) => [
       momentText(time, Math.min(to - from, 599), this.voyage.begin_utc_s), text, severity <= SEVERE]));
-    table("Devices", (status.devices || []).map((one) => [one.device, `${one.state}${known(one.rate_hz) ? `, ${one.rate_hz} Hz` : ""}`
-      + `, ${one.rejected} bad${one.error ? `; ${one.error}` : ""}`, one.state !== "running"]));
+    const devices = status.devices || [];
+    table("Devices", devices.map((one) => [inWords(one.device), [inWords(one.state), known(one.rate_hz) ? `${one.rate_hz} Hz` : "",
+      known(one.age_s) ? `last message ${since(one.age_s)} ago` : "", `${one.rejected} rejected`, one.error].filter(Boolean).join(", "),
+    one.state !== "running"]));
     table("Links", (status.links || []).map((one) => [one.url, (one.peers.length ? one.peers.map((peer) => `${peer.address}, heard `
-      + `${known(peer.heard_age_s) ? `${peer.heard_age_s} s ago` : "never"}`).join("; ") : "nobody")
-      + (one.hindrance ? `; nothing leaves: ${one.hindrance}` : ""), Boolean(one.hindrance)]));
+      + `${known(peer.heard_age_s) ? `${since(peer.heard_age_s)} ago` : "never"}`).join("; ") : "no peer")
+      + (one.hindrance ? `; nothing is sent: ${one.hindrance}` : ""), Boolean(one.hindrance)]));
     table("Vessels", ((status.traffic || {}).nearest || []).map((one) => [one.title || String(one.mmsi),
-      `${shown(one.distance_m, 1)} m, ${shown(one.bearing_deg, 1)}°, heard ${since(one.age_s)} ago`
+      `${shown(one.distance_m, 1)} m, ${direction(one.bearing_deg, 0)}, heard ${since(one.age_s)} ago`
       + (known(one.cpa_m) ? `; ${shown(one.cpa_m, 1)} m in ${since(one.cpa_in_s)}` : ""), one.near]));
-    for (const name of BESIDE) {
-      const part = status[name];
-      if (part) table(name, Object.entries(part).filter(([, value]) => known(value) && typeof value !== "object" && value !== "")
-        .map(([key, value]) => [key.replaceAll("_", " "), String(value), false]));
+    const power = devices.filter((one) => one.device.startsWith("power"));
+    const measured = { position: status.position, rudder: status.rudder, energy: status.rudder,
+      estimate: { age_s: status.heading_age_s, ok: status.heading_ok },
+      power: power.length ? { age_s: Math.min(...power.map((one) => one.age_s ?? Infinity)), ok: power.some((one) => one.state === "running") } : null };
+    for (const [name, title] of Object.entries(BESIDE)) {
+      const { age_s: age, ok } = measured[name] || {};
+      table(title, Object.entries(status[name] || {}).filter(([key, value]) => known(value) && typeof value !== "object" && value !== ""
+        && key !== "age_s").map(([key, value]) => quantity(key, value)), age ?? 0, ok === false);
     }
   }
 
+  // Each age as it is now, and whether the page as a whole is of the past.
   tellAge() {
-    const now = this.now || {}, age = Math.round((Date.now() - this.heard) / 1000);
+    const now = this.now || {}, seconds = Math.round((Date.now() - this.heard) / 1000);
     let text = "";
     if (this.over) text = "It has ended; this is what was seen of it.";
     else if (this.lost) text = `No connection for ${Math.round((Date.now() - this.lost) / 1000)} s; this is what was seen before.`;
-    else if (now.freshness && now.freshness !== "running") text = `The autopilot says nothing: ${now.reason || now.freshness}.`;
-    else if (!this.heard) text = "Waiting for the first words.";
-    else if (age > 10) text = `Nothing new for ${age} s.`;
+    else if (now.freshness && now.freshness !== "running") text = `No report from the autopilot for ${Math.max(0, seconds)} s: ${now.reason || now.freshness}.`;
+    else if (!this.heard) text = "Waiting for the first report.";
+    else if (seconds > 10) text = `No new report for ${seconds} s.`;
     this.banner.textContent = text;
     this.banner.hidden = !text;
+    this.place.classList.toggle("stale", Boolean(text));
+    for (const one of this.place.querySelectorAll("[data-age]")) {
+      one.textContent = `${since(Number(one.dataset.age) + Math.max(0, seconds))} old`;
+    }
   }
+}
+
+const direction = (value, digits = 1) => (known(value) ? `${compassText(value, digits)}°` : "–");
+const inWords = (text) => String(text).toLowerCase().replaceAll("_", " ");
+
+function since(seconds) {
+  if (!known(seconds) || !Number.isFinite(seconds)) return "unknown time";
+  const whole = Math.max(0, Math.round(seconds));
+  return whole < 120 ? `${whole} s` : whole < 7200 ? `${Math.round(whole / 60)} min` : `${Math.round(whole / 3600)} h`;
+}
+
+// The label in words, the value with its unit, of an entry of the status such as sog_m_s.
+function quantity(key, value) {
+  const [end, unit] = UNITS.find(([suffix]) => key.endsWith(suffix)) || ["", ""];
+  const words = key.slice(0, key.length - end.length).split("_").map((word) => WORDS[word] || word).join(" ");
+  if (typeof value === "boolean") return [words, value ? "yes" : "no"];
+  return [words, typeof value === "string" ? inWords(value) : `${value}${unit && ` ${unit}`}`];
+}
+
+function tableCard(place, title, stale = false, age = null) {
+  const card = html(place, "div", { class: stale ? "card stale" : "card" }), header = html(card, "header");
+  html(header, "span", {}, title);
+  if (age !== null) html(header, "span", { class: "age", "data-age": age });
+  return html(card, "table");
+}
+
+// Faults that the reader of this browser has acknowledged: when each began, in the autopilot's own time.
+const ACKNOWLEDGED = "rambler-acknowledged";
+const beganAt = (status, fault) => [status.pid, known(fault.since_s) ? status.uptime_s - fault.since_s : 0];
+let acknowledged = {};
+try { acknowledged = JSON.parse(localStorage.getItem(ACKNOWLEDGED)) || {}; } catch { /* none are kept */ }
+
+function isAcknowledged(status, fault) {
+  const [pid, began] = acknowledged[fault.fault] || [], [pidNow, beganNow] = beganAt(status, fault);
+  return pid === pidNow && Math.abs(began - beganNow) < 1;
+}
+
+function acknowledge(status, fault) {
+  acknowledged[fault.fault] = beganAt(status, fault);
+  try { localStorage.setItem(ACKNOWLEDGED, JSON.stringify(acknowledged)); } catch { /* until the page is left */ }
 }
 
 // Who is near, as the boat tells it: so far away and in that direction from where she is.

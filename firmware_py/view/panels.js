@@ -112,8 +112,8 @@ class TimePanels {
     for (const at of stops) draw(inside, "line", { class: "grid", x1: x(at), x2: x(at), y1: top, y2: top + height });
     for (const at of ticks(low, high, step)) {
       draw(inside, "line", { class: panel.zero && Math.abs(at) < step / 9 ? "zero" : "grid", x1: LEFT, x2: width, y1: y(at), y2: y(at) });
-      const label = panel.wrap ? (((at % 360) + 360) % 360) : at;
-      draw(svg, "text", { x: LEFT - 5, y: clamp(y(at) + 4, top + 8, top + height + 3), "text-anchor": "end" }, shown(label, step));
+      draw(svg, "text", { x: LEFT - 5, y: clamp(y(at) + 4, top + 8, top + height + 3), "text-anchor": "end" },
+        panel.wrap ? compassText(at, 0) : shown(at, step));
     }
     panel.lines.forEach((line, i) => draw(inside, "path", {
       class: `line ${line.look}`, "data-column": line.column,
@@ -122,7 +122,7 @@ class TimePanels {
     draw(svg, "rect", { class: "frame", x: LEFT, y: top, width: width - LEFT - RIGHT, height });
     const title = draw(svg, "text", { class: "title", x: LEFT, y: top - 6 }, panel.title);
     const texts = panel.lines.map((line) => ({ line, label: draw(svg, "text", { class: line.look, y: top - 6 }) }));
-    this.legends.push({ title, texts, wrap: panel.wrap, step: panel.wrap ? 0.1 : step / 50 });
+    this.legends.push({ title, texts, wrap: panel.wrap, step: step / 50 });
   }
 
   drawMarks(from, to) {
@@ -149,7 +149,7 @@ class TimePanels {
     for (const legend of this.legends) {
       const words = legend.texts.map(({ line }) => {
         const value = this.voyage.columns[line.column][at];
-        return [line.label, shown(legend.wrap && known(value) ? ((value % 360) + 360) % 360 : value, legend.step)];
+        return [line.label, legend.wrap ? compassText(value, 1) : shown(value, legend.step)];
       });
       const alone = words.length === 1, place = (texts) => {
         let right = LEFT + legend.title.getComputedTextLength() + 12;

@@ -1,7 +1,7 @@
 "use strict";
 // The track over the ground with plans, circle, fence and vessels; the spectrum of the yaw.
 
-const EARTH_M = 6371008.8;
+const EARTH_M = 6371008.8, OLD_S = 5;
 // Of MAV_CMD: what stands at a place in a mission, and how wide its circle is (param3 where it has one).
 const PLACES = { 16: null, 17: 3, 18: 3, 19: 3, 31: 2, 82: null };
 const VERTEX = { 5001: "fence", 5002: "fence out" }, CIRCLES = { 5003: "fence", 5004: "fence out" };
@@ -153,18 +153,21 @@ class Track {
 
   drawBoat() {
     const times = this.voyage.columns.time_s || [];
-    let i = this.cursor === null ? times.length - 1 : nearest(times, this.cursor);
+    const at = this.cursor === null ? times.length - 1 : nearest(times, this.cursor);
+    let i = at;
     while (i > 0 && !known(this.north[i])) i -= 1;
     this.boat.replaceChildren();
     if (i < 0 || !known(this.north[i])) { this.said.textContent = ""; return; }
     const columns = this.voyage.columns;
     const heading = (columns.true_heading_deg || [])[i] ?? (columns.heading_deg || [])[i];
     const turn = known(heading) ? ` rotate(${heading})` : "";
-    draw(this.boat, "path", { class: "boat", d: known(heading) ? "M0 -10L6 8L0 5L-6 8z" : "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0",
+    const age = times[at] - times[i]; // the last known place is not where the boat is
+    draw(this.boat, "path", { class: age > OLD_S ? "boat old" : "boat", d: known(heading) ? "M0 -10L6 8L0 5L-6 8z" : "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0",
       transform: `translate(${this.x(this.east[i])} ${this.y(this.north[i])})${turn}` });
     this.said.textContent = this.origin && columns.lat_deg && known(columns.lat_deg[i])
       ? `${columns.lat_deg[i].toFixed(5)}, ${columns.lon_deg[i].toFixed(5)}`
       : `${Math.abs(this.north[i]).toFixed(0)} m ${this.north[i] < 0 ? "S" : "N"} ${Math.abs(this.east[i]).toFixed(0)} m ${this.east[i] < 0 ? "W" : "E"}`;
+    if (age > OLD_S) this.said.textContent += `, ${age.toFixed(0)} s ago`;
   }
 
   zoom(factor, around = null) {

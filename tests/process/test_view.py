@@ -11,6 +11,8 @@ import pytest
 
 from firmware_py.common.plan import PlanKind
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
+from firmware_py.system.status_file import Found, Freshness
+from firmware_py.view.feed import Feed
 from firmware_py.view.guard import Guard
 from firmware_py.view.history import History
 from firmware_py.view.server import Hub, ViewServer
@@ -161,6 +163,94 @@ def serve(port=0):
     threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
     hub.publish(lambda: (history.add({"time_s": 1.0, "heading_deg": 10.0}, [], {"title": "she"}), history.epoch))
     return server, hub
+
+
+GOOD = {
+    "vehicle": "boat", "pid": 7, "written_machine_s": 100.0, "utc_s": 1.8e9, "uptime_s": 50.0, "mode": "GUIDED",
+    "armed": True, "heading_ok": True, "heading_deg": 359.97, "heading_age_s": 0.1, "goal_deg": 10.0, "error_deg": 10.0,
+    "faults": [], "plan_identities": [0, 0, 0], "links": [], "estimate": {"heading_deg": 359.97, "wave_sd_deg": 3.0},
+    "events": [{"t_s": 48.0, "severity": 5, "text": "Armed"}],
+    "devices": [{"device": "compass", "state": "running", "rate_hz": 10.0, "rejected": 0, "error": "", "age_s": 0.1}],
+    "position": {"ok": True, "age_s": 0.4, "lat_deg": 36.0, "lon_deg": 121.0, "sog_m_s": 0.52, "cog_deg": 12.0},
+    "rudder": {"ok": True, "age_s": 0.1, "angle_deg": 4.0, "command_deg": 4.0}, "energy": {"travel_deg_per_h": 405.0},
+}  # fmt: skip
+LOST = {
+    "heading_ok": False,
+    "heading_age_s": 35.0,
+    "position": {**GOOD["position"], "ok": False, "age_s": 95.0},
+    "faults": [
+        {"fault": fault, "severity": "error", "text": text, "since_s": 30.0}
+        for fault, text in (("COMPASS_LOST", "No heading"), ("POSITION_LOST", "Position lost"))
+    ],
+    "devices": [{**GOOD["devices"][0], "state": "absent", "rate_hz": 0.0, "age_s": 35.0, "error": "no port"}],
+}
+CARD = "document.querySelector('#now-{}').parentNode"
+
+
+def test_values_past_their_time_out_are_grey_with_their_age_and_faults_are_acknowledged_by_the_viewer(browser):
+    found = [Found(Freshness.RUNNING, GOOD, 0.0)]
+    history = History()
+    feed = Feed(history, lambda: found[0], dict, {"POSITION_LOST": "look at the antenna"})
+    feed.take_line(b'{"time_s": 0.5, "true_heading_deg": 405.0}')
+    hub = Hub(history.whole)
+    server = ViewServer(("127.0.0.1", 0), Guard("", loopback=True), hub)
+    threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+
+    def publish(**changes):
+        content = found[0].content
+        found[0] = Found(
+            Freshness.RUNNING, content | {"written_machine_s": content["written_machine_s"] + 1} | changes, 0.0
+        )
+        hub.publish(lambda: (feed.poll(), history.epoch))
+
+    def text(element):
+        return browser.value(f"{element}.innerText").replace("\n\n", "\n")
+
+    def stale(name):
+        return browser.value(f"{CARD.format(name)}.classList.contains('stale')")
+
+    publish()
+    browser.open(address := f"http://127.0.0.1:{server.server_address[1]}/")
+    browser.wait_for("document.querySelectorAll('.age').length > 5")
+    assert re.fullmatch(r"over ground\n0.52 m/s\ncourse 12°\n[01] s old", text(CARD.format("over-ground")))
+    assert text("document.querySelector('#now-heading')") == "45.0°"
+    assert text("document.querySelector('#now-estimated-heading')") == "0.0°"
+    shown = text("document.body")
+    assert "0.0 s\tArmed" in shown
+    assert "compass 0.0" in browser.value("document.querySelector('svg.time').textContent")
+    for label in ("speed over ground\t0.52 m/s", "wave standard deviation\t3 deg", "valid\tyes", "travel\t405 deg/h"):
+        assert label in shown
+    assert not any(stale(name) for name in ("estimated-heading", "over-ground", "rudder", "goal"))
+    publish(**LOST)
+    browser.wait_for("document.querySelectorAll('.faults button').length === 2")
+    assert [stale(name) for name in ("estimated-heading", "over-ground", "rudder")] == [True, True, False]
+    assert re.search(r"\b3[5-9] s old", text(CARD.format("estimated-heading")))
+    assert re.search(r"\b9[5-9] s old", text(CARD.format("over-ground")))
+    assert "What to do: look at the antenna" in text("document.querySelector('.faults')")
+    assert text("document.querySelector('#now-faults')") == "2"
+    assert "No heading; Position lost" in text(CARD.format("faults"))
+    assert re.search(r"absent, 0 Hz, last message 35 s ago, 0 rejected, no port", text("document.body"))
+    browser.value("document.querySelector('.faults button').click()")
+    assert "No heading" not in text(CARD.format("faults"))
+    browser.open(address)
+    browser.wait_for("document.querySelectorAll('.faults button').length === 2")
+    assert browser.value("[...document.querySelectorAll('.faults button')].map((one) => one.disabled)") == [True, False]
+    for width in (400, 1280):
+        browser.look(width, 900)
+        assert browser.contrasts()[0][0] >= 4.5, browser.contrasts()[0]
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        assert browser.value(CLIPPED) == 0
+    began_again = [fault | {"since_s": 1.0} for fault in LOST["faults"]]
+    publish(faults=began_again)
+    browser.wait_for("[...document.querySelectorAll('.faults button')].every((one) => !one.disabled)")
+    found[0] = Found(Freshness.STALE, found[0].content, 9.0, "process 7 hangs")
+    hub.publish(lambda: (feed.poll(), history.epoch))
+    browser.wait_for("document.querySelector('#live').classList.contains('stale')")
+    assert "No report from the autopilot for" in text("document.querySelector('.banner')")
+    assert browser.complaints == []
+    hub.close(over=True)
+    server.shutdown()
+    server.server_close()
 
 
 @pytest.mark.proof

@@ -9,7 +9,20 @@ from msgspec.structs import replace
 from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Event, Inputs, Severity, Tick
+from firmware_py.common.records import (
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    Event,
+    FixType,
+    HeadingSample,
+    Inputs,
+    NorthReference,
+    PositionSample,
+    RudderFeedback,
+    Severity,
+    Tick,
+)
 from firmware_py.common.reports import Energy, Flow, Home, MissionReport, Navigation, Power, Reckoned, SwingReport
 from firmware_py.core.state import State
 from firmware_py.core.step import step
@@ -36,6 +49,7 @@ class Shown:
 
 class Boat:
     def __init__(self):
+        self.per_status = 20
         self.file, self.said = Shown(), []
         self.accepted = 0
         self.swing = SwingReport()
@@ -65,7 +79,7 @@ class Boat:
         _, self.output = step(State.at_start(ParameterSet(), Plans()), Inputs(Tick(0, 10.0, 0.0, 0, 10.0)))
 
     def devices(self):
-        self.accepted += 20
+        self.accepted += self.per_status
         return {
             DeviceRole.COMPASS: DeviceHealth(
                 0.0, DeviceRole.COMPASS, DeviceState.RUNNING, self.accepted, 2, "checksum"
@@ -160,6 +174,28 @@ def test_rates_are_of_the_last_ten_seconds_and_the_stations_are_told_as_peers(bo
         device, storage = boat.status(float(second))["devices"]
         assert device["rate_hz"] == 20.0
     assert (storage["state"], storage["error"], storage["rate_hz"]) == ("faulty", "log: disk full", None)
+
+
+def test_each_measured_value_has_its_age(boat):
+    status = boat.status(
+        10.0, t_s=10.0, heading_age_s=3.25, servo=RudderFeedback(6.5), position=PositionSample(1.9, FixType.FIX_3D)
+    )
+    assert (status["heading_age_s"], status["rudder"]["age_s"], status["position"]["age_s"]) == (3.2, 3.5, 8.1)
+    assert status["devices"][0]["age_s"] == 0.0
+    boat.per_status = 0  # unplugged
+    compass, storage = boat.status(14.0)["devices"]
+    assert compass["age_s"] == 4.0
+    assert "age_s" not in storage
+
+
+def test_the_age_of_the_heading_counts_from_the_last_one_taken_in(boat):
+    assert boat.status()["heading_age_s"] is None
+    state = State.at_start(ParameterSet(), Plans())
+    sample = HeadingSample(10.0, 0.5, NorthReference.TRUE)
+    for tick in range(4):
+        inputs = Inputs(Tick(tick, 10.0 + tick, 0.0, 0, 1.0), headings=(sample,) if not tick else ())
+        state, output = step(state, inputs)
+    assert output.snapshot.heading_age_s == 3.0
 
 
 def test_it_is_written_every_second_and_no_oftener(boat):

@@ -22,7 +22,7 @@ class Rig:
         self.found = Found(Freshness.RUNNING, dict(STATUS), 0.1)
         self.plans_read = 0
         self.history = History()
-        self.feed = Feed(self.history, lambda: self.found, self._plans)
+        self.feed = Feed(self.history, lambda: self.found, self._plans, {"POSITION_LOST": "look at the antenna"})
 
     def _plans(self):
         self.plans_read += 1
@@ -71,6 +71,27 @@ def test_what_she_said_is_told_once_and_when_it_was(rig):
     assert rig.poll()["marks"] == []
     rig.later(1.0, events=[*STATUS["events"], {"t_s": 51.5, "severity": 6, "text": "Position is back"}])
     assert rig.poll()["marks"] == [[1.5, 6, "Position is back"]]
+
+
+def test_what_is_past_its_time_out_is_no_value_of_the_row(rig):
+    place, rudder = {"lat_deg": 36.0, "sog_m_s": 0.5}, {"angle_deg": 4.0}
+    names = ("lat_deg", "ground_m_s", "compass_deg", "heading_deg", "error_deg", "rudder_deg")
+    rig.later(position={"ok": True, **place}, heading_ok=True, rudder={"ok": True, **rudder})
+    values = rig.values()
+    assert None not in [values[name] for name in names]
+    rig.later(position={"ok": False, **place}, heading_ok=False, rudder={"ok": False, **rudder})
+    values = rig.values()
+    assert [values[name] for name in names] == [None] * len(names)
+    assert rig.history.now["status"]["heading_deg"] == 12.0, "the last value is shown, with its age"
+
+
+def test_a_fault_comes_with_its_remedy(rig):
+    assert rig.poll()["now"]["status"]["faults"] == [{"fault": "POSITION_LOST", "remedy": "look at the antenna"}]
+
+
+def test_what_is_reported_before_a_run_begins_is_of_its_first_moment(rig):
+    rig.feed.take_line(b'{"time_s": 0.5}')
+    assert rig.poll()["marks"] == [[0.0, 4, "Position lost"]]
 
 
 def test_plans_are_read_when_they_change(rig):
