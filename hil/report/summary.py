@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +59,7 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
         **({} if record.supply is None else {"supply": record.supply}),
         **({} if record.vessels is None else {"vessels": record.vessels}),
         **_told(record, log),
+        "arrivals": [{"time_s": t_s, "item": item} for t_s, item in record.arrivals],
         "loop": None if health is None else asdict(health),
         "lockstep": record.lockstep,
         "sailed_s": end_s,
@@ -105,9 +105,9 @@ def _accepted_s(goal_s: float, orders: Sequence[OrderRecord]) -> float | None:
 
 
 def _told(record: RunFile, log: FieldLog | None) -> Summary:
-    """Return what the boat has said, how far off her lines she was, and when she was done with items of her mission."""
+    """Return what the boat has said, and how far off her lines she was."""
     if log is None:
-        return {"events": [], "cross_track": None, "arrivals": []}
+        return {"events": [], "cross_track": None}
     shift_s = onboard_shift_s(record, log)
     off_m = np.abs(log.more["cross_track_m"])
     off_m = off_m[np.isfinite(off_m)]
@@ -119,17 +119,7 @@ def _told(record: RunFile, log: FieldLog | None) -> Summary:
         }
         if off_m.size
         else None,
-        "arrivals": [{"time_s": t_s + shift_s, "item": item} for t_s, item in _arrivals(log)],
     }
-
-
-def _arrivals(log: FieldLog) -> Iterator[tuple[float, int]]:
-    """Yield when each item of the mission was over: another one began."""
-    items, time_s = log.more["item"], log.truth.time_s
-    known = np.flatnonzero(np.isfinite(items))
-    for before, after in pairwise(known):
-        if items[after] != items[before]:
-            yield float(time_s[after]), log.first_item + int(items[before])
 
 
 def _rounded(value: Any) -> Any:

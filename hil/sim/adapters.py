@@ -82,6 +82,6 @@ def run(options: RunOptions, paths: Mapping[str, str], url: str) -> None:
             end_s = server.now_s() + FAREWELL_S
             while server.now_s() < end_s:
                 server.serve(server.now_s() + LOOK_S)
-            book.orders = tuple(map(OrderRecord.of, station.orders))
+            book.orders, book.arrivals = tuple(map(OrderRecord.of, station.orders)), tuple(station.reached)
         if complaint := station.verdict():
             raise HilError(complaint)

@@ -81,6 +81,7 @@ class GroundStation:
         self.heartbeat: Any | None = None
         self.silent = False
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=TEXTS_KEPT)
+        self.reached: deque[tuple[float, int]] = deque(maxlen=TEXTS_KEPT)  # items of the mission, and when
         self._open = deque(self.orders)
         self._tap = MavlinkTap(
             (
@@ -88,6 +89,7 @@ class GroundStation:
                 dialect.MAVLINK_MSG_ID_COMMAND_ACK,
                 dialect.MAVLINK_MSG_ID_STATUSTEXT,
                 dialect.MAVLINK_MSG_ID_SYS_STATUS,
+                dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED,
             )
         )
         self._sender = dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
@@ -183,6 +185,9 @@ class GroundStation:
             self._ready_by_s = now_s
             self._plan(now_s)
 
+    def _hear_reached(self, now_s: float, message: Any) -> None:
+        self.reached.append((now_s, message.seq))
+
     def _hear_acknowledgement(self, now_s: float, message: Any) -> None:
         if not self._open or message.command != self._open[0].command or self._open[0].first_sent_s is None:
             return
@@ -256,6 +261,7 @@ class GroundStation:
         "COMMAND_ACK": _hear_acknowledgement,
         "STATUSTEXT": _hear_text,
         "SYS_STATUS": _hear_status,
+        "MISSION_ITEM_REACHED": _hear_reached,
     }
 
 

@@ -63,6 +63,7 @@ class Logbook:
     truth: TruthFile
     wall_s: float | None = None
     orders: tuple[OrderRecord, ...] = ()
+    arrivals: tuple[tuple[float, int], ...] = ()
     supply: dict[str, float] | None = None
     vessels: list[dict[str, float | str]] | None = None
 
@@ -103,6 +104,7 @@ def _recorded(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
             seconds=truth.end_s if options.play else options.seconds,
             wall_s=(book.wall_s if book else None) or time.monotonic() - begun_s,
             orders=book.orders if book else (),
+            arrivals=book.arrivals if book else (),
             supply=book.supply if book else None,
             vessels=book.vessels if book else None,
         ).write(options.out)

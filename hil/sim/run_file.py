@@ -39,7 +39,7 @@ class OrderRecord:
 class RunFile:
     """What is known of a run beside its truth and its logs; `ending` is FINISHED, or says what cut it short.
 
-    `sea` is a table for people. `wall_s`, `supply` and `vessels` are None where the run could not tell them any more.
+    `sea` is a table for people, `arrivals` are moment and number of each item of a mission that was reached. `wall_s`, `supply` and `vessels` are None where the run could not tell them any more.
     Moment 0 is at `start_utc_s` by the receiver.
     """
 
@@ -59,6 +59,7 @@ class RunFile:
     versions: dict[str, str]
     ending: str = UNDER_WAY
     orders: tuple[OrderRecord, ...] = ()
+    arrivals: tuple[tuple[float, int], ...] = ()
     wall_s: float | None = None
     supply: dict[str, float] | None = None
     vessels: list[dict[str, float | str]] | None = None
@@ -82,6 +83,7 @@ def read(out: Path) -> RunFile:
         values: dict[str, Any] = {name: value for name, value in content.items() if name in known}
         values["command"] = tuple(map(str, content["command"]))
         values["orders"] = tuple(OrderRecord(**order) for order in content["orders"])
+        values["arrivals"] = tuple((float(t_s), int(item)) for t_s, item in content.get("arrivals", ()))
         values["sea"] = tuple((str(name), str(value)) for name, value in content["sea"])
         return RunFile(**values)
     except OSError as error:

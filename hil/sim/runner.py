@@ -72,7 +72,7 @@ def run(options: RunOptions) -> Run:
             plant = power.plant if isinstance(power, VeDirectEmulator) else None
             book.vessels = _closest(book)
             book.supply = power_figures(plant) if isinstance(plant, PowerPlant) else None
-            book.orders = tuple(map(OrderRecord.of, station.orders))
+            book.orders, book.arrivals = tuple(map(OrderRecord.of, station.orders)), tuple(station.reached)
     return Run(options.out, book.truth, tuple(station.texts))
 
 

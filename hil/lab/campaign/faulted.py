@@ -50,7 +50,7 @@ def sail(row: Row, fault: Fault, out: Path) -> tuple[Text, ...]:
             with boat:
                 _sail(boat, drill, fault, row.seconds)
         finally:
-            book.orders = tuple(map(OrderRecord.of, boat.station.orders))
+            book.orders, book.arrivals = tuple(map(OrderRecord.of, boat.station.orders)), tuple(boat.station.reached)
             _keep(directory, out)
     return tuple(boat.station.texts)
 

@@ -41,6 +41,7 @@ RECORD = RunFile(
     versions={"numpy": "2"},
     ending=FINISHED,
     orders=(OrderRecord("goal 30 deg at 60 s", 60.0, 60.0, 60.02),),
+    arrivals=((30.5, 1), (30.5, 2)),
     wall_s=3.0,
 )
 
@@ -85,6 +86,8 @@ def test_the_summary_has_what_others_read(out):
     assert found["with"] == ""
     assert found["loop"] is None
     assert found["events"] == []
+    assert found["arrivals"] == [{"time_s": 30.5, "item": 1}, {"time_s": 30.5, "item": 2}]
+    assert read(out) == RECORD
     assert found["settings"] == {"CTL_K1": 30.0}
     assert found["rudder_travel_deg_per_h"] == 0.0
     assert found["rudder_travel_whole_deg_per_h"] == pytest.approx(40.0 * 12.0, rel=0.01)

@@ -221,3 +221,11 @@ def test_an_order_to_nobody_waits_until_there_is_somebody():
     vehicle = Vehicle()
     play(station, vehicle, 30.0, start_s=7.0)
     assert [command.command for command in vehicle.commands()] == [mavlink.MAV_CMD_COMPONENT_ARM_DISARM]
+
+
+def test_each_item_that_is_reached_is_recorded_with_its_time():
+    station, vehicle = GroundStation(()), Vehicle()
+    for t_s, items in ((1.0, (1, 2)), (7.5, (3,))):  # a command takes no time: two in one tick
+        frames = b"".join(mavlink.MAVLink_mission_item_reached_message(item).pack(vehicle.mav) for item in items)
+        station.receive(t_s, frames)
+    assert list(station.reached) == [(1.0, 1), (1.0, 2), (7.5, 3)]
