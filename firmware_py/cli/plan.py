@@ -101,8 +101,9 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _load(arguments: argparse.Namespace) -> None:
     plans = _read_plans(arguments.file, home=not arguments.no_home)
-    check_directory(arguments.state)
-    check_owner(arguments.state)
+    if arguments.state.exists():  # else it is made
+        check_directory(arguments.state)
+        check_owner(arguments.state)
     with exact_modes():
         try:
             store = Store(arguments.state)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pwd
+import shlex
 from pathlib import Path
 
 from firmware_py.cli.run import default_state_directory
@@ -26,9 +27,12 @@ def state_directory_of(file: Path, vehicle: Vehicle) -> Path:
 
 def check_directory(directory: Path) -> None:
     """StoreError when there is no such directory."""
-    if not directory.is_dir():
-        text = f"state directory {directory} is not there; name that of `rambler run --state`, or make it first"
-        raise StoreError(text)
+    if directory.is_dir():
+        return
+    what, remedy = "is not there", f", or make it: mkdir -p {shlex.quote(str(directory))}"
+    if directory.exists():
+        what, remedy = "is a file", ""
+    raise StoreError(f"state directory {directory} {what}; name that of `rambler run --state`{remedy}")
 
 
 def check_readable(directory: Path) -> None:

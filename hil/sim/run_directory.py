@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
+import shlex
 import shutil
 import stat
 import sys
@@ -131,11 +133,13 @@ def copy_state(state: Path, target: Path) -> None:
     try:
         ignored = shutil.ignore_patterns("logs", "lock")
         shutil.copytree(state, target, ignore=ignored, copy_function=_copy_file)
-    except shutil.Error as error:
-        reasons = "; ".join(str(reason) for *_, reason in error.args[0])
-        raise UsageError(f"state directory {state} cannot be copied: {reasons}") from None
+    except FileNotFoundError:
+        remedy = f"make it: rambler plan load FILE --state {shlex.quote(str(state))}"
+        raise UsageError(f"state directory {state} is not there; name another, or {remedy}") from None
     except OSError as error:
-        raise UsageError(f"state directory {state} cannot be copied: {error}") from None
+        reasons = [str(reason) for *_, reason in error.args[0]] if isinstance(error, shutil.Error) else [str(error)]
+        text = re.sub(r"\[Errno \d+\] ", "", "; ".join(reasons))
+        raise UsageError(f"state directory {state} cannot be copied: {text}") from None
 
 
 def _copy_file(source: str, target: str) -> None:

@@ -105,8 +105,12 @@ def test_a_plan_that_was_lost_is_told_by_name(capsys, file, state):
 
 
 def test_states_that_are_none(capsys, file, tmp_path, state):
-    assert "is not there" in said(capsys, "load", file, "--state", tmp_path / "none", code=2)
-    assert "is not there" in said(capsys, "show", "--state", tmp_path / "none", code=2)
+    told = said(capsys, "show", "--state", tmp_path / "none", code=2)
+    assert told.endswith(f"{tmp_path / 'none'} is not there; name that of `rambler run --state`, or make it: "
+                         f"mkdir -p {tmp_path / 'none'}\n")  # fmt: skip
+    assert "is a file; name that of" in said(capsys, "load", file, "--state", file, code=2)
+    said(capsys, "load", file, "--state", tmp_path / "a" / "new", code=0)
+    assert len(shown(capsys, tmp_path / "a" / "new")["mission"]) == 2
     store = Store(state)
     store.save("mission.plan", b"nonsense")
     store.close()

@@ -143,8 +143,10 @@ def test_a_run_begins_with_the_state_of_the_one_that_it_replaces_and_keeps_what_
         assert sorted(path.name for path in tmp_path.iterdir()) == ["firmware.log", "state"]
         assert (state / "mission").read_text() == "x"
         (tmp_path / "vehicle.toml").write_text("")
-    with pytest.raises(UsageError, match="cannot be copied"):
+    with pytest.raises(UsageError, match=r"mistyped is not there; .* rambler plan load FILE --state .*mistyped$"):
         prepare_directory(tmp_path, tmp_path / "mistyped")
+    with pytest.raises(UsageError, match=r"vehicle.toml cannot be copied: Not a directory"):
+        prepare_directory(tmp_path, tmp_path / "vehicle.toml")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["firmware.log", "state", "vehicle.toml"]
     assert (state / "mission").read_text() == "x"
 
