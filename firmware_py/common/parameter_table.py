@@ -29,7 +29,8 @@ _FAILSAFE = {0: "alert only"} | {
 
 TABLE: tuple[Parameter, ...] = (
     *AIS,
-    constant("ARMING_CHECK", 1, "all", "What is looked at before arming; for stations that say it when not all is."),
+    constant("ARMING_CHECK", 1, "all", "Checks before arming; for ground stations that report disabled checks."),
+    constant("ARMING_SKIPCHK", 0, "none", "Checks left out before arming; the name of ArduPilot 4.7."),
     real("BAT_LOW_VOLT", 0.0, 0.0, 100.0, "V", "Supply voltage below which it is low; 0: never."),
     whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
     choice("BOOT_MODE", 4, {mode.value: mode.name.lower() for mode in Mode}, "Mode at start."),

@@ -137,7 +137,7 @@ class LinkContext:
         return identity.first_heartbeat(self.autopilot) if telemetry is None else identity.heartbeat(telemetry)
 
     def introduce(self, peer: Peer) -> None:
-        """Send what a station must know before the first heartbeat that it sees, if she is armed: ARMING_CHECK.
+        """Send what a station must know before the first heartbeat that it sees, if she is armed: the checks before arming.
 
         MAVProxy looks for it then, before it has asked for any, and says that checks are disabled if it has none.
         Who is answered in MAVLink 1 is told once.
@@ -147,7 +147,8 @@ class LinkContext:
             self.send_text(peer, Severity.NOTICE, _IN_FIRST_VERSION)
         if self.snapshot is not None and self.snapshot.armed and peer.may_be_new(self.now_s):
             peer.introduced = True
-            self.send(peer, self.parameter_value(INDEX["ARMING_CHECK"], _UNASKED), Priority.URGENT)
+            for name in ("ARMING_CHECK", "ARMING_SKIPCHK"):  # of ArduPilot before 4.7, and since
+                self.send(peer, self.parameter_value(INDEX[name], _UNASKED), Priority.URGENT)
 
     def parameter_value(self, row: int, index: int) -> Message:
         """Return the value of a row of the parameter table."""

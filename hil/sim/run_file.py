@@ -39,7 +39,8 @@ class OrderRecord:
 class RunFile:
     """What is known of a run beside its truth and its logs; `ending` is FINISHED, or says what cut it short.
 
-    `sea` is a table for people, `arrivals` are moment and number of each item of a mission that was reached. `wall_s`, `supply` and `vessels` are None where the run could not tell them any more.
+    `sea` is a table for people, `arrivals` are moment and number of each item of a mission that was reached.
+    `wall_s`, `supply` and `vessels` are None where the run could not tell them any more.
     Moment 0 is at `start_utc_s` by the receiver.
     """
 

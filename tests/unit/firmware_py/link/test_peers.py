@@ -348,14 +348,15 @@ def test_an_open_link_that_others_reach_is_told_at_start(make_rig, texts):
         assert texts(rig.tick()) == expected
 
 
-@pytest.mark.parametrize(("armed", "first"), [(True, ["PARAM_VALUE", "HEARTBEAT"]), (False, ["HEARTBEAT"])])
+@pytest.mark.parametrize(("armed", "first"), [(True, ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"]), (False, ["HEARTBEAT"])])
 def test_arming_checks_are_told_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
     """MAVProxy looks for them then: it asked for nothing yet, and would say that they are disabled."""
     rig = make_rig(addresses=())
     rig.tick(armed=armed)
     said = rig.tell(BEAT, address="station")
     assert kinds(said) == first
-    assert [value.param_id for value in said[:-1]] == ["ARMING_CHECK"] * (len(first) - 1)
+    checks = [(value.param_id, value.param_value) for value in said[:-1]]
+    assert checks == ([("ARMING_CHECK", 1.0), ("ARMING_SKIPCHK", 0.0)] if armed else [])
     said = [*rig.tell(BEAT, address="station"), *rig.tick(armed=armed)]
     assert kinds(said).count("PARAM_VALUE") == 0
 
@@ -363,7 +364,7 @@ def test_arming_checks_are_told_before_the_first_heartbeat_of_an_armed_boat(make
 def test_whoever_listens_unheard_is_told_of_arming_checks_before_each_heartbeat(rig, of):
     """On a link that she opens herself: a station may come at any time, or come again."""
     kept = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
-    assert kept == ["PARAM_VALUE", "HEARTBEAT"] * 5
+    assert kept == ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"] * 5
     rig.tell(BEAT)
     assert of(rig.ticks(20), "PARAM_VALUE") == []
     assert len(of(rig.ticks(50), "PARAM_VALUE")) > 2
