@@ -8,7 +8,9 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 # Marks for what is installed: for simulated runs, for the tests, for the documentation.
+VENV_READY := $(VENV)/.ready-venv
 SAIL_READY := $(VENV)/.ready-sail
+BUNDLE_READY := $(VENV)/.ready-bundle
 READY := $(VENV)/.ready-test
 DOCS_READY := $(VENV)/.ready-docs
 FUZZ_READY := $(VENV)/.ready-fuzz
@@ -36,12 +38,15 @@ help:
 	@echo "make proof  long tests: seas, stations, identification, lossy links, floods; some hours"
 
 # Repeated when the dependencies change. The times hold for two cores and a fast network.
-$(SAIL_READY): pyproject.toml .ci/constraints.txt
+$(VENV_READY):
 	@python=$$(.ci/find_python "$(PYTHON)") && \
 	  echo "setting up $(VENV) with $$("$$python" --version), once" && \
 	  echo "  1/2 the virtual environment: about 4 s" && \
 	  "$$python" -m venv $(VENV)
 	@echo '*' > $(VENV)/.gitignore
+	@touch $@
+
+$(SAIL_READY): pyproject.toml .ci/constraints.txt | $(VENV_READY)
 	@echo "  2/2 autopilot, simulator and their dependencies (numpy, scipy, numba, matplotlib): about 10 s, 530 MB"
 	@$(PIP) -e '.[hil]'
 	@touch $@
@@ -124,10 +129,15 @@ lock: $(SUPPLY_READY)
 	$(BIN)/uv pip compile pyproject.toml --quiet --no-config --universal --python-version 3.11 --generate-hashes \
 	  --constraint .ci/constraints.txt --no-header --no-annotate --output-file $(ONBOARD_LOCK)
 
+# .ci/bundle.py needs msgspec alone; pip fetches what is in the bundle.
+$(BUNDLE_READY): .ci/constraints.txt | $(VENV_READY)
+	@$(PIP) msgspec
+	@touch $@
+
 # The locked packages as wheels, with pip and a list of all hashes; for this computer, or those that FOR names.
 FOR ?=
 SIGN ?=
-bundle: $(READY)
+bundle: $(BUNDLE_READY)
 	@$(BIN)/python .ci/bundle.py $(if $(FOR),--for $(FOR)) $(if $(SIGN),--sign $(SIGN))
 
 # From an environment made of the lock alone, so that it lists only what the onboard computer has.

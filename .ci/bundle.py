@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes a bundle that `rambler update` installs without a network: build/rambler-VERSION-COMMIT.bundle.
+"""Makes a bundle that `rambler update` installs without a network: build/rambler-VERSION-COMMIT-MACHINE-PYTHON.bundle.
 
     bundle.py [--for MACHINE:PYTHON ...] [--sign KEY] [--out DIR]      as in: --for aarch64:3.13 aarch64:3.11
 
@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -32,6 +33,8 @@ LOCK_FILE = ROOT / ".ci/requirements-onboard.txt"
 PIP = "pip==25.3 --hash=sha256:9655943313a94722b7774661c21049070f6bbb0a1516bf02f7c8d5d9201514cd\n"
 GLIBC = ("2_28", "2_27", "2_26", "2_24", "2_17")  # the newest that a float may be asked for, and what runs on it, too
 OWN = "rambler-autopilot"
+# The computers for which the locked packages exist as wheels.
+MACHINES, PYTHONS = ("aarch64", "x86_64"), ("3.11", "3.12", "3.13", "3.14")
 
 
 def main() -> int:
@@ -42,9 +45,30 @@ def main() -> int:
     parser.add_argument("--sign", metavar="KEY", type=Path)
     parser.add_argument("--out", metavar="DIR", type=Path, default=ROOT / "build")
     arguments = parser.parse_args()
+    computers = sorted(set(arguments.computers or [here]))
+    for computer in computers:
+        machine, _, python = computer.partition(":")
+        if machine not in MACHINES or python not in PYTHONS:
+            targets = f"MACHINE:PYTHON of {', '.join(MACHINES)} and {', '.join(PYTHONS)}, such as aarch64:3.13"
+            return refused(f"{computer} is not supported; use {targets}")
+    try:
+        make(computers, arguments.out, arguments.sign)
+    except subprocess.CalledProcessError as error:
+        return refused(f"{error.cmd[0]} {' '.join(error.cmd[1:5])} ... failed; its messages are above")
+    return 0
+
+
+def refused(reason: str) -> int:
+    """Print why there is no bundle, and return the exit code."""
+    print(f"bundle: {reason}", file=sys.stderr)
+    return 2
+
+
+def make(computers: Sequence[str], out: Path, key: Path | None) -> None:
+    """Make a bundle for computers and print its path; CalledProcessError from a program that fails."""
     with tempfile.TemporaryDirectory() as name:
         wheels = Path(name)
-        for computer in arguments.computers or [here]:
+        for computer in computers:
             download(wheels, computer)
         requirements = wheels / "pip.txt"
         requirements.write_text(PIP)
@@ -55,11 +79,10 @@ def main() -> int:
         text = f"{LOCK_FILE.read_text()}{OWN}=={__version__} --hash=sha256:{digest(own.read_bytes())}\n"
         (wheels / LOCK).write_text(text)
         commit = commit_of(ROOT)
-        arguments.out.mkdir(exist_ok=True)
-        target = arguments.out / f"rambler-{__version__}-{commit}.bundle"
-        pack(wheels, target, __version__, commit, commit_utc_s(), arguments.sign)
+        out.mkdir(exist_ok=True)
+        target = out / f"rambler-{__version__}-{commit}-{'_'.join(computers).replace(':', '-')}.bundle"
+        pack(wheels, target, __version__, commit, commit_utc_s(), key)
     print(f"{target} ({target.stat().st_size / 1e6:.0f} MB)")
-    return 0
 
 
 def download(wheels: Path, computer: str) -> None:

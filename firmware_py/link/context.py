@@ -137,7 +137,7 @@ class LinkContext:
         return identity.first_heartbeat(self.autopilot) if telemetry is None else identity.heartbeat(telemetry)
 
     def introduce(self, peer: Peer) -> None:
-        """Send what a station must know before the first heartbeat that it sees, if she is armed: the checks before arming.
+        """Send the checks before arming to a station, before the first heartbeat that it sees of an armed boat.
 
         MAVProxy looks for it then, before it has asked for any, and says that checks are disabled if it has none.
         Who is answered in MAVLink 1 is told once.

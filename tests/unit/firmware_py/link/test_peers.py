@@ -348,7 +348,7 @@ def test_an_open_link_that_others_reach_is_told_at_start(make_rig, texts):
         assert texts(rig.tick()) == expected
 
 
-@pytest.mark.parametrize(("armed", "first"), [(True, ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"]), (False, ["HEARTBEAT"])])
+@pytest.mark.parametrize(("armed", "first"), [(True, [*["PARAM_VALUE"] * 2, "HEARTBEAT"]), (False, ["HEARTBEAT"])])
 def test_arming_checks_are_told_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
     """MAVProxy looks for them then: it asked for nothing yet, and would say that they are disabled."""
     rig = make_rig(addresses=())
