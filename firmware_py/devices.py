@@ -28,10 +28,14 @@ class Code(Generic[DeviceT]):
 
 @dataclass(frozen=True, slots=True)
 class Driver(Generic[DeviceT]):
-    """A driver by what it drives; its code is imported when it is asked for, since a boat has few of all devices."""
+    """A driver by what it drives; its code is imported when it is asked for, since a boat has few of all devices.
+
+    One that `writes` needs a serial port; the others also read from the network.
+    """
 
     device: str
     code: Callable[[], Code[DeviceT]]
+    writes: bool = False
 
     @property
     def options(self) -> type[Any]:
@@ -106,16 +110,16 @@ def _ais() -> Code[Vessels]:
 
 COMPASSES: Mapping[str, Driver[Compass]] = {
     "nmea": Driver("any that speaks NMEA 0183 (HDT, HDG, HDM, THS, PASHR, ROT, XDR)", _nmea_compass),
-    "pni_tcm": Driver("PNI TCM, Prime and TRAX", _pni),
-    "mti": Driver("Xsens (Movella) MTi", _mti),
+    "pni_tcm": Driver("PNI TCM, Prime and TRAX", _pni, writes=True),
+    "mti": Driver("Xsens (Movella) MTi", _mti, writes=True),
 }
 POSITIONS: Mapping[str, Driver[Position]] = {
     "nmea": Driver("any that speaks NMEA 0183 (RMC, GGA, GNS, GLL, VTG, ZDA)", _nmea_position),
     "ubx": Driver("u-blox receivers that send NAV-PVT", _ubx),
 }
 RUDDERS: Mapping[str, Driver[Rudder]] = {
-    "dynamixel": Driver("Robotis Dynamixel X, protocol 2.0", _dynamixel),
-    "volz": Driver("Volz DA", _volz),
+    "dynamixel": Driver("Robotis Dynamixel X, protocol 2.0", _dynamixel, writes=True),
+    "volz": Driver("Volz DA", _volz, writes=True),
 }
 POWERS: Mapping[str, Driver[Power]] = {
     "vedirect": Driver("Victron chargers and battery monitors that speak VE.Direct (MPPT, SmartShunt, BMV)", _vedirect),

@@ -21,9 +21,9 @@ from firmware_py.system.clock import LOCK_MARGIN_S, Metronome
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.health import HealthMonitor
+from firmware_py.system.network_line import NetworkLine
 from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.store import Store
-from firmware_py.system.udp_line import UdpLine
 from firmware_py.system.watchdogs import Watchdogs, waits_in_kernel
 
 # Before a deadline the link is left alone for this long, or for this part of a short period.
@@ -63,7 +63,7 @@ class LoopParts:
     link: Link
     recorder: Recorder | None
     store: Store
-    lines: Sequence[SerialPort | UdpLine]
+    lines: Sequence[SerialPort | NetworkLine]
     show_event: Callable[[Event], None]
     fault_barrier: FaultBarrier
     clock_setter: ClockSetter | None = None

@@ -64,7 +64,7 @@ class Hull:
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """A vehicle file, checked; the position's port may be the compass's, that of AIS either's or `udp:[HOST:]PORT`."""
+    """A vehicle file, checked; the position's port may be the compass's, that of AIS either's."""
 
     name: str
     compass: DeviceEntry
@@ -80,7 +80,7 @@ class Vehicle(msgspec.Struct, frozen=True):
 
 
 MOST_BYTES = 1 << 20  # of a vehicle or parameter file
-UDP_PREFIX, _NO_BAUD = "udp:", 38400  # AIS may come by datagrams, which have no rate
+NETWORK, _NO_BAUD = ("udp:", "tcp:"), 38400  # how ports on a network begin, which have no rate
 _MOST_CHARACTERS, _MOST_BITS = 60, 4096  # told of a name; of a whole number: Python refuses to write much longer ones
 _OPTIONAL = ("position", "compass_b", "power", "power_b", "ais")  # devices
 _SECTIONS = ("vehicle", "compass", "rudder", *_OPTIONAL, "link", "hull", "parameters")
@@ -217,11 +217,13 @@ def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntr
     own = {key: value for key, value in section.items() if key not in _CONNECTION}
     names = tuple(row.name for row in fields(kind))
     given = {key: section[key] for key in _CONNECTION if key in section}
-    datagrams = {"baud": _NO_BAUD} if str(section.get("port")).startswith(UDP_PREFIX) else {}
+    by_network = str(section.get("port")).startswith(NETWORK)
+    if by_network and drivers[driver].writes:
+        raise VehicleError(f"{place} port: driver {driver} writes to its device and needs a serial port")
     _, values = _all_read(
         {
             "names": lambda: _only_read(own, driver, names, place),
-            "connection": lambda: _record(_Connection, datagrams | given, place),
+            "connection": lambda: _record(_Connection, ({"baud": _NO_BAUD} if by_network else {}) | given, place),
             "options": lambda: _record(kind, {key: value for key, value in own.items() if key in names}, place),
         }
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import msgspec
 
@@ -11,14 +11,15 @@ from firmware_py.common.records import DeviceRole
 from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, calibrator_of
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.relabelled import Relabelled
+from firmware_py.system.network_line import TcpLine, UdpLine
 from firmware_py.system.port_users import port_users
 from firmware_py.system.serial_port import PortError, SerialPort
-from firmware_py.system.udp_line import UdpLine
-from firmware_py.vehicle import UDP_PREFIX, DeviceEntry, Vehicle
+from firmware_py.vehicle import DeviceEntry, Vehicle
 
 REOPENED_AFTER_S = 10.0  # without a byte
 
-Line = SerialPort | UdpLine
+Line = SerialPort | UdpLine | TcpLine
+_NETWORK: Mapping[str, type[UdpLine | TcpLine]] = {"udp": UdpLine, "tcp": TcpLine}  # as NETWORK of vehicle
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -85,8 +86,9 @@ def views(line: ByteLine, count: int) -> list[ByteLine]:
 
 
 def line_of(port: str, baud: int) -> Line:
-    """Return the line of a port of the vehicle file: a serial one, or UDP."""
-    return UdpLine(port) if port.startswith(UDP_PREFIX) else SerialPort(port, baud, silent_s=REOPENED_AFTER_S)
+    """Return the line of a port of the vehicle file: a serial one, UDP or TCP."""
+    kind = _NETWORK.get(port.partition(":")[0])
+    return SerialPort(port, baud, silent_s=REOPENED_AFTER_S) if kind is None else kind(port)
 
 
 def _line(entry: DeviceEntry, lines: list[Line]) -> Line:

@@ -94,6 +94,7 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
         ("CTL_K1 = 41", "CTL_K1 = 1" + "0" * 5000, "not valid TOML"),
         ("CTL_K1 = 41", "CTL_K1 = " + "[" * 3000, "nested too deeply"),
         ("CTL_K1 = 41", "C" * 5000 + " = 41", r"unknown parameter 'C{30}'; near it"),
+        ('port = "/dev/ttyUSB2"', 'port = "udp:10110"', r"\[rudder\] port: driver volz writes to its device and needs"),
         ('urls = ["udpout:127.0.0.1:14550"]', "urls = 5", r"\[link\] urls"),
         ('name = "Ocean Rambler"', "name = 5", r"\[vehicle\] name"),
         ('[vehicle]\nname = "Ocean Rambler"', "vehicle = 5", "must be a section"),

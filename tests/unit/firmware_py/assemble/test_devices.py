@@ -1,5 +1,6 @@
 """Which ports are opened for AIS, and what its driver hears on them."""
 
+import math
 import os
 import pty
 import select
@@ -8,8 +9,8 @@ import socket
 import pytest
 
 from firmware_py.assemble.devices import close_all, open_devices
+from firmware_py.system.network_line import TcpLine, UdpLine
 from firmware_py.system.serial_port import PortError
-from firmware_py.system.udp_line import UdpLine
 from firmware_py.vehicle import parse
 from hil.devices.ais_frames import position_a, sentences
 from hil.devices.nmea_text import whole_sentence
@@ -84,6 +85,47 @@ WRONG = ["udp:", "udp:0", "udp:70000", "udp:x", "udp:127.0.0.1:1a", "udp:192.0.2
 def test_an_address_that_cannot_be_listened_at_is_refused_in_one_line(name):
     with pytest.raises(PortError, match=r"^port udp:[^\n]*(write udp:PORT|choose another)[^\n]*$"):
         UdpLine(name).open()
+
+
+@pytest.mark.parametrize("name", ["tcp:", "tcp:10110", "tcp:boat.local:10110", "tcp:127.0.0.1:0", "tcp:[::1]:10110"])
+def test_a_server_that_is_no_address_is_refused_in_one_line(name):
+    with pytest.raises(PortError, match=r"^port tcp:[^\n]*: write tcp:ADDRESS:PORT [^\n]*$"):
+        TcpLine(name).open()
+
+
+def test_a_compass_comes_by_tcp_and_again_after_its_server_has_ended(tmp_path, ports):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        data = {
+            "compass": {"driver": "nmea", "port": f"tcp:127.0.0.1:{server.getsockname()[1]}"},
+            "rudder": {"driver": "volz", "port": ports[0][1], "baud": 115200},
+        }
+        devices = open_devices(parse(data, tmp_path / "boat.toml"), wait=False)
+        line = devices.lines[0]
+        try:
+            for moment_s in (1.0, 3.0):
+                with server.accept()[0] as client:
+                    client.sendall(whole_sentence("HCHDT,45.0,T") + b"$HCHDT,46.0")  # cut off
+                    select.select([line.fileno()], [], [], 5.0)
+                    devices.compass.receive(moment_s)
+                    assert [round(math.degrees(one.heading_rad)) for one in devices.compass.poll()] == [45]
+                select.select([line.fileno()], [], [], 5.0)
+                devices.compass.receive(moment_s)
+                assert line.fileno() == -1
+                line.reopen(moment_s + 1.0)
+                assert line.openings > 1
+        finally:
+            close_all(devices.lines)
+
+
+def test_a_server_that_is_not_there_is_tried_again():
+    (port,) = unused_ports(["tcpin"])
+    line = TcpLine(f"tcp:127.0.0.1:{port}")
+    line.open()
+    select.select([line.fileno()], [], [], 5.0)
+    assert (line.read(), line.connected, line.read(), line.write(b"x")) == (b"", False, b"", False)
+    line.reopen(1.0)
+    assert line.connected
+    line.close()
 
 
 def test_an_address_that_is_taken_is_waited_for():
