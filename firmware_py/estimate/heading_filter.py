@@ -12,9 +12,9 @@ which is the scoring step of a maximum a posteriori estimate with the log-normal
 memory. The memory grows from a minute to half an hour. The extra filters take at most one sample in LEARNING_STEP_S,
 which is enough for the waves of a boat.
 
-The likelihood has local maxima where the waves are much larger or longer than those of the prior. So in the first
-minute the twelve extra filters are twelve candidates of wave yaw and period, and the most likely one replaces the
-filter.
+The likelihood has local maxima where the waves are much larger or longer than those of the prior, or where the heading
+wanders much more. So in the first minute the twelve extra filters are twelve candidates of diffusion, wave yaw and
+period, and the most likely one replaces the filter.
 """
 
 from __future__ import annotations
@@ -53,8 +53,13 @@ SHORTEST_MEMORY_S, LONGEST_MEMORY_S, MEMORY_SHARE = 100.0, 1800.0, 0.5  # of the
 LEARNING_STEP_S = 0.4
 UNKNOWN_RUDDER_WALK = math.log(radians(2.0))  # the bias follows a rudder that is not measured
 FIRST_S, CHOICE_S = 60.0, 5.0
-CANDIDATE_SDS_RAD = (radians(1.0), radians(4.0), radians(16.0))
-CANDIDATE_PERIODS_S = (2.2, 3.6, 6.0, 10.0)
+# Diffusion of the heading [deg^2/s], wave yaw [deg] and period [s] of the candidates. Small waves are short. Without a
+# candidate of much diffusion, the wander of the heading would be taken for large waves, for hours.
+CANDIDATES = (
+    (1.0, 1.0, 2.2), (1.0, 1.0, 3.6), (8.0, 1.0, 2.2), (8.0, 1.0, 3.6),
+    (1.0, 4.0, 2.2), (1.0, 4.0, 3.6), (1.0, 4.0, 6.0), (1.0, 4.0, 10.0),
+    (1.0, 16.0, 2.2), (1.0, 16.0, 3.6), (1.0, 16.0, 6.0), (1.0, 16.0, 10.0),
+)  # fmt: skip
 # A turn is unexplained when the innovations stay beyond 3 standard deviations for so long.
 UNEXPLAINED, UNEXPLAINED_S = 9.0, 2.0
 LONGEST_GAP_S = 600.0  # after it the filter starts again
@@ -101,10 +106,11 @@ class HeadingFilter(NamedTuple):
 
 def candidate(number: int) -> NoiseLevels:
     """Return the levels of a candidate of the first minute."""
+    diffusion_deg2_s, wave_deg, period_s = CANDIDATES[number]
     return NoiseLevels(
-        PRIOR.diffusion,
-        math.log(CANDIDATE_SDS_RAD[number % 3]),
-        math.log(CANDIDATE_PERIODS_S[number // 3]),
+        math.log(diffusion_deg2_s * radians(1.0) ** 2),
+        math.log(radians(wave_deg)),
+        math.log(period_s),
         PRIOR.wave_damping,
         PRIOR.compass_noise,
         PRIOR.bias_walk,
@@ -230,8 +236,9 @@ def _learned(f: HeadingFilter, levels: NoiseLevels, model: KtModel, t_s: float, 
         if window_s >= CHOICE_S:
             best, window_s = _best(sums), 0.0
             motion, levels = stored(motions[best]), candidate(best)
-            if age_s + CHOICE_S > FIRST_S:
-                motions, sums = _all_at(motion), np.zeros(FILTERS)
+    elif before.t_s - f.begun_s < FIRST_S:
+        # The candidates end; the extra filters begin at the state of the filter.
+        motions, sums, window_s = _all_at(motion), np.zeros(FILTERS), 0.0
     else:
         keep = math.exp(-step_s / memory_s(age_s))
         for i in range(LEVELS):
