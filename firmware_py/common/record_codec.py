@@ -43,10 +43,8 @@ MOST_CHARACTERS: Final = 120  # of a reason
 # By the name of the class: the former name of a field and its name of today.
 FORMER_NAMES: dict[str, dict[str, str]] = {
     "ConvergenceState": {"told": "not_converging"},
-    "HalfCycle": {"push_rad": "bias_rad", "turned": "is_turn"},
+    "HalfCycle": {"turned": "is_turn"},
     "OscillationState": {
-        "halves": "weight",
-        "late": "turn_delay",
         "softened_s": "reduced_s",
         "softness": "gain_reduction",
         "swung_s": "last_cycle_s",
@@ -59,14 +57,6 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
     "SteeringLossState": {"missing": "lost", "other_variance": "disturbance_variance"},
     "SteeringMonitorState": {"answer": "loss", "wrong_way": "reversal"},
     "SupervisorState": {"coming_round": "convergence"},
-    "TurnDelayState": {
-        "as_told_rad": "nominal_rad",
-        "felt_as_told": "nominal_square",
-        "felt_late": "delayed_square",
-        "late_rad": "delayed_rad",
-        "shown_as_told": "nominal_product",
-        "shown_late": "delayed_product",
-    },
 }
 
 _LOCATED = re.compile(r"(.*) - at `(?:key` in `)?\$(.*)`", re.DOTALL)  # the last place: a value may look like one

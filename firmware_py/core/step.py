@@ -178,10 +178,9 @@ def _judge_steering(
         heading_sd_rad,
         rudder_rad=state.rudder.command_rad,
         trim_rad=tick.bias_mean_rad,
-        bias_rad=tick.filter.motion.bias_rad - tick.bias_mean_rad,
         speed_m_s=speed_m_s,
         wave_period_s=math.exp(tick.filter.levels.wave_period),
-        diffusion_rad2_s=math.exp(tick.filter.levels.diffusion),
+        delay_log_ratio=tick.delay.log_ratio,
     )
     return supervisor.judge_steering(settings.supervisor, state.supervisor, shown, seen, rudder.t_s)
 

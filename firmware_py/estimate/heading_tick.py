@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.estimate import (
+    delay_test,
     fixed_gain,
     heading_filter,
     heading_model,
@@ -26,6 +27,7 @@ from firmware_py.estimate import (
     water,
     water_results,
 )
+from firmware_py.estimate.delay_test import DelayTest
 from firmware_py.estimate.heading_filter import HeadingFilter
 from firmware_py.estimate.heading_model import Motion
 from firmware_py.estimate.prediction_check import PredictionCheck
@@ -84,6 +86,7 @@ class Smoothed(NamedTuple):
 NO_MOTION: Final = Motion()
 NO_CHECK: Final = PredictionCheck()
 NO_SMOOTHED: Final = Smoothed()
+NO_DELAY_TEST: Final = DelayTest()
 
 
 class HeadingTick(NamedTuple):
@@ -99,6 +102,7 @@ class HeadingTick(NamedTuple):
     silent: Motion = NO_MOTION
     silent_s: float = math.nan
     check: PredictionCheck = NO_CHECK
+    delay: DelayTest = NO_DELAY_TEST
     smoothed: Smoothed = NO_SMOOTHED
     bias_mean_rad: float = 0.0
     rudder_rad: float = 0.0
@@ -111,7 +115,7 @@ START: Final = HeadingTick()
 def with_sources(s: HeadingTick, state: SourceState) -> HeadingTick:
     """Return the state with other sources."""
     return HeadingTick(
-        state, s.filter, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
+        state, s.filter, s.silent, s.silent_s, s.check, s.delay, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
     )
 
 
@@ -124,8 +128,13 @@ def begin_tick(s: HeadingTick, now_s: float, step_s: float, timeouts_s: tuple[fl
     """Return the state at the begin of a tick, step_s after the one before; the estimate may start again."""
     if needs_restart(s, now_s, timeouts_s):
         f = heading_filter.not_started()
-        s = HeadingTick(sources.START, f, NO_MOTION, math.nan, NO_CHECK, s.smoothed, 0.0, s.rudder_rad, 0.0)
-    return with_sources(s, sources.decay_offsets(s.sources, clamp(step_s, 0.0, 1.0)))
+        s = HeadingTick(
+            sources.START, f, NO_MOTION, math.nan, NO_CHECK, NO_DELAY_TEST, s.smoothed, 0.0, s.rudder_rad, 0.0
+        )
+    state, delay = sources.decay_offsets(s.sources, clamp(step_s, 0.0, 1.0)), delay_test.begin_tick(s.delay)
+    return HeadingTick(
+        state, s.filter, s.silent, s.silent_s, s.check, delay, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
+    )
 
 
 def add_sample(s: HeadingTick, sample: TrueHeadingSample) -> HeadingTick:
@@ -172,9 +181,9 @@ def select(
 def with_motion(s: HeadingTick, t_s: float, motion: Motion) -> HeadingTick:
     """Return the state with a motion that no compass has corrected."""
     f = heading_filter.with_motion(s.filter, t_s, motion)
-    check = prediction_check.restarted(s.check, motion, t_s)
+    check, delay = prediction_check.restarted(s.check, motion, t_s), delay_test.following(s.delay, motion)
     return HeadingTick(
-        s.sources, f, s.silent, s.silent_s, check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
+        s.sources, f, s.silent, s.silent_s, check, delay, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
     )
 
 
@@ -198,14 +207,25 @@ def with_standstill(s: HeadingTick, settings: HeadingSettings, model: KtModel, n
 def with_silent(s: HeadingTick, silent: Motion, silent_s: float) -> HeadingTick:
     """Return the state with another motion without the compass, at silent_s."""
     return HeadingTick(
-        s.sources, s.filter, silent, silent_s, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
+        s.sources, s.filter, silent, silent_s, s.check, s.delay, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
     )
 
 
 def without_compass(s: HeadingTick, t_s: float, motion: Motion) -> HeadingTick:
     """Return the state with the compass in use contradicted, and the motion as it is known without it."""
     f, state = heading_filter.with_motion(s.filter, t_s, motion), sources.contradict(s.sources)
-    return HeadingTick(state, f, motion, math.nan, s.check, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2)
+    return HeadingTick(
+        state,
+        f,
+        motion,
+        math.nan,
+        s.check,
+        delay_test.following(s.delay, motion),
+        s.smoothed,
+        s.bias_mean_rad,
+        s.rudder_rad,
+        s.swing_rad2,
+    )
 
 
 def is_contradicted(s: HeadingTick, compass: sources.CompassState, silent: Motion, ratio: float) -> bool:
@@ -234,6 +254,7 @@ def take_heading(
     f = heading_filter.update(before, model, t_s, heading_rad, s.rudder_rad)
     step_s = f.t_s - before.t_s
     angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
+    delay = delay_test.update(s.delay, before, f, model, s.rudder_rad, heading_rad)
     check, bias_mean_rad = s.check, s.bias_mean_rad
     if f.begun_s == before.begun_s:
         if f.t_s - f.begun_s < LEARNING_S:
@@ -250,7 +271,9 @@ def take_heading(
     swing_rad2, compass = s.swing_rad2, sources.compass_in_use(s.sources)
     if compass.t_s == compass.changed_s:
         swing_rad2 += clamp(step_s / SWING_S, 0.0, 1.0) * (f.motion.wave_rad * f.motion.wave_rad - swing_rad2)
-    return HeadingTick(s.sources, f, s.silent, s.silent_s, check, smoothed, bias_mean_rad, s.rudder_rad, swing_rad2)
+    return HeadingTick(
+        s.sources, f, s.silent, s.silent_s, check, delay, smoothed, bias_mean_rad, s.rudder_rad, swing_rad2
+    )
 
 
 def smoothed_with(
@@ -294,7 +317,16 @@ def take_course(
 def end_tick(s: HeadingTick, rudder_rad: float) -> HeadingTick:
     """Return the state with the rudder angle that was measured at this tick, NaN: not known."""
     return HeadingTick(
-        s.sources, s.filter, s.silent, s.silent_s, s.check, s.smoothed, s.bias_mean_rad, rudder_rad, s.swing_rad2
+        s.sources,
+        s.filter,
+        s.silent,
+        s.silent_s,
+        s.check,
+        s.delay,
+        s.smoothed,
+        s.bias_mean_rad,
+        rudder_rad,
+        s.swing_rad2,
     )
 
 

@@ -68,7 +68,7 @@ class Seen(NamedTuple):
     estimate: heading_estimate.HeadingEstimate
     heading_sd_rad: float
     wave_period_s: float
-    diffusion_rad2_s: float
+    delay_log_ratio: float
     disturbance: tuple[float, float]
     rudder_rad: float
     shown_rad: float

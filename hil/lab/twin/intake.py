@@ -70,7 +70,7 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
         heading_tick.estimate_of(s, me.heading_rad, me.rate_rad_s, known),
         heading_tick.heading_sd(s),
         math.exp(f.levels.wave_period),
-        math.exp(f.levels.diffusion),
+        s.delay.log_ratio,
         heading_tick.learned_disturbance(s),
         s.rudder_rad,
         compass.raw_rad,

@@ -63,10 +63,9 @@ def steer(a: Autopilot, helm: Helm, seen: Seen, now_s: float) -> Helm:
         me.heading_sd_rad,
         me.command_rad,
         known.bias_mean_rad,
-        known.bias_rad - known.bias_mean_rad,
         known.speed_m_s,
         seen.wave_period_s,
-        seen.diffusion_rad2_s,
+        seen.delay_log_ratio,
     )
     cycle = oscillation.update(a.law.model, helm.oscillation, swing, now_s)
     given = steering_monitor.SteeringInput(

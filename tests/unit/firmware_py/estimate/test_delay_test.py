@@ -1,0 +1,76 @@
+"""The delay test on boats of the filter's own model that differ in the delay of the rudder only."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.common.angles import radians
+from firmware_py.estimate import delay_test, heading_filter, heading_model
+from firmware_py.estimate.delay_test import DelayTest
+from firmware_py.estimate.heading_model import Motion, NoiseLevels
+from firmware_py.model.kt import OCEAN_RAMBLER
+
+STEP_S, GAIN = 0.5, 1.5
+LEVELS = NoiseLevels(
+    math.log(radians(1.0) ** 2), math.log(radians(2.0)), math.log(5.0), math.log(0.2), math.log(radians(0.3)),
+    math.log(radians(0.05)),
+)  # fmt: skip
+
+
+class Boat:
+    """A boat that a proportional controller steers north, with a filter that is given the noise levels."""
+
+    def __init__(self, delay_s, seed):
+        self.numbers, self.truth = np.random.default_rng(seed), Motion()
+        self.waiting = [0.0] * round(delay_s / STEP_S)
+        self.filter = heading_filter.begin(0.0, 0.0)._replace(begun_s=-heading_filter.FIRST_S, levels=LEVELS)
+        self.test, self.t_s, self.evidence = DelayTest(self.filter.motion), 0.0, 0.0
+
+    def sail(self, seconds, measured=True):
+        """Return the evidence after so long."""
+        for draws in self.numbers.standard_normal((round(seconds / STEP_S), 2)):
+            self.t_s += STEP_S
+            rudder_rad = -GAIN * self.filter.motion.heading_rad
+            self.waiting.append(rudder_rad)
+            heading_rad, rate_rad_s = heading_model.ahead(self.truth, OCEAN_RAMBLER, self.waiting.pop(0), STEP_S)
+            heading_rad += radians(math.sqrt(STEP_S)) * draws[0]
+            self.truth = self.truth._replace(heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s)
+            shown_rad = heading_rad + radians(0.3) * draws[1]
+            angle_rad, before = rudder_rad if measured else math.nan, self.filter
+            self.filter = heading_filter.update(before, OCEAN_RAMBLER, self.t_s, shown_rad, angle_rad)
+            self.filter = self.filter._replace(levels=LEVELS)
+            self.test = delay_test.begin_tick(self.test)
+            self.test = delay_test.update(self.test, before, self.filter, OCEAN_RAMBLER, angle_rad, shown_rad)
+            self.evidence += self.test.log_ratio
+        return self.evidence
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_a_delay_is_told_from_none_without_a_commanded_turn(seed):
+    assert Boat(12.0, seed).sail(1500.0) > 25.0
+    assert Boat(0.0, seed).sail(600.0) < 0.0
+
+
+def test_a_rudder_that_is_not_measured_shows_nothing():
+    boat = Boat(12.0, 1)
+    assert boat.sail(300.0, measured=False) == 0.0
+    assert boat.test.motion == boat.filter.motion
+
+
+def test_nothing_is_compared_in_the_first_minute_nor_after_a_restart():
+    boat = Boat(12.0, 1)
+    boat.sail(60.0)
+    later = heading_filter.begin(boat.t_s + 700.0, 1.0)
+    test = delay_test.update(boat.test, boat.filter, later, OCEAN_RAMBLER, 0.1, 1.0)
+    assert (test.motion, test.log_ratio) == (later.motion, boat.test.log_ratio)
+    young = boat.filter._replace(begun_s=boat.t_s - 1.0)
+    test = delay_test.update(boat.test, young, young._replace(t_s=boat.t_s + 1.0), OCEAN_RAMBLER, 0.1, 1.0)
+    assert (test.motion, test.log_ratio) == (young.motion, boat.test.log_ratio)
+
+
+@pytest.mark.parametrize("rudder_rad", [math.nan, math.inf, 1e300])
+def test_the_first_heading_and_an_impossible_rudder_leave_it_finite(rudder_rad):
+    first = heading_filter.begin(1.0, 2.0)
+    test = delay_test.update(DelayTest(), heading_filter.not_started(), first, OCEAN_RAMBLER, rudder_rad, 2.0)
+    assert test == delay_test.following(DelayTest(), first.motion)
