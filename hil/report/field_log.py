@@ -123,7 +123,7 @@ def _made(got: Gathered) -> FieldLog:
     first = (math.degrees(got.fixes["lat"][0]), math.degrees(got.fixes["lng"][0])) if got.fixes["t"] else None
     late_us = np.asarray(got.late_s) * 1e6
     late_us = late_us[np.isfinite(late_us)]
-    percentiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
+    percentiles = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
     return FieldLog(
         truth=truth,
         goal_held_rad=_held(time_s, columns["goal"], goal, cuts),

@@ -16,7 +16,6 @@ from hil.errors import HilError, UsageError
 from hil.report import field_log
 from hil.report.field_log import FieldLog
 from hil.report.figures import RudderTravel, goal_figures, steady_rudder_travel_deg_per_h
-from hil.report.loop_health import from_logs
 from hil.sim import run_file
 from hil.sim.run_directory import STATE, SUMMARY, TRUTH_FILE
 from hil.sim.run_file import OrderRecord, RunFile
@@ -41,7 +40,6 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
     goals = [asdict(one) for one in figures]
     for goal in goals:
         goal["accepted_s"] = _accepted_s(goal["t_s"], record.orders)
-    health = from_logs(out / STATE / "logs", lockstep=record.lockstep)
     summary: Summary = {
         "scenario": record.scenario,
         "with": record.extras,
@@ -60,7 +58,7 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
         **({} if record.vessels is None else {"vessels": record.vessels}),
         **_told(record, log),
         "arrivals": [{"time_s": t_s, "item": item} for t_s, item in record.arrivals],
-        "loop": None if health is None else asdict(health),
+        "loop": _loop(record, log),
         "lockstep": record.lockstep,
         "sailed_s": end_s,
         "speed_ratio": end_s / record.wall_s if end_s and record.wall_s else None,
@@ -78,7 +76,7 @@ def onboard(out: Path) -> FieldLog | None:
     every = math.ceil(sum(path.stat().st_size for path in paths) / WHOLE_BYTES)
     try:
         return field_log.read(paths, every=max(1, every)) if paths else None
-    except UsageError:  # the health of the loop tells of it
+    except UsageError:
         return None
 
 
@@ -95,6 +93,14 @@ def write(summary: Summary, out: Path) -> None:
         (out / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise HilError(f"{out / SUMMARY} cannot be written: {error.strerror}") from None
+
+
+def _loop(record: RunFile, log: FieldLog | None) -> Summary | None:
+    if log is None:
+        return None
+    note = "in lockstep time stands still while the autopilot computes" if record.lockstep else ""
+    late_us = None if record.lockstep else dict(log.late_us) or None
+    return {"ticks": log.ticks, "skipped": log.skipped, "lateness_us": late_us, "note": note}
 
 
 def _accepted_s(goal_s: float, orders: Sequence[OrderRecord]) -> float | None:

@@ -39,7 +39,7 @@ def loop_line(summary: Summary) -> str:
     ratio = summary["speed_ratio"]
     speed = "speed unknown" if ratio is None else f"{ratio:.1f} x real time"
     if loop is None:
-        return f"loop: no onboard log; {speed}"
+        return f"loop: no onboard log that can be read; {speed}"
     lateness = loop["lateness_us"]
     late = f"; {loop['note']}" if loop["note"] else ""
     if lateness is not None:

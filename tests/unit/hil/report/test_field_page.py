@@ -95,6 +95,19 @@ def test_logs_stand_at_their_dates_with_the_gaps_between_them(tmp_path, monkeypa
     assert field_page._calendar(begin_s + length_s + 300.0 + one.texts[-1][0]) in text
 
 
+def test_lateness_percentiles_in_microseconds():
+    got = log_records.Gathered()
+    file = LogFile(LOG, got)
+    for k in range(1001):
+        file._tick(0.1 * k, k * 1e-6, 2.0 * (k == 1000))
+    file._flush()
+    log = field_log._made(got)
+    assert (log.ticks, log.skipped) == (1001, 2)
+    assert {name: round(value, 6) for name, value in log.late_us.items()} == {
+        "p50": 500.0, "p99": 990.0, "p99.9": 999.0, "max": 1000.0
+    }  # fmt: skip
+
+
 def test_a_log_that_continues_another_one_has_its_date():
     got = log_records.Gathered()
     for t_s, date in ((0.0, 1.8e9), (100.0, None), (200.0, 1.8e9 + 20.0), (201.0, 1.9e9)):

@@ -6,7 +6,6 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from firmware_py.common.records import Tick
 from hil.lab.compare.score import score_of, turns_of
 from hil.report.figures import (
     goal_figures,
@@ -15,7 +14,6 @@ from hil.report.figures import (
     steady_rudder_travel_deg_per_h,
     turned_goals_rad,
 )
-from hil.report.loop_health import from_logs, loop_health
 from hil.sim.truth import COLUMNS, Truth
 
 
@@ -25,10 +23,6 @@ def truth(heading_deg, goal_deg, rudder_deg=None) -> Truth:
     rudder = zero if rudder_deg is None else np.radians(np.asarray(rudder_deg, dtype=float))
     goal = np.radians(np.asarray(goal_deg, dtype=float))
     return Truth(np.arange(heading.size) / 10.0, heading, heading, zero, rudder, rudder, goal, zero, zero, zero)
-
-
-def tick(late_s, skipped=0):
-    return Tick(0, 0.0, late_s, skipped, 10.0)
 
 
 def step_to(final_deg: float, past_deg: float, seconds: float, steady_deg: float) -> list[float]:
@@ -133,17 +127,3 @@ def test_pieces_have_the_figures_of_the_whole(rows):
         assert numbers == pytest.approx(others, rel=1e-12)
     steady = np.degrees(np.abs(whole.heading_low_rad - whole.goal_rad))[9 + 2332 + 2000 : 9 + 2332 + 4000]
     assert found[2].p95_error_deg == pytest.approx(np.percentile(steady, 95.0), rel=1e-12)
-
-
-def test_lateness_percentiles_in_microseconds():
-    health = loop_health([tick(k * 1e-6, 2 * (k == 1000)) for k in range(1001)], lockstep=False)
-    assert (health.ticks, health.skipped) == (1001, 2)
-    assert health.lateness_us == {"p50": 500.0, "p99": 990.0, "p99.9": 999.0, "max": 1000.0}
-
-
-def test_lockstep_has_no_lateness_and_says_why(tmp_path):
-    health = loop_health([tick(0.0)] * 5, lockstep=True)
-    assert health.lateness_us is None
-    assert "lockstep" in health.note
-    assert loop_health([], lockstep=False).lateness_us is None
-    assert from_logs(tmp_path, lockstep=True) is None

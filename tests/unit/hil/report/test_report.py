@@ -98,7 +98,14 @@ def test_the_summary_has_what_others_read(out):
 def test_what_the_boat_said_is_in_the_summary_at_the_times_of_the_truth(out):
     (out / "state/logs").mkdir(parents=True)
     shutil.copy(REPLAY / "tank_pni_volz.BIN", out / "state/logs/00000001.BIN")
-    events = summary.summarise(RECORD, out, summary.onboard(out))["events"]
+    log = summary.onboard(out)
+    found = summary.summarise(RECORD, out, log)
+    assert (found["loop"]["ticks"], found["loop"]["lateness_us"]) == (log.ticks, None)
+    assert "lockstep" in found["loop"]["note"]
+    assert (
+        summary.summarise(replace(RECORD, lockstep=False), out, log)["loop"]["lateness_us"].keys() == log.late_us.keys()
+    )
+    events = found["events"]
     assert {"time_s", "severity", "text"} == set(events[0])
     armed = next(event for event in events if event["text"] == "Armed")
     assert 0.0 < armed["time_s"] < 10.0
