@@ -102,7 +102,7 @@ def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> I
     yield from page.voyage(field_voyage(log))
     yield page.heading("Figures")
     if goals:
-        yield page.table([COLUMNS, *(goal_cells(asdict(goal)) for goal in goals[:GOALS_SHOWN])])
+        yield page.table([COLUMNS, *(goal_cells(asdict(goal), _clock(goal.t_s, log)) for goal in goals[:GOALS_SHOWN])])
     yield page.table(
         [
             ("under way", "for", "mean error", "rms error", "rudder travel"),

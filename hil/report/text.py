@@ -17,11 +17,12 @@ def figures_text(summary: Summary) -> str:
     return "\n".join([*lines, loop_line(summary)])
 
 
-def goal_cells(goal: dict[str, Any]) -> tuple[str, ...]:
-    """Return one goal's figures as texts with units."""
+def goal_cells(goal: dict[str, Any], moment: str = "") -> tuple[str, ...]:
+    """Return one goal's figures as texts with units; `moment` stands in place of its seconds."""
+    at = moment or f"{goal['t_s']:.0f} s"
     settled = "never" if goal["settling_s"] is None else f"{goal['settling_s']:.0f} s"
     return (
-        f"{goal['goal_deg']:.0f} deg at {goal['t_s']:.0f} s",
+        f"{goal['goal_deg']:.0f} deg at {at}",
         f"{goal['overshoot_deg']:.2f} deg",
         settled,
         f"{goal['mean_error_deg']:+.2f} deg",

@@ -91,6 +91,7 @@ def test_logs_stand_at_their_dates_with_the_gaps_between_them(tmp_path, monkeypa
     field_page.write([LOG] * 3, tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text()
     assert f"{LOG.name}: 300 s without a log before it" in text
+    assert not re.search(r"(from|deg at) \d+ s<", text), "no seconds of the page"
     assert f"{LOG.name}: time since the log before it unknown" in text
     assert field_page._calendar(begin_s + length_s + 300.0 + one.texts[-1][0]) in text
 
