@@ -5,7 +5,9 @@ import importlib
 import io
 import json
 import re
+import shlex
 from functools import cache
+from unittest.mock import patch
 
 from firmware_py.common.parameter_table import TABLE
 from support.paths import ROOT
@@ -101,6 +103,33 @@ def test_every_command_and_option_that_is_named_exists():
         return {wrong_with(program, words) for program, words in commands_in(text)} - {""}
 
     assert wrong_pages(unknown) == {}
+
+
+@cache
+def refused(program, *words):
+    """Return why the parser of a program refuses a command line; empty when it takes it, or lacks a word only."""
+    commands = importlib.import_module(PROGRAMS[program]).COMMANDS
+    errors = io.StringIO()
+    module = importlib.import_module(commands[words[0]][0])
+    with patch.object(module, "run", lambda _: 0), contextlib.redirect_stderr(errors):
+        importlib.import_module(PROGRAMS[program]).main(words)
+    return "" if "required" in errors.getvalue() else errors.getvalue()
+
+
+def test_every_command_line_that_is_named_is_taken_by_its_program():
+    def wrong(text):
+        text = re.sub(r"<!-- (?:help|output|code): .*?<!-- end -->", "", text, flags=re.DOTALL)
+        for span in code_in(text):
+            # What stands for a choice is no command line: NAME, KIND, a|b, [...].
+            for program, rest in re.findall(
+                r"^(?:sudo )?(rambler(?:-hil)?) ([a-z][^#|\[\n]*)$", span.replace("\\\n", " "), re.MULTILINE
+            ):
+                words = shlex.split(rest)
+                if " -" in rest and not {"NAME", "KIND"} & set(words) and (why := refused(program, *words)):
+                    yield f"{program} {rest}: {why}"
+
+    assert wrong_pages(lambda text: list(wrong(text))) == {}
+    assert "expected" in refused("rambler-hil", "run", "tank", "--seconds")
 
 
 def test_the_check_of_commands_sees_what_is_wrong():
