@@ -124,7 +124,7 @@ def update(
     model = water.model_at_speed(settings.tick.model, state.water)
     tick = heading_tick.begin_tick(tick, now_s, now_s - before.t_s, timeouts.compass_s)
     for sample in true_headings:
-        tick = heading_tick.add_sample(tick, sample)
+        tick = heading_tick.add_sample(tick, model, sample)
     tick = heading_tick.select(tick, settings.tick, model, now_s, timeouts.compass_s, state.water, timeouts.position_s)
     in_use = tick.sources.in_use
     if in_use != source_before:

@@ -39,6 +39,7 @@ from firmware_py.model.kt import KtModel, decay_over
 if TYPE_CHECKING:
     from firmware_py.common.parameters import ParameterSet
 
+JUMP_SDS: Final = 4.0  # of the predicted wave yaw, that a heading which has not jumped may differ by
 MAX_COURSE_SD_RAD: Final = radians(20.0)  # of a heading to steer by without a compass
 MIN_CONTRADICTION_RAD: Final = radians(5.0)
 # The fewer, the longer it stands beyond its usual time; and for one that swung to and fro until it stood.
@@ -137,15 +138,20 @@ def begin_tick(s: HeadingTick, now_s: float, step_s: float, timeouts_s: tuple[fl
     )
 
 
-def add_sample(s: HeadingTick, sample: TrueHeadingSample) -> HeadingTick:
+def add_sample(s: HeadingTick, model: KtModel, sample: TrueHeadingSample) -> HeadingTick:
     """Return the state with a heading of either compass judged; it is not yet filtered.
 
-    Before the filter has first chosen its levels, large waves would look like a jump.
+    It is compared with the motion predicted to its time, since waves turn the boat by more than JUMP_RAD between two
+    headings of a slow compass. Before the filter has first chosen its levels, large waves would look like a jump.
     """
-    f, expected_rad = s.filter, math.nan
+    f, expected_rad, gate_rad = s.filter, math.nan, sources.JUMP_RAD
     if heading_filter.has_started(f) and sample.t_s - f.begun_s > heading_filter.WINDOW_S:
-        expected_rad = f.motion.heading_rad + f.motion.wave_rad
-    return with_sources(s, sources.add_sample(s.sources, sample, expected_rad))
+        m, step_s = f.motion, sample.t_s - f.t_s
+        if 0.0 < step_s <= LONGEST_PREDICTION_S:
+            angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
+            m = heading_model.predict(m, f.levels, model, angle_rad, step_s)
+        expected_rad, gate_rad = m.heading_rad + m.wave_rad, max(gate_rad, JUMP_SDS * math.sqrt(m.p33))
+    return with_sources(s, sources.add_sample(s.sources, sample, expected_rad, gate_rad))
 
 
 def select(

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.estimate.stay import NO_STAY, SPIN_NOISE_RAD, SPIN_RAD_S, STAYED_S, Stay, stays
 
-JUMP_RAD: Final = radians(20.0)  # of a heading from the estimate with its wave yaw
+JUMP_RAD: Final = radians(20.0)  # of a heading from the estimate with its wave yaw, where waves are small
 JUMP_S: Final = 1.5
 FIRST_JUMP_S: Final = 1.0  # counted for a first heading outside: one alone is no jump, however slow the compass
 PROBATION_S: Final = 10.0
@@ -196,13 +196,19 @@ def contradicts(compass: CompassState, now_s: float, timeout_s: float, alone: bo
     return alone and compass.t_s - compass.near_s > CONTRADICTED_S
 
 
-def update_compass(compass: CompassState, sample: TrueHeadingSample, expected_rad: float) -> CompassState:
-    """Return a compass after a sample; expected_rad is the estimated heading with its wave yaw (NaN: none yet)."""
+def update_compass(
+    compass: CompassState, sample: TrueHeadingSample, expected_rad: float, gate_rad: float = JUMP_RAD
+) -> CompassState:
+    """Return a compass after a sample.
+
+    expected_rad is the estimated heading with its wave yaw (NaN: none yet). A heading that differs by more than
+    gate_rad has jumped.
+    """
     first, expected = math.isnan(compass.t_s), not math.isnan(expected_rad)
     since_s = sample.t_s - compass.t_s
     changed = sample.raw_rad != compass.raw_rad
     difference_rad = wrap_pi(sample.heading_rad - expected_rad) if expected else 0.0
-    near = abs(wrap_pi(difference_rad + compass.offset_rad)) <= JUMP_RAD
+    near = abs(wrap_pi(difference_rad + compass.offset_rad)) <= gate_rad
     near_s, stay = compass.near_s, compass.stay
     if near or first:
         near_s = sample.t_s
@@ -263,12 +269,14 @@ def turns_of(compass: CompassState, sample: TrueHeadingSample) -> CompassTurns:
     return CompassTurns(resolution_rad, t.apart_rad, swings + 1.0, raw_rad, -t.rising)
 
 
-def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: float) -> SourceState:
+def add_sample(
+    state: SourceState, sample: TrueHeadingSample, expected_rad: float, gate_rad: float = JUMP_RAD
+) -> SourceState:
     """Return the state after a sample of either compass."""
     a, b = state.compasses
     if sample.source == 1:
-        return SourceState((a, update_compass(b, sample, expected_rad)), state.in_use)
-    return SourceState((update_compass(a, sample, expected_rad), b), state.in_use)
+        return SourceState((a, update_compass(b, sample, expected_rad, gate_rad)), state.in_use)
+    return SourceState((update_compass(a, sample, expected_rad, gate_rad), b), state.in_use)
 
 
 def contradict(state: SourceState) -> SourceState:

@@ -32,7 +32,7 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
     me.newest_s, headings = np.nan, 0
     while headings < at.heading_count and at.headings[headings, THERE_S] <= now_s:
         t_s, said_rad = at.headings[headings, THERE_S], at.headings[headings, SAID_RAD]
-        s = heading_tick.add_sample(s, sources.TrueHeadingSample(t_s, said_rad, said_rad, 0))
+        s = heading_tick.add_sample(s, model, sources.TrueHeadingSample(t_s, said_rad, said_rad, 0))
         interval_s = silence.learn_interval_s(interval_s, t_s - heading_s, boat.compass_timeout_s)
         me.newest_s = heading_s = t_s
         headings += 1

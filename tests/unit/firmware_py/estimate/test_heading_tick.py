@@ -52,7 +52,7 @@ class Boat:
         s = heading_tick.begin_tick(s, self.t_s, self.step_s, TIMEOUTS_S)
         samples = tuple(self.samples())
         for sample in samples:
-            s = heading_tick.add_sample(s, sample)
+            s = heading_tick.add_sample(s, model, sample)
         s = heading_tick.select(s, self.settings, model, self.t_s, TIMEOUTS_S, self.water(), 2.0)
         for sample in samples:
             if sample.source == s.sources.in_use:
@@ -195,6 +195,14 @@ def test_a_swell_is_no_jump_of_the_compass_from_the_first_heading_on(seed):
     boat = Boat(wave_deg=20.0, period_s=8.0, seed=seed, noise_deg=0.3).run(90.0)
     assert set(boat.sources) == {Source.COMPASS_A}
     assert math.isnan(boat.state.sources.compasses[0].stay.since_s)
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_a_swell_is_no_jump_of_a_compass_of_1_hz_and_whole_degrees_but_a_jump_is(seed):
+    boat = Boat(wave_deg=20.0, period_s=8.0, seed=seed, step_s=1.0, resolution_deg=1.0, noise_deg=0.3).run(600.0)
+    assert set(boat.sources[120:]) == {Source.COMPASS_A}  # its waves are learned by then
+    boat.shows = lambda _: boat.heading_rad + boat.waves.angle_rad(0.0) + math.pi
+    assert not by_compass(boat.run(4.0))
 
 
 def test_a_jump_of_the_compass_is_not_followed():
