@@ -223,6 +223,11 @@ class DrillBoat:
         self.run(1.1)
         return self.station.mode().split(",")[0]
 
+    def steers_by_track(self) -> bool:
+        """Return whether the heading now comes from the course over ground, as the autopilot last reported."""
+        sources = [text for _, _, text in self.station.texts if text.startswith("Heading from")]
+        return bool(sources) and sources[-1].startswith("Heading from course")
+
     def rudder_deg(self) -> float:
         """The rudder's true angle."""
         return degrees(self.world.rudder_rad())

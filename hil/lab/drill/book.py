@@ -15,7 +15,6 @@ from hil.lab.drill.checks import (
     amidships,
     as_before,
     both,
-    by_track,
     in_mode,
     not_over,
     obeyed,
@@ -89,16 +88,16 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "compass silent", "Compass is silent", "Compass speaks again", put("compass.silent", True),
-        put("compass.silent", False), 2.0, 4.0, 30.0, by_track, ("Heading from", "Compass jumps"), pair=True,
+        put("compass.silent", False), 2.0, 4.0, 30.0, on_course, ("Heading from", "Compass jumps"), pair=True,
     ),
     Drill(
         "compass frozen", "Compass is frozen", "Compass varies again", put("compass.frozen", True),
-        put("compass.frozen", False), 32.0, 5.0, 5.0, by_track, ("Heading from", "Compass jumps"), pair=True,
+        put("compass.frozen", False), 32.0, 5.0, 5.0, on_course, ("Heading from", "Compass jumps"), pair=True,
     ),
     Drill(
         "compass turned by 180 deg", "Compass jumps", "Compass agrees again", put("attitude.error_rad",
         radians(180.0)),
-        put("attitude.error_rad", 0.0), 4.0, 70.0, 20.0, by_track, ("Heading from", "Heading estimate", "No heading"),
+        put("attitude.error_rad", 0.0), 4.0, 70.0, 20.0, on_course, ("Heading from", "Heading estimate", "No heading"),
     ),
     Drill(
         "knocked round by a sea", "Compass jumps", "Compass agrees again", knocked(radians(90.0), 1.5), nothing,

@@ -12,7 +12,7 @@ class Boat:
         self.now_s, self.goal_s, self.goal_deg, self.heading_deg = 100.0, 90.0, 0.0, 0.0
         self.turns_to, self.says, self.modes, self.mode_before = None, {}, ["GUIDED"], "GUIDED"
         self.rested_deg = self.farthest_deg = 0.0
-        self.orders = []
+        self.orders, self.by_track = [], False
         for name, value in what.items():
             setattr(self, name, value)
 
@@ -26,6 +26,9 @@ class Boat:
 
     def error_deg(self):
         return self.heading_deg - self.goal_deg
+
+    def steers_by_track(self):
+        return self.by_track
 
     def said(self, text, since_s):
         at_s = self.says.get(text)
@@ -41,6 +44,13 @@ class Boat:
 
     def set_mode(self, mode):
         self.orders.append(mode)
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "by_track", "wrong"), [(20.0, False, True), (20.0, True, False), (40.0, True, True)]
+)
+def test_by_the_track_a_boat_steers_less_exactly_than_by_a_compass(off_deg, by_track, wrong):
+    assert bool(checks.on_course(Boat(heading_deg=off_deg, by_track=by_track), 95.0)) is wrong
 
 
 @pytest.mark.parametrize(
