@@ -62,7 +62,7 @@ def changed(tmp_path_factory):
 
 def said(folder, *words):
     """Run Python on the programs of a folder; return its output."""
-    environment = {**os.environ, "PYTHONPATH": f"{folder}:{folder / 'tests'}"}
+    environment = {**os.environ, "PYTHONPATH": f"{folder}:{folder / 'tests'}", "PYTEST_ADDOPTS": ""}
     done = subprocess.run(
         [sys.executable, *words], cwd=folder, env=environment, check=False, capture_output=True, text=True
     )
@@ -84,5 +84,5 @@ def test_compiled_functions_are_those_of_the_changed_firmware(changed, capsys):
 @pytest.mark.timeout(1800)
 def test_the_closed_loop_sails_by_the_changed_firmware_as_its_autopilot_does(changed):
     assert said(ROOT, "-c", LOOP) != said(changed, "-c", LOOP)
-    words = ("-m", "pytest", "tests/process/test_twin.py", "-k", "mixture and coast")
-    assert "1 passed" in said(changed, *words)
+    # By its exit status, which is not 0 without a test: how it shows the result depends on the options.
+    said(changed, "-m", "pytest", "tests/process/test_twin.py", "-k", "mixture and coast")
