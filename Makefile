@@ -64,7 +64,7 @@ sail: $(SAIL_READY)
 # More workers than cores: many tests wait for programs that they have started.
 test: $(READY)
 	@echo "running the tests: 6 to 10 minutes on two cores"
-	$(BIN)/python -m pytest -n 4 --dist worksteal
+	$(BIN)/python -m pytest -n 3 --dist worksteal
 
 $(FUZZ_READY): $(READY)
 	@echo "adding atheris, once: 60 MB (x86-64 only; elsewhere the inputs change at random)"
