@@ -68,6 +68,7 @@ def run(options: RunOptions) -> Run:
         try:
             _make(options, book, station, devices)
         finally:
+            book.truth.close()  # it is read from here on
             power = devices.get("power") or devices.get("power_b")
             plant = power.plant if isinstance(power, VeDirectEmulator) else None
             book.vessels = _closest(book)

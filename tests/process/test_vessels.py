@@ -25,6 +25,7 @@ def test_a_crossing_ship_is_told_stepped_aside_for_and_replayed(tmp_path):
     (ship,) = summary["vessels"]
     assert ship["name"] == "CROSSING LADY"
     assert ship["closest_m"] > 10_000.0
+    assert ship["at_s"] > 38.0  # it comes nearer to the last row
     assert replays(tmp_path)
 
 
