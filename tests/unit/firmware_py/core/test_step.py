@@ -12,9 +12,11 @@ from firmware_py.common.intents import (
     Arm,
     BenchRudder,
     ManualRudder,
+    PauseMission,
     ReplacePlan,
     Request,
     SetHome,
+    SetMissionItem,
     SetMode,
     SetParameter,
     SteerHeading,
@@ -449,6 +451,39 @@ def test_absurd_requests_change_nothing(value):
         state, answer = accept(boat.state, Request(boat.t_s, intent))
         assert state is boat.state
         assert answer.verdict is Verdict.DENIED
+
+
+@pytest.mark.parametrize(("number", "limit"), [(0, math.pi / 2.0), (1, math.pi), (2, 1e5)])
+def test_a_place_in_an_order_may_be_at_its_limits_and_not_beyond(number, limit):
+    state = State.at_start(ParameterSet())
+    for value in (limit, -limit, 1.0000001 * limit, -1.0000001 * limit, math.nan):
+        place = [0.1, 0.1, 0.0]
+        place[number] = value
+        for order in (SetHome(*place), *([SteerPosition(*place[:2])] if number < 2 else [])):
+            _, answer = accept(state, Request(0.0, order))
+            assert (answer.verdict is not Verdict.DENIED) is (abs(value) == limit)
+
+
+def test_a_mission_item_in_an_order_is_one_of_the_mission_and_only_an_order_for_auto_ends_a_pause():
+    boat = Boat()
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.4, 0.1)
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.YAW, frame=2)])))
+    verdicts = [accept(boat.state, Request(boat.t_s, SetMissionItem(index)))[1].verdict for index in (-1, 0, 1)]
+    assert verdicts == [Verdict.DENIED, Verdict.ACCEPTED, Verdict.DENIED]
+    boat.under_way(Mode.AUTO).tick(PauseMission(paused=True))
+    for mode, paused in ((Mode.HOLD, True), (Mode.AUTO, False)):
+        boat.tick(SetMode(mode))
+        assert (boat.state.modes.mode, boat.state.guidance.mission.paused) == (mode, paused)
+
+
+@pytest.mark.parametrize("place", [(0.5, None), (None, 0.5)])
+def test_home_without_a_whole_place_is_where_the_boat_is(place):
+    boat = Boat()
+    assert accept(boat.state, Request(boat.t_s, SetHome(*place)))[1].verdict is Verdict.TEMPORARILY_REJECTED
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.4, 0.1)
+    boat.run(1.0)
+    home = accept(boat.state, Request(boat.t_s, SetHome(*place)))[0].home
+    assert (home.latitude_rad, home.longitude_rad) == pytest.approx((0.4, 0.1), abs=1e-6)
 
 
 @pytest.mark.parametrize(("fence", "said"), [((), "No fence to heed: send one"), ((5003,), "Fence heeded")])

@@ -19,6 +19,7 @@ from firmware_py.estimate.sources import (
     is_frozen,
     is_jumping,
     select,
+    standstill_ratio,
     update_compass,
 )
 
@@ -219,6 +220,35 @@ def test_a_compass_that_swung_to_and_fro_and_stands_is_frozen(period_s, steps, w
     assert not frozen(watch)
     watch.run(2.0, a="frozen")
     assert frozen(watch) is waves
+
+
+@pytest.mark.parametrize(
+    ("shown", "standing_s"),
+    [
+        (((0.1, 1),), 2.0),  # of a compass not known yet
+        (((5.0, 2),), 10.0),
+        (((5.0, 2), (0.5, 1200)), 10.0 * math.exp(-1.0)),  # forgotten in 10 minutes
+        (((0.5, 1200),), 1.5),  # at least
+    ],
+)
+def test_a_compass_stands_still_after_twice_the_longest_time_with_one_number(shown, standing_s):
+    state, t_s, number = CompassState(sound_since_s=0.0), 0.0, 0
+    for interval_s, count in shown:
+        for _ in range(count):
+            t_s, number = t_s + interval_s, number + 1
+            state = update_compass(state, TrueHeadingSample(t_s, 1.0, 0.01 * (number % 2), 0), 1.0)
+    for part in (0.5, 1.0):
+        sample = TrueHeadingSample(t_s + part * standing_s, 1.0, state.raw_rad, 0)
+        assert standstill_ratio(update_compass(state, sample, 1.0)) == pytest.approx(part, rel=0.01)
+
+
+def test_each_turn_back_of_a_compass_is_a_swing_with_a_memory_of_20_s_and_its_first_turn_is_none():
+    state, swings = CompassState(), []
+    for number, t_s in enumerate((0.00, 0.01, 0.02, 0.03, 20.03)):
+        raw_rad = 1.0 - radians(20.0) * (number % 2)
+        state = update_compass(state, TrueHeadingSample(t_s, raw_rad, raw_rad, 0), 1.0)
+        swings.append(state.turns.swings)
+    assert swings == pytest.approx([0.0, 0.0, 1.0, 2.0, 1.0 + 2.0 * math.exp(-1.0)], abs=0.01)
 
 
 def test_a_turn_of_less_than_a_few_steps_contradicts_no_coarse_compass():

@@ -81,10 +81,12 @@ def test_a_report_counts_as_what_is_measured():
 
 
 @pytest.mark.parametrize(
-    "values",
-    [{"charge": 1.01}, {"charge": -0.1}, {"voltage_v": math.nan}, {"current_a": math.inf}, {"temperature_c": 200}],
+    ("name", "low", "high"),
+    [("voltage_v", 0.0, 1e3), ("current_a", -5e3, 5e3), ("charge", 0.0, 1.0), ("temperature_c", -60.0, 150.0)],
 )
-def test_a_report_that_cannot_be_is_refused_and_changes_nothing(values):
-    state, answer = judged(**{"voltage_v": 13.0} | values)
-    assert (answer.verdict, answer.text) == (Verdict.DENIED, "Battery report is out of range")
-    assert state.power.samples == (None, None, None)
+def test_a_report_outside_its_limits_is_refused_and_changes_nothing(name, low, high):
+    assert {judged(**{name: value})[1].verdict for value in (low, high)} == {Verdict.ACCEPTED}
+    for value in (low - 1e-3, high + 1e-3, math.nan, -math.inf):
+        state, answer = judged(**{"voltage_v": 13.0} | {name: value})
+        assert (answer.verdict, answer.text) == (Verdict.DENIED, "Battery report is out of range")
+        assert state.power.samples == (None, None, None)

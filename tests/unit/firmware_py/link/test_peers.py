@@ -180,6 +180,19 @@ def test_a_permanent_peer_stays_however_silent(rig):
     assert rig.transport.sent
 
 
+def test_the_status_has_the_age_of_the_latest_valid_frame_and_none_before_the_first(rig):
+    def heard_age_s():
+        (link,) = rig.endpoint.status(rig.now_s)
+        return link.peers[0].heard_age_s
+
+    rig.give(b"\xfd\x00noise" * 50)
+    assert heard_age_s() is None
+    rig.tell(BEAT)
+    assert heard_age_s() == 0.0
+    rig.tick(seconds=2.5)
+    assert heard_age_s() == 2.5
+
+
 def test_a_connection_that_is_lost_goes_at_once(make_rig):
     rig = make_rig(datagrams=False)
     rig.tick()

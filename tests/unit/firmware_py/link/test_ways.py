@@ -258,3 +258,14 @@ def test_a_number_comes_round():
     assert heard(ways, one, beat(3), 3.0 + DOUBLED_S - 0.1) is False  # by its own way
     assert heard(ways, other, beat(3), 3.0 + DOUBLED_S - 0.1) is True
     assert heard(ways, other, beat(3), 3.0 + 3.0 * DOUBLED_S) is False
+
+
+@pytest.mark.parametrize(("later_frames", "stations"), [(127, 2), (128, 1)])
+def test_a_number_that_may_have_come_round_parts_no_ways(later_frames, stations):
+    """The other way may be late by less than half of the numbers; then a frame of the same number is another one."""
+    ways, one, other = Ways(), Way("a", 0.0), Way("b", 0.0)
+    joined(ways, one, other)
+    for number in range(later_frames + 1):
+        heard(ways, one, beat((9 + number) % 256), 9.0)
+    assert not heard(ways, other, beat(9, base_mode=1), 9.5)
+    assert len({one.station, other.station}) == stations

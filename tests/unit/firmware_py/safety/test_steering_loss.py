@@ -33,9 +33,10 @@ class Boat:
         """Hold the rudder over for a block; return the turn in it."""
         self.rudders.append(rudder_rad)
         steady_rad_s = self.ship.turning_ability_1_s * (self.answers * self.rudders.pop(0) + self.wind_rad)
-        gone = 1.0 - decay_over(BLOCK_S, self.lags * self.ship.turning_lag_s)
-        self.rate_rad_s += gone * (steady_rad_s - self.rate_rad_s)
-        turned_rad = self.rate_rad_s * BLOCK_S + noise_rad
+        lag_s, lacks_rad_s = self.lags * self.ship.turning_lag_s, steady_rad_s - self.rate_rad_s
+        gone_rad_s = (1.0 - decay_over(BLOCK_S, lag_s)) * lacks_rad_s
+        turned_rad = steady_rad_s * BLOCK_S - gone_rad_s * lag_s + noise_rad
+        self.rate_rad_s += gone_rad_s
         self.state = update(
             OCEAN_RAMBLER, self.state, rudder_rad, turned_rad, BLOCK_S, self.sd_rad, self.speed_m_s, error_rad,
             self.diffusion_rad2_s,
@@ -70,6 +71,19 @@ def test_a_late_weak_or_opposite_response_is_a_response(answers, lags, late):
         assert boat.hold(60.0, radians(5.0 + side * 25.0), side) is None
 
 
+def test_each_response_predicts_its_boat_and_needs_half_of_its_least_part():
+    parts = ((1.0, 0.6, (0, 2, 4, 6)), (0.5, 0.5, (0, 4)), (-1.0, -0.6, (0, 4)))
+    kinds = [(part, least, lags, late) for part, least, lates in parts for lags in (1.0, 3.0) for late in lates]
+    for number, (part, least_part, lags, late) in enumerate(kinds):
+        boat = Boat(part, late, lags, wind_rad=0.0)
+        boat.hold(40.0, radians(20.0), math.nan)
+        assert boat.state.boats[number].beyond_rad == pytest.approx(0.0, abs=1e-9)
+        for share, against in ((0.49, True), (0.51, False)):
+            boat = Boat(share * least_part, late, lags, wind_rad=0.0)
+            boat.hold((late + 1) * BLOCK_S, radians(20.0), math.nan)
+            assert (boat.state.boats[number].evidence > 0.0) is against
+
+
 def test_a_rudder_that_holds_the_boat_against_gusts_adds_no_evidence():
     boat = Boat()
     for block in range(300):
@@ -82,8 +96,8 @@ def test_a_rudder_that_holds_the_boat_against_gusts_adds_no_evidence():
     ("speed_m_s", "sd_deg", "lost_s", "again_s"),
     [
         (0.2, 1.0, 72.0, 20.0),
-        (0.2, 3.0, 90.0, 30.0),
-        (0.4, 1.0, 40.0, 12.0),
+        (0.2, 3.0, 92.0, 30.0),
+        (0.4, 1.0, 42.0, 12.0),
         (0.4, 3.0, 52.0, 18.0),
         (0.9, 1.0, 26.0, 8.0),
         (0.9, 6.0, 38.0, 14.0),

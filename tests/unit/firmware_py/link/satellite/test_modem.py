@@ -20,7 +20,8 @@ class ScriptedModem:
         self.sessions = deque(sessions or ("0, 1, 0, 0, 0, 0",))
         self.measure_s, self.session_s, self.signal = measure_s, session_s, signal
         self.calls = []
-        self.echo = False
+        self.echo = self.damages = False
+        self.held = b"+SBDSX: 0, 1, 0, -1, 0, 0"
         self.refuses = ()
         self.later = []
         self.events = []
@@ -56,7 +57,7 @@ class ScriptedModem:
         elif command.startswith(b"AT+SBDWB"):
             self.say(b"\r\nREADY\r\n")
         elif command == b"AT+SBDRB":
-            self.say(READ_OUT + b"\r\nOK\r\n")
+            self.say((READ_OUT[:-1] + b"?" if self.damages else READ_OUT) + b"\r\nOK\r\n")
         elif command in (b"AT+SBDIX", b"AT+SBDIXA"):
             self.calls.append(command)
             words = self.sessions[0] if len(self.sessions) == 1 else self.sessions.popleft()
@@ -64,7 +65,7 @@ class ScriptedModem:
         else:
             said = {
                 b"AT+CGSN": IMEI,
-                b"AT+SBDSX": b"+SBDSX: 0, 1, 0, -1, 0, 0",
+                b"AT+SBDSX": self.held,
                 b"AT+CSQ": b"+CSQ:%d" % self.signal,
                 b"the message": b"0",
             }.get(command, b"")
@@ -127,6 +128,29 @@ def test_a_modem_that_was_reset_and_echoes_hands_its_message_over():
     report(modem).run(120)
     assert modem.driver.received == [(7, MESSAGE)]
     assert modem.driver.counts.refused == {}
+
+
+@pytest.mark.parametrize(("ring", "waiting", "ringing"), [(0, 0, False), (1, 0, True), (0, 1, True), (0, -1, False)])
+def test_a_message_ashore_is_known_from_the_set_up(ring, waiting, ringing):
+    modem = ScriptedModem()
+    modem.held = b"+SBDSX: 0, 1, 0, -1, %d, %d" % (ring, waiting)
+    while not modem.driver.modem.ready and modem.now_s < 10.0:
+        modem.run(0.5)
+    assert modem.driver.modem.ringing is ringing
+
+
+def test_a_message_damaged_on_the_line_is_read_again_after_the_set_up():
+    modem = ScriptedModem("0, 1, 1, 7, 14, 0").run(10)
+    modem.damages = True
+    report(modem)
+    while not modem.driver.counts.refused:
+        modem.run(0.5)
+    assert modem.run(0.5).driver.modem.failing_since_s == modem.now_s
+    modem.damages, modem.held = False, b"+SBDSX: 0, 1, 1, 7, 0, 0"
+    modem.run(9)
+    assert modem.driver.received == []
+    assert modem.run(8).driver.received == [(7, MESSAGE)]
+    assert (len(modem.calls), modem.driver.modem.failing_since_s) == (1, None)
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,18 @@ def test_an_interval_out_of_range_changes_nothing(interval_us):
     assert streams.interval_us(ATTITUDE) == 100_000
 
 
+@pytest.mark.parametrize(
+    ("link_class", "fastest_s"),
+    [(LinkClass.FAST, 0.02), (LinkClass.RADIO, 0.02), (LinkClass.SATELLITE, 10.0), (LinkClass.MESSAGES, 600.0)],
+)
+def test_each_class_of_link_has_its_fastest_interval(link_class, fastest_s):
+    streams = Streams(link_class, 0.0)
+    assert streams.set_interval(ATTITUDE, 1e6 * fastest_s, 0.0)
+    assert streams.interval_us(ATTITUDE) == 1e6 * fastest_s
+    assert not streams.set_interval(ATTITUDE, 0.99e6 * fastest_s, 0.0)
+    assert streams.set_interval(ATTITUDE, 3600e6, 0.0)
+
+
 def test_off_and_default():
     streams = Streams(LinkClass.FAST, 0.0)
     assert streams.set_interval(ATTITUDE, -1, 0.0)
