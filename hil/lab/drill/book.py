@@ -130,7 +130,7 @@ BOOK: tuple[Drill, ...] = (
     Drill(
         "position jumps", "Position jumps", "Position is steady again", put("whereabouts.north_m", 1e4),
         put("whereabouts.north_m", 0.0), 5.0, 8.0, 20.0, on_course,
-        also=("Position lost", "Position believed"), pair=True,
+        also=("Position lost", "Position believed", "First position"), pair=True,
     ),
     Drill(
         "servo's cable out", "Rudder servo does not answer", "Rudder servo answers again",

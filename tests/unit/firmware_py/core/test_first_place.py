@@ -61,6 +61,20 @@ def test_a_goal_and_a_home_elsewhere_stay():
     assert place_of(boat.state.home) == place_of(boat.state.modes.goal) == Place(*there)
 
 
+def test_home_and_goal_are_back_after_a_receiver_was_wrong_in_between():
+    boat = rig.Sailing(rig.sea("calm"), POS_JUMP_S=30.0).under_way(Mode.GUIDED, SteerPosition(*placed(500.0, 300.0)))
+    home = place_of(boat.state.home)
+    for jump_m, reports in ((WRONG_M, 1), ((0.0, 0.0), 2)):
+        boat.jump_m = jump_m
+        boat.run(60.0)
+        assert len(boat.said(TEXT)) == reports
+    assert math.hypot(*home.nearby_offset_m(place_of(boat.state.home))) < 100.0
+    assert north_east_m(place_of(boat.state.modes.goal)) == (
+        pytest.approx(500.0, abs=60.0),
+        pytest.approx(300.0, abs=60.0),
+    )
+
+
 def test_a_jump_long_after_the_first_place_moves_nothing(monkeypatch):
     monkeypatch.setattr("firmware_py.estimate.position.FIRST_PLACE_S", 10.0)
     boat = boat_at_a_wrong_place(Mode.LOITER)
