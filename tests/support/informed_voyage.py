@@ -64,6 +64,7 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
                 s.silent,
                 s.silent_s,
                 s.check,
+                s.delay,
                 s.smoothed,
                 s.bias_mean_rad,
                 s.rudder_rad,
@@ -73,7 +74,7 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
         taken, n = intake.update(a, at, taken, deadline_s)
         if fixed:
             n = Seen(
-                n.started, False, n.estimate, n.heading_sd_rad, n.wave_period_s, n.diffusion_rad2_s, n.disturbance,
+                n.started, False, n.estimate, n.heading_sd_rad, n.wave_period_s, n.delay_log_ratio, n.disturbance,
                 n.rudder_rad, n.shown_rad, n.heading_interval_s, n.inconsistent, n.current_strong,
             )  # fmt: skip
         helm = pilot.steer(a, helm, n, deadline_s)
