@@ -28,6 +28,12 @@ CAUSES = {
 }
 
 
+def falls_short(*case):
+    """Return a case of which the autopilot falls short; the last word is by how much."""
+    *values, reason = case
+    return pytest.param(*values, marks=pytest.mark.xfail(strict=True, reason=reason))
+
+
 def turned(how, seconds, name="calm", seed=1):
     """A ship that turns by 60 deg after a minute; heading errors [deg] and rudder [deg] are kept, once a second."""
     boat = rig.Sailing(rig.sea(name), seed, hull=ill(**how)).under_way(Mode.GUIDED)
@@ -85,15 +91,16 @@ def test_what_makes_the_helm_swing_is_found_in_time(cause, figures):
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("cause", CAUSES)
+@pytest.mark.parametrize(
+    "cause", [*list(CAUSES)[:-1], falls_short("ten times as late in turning", "327 s: it swings twice")]
+)
 def test_what_makes_the_helm_swing_is_ended(cause, figures):
     boat, kept = turned_by(cause)
     first_s = boat.said(ROW.text)[0]
     gone_s = boat.said(ROW.recovery)[-1] - first_s
     print(cause, f"gone after {gone_s:.0f} s")
     figures.keep(key_of("oscillation", "gone", cause), gone_s, "s")
-    # A boat of ten times the lag turns for minutes with a reduced gain, and swings once more.
-    assert gone_s <= (360.0 if cause.startswith("ten times") else 180.0)
+    assert gone_s <= 180.0
     assert not boat.snapshot.faults >> Fault.HELM_OSCILLATES & 1
     assert swing(kept, 1000.0, 1200.0)[1] < 0.5 * swing(kept, first_s - 90.0, first_s)[1]
     assert swing(kept, 1000.0, 1200.0)[0] < 1.0
@@ -102,12 +109,17 @@ def test_what_makes_the_helm_swing_is_ended(cause, figures):
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("name", ["calm", "tank"])
-@pytest.mark.parametrize("how", [{"ability": 1.0 / 3.0, "lag": 3.0}, {"lag": 3.0}, {"ability": 4.0}, {"delay_s": 5.0}])
+@pytest.mark.parametrize(
+    ("how", "name"),
+    [
+        *((how, name) for how in ({"lag": 3.0}, {"ability": 4.0}, {"delay_s": 5.0}) for name in ("calm", "tank")),
+        ({"ability": 1.0 / 3.0, "lag": 3.0}, "calm"),
+        falls_short({"ability": 1.0 / 3.0, "lag": 3.0}, "tank", "2.1 deg"),
+    ],
+)
 def test_a_ship_a_few_times_from_what_she_was_told_has_no_limit_cycle_in_flat_water(name, how):
     _, kept = turned(how, 900.0, name)
-    # A boat of a third of K wanders by 2 deg in the tank.
-    assert swing(kept, 600.0, 900.0)[0] < (3.0 if "ability" in how and "lag" in how else 1.0)
+    assert swing(kept, 600.0, 900.0)[0] < 1.0
 
 
 def oscillating(text, seed, goals, seconds):
@@ -137,7 +149,7 @@ def told_and_gone(sea, seed):
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("sea", ["calm", "tank"])
+@pytest.mark.parametrize("sea", ["calm", falls_short("tank", "131 s where the swing is small, 18 of 20 in a minute")])
 def test_a_sluggish_ship_that_swings_is_reported_within_a_minute_and_steady_after_three(sea, figures):
     both = np.array([told_and_gone(sea, seed) for seed in range(1, 21)])
     print(sea, np.round(both).tolist())
@@ -145,17 +157,21 @@ def test_a_sluggish_ship_that_swings_is_reported_within_a_minute_and_steady_afte
     figures.keep(f"oscillation_told_worst_{sea}", float(np.nanmax(both[:, 0])), "s")
     figures.keep(f"oscillation_gone_worst_{sea}", float(np.nanmax(both[:, 1])), "s")
     assert np.isfinite(both[:, 0]).sum() >= 12
-    assert np.nansum(both[:, 0] > 60.0) <= 2  # small swings, of little evidence
-    assert np.nanmax(both[:, 0]) <= 150.0
+    assert np.nanmax(both[:, 0]) <= 60.0
     assert np.nanmax(both[:, 1]) <= 180.0
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize(
-    ("ship", "beyond_deg"), [("delay=12", 15.0), ("kt=1:3,delay=8", 15.0), ("float=0.1:0.4,delay=2", 30.0)]
+    "ship",
+    [
+        falls_short("delay=12", "13 deg beyond"),
+        falls_short("kt=1:3,delay=8", "11 deg beyond"),
+        falls_short("float=0.1:0.4,delay=2", "28 deg beyond"),
+    ],
 )
-def test_with_a_reduced_gain_a_turn_of_150_deg_takes_less_than_four_minutes(ship, beyond_deg, figures):
-    """It may go beyond the goal once. With the feedforward divided by the gain reduction it took 360 to 530 s."""
+def test_with_a_reduced_gain_a_turn_of_150_deg_takes_less_than_four_minutes(ship, figures):
+    """And does not overshoot. With the feedforward divided by the gain reduction it took 360 to 530 s."""
     turn_s, goals = 850.0, [(0.0, 0.0), (200.0, math.radians(60.0)), (850.0, math.radians(-90.0))]
     ticks, _ = voyage.sail(f"calm+{ship}", 1, goals, 1500.0)
     assert ticks[ticks[:, loop.TICK_S] < turn_s, loop.SOFTNESS][-1] > 7.0
@@ -165,7 +181,7 @@ def test_with_a_reduced_gain_a_turn_of_150_deg_takes_less_than_four_minutes(ship
     print(ship, f"turned after {there_s:.0f} s, beyond by {error_deg.max():.1f} deg")
     figures.keep(key_of("oscillation", ship, "turned_softened"), there_s, "s")
     assert there_s < 220.0
-    assert error_deg.max() < beyond_deg
+    assert error_deg.max() < 8.0
     assert not after[:, loop.OSCILLATING].any()
 
 
@@ -191,6 +207,7 @@ def test_no_sea_is_taken_for_an_oscillation(name):
 
 
 @pytest.mark.proof
+@pytest.mark.xfail(strict=True, reason="pauses of 873 and 1339 s")
 def test_a_ship_that_swings_whenever_the_helm_is_stiff_has_a_soft_one_for_longer_each_time():
     """In a calm, where only her turns make her swing: one each 20 min."""
     boat = rig.Sailing(rig.sea("calm"), 1, hull=ill(**CAUSES["ten times as late in turning"])).under_way(Mode.GUIDED)

@@ -370,3 +370,13 @@ def test_the_monitors_are_given_what_has_been_learned():
     assert trim_rad == 0.0
     old = boat.state.filter._replace(begun_s=boat.state.filter.t_s - heading_tick.LEARNING_S - 1.0)
     assert heading_tick.learned_disturbance(boat.state._replace(filter=old))[1] == boat.state.bias_mean_rad
+
+
+def test_both_motions_of_the_delay_test_are_the_same_after_one_without_a_compass():
+    boat = Boat(wave_deg=5.0).run(70.0).run(20.0, radians(20.0))
+    s, other = boat.state, boat.state.filter.motion._replace(heading_rad=2.0)
+    assert s.delay.motion != s.filter.motion
+    for function in (heading_tick.with_motion, heading_tick.without_compass):
+        after = function(s, boat.t_s, other)
+        assert after.delay.motion == after.filter.motion == other
+        assert after.delay.log_ratio == s.delay.log_ratio
