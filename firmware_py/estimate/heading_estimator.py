@@ -119,7 +119,7 @@ def update(
     ]
     source_before = tick.sources.in_use
     if heading_tick.needs_restart(tick, now_s, timeouts.compass_s):
-        events = (*events, Event(Severity.WARNING, "Heading estimate is begun anew"))
+        events = (*events, Event(Severity.WARNING, "Heading estimate restarted"))
         source_before = Source.NONE
     model = water.model_at_speed(settings.tick.model, state.water)
     tick = heading_tick.begin_tick(tick, now_s, now_s - before.t_s, timeouts.compass_s)

@@ -1,8 +1,7 @@
-"""Where the boat is: fixes smoothed by its own motion, and jumps that no boat can make held back.
+"""Position of the boat: fixes smoothed by its own motion, with a gate for jumps.
 
-A fix that lies further off than the boat can have sailed is held back; when others keep bearing
-it out for long enough, the position was wrong before, and it is believed. Without fixes the place is reckoned on
-(reckoning.py).
+A fix that lies further off than the boat can have sailed is not used. When further fixes agree with it for long enough,
+the position was wrong before, and the new one is used. Without fixes the position is dead reckoned (reckoning.py).
 """
 
 from __future__ import annotations

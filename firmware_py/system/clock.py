@@ -198,7 +198,7 @@ class _Watch:
             self._waking.register(descriptor, select.POLLIN)
 
     def ready(self, *, fed: bool) -> list[int]:
-        """Return what is readable now, with or without the lines of the HIL, in the order in which it is watched."""
+        """Return the readable descriptors in their order of registration, with or without the lines of the harness."""
         ready = {descriptor for descriptor, _ in (self._all if fed else self._waking).poll(0)}
         return [descriptor for descriptor in self._descriptors if descriptor in ready]
 

@@ -127,9 +127,9 @@ def _newest(found: Sequence[Found]) -> Found:
 
 
 def _owners(path: Path, state_directory: Path) -> set[int]:
-    """Return who may write a status: root, the owner of the state directory, the owner of a private directory.
+    """Return the user ids whose status files are read: root, the owners of the state directory and a private directory.
 
-    Anybody may put a file into /dev/shm.
+    Any user can put a file into /dev/shm.
     """
     owners = {0}
     with contextlib.suppress(OSError, ValueError):

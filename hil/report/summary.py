@@ -111,7 +111,7 @@ def _accepted_s(goal_s: float, orders: Sequence[OrderRecord]) -> float | None:
 
 
 def _told(record: RunFile, log: FieldLog | None) -> Summary:
-    """Return what the boat has said, and how far off her lines she was."""
+    """Return the texts of the autopilot and the cross-track error."""
     if log is None:
         return {"events": [], "cross_track": None}
     shift_s = onboard_shift_s(record, log)

@@ -124,9 +124,9 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "no source of heading is left; the rudder is held, then amidships (fault COMPASS_LOST)",
         "power and cable of the compass; `rambler listen`, once ashore",
     ),
-    "Heading estimate is begun anew": (
-        "a sea has knocked her round, or headings differed from what was expected so long that they are believed",
-        "once: nothing; again and again: the compass jumps, or something magnetic moves near it",
+    "Heading estimate restarted": (
+        "a wave has turned the boat, or the compass has differed from the estimate for so long that it is used",
+        "once: nothing; repeatedly: look for a compass that jumps, or for magnetic objects near it",
     ),
     "Clock set from <source>: it was <seconds> s off": ("the computer's clock has been set", _NOTHING),
     "Clock is <seconds> s off and may not be set (needs CAP_SYS_TIME)": (

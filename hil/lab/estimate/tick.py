@@ -41,7 +41,7 @@ GAP_INTERVALS: Final = 1.5  # a heading that comes later than this is missing
 TICKS_IN_GAP_S: Final = 120.0  # after which nothing more comes of a gap
 LEVELS: Final = 6
 TELL_EVERY: Final = 500  # ticks
-RESTARTED: Final = "Heading estimate is begun anew"
+RESTARTED: Final = "Heading estimate restarted"
 # What a tick estimates at a heading, in the order of `_row`; then its rudder command, and the compass as corrected.
 COLUMNS: Final = (
     *("heading_rad", "heading_sd_rad", "yaw_rate_rad_s", "yaw_rate_sd_rad_s", "rudder_bias_rad", "rudder_bias_sd_rad"),

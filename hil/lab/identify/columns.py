@@ -212,7 +212,7 @@ def _unit(quantity: str, name: str) -> float | None:
 
 
 def _beside(quantity: str, name: str) -> float | None:
-    """Return what _unit does, of a name that has other words beside: `delta_rudder_rad`, `psi_hat`."""
+    """Return the unit of a column name that has further words, such as `delta_rudder_rad` or `psi_hat`."""
     words = name.split("_")
     for count in range(len(words), 0, -1):
         unit = "_".join(words[count:])
@@ -226,7 +226,7 @@ def _beside(quantity: str, name: str) -> float | None:
 
 
 def _asked(name: str) -> float | None:
-    """Return what _unit does, of a rudder command: `rudder_cmd_deg`."""
+    """Return the unit of a column name of a rudder command, such as `rudder_cmd_deg`."""
     words = name.split("_")
     kept = [word for word in words if word not in ASKED]
     if len(kept) == len(words):
