@@ -47,12 +47,12 @@ $(VENV_READY):
 	@touch $@
 
 $(SAIL_READY): pyproject.toml .ci/constraints.txt | $(VENV_READY)
-	@echo "  2/2 autopilot, simulator and their dependencies (numpy, scipy, numba, matplotlib): about 10 s, 530 MB"
-	@$(PIP) -e '.[hil]'
+	@echo "  2/2 autopilot, simulator and their dependencies (numpy, pymavlink, matplotlib): about 10 s, 230 MB"
+	@$(PIP) -e '.[sim]'
 	@touch $@
 
 $(READY): $(SAIL_READY)
-	@echo "adding the packages for tests, once: about 25 s, 1 GB (pytest, ruff, mypy; MAVSDK, and MAVProxy with OpenCV and VTK)"
+	@echo "adding the packages for tests, once: about 30 s, 1.3 GB (numba, pytest, ruff, mypy; MAVSDK, and MAVProxy with OpenCV and VTK)"
 	@$(PIP) -e '.[dev,clients]'
 	@touch $@
 

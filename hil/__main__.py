@@ -8,7 +8,6 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from types import ModuleType
 from typing import NoReturn
 
 from firmware_py import ROOT, commit_of, version_text
@@ -40,6 +39,7 @@ COMMANDS = {
     "swarm-table": ("hil.cli.swarm_table", "the fish swarm beside other searches on the standard functions"),
 }
 INTERRUPTED = 130
+_INSTALL = "pip install 'rambler-autopilot[hil]', or in a checkout .venv/bin/pip install -e '.[hil]'"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name, (module_name, text) in COMMANDS.items():
             command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
             if name == wanted:
-                module = _imported(module_name)
+                module = importlib.import_module(module_name)
                 module.add_arguments(command)
                 command.set_defaults(run=module.run)
         if any("\0" in word for word in words):
@@ -81,6 +81,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The reader (head, less) has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] in ("hil", "firmware_py"):
+            raise
+        print(f"rambler-hil: {error.name} is not installed; {_INSTALL}", file=sys.stderr)
+        return 2
     except Exception as error:
         text = system_error_text(error)
         if not text:
@@ -90,15 +95,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     return code
-
-
-def _imported(name: str) -> ModuleType:
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0] in ("hil", "firmware_py"):
-            raise
-        raise UsageError(f"{error.name} is not installed; pip install 'rambler-autopilot[hil]'") from None
 
 
 if __name__ == "__main__":
