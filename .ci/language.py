@@ -1,0 +1,107 @@
+#!/usr/bin/env python3
+"""List words that docs/explanation/glossary.md replaces: in names, comments, docstrings, messages and pages.
+
+language.py [PATH ...] checks the tracked files below these paths (default: all) and exits with 1 if it finds any.
+language.py --count prints the number of findings of each folder.
+"""
+
+import collections
+import io
+import re
+import subprocess
+import sys
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+# In every text and as a part of a name.
+WORDS = (
+    "she her hers herself nobody somebody whoever anew told tells heed heeds heeded unheeded owes hindrance hindered berth "
+    "namesake namesakes helmsman stiffness stiffer stiff soften softened softens softer afloat crew unkind unkindness "
+    "unkindnesses reckoned reckons seldom kin ills amiss aught naught hither thence whence"
+).split()
+# Groups of words, in texts alone.
+PHRASES = (
+    r"(?<!dead )\breckoning\b",
+    r"\bcom(?:es|ing) round\b",
+    r"\bit may little\b",
+    r"\bwhat is (?:told|shown|given|known)\b",
+)
+# Whole names: participles and quantities that name no thing.
+NAMES = "heard told shown asked said least much enough worth"
+# A docstring says what a function computes, not "Return what fills ...".
+DOCSTRING = re.compile(r'^[rRbBuUfF]*"""\s*Returns? (?:what|who|how)\b')
+# Names of parameters, faults, commands, keys and log fields that scripts rely on.
+KEPT = re.compile(r"\b(?:POS_RECKON_M)\b")
+EXEMPT = (
+    "CHANGELOG.md", "LICENSE", "docs/decisions/", "docs/explanation/glossary.md", "docs/figures.json", "tests/data/",
+    "tests/replay/data/", "tests/fuzz/corpus/", ".ci/language.py", ".ci/constraints.txt",
+)  # fmt: skip
+SUFFIXES = (".py", ".md", ".toml", ".html", ".js", ".css", ".svg", "")
+
+_WORD = re.compile(rf"(?<![A-Za-z])(?:{'|'.join(WORDS)})(?![a-z])", re.IGNORECASE)
+_PHRASE = re.compile("|".join(PHRASES), re.IGNORECASE)
+_NAME = re.compile(rf"_*(?:{'|'.join(NAMES.split())})", re.IGNORECASE)
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+
+
+def _text_findings(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the line, from 0, and the text of each finding."""
+    for line, content in enumerate(text.splitlines()):
+        plain = KEPT.sub("", content)
+        for match in (*_WORD.finditer(plain), *_PHRASE.finditer(plain)):
+            yield line, match.group()
+
+
+def _python_findings(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the findings of a Python file."""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        line = token.start[0] - 1
+        if token.type == tokenize.NAME:
+            words = _CAMEL.sub("_", token.string).split("_")
+            if _NAME.fullmatch(token.string) or any(word.lower() in WORDS for word in words):
+                if not KEPT.fullmatch(token.string):
+                    yield line, token.string
+        elif token.type in (tokenize.COMMENT, tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", -1)):
+            if DOCSTRING.match(token.string):
+                yield line, " ".join(token.string.split()[:2]).strip('"')
+            for offset, word in _text_findings(token.string):
+                yield line + offset, word
+
+
+def findings(path: Path) -> list[tuple[int, str]]:
+    """Return the line number and the word of each finding in a file."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        return []
+    listed = _python_findings(text) if path.suffix == ".py" else _text_findings(text)
+    return [(line + 1, word) for line, word in listed]
+
+
+def main(words: list[str]) -> int:
+    """Print the findings; return 1 if there are any."""
+    paths = [word for word in words if not word.startswith("-")]
+    names = subprocess.run(["git", "ls-files", *paths], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    folders: collections.Counter[str] = collections.Counter()
+    for name in names.splitlines():
+        path = ROOT / name
+        if name.startswith(EXEMPT) or path.suffix not in SUFFIXES or not path.is_file():
+            continue
+        listed = findings(path)
+        folders["/".join(name.split("/")[:-1]) or name] += len(listed)
+        if "--count" not in words:
+            for line, word in listed:
+                print(f"{name}:{line}: {word}")
+    total = sum(folders.values())
+    if "--count" in words:
+        for folder, count in sorted(folders.items()):
+            if count:
+                print(f"{count:6d} {folder}")
+    print(f"{total} words of the deny list")
+    return 1 if total else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
