@@ -16,11 +16,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 # In every text and as a part of a name.
-WORDS = (
-    "she her hers herself nobody somebody whoever anew told tells heed heeds heeded unheeded owes hindrance hindered berth "
-    "namesake namesakes helmsman stiffness stiffer stiff soften softened softens softer afloat crew unkind unkindness "
-    "unkindnesses reckoned reckons seldom kin ills amiss aught naught hither thence whence"
-).split()
+WORDS = """
+she her hers herself nobody somebody whoever anew told tells heed heeds heeded unheeded owes hindrance hindered berth
+namesake namesakes helmsman stiffness stiffer stiff soften softened softens softer afloat crew unkind unkindness
+unkindnesses reckoned reckons seldom kin ills amiss aught naught hither thence whence
+""".split()
 # Groups of words, in texts alone.
 PHRASES = (
     r"(?<!dead )\breckoning\b",
@@ -60,9 +60,9 @@ def _python_findings(text: str) -> Iterator[tuple[int, str]]:
         line = token.start[0] - 1
         if token.type == tokenize.NAME:
             words = _CAMEL.sub("_", token.string).split("_")
-            if _NAME.fullmatch(token.string) or any(word.lower() in WORDS for word in words):
-                if not KEPT.fullmatch(token.string):
-                    yield line, token.string
+            denied = _NAME.fullmatch(token.string) or any(word.lower() in WORDS for word in words)
+            if denied and not KEPT.fullmatch(token.string):
+                yield line, token.string
         elif token.type in (tokenize.COMMENT, tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", -1)):
             if DOCSTRING.match(token.string):
                 yield line, " ".join(token.string.split()[:2]).strip('"')
@@ -83,7 +83,8 @@ def findings(path: Path) -> list[tuple[int, str]]:
 def main(words: list[str]) -> int:
     """Print the findings; return 1 if there are any."""
     paths = [word for word in words if not word.startswith("-")]
-    names = subprocess.run(["git", "ls-files", *paths], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    listing = ["git", "ls-files", *paths]
+    names = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=True).stdout  # noqa: S603
     folders: collections.Counter[str] = collections.Counter()
     for name in names.splitlines():
         path = ROOT / name
