@@ -54,7 +54,7 @@ class Environment(msgspec.Struct, frozen=True):
 def environment_of(program: Path) -> Environment:
     """Return the environment of a program; UpdateError when it is in none that can be updated."""
     environment = Environment(program.parents[1])
-    remedy = "install it as the handbook says (docs/how-to/on-the-float.md)"
+    remedy = "install it as the handbook says (docs/how-to/installation.md)"
     try:
         text = read_text(environment.path / _CONFIG, _MOST_CONFIG_BYTES)
     except OSError:

@@ -214,7 +214,7 @@ class Boat:
 
     @property
     def locked(self):
-        """Whether nobody may command without a signature, by the rules of who-may-command.md."""
+        """Whether nobody may command without a signature, by the rules of access-control.md."""
         if self.endpoint._signing.problem:  # the key was lost
             return not self.options.trusted
         policy = self.options.policy

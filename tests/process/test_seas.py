@@ -48,7 +48,7 @@ def test_the_task_in_the_four_seas_over_ten_seeds(figures):
     for name, row in rows.items():
         mean = row.mean
         print(name, mean)
-        # Weak lies at the limit of what compass and receiver tell (docs/explanation/seamanship.md).
+        # Weak lies at the limit of what compass and receiver tell (docs/explanation/capabilities.md).
         share = 1.1 if name == "weak" else 1.0
         assert mean.rms_deg <= share * MUST[name][0]
         assert mean.travel_deg_per_h <= MUST[name][1]

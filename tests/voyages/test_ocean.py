@@ -1,4 +1,4 @@
-"""The delivered autopilot in seas as unkind as real ones: the task of seamanship.md, five seeds, one table of aims.
+"""The delivered autopilot in seas as unkind as real ones: the task of capabilities.md, five seeds, one table of aims.
 
 `pytest -m proof tests/voyages/test_ocean.py -s` sails it by the compiled twin and prints a table: mean / worst of the
 seeds. The autopilot itself, on ptys, sails a few of the runs and is to come to the same figures.

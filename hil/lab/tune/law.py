@@ -1,6 +1,6 @@
 """Search the constants of the control law (firmware_py/control/law.py) in the compiled loop.
 
-A run is the task of docs/explanation/seamanship.md. It costs the mean square of the heading error and a price for the
+A run is the task of docs/explanation/capabilities.md. It costs the mean square of the heading error and a price for the
 rudder travel of its steady parts; a setting costs the mean over the seas of what they cost by what they cost as
 delivered. The fish swarm searches in seas of some seeds, and seas of others judge what it has found.
 """

@@ -105,7 +105,7 @@ def test_its_exposure_is_below_3(unit_file):
 
 
 def test_the_handbook_says_what_is_so():
-    page = (ROOT / "docs/how-to/on-the-float.md").read_text()
+    page = (ROOT / "docs/how-to/installation.md").read_text()
     service = parse(unit_text(SERVICE))["Service"]
     assert f"After {service['WatchdogSec']} s\nwithout a word" in page
     assert f"every {HOLD_OFF_S:.0f} s" in page
