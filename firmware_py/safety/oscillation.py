@@ -25,7 +25,7 @@ from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.model.kt import KtModel
 
 # Of the evidence, the logarithm of a likelihood ratio. In 32 minutes of turns it reached 28 at most without a delay, in
-# slow boats whose speed is not well known, and 31 to 448 with one of 12 s (docs/explanation/capabilities.md).
+# slow boats whose speed is not well known, and 31 to 448 with one of 12 s (docs/explanation/monitors.md).
 ENOUGH, MOST = 25.0, 50.0
 MIN_ERROR_RAD: Final = radians(1.5)
 MIN_ERROR_SD: Final = 2.0  # of the heading's standard deviation

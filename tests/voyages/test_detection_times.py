@@ -1,6 +1,6 @@
 """Delayed rudder and stuck compass: when they are reported, in every sea; and no fault in days of the seas as recorded.
 
-Proofs: `pytest -m proof tests/voyages/test_detection_times.py -s` prints the figures of docs/explanation/capabilities.md.
+Proofs: `pytest -m proof tests/voyages/test_detection_times.py -s` prints the figures of docs/explanation/monitors.md.
 """
 
 import math
