@@ -57,17 +57,17 @@ _FORMATS: Mapping[str, Callable[[Mapping[str, float]], str]] = {"plain": format_
 
 
 def _messages() -> str:
-    # Imported here: it draws the whole link in.
+    # Imported here: the whole link.
     from firmware_py.cli import link_page  # noqa: PLC0415
 
     return link_page.markdown()
 
 
 def _texts() -> str:
-    # Imported here: hundreds of sentences that nobody else needs.
-    from firmware_py.cli.texts import page  # noqa: PLC0415
+    # Imported here: the whole firmware.
+    from firmware_py.cli import text_page  # noqa: PLC0415
 
-    return page.markdown()
+    return text_page.markdown()
 
 
 _PAGES: Mapping[str, Callable[[], str]] = {

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.cli.refusal import refused
-from firmware_py.cli.texts.faults import REMEDIES
 from firmware_py.common.plan import PlanKind
+from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.system import realtime
 from firmware_py.system.clock import machine_s
 from firmware_py.system.signals import Signals
@@ -30,7 +30,7 @@ from firmware_py.view.server import Hub, ViewServer
 POLL_S, POLL_BESIDE_S = 0.5, 0.1  # the autopilot writes each second; a harness may be many times faster
 NICENESS = 15  # whatever else this computer does comes first
 FAREWELL_S = 0.5  # for the readers to be told that it is over
-_REMEDIES = {fault.name: remedy.replace("`", "") for fault, remedy in REMEDIES.items()}
+_REMEDIES = {fault.name: row.remedy.replace("`", "") for fault, row in FAULTS.items()}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

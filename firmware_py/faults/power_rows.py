@@ -20,6 +20,7 @@ POWER: Final[Mapping[Fault, FaultRow]] = {
         action=Action.SAVE_POWER,
         text="Battery is low: she saves power",
         recovery="Battery is charged again: she saves no more",
+        remedy="see the energy report (`rambler energy`); lighten the load",
     ),
     Fault.BATTERY_CRITICAL: FaultRow(
         condition="the battery is below PWR_KEEP_PCT or PWR_KEEP_VOLT (until 5 % of charge or 3 % of voltage above it)",
@@ -32,6 +33,7 @@ POWER: Final[Mapping[Fault, FaultRow]] = {
         resumes=True,
         text="Battery is nearly empty",
         recovery="Battery is no longer nearly empty",
+        remedy="sun and time; arming waits until it is charged",
         arming="battery is nearly empty",
     ),
     Fault.POWER_SILENT: FaultRow(
@@ -40,5 +42,6 @@ POWER: Final[Mapping[Fault, FaultRow]] = {
         severity=Severity.WARNING,
         text="Power monitor is silent: battery not all known",
         recovery="Power monitor speaks again",
+        remedy="cable of the charger or monitor; what it said is not known meanwhile",
     ),
 }

@@ -98,7 +98,8 @@ class FaultRow(msgspec.Struct, frozen=True, kw_only=True):
     `condition` says in words what `stands` judges. `action` is done in any case; `parameter` names
     the one that chooses a mode to be entered beside, in MANUAL too where `in_manual` says so.
     `resumes`: what a failsafe of it has interrupted goes on after it whatever FS_RESUME says.
-    `arming` says why arming is refused while the fault is set, empty where it is not.
+    `arming` says why arming is refused while the fault is set, empty where it is not. `remedy` says what the operator
+    can do.
     """
 
     condition: str
@@ -112,4 +113,5 @@ class FaultRow(msgspec.Struct, frozen=True, kw_only=True):
     resumes: bool = False
     text: str
     recovery: str
+    remedy: str
     arming: str = ""

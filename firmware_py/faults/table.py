@@ -30,6 +30,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.HOLD_THEN_AMIDSHIPS,
         text="No heading: rudder held, then amidships",
         recovery="Heading is back",
+        remedy="power and cable of the compass; a second compass, or a receiver with course, keeps her going",
         arming="no valid heading",
     ),
     Fault.POSITION_LOST: FaultRow(
@@ -42,6 +43,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_POS_ACT",
         text="Position lost",
         recovery="Position is back",
+        remedy="antenna and its view of the sky; water in the plug; she goes on by reckoning meanwhile",
     ),
     Fault.RUDDER_SILENT: FaultRow(
         condition="the servo has not answered for RUD_TIMEOUT_S (longer if it is asked seldom)",
@@ -51,6 +53,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_RUD_ACT",
         text="Rudder servo does not answer",
         recovery="Rudder servo answers again",
+        remedy="power and cable of the servo, its id and baud; MANUAL or a safe mode does not help",
         arming="rudder servo does not answer",
     ),
     Fault.RUDDER_ERROR: FaultRow(
@@ -62,6 +65,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_RUD_ACT",
         text="Rudder servo reports an error",
         recovery="Rudder servo error has cleared",
+        remedy="`rambler status` shows what it says; let it cool, free it, switch it off and on",
         arming="rudder servo reports an error",
     ),
     Fault.LOOP_LATE: FaultRow(
@@ -70,6 +74,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         text="Control loop is late",
         recovery="Control loop is in time again",
+        remedy="something else uses the computer; take it away, or install her as the service (real time)",
     ),
     Fault.STORAGE_FAILING: FaultRow(
         condition="the log or the store cannot be written",
@@ -79,6 +84,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         text="Storage fails: log or settings are not kept",
         recovery="Storage works again",
+        remedy="the disk fails, is read-only or out of inodes (`df -i`); no log meanwhile: fetch the logs",
     ),
     Fault.CURRENT_STRONG: FaultRow(
         condition="the current is stronger than her speed through the water by its standard deviation, for 2 min",
@@ -87,6 +93,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.POINT_INTO_IT,
         text="Current stronger than she is: no place is held",
         recovery="Current is weaker than she is again",
+        remedy="wait for the tide, or send her where the current is weaker",
     ),
     Fault.MISSION_UNUSABLE: FaultRow(
         condition="armed in AUTO without a mission, or its jumps lead nowhere",
@@ -95,6 +102,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.KEEP_STATION,
         text="Mission cannot be sailed: keeping station",
         recovery="Mission can be sailed, or need not be",
+        remedy="send a mission, or mend its DO_JUMP items",
     ),
     Fault.FENCE_BREACHED: FaultRow(
         condition="the fence is enabled and she is outside it",
@@ -105,6 +113,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_FENCE_ACT",
         text="Fence breached",
         recovery="Inside the fence again",
+        remedy="bring her back, or mend the fence; `FENCE_ENABLE` 0 takes it away",
         arming="outside the fence",
     ),
     Fault.COMPASS_SILENT: FaultRow(
@@ -116,6 +125,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.NEXT_SOURCE,
         text="Compass is silent",
         recovery="Compass speaks again",
+        remedy="power and cable of the compass named; she steers by the next source meanwhile",
     ),
     Fault.COMPASS_FROZEN: FaultRow(
         condition="a compass shows one number while the boat turns, by rudder, waves, the other compass or the track",
@@ -124,6 +134,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.NEXT_SOURCE,
         text="Compass is frozen",
         recovery="Compass varies again",
+        remedy="switch the compass off and on; a cold or simulated one may stand still: `CMP_FROZEN_S`",
         arming="compass is frozen",
     ),
     Fault.COMPASS_JUMPING: FaultRow(
@@ -134,6 +145,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.NEXT_SOURCE,
         text="Compass jumps: not believed",
         recovery="Compass agrees again",
+        remedy="something magnetic moves near it, or its cable is bad; look at it in the log",
         arming="compass jumps",
     ),
     Fault.COMPASS_DISAGREES: FaultRow(
@@ -144,6 +156,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         text="Compasses disagree",
         recovery="Compasses agree again",
+        remedy="calibrate both (deviation, mounting); which one is right the course over ground tells",
         arming="compasses disagree",
     ),
     Fault.POSITION_JUMPING: FaultRow(
@@ -155,6 +168,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.NOT_BELIEVED,
         text="Position jumps: not believed",
         recovery="Position is steady again",
+        remedy="spoofing, reflections or a bad antenna; if she was carried, it goes by itself",
     ),
     Fault.RUDDER_ASTRAY: FaultRow(
         condition="the rudder moves, but for 1.5 s not toward a command that is more than 3 deg away",
@@ -165,6 +179,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_RUD_ACT",
         text="Rudder does not follow",
         recovery="Rudder follows again",
+        remedy="`RUD_REVERSE`, the horn's screw, growth on the blade",
         arming="rudder does not follow",
     ),
     Fault.RUDDER_JAMMED: FaultRow(
@@ -175,6 +190,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_RUD_ACT",
         text="Rudder jammed: motor eased, tried every 10 s",
         recovery="Rudder moves again",
+        remedy="a line or weed in the rudder; HOLD and MANUAL to and fro may free it",
         arming="rudder is jammed",
     ),
     Fault.RUDDER_HOT: FaultRow(
@@ -186,6 +202,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_RUD_ACT",
         text="Rudder servo is hot",
         recovery="Rudder servo has cooled down",
+        remedy="let it rest (HOLD); it works too hard: friction, or `CTL_PRICE` too low",
         arming="rudder servo is hot",
     ),
     Fault.RUDDER_OVERLOADED: FaultRow(
@@ -196,6 +213,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_RUD_ACT",
         text="Rudder servo draws too much current: eased",
         recovery="Rudder servo current is normal again",
+        remedy="something holds the rudder; as for a jam",
     ),
     Fault.RUDDER_REPOWERED: FaultRow(
         condition="the servo has come up anew by itself within the last 5 s",
@@ -204,6 +222,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.SET_UP_AGAIN,
         text="Rudder servo was without power: set up again",
         recovery="Rudder servo runs on",
+        remedy="the servo's supply broke down: plug, fuse, cable too thin",
     ),
     Fault.SUPPLY_LOW: FaultRow(
         condition="the supply, as the servo measures it, is below BAT_LOW_VOLT (until 3 % above it)",
@@ -214,6 +233,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_VOLT_ACT",
         text="Supply voltage is low",
         recovery="Supply voltage is right again",
+        remedy="battery or cable; quieter links and `PWR_...` save",
         arming="supply voltage is low",
     ),
     Fault.STORAGE_FULL: FaultRow(
@@ -224,6 +244,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         text="Storage is full: logs will end",
         recovery="Storage has room again",
+        remedy="her own old logs make room by themselves: something else fills the disk; fetch and erase",
     ),
     Fault.CLOCK_STEPPED: FaultRow(
         condition="the computer's clock has jumped by more than 2 s against the loop's within the last 10 s",
@@ -231,6 +252,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.NOTICE,
         text="System clock was stepped; the loop takes no notice",
         recovery="System clock runs on",
+        remedy="nothing; log times jump here",
     ),
     Fault.STATION_SILENT: FaultRow(
         condition="a ground station was heard and none has been for FS_GCS_S",
@@ -240,6 +262,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         in_manual=True,
         text="Ground station silent",
         recovery="Ground station is back",
+        remedy="look at your link; what she does meanwhile is `FS_GCS_ACT`",
     ),
     Fault.STEERING_LOST: FaultRow(
         condition="she turns less than an eighth of what her rudder should turn her, for half a minute and longer",
@@ -248,6 +271,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_STEER_ACT",
         text="Rudder moves and she does not turn",
         recovery="She answers the rudder again",
+        remedy="blade lost, or she lies becalmed or in weed; with no rudder, fetch her",
     ),
     Fault.KEY_LOST: FaultRow(
         condition="a signing key was set and cannot be read: nobody is heard but over trusted links",
@@ -255,6 +279,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.CRITICAL,
         text="Signing key lost: only trusted links are heard",
         recovery="Signing key is no longer lost",
+        remedy="set or remove the key over a trusted link, or by `rambler key`",
     ),
     Fault.HELM_OSCILLATES: FaultRow(
         condition="heading and rudder swing to and fro by themselves: one swing that is plain, or several",
@@ -263,6 +288,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.SOFTER_HELM,
         text="Helm oscillates: it is softened",
         recovery="Helm oscillates no more",
+        remedy="she mends it herself; if it stays, identify her anew or raise `CTL_PRICE`",
     ),
     **POWER,
     Fault.STEERING_REVERSED: FaultRow(
@@ -272,6 +298,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_STEER_ACT",
         text="She turns the wrong way: is RUD_REVERSE right?",
         recovery="She turns the right way",
+        remedy="disarm, change `RUD_REVERSE`, arm again; was the servo or the compass turned round?",
     ),
     Fault.VESSEL_NEAR: FaultRow(
         condition="a vessel comes closer than AIS_NEAR_M (AIS_STILL_M if it lies still) within AIS_NEAR_S, until past",
@@ -281,6 +308,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.STEP_ASIDE,
         text="A vessel comes near",
         recovery="No vessel comes near any more",
+        remedy="see the vessel told just before; call it, or let her step aside (`AIS_ACT`)",
     ),
     Fault.ESTIMATE_INCONSISTENT: FaultRow(
         condition="the heading predicted over 30 s misses by far more than the filter claims, over 5 min and longer",
@@ -289,6 +317,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.SMOOTHED_COMPASS,
         text="Heading estimate inconsistent: compass is used",
         recovery="Heading estimate consistent again",
+        remedy="check `MDL_K` and `MDL_T_S` (`rambler-hil identify`), compass and rudder feedback",
     ),
 }
 

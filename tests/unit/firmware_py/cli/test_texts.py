@@ -4,9 +4,7 @@ import re
 
 import pytest
 
-from firmware_py.cli.texts.faults import REMEDIES
-from firmware_py.cli.texts.page import SECTIONS, markdown
-from firmware_py.faults.fault import Fault
+from firmware_py.cli.text_page import SECTIONS, markdown
 from firmware_py.faults.table import TABLE
 from support.told_texts import told
 
@@ -45,8 +43,8 @@ def forms():
 def test_every_text_has_an_entry(forms):
     missing = [f"{form!r} ({place})" for form, place in forms.items() if not any(entries_of(form))]
     assert not missing, (
-        "texts without an entry: give each a row (text, what it means, what to do) in the module of "
-        "firmware_py/cli/texts/ where it fits, with <words> for what is put in, then `make pages`:\n"
+        "texts without an entry: give each a row (text, meaning, what to do) in texts.py "
+        "beside the code that sends it, with <words> for what is put in, then `make pages`:\n"
         + "\n".join(sorted(missing))
     )
 
@@ -65,10 +63,6 @@ def test_an_entry_says_more_than_its_text():
     for text, parts in ENTRIES.items():
         assert words(text).strip(" :,.;"), text
         assert all(part.strip() for part in parts), text
-
-
-def test_every_fault_has_a_remedy():
-    assert set(REMEDIES) == set(Fault)
 
 
 def test_the_page_has_every_text_and_every_fault():

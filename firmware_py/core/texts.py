@@ -1,4 +1,4 @@
-"""Texts of sailing: modes, goals, missions, what she steers by, clock and signals."""
+"""The STATUSTEXTs of modes, navigation and sensors: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 

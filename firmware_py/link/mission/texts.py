@@ -1,4 +1,4 @@
-"""Texts of plans, parameter files, other files and logs, sent and fetched."""
+"""The STATUSTEXTs of plans, files and logs: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 

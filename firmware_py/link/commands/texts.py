@@ -1,4 +1,4 @@
-"""Texts that answer orders: of commands, goals, modes and parameters. What is refused has changed nothing."""
+"""The STATUSTEXTs of commands and their refusals: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Texts of the start, of what is kept on disk, of updates, keys and who may command."""
+"""The STATUSTEXTs of start, storage and updates: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 
@@ -88,59 +88,4 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the disk has come after the start; she began with the vehicle file's values",
         "restart her while disarmed, when that matters",
     ),
-    "<file> can be read by others; set another key if somebody may have": (
-        "a signing key was readable by other users of the computer",
-        "`rambler key set`, and the same key at your stations",
-    ),
-    "signing.key lost: <problem>; set or remove the key over a trusted link, or by `rambler key`": (
-        "see the fault KEY_LOST: nobody is heard but over trusted links",
-        "as it says",
-    ),
-    "Signing key is there now, and in force": ("the disk with the key has come after the start", "nothing"),
-    "Signing key set": ("from now on frames must be signed, as each link's policy says", "keep the key in two places"),
-    "Signing key removed": ("frames need no signature any more", "set another one, unless the link is private"),
-    "<what is done>, but this could not be stored": (
-        "the key counts until the next start, and not after",
-        "see STORAGE_FAILING; set it again when the disk works",
-    ),
-    "SETUP_SIGNING refused: set the key by `rambler key set`, or over a link with ?trusted=1 in its URL": (
-        "a key is set over links with `trusted` alone, since it is sent in the clear",
-        "as it says; a cable's link may be trusted",
-    ),
-    "SETUP_SIGNING refused: no key, or no timestamp": ("all zeros, of one of them", "set a key of 32 bytes"),
-    "Signature refused: wrong key or old timestamp": (
-        "somebody signs with another key, or with a clock that is behind",
-        "the station's key and clock; if it is nobody of yours, leave it",
-    ),
-    "<message> refused: it is not signed": ("the link wants signatures for this", "give the station the key"),
-    "<message> refused: system <number> may not command here": (
-        "the link's allow-list does not name that system",
-        "the station's system number, or `systems=` of the link",
-    ),
-    "Whoever reaches <link> commands her: it wants a signing key": (
-        "the link is open and no key is set",
-        "`rambler key set`, or `systems=` and `policy=` of the link: see who may command",
-    ),
-    "More than <number> messages a second to pass on between links: some are lost": (
-        "a station or a companion computer says more than the boat routes",
-        "ask it for less, or keep its link out of it with `?route=0`",
-    ),
-    "Another vehicle is system <number>, too: give one of them another LNK_SYSID": (
-        "frames of another vehicle with her ids are heard: what a station on that link orders, both may do",
-        "give each vehicle a system id of its own, and start it anew",
-    ),
-    "You speak MAVLink 1: fence, rally points and signing need MAVLink 2": (
-        "the station goes on in MAVLink 1 and is answered in it, without the messages and fields that it does not have",
-        "set the station to MAVLink 2 if it knows it; she follows with its first frame",
-    ),
-    "Nothing leaves by <link>: <why>": (
-        "the system has refused what goes out there for ten seconds; told once each time, to those on other links",
-        "see to that network, its firewall or the adapter; `rambler status` says when it is over",
-    ),
-    "No place for <address> on <link>": ("as many stations as are served are there already", "close one of them"),
-    "Place of <address> on <link> given to <address>": (
-        "one that was silent or not signed made room for a better one",
-        "nothing, unless the one named is yours",
-    ),
-    "<address> on <link> dropped: no valid frame": ("somebody connected and spoke no MAVLink", "nothing"),
 }

@@ -1,4 +1,4 @@
-"""Texts of the link by satellite messages."""
+"""The STATUSTEXTs of satellite messages: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Texts of other vessels."""
+"""The STATUSTEXTs of other vessels: meaning and remedy, for params/TEXTS.md."""
 
 from __future__ import annotations
 
