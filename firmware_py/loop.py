@@ -17,7 +17,7 @@ from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.liveness import Liveness, StuckError, devices_progress
 from firmware_py.core.state import parameters_in_force, settings_of
 from firmware_py.core.state_codec import state_to_text
-from firmware_py.system.clock import LOCK_MARGIN_S, Metronome
+from firmware_py.system.clock import LOCK_MARGIN_S, TickTimer
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.health import HealthMonitor
@@ -98,34 +98,34 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
     The tick after a stop is still done: its log, and who hears her, shall know an end in good order from a power cut.
     """
     clock = parts.clock
-    metronome = Metronome(clock.now_s(), parts.autopilot.parameters()["LOOP_RATE_HZ"])
+    tick_timer = TickTimer(clock.now_s(), parts.autopilot.parameters()["LOOP_RATE_HZ"])
     index = skipped = 0
     link_busy, ended = False, stopped()
     collect_s = clock.now_s() + COLLECT_INTERVAL_S
-    parts.autopilot.keep_resume(clock.now_s(), clock.utc_s())
+    parts.autopilot.save_resume(clock.now_s(), clock.utc_s())
     try:
         while not ended and parts.autopilot.restart is None:
-            link_busy = _serve_until_deadline(parts, metronome, link_busy)
+            link_busy = _serve_until_deadline(parts, tick_timer, link_busy)
             ended = stopped()
-            now_s, due_s = clock.now_s(), metronome.deadline_s
-            tick = Tick(index, min(now_s, due_s), max(0.0, now_s - due_s), skipped, metronome.rate_hz)
+            now_s, due_s = clock.now_s(), tick_timer.deadline_s
+            tick = Tick(index, min(now_s, due_s), max(0.0, now_s - due_s), skipped, tick_timer.rate_hz)
             newest = _tick(parts, tick, last=ended)
             now_s = clock.now_s()
             _show_life(parts, now_s)
             parameters = parameters_in_force(parts.autopilot.state)
-            metronome.set_rate(parameters["LOOP_RATE_HZ"])
+            tick_timer.set_rate(parameters["LOOP_RATE_HZ"])
             if newest is not None and parameters["LOOP_LOCK"]:
-                metronome.lock(newest.t_s)
+                tick_timer.lock(newest.t_s)
             if now_s >= collect_s:
                 # The frozen start-up heap is exempt, so this looks at little.
                 gc.collect()
                 now_s = clock.now_s()
                 collect_s = now_s + COLLECT_INTERVAL_S
             index += 1
-            skipped = metronome.advance(now_s)
+            skipped = tick_timer.advance(now_s)
     finally:
         make_safe(parts)
-    parts.autopilot.keep_resume(clock.now_s(), clock.utc_s(), last=True)
+    parts.autopilot.save_resume(clock.now_s(), clock.utc_s(), last=True)
 
 
 def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
@@ -174,7 +174,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
             parts.notices.append(Event(Severity.WARNING, text))
     parts.samples += len(inputs.headings) + len(inputs.positions) + len(inputs.rudder)
     parts.health.update(parts.reporting, (parts.store, parts.recorder), clock, parts.link, now_s)
-    parts.autopilot.keep_resume(now_s, clock.utc_s())
+    parts.autopilot.save_resume(now_s, clock.utc_s())
     parts.show_status(output, now_s)
     return headings[-1] if headings else None
 
@@ -197,7 +197,7 @@ def _show_life(parts: LoopParts, now_s: float) -> None:
             raise StuckError(f"{part.name}: {done}")
     parts.health.hanging = ", ".join(part.name for part in hanging)
     modes = parts.autopilot.state.modes
-    watchdogs.show_life(now_s, f"{modes.mode.name}, {'armed' if modes.armed else 'disarmed'}")
+    watchdogs.notify_alive(now_s, f"{modes.mode.name}, {'armed' if modes.armed else 'disarmed'}")
 
 
 def _progress(parts: LoopParts) -> list[Progress]:
@@ -213,13 +213,13 @@ def _progress(parts: LoopParts) -> list[Progress]:
     return [*devices, *workers, *(parts.recorder.progress() if parts.recorder is not None else ())]
 
 
-def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: bool) -> bool:  # noqa: FBT001 - its own answer of before
+def _serve_until_deadline(parts: LoopParts, tick_timer: TickTimer, link_busy: bool) -> bool:  # noqa: FBT001 - its own answer of before
     """Sleep until the deadline, or the compass just before; meanwhile take bytes and serve the link in the slack.
 
     Takes and returns whether the link had much to do, in the period before and in this one.
     """
-    clock, link, deadline_s = parts.clock, parts.link, metronome.deadline_s
-    period_s = 1.0 / metronome.rate_hz
+    clock, link, deadline_s = parts.clock, parts.link, tick_timer.deadline_s
+    period_s = 1.0 / tick_timer.rate_hz
     guard_s, busy_guard_s = min(GUARD_S, GUARD_PART * period_s), min(BUSY_GUARD_S, BUSY_GUARD_PART * period_s)
     locked = parts.prompt_ticks and parts.autopilot.state.parameters["LOOP_LOCK"]
     begin_s = deadline_s - min(EARLY_S, EARLY_PART * period_s) if locked else deadline_s
@@ -268,7 +268,7 @@ def _awaited(parts: LoopParts) -> dict[int, Device]:
 def make_safe(parts: LoopParts) -> None:
     """Bring the rudder amidships and wait, within bounds, until it stands there."""
     clock, rudder = parts.clock, parts.rudder
-    parts.watchdogs.show_life(clock.now_s())  # this may take a while
+    parts.watchdogs.notify_alive(clock.now_s())  # this may take a while
     linkage = settings_of(parts.autopilot.state.parameters).rudder.linkage
     command = RudderCommand(linkage.to_shaft(0.0), torque_on=True)
     rudder.poll()  # what was measured before

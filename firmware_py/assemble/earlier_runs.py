@@ -38,13 +38,13 @@ MOUNTING: Final = (
 
 def read_state(directory: Path, store: Store, say: Callable[[str], None]) -> tuple[StateDirectory, Plans]:
     """Return what earlier runs have left; what is wrong with it is said."""
-    if store.obstacle:
-        say(store.obstacle)
+    if store.start_problem:
+        say(store.start_problem)
     report_damage(store, say)
     report_key(directory, KeyVault(store).load(), say)
     kept = StateDirectory(store, say)
     plans = kept.plans()
-    if store.obstacle:
+    if store.start_problem:
         say(f"Used of what is stored: {kept.inventory(plans)}")
     kept.count_start()
     return kept, plans

@@ -12,14 +12,14 @@ from firmware_py.common.reports import Output
 from firmware_py.loop import LoopParts
 from firmware_py.system.endings import (
     CUT_OFF,
-    EARLY_S,
     ENDINGS_FILE,
     EXPECTED,
+    YOUNG_RUN_S,
     Ending,
+    EndingRecorder,
     Endings,
-    Watcher,
+    collect_endings,
     from_bytes,
-    take_endings,
     to_bytes,
 )
 from firmware_py.system.hardware_watchdog import HardwareWatchdog, WatchdogError
@@ -50,8 +50,8 @@ class Supervision:
             if event.text.startswith(AGAIN):
                 say(event.text)
         self._keep(replace(endings, running=True, is_young=True))
-        self._watcher = Watcher(runtime_directory(environment))
-        self._look_on, self._old_enough_s = parts.show_status, parts.clock.now_s() + EARLY_S
+        self._watcher = EndingRecorder(runtime_directory(environment))
+        self._look_on, self._old_enough_s = parts.show_status, parts.clock.now_s() + YOUNG_RUN_S
         parts.show_status = self._note_tick
         device: HardwareWatchdog | None = None
         try:
@@ -73,7 +73,7 @@ class Supervision:
 
     def end_badly(self, why: str) -> None:
         """Say why the run ends although nobody has asked for it, so that it is started anew."""
-        self._watcher.say_why(why)
+        self._watcher.record_reason(why)
         self._keep(replace(self._endings, failed=True))
         self._watchdogs.stop(anew=True)
 
@@ -99,10 +99,10 @@ def read_endings(store: Store, runtime: Path | None, utc_s: float, notices: list
         notices += (Event(Severity.WARNING, f"stored {ENDINGS_FILE}: {note}") for note in notes)
     except ValueError as error:
         notices.append(Event(Severity.WARNING, f"stored {ENDINGS_FILE} left out: {error}"))
-    found = take_endings(runtime, utc_s)
+    found = collect_endings(runtime, utc_s)
     if not found and kept.running:
         found = (Ending(CUT_OFF, "", utc_s),)
-    kept = replace(kept.with_more(found), running=False)
+    kept = replace(kept.with_added(found), running=False)
     if found and (last := found[-1]).why not in EXPECTED:
         times = f"{kept.counts[last.why]} times so far" if kept.counts[last.why] > 1 else "the first time"
         notices.append(Event(Severity.WARNING, f"{AGAIN}{last.why}{last.text and f', {last.text}'} ({times})"))

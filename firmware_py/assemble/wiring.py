@@ -36,7 +36,7 @@ from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.console import Console
 from firmware_py.system.endings import Endings
 from firmware_py.system.fault_barrier import FaultBarrier
-from firmware_py.system.realtime import LoadMeter, clock_is_kept
+from firmware_py.system.realtime import LoadMeter, clock_is_synchronised
 from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.state_directory import RECORD_FILES, SATELLITE_FILE, SIGNING_FILE, KeyVault
 from firmware_py.system.store import Store
@@ -104,7 +104,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     if options.lockstep is None:
         for text in shared_ports(lines):
             say(text)
-    clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
+    clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None
     clock, begun = _clock(clock, options, lines, store)
     endings = read_endings(store, options.runtime, clock.utc_s(), notices)
     base = base_parameters(vehicle)
@@ -127,7 +127,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         start_events=notices,
     )
     opened.callback(endpoint.close)
-    vault.on_arrival(_taker_of_late_key(endpoint, options.state_directory, say))
+    vault.on_mount(_taker_of_late_key(endpoint, options.state_directory, say))
     notices += (event for event in endpoint.start_events if event not in notices)
     parts = LoopParts(
         clock=clock,

@@ -19,7 +19,7 @@ from pathlib import Path
 from firmware_py.cli.state_owner import check_directory, check_owner, user_text
 from firmware_py.link.security.key_record import KEY_BYTES, KeyState, find_key, key_of_passphrase
 from firmware_py.link.security.signing import Signing, timestamp_of
-from firmware_py.system.hold import StoreError
+from firmware_py.system.directory_lock import StoreError
 from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, exposed_key_files, stored_key
 from firmware_py.system.store import Store
 
@@ -106,8 +106,8 @@ def _change(arguments: argparse.Namespace, state: KeyState, change: Callable[[Si
     signing.restore(vault.load())
     change(signing)
     store.close()
-    if store.obstacle:
-        print(store.obstacle, file=sys.stderr)
+    if store.start_problem:
+        print(store.start_problem, file=sys.stderr)
     if store.failure:
         raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and try again")
     if arguments.json:

@@ -20,7 +20,7 @@ from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
 from firmware_py.plans.read_file import MOST_BYTES, read_plan_file
 from firmware_py.plans.text_files import write_text
-from firmware_py.system.hold import StoreError
+from firmware_py.system.directory_lock import StoreError
 from firmware_py.system.slots import examine
 from firmware_py.system.state_directory import PLAN_FILES, load_plans
 from firmware_py.system.store import Store
@@ -113,8 +113,8 @@ def _load(arguments: argparse.Namespace) -> None:
         for plan in plans:
             store.save(PLAN_FILES[plan.kind], to_text(plan).encode())
         store.close()
-    if store.obstacle:
-        print(store.obstacle, file=sys.stderr)
+    if store.start_problem:
+        print(store.start_problem, file=sys.stderr)
     if store.failure:
         raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and load it again")
     for plan in plans:

@@ -31,7 +31,7 @@ from firmware_py.link.wire.open_transport import NMEA, open_transport
 from firmware_py.link.wire.transport import LinkError, MessageTransport, Satellite
 from firmware_py.log.disk import log_files
 from firmware_py.system.clock import machine_s
-from firmware_py.system.realtime import clock_is_kept
+from firmware_py.system.realtime import clock_is_synchronised
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.system.state_directory import (
     LOG_DIRECTORY,
@@ -175,7 +175,7 @@ def look_at_clocks() -> Iterator[Finding]:
     text = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(utc_s))
     if not is_possible(utc_s):
         yield Finding(Level.WARN, "clock", f"{text} cannot be; set it, or wait for the network's time or a GPS fix")
-    elif not clock_is_kept():
+    elif not clock_is_synchronised():
         yield Finding(Level.WARN, "clock", f"{text}; nothing keeps it (NTP, PTP, GPS): CLK_SET 2 has the GPS do it")
     else:
         yield Finding(Level.PASS, "clock", text)
@@ -209,7 +209,7 @@ def look_at_links(urls: Sequence[str], directory: Path) -> Iterator[Finding]:
             yield from _look_at_link(url, gate, opened)
 
 
-def _keep_nothing(content: bytes, *, both: bool = False) -> None:
+def _keep_nothing(content: bytes, *, both_slots: bool = False) -> None:
     """Leave the key as it is stored."""
 
 

@@ -22,9 +22,9 @@ from firmware_py.link.wire.worker import THREAD as FILES_THREAD
 from firmware_py.loop import run as run_loop
 from firmware_py.system import realtime
 from firmware_py.system.clock import ClockError
-from firmware_py.system.endings import STUCK
+from firmware_py.system.directory_lock import StoreError
+from firmware_py.system.endings import EXIT_STUCK
 from firmware_py.system.hardware_watchdog import WatchdogError
-from firmware_py.system.hold import StoreError
 from firmware_py.system.serial_port import PortError
 from firmware_py.system.service_manager import ServiceManager, runtime_directory
 from firmware_py.system.signals import Signals
@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
             return code
         if not restart.shutdown:
             signals.hold()
-            realtime.start_anew()
+            realtime.restart_program()
         return SHUT_DOWN
 
 
@@ -152,7 +152,7 @@ def _hold_off(why: str, signals: Signals) -> None:
     """Wait a little, where a service manager would start it again at once and for ever."""
     manager = ServiceManager(os.environ)
     end_s = time.monotonic() + (HOLD_OFF_S if manager.present else 0.0)
-    manager.say_status(why)
+    manager.notify_status(why)
     while time.monotonic() < end_s and not signals.stopping:
         time.sleep(0.1)
 
@@ -189,4 +189,4 @@ def _leave(assembly: Assembly) -> NoReturn:
     closing = threading.Thread(target=assembly.close, daemon=True)
     closing.start()
     closing.join(CLOSE_S)
-    os._exit(STUCK)
+    os._exit(EXIT_STUCK)

@@ -26,24 +26,24 @@ from firmware_py.files.reading import read_regular
 from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
 from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.link.security.signing import Signing, timestamp_of
+from firmware_py.system.directory_lock import DirectoryLock, StoreError
 from firmware_py.system.endings import ENDINGS_FILE, Endings
 from firmware_py.system.endings import from_bytes as endings_from_bytes
 from firmware_py.system.endings import to_bytes as endings_to_bytes
-from firmware_py.system.hold import Hold, StoreError
 from firmware_py.system.slots import examine
 from firmware_py.system.state_directory import (
-    KEPT_NAMES,
     PARAMETER_FILE,
     PLAN_FILES,
     RESUME_FILE,
     SATELLITE_FILE,
     SIGNING_FILE,
+    STATE_NAMES,
     StateFiles,
+    checked_plan,
     read_parameters,
-    sound_plan,
     stored_key,
 )
-from firmware_py.system.state_export import MOST_BYTES, BrokenExportError, Export, await_import, pack, unpack
+from firmware_py.system.state_export import MAX_EXPORT_BYTES, BrokenExportError, Export, begin_import, pack, unpack
 from firmware_py.system.store import Store
 
 # The function that decodes each record; it returns notes, too, and raises ValueError.
@@ -93,7 +93,7 @@ def _export(arguments: argparse.Namespace) -> int:
     check_readable(arguments.state)
     files: dict[str, bytes | None] = {}
     damaged = False
-    for name in KEPT_NAMES:
+    for name in STATE_NAMES:
         if name == SIGNING_FILE and not arguments.with_key:
             continue
         stored = StateFiles(arguments.state).examine(name)
@@ -152,13 +152,13 @@ def _import(arguments: argparse.Namespace) -> int:
     directory = arguments.state
     check_owner(directory)
     try:
-        export = unpack(read_regular(arguments.file, MOST_BYTES))
+        export = unpack(read_regular(arguments.file, MAX_EXPORT_BYTES))
     except OSError as error:
         raise StoreError(f"{arguments.file}: cannot be read: {error.strerror}") from None
-    for name in sorted(export.files.keys() - set(KEPT_NAMES)):
+    for name in sorted(export.files.keys() - set(STATE_NAMES)):
         _tell(f"{arguments.file}: {name} left out: it is of another version")
     _check_contents(export, _tell)
-    before = {name: examine(directory, name).content for name in KEPT_NAMES}
+    before = {name: examine(directory, name).content for name in STATE_NAMES}
     wanted = _begin_import(directory, export)
     try:
         with exact_modes():
@@ -166,8 +166,8 @@ def _import(arguments: argparse.Namespace) -> int:
             store.close()
     except StoreError as error:
         raise StoreError(f"{error}; what was imported counts all the same, from the next start on") from None
-    if store.obstacle:
-        raise StoreError(store.obstacle)
+    if store.start_problem:
+        raise StoreError(store.start_problem)
     told = {name: _change(before[name], wanted[name]) for name in wanted}
     _report(arguments, {SIGNING_FILE: "not in the file, stays as it is", **told})
     return 0
@@ -175,14 +175,14 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _begin_import(directory: Path, export: Export) -> Mapping[str, bytes | None]:
     """Let the directory count for what is imported; return what that is. StoreError: nothing was imported."""
-    hold = Hold(directory)
-    hold.take(strict=True)
+    hold = DirectoryLock(directory)
+    hold.acquire(strict=True)
     try:
-        wanted = {name: export.files.get(name) for name in KEPT_NAMES if name != SIGNING_FILE}
+        wanted = {name: export.files.get(name) for name in STATE_NAMES if name != SIGNING_FILE}
         if export.files.get(SIGNING_FILE):
             wanted[SIGNING_FILE] = _key_in_force(export, stored_key(directory))
         with exact_modes():
-            await_import(directory, Export(wanted, export.about))
+            begin_import(directory, Export(wanted, export.about))
     except OSError as error:
         raise StoreError(f"state directory {directory}: nothing was imported: {error.strerror}") from None
     finally:
@@ -195,7 +195,7 @@ def _check_contents(export: Export, say: _Say) -> None:
     for kind, name in PLAN_FILES.items():
         if (content := export.content(name)) is not None:
             with _usable(name):
-                for note in sound_plan(kind, content.decode("ascii", "replace"))[1]:
+                for note in checked_plan(kind, content.decode("ascii", "replace"))[1]:
                     say(f"{name}: {note}")
     read_parameters(export.content(PARAMETER_FILE), say)
     for name, read in _RECORDS.items():
@@ -221,8 +221,8 @@ def _key_in_force(export: Export, present: Stored) -> bytes:
     record = find_key(Stored(export.content(SIGNING_FILE))).record
     kept: list[bytes] = []
 
-    def keep(content: bytes, *, both: bool = False) -> None:
-        del both  # an import goes into both slots
+    def keep(content: bytes, *, both_slots: bool = False) -> None:
+        del both_slots  # an import goes into both slots
         kept.append(content)
 
     signing = Signing(time.time, keep)

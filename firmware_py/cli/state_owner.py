@@ -11,7 +11,7 @@ from firmware_py.cli.run import default_state_directory
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.service_files import UNIT
 from firmware_py.install.unit import installation_of
-from firmware_py.system.hold import StoreError
+from firmware_py.system.directory_lock import StoreError
 from firmware_py.vehicle import Vehicle
 
 

@@ -19,7 +19,7 @@ from firmware_py.system.clock import machine_s
 from firmware_py.system.endings import ENDINGS_FILE, from_bytes
 from firmware_py.system.readings import device_line, values_line
 from firmware_py.system.slots import examine
-from firmware_py.system.status_file import Found, Freshness, find, find_all
+from firmware_py.system.status_file import FoundStatus, Freshness, find, find_all
 
 # What has lines of its own; any other section of a status is a line of names and values.
 _TOLD = ("status", "reason", "age_s", "user", "vehicle", "state_directory", "written_machine_s")
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         if len(running) > 1:
             places = ", ".join(sorted(str(one.content.get("state_directory", one.reason)) for one in running.values()))
             return refused("status", f"there are several, name one with --state: {places}")
-        found = next(iter(running.values()), Found(Freshness.ABSENT, reason="no autopilot says anything here"))
+        found = next(iter(running.values()), FoundStatus(Freshness.ABSENT, reason="no autopilot says anything here"))
         if "state_directory" in found.content:
             directory = Path(found.content["state_directory"])
     told = _whole(found, directory)
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if found.freshness is Freshness.RUNNING else 1
 
 
-def _whole(found: Found, directory: Path | None) -> dict[str, Any]:
+def _whole(found: FoundStatus, directory: Path | None) -> dict[str, Any]:
     """Return what was found, with what can be seen from outside: how old it is, and the disk."""
     told: dict[str, Any] = {
         "status": found.freshness.value,

@@ -19,8 +19,8 @@ from firmware_py.system import realtime
 from firmware_py.system.clock import machine_s
 from firmware_py.system.signals import Signals
 from firmware_py.system.slots import examine
-from firmware_py.system.state_directory import PLAN_FILES, sound_plan
-from firmware_py.system.status_file import Found, Freshness, find, find_all
+from firmware_py.system.state_directory import PLAN_FILES, checked_plan
+from firmware_py.system.status_file import FoundStatus, Freshness, find, find_all
 from firmware_py.view.feed import MOST_LINE_BYTES, Feed
 from firmware_py.view.guard import DEFAULT_LISTEN, Guard, ViewError, listen_address, read_token
 from firmware_py.view.history import History
@@ -112,14 +112,14 @@ def _listen_to(feed: Feed, ended: threading.Event) -> None:
     ended.set()
 
 
-def _look(state: Path | None) -> Found:
+def _look(state: Path | None) -> FoundStatus:
     if state is not None:
         return find(state, machine_s())
     running = [one for one in find_all(machine_s()).values() if one.freshness is Freshness.RUNNING]
     if len(running) == 1:
         return running[0]
     reason = "several run here, name one with --state" if running else "no autopilot says anything here"
-    return Found(Freshness.ABSENT, reason=reason)
+    return FoundStatus(Freshness.ABSENT, reason=reason)
 
 
 def _directory(state: Path | None) -> Path | None:
@@ -138,7 +138,7 @@ def _plans(directory: Path | None) -> Mapping[str, Any]:
         try:
             stored = examine(directory, PLAN_FILES[kind])
             if stored.content is not None:
-                plan, _ = sound_plan(kind, stored.content.decode("ascii", "replace"))
+                plan, _ = checked_plan(kind, stored.content.decode("ascii", "replace"))
                 found[kind.name.lower()] = plan_rows(plan)
         except (OSError, ValueError):
             continue  # the autopilot itself tells of it

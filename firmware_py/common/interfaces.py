@@ -189,19 +189,19 @@ class RequestHandler(Protocol):
         """
 
 
-class StateKeeper(Protocol):
+class StateWriter(Protocol):
     """Keeps over restarts what was accepted, in the background."""
 
-    def keep_parameters(self, changed: Mapping[str, float]) -> None:
+    def save_parameters(self, changed: Mapping[str, float]) -> None:
         """Keep parameters that were set."""
 
-    def forget_parameters(self) -> None:
+    def clear_parameters(self) -> None:
         """Forget all parameters that were set, or none when this cannot be stored."""
 
-    def keep_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
+    def save_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
         """Keep a plan in place of the one of its kind, which stays when this cannot be stored; `done` says which."""
 
-    def keep_resume(self, record: bytes) -> None:
+    def save_resume(self, record: bytes) -> None:
         """Keep a resume record in place of the last one."""
 
     def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
@@ -220,8 +220,8 @@ class Vault(Protocol):
     def load(self) -> Stored:
         """Return what was saved last."""
 
-    def save(self, content: bytes, *, both: bool = False) -> None:
-        """Keep this instead, in the background; `both`: so that nothing is left of what was kept before."""
+    def save(self, content: bytes, *, both_slots: bool = False) -> None:
+        """Keep this instead, in the background; `both_slots`: so that nothing is left of what was kept before."""
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from firmware_py.common.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
-from firmware_py.common.interfaces import StateKeeper
+from firmware_py.common.interfaces import StateWriter
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Inputs
@@ -33,7 +33,7 @@ class Autopilot:
     that an answer need not wait for the tick and still cannot differ from what is done.
     """
 
-    def __init__(self, state: State, keeper: StateKeeper, begun: Moment | None = None) -> None:
+    def __init__(self, state: State, keeper: StateWriter, begun: Moment | None = None) -> None:
         """Start from a state; `keeper` takes what must outlive a restart, `begun` is when the time was 0."""
         self._state = state
         self._ahead = state
@@ -101,7 +101,7 @@ class Autopilot:
             # The place in the old mission is none in the new one.
             self.when_orders_stored(lambda _stored: done(answer))
 
-        self._keeper.keep_plan(intent.plan, finish)
+        self._keeper.save_plan(intent.plan, finish)
 
     def parameters(self) -> ParameterSet:
         """Return the values in force, accepted requests included."""
@@ -148,7 +148,7 @@ class Autopilot:
                 self.restart = request.intent
         return output
 
-    def keep_resume(self, now_s: float, utc_s: float, *, last: bool = False) -> None:
+    def save_resume(self, now_s: float, utc_s: float, *, last: bool = False) -> None:
         """Keep parameters and what the boat is doing for the next start, when changed; `last`: however little."""
         self._now_s, self._utc_offset_s = now_s, utc_s - now_s
         self._parameters.update(now_s, last=last)
@@ -160,7 +160,7 @@ class Autopilot:
         utc_s = self._now_s + self._utc_offset_s
         record = self._resume.update(self._ahead, self._now_s, utc_s, awaited=bool(self._unkept), last=last)
         if record is not None:
-            self._keeper.keep_resume(record)
+            self._keeper.save_resume(record)
         if self._resume.is_current:
             unkept, self._unkept = self._unkept, []
             for call in unkept:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from firmware_py.common.interfaces import StateKeeper
+from firmware_py.common.interfaces import StateWriter
 from firmware_py.common.token_bucket import TokenBucket
 
 BURST, RATE_HZ = 1000.0, 0.5  # writes: so many at once, and in a second in the long run
@@ -15,7 +15,7 @@ AWAITED_LIMIT: Final = 256  # answers that wait for a write; more are told that 
 class ParameterKeeper:
     """Gathers what was set and hands it over whole; whoever waits for a write is handed over with it."""
 
-    def __init__(self, keeper: StateKeeper) -> None:
+    def __init__(self, keeper: StateWriter) -> None:
         """Take what keeps parameters."""
         self._keeper = keeper
         self._changed: dict[str, float] = {}  # set, and not handed over
@@ -29,7 +29,7 @@ class ParameterKeeper:
     def forget(self) -> None:
         """Have all forgotten that was ever set, or none when that cannot be stored."""
         self._hand_over()
-        self._keeper.forget_parameters()
+        self._keeper.clear_parameters()
 
     def when_stored(self, call: Callable[[bool], None], now_s: float) -> None:
         """Call back once what was set so far is on disk, or cannot be."""
@@ -48,7 +48,7 @@ class ParameterKeeper:
     def _hand_over(self) -> None:
         changed, self._changed = self._changed, {}
         if changed:
-            self._keeper.keep_parameters(changed)
+            self._keeper.save_parameters(changed)
         unkept, self._unkept = self._unkept, []
         for call in unkept:
             self._keeper.when_parameters_stored(call)

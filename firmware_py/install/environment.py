@@ -18,7 +18,7 @@ import msgspec
 from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install.bundle import LIST, LOCK, Bundle, UpdateError, read_list
 from firmware_py.install.service_files import NAME
-from firmware_py.system.status_file import TRIED
+from firmware_py.system.status_file import TRIAL_DIRECTORY
 
 _CONFIG = "pyvenv.cfg"
 _MADE = re.compile(rf"{NAME}-\d.*-[0-9a-f]{{8}}")  # the names that beside() gives, and nobody by hand
@@ -75,7 +75,7 @@ def beside(environment: Environment, bundle: Bundle) -> Environment:
 
 def work_directory(environment: Environment) -> Path:
     """Return where an update works, on the same disk; what one that was killed has left there is removed."""
-    folder = environment.path.with_name(TRIED)
+    folder = environment.path.with_name(TRIAL_DIRECTORY)
     _remove(folder)
     folder.mkdir(mode=0o700)
     return folder

@@ -29,7 +29,7 @@ from firmware_py.install.self_check import Candidate, printed_unit, self_check
 from firmware_py.install.unit import Installation
 from firmware_py.system.clock import machine_s
 from firmware_py.system.state_directory import StateFiles
-from firmware_py.system.status_file import Found, Freshness, find
+from firmware_py.system.status_file import FoundStatus, Freshness, find
 
 SIGNERS = Path("/etc/rambler/allowed_signers")
 _LOOK_S, _START_S = 1.0, 90.0
@@ -159,7 +159,7 @@ def _check_age(bundle: Bundle, current: Environment, may: Permissions, say: Say)
     say(text)
 
 
-def _check_unarmed(state: Path, may: Permissions) -> Found:
+def _check_unarmed(state: Path, may: Permissions) -> FoundStatus:
     """Raise UpdateError when she is armed, or does not say whether she is, unless that may be; return her status."""
     found = find(state, machine_s())
     if may.armed or (found.freshness is Freshness.ABSENT and not found.is_refused):

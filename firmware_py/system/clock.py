@@ -1,4 +1,4 @@
-"""The only reader of time: the machine's clock, or the HIL's in its place, and the tick metronome."""
+"""The only reader of time: the machine's clock, or the HIL's in its place, and the tick tick_timer."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ LOCK_MARGIN_S = 0.002
 # The phase moves by at most this part of a period a tick, so that the rate stays what it is.
 LOCK_SLEW = 0.005
 LOCK_GAIN = 0.1
-WATCHES_KEPT = 16
+MAX_WATCHES = 16
 LOCKSTEP_PROTOCOL = 2
-ANSWER = struct.Struct("<ddd")  # the new time, by how much UTC is stepped, how long to look for the next answer
-SAID = struct.Struct("<dQ")  # when, and on which line
-LONGEST_ANSWER = 4096
+REPLY = struct.Struct("<ddd")  # the new time, by how much UTC is stepped, how long to look for the next answer
+LINE_EVENT = struct.Struct("<dQ")  # when, and on which line
+MAX_REPLY_BYTES = 4096
 BOOT_ID = "RAMBLER_BOOT_ID"  # of the environment, by the unit of the service
 LOCKSTEP_BOOT = "lockstep"  # in the place of a machine's boot: the HIL's clock goes on from run to run, or starts anew
 
@@ -158,7 +158,7 @@ class LockstepClock:
         """Return what looks at these descriptors, of which there are a few sets, again and again."""
         watch = self._watches.get((descriptors, fed))
         if watch is None:
-            if len(self._watches) >= WATCHES_KEPT:
+            if len(self._watches) >= MAX_WATCHES:
                 self._watches.clear()
             watch = self._watches[descriptors, fed] = _Watch(descriptors, fed, self._socket.fileno())
         return watch
@@ -172,14 +172,14 @@ class LockstepClock:
 
     def _receive(self) -> None:
         try:
-            packet = self._socket.recv(LONGEST_ANSWER)
+            packet = self._socket.recv(MAX_REPLY_BYTES)
         except OSError as error:
             raise ClockError(f"the HIL has gone: {error.strerror}") from None
         if not packet:
             raise ClockError("the HIL has ended the run")
-        now_s, step_s, self._look_s = ANSWER.unpack_from(packet)
+        now_s, step_s, self._look_s = REPLY.unpack_from(packet)
         self._utc_offset_s += step_s
-        self._coming = [(now_s, -1), *reversed([*SAID.iter_unpack(packet[ANSWER.size :])])]
+        self._coming = [(now_s, -1), *reversed([*LINE_EVENT.iter_unpack(packet[REPLY.size :])])]
         self._outstanding = False
 
 
@@ -214,7 +214,7 @@ class _Watch:
         return any(descriptor == self._hil for descriptor, _ in ready or self._waking.poll())
 
 
-class Metronome:
+class TickTimer:
     """Absolute deadlines at a fixed rate, skipped in phase and never caught up.
 
     The phase may drift slowly towards the arrivals of an outside event (a compass

@@ -9,11 +9,14 @@ from collections.abc import Callable, Sequence
 from firmware_py.common.calendar import DAY_S, is_possible
 from firmware_py.common.records import Event, PositionSample, Severity
 
-NEVER, WHEN_WRONG, WHEN_UNKEPT = range(3)  # CLK_SET
+SET_NEVER, SET_IF_INVALID, SET_IF_UNSYNCHRONISED = range(3)  # CLK_SET
 
 AGREEING = 5  # times in a row that must agree before one is believed
 AGREEMENT_S = 1.0
-TOLERANCE_S = {WHEN_WRONG: DAY_S, WHEN_UNKEPT: 2.0}  # a receiver's sentence may come a second after its time
+TOLERANCE_S = {
+    SET_IF_INVALID: DAY_S,
+    SET_IF_UNSYNCHRONISED: 2.0,
+}  # a receiver's sentence may come a second after its time
 LOOK_S = 60.0
 AGAIN_S = 3600.0  # after a clock that may not be set
 
@@ -45,7 +48,7 @@ class ClockSetter:
     def update(self, policy: int, fixes: Sequence[PositionSample], now_s: float) -> tuple[Event, ...]:
         """Take the fixes of a tick; set the clock if it must be and may be; return the event of it."""
         self._gps.extend(fix.utc_s - fix.t_s for fix in fixes if fix.utc_s is not None)
-        if policy == NEVER or now_s < self._due_s:
+        if policy == SET_NEVER or now_s < self._due_s:
             return ()
         utc_s = self._utc_s()
         wrong = not is_possible(utc_s)

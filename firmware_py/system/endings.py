@@ -1,8 +1,9 @@
 """How the runs before have ended: what their service manager and they themselves have left, counted and kept.
 
-Beside the state, which may be on a disk that hangs, there is the runtime directory: it is in memory, and goes with the
-computer's run. The service manager adds a line to ENDED for each run that ends (ExecStopPost of the unit); the run
-itself leaves its LAST_WORDS, and Python the place where each thread was in TRACEBACK when a signal ends the process.
+The state directory may be on a disk that hangs, so these files lie in the runtime directory, which is in memory and is
+lost when the computer restarts. For each run that ends, the service manager adds a line to ENDED_FILE (ExecStopPost of
+the unit). The run itself writes REASON_FILE. When a signal ends the process, Python writes the threads' positions into
+TRACEBACK_FILE.
 """
 
 from __future__ import annotations
@@ -23,20 +24,20 @@ from firmware_py.common import record_codec
 from firmware_py.files.making import FILE_MODE
 from firmware_py.files.reading import read_regular
 
-ENDED, LAST_WORDS, TRACEBACK = "ended", "last-words", "traceback"
+ENDED_FILE, REASON_FILE, TRACEBACK_FILE = "ended", "last-words", "traceback"
 ENDINGS_FILE: Final = "endings.record"
 _VERSION: Final = 1
-STUCK = 11  # the exit code of an autopilot of which a part was stuck
-EARLY_S: Final = 60.0
-MOST_KEPT = 20
-_MOST_BYTES = 1 << 16
+EXIT_STUCK = 11  # the exit code of an autopilot of which a part was stuck
+YOUNG_RUN_S: Final = 60.0
+MAX_ENDINGS = 20
+_MAX_FILE_BYTES = 1 << 16
 _TEXT_CHARACTERS = 160
-_MOST_COUNT = 1_000_000_000
+_MAX_COUNT = 1_000_000_000
 STOPPED, SHUT_DOWN, STUCK_PART, FAILED, WATCHDOG, KILLED, CRASHED, MEMORY, CUT_OFF = (
     "stopped", "shut down", "stuck", "failed", "watchdog", "killed", "crashed", "out of memory", "cut off",
 )  # fmt: skip
 EXPECTED = (STOPPED, SHUT_DOWN)
-_BY_EXIT_STATUS: Final[Mapping[str, str]] = {"0": STOPPED, "10": SHUT_DOWN, str(STUCK): STUCK_PART}
+_BY_EXIT_STATUS: Final[Mapping[str, str]] = {"0": STOPPED, "10": SHUT_DOWN, str(EXIT_STUCK): STUCK_PART}
 # SERVICE_RESULT of systemd.exec(5).
 _BY_RESULT: Final[Mapping[str, str]] = {
     "watchdog": WATCHDOG, "signal": KILLED, "core-dump": CRASHED, "oom-kill": MEMORY, "timeout": WATCHDOG,
@@ -56,7 +57,7 @@ class Ending(msgspec.Struct, frozen=True):
 class Endings(msgspec.Struct, frozen=True):
     """All that is kept: how often a run has ended why, the last endings (newest last), and whether one is under way.
 
-    `is_young`: the last run had not gone on for EARLY_S. `failed`: it has ended by an error of its own.
+    `is_young`: the last run had not gone on for YOUNG_RUN_S. `failed`: it has ended by an error of its own.
     `early` counts the runs in a row that failed so soon.
     """
 
@@ -67,7 +68,7 @@ class Endings(msgspec.Struct, frozen=True):
     failed: bool = False
     early: int = 0
 
-    def with_more(self, endings: tuple[Ending, ...]) -> Endings:
+    def with_added(self, endings: tuple[Ending, ...]) -> Endings:
         """Return these and more of them.
 
         A power cut leaves no sign of an error: it counts neither as a failure nor as a success.
@@ -77,7 +78,7 @@ class Endings(msgspec.Struct, frozen=True):
         counts = dict(self.counts)
         for ending in endings:
             counts[ending.why] = counts.get(ending.why, 0) + 1
-        return replace(self, counts=counts, last=(*self.last, *endings)[-MOST_KEPT:], failed=False, early=early)
+        return replace(self, counts=counts, last=(*self.last, *endings)[-MAX_ENDINGS:], failed=False, early=early)
 
 
 def to_bytes(endings: Endings) -> bytes:
@@ -89,9 +90,9 @@ def from_bytes(content: bytes) -> tuple[Endings, tuple[str, ...]]:
     """Return what `to_bytes` wrote, by this version or another, and notes on it; ValueError says why there is none."""
     endings, notes = record_codec.decode(Endings, content, _VERSION)
     counts = {
-        _one_line(why): min(max(count, 0), _MOST_COUNT) for why, count in list(endings.counts.items())[:MOST_KEPT]
+        _one_line(why): min(max(count, 0), _MAX_COUNT) for why, count in list(endings.counts.items())[:MAX_ENDINGS]
     }
-    last, early = tuple(map(_bounded, endings.last[-MOST_KEPT:])), min(max(endings.early, 0), _MOST_COUNT)
+    last, early = tuple(map(_bounded, endings.last[-MAX_ENDINGS:])), min(max(endings.early, 0), _MAX_COUNT)
     return replace(endings, counts=counts, last=last, early=early), notes
 
 
@@ -101,13 +102,13 @@ def _bounded(ending: Ending) -> Ending:
     return Ending(_one_line(ending.why), _one_line(ending.text), utc_s)
 
 
-def take_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:
+def collect_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:
     """Return how the runs since the last call have ended, oldest first, and forget it."""
     if runtime is None:
         return ()
-    lines = _take(runtime / ENDED).splitlines()
-    words = _one_line(_take(runtime / LAST_WORDS))
-    place = place_of(_take(runtime / TRACEBACK))
+    lines = _take(runtime / ENDED_FILE).splitlines()
+    words = _one_line(_take(runtime / REASON_FILE))
+    place = place_of(_take(runtime / TRACEBACK_FILE))
     endings = [ending_of(line, utc_s) for line in lines if line.strip()]
     if endings and endings[-1].why not in EXPECTED and (words or place):
         endings[-1] = replace(endings[-1], text=words or f"{endings[-1].text}{endings[-1].text and ', '}{place}")
@@ -135,7 +136,7 @@ def place_of(traceback: str) -> str:
     return f"in {match[1]}:{match[2]} {match[3]}" if match else ""
 
 
-class Watcher:
+class EndingRecorder:
     """Notes in the runtime directory how this run ends, where there is one."""
 
     def __init__(self, runtime: Path | None) -> None:
@@ -144,15 +145,15 @@ class Watcher:
         if runtime is None:
             return
         with contextlib.suppress(OSError):
-            self._traceback = (runtime / TRACEBACK).open("w", encoding="utf-8")
+            self._traceback = (runtime / TRACEBACK_FILE).open("w", encoding="utf-8")
             faulthandler.enable(self._traceback)
 
-    def say_why(self, text: str) -> None:
+    def record_reason(self, text: str) -> None:
         """Leave the last words of this run."""
         if self._runtime is None:
             return
         with contextlib.suppress(OSError):
-            descriptor = os.open(self._runtime / LAST_WORDS, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE)
+            descriptor = os.open(self._runtime / REASON_FILE, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE)
             os.write(descriptor, text.encode("utf-8", "replace"))
             os.close(descriptor)
 
@@ -160,7 +161,7 @@ class Watcher:
 def _take(path: Path) -> str:
     try:
         owners = {0, os.geteuid()}
-        text = read_regular(path, _MOST_BYTES, follow=False, owners=owners).decode("utf-8", "replace")
+        text = read_regular(path, _MAX_FILE_BYTES, follow=False, owners=owners).decode("utf-8", "replace")
     except OSError:
         text = ""
     with contextlib.suppress(OSError):

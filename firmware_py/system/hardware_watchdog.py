@@ -47,7 +47,7 @@ class HardwareWatchdog:
         except OSError as error:
             self.note = f"watchdog {path}: its time cannot be set ({error.strerror}); the driver's own holds"
 
-    def show_life(self, now_s: float) -> None:
+    def notify_alive(self, now_s: float) -> None:
         """Tell it, every INTERVAL_S at most; one that takes nothing starts the computer anew."""
         if now_s >= self._due_s:
             self._due_s = now_s + INTERVAL_S

@@ -40,7 +40,7 @@ def prepare(ordinary: Collection[str] = (), *, real_time: bool = True) -> tuple[
     Without `real_time`, where time stands still while the autopilot computes, the kernel is asked for nothing.
     """
     gc.collect()
-    give_back()  # locked memory cannot be
+    release_free_memory()  # locked memory cannot be
     refused = _ask_kernel(ordinary) if real_time else []
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     gc.freeze()
@@ -70,7 +70,7 @@ def _ask_kernel(ordinary: Collection[str]) -> list[str]:
     return refused
 
 
-def give_back() -> None:
+def release_free_memory() -> None:
     """Give what the start has freed back to the system, where the C library can."""
     with contextlib.suppress(AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
@@ -104,7 +104,7 @@ def spans(maps: str, size: int) -> Iterator[int]:
             yield from range(-(-begin // size) * size, end - size + 1, size)
 
 
-def relax() -> None:
+def reset_scheduling() -> None:
     """Give real-time priority back: a program started in place of this one, and its threads, would inherit it."""
     try:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -112,13 +112,13 @@ def relax() -> None:
         pass
 
 
-def start_anew() -> NoReturn:
+def restart_program() -> NoReturn:
     """Replace this process by the same program with the same words; nothing after it is run."""
-    relax()
+    reset_scheduling()
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - the words this process was started with
 
 
-def clock_is_kept() -> bool:
+def clock_is_synchronised() -> bool:
     """Whether something (NTP, PTP, a GPS daemon) disciplines the machine's clock, as far as the kernel knows."""
     # struct timex begins with `modes`, 0 = only read; all of it is smaller than this on every Linux.
     timex = ctypes.create_string_buffer(512)

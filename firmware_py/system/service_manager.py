@@ -30,7 +30,7 @@ class ServiceManager:
         """Whether there is one."""
         return bool(self._address)
 
-    def show_life(self, status: str) -> None:
+    def notify_alive(self, status: str) -> None:
         """Say that the process is alive; the first time that it has started, and how it goes where that has changed."""
         if not self._address:
             return
@@ -43,11 +43,11 @@ class ServiceManager:
         if self._tell(*lines):
             self._ready, self._status = True, status
 
-    def say_status(self, text: str) -> None:
+    def notify_status(self, text: str) -> None:
         """Say in one line how it goes."""
         self._tell(_status_line(text))
 
-    def say_stopping(self) -> None:
+    def notify_stopping(self) -> None:
         """Say that the process ends by itself: the watchdog is to wait for it no longer."""
         self._tell("STOPPING=1")
 

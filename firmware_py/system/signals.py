@@ -17,22 +17,22 @@ from firmware_py.common.records import Event, Severity
 Handler = Callable[[int, FrameType | None], None] | signal.Handlers
 
 
-class Act(Enum):
+class Action(Enum):
     """What is done; the text is that of the reference page."""
 
     STOP = "told and logged, makes the rudder safe and ends, exit code 0"
-    SAIL_ON = "sails on, told once"
+    CONTINUE = "sails on, told once"
     IGNORE = "sails on"
 
 
 # A handler would be called for ever by a terminal that stops who writes to it, so those are ignored in the kernel.
 # SIGXCPU is the last warning before a limit of processor time kills. Real-time signals are like the last row.
-TABLE: Mapping[signal.Signals, Act] = {
-    **dict.fromkeys((signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGXCPU), Act.STOP),
-    **dict.fromkeys((signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTTIN, signal.SIGTTOU), Act.IGNORE),
-    **dict.fromkeys((signal.SIGHUP, signal.SIGTSTP, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM), Act.SAIL_ON),
+TABLE: Mapping[signal.Signals, Action] = {
+    **dict.fromkeys((signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGXCPU), Action.STOP),
+    **dict.fromkeys((signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTTIN, signal.SIGTTOU), Action.IGNORE),
+    **dict.fromkeys((signal.SIGHUP, signal.SIGTSTP, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM), Action.CONTINUE),
     **dict.fromkeys(
-        (signal.SIGVTALRM, signal.SIGPROF, signal.SIGIO, signal.SIGPWR, signal.SIGSTKFLT), Act.SAIL_ON
+        (signal.SIGVTALRM, signal.SIGPROF, signal.SIGIO, signal.SIGPWR, signal.SIGSTKFLT), Action.CONTINUE
     ),
 }  # fmt: skip
 REASONS = {signal.SIGHUP: "the terminal has gone", signal.SIGTSTP: "halting is refused"}
@@ -49,9 +49,13 @@ class Signals:
 
     def __enter__(self) -> Self:
         """Take them over."""
-        handlers: dict[Act, Handler] = {Act.STOP: self._stop, Act.SAIL_ON: self._sail_on, Act.IGNORE: signal.SIG_IGN}
+        handlers: dict[Action, Handler] = {
+            Action.STOP: self._stop,
+            Action.CONTINUE: self._continue,
+            Action.IGNORE: signal.SIG_IGN,
+        }
         for number in (*TABLE, *range(signal.SIGRTMIN, signal.SIGRTMAX + 1)):
-            act = TABLE[number] if isinstance(number, signal.Signals) else Act.SAIL_ON
+            act = TABLE[number] if isinstance(number, signal.Signals) else Action.CONTINUE
             self._before[number] = signal.signal(number, handlers[act])
         signal.pthread_sigmask(signal.SIG_UNBLOCK, self._before)  # what has waited since `hold`
         return self
@@ -76,7 +80,7 @@ class Signals:
             self._told.append(number)
         self.stopping = True
 
-    def _sail_on(self, number: int, _frame: FrameType | None) -> None:
+    def _continue(self, number: int, _frame: FrameType | None) -> None:
         signal.signal(number, signal.SIG_IGN)  # told once; a flood of them costs nothing
         self._told.append(number)
 
@@ -87,7 +91,7 @@ def _event(number: int) -> Event:
     except ValueError:
         name = f"SIGRTMIN+{number - signal.SIGRTMIN}"
     known = signal.Signals(number) if number in TABLE else None
-    if known is not None and TABLE[known] is Act.STOP:
+    if known is not None and TABLE[known] is Action.STOP:
         return Event(Severity.WARNING, f"{name}: she ends, the rudder goes amidships")
     reason = "it means nothing here" if known is None else REASONS.get(known, "it means nothing here")
     return Event(Severity.WARNING, f"{name}: {reason}, she sails on")

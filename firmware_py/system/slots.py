@@ -25,7 +25,7 @@ import msgspec
 from firmware_py.common.records import Stored
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, set_aside, sync_directory, write_whole
 from firmware_py.files.reading import UNFIT, open_regular, read_regular
-from firmware_py.system.state_export import KEY_ENDING, RECORD_ENDING, BrokenExportError, awaited_import, largest_bytes
+from firmware_py.system.state_export import KEY_ENDING, RECORD_ENDING, BrokenExportError, largest_bytes, pending_import
 
 SLOTS = (0, 1)
 # Earlier versions keep the same records as text under this ending. They stay whole there for a roll-back.
@@ -69,7 +69,7 @@ def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
     run again after a roll-back.
     """
     with contextlib.suppress(BrokenExportError, OSError):  # which the store reports
-        awaited = awaited_import(directory)
+        awaited = pending_import(directory)
         if awaited is not None and name in awaited.files:
             return Stored(awaited.content(name))
     for path in earlier_slots(directory, name):

@@ -35,7 +35,7 @@ RECORD_FILES: Final = (RESUME_FILE, ENDINGS_FILE, SATELLITE_FILE)
 LOG_DIRECTORY: Final = "logs"
 UPLOAD_DIRECTORY: Final = "uploads"
 BOOT_COUNT: Final = "STAT_BOOTCNT"
-MOST_UNUSABLE: Final = 200  # stored parameters: more than a version adds
+MAX_UNUSABLE_PARAMETERS: Final = 200  # stored parameters: more than a version adds
 # What is used of a name of which no version is left.
 _INSTEAD: Final = {
     PARAMETER_FILE: "the vehicle file's parameters are used",
@@ -46,12 +46,12 @@ _INSTEAD: Final = {
     ENDINGS_FILE: "how earlier runs have ended is forgotten",
     SATELLITE_FILE: "what was spent on messages is forgotten, and no message counts that was written before",
 }
-KEPT_NAMES: Final = (*_INSTEAD, SIGNING_FILE)  # all that there is of a state
+STATE_NAMES: Final = (*_INSTEAD, SIGNING_FILE)  # all that there is of a state
 OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
 
-class Stock(Protocol):
+class StateReader(Protocol):
     """What reads the names of a state directory: the store that holds it, or `StateFiles` of somebody who looks on."""
 
     def load(self, name: str) -> bytes | None:
@@ -62,7 +62,7 @@ class Stock(Protocol):
 
 
 class StateFiles(msgspec.Struct, frozen=True):
-    """A state directory that is not held: safe beside an autopilot that is writing; a Stock."""
+    """A state directory that is not held: safe beside an autopilot that is writing; a StateReader."""
 
     directory: Path
 
@@ -76,7 +76,7 @@ class StateFiles(msgspec.Struct, frozen=True):
         return stored_key(self.directory) if secret else examine(self.directory, name)
 
 
-def report_damage(store: Stock, say: Callable[[str], None]) -> None:
+def report_damage(store: StateReader, say: Callable[[str], None]) -> None:
     """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew.
 
     Of the signing key tells `firmware_py.assemble.earlier_runs`, which knows what one is.
@@ -89,7 +89,7 @@ def report_damage(store: Stock, say: Callable[[str], None]) -> None:
 
 
 class StateDirectory:
-    """Reads what earlier runs have left in the store, and keeps what the next one shall find; a StateKeeper."""
+    """Reads what earlier runs have left in the store, and keeps what the next one shall find; a StateWriter."""
 
     def __init__(self, store: Store, say: Callable[[str], None]) -> None:
         """Read the parameters; `say` takes a line on each thing that cannot be used."""
@@ -98,12 +98,12 @@ class StateDirectory:
         self._kept = unusable | self._usable
         self._plans = Plans()  # in force, as far as they were stored
         self._set: set[PlanKind] = set()  # those of them that were set since the start
-        store.on_arrival((PARAMETER_FILE, *PLAN_FILES.values()), self._take_up)
+        store.on_mount((PARAMETER_FILE, *PLAN_FILES.values()), self._take_up)
 
     def count_start(self) -> None:
         """Count one start more."""
         count = self._usable[BOOT_COUNT] = _one_more(self._usable.get(BOOT_COUNT, 0.0))
-        self.keep_parameters({BOOT_COUNT: count})
+        self.save_parameters({BOOT_COUNT: count})
 
     def inventory(self, plans: Plans) -> str:
         """Say in a few words what is used of what earlier runs have left."""
@@ -126,12 +126,12 @@ class StateDirectory:
         """Return the resume record of the last run, None when there is none."""
         return self._store.load(RESUME_FILE)
 
-    def keep_parameters(self, changed: Mapping[str, float]) -> None:
+    def save_parameters(self, changed: Mapping[str, float]) -> None:
         """Keep parameters that were set."""
         self._kept.update(changed)
         self._save_parameters()
 
-    def forget_parameters(self) -> None:
+    def clear_parameters(self) -> None:
         """Forget all parameters that were set, or none when this cannot be stored."""
         forgotten = dict(self._kept)
         self._kept.clear()
@@ -143,7 +143,7 @@ class StateDirectory:
 
         self._store.try_save(PARAMETER_FILE, b"", remember)
 
-    def keep_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
+    def save_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
         """Keep a plan in place of the one of its kind, which stays when this cannot be stored; `done` says which."""
 
         def note(stored: bool) -> None:  # noqa: FBT001 - the store's callback
@@ -154,7 +154,7 @@ class StateDirectory:
 
         self._store.try_save(PLAN_FILES[plan.kind], plan_to_text(plan).encode(), note)
 
-    def keep_resume(self, record: bytes) -> None:
+    def save_resume(self, record: bytes) -> None:
         """Keep a resume record in place of the last one."""
         self._store.save(RESUME_FILE, record)
 
@@ -183,7 +183,7 @@ class StateDirectory:
         for kind, name in PLAN_FILES.items():
             plan = self._plans.of(kind)
             if kind in self._set or (plan.items and found[name].content is None):
-                self._store.fill(name, plan_to_text(plan).encode())
+                self._store.save_if_idle(name, plan_to_text(plan).encode())
 
     def _save_parameters(self) -> None:
         self._store.save(PARAMETER_FILE, format_file(self._kept).encode())
@@ -199,13 +199,13 @@ class KeyVault(msgspec.Struct, frozen=True):
         """Return what was saved last."""
         return self.store.examine(self.name)
 
-    def on_arrival(self, call: Callable[[Stored], None]) -> None:
+    def on_mount(self, call: Callable[[Stored], None]) -> None:
         """Call back, on the loop's thread, with what a directory holds that was not there at the start."""
-        self.store.on_arrival((self.name,), lambda found: call(found[self.name]))
+        self.store.on_mount((self.name,), lambda found: call(found[self.name]))
 
-    def save(self, content: bytes, *, both: bool = False) -> None:
-        """Keep this instead, in the background; `both`: so that nothing is left of what was kept before."""
-        self.store.save(self.name, content, both=both)
+    def save(self, content: bytes, *, both_slots: bool = False) -> None:
+        """Keep this instead, in the background; `both_slots`: so that nothing is left of what was kept before."""
+        self.store.save(self.name, content, both_slots=both_slots)
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""
@@ -234,7 +234,7 @@ def exposed_key_files(directory: Path) -> tuple[str, ...]:
     return tuple(exposed)
 
 
-def load_parameters(store: Stock, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
+def load_parameters(store: StateReader, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
     """Return what `read_parameters` does of what is stored."""
     return read_parameters(store.load(PARAMETER_FILE), say)
 
@@ -244,7 +244,7 @@ def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[
 
     The latter are said. They stay in the store for the version that knows them, until all are forgotten or
     the parameter is set anew; a line that is no name and value is said and left out for good. What comes after the
-    first MOST_UNUSABLE lines of either kind is not read.
+    first MAX_UNUSABLE_PARAMETERS lines of either kind is not read.
     """
     values: dict[str, float] = {}
     unusable: dict[str, float] = {}
@@ -259,7 +259,7 @@ def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[
             if name:
                 unusable[name] = value
             say(f"stored parameter left out{', and kept for another version' if name else ''}: {error}")
-            if (problems := problems + 1) == MOST_UNUSABLE:
+            if (problems := problems + 1) == MAX_UNUSABLE_PARAMETERS:
                 say(f"stored {PARAMETER_FILE}: what comes after line {number} is left out")
                 break
     return values, {name: value for name, value in unusable.items() if name not in values}
@@ -272,7 +272,7 @@ def _name_and_value(line: str) -> tuple[str, float]:
     return (match[1], value) if match and math.isfinite(value) else ("", value)
 
 
-def load_plans(store: Stock, say: Callable[[str], None]) -> Plans:
+def load_plans(store: StateReader, say: Callable[[str], None]) -> Plans:
     """Return the plans of earlier runs; an unusable one is said and left out."""
     plans = Plans()
     for kind, name in PLAN_FILES.items():
@@ -280,7 +280,7 @@ def load_plans(store: Stock, say: Callable[[str], None]) -> Plans:
         if content is None:
             continue
         try:
-            plan, notes = sound_plan(kind, content.decode("ascii", "replace"))
+            plan, notes = checked_plan(kind, content.decode("ascii", "replace"))
         except ValueError as error:
             say(f"stored {name} left out: {error}")
             continue
@@ -290,7 +290,7 @@ def load_plans(store: Stock, say: Callable[[str], None]) -> Plans:
     return plans
 
 
-def sound_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
+def checked_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
     """Read the stored plan of a kind, and notes on what another version has made of it; ValueError."""
     plan, notes = plan_from_text(text)
     if plan.kind is not kind:

@@ -2,7 +2,7 @@
 
 Texts stand as they are, records (`NAME.record`) as base64.
 
-In a state directory such a file, by the name of AWAITED, is an import that counts and is not in the slots yet.
+In a state directory, such a file named PENDING_IMPORT is an import that is in force and not yet in the slots.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from firmware_py.files.reading import UNFIT, read_regular
 
 RECORD_ENDING: Final = ".record"  # of what this program alone writes and reads; everything else is text
 FORMAT: Final = 2  # 1: the records were texts, too
-MOST_BYTES: Final = 64 << 20  # more than all slots can hold, escaped
+MAX_EXPORT_BYTES: Final = 64 << 20  # more than all slots can hold, escaped
 # The largest slot that is read or written, by the ending of its name: no plan comes near it.
 KEY_ENDING: Final = ".key"
 _LARGEST_BYTES: Final = {".plan": 4 << 20, KEY_ENDING: 64 << 10}
 _LARGEST_BYTES_ELSE: Final = 1 << 20
-MOST_HEAD_BYTES: Final = 64  # of a slot
-MOST_ABOUT, MOST_CHARACTERS = 8, 200
-AWAITED: Final = "import.awaited"
+MAX_HEAD_BYTES: Final = 64  # of a slot
+MAX_ABOUT_ENTRIES, MAX_ABOUT_CHARACTERS = 8, 200
+PENDING_IMPORT: Final = "import.awaited"
 _DONE: Final = ".import.done"
 _HEAD = re.compile(rb"# rambler exported state (\d{1,9}) (\d{1,12}) ([0-9a-f]{64})\n")
 _NAME = re.compile(r"[a-z]{1,32}\.[a-z]{1,8}")  # of a file of the state: it leads nowhere else
@@ -82,19 +82,20 @@ def unpack(data: bytes) -> Export:
         content = json.loads(body)
         texts = content["files"].items()
         files = {_name(name): None if text is None else _from_text(name, text) for name, text in texts}
-        about = list(content["about"].items())[:MOST_ABOUT]
-        return Export(files, {str(key)[:MOST_CHARACTERS]: str(value)[:MOST_CHARACTERS] for key, value in about})
+        about = list(content["about"].items())[:MAX_ABOUT_ENTRIES]
+        limit = MAX_ABOUT_CHARACTERS
+        return Export(files, {str(key)[:limit]: str(value)[:limit] for key, value in about})
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        text = ascii(str(error))[1:-1][:MOST_CHARACTERS]
+        text = ascii(str(error))[1:-1][:MAX_ABOUT_CHARACTERS]
         raise BrokenExportError(f"is no state that rambler has exported: {text}") from None
 
 
-def await_import(directory: Path, export: Export) -> None:
+def begin_import(directory: Path, export: Export) -> None:
     """Let a directory that this process holds count for what is imported from now on.
 
     OSError: nothing has changed, unless its strerror says that the next start may find it all the same.
     """
-    path = directory / AWAITED
+    path = directory / PENDING_IMPORT
     try:
         write_whole(path, pack(export), PRIVATE_MODE)
     except OSError as error:
@@ -107,44 +108,45 @@ def await_import(directory: Path, export: Export) -> None:
         raise
 
 
-def awaited_import(directory: Path) -> Export | None:
+def pending_import(directory: Path) -> Export | None:
     """Return the import that counts and is not in the slots, None when there is none.
 
     BrokenExportError for what lies there and is none, OSError for a disk that does not give it. Only the owner of the
     directory may have begun one.
     """
-    path = directory / AWAITED
+    path = directory / PENDING_IMPORT
     try:
-        stranger = path.lstat().st_uid != directory.stat().st_uid
-        return _refuse("belongs to another user") if stranger else unpack(read_regular(path, MOST_BYTES, follow=False))
+        if path.lstat().st_uid != directory.stat().st_uid:
+            raise BrokenExportError("belongs to another user")  # noqa: TRY301 - reported with the name like the others
+        return unpack(read_regular(path, MAX_EXPORT_BYTES, follow=False))
     except (FileNotFoundError, NotADirectoryError):
         return None
     except BrokenExportError as error:
-        raise BrokenExportError(f"{AWAITED} {error}") from None
+        raise BrokenExportError(f"{PENDING_IMPORT} {error}") from None
     except OSError as error:
         if error.errno not in UNFIT:
             raise
-        raise BrokenExportError(f"{AWAITED} {error.strerror}") from None
+        raise BrokenExportError(f"{PENDING_IMPORT} {error.strerror}") from None
 
 
 def end_import(directory: Path) -> None:
     """Forget an import that is in the slots; what it held of a secret is overwritten. OSError."""
     done = directory / _DONE
-    os.replace(directory / AWAITED, done)  # noqa: PTH105
+    os.replace(directory / PENDING_IMPORT, done)  # noqa: PTH105
     sync_directory(directory)
     remove_leftovers(directory)
 
 
 def remove_leftovers(directory: Path) -> None:
     """Remove what imports that were cut off have left and does not count, overwritten. OSError."""
-    for name in (_DONE, f".{AWAITED}.new"):
+    for name in (_DONE, f".{PENDING_IMPORT}.new"):
         _wipe(directory / name)
 
 
 def _wipe(path: Path) -> None:
     with contextlib.suppress(FileNotFoundError):
         status = path.lstat()
-        if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES:
+        if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_EXPORT_BYTES:
             set_aside(path)  # it is none of ours
             return
         descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
@@ -154,10 +156,6 @@ def _wipe(path: Path) -> None:
         finally:
             os.close(descriptor)
         os.unlink(path)  # noqa: PTH108
-
-
-def _refuse(text: str) -> Export:
-    raise BrokenExportError(text)
 
 
 def _digest(body: bytes) -> bytes:
@@ -174,7 +172,7 @@ def _from_text(name: str, value: object) -> bytes:
     if not isinstance(value, str):
         raise TypeError("a content is no text")
     content = base64.b64decode(value, validate=True) if name.endswith(RECORD_ENDING) else value.encode()
-    if len(content) > largest_bytes(name) - MOST_HEAD_BYTES:
+    if len(content) > largest_bytes(name) - MAX_HEAD_BYTES:
         raise ValueError(f"{name} is larger than it may be, {largest_bytes(name) >> 10} KiB")
     return content
 

@@ -26,9 +26,9 @@ from firmware_py.files.reading import read_json, read_regular
 # The first is made by a service manager or a tmpfiles line and the second is on every Linux; whatever is not memory is
 # passed over.
 DIRECTORIES = (Path("/run/rambler"), Path("/dev/shm"))  # noqa: S108 - see StatusFile.write
-MOST_BYTES = 1 << 18
+MAX_STATUS_BYTES = 1 << 18
 STALE_S = 5.0  # the slowest loop writes every second
-TRIED = ".rambler-update"  # where an update tries a program: it talks of no boat
+TRIAL_DIRECTORY = ".rambler-update"  # where an update tries a program: it talks of no boat
 _PREFIX = "rambler-status-"
 _MEMORY = ("tmpfs", "ramfs")
 
@@ -41,7 +41,7 @@ class Freshness(Enum):
     ABSENT = "absent"
 
 
-class Found(msgspec.Struct, frozen=True):
+class FoundStatus(msgspec.Struct, frozen=True):
     """What was found of an autopilot: what it said, how long ago, and why it is not to be taken for what is now.
 
     `is_refused`: a file lies there that is not believed, and may stand in the way of the true one.
@@ -102,27 +102,27 @@ class StatusFile:
         raise OSError(errno.ENOENT, f"none of {places} is in memory and may be written to")
 
 
-def find(state_directory: Path, machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> Found:
+def find(state_directory: Path, machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> FoundStatus:
     """Return what the autopilot on a state directory says; `machine_s` is now (system.clock.machine_s)."""
     paths = [directory / file_name(state_directory) for directory in directories]
     return _newest([_read(path, machine_s, state_directory) for path in paths if os.path.lexists(path)])
 
 
-def find_all(machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> dict[str, Found]:
+def find_all(machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> dict[str, FoundStatus]:
     """Return what every autopilot on this computer says, by the names of their files; not what an update tries."""
     paths = [
         path for directory in directories if directory.is_dir() for path in sorted(directory.glob(f"{_PREFIX}*.json"))
     ]
-    found: dict[str, list[Found]] = {}
+    found: dict[str, list[FoundStatus]] = {}
     for path in paths:
         one = _read(path, machine_s, None)
-        if not one.is_refused and TRIED not in Path(one.content.get("state_directory", "")).parts:
+        if not one.is_refused and TRIAL_DIRECTORY not in Path(one.content.get("state_directory", "")).parts:
             found.setdefault(path.name, []).append(one)
     return {name: _newest(versions) for name, versions in found.items()}
 
 
-def _newest(found: Sequence[Found]) -> Found:
-    nothing = Found(Freshness.ABSENT, reason="it is not running, or has ended in good order")
+def _newest(found: Sequence[FoundStatus]) -> FoundStatus:
+    nothing = FoundStatus(Freshness.ABSENT, reason="it is not running, or has ended in good order")
     return min(found, key=lambda one: float("inf") if one.age_s is None else one.age_s, default=nothing)
 
 
@@ -141,12 +141,12 @@ def _owners(path: Path, state_directory: Path) -> set[int]:
     return owners
 
 
-def _read(path: Path, machine_s: float, state_directory: Path | None) -> Found:
+def _read(path: Path, machine_s: float, state_directory: Path | None) -> FoundStatus:
     """Read a file; without `state_directory` that which the file names is asked whose word counts."""
     try:
         owner_uid = path.lstat().st_uid
         owners = {owner_uid} if state_directory is None else _owners(path, state_directory)
-        content = read_json(read_regular(path, MOST_BYTES, follow=False, owners=owners))
+        content = read_json(read_regular(path, MAX_STATUS_BYTES, follow=False, owners=owners))
         age_s = machine_s - float(content["written_machine_s"])
         pid = int(content["pid"])
         content |= {"user": _user(owner_uid), "state_directory": str(content["state_directory"])}
@@ -157,15 +157,15 @@ def _read(path: Path, machine_s: float, state_directory: Path | None) -> Found:
     except OSError as error:
         hint = "; look as a user of its group" if error.errno == errno.EACCES else ""
         refused = error.errno not in (errno.EACCES, errno.ENOENT)
-        return Found(Freshness.ABSENT, reason=f"{path}: {error.strerror}{hint}", is_refused=refused)
+        return FoundStatus(Freshness.ABSENT, reason=f"{path}: {error.strerror}{hint}", is_refused=refused)
     except (ValueError, TypeError, KeyError):
-        return Found(Freshness.ABSENT, reason=f"{path}: it is no status; remove it")
+        return FoundStatus(Freshness.ABSENT, reason=f"{path}: it is no status; remove it")
     if not _lives(pid):
-        return Found(Freshness.STALE, content, age_s, f"process {pid} is gone without having ended in good order")
+        return FoundStatus(Freshness.STALE, content, age_s, f"process {pid} is gone without having ended in good order")
     if not -STALE_S <= age_s <= STALE_S:
         why = f"process {pid} is there and says nothing: it hangs or is halted, or {path.parent} is full"
-        return Found(Freshness.STALE, content, age_s, why)
-    return Found(Freshness.RUNNING, content, age_s)
+        return FoundStatus(Freshness.STALE, content, age_s, why)
+    return FoundStatus(Freshness.RUNNING, content, age_s)
 
 
 def _user(uid: int) -> str:

@@ -11,7 +11,7 @@ from firmware_py.common.reports import Snapshot, SwingReport
 from firmware_py.common.vessels import Vessel
 from firmware_py.system.readings import Values, position_values, rounded, rudder_values
 
-MOST_VESSELS_TOLD = 5
+MAX_VESSELS_LISTED = 5
 
 
 def _rudder(snapshot: Snapshot) -> Values:
@@ -153,7 +153,7 @@ def _traffic(snapshot: Snapshot) -> Values:
         "vessels": len(traffic.vessels),
         "no_room_for": traffic.turned_away,
         "aside_deg": rounded(traffic.aside_rad, 0, compass_degrees),
-        "nearest": [_vessel(vessel, snapshot.t_s) for vessel in seen[:MOST_VESSELS_TOLD]],
+        "nearest": [_vessel(vessel, snapshot.t_s) for vessel in seen[:MAX_VESSELS_LISTED]],
     }
 
 

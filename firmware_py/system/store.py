@@ -18,7 +18,7 @@ from queue import Empty, SimpleQueue
 from msgspec.structs import replace
 
 from firmware_py.common.records import Progress, Stored
-from firmware_py.system.hold import Hold, InUseError, StoreError
+from firmware_py.system.directory_lock import DirectoryLock, InUseError, StoreError
 from firmware_py.system.slots import SlotWriter, earlier_name, earlier_slots, examine
 from firmware_py.system.store_jobs import Failure, Job, finish_import, write_job
 
@@ -50,19 +50,19 @@ class Store:
         """
         self._directory = directory
         self._private = frozenset(private)
-        self._hold = Hold(directory)
-        self.obstacle = ""  # what kept the directory from being held as it should be at the start
-        self._unheld = ""  # why nothing can be written now: the directory is not held
+        self._directory_lock = DirectoryLock(directory)
+        self.start_problem = ""  # what kept the directory from being held as it should be at the start
+        self._lock_problem = ""  # why nothing can be written now: the directory is not held
         try:
-            self.obstacle = self._hold.take(strict=not wait)
-            self.obstacle = finish_import(directory) or self.obstacle
+            self.start_problem = self._directory_lock.acquire(strict=not wait)
+            self.start_problem = finish_import(directory) or self.start_problem
         except InUseError:
             raise
         except StoreError as error:
             if not wait:
-                self._hold.release()
+                self._directory_lock.release()
                 raise
-            self.obstacle = self._unheld = str(error)
+            self.start_problem = self._lock_problem = str(error)
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
         self._idle = threading.Condition(self._lock)
@@ -91,7 +91,7 @@ class Store:
     def failure(self) -> str:
         """What is wrong with the names that are not on disk; empty when all are and others can be."""
         with self._lock:
-            return "; ".join(failure.text for failure in self._failed.values()) or self._unheld
+            return "; ".join(failure.text for failure in self._failed.values()) or self._lock_problem
 
     def fileno(self) -> int:
         """The descriptor that is readable when `service` has callbacks to run."""
@@ -105,16 +105,16 @@ class Store:
         """Return the newest whole version, and what is wrong with what is stored."""
         return examine(self._directory, name, os.geteuid() if name in self._private else None)
 
-    def save(self, name: str, content: bytes, *, both: bool = False) -> None:
+    def save(self, name: str, content: bytes, *, both_slots: bool = False) -> None:
         """Queue a new version, tried until it is on disk; a newer one of the same name replaces one not yet begun.
 
-        `both`: it is on disk when it is in both slots, so that nothing is left of the versions before.
+        `both_slots`: it is on disk when it is in both slots, so that nothing is left of the versions before.
         """
         with self._lock:
             waiting = self._jobs.get(name)
-            self._queue(name, Job(content, both=both or (waiting is not None and waiting.both)))
+            self._queue(name, Job(content, both_slots=both_slots or (waiting is not None and waiting.both_slots)))
 
-    def fill(self, name: str, content: bytes) -> None:
+    def save_if_idle(self, name: str, content: bytes) -> None:
         """Queue a version as `save` does, unless one is queued: whoever waits for that would be told of this."""
         with self._lock:
             if name not in self._jobs:
@@ -157,7 +157,7 @@ class Store:
         if not saves:
             os.eventfd_write(self._wake_fd, 1)
 
-    def on_arrival(self, names: Collection[str], welcome: Callable[[Mapping[str, Stored]], None]) -> None:
+    def on_mount(self, names: Collection[str], welcome: Callable[[Mapping[str, Stored]], None]) -> None:
         """Run welcome(what the names hold) from `service` when a directory is held that was not there at the start.
 
         It may also have been mounted over the one that was. Nothing is written there before.
@@ -209,7 +209,7 @@ class Store:
     def _release(self) -> None:
         with contextlib.suppress(OSError):
             os.close(self._wake_fd)
-        self._hold.release()
+        self._directory_lock.release()
 
     def _queue(self, name: str, job: Job) -> None:
         """Hand a job to the writer; the lock is held."""
@@ -225,12 +225,12 @@ class Store:
         closing = False
         while not closing:
             try:
-                closing = retry = self._wake.get(timeout=RETRY_S if self._failed or self._unheld else None)
+                closing = retry = self._wake.get(timeout=RETRY_S if self._failed or self._lock_problem else None)
             except Empty:
                 retry = True
-            if not (self._unheld or self._hold.stands()):
-                self._unheld = f"state directory {self._directory} is gone, or another one"
-            if self._unheld and retry:
+            if not (self._lock_problem or self._directory_lock.is_valid()):
+                self._lock_problem = f"state directory {self._directory} is gone, or another one"
+            if self._lock_problem and retry:
                 writer.close()
                 writer = SlotWriter(self._directory, self._private)
                 self._take_up()
@@ -238,38 +238,38 @@ class Store:
                 jobs = dict(self._jobs)
                 for name, failure in self._failed.items() if retry else ():
                     jobs.setdefault(name, failure.job)
-                owed = [name for name in jobs if name in self._failed and self._failed[name].job.both]
-                jobs |= {name: replace(jobs[name], both=True) for name in owed}
+                owed = [name for name in jobs if name in self._failed and self._failed[name].job.both_slots]
+                jobs |= {name: replace(jobs[name], both_slots=True) for name in owed}
                 asked = {name: self._asked[name] for name in jobs}
                 self._jobs = {}
             for name, job in jobs.items():
-                result = write_job(writer, name, job, self._unheld)
+                result = write_job(writer, name, job, self._lock_problem)
                 self._written = (writer.versions, writer.written_bytes)
                 self._settle(name, asked[name], result)
         writer.close()
 
     def _take_up(self) -> None:
         """Try to hold the directory; what it holds is handed over before anything is written there."""
-        if self._unheld == _ARRIVING:
+        if self._lock_problem == _ARRIVING:
             return
-        before = self._hold.identity
+        before = self._directory_lock.identity
         try:
-            self._hold.take(strict=False)
+            self._directory_lock.acquire(strict=False)
             finish_import(self._directory)
         except StoreError as error:
-            self._unheld = str(error)
+            self._lock_problem = str(error)
             return
-        if self._hold.identity == before:
-            self._unheld = ""  # it was away: there is nothing in it but what is known
+        if self._directory_lock.identity == before:
+            self._lock_problem = ""  # it was away: there is nothing in it but what is known
             return
         welcomes = tuple(self._welcomes)
         found = {name: self.examine(name) for names, _call in welcomes for name in names}
-        self._unheld = _ARRIVING
+        self._lock_problem = _ARRIVING
 
         def welcome(_: bool) -> None:  # noqa: FBT001 - as the store's other callbacks
             for _names, call in welcomes:
                 call(found)
-            self._unheld = ""
+            self._lock_problem = ""
 
         with self._lock:
             self._due.append((welcome, True))

@@ -8,21 +8,27 @@ from pathlib import Path
 import msgspec
 
 from firmware_py.files.making import set_aside
-from firmware_py.system.hold import StoreError
+from firmware_py.system.directory_lock import StoreError
 from firmware_py.system.slots import SlotWriter, is_secret
-from firmware_py.system.state_export import AWAITED, BrokenExportError, awaited_import, end_import, remove_leftovers
+from firmware_py.system.state_export import (
+    PENDING_IMPORT,
+    BrokenExportError,
+    end_import,
+    pending_import,
+    remove_leftovers,
+)
 
 
 class Job(msgspec.Struct, frozen=True):
     """A version to be written; None: the failed one is withdrawn. `once`: it is not tried again.
 
-    `both`: into both slots, one after the other. `aside`: a record whose slots of an earlier version are renamed,
+    `both_slots`: into both slots, one after the other. `aside`: a record whose slots of an earlier version are renamed,
     and nothing else.
     """
 
     content: bytes | None
     once: bool = False
-    both: bool = False
+    both_slots: bool = False
     aside: str = ""
 
 
@@ -33,17 +39,17 @@ class Failure(msgspec.Struct, frozen=True):
     job: Job
 
 
-def write_job(writer: SlotWriter, name: str, job: Job, unheld: str) -> Failure | None:
+def write_job(writer: SlotWriter, name: str, job: Job, lock_problem: str) -> Failure | None:
     """Do a job, unless the directory is not held; return what went wrong, None when nothing did."""
-    if unheld:
-        return Failure(f"{name} cannot be stored: {unheld}", Job(None) if job.once else job)
+    if lock_problem:
+        return Failure(f"{name} cannot be stored: {lock_problem}", Job(None) if job.once else job)
     try:
         if job.aside:
             writer.set_aside(job.aside)
         elif job.content is None:
             writer.withdraw(name)
         else:
-            for _ in range(1 + job.both):
+            for _ in range(1 + job.both_slots):
                 writer.write(name, job.content)
     except OSError as error:
         text = f"{name} cannot be {'set aside' if job.aside else 'stored'}: {error.strerror or error}"
@@ -61,7 +67,7 @@ def finish_import(directory: Path) -> str:
     """
     try:
         remove_leftovers(directory)
-        awaited = awaited_import(directory)
+        awaited = pending_import(directory)
         if awaited is None:
             return ""
         writer = SlotWriter(directory, frozenset(filter(is_secret, awaited.files)))
@@ -78,7 +84,7 @@ def finish_import(directory: Path) -> str:
         end_import(directory)
     except BrokenExportError as error:
         with contextlib.suppress(OSError):
-            return f"Import not used: {error}; set aside as {set_aside(directory / AWAITED).name}"
+            return f"Import not used: {error}; set aside as {set_aside(directory / PENDING_IMPORT).name}"
         return f"Import not used: {error}"
     except OSError as error:
         text = f"state directory {directory}: what was imported cannot be written: {error.strerror}"

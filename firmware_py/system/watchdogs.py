@@ -21,16 +21,16 @@ class Watchdogs:
         self.awaited = self._manager.present or hardware is not None
         self._status = ""
 
-    def show_life(self, now_s: float, status: str = "") -> None:
+    def notify_alive(self, now_s: float, status: str = "") -> None:
         """Say that the loop has done all that it is to do in a tick, and how it goes, if that is said."""
         self._status = status or self._status
-        self._manager.show_life(self._status)
+        self._manager.notify_alive(self._status)
         if self._hardware is not None:
-            self._hardware.show_life(now_s)
+            self._hardware.notify_alive(now_s)
 
     def stop(self, *, anew: bool) -> None:
         """Say that the process ends; what is to start `anew` stays watched by the computer's watchdog."""
-        self._manager.say_stopping()
+        self._manager.notify_stopping()
         if self._hardware is not None and not anew:
             self._hardware.disarm()
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
-from firmware_py.system.status_file import Found, Freshness
+from firmware_py.system.status_file import FoundStatus, Freshness
 from firmware_py.view.history import History, Mark
 
 Status = Mapping[str, Any]
@@ -60,7 +60,7 @@ class Feed:
     def __init__(
         self,
         history: History,
-        look: Callable[[], Found],
+        look: Callable[[], FoundStatus],
         read_plans: Callable[[], Mapping[str, Any]],
         remedies: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
@@ -109,7 +109,7 @@ class Feed:
                 {}, (), {"freshness": Freshness.STALE.value, "reason": "it speaks another version"}
             )
 
-    def _take(self, found: Found) -> bytes:
+    def _take(self, found: FoundStatus) -> bytes:
         # Anybody may have written it: what is no number is null, else no reader could be told anything any more.
         status = json.loads(json.dumps(found.content), parse_constant=lambda _: None)
         for fault in status.get("faults", ()):

@@ -37,7 +37,7 @@ CONNECT_S = 20.0
 STALL_S = 30.0
 POLL_S = 0.1
 NEW_TIME = struct.Struct("<ddd")
-SAID = struct.Struct("<dQ")
+LINE_EVENT = struct.Struct("<dQ")
 
 
 class LockstepError(HilError):
@@ -158,7 +158,7 @@ class LockstepServer:
             self._pacer.wait(now_s)
         step_s, self._utc_step_s = self._utc_step_s, 0.0
         head = NEW_TIME.pack(now_s, step_s, self._turns.look_s())
-        self._send(head + b"".join(SAID.pack(*said) for said in self._said))
+        self._send(head + b"".join(LINE_EVENT.pack(*said) for said in self._said))
         return True
 
     def _patience(self, port: Port) -> float:

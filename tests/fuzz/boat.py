@@ -65,13 +65,13 @@ class Keeper:
     def __init__(self):
         self.parameters, self.plans, self.waiting = {}, {}, []
 
-    def keep_parameters(self, changed):
+    def save_parameters(self, changed):
         self.parameters.update(changed)
 
-    def forget_parameters(self):
+    def clear_parameters(self):
         self.parameters.clear()
 
-    def keep_plan(self, plan, done):
+    def save_plan(self, plan, done):
         def store(well):
             if well:
                 self.plans[plan.kind] = plan_to_text(plan)
@@ -79,7 +79,7 @@ class Keeper:
 
         self.waiting.append(store)
 
-    def keep_resume(self, text):
+    def save_resume(self, text):
         pass
 
     def when_parameters_stored(self, call):

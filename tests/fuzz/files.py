@@ -35,15 +35,15 @@ from firmware_py.plans.text_files import write_text
 from firmware_py.plans.validation import problem_of
 from firmware_py.system.slots import SlotWriter, examine
 from firmware_py.system.state_directory import (
-    KEPT_NAMES,
     PARAMETER_FILE,
     PLAN_FILES,
+    STATE_NAMES,
     StateFiles,
     load_parameters,
     load_plans,
     report_damage,
 )
-from firmware_py.system.state_export import AWAITED, FORMAT, BrokenExportError, unpack
+from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, BrokenExportError, unpack
 from firmware_py.system.store_jobs import finish_import
 from firmware_py.vehicle import VehicleError, load
 from fuzz.boat import AFTERWARDS, UTC_S, inputs_at
@@ -196,7 +196,7 @@ def signing_key(data):
     """Take up a stored key; what cannot be read is a lost one, and a new key can be set in any case."""
     saved = []
 
-    def save(content, *, both=False):
+    def save(content, *, both_slots=False):
         saved.append(content)
 
     def restored(content):
@@ -240,9 +240,9 @@ def state_import(data):
         writer = SlotWriter(directory, frozenset())
         writer.write(PARAMETER_FILE, b"CTL_K1 3\n")
         writer.close()
-        (directory / AWAITED).write_bytes(body)
+        (directory / PENDING_IMPORT).write_bytes(body)
         problem = finish_import(directory)
-        assert not (directory / AWAITED).exists()
+        assert not (directory / PENDING_IMPORT).exists()
         if problem:
             assert examine(directory, PARAMETER_FILE).content == b"CTL_K1 3\n"
             said.append(problem)
@@ -334,7 +334,7 @@ TARGETS = {
     "state_import": Target(
         state_import,
         (),
-        (b"#", b'{"about":{},"files":{', *(b'"%s":"' % name.encode() for name in KEPT_NAMES), *JSON_WORDS),
+        (b"#", b'{"about":{},"files":{', *(b'"%s":"' % name.encode() for name in STATE_NAMES), *JSON_WORDS),
     ),
     "slots": Target(slots, (), (b"# rambler state ", b"# rambler empty\n")),
 }

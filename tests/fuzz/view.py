@@ -10,7 +10,7 @@ from unittest.mock import patch
 from firmware_py.cli import status as command
 from firmware_py.install import update
 from firmware_py.install.bundle import UpdateError
-from firmware_py.system.status_file import Found, Freshness, file_name, find
+from firmware_py.system.status_file import FoundStatus, Freshness, file_name, find
 from firmware_py.view.feed import Feed
 from firmware_py.view.guard import COOKIE, Guard
 from firmware_py.view.history import History
@@ -52,7 +52,7 @@ def request(data):
 def line(data):
     """Take a line of a harness; what the readers are told of it is JSON, whatever it was."""
     history = History()
-    feed = Feed(history, lambda: Found(Freshness.ABSENT), dict)
+    feed = Feed(history, lambda: FoundStatus(Freshness.ABSENT), dict)
     for one in data.split(b"\n"):
         feed.take_line(one)
     told = feed.poll()
@@ -68,7 +68,7 @@ def status(data):
     except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
         return  # it is no status (system.status_file)
     history = History()
-    feed = Feed(history, lambda: Found(Freshness.RUNNING, content, 0.1), dict)
+    feed = Feed(history, lambda: FoundStatus(Freshness.RUNNING, content, 0.1), dict)
     told = feed.poll()
     json.loads(history.whole(), parse_constant=refuse)
     json.loads(told, parse_constant=refuse)

@@ -11,7 +11,7 @@ import pytest
 
 from firmware_py.common.plan import PlanKind
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
-from firmware_py.system.status_file import Found, Freshness
+from firmware_py.system.status_file import FoundStatus, Freshness
 from firmware_py.view.feed import Feed
 from firmware_py.view.guard import Guard
 from firmware_py.view.history import History
@@ -188,7 +188,7 @@ CARD = "document.querySelector('#now-{}').parentNode"
 
 
 def test_values_past_their_time_out_are_grey_with_their_age_and_faults_are_acknowledged_by_the_viewer(browser):
-    found = [Found(Freshness.RUNNING, GOOD, 0.0)]
+    found = [FoundStatus(Freshness.RUNNING, GOOD, 0.0)]
     history = History()
     feed = Feed(history, lambda: found[0], dict, {"POSITION_LOST": "look at the antenna"})
     feed.take_line(b'{"time_s": 0.5, "true_heading_deg": 405.0}')
@@ -198,7 +198,7 @@ def test_values_past_their_time_out_are_grey_with_their_age_and_faults_are_ackno
 
     def publish(**changes):
         content = found[0].content
-        found[0] = Found(
+        found[0] = FoundStatus(
             Freshness.RUNNING, content | {"written_machine_s": content["written_machine_s"] + 1} | changes, 0.0
         )
         hub.publish(lambda: (feed.poll(), history.epoch))
@@ -243,7 +243,7 @@ def test_values_past_their_time_out_are_grey_with_their_age_and_faults_are_ackno
     began_again = [fault | {"since_s": 1.0} for fault in LOST["faults"]]
     publish(faults=began_again)
     browser.wait_for("[...document.querySelectorAll('.faults button')].every((one) => !one.disabled)")
-    found[0] = Found(Freshness.STALE, found[0].content, 9.0, "process 7 hangs")
+    found[0] = FoundStatus(Freshness.STALE, found[0].content, 9.0, "process 7 hangs")
     hub.publish(lambda: (feed.poll(), history.epoch))
     browser.wait_for("document.querySelector('#live').classList.contains('stale')")
     assert "No report from the autopilot for" in text("document.querySelector('.banner')")

@@ -192,9 +192,9 @@ class MemoryVault:
     def load(self):
         return Stored(self.contents[-1] if self.contents else None, self.damage)
 
-    def save(self, content, *, both=False):
+    def save(self, content, *, both_slots=False):
         self.contents.append(content)
-        self.both.append(both)
+        self.both.append(both_slots)
 
     def when_stored(self, call):
         if self.at_once:

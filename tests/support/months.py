@@ -47,7 +47,7 @@ from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import LoopParts, run
 from firmware_py.sensors.relabelled import Relabelled
 from firmware_py.sensors.vedirect import VeDirectPower
-from firmware_py.system.clock import Metronome
+from firmware_py.system.clock import TickTimer
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.state_directory import LOG_DIRECTORY, KeyVault
 from firmware_py.system.store import Store
@@ -481,9 +481,9 @@ class Months:
 
 
 def sparse(world):
-    """Return a metronome for the loop that beats once in fourteen seconds while she lies at her mooring."""
+    """Return a tick_timer for the loop that beats once in fourteen seconds while she lies at her mooring."""
 
-    class SparseMetronome(Metronome):
+    class SparseMetronome(TickTimer):
         def set_rate(self, rate_hz):
             super().set_rate(rate_hz if world.under_way else SPARSE_HZ)
 

@@ -41,7 +41,7 @@ def sailed(directory, monkeypatch, days, sailing_s, causes, ends):
     monkeypatch.setattr(os, "fsync", lambda _descriptor: None)
     monkeypatch.setattr(os, "fdatasync", lambda _descriptor: None)
     boat = Months(directory, days, sailing_s, causes, ends)
-    monkeypatch.setattr(loop, "Metronome", sparse(boat.world))
+    monkeypatch.setattr(loop, "TickTimer", sparse(boat.world))
     gc.collect()
     gc.freeze()  # as the program does at its start
     try:

@@ -50,7 +50,7 @@ class NoVault:
         """Return that there is nothing."""
         return Stored()
 
-    def save(self, content: bytes, *, both: bool = False) -> None:
+    def save(self, content: bytes, *, both_slots: bool = False) -> None:
         """Forget it."""
 
     def when_stored(self, call: Callable[[bool], None]) -> None:

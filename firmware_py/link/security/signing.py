@@ -41,9 +41,9 @@ _TIMESTAMP_BYTES = 6
 
 
 class Save(Protocol):
-    """Keeps the state on disk, in the background; `both`: so that nothing is left of what was kept before."""
+    """Keeps the state on disk, in the background; `both_slots`: so that nothing is left of what was kept before."""
 
-    def __call__(self, content: bytes, *, both: bool = False) -> None:
+    def __call__(self, content: bytes, *, both_slots: bool = False) -> None:
         """Keep this instead of what was kept."""
 
 
@@ -123,7 +123,7 @@ class Signing:
         The disk then gets what there is.
         """
         if self._key is not None:
-            self._store(AHEAD, both=True)
+            self._store(AHEAD, both_slots=True)
         elif self._removed:
             self.remove_key()
         else:
@@ -143,7 +143,7 @@ class Signing:
             self._streams = {}
             self._timestamp = timestamp
         self.problem = ""
-        self._store(AHEAD, both=True)
+        self._store(AHEAD, both_slots=True)
         return True
 
     def remove_key(self) -> None:
@@ -152,7 +152,7 @@ class Signing:
         self._removed = True
         self._streams = {}
         self.problem = ""
-        self._save(b"", both=True)
+        self._save(b"", both_slots=True)
 
     def store_exactly(self) -> None:
         """Store what was used and no more, before an orderly end: the next run then need not wait for anything."""
@@ -217,9 +217,9 @@ class Signing:
         if behind < AHEAD // 2:
             self._store(AHEAD)
 
-    def _store(self, ahead: int, *, both: bool = False) -> None:
+    def _store(self, ahead: int, *, both_slots: bool = False) -> None:
         if self._key is None:
             return
         self._stored = self._timestamp + ahead
         self._stored_streams = {stream: timestamp + ahead for stream, timestamp in self._streams.items()}
-        self._save(to_text(KeyRecord(self._key, self._stored, self._stored_streams)), both=both)
+        self._save(to_text(KeyRecord(self._key, self._stored, self._stored_streams)), both_slots=both_slots)

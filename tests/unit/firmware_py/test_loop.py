@@ -215,7 +215,7 @@ class FakeStore:
     def when_stored(self, _names, call):
         self.calls.append(call)
 
-    def on_arrival(self, _names, _welcome):
+    def on_mount(self, _names, _welcome):
         """It is there from the start."""
 
     def service(self):

@@ -190,7 +190,7 @@ def assembled_before_its_disk(vehicle, tmp_path, monkeypatch, key):
     """Wire an autopilot whose state directory comes later, with a key in it."""
     monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
     kept = Store(tmp_path / "kept", private=(SIGNING_FILE,))
-    kept.save(SIGNING_FILE, key, both=True)
+    kept.save(SIGNING_FILE, key, both_slots=True)
     kept.close()
     (tmp_path / "state").touch()  # in the way
     return assemble(vehicle, Options(tmp_path / "state", wait=True))

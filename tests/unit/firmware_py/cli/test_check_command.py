@@ -139,10 +139,10 @@ def test_a_key_that_was_lost_fails_and_one_that_others_read_is_warned_of(check, 
 
 
 def test_a_running_boat_is_named(check, state, monkeypatch):
-    from firmware_py.system.status_file import Found, Freshness  # noqa: PLC0415
+    from firmware_py.system.status_file import FoundStatus, Freshness  # noqa: PLC0415
 
     monkeypatch.setattr(
-        "firmware_py.cli.preflight.find", lambda _directory, _now_s: Found(Freshness.RUNNING, {"pid": 77}, 0.1)
+        "firmware_py.cli.preflight.find", lambda _directory, _now_s: FoundStatus(Freshness.RUNNING, {"pid": 77}, 0.1)
     )
     found = check()
     assert found["state"][0]["level"] == "warn"

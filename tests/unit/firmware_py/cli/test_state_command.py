@@ -20,23 +20,23 @@ from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes
 from firmware_py.system.endings import to_bytes as endings_to_bytes
 from firmware_py.system.slots import SLOTS, slot_path
 from firmware_py.system.state_directory import (
-    KEPT_NAMES,
     PARAMETER_FILE,
     PLAN_FILES,
     RECORD_FILES,
     RESUME_FILE,
     SATELLITE_FILE,
     SIGNING_FILE,
+    STATE_NAMES,
     StateFiles,
     stored_key,
 )
-from firmware_py.system.state_export import AWAITED, FORMAT, BrokenExportError, Export, pack, unpack
+from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, BrokenExportError, Export, pack, unpack
 from firmware_py.system.store import Store
 from support.faulty_disk import CUTS, KINDS, FaultyDisk, sampled
 
 MISSION, FENCE = PLAN_FILES[PlanKind.MISSION], PLAN_FILES[PlanKind.FENCE]
 KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
-OPEN_NAMES = tuple(name for name in KEPT_NAMES if name != SIGNING_FILE)
+OPEN_NAMES = tuple(name for name in STATE_NAMES if name != SIGNING_FILE)
 DOUBT, COUNTS, REFUSED = "may find it all the same", "counts all the same", "nothing was imported"
 
 
@@ -56,7 +56,7 @@ def fill(directory, contents, key=None):
         if content:
             store.save(name, content)
     if key is not None:
-        store.save(SIGNING_FILE, key_to_text(KeyRecord(key, 1000, {(255, 190, 0): 900})), both=True)
+        store.save(SIGNING_FILE, key_to_text(KeyRecord(key, 1000, {(255, 190, 0): 900})), both_slots=True)
     store.close()
     return directory
 
@@ -103,7 +103,7 @@ def test_what_is_exported_is_imported_and_what_it_does_not_hold_is_gone(exported
     kept, _ = from_bytes(contents(old)[ENDINGS_FILE])
     assert (kept.counts, kept.running) == ({"killed": 2}, False)  # the run under way is not that of the other computer
     assert "signing.key        not in the file, stays as it is" in capsys.readouterr().out
-    assert not (old / AWAITED).exists()
+    assert not (old / PENDING_IMPORT).exists()
     # Into one that had more: nothing of it is left.
     more = fill(old.parent / "more", {**OLD, FENCE: to_text(Plan.of(PlanKind.FENCE, ())).encode()})
     assert import_it(exported, more) == 0
@@ -240,7 +240,7 @@ def attempt(exported, before, folder, monkeypatch, failing, capsys):
         seen = contents(folder / name)
         Store(folder / name).close()
         assert contents(folder / name) == seen, "the next start finds what whoever looked on has found"
-        assert not (folder / name / AWAITED).exists()
+        assert not (folder / name / PENDING_IMPORT).exists()
         images.append(seen)
     return code, capsys.readouterr().err, images, failed, calls
 
@@ -272,11 +272,11 @@ def test_killed_or_failing_at_a_call_all_is_imported_or_nothing(
 
 
 def test_the_autopilot_at_sea_goes_on_without_an_import_that_is_damaged(old):
-    (old / AWAITED).write_bytes(b"# rambler exported state 2 5 ")
+    (old / PENDING_IMPORT).write_bytes(b"# rambler exported state 2 5 ")
     store = Store(old)
-    assert store.obstacle == f"Import not used: {AWAITED} is damaged; set aside as {AWAITED}.aside"
+    assert store.start_problem == f"Import not used: {PENDING_IMPORT} is damaged; set aside as {PENDING_IMPORT}.aside"
     assert store.failure == ""
-    assert not (old / AWAITED).exists()
+    assert not (old / PENDING_IMPORT).exists()
     assert store.load(MISSION) == OLD[MISSION]
     store.close()
 
@@ -287,7 +287,7 @@ TEXTS = st.text(st.characters(codec="utf-8"), max_size=9).map(str.encode)
 @settings(max_examples=15)
 @given(
     st.fixed_dictionaries(
-        {}, optional={name: st.none() | (st.binary() if name in RECORD_FILES else TEXTS) for name in KEPT_NAMES}
+        {}, optional={name: st.none() | (st.binary() if name in RECORD_FILES else TEXTS) for name in STATE_NAMES}
     )
 )
 def test_any_content_is_packed_and_unpacked(files):

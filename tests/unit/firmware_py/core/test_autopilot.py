@@ -39,16 +39,16 @@ class FakeKeeper:
     def __init__(self):
         self.records, self.waiting, self.plans, self.parameters = [], [], [], []
 
-    def keep_parameters(self, changed):
+    def save_parameters(self, changed):
         self.parameters.append(dict(changed))
 
-    def forget_parameters(self):
+    def clear_parameters(self):
         self.parameters.append("forgotten")
 
-    def keep_plan(self, _plan, done):
+    def save_plan(self, _plan, done):
         self.plans.append(done)
 
-    def keep_resume(self, text):
+    def save_resume(self, text):
         self.records.append(from_bytes(text)[0])
 
     def when_parameters_stored(self, call):
@@ -75,7 +75,7 @@ class Sea:
         self.t_s += seconds
         tick = Tick(round(self.t_s * 10), self.t_s, 0.0, 0, 10.0)
         self.autopilot.step(Inputs(tick, (), (), (), (), self.autopilot.take_requests()))
-        self.autopilot.keep_resume(self.t_s, UTC_S + self.t_s)
+        self.autopilot.save_resume(self.t_s, UTC_S + self.t_s)
 
     def order(self, intent):
         answer = self.autopilot.decide(Request(self.t_s, intent))
@@ -143,7 +143,7 @@ def test_before_the_loop_has_told_the_time_an_order_waits_for_it():
     sea = Sea()
     sea.order(Arm(armed=True, force=True))
     assert sea.keeper.waiting == []
-    sea.autopilot.keep_resume(0.0, UTC_S)
+    sea.autopilot.save_resume(0.0, UTC_S)
     sea.keeper.answer()
     assert sea.answers == [True]
     assert sea.keeper.records[-1].modes.armed
@@ -162,7 +162,7 @@ def test_a_tick_does_not_write_the_state_from_before_an_order_over_it(sea):
     sea.autopilot.step(Inputs(tick, (), (), (), (), sea.autopilot.take_requests()))
     sea.order(Arm(armed=True, force=True))  # while the tick is published
     written = len(sea.keeper.records)
-    sea.autopilot.keep_resume(0.9, UTC_S)
+    sea.autopilot.save_resume(0.9, UTC_S)
     assert len(sea.keeper.records) == written
     assert sea.keeper.records[-1].modes.armed
 
@@ -266,7 +266,7 @@ def test_a_parameter_that_still_waits_for_its_write_is_written_at_the_end(sea):
         if number % 40 == 0:
             sea.tick()
     assert sea.keeper.parameters[-1] != {"LOIT_RADIUS": 149.0}
-    sea.autopilot.keep_resume(sea.t_s, UTC_S, last=True)
+    sea.autopilot.save_resume(sea.t_s, UTC_S, last=True)
     assert sea.keeper.parameters[-1] == {"LOIT_RADIUS": 149.0}
 
 

@@ -15,8 +15,8 @@ from firmware_py.system.clock import (
     LOCK_SLEW,
     ClockError,
     LockstepClock,
-    Metronome,
     RealClock,
+    TickTimer,
     boot_id,
 )
 
@@ -43,39 +43,39 @@ def test_a_service_is_told_the_run_of_the_machine_by_its_unit(tmp_path):
 
 
 def test_deadlines_are_absolute():
-    metronome = Metronome(5.0, 10.0)
+    tick_timer = TickTimer(5.0, 10.0)
     for index in range(1, 1000):
-        assert metronome.advance(metronome.deadline_s + 0.02) == 0
-        assert metronome.deadline_s == pytest.approx(5.0 + 0.1 * index, abs=1e-9)
+        assert tick_timer.advance(tick_timer.deadline_s + 0.02) == 0
+        assert tick_timer.deadline_s == pytest.approx(5.0 + 0.1 * index, abs=1e-9)
 
 
 def test_missed_deadlines_are_skipped_in_phase_and_counted():
-    metronome = Metronome(0.0, 10.0)
-    assert metronome.advance(0.349) == 2  # 0.1 and 0.2 are gone, 0.3 is 49 ms late and still served
-    assert metronome.deadline_s == pytest.approx(0.3)
-    assert metronome.advance(3.0) == 26
-    assert metronome.deadline_s == pytest.approx(3.0)
+    tick_timer = TickTimer(0.0, 10.0)
+    assert tick_timer.advance(0.349) == 2  # 0.1 and 0.2 are gone, 0.3 is 49 ms late and still served
+    assert tick_timer.deadline_s == pytest.approx(0.3)
+    assert tick_timer.advance(3.0) == 26
+    assert tick_timer.deadline_s == pytest.approx(3.0)
 
 
 def test_a_long_stall_never_makes_a_burst():
-    metronome = Metronome(0.0, 50.0)
-    skipped = metronome.advance(1000.0)
+    tick_timer = TickTimer(0.0, 50.0)
+    skipped = tick_timer.advance(1000.0)
     assert skipped + 1 == 50_000
-    assert metronome.deadline_s >= 999.98
+    assert tick_timer.deadline_s >= 999.98
 
 
 def test_ticks_lock_to_just_after_the_arrivals():
     rng = random.Random(1)
-    metronome = Metronome(0.0, 10.0)
+    tick_timer = TickTimer(0.0, 10.0)
     phase_s, period_s = 0.057, 0.1 * (1 + 50e-6)  # a compass of its own phase, 50 ppm slow
     offsets = []
     for _ in range(4000):
-        deadline_s = metronome.deadline_s
+        deadline_s = tick_timer.deadline_s
         newest_s = phase_s + period_s * int((deadline_s - phase_s) / period_s) + rng.gauss(0.0, 0.0003)
         if deadline_s > phase_s:
-            metronome.lock(newest_s)
-        metronome.advance(deadline_s + 0.001)
-        assert metronome.deadline_s - deadline_s == pytest.approx(0.1, abs=0.1 * LOCK_SLEW + 1e-9)
+            tick_timer.lock(newest_s)
+        tick_timer.advance(deadline_s + 0.001)
+        assert tick_timer.deadline_s - deadline_s == pytest.approx(0.1, abs=0.1 * LOCK_SLEW + 1e-9)
         offsets.append(deadline_s - newest_s)
     settled = sorted(offsets[2000:])
     assert settled[len(settled) // 2] == pytest.approx(LOCK_MARGIN_S, abs=0.0005)
@@ -83,19 +83,19 @@ def test_ticks_lock_to_just_after_the_arrivals():
 
 
 def test_without_arrivals_the_ticks_run_free():
-    metronome = Metronome(0.0, 10.0)
-    metronome.lock(0.05)
-    metronome.advance(0.0)
-    first_s = metronome.deadline_s
-    metronome.advance(first_s)
-    assert metronome.deadline_s == pytest.approx(first_s + 0.1, abs=1e-12)
+    tick_timer = TickTimer(0.0, 10.0)
+    tick_timer.lock(0.05)
+    tick_timer.advance(0.0)
+    first_s = tick_timer.deadline_s
+    tick_timer.advance(first_s)
+    assert tick_timer.deadline_s == pytest.approx(first_s + 0.1, abs=1e-12)
 
 
 def test_the_rate_can_change():
-    metronome = Metronome(0.0, 10.0)
-    metronome.set_rate(50.0)
-    metronome.advance(0.0)
-    assert metronome.deadline_s == pytest.approx(0.02)
+    tick_timer = TickTimer(0.0, 10.0)
+    tick_timer.set_rate(50.0)
+    tick_timer.advance(0.0)
+    assert tick_timer.deadline_s == pytest.approx(0.02)
 
 
 def test_the_real_clock_wakes_for_a_descriptor_before_the_deadline():

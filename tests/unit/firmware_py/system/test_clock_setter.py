@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.common.calendar import DAY_S, FIRST_UTC_S, LAST_UTC_S
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.system.clock_setter import NEVER, WHEN_UNKEPT, WHEN_WRONG, ClockSetter
+from firmware_py.system.clock_setter import SET_IF_INVALID, SET_IF_UNSYNCHRONISED, SET_NEVER, ClockSetter
 
 TRUE_S = FIRST_UTC_S + 1e7
 
@@ -39,7 +39,7 @@ class Computer:
         return told
 
 
-@pytest.mark.parametrize("policy", [WHEN_WRONG, WHEN_UNKEPT])
+@pytest.mark.parametrize("policy", [SET_IF_INVALID, SET_IF_UNSYNCHRONISED])
 @pytest.mark.parametrize("kept", [False, True])
 @pytest.mark.parametrize("shown_s", [1000.0, LAST_UTC_S + 1000.0, 9.2e9])
 def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept, shown_s):
@@ -53,15 +53,15 @@ def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept, shown_s):
 @pytest.mark.parametrize(
     ("policy", "error_s", "kept", "sets"),
     [
-        (NEVER, -TRUE_S, False, 0),
-        (WHEN_WRONG, 100.0, False, 0),  # wrong, but not plainly
-        (WHEN_WRONG, 2 * DAY_S, False, 1),
-        (WHEN_WRONG, -6e6, False, 1),
-        (WHEN_WRONG, 6e8, True, 0),
-        (WHEN_UNKEPT, 100.0, False, 1),
-        (WHEN_UNKEPT, -100.0, False, 1),
-        (WHEN_UNKEPT, 1.5, False, 0),
-        (WHEN_UNKEPT, 100.0, True, 0),  # NTP knows better
+        (SET_NEVER, -TRUE_S, False, 0),
+        (SET_IF_INVALID, 100.0, False, 0),  # wrong, but not plainly
+        (SET_IF_INVALID, 2 * DAY_S, False, 1),
+        (SET_IF_INVALID, -6e6, False, 1),
+        (SET_IF_INVALID, 6e8, True, 0),
+        (SET_IF_UNSYNCHRONISED, 100.0, False, 1),
+        (SET_IF_UNSYNCHRONISED, -100.0, False, 1),
+        (SET_IF_UNSYNCHRONISED, 1.5, False, 0),
+        (SET_IF_UNSYNCHRONISED, 100.0, True, 0),  # NTP knows better
     ],
 )
 def test_a_clock_that_will_do_is_left_alone(policy, error_s, kept, sets):
@@ -82,11 +82,11 @@ def test_a_clock_that_will_do_is_left_alone(policy, error_s, kept, sets):
 )  # fmt: skip
 def test_a_time_that_cannot_be_believed_is_not_taken(fixes):
     computer = Computer(1000.0)
-    assert computer.turn(WHEN_WRONG, fixes, 300) == []
+    assert computer.turn(SET_IF_INVALID, fixes, 300) == []
     assert computer.sets == []
 
 
-@pytest.mark.parametrize("policy", [WHEN_WRONG, WHEN_UNKEPT])
+@pytest.mark.parametrize("policy", [SET_IF_INVALID, SET_IF_UNSYNCHRONISED])
 def test_one_that_is_set_wrong_under_way_is_right_again_within_two_minutes(policy):
     computer = Computer(TRUE_S)
     assert computer.turn(policy, [TRUE_S], 300) == []
@@ -97,7 +97,7 @@ def test_one_that_is_set_wrong_under_way_is_right_again_within_two_minutes(polic
 
 def test_where_it_may_not_be_set_that_is_told_once_an_hour():
     computer = Computer(1000.0, may=False)
-    told = computer.turn(WHEN_WRONG, [TRUE_S], 7000)
+    told = computer.turn(SET_IF_INVALID, [TRUE_S], 7000)
     assert len(told) == len(computer.sets) == 2
     assert "CAP_SYS_TIME" in told[0]
 
@@ -106,9 +106,9 @@ def test_a_ground_stations_time_serves_where_there_is_no_gps():
     computer = Computer(1000.0)
     for _ in range(5):
         computer.setter.add_station_time(TRUE_S + computer.now_s, computer.now_s)
-        told = computer.turn(WHEN_WRONG, count=1)
+        told = computer.turn(SET_IF_INVALID, count=1)
     assert told == [f"Clock set from a ground station: it was {1000.0 - TRUE_S:.0f} s off"]
-    for policy, utc_s in ((WHEN_UNKEPT, TRUE_S + 100.0), (NEVER, 1000.0)):
+    for policy, utc_s in ((SET_IF_UNSYNCHRONISED, TRUE_S + 100.0), (SET_NEVER, 1000.0)):
         computer = Computer(utc_s)
         for _ in range(9):
             computer.setter.add_station_time(TRUE_S + computer.now_s, computer.now_s)

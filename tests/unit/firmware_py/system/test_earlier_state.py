@@ -16,7 +16,7 @@ from firmware_py.install.update import _has_passed
 from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes, to_bytes
 from firmware_py.system.slots import examine, stored_content
 from firmware_py.system.state_directory import BOOT_COUNT, RECORD_FILES, RESUME_FILE, SATELLITE_FILE
-from firmware_py.system.state_export import Export, await_import
+from firmware_py.system.state_export import Export, begin_import
 from firmware_py.system.store import Store
 from support.faulty_disk import CUTS, KINDS, FaultyDisk
 from support.paths import DATA
@@ -117,7 +117,7 @@ def test_records_of_before_a_roll_back_are_not_read_after_it(directory):
 
 
 def test_what_is_imported_counts(directory):
-    await_import(directory, Export({RESUME_FILE: b"imported", ENDINGS_FILE: None}))
+    begin_import(directory, Export({RESUME_FILE: b"imported", ENDINGS_FILE: None}))
     assert examine(directory, RESUME_FILE).content == b"imported"
     reports, found = start(directory)
     assert reports == REPORTS[2:]

@@ -9,17 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.system.endings import (
-    ENDED,
-    LAST_WORDS,
-    MOST_KEPT,
-    TRACEBACK,
+    ENDED_FILE,
+    MAX_ENDINGS,
+    REASON_FILE,
+    TRACEBACK_FILE,
     Ending,
+    EndingRecorder,
     Endings,
-    Watcher,
+    collect_endings,
     ending_of,
     from_bytes,
     place_of,
-    take_endings,
     to_bytes,
 )
 
@@ -48,14 +48,14 @@ def test_each_result_of_the_service_manager_has_its_word(line, why, text):
 
 
 def test_they_are_taken_once_with_the_last_words(tmp_path):
-    (tmp_path / ENDED).write_text("1 exit-code exited 2\n\n2 exit-code exited 11\n")
-    (tmp_path / LAST_WORDS).write_text("log: nothing done\nfor 15 s")
-    assert take_endings(tmp_path, NOW_S) == (
+    (tmp_path / ENDED_FILE).write_text("1 exit-code exited 2\n\n2 exit-code exited 11\n")
+    (tmp_path / REASON_FILE).write_text("log: nothing done\nfor 15 s")
+    assert collect_endings(tmp_path, NOW_S) == (
         Ending("failed", "exit code 2", 1.0),
         Ending("stuck", "log: nothing done for 15 s", 2.0),
     )
-    assert take_endings(tmp_path, NOW_S) == ()
-    assert take_endings(None, NOW_S) == ()
+    assert collect_endings(tmp_path, NOW_S) == ()
+    assert collect_endings(None, NOW_S) == ()
 
 
 @pytest.mark.parametrize(
@@ -78,8 +78,8 @@ def test_the_place_is_that_of_the_loop_s_thread_in_the_words_of_each_python(more
 def test_a_signal_that_ends_a_run_leaves_the_place_where_it_was(tmp_path):
     program = (
         "import os, sys, pathlib\n"
-        "from firmware_py.system.endings import Watcher\n"
-        "watcher = Watcher(pathlib.Path(sys.argv[1]))\n"
+        "from firmware_py.system.endings import EndingRecorder\n"
+        "watcher = EndingRecorder(pathlib.Path(sys.argv[1]))\n"
         "def stuck(): os.abort()\n"
         "stuck()\n"
     )
@@ -88,23 +88,23 @@ def test_a_signal_that_ends_a_run_leaves_the_place_where_it_was(tmp_path):
     script.write_text(program)
     done = subprocess.run([sys.executable, str(script), str(tmp_path)], check=False)
     assert done.returncode == -6
-    (tmp_path / ENDED).write_text("2 watchdog killed ABRT\n")
-    assert take_endings(tmp_path, NOW_S) == (Ending("watchdog", "in place/script.py:4 stuck", 2.0),)
-    assert not (tmp_path / TRACEBACK).exists()
+    (tmp_path / ENDED_FILE).write_text("2 watchdog killed ABRT\n")
+    assert collect_endings(tmp_path, NOW_S) == (Ending("watchdog", "in place/script.py:4 stuck", 2.0),)
+    assert not (tmp_path / TRACEBACK_FILE).exists()
 
 
 def test_a_directory_that_takes_nothing_costs_nothing(tmp_path):
-    watcher = Watcher(tmp_path / "missing")
-    watcher.say_why("why")
-    Watcher(None).say_why("why")
+    watcher = EndingRecorder(tmp_path / "missing")
+    watcher.record_reason("why")
+    EndingRecorder(None).record_reason("why")
 
 
 def test_they_are_counted_and_the_last_ones_kept():
     endings = Endings()
-    for count in range(MOST_KEPT + 5):
-        endings = endings.with_more((Ending("killed", "", float(count)),))
-    assert endings.counts == {"killed": MOST_KEPT + 5}
-    assert [ending.utc_s for ending in endings.last] == [float(count) for count in range(5, MOST_KEPT + 5)]
+    for count in range(MAX_ENDINGS + 5):
+        endings = endings.with_added((Ending("killed", "", float(count)),))
+    assert endings.counts == {"killed": MAX_ENDINGS + 5}
+    assert [ending.utc_s for ending in endings.last] == [float(count) for count in range(5, MAX_ENDINGS + 5)]
     assert from_bytes(to_bytes(endings)) == (endings, ())
 
 
@@ -123,5 +123,5 @@ def test_what_is_no_record_is_refused(content):
 
 
 def test_a_time_that_is_not_finite_and_a_long_text_are_bounded():
-    endings = Endings(last=(Ending("killed", "x" * 1000, math.nan),) * (MOST_KEPT + 1))
-    assert from_bytes(to_bytes(endings)) == (Endings(last=(Ending("killed", "x" * 160, 0.0),) * MOST_KEPT), ())
+    endings = Endings(last=(Ending("killed", "x" * 1000, math.nan),) * (MAX_ENDINGS + 1))
+    assert from_bytes(to_bytes(endings)) == (Endings(last=(Ending("killed", "x" * 160, 0.0),) * MAX_ENDINGS), ())

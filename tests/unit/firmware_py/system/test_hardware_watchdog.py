@@ -36,7 +36,7 @@ def test_a_sign_of_life_every_two_seconds_and_disarmed_at_the_end(device):
     watchdog = HardwareWatchdog(path)
     assert "cannot be set" in watchdog.note
     for tenth in range(41):
-        watchdog.show_life(tenth / 10.0)
+        watchdog.notify_alive(tenth / 10.0)
     watchdog.disarm()
     assert written() == b"\0" * (1 + round(4.0 / INTERVAL_S)) + b"V"
 

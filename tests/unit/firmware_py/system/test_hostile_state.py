@@ -15,12 +15,18 @@ from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
 from firmware_py.link.satellite.record import to_bytes as satellite_to_bytes
 from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes, to_bytes
 from firmware_py.system.slots import is_secret
-from firmware_py.system.state_directory import KEPT_NAMES, MOST_UNUSABLE, PARAMETER_FILE, PLAN_FILES, read_parameters
-from firmware_py.system.state_export import AWAITED, FORMAT, Export, pack
+from firmware_py.system.state_directory import (
+    MAX_UNUSABLE_PARAMETERS,
+    PARAMETER_FILE,
+    PLAN_FILES,
+    STATE_NAMES,
+    read_parameters,
+)
+from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, Export, pack
 from firmware_py.system.store import Store
 
 MISSION = PLAN_FILES[PlanKind.MISSION]
-LEFT_OVER = (".import.done", f".{AWAITED}.new")
+LEFT_OVER = (".import.done", f".{PENDING_IMPORT}.new")
 
 
 def full(path):
@@ -66,8 +72,8 @@ def exported(files, about=None):
 def started(state):
     """Return what a start that is to be refused by anything has of the parameters, and what it reports."""
     store = Store(state)
-    found = store.load(PARAMETER_FILE), store.obstacle
-    for name in KEPT_NAMES:
+    found = store.load(PARAMETER_FILE), store.start_problem
+    for name in STATE_NAMES:
         store.save(name, b"new")
     store.close()
     assert store.failure == ""
@@ -75,20 +81,20 @@ def started(state):
 
 
 @pytest.mark.parametrize("odd", ODD)
-@pytest.mark.parametrize("name", ["lock", AWAITED, *LEFT_OVER])
+@pytest.mark.parametrize("name", ["lock", PENDING_IMPORT, *LEFT_OVER])
 def test_what_lies_in_place_of_a_file_of_ours_is_set_aside(name, odd, state):
     (state / "lock").unlink()
     ODD[odd](state / name)
-    content, obstacle = started(state)
+    content, start_problem = started(state)
     assert content == b"CTL_K1 3\n"
-    assert (f"set aside as {AWAITED}.aside" in obstacle) == (name == AWAITED)
+    assert (f"set aside as {PENDING_IMPORT}.aside" in start_problem) == (name == PENDING_IMPORT)
     as_it_is = odd == "rubbish" or (odd == "gigabytes" and name == "lock")  # a file, whose content is not looked at
-    assert os.path.lexists(state / f"{name}.aside") != (as_it_is and name != AWAITED)
+    assert os.path.lexists(state / f"{name}.aside") != (as_it_is and name != PENDING_IMPORT)
     Store(state).close()
 
 
 @pytest.mark.parametrize("odd", ODD)
-@pytest.mark.parametrize("name", KEPT_NAMES)
+@pytest.mark.parametrize("name", STATE_NAMES)
 def test_so_is_what_lies_in_place_of_a_slot(name, odd, state):
     for slot in (0, 1):
         (state / f"{name}.{slot}").unlink(missing_ok=True)
@@ -103,13 +109,13 @@ def test_so_is_what_lies_in_place_of_a_slot(name, odd, state):
 
 def test_what_was_set_aside_again_and_again_does_not_fill_the_directory(state):
     for number in range(30):
-        (state / AWAITED).write_bytes(b"%d" % number)
+        (state / PENDING_IMPORT).write_bytes(b"%d" % number)
         Store(state).close()
-    assert [path.read_bytes() for path in state.glob(f"{AWAITED}*")] == [b"29"]
+    assert [path.read_bytes() for path in state.glob(f"{PENDING_IMPORT}*")] == [b"29"]
     for _ in range(12):  # a directory replaces nothing
-        (state / AWAITED).mkdir(exist_ok=True)
+        (state / PENDING_IMPORT).mkdir(exist_ok=True)
         Store(state).close()
-    assert len(list(state.glob(f"{AWAITED}*"))) == 11
+    assert len(list(state.glob(f"{PENDING_IMPORT}*"))) == 11
 
 
 @pytest.mark.parametrize(
@@ -130,11 +136,11 @@ def test_a_member_that_no_slot_takes_is_refused_and_one_that_is_staged_is_set_as
     (tmp_path / "bad").write_bytes(exported(files))
     assert main(["state", "import", str(tmp_path / "bad"), "--state", str(state)]) == 2
     assert len(capsys.readouterr().err.splitlines()[-1]) < 500
-    assert not (state / AWAITED).exists()
-    (state / AWAITED).write_bytes(exported(files))
-    content, obstacle = started(state)
+    assert not (state / PENDING_IMPORT).exists()
+    (state / PENDING_IMPORT).write_bytes(exported(files))
+    content, start_problem = started(state)
     assert content == b"CTL_K1 3\n"
-    assert obstacle.startswith("Import not used: ")
+    assert start_problem.startswith("Import not used: ")
 
 
 def test_what_an_export_says_of_itself_is_bounded(state, tmp_path):
@@ -147,7 +153,7 @@ def test_what_an_export_says_of_itself_is_bounded(state, tmp_path):
 def test_numbers_beyond_all_bounds_in_the_endings_are_none(state, tmp_path, capsys):
     hostile = Endings({"killed": (1 << 64) - 1, "\x1b[31m": -5}, (Ending("\x1b]0;x\x07", "a\nb", float("inf")),))
     kept, _ = from_bytes(to_bytes(hostile))
-    assert to_bytes(kept.with_more((Ending("killed"),)))  # can be stored after one more
+    assert to_bytes(kept.with_added((Ending("killed"),)))  # can be stored after one more
     assert all(word.isprintable() for word in (*kept.counts, kept.last[0].why, kept.last[0].text))
     (tmp_path / "hostile").write_bytes(pack(Export({ENDINGS_FILE: to_bytes(hostile)})))
     assert main(["state", "import", str(tmp_path / "hostile"), "--state", str(state)]) == 0
@@ -165,4 +171,4 @@ def test_a_megabyte_of_rubbish_for_parameters_is_reported_in_a_bounded_number_of
     said = []
     values, unusable = read_parameters(b"CTL_K1 7\n" + b"X 1\nrubbish\n" * 50_000, said.append)
     assert (values, unusable) == ({"CTL_K1": 7.0}, {"X": 1.0})
-    assert len(said) == MOST_UNUSABLE + 1
+    assert len(said) == MAX_UNUSABLE_PARAMETERS + 1

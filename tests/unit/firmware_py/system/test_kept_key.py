@@ -26,10 +26,10 @@ def vault_of(directory):
     return KeyVault(Store(directory, private=(SIGNING_FILE,)))
 
 
-def keep(vault, content, *, both=True):
+def keep(vault, content, *, both_slots=True):
     """Save as the link does; return whether it is on disk."""
     answers = []
-    vault.save(content, both=both)
+    vault.save(content, both_slots=both_slots)
     vault.when_stored(answers.append)
     while not answers:
         assert select.select([vault.store.fileno()], [], [], 10.0)[0]
@@ -92,7 +92,7 @@ def allowed(act, state, *, stored):
 
 def judge(act, prepared, state, folder, monkeypatch, at, kind, *, lasting):
     """Do one act on a failing disk; return the number of its calls."""
-    content, both = ACTS[act]
+    content, both_slots = ACTS[act]
     shutil.copytree(prepared, folder / "state")
     with monkeypatch.context() as patches:
         patches.setattr("firmware_py.system.store.RETRY_S", 1000.0)
@@ -101,7 +101,7 @@ def judge(act, prepared, state, folder, monkeypatch, at, kind, *, lasting):
             disk.named[path.name], disk.durable[path.name] = None, path.read_bytes()
         vault = vault_of(disk.directory)
         disk.arm(at, kind, lasting=lasting)
-        stored = keep(vault, content, both=both)
+        stored = keep(vault, content, both_slots=both_slots)
         failed, calls = list(disk.failed), disk.count
         with disk.still:
             shutil.copytree(disk.directory, folder / "killed")
@@ -264,8 +264,8 @@ def test_a_save_that_follows_one_into_both_slots_goes_into_both_too(tmp_path):
     """The timestamps are stored soon after a key is set."""
     kept(tmp_path, OLD)
     vault = vault_of(tmp_path)
-    vault.save(NEW, both=True)
-    assert keep(vault, NEW, both=False)
+    vault.save(NEW, both_slots=True)
+    assert keep(vault, NEW, both_slots=False)
     vault.store.close()
     assert not any(OLD_SECRET in path.read_bytes() for path in slots(tmp_path))
 

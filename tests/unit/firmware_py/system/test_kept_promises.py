@@ -92,7 +92,7 @@ def set_parameter(boat, number):
     return boat.wait(answers)
 
 
-def forget_parameters(boat, number):
+def clear_parameters(boat, number):
     """Set it and forget it by turns, so that there is something to forget at the third act."""
     if number < 2:
         return set_parameter(boat, 0)
@@ -116,7 +116,7 @@ def replace_plan_beside_a_parameter(boat, number):
 
 def set_key(boat, number):
     answers = []
-    boat.vault.save(b"key of number %d" % number, both=True)
+    boat.vault.save(b"key of number %d" % number, both_slots=True)
     boat.vault.when_stored(answers.append)
     return boat.wait(answers)
 
@@ -152,7 +152,7 @@ def record_in(boat, name, read):
 def give_order(boat, intent):
     """Give an order and wait until it is acknowledged, as the loop and the link do."""
     answers = []
-    boat.autopilot.keep_resume(0.0, UTC_S)
+    boat.autopilot.save_resume(0.0, UTC_S)
     assert boat.autopilot.decide(Request(0.0, intent)).verdict is Verdict.ACCEPTED
     boat.autopilot.when_orders_stored(answers.append)
     return boat.wait(answers)
@@ -172,7 +172,7 @@ def set_home(boat, number):
 
 ACTS = {
     set_parameter: lambda boat: boat.autopilot.parameters()["CTL_K1"],
-    forget_parameters: lambda boat: boat.autopilot.parameters()["CTL_K1"],
+    clear_parameters: lambda boat: boat.autopilot.parameters()["CTL_K1"],
     replace_plan: lambda boat: boat.autopilot.plans().mission,
     replace_plan_beside_a_parameter: lambda boat: boat.autopilot.plans().mission,
     set_key: lambda boat: boat.vault.load().content,
@@ -228,7 +228,7 @@ def judge(act, tmp_path, monkeypatch, before, failing, *, anew):
         disk.arm(None)
         boat.end()
     new = found_after(act, before)
-    forgets = act is forget_parameters and before >= 2
+    forgets = act is clear_parameters and before >= 2
     mine = PLAN_FILES[PlanKind.MISSION] in failure if act in PLANS else bool(failure)
     assert not (mine and stored), "what is stored has not failed"
     # What was to be forgotten is kept anew at once, which may have gone well by now.
@@ -257,7 +257,7 @@ def found_beside(disk, copy, act):
 def found_after(act, number):
     values = {
         set_parameter: 70.0 + number,
-        forget_parameters: ParameterSet()["CTL_K1"] if number >= 2 else 70.0,
+        clear_parameters: ParameterSet()["CTL_K1"] if number >= 2 else 70.0,
         replace_plan: plan(number),
         replace_plan_beside_a_parameter: plan(number),
         set_key: b"key of number %d" % number,
@@ -488,7 +488,7 @@ def test_a_plan_that_is_being_stored_is_not_replaced_by_the_one_before(tmp_path)
     store, answers = Store(tmp_path), []
     wake, store._wake = store._wake, SimpleQueue()  # the writer does not begin yet
     store.try_save("a", b"new", answers.append)
-    store.fill("a", b"old")
+    store.save_if_idle("a", b"old")
     store._wake = wake
     wake.put(False)
     while not answers:

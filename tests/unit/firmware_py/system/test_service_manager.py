@@ -33,10 +33,10 @@ def test_it_hears_once_that_all_is_ready_then_signs_of_life_and_what_has_changed
     made, name = manager_side
     manager = ServiceManager({"NOTIFY_SOCKET": name})
     assert manager.present
-    manager.show_life("HOLD")
-    manager.show_life("HOLD")
-    manager.show_life("AUTO\nREADY=0 " + "x" * 500)
-    manager.say_stopping()
+    manager.notify_alive("HOLD")
+    manager.notify_alive("HOLD")
+    manager.notify_alive("AUTO\nREADY=0 " + "x" * 500)
+    manager.notify_stopping()
     first, second, third, last = told(made)
     assert (first, second, last) == (["READY=1", "WATCHDOG=1", "STATUS=HOLD"], ["WATCHDOG=1"], ["STOPPING=1"])
     assert third[0] == "WATCHDOG=1"
@@ -46,11 +46,11 @@ def test_it_hears_once_that_all_is_ready_then_signs_of_life_and_what_has_changed
 
 def test_what_did_not_reach_it_is_said_again(tmp_path):
     manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "late")})
-    manager.show_life("HOLD")
+    manager.notify_alive("HOLD")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as made:
         made.bind(str(tmp_path / "late"))
         made.setblocking(False)
-        manager.show_life("HOLD")
+        manager.notify_alive("HOLD")
         assert told(made) == [["READY=1", "WATCHDOG=1", "STATUS=HOLD"]]
 
 
@@ -58,7 +58,7 @@ def test_one_that_does_not_read_is_not_waited_for(manager_side):
     _, name = manager_side
     manager = ServiceManager({"NOTIFY_SOCKET": name})
     for _ in range(2000):
-        manager.show_life("HOLD")
+        manager.notify_alive("HOLD")
 
 
 @pytest.mark.parametrize("name", ["", "vsock:2:1234", "relative/path"])
@@ -66,7 +66,7 @@ def test_nobody_is_told_where_nobody_asks(name):
     manager = ServiceManager({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "5000000"})
     assert not manager.present
     assert manager.watchdog_s is None
-    manager.show_life("HOLD")
+    manager.notify_alive("HOLD")
 
 
 @pytest.mark.parametrize(

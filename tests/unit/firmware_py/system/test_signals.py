@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from firmware_py.system.signals import TABLE, Act, Signals
+from firmware_py.system.signals import TABLE, Action, Signals
 from support.paths import ROOT
 
 # signal(7): these do nothing by themselves, these cannot be caught, and behind these there is nothing to go on with.
@@ -38,7 +38,7 @@ def test_no_signal_is_left_to_the_kernel_that_would_end_or_halt_her():
     assert set(signal.valid_signals()) - set(TABLE) - set(REAL_TIME) == HARMLESS | BEYOND | FATAL
 
 
-@pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Act.STOP])
+@pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Action.STOP])
 def test_what_ends_her_in_good_order(number):
     stopping, (told,) = sent(number, number)
     assert stopping
@@ -47,7 +47,7 @@ def test_what_ends_her_in_good_order(number):
     assert signal.getsignal(number) is signal.SIG_IGN  # one that comes late does not change the exit code
 
 
-@pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Act.SAIL_ON])
+@pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Action.CONTINUE])
 def test_what_means_nothing_is_told_once(number):
     stopping, (told,) = sent(number, number)
     assert not stopping

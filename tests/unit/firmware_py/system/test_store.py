@@ -145,8 +145,8 @@ def test_who_waits_for_the_directory_is_refused_until_it_is_there_and_nothing_in
     (tmp_path / "state").touch()  # in the way
     store = Store(tmp_path / "state", wait=True)
     welcomed = []
-    store.on_arrival(("a", "b"), welcomed.append)
-    assert "Not a directory" in store.obstacle
+    store.on_mount(("a", "b"), welcomed.append)
+    assert "Not a directory" in store.start_problem
     assert "Not a directory" in store.failure
     assert store.load("a") is None
     store.save("b", b"new")
@@ -183,7 +183,7 @@ def test_a_directory_put_in_place_of_the_one_that_was_held_is_taken_up_too(tmp_p
     stored_before(tmp_path / "mounted")
     store = Store(tmp_path / "state", wait=True)
     welcomed = []
-    store.on_arrival(("a",), welcomed.append)
+    store.on_mount(("a",), welcomed.append)
     store.save("b", b"1")
     assert settle(store, "b") == [True]
     (tmp_path / "state").rename(tmp_path / "hidden")
@@ -205,7 +205,7 @@ def test_a_directory_that_is_gone_is_not_made_anew(tmp_path, no_pause):
     store = Store(tmp_path / "state")
     (tmp_path / "state").rename(tmp_path / "away")
     store.save("a", b"1")
-    store.on_arrival(("a",), lambda _: pytest.fail("it is known"))
+    store.on_mount(("a",), lambda _: pytest.fail("it is known"))
     assert settle(store) == [False]
     assert not (tmp_path / "state").exists()
     (tmp_path / "away").rename(tmp_path / "state")
@@ -221,7 +221,7 @@ def test_another_autopilot_is_kept_out_by_whoever_waits_too(tmp_path, no_pause):
     (tmp_path / "state").mkdir()
     (tmp_path / "state" / "lock").mkdir()
     first = Store(tmp_path / "state", wait=True)
-    assert first.obstacle == ""
+    assert first.start_problem == ""
     assert (tmp_path / "state" / "lock.aside").is_dir()
     first.save("a", b"1")
     assert settle(first) == [True]

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from firmware_py.system.status_file import Found, Freshness
+from firmware_py.system.status_file import FoundStatus, Freshness
 from firmware_py.view.feed import FROM_STATUS, Feed
 from firmware_py.view.history import COLUMNS, History
 
@@ -19,7 +19,7 @@ STATUS = {
 
 class Rig:
     def __init__(self):
-        self.found = Found(Freshness.RUNNING, dict(STATUS), 0.1)
+        self.found = FoundStatus(Freshness.RUNNING, dict(STATUS), 0.1)
         self.plans_read = 0
         self.history = History()
         self.feed = Feed(self.history, lambda: self.found, self._plans, {"POSITION_LOST": "look at the antenna"})
@@ -32,7 +32,7 @@ class Rig:
         content = dict(self.found.content)
         for name in ("written_machine_s", "utc_s", "uptime_s"):
             content[name] += seconds
-        self.found = Found(Freshness.RUNNING, content | changes, 0.1)
+        self.found = FoundStatus(Freshness.RUNNING, content | changes, 0.1)
 
     def poll(self):
         told = self.feed.poll()
@@ -107,10 +107,10 @@ def test_plans_are_read_when_they_change(rig):
 
 def test_what_is_old_is_told_and_is_no_row(rig):
     rig.poll()
-    rig.found = Found(Freshness.STALE, rig.found.content, 9.0, "process 7 is gone")
+    rig.found = FoundStatus(Freshness.STALE, rig.found.content, 9.0, "process 7 is gone")
     told = rig.poll()
     assert (told["now"]["freshness"], told["now"]["reason"], told["rows"]) == ("stale", "process 7 is gone", [])
-    rig.found = Found(Freshness.ABSENT, reason="it is not running")
+    rig.found = FoundStatus(Freshness.ABSENT, reason="it is not running")
     assert rig.poll()["now"]["freshness"] == "absent"
 
 

@@ -40,9 +40,9 @@ class Boat:
         if not content and key:
             assert self.signing.set_key(key, 0)
 
-    def save(self, content, *, both=False):
+    def save(self, content, *, both_slots=False):
         self.saved.append(content)
-        self.both.append(both)
+        self.both.append(both_slots)
 
     def restarted(self, damage=""):
         return Boat(self.saved[-1], damage=damage)

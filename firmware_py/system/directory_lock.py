@@ -25,17 +25,17 @@ class InUseError(StoreError):
     """Another process holds the state directory."""
 
 
-class Hold:
+class DirectoryLock:
     """The locks on a directory, which need not be there yet."""
 
     def __init__(self, directory: Path) -> None:
-        """Remember the directory; `take` makes and locks it."""
+        """Remember the directory; `acquire` makes and locks it."""
         self._directory = directory
         self._descriptors: list[int] = []
         self.identity = (0, 0)  # device and number of the directory that is held, or was last
         self._held_before = False
 
-    def take(self, *, strict: bool) -> str:
+    def acquire(self, *, strict: bool) -> str:
         """Make the directory and lock it; return why its lock file cannot be had, empty when it is.
 
         A directory that has been held before is not made anew: it may be on a medium that is gone.
@@ -63,7 +63,7 @@ class Hold:
                 os.close(descriptor)
         self._descriptors = []
 
-    def stands(self) -> bool:
+    def is_valid(self) -> bool:
         """Whether the path still leads to the directory that is held; another may have been mounted over it."""
         try:
             status = self._directory.stat()
