@@ -206,7 +206,7 @@ def _progress(parts: LoopParts) -> list[Progress]:
     devices = devices_progress(
         parts.samples,
         sum(line.written for line in lines),
-        [device.fileno() >= 0 for device in parts.devices],  # who owes samples, and not AIS, which may be silent
+        [device.fileno() >= 0 for device in parts.devices],  # AIS is excluded because it may be silent
         rudder_connected=parts.rudder.fileno() >= 0,
     )
     workers = [parts.store.progress(), *parts.link.progress()]
@@ -259,7 +259,7 @@ def _serve_until_deadline(parts: LoopParts, tick_timer: TickTimer, link_busy: bo
 
 def _awaited(parts: LoopParts) -> dict[int, Device]:
     """Return by their descriptors the devices that are heard before the tick; the rudder if it is to be told more."""
-    heard = (*parts.prompt, parts.rudder) if parts.rudder.hurries() else parts.prompt
+    heard = (*parts.prompt, parts.rudder) if parts.rudder.needs_prompt_io() else parts.prompt
     awaited = {device.fileno(): device for device in heard}
     awaited.pop(-1, None)
     return awaited

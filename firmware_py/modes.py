@@ -80,14 +80,14 @@ class Situation(msgspec.Struct, frozen=True):
     rudder_ok: bool
     mission_ok: bool = False  # there is one
     home_ok: bool = False  # there is home or a rally point
-    reckoned_sd_m: float | None = None  # of the place where it is reckoned on for want of fixes
+    dead_reckoning_sd_m: float | None = None  # of the place where it is reckoned on for want of fixes
     fence_breached: bool = False
     fault: str = ""  # what of the faults that are set forbids arming
 
     @property
     def place_known(self) -> bool:
         """Whether there is a place to steer by, of a fix or reckoned."""
-        return self.position_ok or self.reckoned_sd_m is not None
+        return self.position_ok or self.dead_reckoning_sd_m is not None
 
 
 # How the lack of what a mode needs is told.

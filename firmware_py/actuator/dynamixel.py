@@ -238,7 +238,7 @@ class DynamixelServo:
             self._reboot_at_s = now_s + REBOOT_EVERY_S
             self._search()
 
-    def hurries(self) -> bool:
+    def needs_prompt_io(self) -> bool:
         """Return whether anything but the telemetry is to be read or written before the next command."""
         upkeep = self._upkeep
         if self._phase is not Phase.RUN or upkeep.settled_for is not self._torque_wanted or upkeep.hardware_error:

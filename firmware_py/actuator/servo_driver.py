@@ -79,7 +79,7 @@ class Servo(Protocol[RequestT, ReplyT]):
     def next_request(self, now_s: float) -> RequestT | None:
         """Return what to send now, None when nothing is due; called while the bus is free."""
 
-    def hurries(self) -> bool:
+    def needs_prompt_io(self) -> bool:
         """Return whether something waits for the bus, and so for the reply to what was asked."""
 
     def note_sent(self, request: RequestT, now_s: float) -> None:
@@ -129,9 +129,9 @@ class ServoDriver(Generic[RequestT, ReplyT]):
         """The descriptor whose bytes `receive` wants, or -1."""
         return self._line.fileno()
 
-    def hurries(self) -> bool:
+    def needs_prompt_io(self) -> bool:
         """Say whether a reply must be taken when it comes, because something is to be sent then."""
-        return self._bus.outstanding is not None and self._servo.hurries()
+        return self._bus.outstanding is not None and self._servo.needs_prompt_io()
 
     def command(self, command: RudderCommand, now_s: float) -> None:
         """Send the goal, at once when the bus is free; a goal that is not finite is refused and the last one kept."""

@@ -128,7 +128,7 @@ class VolzServo:
             return self._readings[0]
         return None
 
-    def hurries(self) -> bool:
+    def needs_prompt_io(self) -> bool:
         """Return whether the position or a reading is due."""
         return (self._position_due and self._torque_wanted) or self._reading_due
 

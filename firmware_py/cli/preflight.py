@@ -21,7 +21,7 @@ from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
 from firmware_py.core.resume import from_bytes as resume_from_bytes
-from firmware_py.guidance import berth
+from firmware_py.guidance import loiter_placement
 from firmware_py.guidance.tasks import TaskSettings
 from firmware_py.link.nmea.output import open_output
 from firmware_py.link.security.access import Gate, invites_anybody
@@ -91,10 +91,10 @@ def look_at_parameters(vehicle: Vehicle, directory: Path) -> Iterator[Finding]:
 def _look_at_watch_circle(parameters: ParameterSet) -> Iterator[Finding]:
     """Warn of a watch circle that no boat with these model parameters stays in."""
     settings = TaskSettings.of(parameters)
-    circle_m, held_m = settings.station_radius_m, berth.held_m(settings)
-    if circle_m < held_m:
-        text = f"LOIT_RADIUS {circle_m:g} m: in a current she holds no less than {held_m:.0f} m"
-        yield Finding(Level.WARN, "parameters", text, {"radius_m": circle_m, "held_m": round(held_m, 1)})
+    circle_m, min_radius_m = settings.station_radius_m, loiter_placement.min_radius_m(settings)
+    if circle_m < min_radius_m:
+        text = f"LOIT_RADIUS {circle_m:g} m: in a current she holds no less than {min_radius_m:.0f} m"
+        yield Finding(Level.WARN, "parameters", text, {"radius_m": circle_m, "held_m": round(min_radius_m, 1)})
 
 
 def look_at_state(directory: Path) -> Iterator[Finding]:

@@ -135,8 +135,8 @@ def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
-    hindrance = f"  nothing leaves: {link['hindrance']}" if link.get("hindrance") else ""
-    yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  nobody") + hindrance
+    blocked = f"  nothing leaves: {link['hindrance']}" if link.get("hindrance") else ""
+    yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  nobody") + blocked
     if (satellite := link.get("satellite")) is not None:
         yield from _satellite_lines(satellite)
     for peer in link["peers"]:
@@ -150,11 +150,11 @@ def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
 def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
     """Tell of a modem, its sessions, and what they have cost."""
     age = "none yet" if satellite["session_age_s"] is None else f"last {_duration(satellite['session_age_s'])} ago"
-    hindrance = f", {satellite['hindrance']}" if satellite["hindrance"] else ""
+    blocked = f", {satellite['hindrance']}" if satellite["hindrance"] else ""
     signal = "unknown" if satellite["signal"] is None else f"{satellite['signal']} of 5"
     yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames wait"
     yield (
-        f"{_INDENT}{satellite['sessions']} sessions, {satellite['failed']} failed, {age}{hindrance}; "
+        f"{_INDENT}{satellite['sessions']} sessions, {satellite['failed']} failed, {age}{blocked}; "
         f"{satellite['sent']} messages of {satellite['sent_bytes']} bytes sent, {satellite['received']} received, "
         f"{satellite['dropped']} dropped"
     )

@@ -40,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     may = Permissions(armed=arguments.armed, older=arguments.older)
     try:
         installation = installation_of(arguments.unit)
-        if installation.hindrance:
-            return refused("update", installation.hindrance)
+        if installation.blocked_reason:
+            return refused("update", installation.blocked_reason)
         if arguments.back:
             go_back(installation, may, _say)
         else:

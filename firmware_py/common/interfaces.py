@@ -134,7 +134,7 @@ class Rudder(Device, Protocol):
     def command(self, command: RudderCommand, now_s: float) -> None:
         """Send the command and ask for the state, in one bounded exchange."""
 
-    def hurries(self) -> bool:
+    def needs_prompt_io(self) -> bool:
         """Whether its bytes must be taken as they come; else the next tick is soon enough."""
 
     def poll(self) -> Sequence[RudderFeedback]:

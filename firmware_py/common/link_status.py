@@ -1,4 +1,4 @@
-"""How the links fare, for those who look on: frozen records."""
+"""Status of the links for telemetry and status reports: frozen records."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-# How a session by satellite has ended without success. Source: ISU AT Command Reference, MO session status of +SBDIX.
+# Reasons of failed satellite sessions. Source: ISU AT Command Reference, MO session status of +SBDIX.
 _SESSION_ENDINGS: Mapping[int, str] = {
     10: "no end in time",
     11: "gateway's queue full",
@@ -29,16 +29,16 @@ _SESSION_ENDINGS: Mapping[int, str] = {
 
 
 def session_ending(status: int | None) -> str:
-    """Return what the status of a session that failed means, with its number; None when the modem did not say."""
+    """Return the reason of a failed session with its status number; `status` is None if the modem gave none."""
     if status is None:
         return "modem fell silent"
     return f"status {status}, {_SESSION_ENDINGS.get(status, 'not known')}"
 
 
 class PeerStatus(msgspec.Struct, frozen=True):
-    """A correspondent of a link; `heard_age_s` since its last valid frame, None before the first.
+    """A peer of a link; `heard_age_s` is the time since its last valid frame, None before the first.
 
-    `dropped` counts messages that its line or its credit had no room for, `rejected` broken frames from it.
+    `dropped` counts messages that were not sent because the line or the credit was full, `rejected` damaged frames.
     """
 
     address: str
@@ -52,11 +52,11 @@ class PeerStatus(msgspec.Struct, frozen=True):
 
 
 class SatelliteStatus(msgspec.Struct, frozen=True):
-    """A link by messages: the modem, its sessions since the start, and the credits spent of those there are.
+    """A satellite link: the modem, its sessions since the start, and the credits used.
 
-    `signal` is 0 to 5, `waiting` and `dropped` count what is to be sent, `session_age_s` is since the last session that
-    succeeded, `hindrance` what keeps her from one that is due, empty for nothing. `refused` counts messages received by
-    the reason why they changed nothing. A limit of 0 is none.
+    `signal` is 0 to 5. `waiting` and `dropped` count outgoing messages. `session_age_s` is the time since the last
+    successful session. `blocked_reason` says why a session that is due does not start; empty if nothing prevents it.
+    `refused` counts received messages that had no effect, by reason. A limit of 0 means no limit.
     """
 
     imei: str
@@ -66,7 +66,7 @@ class SatelliteStatus(msgspec.Struct, frozen=True):
     sessions: int
     failed: int
     last_status: int | None
-    hindrance: str
+    blocked_reason: str
     session_age_s: float | None
     sent: int
     sent_bytes: int
@@ -80,10 +80,10 @@ class SatelliteStatus(msgspec.Struct, frozen=True):
 
 
 class LinkStatus(msgspec.Struct, frozen=True):
-    """A link by its URL, the class of its rates, and who is on it; `hindrance`: why nothing leaves, else empty."""
+    """A link: its URL, its rate class and its peers; `blocked_reason`: why nothing is sent, empty if it works."""
 
     url: str
     rates: str
     peers: tuple[PeerStatus, ...]
     satellite: SatelliteStatus | None = None
-    hindrance: str = ""
+    blocked_reason: str = ""

@@ -44,11 +44,13 @@ MOST_CHARACTERS: Final = 120  # of a reason
 FORMER_NAMES: dict[str, dict[str, str]] = {
     "ConvergenceState": {"told": "not_converging"},
     "HalfCycle": {"turned": "is_turn"},
+    "LastPlace": {"reckoning": "dead_reckoning"},
     "OscillationState": {
         "softened_s": "reduced_s",
         "softness": "gain_reduction",
         "swung_s": "last_cycle_s",
     },
+    "PositionState": {"reckoning": "dead_reckoning"},
     "ResponseState": {
         "felt_rad": "rudder_rad",
         "lacks_other_rad": "lacks_disturbance_rad",
@@ -57,6 +59,7 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
     "SteeringLossState": {"missing": "lost", "other_variance": "disturbance_variance"},
     "SteeringMonitorState": {"answer": "loss", "wrong_way": "reversal"},
     "SupervisorState": {"coming_round": "convergence"},
+    "TaskFollowerState": {"berth": "loiter_placement"},
 }
 
 _LOCATED = re.compile(r"(.*) - at `(?:key` in `)?\$(.*)`", re.DOTALL)  # the last place: a value may look like one

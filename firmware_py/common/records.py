@@ -234,13 +234,13 @@ class Stored(msgspec.Struct, frozen=True):
 
 
 class Progress(msgspec.Struct, frozen=True):
-    """What a part that works beside the tick has done so far; `owing`: it has something to do.
+    """Work done so far by a part that runs beside the tick; `has_work`: it has something to do.
 
-    It is stuck when it owes and `done` has not changed for `patience_s`. `thread` is the kernel's number of it.
+    It is stuck when it has work and `done` has not changed for `patience_s`. `thread` is its kernel thread id.
     """
 
     name: str
-    owing: bool
+    has_work: bool
     done: int
     patience_s: float = 15.0
     alive: bool = True

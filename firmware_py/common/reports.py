@@ -164,7 +164,7 @@ class Power(msgspec.Struct, frozen=True):
     discharged: Flow = Flow()
 
 
-class Reckoned(msgspec.Struct, frozen=True):
+class DeadReckonedPosition(msgspec.Struct, frozen=True):
     """Where she is reckoned to be for want of fixes, her velocity over ground, how uncertain that is, since the last.
 
     `sd_m`: standard deviation along the axis where it is largest.
@@ -217,11 +217,11 @@ class Snapshot(msgspec.Struct, frozen=True):
     water: Water | None = None
     navigation: Navigation = Navigation()
     energy: Energy | None = None
-    helm_softness: float = 1.0  # by what factor the helm is softer than as delivered
+    gain_reduction: float = 1.0  # by what factor the helm is softer than as delivered
     power: Power | None = None  # of battery and panels, where somebody measures them
     saving: int = 0  # how far she saves power (safety.power_saving.Saving)
     traffic: Traffic | None = None  # other vessels, once one was heard
-    reckoned: Reckoned | None = None  # in the place of a position, while she is steered by it
+    dead_reckoned: DeadReckonedPosition | None = None  # in the place of a position, while she is steered by it
     heading_age_s: float | None = None  # of the last heading that was taken in; None while none has come
 
 

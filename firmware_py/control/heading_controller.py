@@ -23,7 +23,7 @@ class HeadingControllerInput(msgspec.Struct, frozen=True):
 
     `error_rad` is the goal less the heading, positive to starboard; on a turn the long way it stays at half a turn.
     `estimate` is None while the plain observer knows heading and yaw rate alone. `command_rad` is the rudder command of
-    the tick before, `softness` the gain reduction, 1 or more.
+    the tick before, `gain_reduction` the gain reduction, 1 or more.
     """
 
     error_rad: float
@@ -31,7 +31,7 @@ class HeadingControllerInput(msgspec.Struct, frozen=True):
     estimate: HeadingEstimate | None
     command_rad: float
     step_s: float
-    softness: float = 1.0
+    gain_reduction: float = 1.0
 
 
 Controller = Callable[[LawState, HeadingControllerInput], tuple[LawState, float | None]]
@@ -49,7 +49,9 @@ def steer_by_schedule(
     """Return the rudder demand [rad] of the scheduled law with its state; None without an estimate."""
     if given.estimate is None:
         return IDLE, None
-    return law.steer(settings, state, given.estimate, given.error_rad, given.command_rad, given.step_s, given.softness)
+    return law.steer(
+        settings, state, given.estimate, given.error_rad, given.command_rad, given.step_s, given.gain_reduction
+    )
 
 
 # By the value of CTL_MODE.

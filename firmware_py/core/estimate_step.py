@@ -12,7 +12,7 @@ from firmware_py.common.records import Event, Inputs, PositionSample, RudderStat
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, last_place, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
-from firmware_py.estimate import heading_estimator, place_and_velocity, position, reckoning, water
+from firmware_py.estimate import dead_reckoning, heading_estimator, place_and_velocity, position, water
 from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.sources import Source
 from firmware_py.modes import PositionGoal
@@ -84,24 +84,26 @@ def _rudder_of_estimate_rad(rudder: RudderStatus) -> float:
 def _carried_on(state: State, now_s: float, heading_rad: float | None, silent_s: float) -> PositionState:
     """Return the place carried on to now, reckoned by the last known water when fixes are missing for silent_s."""
     place, known = state.position, state.heading_estimator.water
-    if place.fix is None and place.reckoning is None:
+    if place.fix is None and place.dead_reckoning is None:
         return place
-    if state.timing.started_s is None and place.reckoning is not None:
+    if state.timing.started_s is None and place.dead_reckoning is not None:
         place = last_place.counted_from(place, now_s)
-    if place.fix is not None and place.reckoning is None and now_s - place.fix.t_s > silent_s:
-        place = replace(place, reckoning=reckoning.begin(known, now_s))
-    if place.reckoning is None:
+    if place.fix is not None and place.dead_reckoning is None and now_s - place.fix.t_s > silent_s:
+        place = replace(place, dead_reckoning=dead_reckoning.begin(known, now_s))
+    if place.dead_reckoning is None:
         velocity_m_s = water.over_ground_m_s(known, math.nan if heading_rad is None else heading_rad)
         return position.predict(place, now_s, velocity_m_s)
     step_s = max(0.0, now_s - place.t_s)
-    sailed, over_ground_m_s = reckoning.sail(place.reckoning, heading_rad, step_s, under_way=state.modes.armed)
-    return position.predict(replace(place, reckoning=sailed), now_s, over_ground_m_s)
+    sailed, over_ground_m_s = dead_reckoning.sail(
+        place.dead_reckoning, heading_rad, step_s, under_way=state.modes.armed
+    )
+    return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)
 
 
 def _found_again(before: PositionState, fix: PositionSample) -> tuple[Event, ...]:
     """Return what is told when a fix ends a reckoning that was more than a gap."""
     unfixed_s = position.unfixed_s(before) + fix.t_s - before.t_s
-    if before.reckoning is None or unfixed_s <= position.LONGEST_GAP_S:
+    if before.dead_reckoning is None or unfixed_s <= position.LONGEST_GAP_S:
         return ()
     minutes, off_m = unfixed_s / 60.0, position.off_m(before, fix)
     return (Event(Severity.NOTICE, f"Reckoned for {minutes:.0f} min: she was {off_m:.0f} m off"),)

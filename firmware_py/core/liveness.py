@@ -34,7 +34,7 @@ class Liveness:
         if not part.alive:
             return True
         done, since_s = self._seen.get(part.name, (-1, now_s))
-        if not part.owing or part.done != done:
+        if not part.has_work or part.done != done:
             self._seen[part.name] = part.done, now_s
             return False
         return now_s - since_s > part.patience_s

@@ -14,7 +14,7 @@ from firmware_py.modes import live_bench, live_stick
 
 
 def rudder_demand(
-    settings: Settings, state: State, target: SteeringTarget, softness: float, now_s: float, step_s: float
+    settings: Settings, state: State, target: SteeringTarget, gain_reduction: float, now_s: float, step_s: float
 ) -> tuple[float, LawState]:
     """Return the demand and the heading controller's state, IDLE while it does not steer."""
     modes, command_rad = state.modes, state.rudder.command_rad
@@ -34,7 +34,7 @@ def rudder_demand(
             estimate=heading_estimate(settings.heading_estimator, state.heading_estimator),
             command_rad=command_rad,
             step_s=step_s,
-            softness=softness,
+            gain_reduction=gain_reduction,
         )
         controller, demand_rad = heading_controller.update(settings.controller, state.controller, given)
         return demand_rad, controller

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from firmware_py.common.records import Inputs, RudderStatus
-from firmware_py.common.reports import Reckoned, Snapshot
+from firmware_py.common.reports import DeadReckonedPosition, Snapshot
 from firmware_py.core.state import Settings, State, fence_enabled, first_item
 from firmware_py.core.vessels_step import report as traffic_report
-from firmware_py.estimate import heading_estimator, position, reckoning
+from firmware_py.estimate import dead_reckoning, heading_estimator, position
 from firmware_py.guidance import guidance_reports
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import Situation, arming_obstacle
@@ -55,19 +55,23 @@ def snapshot_of(
         navigation=guidance_reports.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
         estimate=heading_estimator.report(settings.heading_estimator, state.heading_estimator),
         energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
-        helm_softness=state.supervisor.oscillation.gain_reduction,
+        gain_reduction=state.supervisor.oscillation.gain_reduction,
         power=power_monitor.report(state.power, inputs.tick.t_s),
         saving=power_saving.saving(state.fault_latch.active),
         traffic=traffic_report(state),
-        reckoned=None if situation.reckoned_sd_m is None else _reckoned(state, situation.reckoned_sd_m),
+        dead_reckoned=None
+        if situation.dead_reckoning_sd_m is None
+        else _dead_reckoned(state, situation.dead_reckoning_sd_m),
         heading_age_s=None if heading.sample_t_s is None else inputs.tick.t_s - heading.sample_t_s,
     )
 
 
-def _reckoned(state: State, sd_m: float) -> Reckoned | None:
+def _dead_reckoned(state: State, sd_m: float) -> DeadReckonedPosition | None:
     place = state.position
-    if place.reckoning is None:
+    if place.dead_reckoning is None:
         return None
     heading = state.heading_estimator.heading.heading_rad
-    _, (north_m_s, east_m_s) = reckoning.sail(place.reckoning, heading, 0.0, under_way=True)
-    return Reckoned(place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, position.unfixed_s(place))
+    _, (north_m_s, east_m_s) = dead_reckoning.sail(place.dead_reckoning, heading, 0.0, under_way=True)
+    return DeadReckonedPosition(
+        place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, position.unfixed_s(place)
+    )

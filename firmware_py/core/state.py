@@ -20,7 +20,7 @@ from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
 from firmware_py.core.rudder import RudderSettings, RudderState
 from firmware_py.core.tick_timing import TickTiming
-from firmware_py.estimate import heading_estimator, position, reckoning
+from firmware_py.estimate import dead_reckoning, heading_estimator, position
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
 from firmware_py.estimate.place_and_velocity import AgreementState
 from firmware_py.estimate.position import PositionSettings, PositionState
@@ -156,7 +156,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
         heading_rad=heading.heading_rad if freshness.heading is Age.FRESH else None,
         water=heading_estimator.water_report(state.heading_estimator),
         position_ok=freshness.position is Age.FRESH,
-        reckoned_sd_m=_reckoned_sd_m(settings, state, freshness),
+        dead_reckoning_sd_m=_dead_reckoning_sd_m(settings, state, freshness),
         # A released servo of some makes gives no angle, but it answers.
         rudder_ok=freshness.rudder is Age.FRESH,
         mission_ok=bool(state.plans.mission.items),
@@ -166,14 +166,14 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
     )
 
 
-def _reckoned_sd_m(settings: Settings, state: State, freshness: Freshness) -> float | None:
+def _dead_reckoning_sd_m(settings: Settings, state: State, freshness: Freshness) -> float | None:
     """Return how uncertain the place is while she is under way and it is reckoned on for want of fixes."""
     place = state.position
-    if freshness.position is not Age.OLD or place.reckoning is None or not state.modes.armed:
+    if freshness.position is not Age.OLD or place.dead_reckoning is None or not state.modes.armed:
         return None
-    if not settings.guidance.tasks.reckon_m > 0.0:
+    if not settings.guidance.tasks.dead_reckoning_limit_m > 0.0:
         return None
-    return reckoning.spread_m(place.reckoning, position.unfixed_s(place))
+    return dead_reckoning.spread_m(place.dead_reckoning, position.unfixed_s(place))
 
 
 def situation_at(state: State, now_s: float) -> Situation:

@@ -87,8 +87,10 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
         *mission_events,
         *guidance_reports.fence_events(before.guidance, state.guidance, state.plans),
         *guidance_reports.circle_events(settings.guidance.tasks, before.guidance, state.guidance),
-        *guidance_reports.reckoning_events(
-            before.guidance.follower, state.guidance.follower, begins=bool(lost and situation.reckoned_sd_m is not None)
+        *guidance_reports.dead_reckoning_events(
+            before.guidance.follower,
+            state.guidance.follower,
+            begins=bool(lost and situation.dead_reckoning_sd_m is not None),
         ),
     )
     vessel_events = (*vessel_events, *aside_events)
@@ -130,7 +132,7 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         place = Place(state.position.latitude_rad, state.position.longitude_rad)
         # Where a heading is lost the last one, carried on, tells better how the boat moves than none.
         heading_rad = state.heading_estimator.heading.heading_rad
-        motion = guidance.vessel_motion(place, heading_rad, situation.water, situation.reckoned_sd_m or 0.0)
+        motion = guidance.vessel_motion(place, heading_rad, situation.water, situation.dead_reckoning_sd_m or 0.0)
     guidance_input = GuidanceInput(
         inputs.tick.t_s,
         heading_rad,
@@ -196,8 +198,8 @@ def _steer(
 ) -> tuple[State, RudderCommand]:
     """Turn what guidance asks for into what the servo is told; the supervisor has the last word."""
     now_s = rudder.t_s
-    softness = supervised.oscillation.gain_reduction
-    demand_rad, controller = rudder_demand(settings, state, target, softness, now_s, step_s)
+    gain_reduction = supervised.oscillation.gain_reduction
+    demand_rad, controller = rudder_demand(settings, state, target, gain_reduction, now_s, step_s)
     supervised, demand_rad = supervisor.limit_without_heading(
         supervised,
         demand_rad,

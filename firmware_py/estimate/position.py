@@ -1,7 +1,7 @@
 """Position of the boat: fixes smoothed by its own motion, with a gate for jumps.
 
 A fix that lies further off than the boat can have sailed is not used. When further fixes agree with it for long enough,
-the position was wrong before, and the new one is used. Without fixes the position is dead reckoned (reckoning.py).
+the position was wrong before, and the new one is used. Without fixes the position is dead reckoned (dead_reckoning.py).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from firmware_py.common.geodesy import Place, can_be
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.reckoning import Reckoning
+from firmware_py.estimate.dead_reckoning import DeadReckoning
 
 FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included
 SPREAD_M = 50.0  # what a sound receiver may be off at worst
@@ -38,8 +38,8 @@ class PositionSettings(msgspec.Struct, frozen=True):
 class PositionState(msgspec.Struct, frozen=True):
     """The estimated place at t_s, the last fix believed, and the first of those that are not.
 
-    `begun` is the first fix of all, or that by which a jump was believed; `reckoning` goes on while fixes are missing,
-    also from the place that outlived a restart, with no fix at all.
+    `begun` is the first fix of all, or the one that confirmed a jump. `dead_reckoning` is active while fixes are
+    missing, also after a restart without any fix.
     """
 
     t_s: float = 0.0
@@ -49,7 +49,7 @@ class PositionState(msgspec.Struct, frozen=True):
     suspect: PositionSample | None = None
     witnesses: int = 0
     begun: PositionSample | None = None
-    reckoning: Reckoning | None = None
+    dead_reckoning: DeadReckoning | None = None
 
 
 def on_earth(sample: PositionSample) -> bool:
@@ -63,7 +63,7 @@ def on_earth(sample: PositionSample) -> bool:
 def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
     """Carry the place on to now_s by the velocity over ground, north and east."""
     step_s = now_s - state.t_s
-    if (state.fix is None and state.reckoning is None) or step_s <= 0.0:
+    if (state.fix is None and state.dead_reckoning is None) or step_s <= 0.0:
         return state
     return _displace(state, velocity_m_s[0] * step_s, velocity_m_s[1] * step_s, now_s)
 
@@ -86,7 +86,7 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
         return _at(sample, max(sample.t_s, state.t_s), state.begun), True
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
     north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(place_of(sample))
-    state = replace(state, fix=sample, suspect=None, witnesses=0, reckoning=None)
+    state = replace(state, fix=sample, suspect=None, witnesses=0, dead_reckoning=None)
     return _displace(state, gain * north_m, gain * east_m, state.t_s), True
 
 
@@ -115,7 +115,7 @@ def unfixed_s(state: PositionState) -> float:
     """Return how long there had been no fix when the place was carried on last, or the reckoning had lasted without."""
     if state.fix is not None:
         return state.t_s - state.fix.t_s
-    return 0.0 if state.reckoning is None else state.t_s - state.reckoning.begun_s
+    return 0.0 if state.dead_reckoning is None else state.t_s - state.dead_reckoning.begun_s
 
 
 def utc_s(state: PositionState, now_s: float) -> float | None:
@@ -148,4 +148,4 @@ def _displace(state: PositionState, north_m: float, east_m: float, t_s: float) -
     place = Place(state.latitude_rad, state.longitude_rad).at_offset(north_m, east_m)
     suspect, witnesses, begun = state.suspect, state.witnesses, state.begun
     latitude_rad, longitude_rad = place.latitude_rad, place.longitude_rad
-    return PositionState(t_s, latitude_rad, longitude_rad, state.fix, suspect, witnesses, begun, state.reckoning)
+    return PositionState(t_s, latitude_rad, longitude_rad, state.fix, suspect, witnesses, begun, state.dead_reckoning)

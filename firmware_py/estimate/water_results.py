@@ -50,7 +50,7 @@ class CurrentVerdict(NamedTuple):
     turned: float = 0.0
 
 
-class Reckoning(NamedTuple):
+class DeadReckoning(NamedTuple):
     """Water when the positions ceased, its covariance, growth of the error, and the way since.
 
     `walk_m2_s3` is the variance that each axis of the current gains per second, `way_m2_s` that of the position by
@@ -129,11 +129,11 @@ def judge_current(verdict: CurrentVerdict, state: WaterFilter, water: Water, t_s
     return CurrentVerdict(t_s, against_s, verdict.too_strong, cosine, sine, turned)
 
 
-def begin_reckoning(state: WaterFilter, t_s: float) -> Reckoning:
+def begin_dead_reckoning(state: WaterFilter, t_s: float) -> DeadReckoning:
     """Return the dead reckoning that begins at a time, with the water as it was last known."""
     water = water_of(state, t_s)
     sigma, walk, drift = math.exp(state.levels[0]), math.exp(state.levels[1]), math.exp(state.levels[2])
-    return Reckoning(
+    return DeadReckoning(
         water.current_north_m_s,
         water.current_east_m_s,
         water.mean_speed_m_s,
@@ -147,48 +147,53 @@ def begin_reckoning(state: WaterFilter, t_s: float) -> Reckoning:
     )
 
 
-def sailed(reckoning: Reckoning, heading_rad: float, step_s: float) -> tuple[Reckoning, float, float]:
+def sailed(dead_reckoning: DeadReckoning, heading_rad: float, step_s: float) -> tuple[DeadReckoning, float, float]:
     """Return the reckoning after a step, and the velocity over ground in it, north and east; NaN: no heading."""
-    known, u, v = math.isfinite(heading_rad), reckoning.speed_m_s, reckoning.sideways_m_s
+    known, u, v = math.isfinite(heading_rad), dead_reckoning.speed_m_s, dead_reckoning.sideways_m_s
     cosine, sine = (math.cos(heading_rad), math.sin(heading_rad)) if known else (0.0, 0.0)
-    blind_m = reckoning.blind_m
+    blind_m = dead_reckoning.blind_m
     if not known:
         blind_m += step_s * math.sqrt(u * u + v * v)
-    after = Reckoning(
-        reckoning.current_north_m_s,
-        reckoning.current_east_m_s,
+    after = DeadReckoning(
+        dead_reckoning.current_north_m_s,
+        dead_reckoning.current_east_m_s,
         u,
         v,
-        reckoning.covariance,
-        reckoning.walk_m2_s3,
-        reckoning.way_m2_s,
-        reckoning.cosine_s + step_s * cosine,
-        reckoning.sine_s + step_s * sine,
+        dead_reckoning.covariance,
+        dead_reckoning.walk_m2_s3,
+        dead_reckoning.way_m2_s,
+        dead_reckoning.cosine_s + step_s * cosine,
+        dead_reckoning.sine_s + step_s * sine,
         blind_m,
     )
-    north_m_s = reckoning.current_north_m_s + u * cosine - v * sine
-    return after, north_m_s, reckoning.current_east_m_s + u * sine + v * cosine
+    north_m_s = dead_reckoning.current_north_m_s + u * cosine - v * sine
+    return after, north_m_s, dead_reckoning.current_east_m_s + u * sine + v * cosine
 
 
-def reckoning_sd(reckoning: Reckoning, lasted_s: float) -> float:
+def dead_reckoning_sd(dead_reckoning: DeadReckoning, lasted_s: float) -> float:
     """Return the standard deviation of the reckoned position along the axis where it is largest.
 
     Parts: the error of the water when positions ceased, over the way since; the walks of current and mean speed; speed
     deviation and drift; the current as if all of it were a tide; the way without a heading; the last position.
     """
-    t, a, b, p = clamp(lasted_s, 0.0, LONGEST_S), reckoning.cosine_s, reckoning.sine_s, reckoning.covariance
+    t, a, b, p = (
+        clamp(lasted_s, 0.0, LONGEST_S),
+        dead_reckoning.cosine_s,
+        dead_reckoning.sine_s,
+        dead_reckoning.covariance,
+    )
     north, east = quadratic(p, t, 0.0, a, -b), quadratic(p, 0.0, t, b, a)
     both = 0.5 * (quadratic(p, t, t, a + b, a - b) - north - east)
     half, differ = 0.5 * (north + east), 0.5 * (north - east)
     worst = half + math.sqrt(differ * differ + both * both)
-    walked = (reckoning.walk_m2_s3 * t * t + MEAN_WALK * MEAN_WALK * (a * a + b * b)) * t / 3.0
+    walked = (dead_reckoning.walk_m2_s3 * t * t + MEAN_WALK * MEAN_WALK * (a * a + b * b)) * t / 3.0
     phase = TIDE_RAD_S * t
-    current2 = reckoning.current_north_m_s * reckoning.current_north_m_s
-    current2 += reckoning.current_east_m_s * reckoning.current_east_m_s
+    current2 = dead_reckoning.current_north_m_s * dead_reckoning.current_north_m_s
+    current2 += dead_reckoning.current_east_m_s * dead_reckoning.current_east_m_s
     off, turned = phase - math.sin(phase), 1.0 - math.cos(phase)
     tide = 0.5 * current2 / (TIDE_RAD_S * TIDE_RAD_S) * (off * off + turned * turned)
-    fixed = FIX_SD_M * FIX_SD_M + reckoning.blind_m * reckoning.blind_m
-    return deviation(worst + walked + reckoning.way_m2_s * t + tide + fixed)
+    fixed = FIX_SD_M * FIX_SD_M + dead_reckoning.blind_m * dead_reckoning.blind_m
+    return deviation(worst + walked + dead_reckoning.way_m2_s * t + tide + fixed)
 
 
 def heading_from_track(

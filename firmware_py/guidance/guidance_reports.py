@@ -6,7 +6,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Activity, MissionReport, Navigation
-from firmware_py.guidance import berth, mission_progress
+from firmware_py.guidance import loiter_placement, mission_progress
 from firmware_py.guidance.guidance import GuidanceState, fence_margin_m
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.task_follower import TaskFollowerState
@@ -43,7 +43,7 @@ def mission_events(before: MissionProgress, after: MissionProgress, first: int) 
     return tuple(events)
 
 
-def reckoning_events(before: TaskFollowerState, after: TaskFollowerState, *, begins: bool) -> tuple[Event, ...]:
+def dead_reckoning_events(before: TaskFollowerState, after: TaskFollowerState, *, begins: bool) -> tuple[Event, ...]:
     """Return what is told when a lost position is reckoned on, and where she waits for a fix."""
     events = [Event(Severity.NOTICE, "Goes on by reckoning from the last fix")] if begins else []
     if after.halt is not None and after.halt != before.halt:
@@ -60,28 +60,28 @@ def reckoning_events(before: TaskFollowerState, after: TaskFollowerState, *, beg
 def circle_events(settings: TaskSettings, before: GuidanceState, after: GuidanceState) -> tuple[Event, ...]:
     """Return what is told of a circle that is not what was asked for: as she begins to keep it, and as it is moved."""
     events: list[Event] = []
-    radius_m, held_m = after.status.radius_m or 0.0, berth.held_m(settings)
+    radius_m, min_radius_m = after.status.radius_m or 0.0, loiter_placement.min_radius_m(settings)
     began = (after.status.activity, radius_m) != (before.status.activity, before.status.radius_m)
-    if after.status.activity is Activity.STATION and began and radius_m < held_m:
-        text = f"Watch circle of {radius_m:.0f} m: in a current she holds no less than {held_m:.0f} m"
+    if after.status.activity is Activity.STATION and began and radius_m < min_radius_m:
+        text = f"Watch circle of {radius_m:.0f} m: in a current she holds no less than {min_radius_m:.0f} m"
         events.append(Event(Severity.NOTICE, text))
     task = after.task
     if isinstance(task, Orbit) and task != before.task and radius_m > task.radius_m:
         text = f"Circle of {task.radius_m:.0f} m: too tight, she goes round at {radius_m:.0f} m"
         events.append(Event(Severity.NOTICE, text))
-    found, known = after.follower.berth, before.follower.berth
+    found, known = after.follower.loiter_placement, before.follower.loiter_placement
     if found is not None and found.found and found is not known:
-        events += _berth_events(settings, found)
+        events += _placement_events(settings, found)
     return tuple(events)
 
 
-def _berth_events(settings: TaskSettings, found: berth.Berth) -> list[Event]:
+def _placement_events(settings: TaskSettings, found: loiter_placement.LoiterPlacement) -> list[Event]:
     moved_m, _ = found.task.centre.distance_and_bearing(found.circle.centre)
     events: list[Event] = []
     if found.circle != found.task:
         text = f"Fence is near: watch circle of {found.circle.radius_m:.0f} m, moved {moved_m:.0f} m inward"
         events.append(Event(Severity.NOTICE, text))
-    if found.margin_m < found.circle.radius_m + berth.swing_m(settings):
+    if found.margin_m < found.circle.radius_m + loiter_placement.overshoot_m(settings):
         events.append(Event(Severity.WARNING, "Fence leaves no room for her watch circle: she may swing over it"))
     return events
 

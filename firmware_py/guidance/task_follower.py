@@ -13,9 +13,9 @@ from msgspec.structs import replace
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan
 from firmware_py.common.reports import Activity
-from firmware_py.guidance import berth, line, orbit, station_keeping
-from firmware_py.guidance.berth import Berth
+from firmware_py.guidance import line, loiter_placement, orbit, station_keeping
 from firmware_py.guidance.line import LineState
+from firmware_py.guidance.loiter_placement import LoiterPlacement
 from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.station_keeping import StationKeepingState
 from firmware_py.guidance.tasks import (
@@ -33,7 +33,7 @@ from firmware_py.guidance.tasks import (
 class TaskFollowerState(msgspec.Struct, frozen=True):
     """How far the task has come: `arrived` at its place once, turns made round it, where she waits for a fix.
 
-    `berth`: where her watch circle lies, once she keeps station within a fence.
+    `loiter_placement`: where her watch circle lies, once she keeps station within a fence.
     """
 
     task: Task | None = None
@@ -42,7 +42,7 @@ class TaskFollowerState(msgspec.Struct, frozen=True):
     station: StationKeepingState = StationKeepingState()
     orbit: OrbitState = OrbitState()
     halt: Place | None = None
-    berth: Berth | None = None
+    loiter_placement: LoiterPlacement | None = None
 
 
 class TaskStatus(msgspec.Struct, frozen=True):
@@ -96,7 +96,7 @@ def _go_to(
 ) -> tuple[TaskFollowerState, TaskStatus]:
     line_state = state.line or LineState(task.start or motion.place)
     if motion.spread_m > task.acceptance_radius_m:
-        halt = state.halt or (motion.place if motion.spread_m > settings.reckon_m else None)
+        halt = state.halt or (motion.place if motion.spread_m > settings.dead_reckoning_limit_m else None)
         if motion.place.distance_and_bearing(task.place)[0] <= task.station_radius_m:
             halt = task.place
         if halt is not None:
@@ -121,13 +121,13 @@ def _go_to(
 def _hold_station(
     settings: TaskSettings, state: TaskFollowerState, task: HoldStation, motion: VesselMotion, fence: Plan | None
 ) -> tuple[TaskFollowerState, TaskStatus]:
-    place = berth.update(settings, state.berth, task, fence)
+    place = loiter_placement.update(settings, state.loiter_placement, task, fence)
     if place is not None and place.found:
         task = place.circle
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
     station, target = station_keeping.update(settings, state.station, task, motion, distance_m)
     arrived = distance_m <= task.radius_m and motion.spread_m <= task.radius_m
-    state = replace(state, station=station, arrived=state.arrived or arrived, berth=place)
+    state = replace(state, station=station, arrived=state.arrived or arrived, loiter_placement=place)
     return state, TaskStatus(target, Activity.STATION, task.centre, task.radius_m, bearing_rad, distance_m)
 
 

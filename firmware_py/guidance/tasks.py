@@ -79,7 +79,7 @@ class TaskSettings(msgspec.Struct, frozen=True):
     station_radius_m: float
     look_ahead_s: float
     turning_radius_m: float  # at full rudder; by similarity the same at any speed
-    reckon_m: float = 0.0  # 0: not at all
+    dead_reckoning_limit_m: float = 0.0  # 0: not at all
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> TaskSettings:
@@ -91,5 +91,5 @@ class TaskSettings(msgspec.Struct, frozen=True):
             station_radius_m=parameters["LOIT_RADIUS"],
             look_ahead_s=parameters["NAV_LOOK_S"],
             turning_radius_m=min(max(radius_m, 1.0), 1000.0),
-            reckon_m=parameters["POS_RECKON_M"],
+            dead_reckoning_limit_m=parameters["POS_RECKON_M"],
         )

@@ -33,7 +33,7 @@ class Installation(msgspec.Struct, frozen=True):
     state: Path
     watchdog: Path | None = None
     unit: str = ""
-    hindrance: str = ""  # why it cannot be updated, and the remedy
+    blocked_reason: str = ""  # why it cannot be updated, and the remedy
 
     @property
     def service_words(self) -> list[str]:
@@ -45,7 +45,7 @@ class Installation(msgspec.Struct, frozen=True):
 def installation_of(unit: Path) -> Installation:
     """Read what a unit runs; UpdateError when it is not there, or of a version that knows no trials.
 
-    The starts of a trial are counted for one link and one state: with others in a drop-in, which is its hindrance,
+    The starts of a trial are counted for one link and one state: with others in a drop-in, which is its blocked_reason,
     every update would be taken back.
     """
     try:
@@ -63,14 +63,14 @@ def installation_of(unit: Path) -> Installation:
     if not counting or len(counting[-1]) != 4 or words[1:2] != ["run"] or "--state" not in words[:-1]:
         raise UpdateError(f"{where} is of a version before or not ours: repeat rambler service install VEHICLE.toml")
     link, state = words[0], words[words.index("--state") + 1]
-    hindrance = ""
+    blocked_reason = ""
     if (counted := counting[-1][2:]) != [link, state]:
-        hindrance = (
+        blocked_reason = (
             f"{where} runs {link} on {state}, and the starts of a trial are counted for {' on '.join(counted)}: "
             "take it away, and name them by rambler service install VEHICLE.toml (--state, --program)"
         )
     watchdog = Path(words[words.index("--watchdog") + 1]) if "--watchdog" in words[:-1] else None
-    return Installation(ProgramLink(Path(link)), Path(words[2]), Path(state), watchdog, text, hindrance)
+    return Installation(ProgramLink(Path(link)), Path(words[2]), Path(state), watchdog, text, blocked_reason)
 
 
 def _drop_ins(unit: Path) -> list[Path]:

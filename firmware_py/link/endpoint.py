@@ -176,7 +176,7 @@ class Endpoint:
     def publish(self, output: Output, now_s: float) -> None:
         """Send the telemetry that is due and what the tick has to say."""
         self._context.now_s = now_s
-        if self._worker.owes:
+        if self._worker.has_pending_jobs:
             self._worker.poll()
         for transport in self._transports:
             transport.poll(now_s)

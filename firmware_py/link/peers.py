@@ -106,7 +106,7 @@ class Peers:
                 usual_class(transport).value,
                 tuple(peer for index, peer in (*seated, *waiting) if index == number),
                 None if satellite is None else satellite.satellite_status(now_s),
-                transport.hindrance,
+                transport.blocked_reason,
             )
             for number, (transport, satellite) in enumerate(zip(self._transports, self._satellites, strict=True))
         )
@@ -122,7 +122,7 @@ class Peers:
                 permanent[index, address] = None
             for address in transport.guests():
                 connected[index, address] = None
-        self._tell_hindrances(now_s)
+        self._report_blocked_links(now_s)
         for key in permanent:
             if key not in self._peers:
                 self._seat(key, self._new_peer(key, now_s), now_s)
@@ -149,14 +149,14 @@ class Peers:
             else:
                 self._show_presence(peer, now_s)
 
-    def _tell_hindrances(self, now_s: float) -> None:
+    def _report_blocked_links(self, now_s: float) -> None:
         """Tell those who can be reached that a link has been dumb for a while, once for each time."""
         for index, transport in enumerate(self._transports):
-            if not transport.hindrance:
+            if not transport.blocked_reason:
                 self._dumb_since_s.pop(index, None)
             elif now_s - self._dumb_since_s.setdefault(index, now_s) >= DUMB_S:
                 self._dumb_since_s[index] = math.inf
-                self._host.tell(f"Nothing leaves by {transport.name}: {transport.hindrance}", now_s)
+                self._host.tell(f"Nothing leaves by {transport.name}: {transport.blocked_reason}", now_s)
 
     def _permanent(self, key: Key) -> bool:
         return key[1] in self._transports[key[0]].addresses()

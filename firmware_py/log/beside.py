@@ -32,7 +32,7 @@ NAVIGATION: Final = Row(
         maybe("Brg", "r", "bearing_rad"),
         maybe("Dist", "m", "distance_m"),
         flag("PosOk", "position_ok"),
-        real("Soft", "-", "helm_softness"),
+        real("Soft", "-", "gain_reduction"),
     ),
     _not_read,
 )
@@ -119,7 +119,7 @@ SUPPLY: Final = Row(
     ),
     _not_read,
 )
-RECKONED: Final = Row(
+DEAD_RECKONING: Final = Row(
     192,
     "RKN",
     (
@@ -132,7 +132,15 @@ RECKONED: Final = Row(
     ),
     _not_read,
 )
-TYPES: Final = (NAVIGATION.type, ESTIMATE.type, GUIDANCE.type, WATER.type, ENERGY.type, SUPPLY.type, RECKONED.type)
+TYPES: Final = (
+    NAVIGATION.type,
+    ESTIMATE.type,
+    GUIDANCE.type,
+    WATER.type,
+    ENERGY.type,
+    SUPPLY.type,
+    DEAD_RECKONING.type,
+)
 
 
 def snapshot_bytes(boat: Snapshot) -> bytes:
@@ -146,8 +154,8 @@ def snapshot_bytes(boat: Snapshot) -> bytes:
     told += GUIDANCE.pack(t_s, boat)
     if boat.energy is not None:
         told += ENERGY.pack(t_s, boat.energy)
-    if boat.reckoned is not None:
-        told += RECKONED.pack(t_s, boat.reckoned)
+    if boat.dead_reckoned is not None:
+        told += DEAD_RECKONING.pack(t_s, boat.dead_reckoned)
     if boat.power is not None:
         told += SUPPLY.pack(t_s, boat.power)
     return told if boat.water is None else told + WATER.pack(t_s, boat.water)

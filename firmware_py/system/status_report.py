@@ -157,9 +157,12 @@ def _faults(snapshot: Snapshot, latch: LatchState) -> list[Values]:
 
 
 def _link(link: LinkStatus) -> Values:
-    told_peers = [{name: getattr(peer, name) for name in _PEER} for peer in link.peers]
-    peers = [peer | {"heard_age_s": rounded(peer["heard_age_s"], 1)} for peer in told_peers]
-    told: Values = {"url": link.url, "rates": link.rates, "hindrance": link.hindrance, "peers": peers}
+    peer_values = [{name: getattr(peer, name) for name in _PEER} for peer in link.peers]
+    peers = [peer | {"heard_age_s": rounded(peer["heard_age_s"], 1)} for peer in peer_values]
+    values: Values = {"url": link.url, "rates": link.rates, "hindrance": link.blocked_reason, "peers": peers}
     if (satellite := link.satellite) is not None:
-        told["satellite"] = asdict(satellite) | {"session_age_s": rounded(satellite.session_age_s, 0)}
-    return told
+        fields = asdict(satellite) | {"session_age_s": rounded(satellite.session_age_s, 0)}
+        values["satellite"] = {
+            "hindrance" if name == "blocked_reason" else name: field for name, field in fields.items()
+        }
+    return values

@@ -19,7 +19,7 @@ def _rudder(snapshot: Snapshot) -> Values:
         "angle_deg": rounded(snapshot.rudder_rad, 2, degrees),
         "command_deg": rounded(snapshot.rudder_command_rad, 2, degrees),
         "ok": snapshot.rudder_ok,
-        "helm_softness": rounded(snapshot.helm_softness, 2),
+        "helm_softness": rounded(snapshot.gain_reduction, 2),
         **({} if snapshot.servo is None else rudder_values(snapshot.servo)),
         "age_s": None if snapshot.servo is None else rounded(snapshot.t_s - snapshot.servo.t_s, 1),
     }
@@ -29,12 +29,12 @@ def _position(snapshot: Snapshot) -> Values:
     values: Values = {"ok": snapshot.position_ok}
     if snapshot.position is not None:
         values |= {"age_s": rounded(snapshot.t_s - snapshot.position.t_s, 1), **position_values(snapshot.position)}
-    if (reckoned := snapshot.reckoned) is not None:
+    if (dead_reckoned := snapshot.dead_reckoned) is not None:
         values |= {
-            "reckoned_lat_deg": rounded(reckoned.latitude_rad, 5, degrees),
-            "reckoned_lon_deg": rounded(reckoned.longitude_rad, 5, degrees),
-            "reckoned_sd_m": rounded(reckoned.sd_m, 0),
-            "reckoned_s": rounded(reckoned.lasted_s, 0),
+            "reckoned_lat_deg": rounded(dead_reckoned.latitude_rad, 5, degrees),
+            "reckoned_lon_deg": rounded(dead_reckoned.longitude_rad, 5, degrees),
+            "reckoned_sd_m": rounded(dead_reckoned.sd_m, 0),
+            "reckoned_s": rounded(dead_reckoned.lasted_s, 0),
         }
     return values
 

@@ -66,8 +66,8 @@ MUTATIONS = (
     ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if False else", "a failsafe has left"),
     ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if state.fault else", "a failsafe has left"),
     ("estimate/stay.py", "STAYED_S: Final = 2.0", "STAYED_S: Final = 2e3", "knocked round by a sea"),
-    ("core/estimate_step.py", "return position.predict(replace(place, reckoning=sailed), now_s, over_ground_m_s)",
-     "return replace(place, reckoning=sailed)", "position lost on a mission"),
+    ("core/estimate_step.py", "return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)",
+     "return replace(place, dead_reckoning=sailed)", "position lost on a mission"),
 )  # fmt: skip
 
 

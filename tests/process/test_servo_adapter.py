@@ -68,7 +68,7 @@ class Bench:
                 self.states.append(self.rudder.health(self.now_s).state)
             for _ in range(PERIOD_MS):
                 self.pass_a_millisecond()
-                if alive and self.rudder.hurries() and self.line.pending_at_slave():
+                if alive and self.rudder.needs_prompt_io() and self.line.pending_at_slave():
                     self.rudder.receive(self.now_s)
         return feedback
 

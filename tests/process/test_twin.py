@@ -64,7 +64,7 @@ def monitored(log):
 
 
 def compared(directory, text, seed, goals, seconds, **parameters):
-    """Sail a sea by the autopilot and by the twin; return the largest softness and what differs: rows, ticks."""
+    """Sail a sea by the autopilot and by the twin; return the largest gain reduction and what differs: rows, ticks."""
     scenario, given = sea_of(text), parse_goals(goals)
     options = RunOptions(scenario, seconds, directory, seed=seed, goals=given, settings=parameters)
     truth = run(options).truth.table()
@@ -146,6 +146,6 @@ def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
 @pytest.mark.parametrize("text", [*EVERY, *MORE])
 @pytest.mark.parametrize("seed", range(1, SEEDS + 1))
 def test_the_twin_sails_the_whole_task_as_the_autopilot_does(tmp_path, text, seed):
-    softness, differs = compared(tmp_path, text, seed, *TASK)
+    gain_reduction, differs = compared(tmp_path, text, seed, *TASK)
     assert differs == 0
-    assert text in RECORDED or (softness > 1.0) == (text in SOFTENED)
+    assert text in RECORDED or (gain_reduction > 1.0) == (text in SOFTENED)

@@ -103,7 +103,7 @@ class Pipe:
     datagrams = True
     options = PLAIN
     exposed = False
-    hindrance = ""
+    blocked_reason = ""
 
     def __init__(self):
         self.inbox = []

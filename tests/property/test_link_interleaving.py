@@ -35,7 +35,7 @@ class SlowWorker:
         return -1
 
     @property
-    def owes(self):
+    def has_pending_jobs(self):
         return bool(self.jobs or self.results)
 
     def submit(self, job, done):

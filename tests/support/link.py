@@ -144,7 +144,7 @@ class MemoryTransport:
         self.inbox = []
         self.sent = []
         self.takes = True
-        self.hindrance = ""
+        self.blocked_reason = ""
         self.closed = False
 
     def descriptors(self):

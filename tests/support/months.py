@@ -242,7 +242,7 @@ class Servo(Instrument):
         mean_a = (world.servo_j - before_j) / (SERVO_V * (now_s - before_s)) if now_s > before_s else 0.0
         return RudderFeedback(now_s, world.shaft_rad, 25.0, SERVO_V, mean_a, torque_on=world.torque)
 
-    def hurries(self):
+    def needs_prompt_io(self):
         return False
 
     def command(self, command, now_s):
@@ -326,8 +326,8 @@ class Shifted:
     def command(self, command, now_s):
         self._device.command(command, self._begin_s + now_s)
 
-    def hurries(self):
-        return self._device.hurries()
+    def needs_prompt_io(self):
+        return self._device.needs_prompt_io()
 
 
 class Flows(NamedTuple):

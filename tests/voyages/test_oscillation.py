@@ -75,7 +75,7 @@ def test_a_ship_three_times_as_sluggish_and_late_swings_and_is_steered_softer_un
     assert swing(kept, first_s + 120.0, first_s + 180.0)[1] < 0.2 * swing(kept, first_s - 60.0, first_s)[1]
     # With the rudder bias that the swing had left she lay 12 deg beside her goal then, and for ten minutes.
     assert np.abs(kept[-100:, 0]).max() < 6.0
-    assert boat.snapshot.helm_softness == REDUCTION_STEP
+    assert boat.snapshot.gain_reduction == REDUCTION_STEP
 
 
 @pytest.mark.proof
@@ -123,7 +123,7 @@ def test_a_ship_a_few_times_from_what_she_was_told_has_no_limit_cycle_in_flat_wa
 
 
 def oscillating(text, seed, goals, seconds):
-    """Sail by the twin; return at each tick whether the helm is said to oscillate, and the softness at last."""
+    """Sail by the twin; return at each tick whether the helm is said to oscillate, and the final gain reduction."""
     ticks, _ = voyage.sail(text, seed, goals, seconds)
     return ticks[:, loop.OSCILLATING] > 0.0, ticks[-1, loop.SOFTNESS]
 
@@ -189,11 +189,11 @@ def test_with_a_reduced_gain_a_turn_of_150_deg_takes_less_than_four_minutes(ship
 @pytest.mark.parametrize("sea", ["sea", "swell"])
 def test_a_ship_that_answers_late_is_found_out_in_waves(sea):
     """At 0.7 and 0.9 m/s, where swings of 35 s were more than sixteen lags of the model, it was never told."""
-    swings, softness = oscillating(f"{sea}+kt=1:3,delay=8", 1, [(0.0, 0.0), (60.0, math.radians(60.0))], 600.0)
+    swings, gain_reduction = oscillating(f"{sea}+kt=1:3,delay=8", 1, [(0.0, 0.0), (60.0, math.radians(60.0))], 600.0)
     assert swings.any()
     assert rig.STEP_S * np.sum(swings) < 180.0
     assert not swings[-1]
-    assert softness > 1.0
+    assert gain_reduction > 1.0
 
 
 @pytest.mark.proof
@@ -215,7 +215,7 @@ def test_a_ship_that_swings_whenever_the_helm_is_stiff_has_a_soft_one_for_longer
     for turn in range(15):
         boat.tick(SteerHeading(math.radians(100.0 * turn % 360.0)))
         boat.run(1200.0)
-        soft.append(boat.snapshot.helm_softness >= REDUCTION_STEP)
+        soft.append(boat.snapshot.gain_reduction >= REDUCTION_STEP)
     pauses_s = np.diff(boat.said(ROW.text))
     assert pauses_s[-1] > pauses_s[0] + 900.0
     assert boat.state.supervisor.oscillation.hold_s >= 8.0 * HOLD_S

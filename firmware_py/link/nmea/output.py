@@ -68,7 +68,7 @@ class NmeaOutput:
             dropped=self._dropped,
             rejected=0,
         )
-        return LinkStatus(self._name, "NMEA 0183", (said,), hindrance=self._transport.hindrance)
+        return LinkStatus(self._name, "NMEA 0183", (said,), blocked_reason=self._transport.blocked_reason)
 
     def close(self) -> None:
         """Close the way out."""

@@ -71,7 +71,7 @@ class SatelliteDriver:
         self.received: list[tuple[int, bytes]] = []  # number of the network, message
         self.session_s: float | None = None  # when a session has succeeded last
         self.status: int | None = None  # of the last session
-        self.hindrance = ""  # what keeps her from the session that is due
+        self.blocked_reason = ""  # what keeps her from the session that is due
         self._spent, self._tell = spent, tell
         self._chance = random.Random(seed)  # noqa: S311 - it spreads calls, and guards nothing
         self._bundle: Bundle | None = None  # under way
@@ -117,7 +117,7 @@ class SatelliteDriver:
         bundle = self._due(now_s)
         if bundle is None:
             self._due_since_s = None
-            self.hindrance = "credits used up" if len(self.queue) or self.modem.ringing else ""
+            self.blocked_reason = "credits used up" if len(self.queue) or self.modem.ringing else ""
             return
         if self._due_since_s is None:
             self._due_since_s = now_s
@@ -130,7 +130,7 @@ class SatelliteDriver:
             self._next_s = now_s + self._weak_s
             self._weak_s = min(2.0 * self._weak_s, _WEAK_LONGEST_S)
             self._measured = False
-            self.hindrance = "no signal known" if signal is None else f"signal {signal} of 5"
+            self.blocked_reason = "no signal known" if signal is None else f"signal {signal} of 5"
             return
         self._weak_s, self._measured = _WEAK_S, False
         self._charge = self.settings.limits.cost(len(bundle.content))
@@ -187,7 +187,7 @@ class SatelliteDriver:
             if session.sent and not session.unread:
                 self._failures = self._unclear = 0
                 self._next_s = now_s
-                self._due_since_s, self.hindrance = None, ""
+                self._due_since_s, self.blocked_reason = None, ""
                 if self._told_kept:
                     self._told_kept = False
                     self._tell(Event(Severity.NOTICE, "Satellite is reached again"))
@@ -206,7 +206,7 @@ class SatelliteDriver:
 
     def _fail(self, session: Session, now_s: float) -> None:
         self.counts.failed += 1
-        self.hindrance = "message not handed over" if session.sent else session_ending(session.status)
+        self.blocked_reason = "message not handed over" if session.sent else session_ending(session.status)
         if self._failures < len(_RETRY_S):
             wait_s = self._chance.uniform(0.0, _RETRY_S[self._failures])
         else:
@@ -237,6 +237,6 @@ class SatelliteDriver:
             text = "Satellite modem does not answer" if silent else "Satellite modem answers again"
             self._tell(Event(Severity.WARNING if silent else Severity.NOTICE, text))
         kept = self._due_since_s is not None and now_s - self._due_since_s > _KEPT_S
-        if kept and not self._told_kept and not silent and self.hindrance:
+        if kept and not self._told_kept and not silent and self.blocked_reason:
             self._told_kept = True
-            self._tell(Event(Severity.WARNING, f"Satellite out of reach: {self.hindrance}"))
+            self._tell(Event(Severity.WARNING, f"Satellite out of reach: {self.blocked_reason}"))

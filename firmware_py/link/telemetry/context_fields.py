@@ -45,16 +45,16 @@ def fresh_fix(context: TelemetryContext) -> PositionSample | None:
 def shown_place(context: TelemetryContext) -> PositionSample | None:
     """Return the position while it is fresh, else the place that is reckoned on, as a sample that is no fix."""
     fix, boat = fresh_fix(context), context.snapshot
-    if fix is not None or boat.reckoned is None:
+    if fix is not None or boat.dead_reckoned is None:
         return fix
     return PositionSample(
         boat.t_s,
         FixType.NONE,
-        boat.reckoned.latitude_rad,
-        boat.reckoned.longitude_rad,
+        boat.dead_reckoned.latitude_rad,
+        boat.dead_reckoned.longitude_rad,
         None if boat.position is None else boat.position.altitude_m,
-        math.hypot(boat.reckoned.north_m_s, boat.reckoned.east_m_s),
-        math.atan2(boat.reckoned.east_m_s, boat.reckoned.north_m_s) % TWO_PI,
+        math.hypot(boat.dead_reckoned.north_m_s, boat.dead_reckoned.east_m_s),
+        math.atan2(boat.dead_reckoned.east_m_s, boat.dead_reckoned.north_m_s) % TWO_PI,
     )
 
 

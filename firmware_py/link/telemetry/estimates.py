@@ -36,7 +36,7 @@ _PLACE = (
 )
 
 _VERTICAL = mavlink.ESTIMATOR_VELOCITY_VERT | mavlink.ESTIMATOR_POS_VERT_ABS
-_RECKONED = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
+_DEAD_RECKONED = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
 
 
 def attitude_quaternion(context: TelemetryContext) -> Message | None:
@@ -136,7 +136,7 @@ def estimator_status(context: TelemetryContext) -> Message:
         mag_ratio=_heading_ratio(boat.estimate),
         hagl_ratio=_UNKNOWN,
         tas_ratio=_UNKNOWN,
-        pos_horiz_accuracy=_UNKNOWN if boat.reckoned is None else single(boat.reckoned.sd_m, _UNKNOWN),
+        pos_horiz_accuracy=_UNKNOWN if boat.dead_reckoned is None else single(boat.dead_reckoned.sd_m, _UNKNOWN),
         pos_vert_accuracy=_UNKNOWN,
     )
 
@@ -145,7 +145,7 @@ def _flags(context: TelemetryContext) -> int:
     boat, fix = context.snapshot, fresh_fix(context)
     moving = fix is not None and fix.speed_over_ground_m_s is not None and fix.course_over_ground_rad is not None
     flags = (_ATTITUDE if boat.heading_ok else 0) | (0 if fix is None else _PLACE) | (_VELOCITY if moving else 0)
-    return flags | (0 if boat.reckoned is None else _RECKONED)
+    return flags | (0 if boat.dead_reckoned is None else _DEAD_RECKONED)
 
 
 def ekf_status_report(context: TelemetryContext) -> Message:

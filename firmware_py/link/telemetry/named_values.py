@@ -62,9 +62,9 @@ def reversals_per_h(context: TelemetryContext) -> float | None:
     return None if context.snapshot.energy is None else context.snapshot.energy.reversals_per_h
 
 
-def helm_softness(context: TelemetryContext) -> float | None:
+def gain_reduction(context: TelemetryContext) -> float | None:
     """Return by what factor the helm is softer than as delivered, because it oscillated."""
-    return context.snapshot.helm_softness
+    return context.snapshot.gain_reduction
 
 
 def servo_watt_hours(context: TelemetryContext) -> float | None:

@@ -98,7 +98,7 @@ TABLE: tuple[TelemetryRow, ...] = (
     _named("STO_MB", named_values.state_megabytes, 0.1, 0.01),
     _named("RUD_TRAVEL", named_values.travel_deg_per_h, 0.2, 0.02),
     _named("RUD_REVERS", named_values.reversals_per_h, 0.2, 0.02),
-    _named("HELM_SOFT", named_values.helm_softness, 0.2, 0.02),
+    _named("HELM_SOFT", named_values.gain_reduction, 0.2, 0.02),
     _named("RUD_WH", named_values.servo_watt_hours, 0.2, 0.02),
     _named("RUD_WATT", named_values.servo_watts, 0.2, 0.02),
     _named("SOLAR_W", named_values.solar_watts, 0.2, 0.02),

@@ -72,7 +72,7 @@ class Transport(Protocol):
         """Whether somebody on another computer can begin to speak here."""
 
     @property
-    def hindrance(self) -> str:
+    def blocked_reason(self) -> str:
         """Why nothing leaves now; empty for nothing."""
 
     def addresses(self) -> Sequence[Address]:

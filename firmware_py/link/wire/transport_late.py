@@ -58,9 +58,9 @@ class LateTransport:
         return self.opened is not None and self.opened.send(address, data)
 
     @property
-    def hindrance(self) -> str:
+    def blocked_reason(self) -> str:
         """Why nothing leaves now."""
-        return self.problem if self.opened is None else self.opened.hindrance
+        return self.problem if self.opened is None else self.opened.blocked_reason
 
     def addresses(self) -> Sequence[Address]:
         """Return who is served in any case."""

@@ -40,7 +40,7 @@ class SbdTransport:
 
     datagrams = False
     radio = True
-    hindrance = ""  # what there is stands in its satellite_status
+    blocked_reason = ""  # what there is stands in its satellite_status
     exposed = True  # to whoever may send messages to the modem
     byte_rate: float | None = _BYTE_RATE
 
@@ -161,7 +161,7 @@ class SbdTransport:
             sessions=counts.sessions,
             failed=counts.failed,
             last_status=driver.status,
-            hindrance=driver.hindrance,
+            blocked_reason=driver.blocked_reason,
             session_age_s=None if driver.session_s is None else now_s - driver.session_s,
             sent=counts.sent,
             sent_bytes=counts.sent_bytes,

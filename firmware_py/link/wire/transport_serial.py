@@ -41,7 +41,7 @@ class SerialTransport:
         return self._line.write(data)
 
     @property
-    def hindrance(self) -> str:
+    def blocked_reason(self) -> str:
         """Say when the line has vanished."""
         return "" if self._line.fileno() >= 0 else "the line is not there"
 

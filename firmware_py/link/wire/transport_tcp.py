@@ -94,7 +94,7 @@ class TcpServer:
 
     byte_rate: float | None = None
     datagrams = False
-    hindrance = ""
+    blocked_reason = ""
 
     def __init__(self, url: LinkUrl) -> None:
         """Open the port, or raise LinkError."""
@@ -182,7 +182,7 @@ class TcpClient:
 
     byte_rate: float | None = None
     datagrams = False
-    hindrance = ""
+    blocked_reason = ""
     exposed = False
 
     def __init__(self, url: LinkUrl) -> None:

@@ -90,7 +90,7 @@ class UdpTransport:
         self._heard = True  # the target, since it was looked up last
         self._look_s = -math.inf
         self.exposed = False
-        self.hindrance = ""  # why the system refused the last datagram to the target
+        self.blocked_reason = ""  # why the system refused the last datagram to the target
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         self._socket.setsockopt(socket.IPPROTO_IP, _IP_MTU_DISCOVER, _IP_PMTUDISC_DONT)
         if url.kind == "udpin":
@@ -135,10 +135,10 @@ class UdpTransport:
             return False
         except OSError as error:
             if address == self._target:
-                self.hindrance = os.strerror(error.errno or 0).lower()
+                self.blocked_reason = os.strerror(error.errno or 0).lower()
             return False
         if address == self._target:
-            self.hindrance = ""
+            self.blocked_reason = ""
         return True
 
     def addresses(self) -> Sequence[Address]:

@@ -47,7 +47,7 @@ class Worker:
         return self._wake_fd
 
     @property
-    def owes(self) -> bool:
+    def has_pending_jobs(self) -> bool:
         """Whether there are jobs whose results `poll` has not handed over."""
         return self._under_way > 0
 
@@ -78,8 +78,8 @@ class Worker:
         thread = self._thread
         if thread is None:
             return ()
-        owing = self._under_way > len(self._results)
-        return (Progress(THREAD, owing, self._done, _PATIENCE_S, thread.is_alive(), thread.native_id),)
+        has_work = self._under_way > len(self._results)
+        return (Progress(THREAD, has_work, self._done, _PATIENCE_S, thread.is_alive(), thread.native_id),)
 
     def close(self) -> None:
         """Finish what is queued and end the thread; gives up on a disk that hangs."""

@@ -253,7 +253,9 @@ class _Helm:
         """Take a tick."""
         target = SteeringTarget(snapshot.goal_heading_rad, snapshot.heading_error_rad)
         own = replace(state, rudder=replace(state.rudder, command_rad=self.command_rad), controller=self.controller)
-        demand_rad, self.controller = rudder_demand(settings, own, target, snapshot.helm_softness, snapshot.t_s, step_s)
+        demand_rad, self.controller = rudder_demand(
+            settings, own, target, snapshot.gain_reduction, snapshot.t_s, step_s
+        )
         before_rad = self.command_rad
         self.command_rad = limited_command(settings.rudder.limits, before_rad, demand_rad, step_s)
         self.travel_rad += abs(self.command_rad - before_rad)

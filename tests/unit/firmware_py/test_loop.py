@@ -103,7 +103,7 @@ class FakeRudder:
         angle_rad = 0.3 if self.stuck else command.shaft_rad
         self.feedback.append(RudderFeedback(now_s + 0.002, angle_rad))
 
-    def hurries(self):
+    def needs_prompt_io(self):
         return self.hurried > 0
 
     def receive(self, now_s):

@@ -121,7 +121,7 @@ def test_a_tick_is_one_write_and_one_answer_that_tells_whether_the_goal_was_take
     sail.rudder.command(RudderCommand(0.2, True), sail.now_s)
     assert servo.goal == 2048 + round(0.2 / COUNT_RAD)
     assert (len(line.written), servo.reads) == (1, [first])
-    assert not sail.rudder.hurries()  # the answer may wait for the next tick
+    assert not sail.rudder.needs_prompt_io()  # the answer may wait for the next tick
     sail.rudder.receive(sail.now_s + 0.099)
     (feedback,) = sail.rudder.poll()
     assert feedback.t_s == sail.now_s  # when it was asked, not when it was read
@@ -147,13 +147,13 @@ def test_a_servo_that_does_not_answer_for_all_at_once_is_asked_for_less(sail, se
 def test_an_answer_is_waited_for_while_something_is_to_follow_it(fakes, line, servo, baud, calm_ticks):
     line.baud = baud
     sail = fakes.sail(dynamixel_rudder(line, DynamixelOptions()))
-    assert not sail.rudder.hurries()  # nothing has been asked
+    assert not sail.rudder.needs_prompt_io()  # nothing has been asked
     sail.rudder.command(RudderCommand(0.0, True), 0.0)
     hurried = []
     for tick in range(40):
         sail.rudder.receive(sail.now_s)
         sail.rudder.command(RudderCommand(0.0, True), sail.now_s)
-        while sail.rudder.hurries():  # as the loop does: woken by the answer
+        while sail.rudder.needs_prompt_io():  # as the loop does: woken by the answer
             hurried.append(tick)
             sail.now_s += 0.001
             sail.rudder.receive(sail.now_s)
@@ -169,7 +169,7 @@ def test_an_answer_is_waited_for_while_something_is_to_follow_it(fakes, line, se
     servo.refuse[116] = 7
     sail.rudder.command(RudderCommand(0.1, True), sail.now_s)
     sail.rudder.receive(sail.now_s)
-    assert sail.rudder.hurries()  # why it was not taken is being read
+    assert sail.rudder.needs_prompt_io()  # why it was not taken is being read
 
 
 def test_half_duplex_never_two_frames_without_an_answer(fakes, servo):
@@ -553,7 +553,7 @@ def test_a_servo_that_refuses_the_mode_is_faulty_until_it_does_not(sail, servo):
     sail.ticks(20)
     assert sail.health().state is DeviceState.RUNNING
     assert sail.health().text.startswith("model")
-    assert not sail.rudder.hurries()
+    assert not sail.rudder.needs_prompt_io()
 
 
 def test_a_setting_without_effect_does_not_wear_out_the_eeprom(sail, servo):

@@ -19,7 +19,7 @@ STEP_S = 0.005
 
 
 class LateSail:
-    """Ticks a driver as the loop does: between the ticks it is woken by bytes, and only while it hurries.
+    """Ticks a driver as the loop does: between the ticks it is woken by bytes, and only while it needs_prompt_io.
 
     Each tick commands another angle; `angles` keeps it by the time at which it was sent.
     """
@@ -40,7 +40,7 @@ class LateSail:
         feedback = list(self.rudder.poll())
         for step in range(1, round(self.period_s / STEP_S)):
             self.line.now_s = self.now_s + step * STEP_S
-            if self.rudder.hurries():
+            if self.rudder.needs_prompt_io():
                 self.rudder.receive(self.line.now_s)
         self.states.append(self.rudder.health(self.now_s).state)
         self.now_s = round(self.now_s + self.period_s, 9)

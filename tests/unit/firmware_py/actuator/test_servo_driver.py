@@ -60,7 +60,7 @@ class PlainServo:
     def note_silence(self):
         self.silences += 1
 
-    def hurries(self):
+    def needs_prompt_io(self):
         return self.due is not None
 
     def answers(self, reply, request):
@@ -143,15 +143,15 @@ def test_a_reply_that_may_be_a_later_one_is_taken_for_the_older_and_the_bus_is_f
 
 def test_a_reply_is_waited_for_only_when_something_waits_for_the_bus(line, driver, servo):
     servo.due = Question(b"later")
-    assert not driver.hurries()  # nothing is awaited
+    assert not driver.needs_prompt_io()  # nothing is awaited
     servo.due = None
     driver.command(RudderCommand(0.1, torque_on=True), 1.0)
-    assert not driver.hurries()
+    assert not driver.needs_prompt_io()
     driver.command(RudderCommand(0.2, torque_on=True), 1.01)
-    assert driver.hurries()
+    assert driver.needs_prompt_io()
     reply(line, driver, b"0.1", 1.012)
     assert line.written == [b"0.1", b"0.2"]
-    assert not driver.hurries()
+    assert not driver.needs_prompt_io()
 
 
 def test_a_goal_that_is_not_finite_is_refused_and_the_last_one_kept(line, driver, servo):

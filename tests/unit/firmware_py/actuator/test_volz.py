@@ -82,11 +82,11 @@ def test_the_reply_to_the_position_is_waited_for_and_that_to_the_reading_is_not(
     line = fakes.line()
     rudder = volz_rudder(line, VolzOptions())
     rudder.command(RudderCommand(0.1, True), 1.0)
-    assert rudder.hurries()
+    assert rudder.needs_prompt_io()
     line.inbox += servo.handle(line.written[-1])
     rudder.receive(1.002)
     assert len(line.written) == 2
-    assert not rudder.hurries()
+    assert not rudder.needs_prompt_io()
 
 
 def test_silence_and_return(sail, servo):

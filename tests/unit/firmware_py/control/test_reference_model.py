@@ -14,13 +14,13 @@ def ship_at(speed_m_s, bias_rad=0.0):
     return Ship(model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, LIMIT_RAD, bias_rad)
 
 
-def turned(ship, step_deg, seconds, step_s=0.1, softness=1.0):
+def turned(ship, step_deg, seconds, step_s=0.1, gain_reduction=1.0):
     """The reference of a boat that follows it exactly: headings and rudders."""
     reference, goal = Reference(0.0, 0.0), math.radians(step_deg)
     headings, rudders, unwrapped = [], [], 0.0
     for _ in range(round(seconds / step_s)):
         before = reference.heading_rad
-        reference = advance_reference(ship, reference, goal - unwrapped, reference.heading_rad, step_s, softness)
+        reference = advance_reference(ship, reference, goal - unwrapped, reference.heading_rad, step_s, gain_reduction)
         unwrapped += wrap_pi(reference.heading_rad - before)
         headings.append(unwrapped)
         rudders.append(reference.feedforward_rad + ship.bias_rad)
@@ -45,15 +45,15 @@ def test_it_is_fast_enough_in_the_tank():
     assert 0.1 * near < 43.5
 
 
-@pytest.mark.parametrize("softness", [2.0, 4.0, 8.0])
-def test_softened_it_turns_with_less_rudder_and_comes_to_the_goal(softness):
-    """In the time that each 1 of softness beyond the first stands for it turns by LEAD_RAD at most."""
+@pytest.mark.parametrize("gain_reduction", [2.0, 4.0, 8.0])
+def test_softened_it_turns_with_less_rudder_and_comes_to_the_goal(gain_reduction):
+    """In the time that each 1 of gain reduction beyond the first stands for it turns by LEAD_RAD at most."""
     ship = ship_at(0.4)
-    headings, rudders = turned(ship, 100.0, 400.0, softness=softness)
+    headings, rudders = turned(ship, 100.0, 400.0, gain_reduction=gain_reduction)
     assert headings[-1] == pytest.approx(math.radians(100.0), abs=math.radians(0.5))
     steady_rad_s = ship.turning_ability_1_s * max(rudders)
     assert steady_rad_s == pytest.approx(
-        min(LEAD_RAD / ((softness - 1.0) * REDUCED_TURN_S), ship.turning_ability_1_s * LIMIT_RAD), rel=1e-9
+        min(LEAD_RAD / ((gain_reduction - 1.0) * REDUCED_TURN_S), ship.turning_ability_1_s * LIMIT_RAD), rel=1e-9
     )
 
 

@@ -64,7 +64,7 @@ def test_a_softer_helm_asks_for_less_rudder_in_a_narrower_band_about_the_same_tr
     assert reduced_band_rad <= full_band_rad
 
 
-def turned(softness, late_s=0.0, slower=1.0, seconds=300.0):
+def turned(gain_reduction, late_s=0.0, slower=1.0, seconds=300.0):
     """Turn a boat as the model says by 100 deg, late by late_s and with a lag so many times longer: headings [deg]."""
     heading_rad = rate_rad_s = command_rad = 0.0
     late, headings, state = [0.0] * round(10.0 * late_s), [], IDLE
@@ -72,7 +72,7 @@ def turned(softness, late_s=0.0, slower=1.0, seconds=300.0):
     for _ in range(round(10.0 * seconds)):
         known = ESTIMATE._replace(heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s, bias_rad=0.0, bias_mean_rad=0.0)
         error_rad = math.radians(100.0) - heading_rad
-        state, command_rad = law.steer(SETTINGS, state, known, error_rad, command_rad, 0.1, softness)
+        state, command_rad = law.steer(SETTINGS, state, known, error_rad, command_rad, 0.1, gain_reduction)
         late.append(command_rad)
         rate_rad_s += 0.1 * (k * late.pop(0) - rate_rad_s) / (slower * lag_s)
         heading_rad += 0.1 * rate_rad_s
@@ -81,7 +81,7 @@ def turned(softness, late_s=0.0, slower=1.0, seconds=300.0):
 
 
 def test_a_softened_helm_makes_a_turn_in_twice_the_time_of_a_stiff_one():
-    """With the rudder fed forward divided by the softness, it took five times as long."""
+    """With the rudder fed forward divided by the gain reduction, it took five times as long."""
     soft, stiff = turned(8.0), turned(1.0)
     assert sum(heading < 95.0 for heading in soft) <= 2.2 * sum(heading < 95.0 for heading in stiff)
     assert max(soft) < 102.0

@@ -46,16 +46,18 @@ def test_the_helm_bears_five_seconds_of_delay_at_any_speed_price_and_knowledge(t
 
 @given(speeds, corrections, prices, st.floats(1.01, 8.0))
 def test_a_softened_helm_bears_as_many_times_the_delay_and_is_no_softer_than_that_takes(
-    times, correction, price, softness
+    times, correction, price, gain_reduction
 ):
-    """Divided by the softness, the stiffness in a calm let each degree of trim cost four of heading."""
+    """Divided by the gain reduction, the stiffness in a calm let each degree of trim cost four of heading."""
     ship = at(times)
     stiff, found_1_s = proportional_gain(ship, correction, price), ship.turning_ability_1_s
-    soft = reduced_gain(stiff, softness, found_1_s, SHIP.turning_ability_1_s)
-    assert soft == stiff or soft >= DELIVERED.crossover_rad_s / (softness * max(found_1_s, SHIP.turning_ability_1_s))
+    soft = reduced_gain(stiff, gain_reduction, found_1_s, SHIP.turning_ability_1_s)
+    assert soft == stiff or soft >= DELIVERED.crossover_rad_s / (
+        gain_reduction * max(found_1_s, SHIP.turning_ability_1_s)
+    )
     # Of the boat as she was told, too: an estimate that swings with her may have lost most of her speed.
-    assert delay_margin_s(ship, soft) > 5.0 * softness
-    assert delay_margin_s(SHIP, soft) > 5.0 * softness
+    assert delay_margin_s(ship, soft) > 5.0 * gain_reduction
+    assert delay_margin_s(SHIP, soft) > 5.0 * gain_reduction
 
 
 def test_the_helm_is_stiffer_where_the_ship_is_slower_and_more_is_seen_and_softer_where_travel_is_dear():

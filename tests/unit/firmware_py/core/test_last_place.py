@@ -15,15 +15,15 @@ from firmware_py.core.last_place import STEP_M, LastPlace
 from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
 from firmware_py.core.resume_keeper import FINE_INTERVAL_S, REFRESH_S, ResumeKeeper
 from firmware_py.core.state import State
-from firmware_py.estimate import reckoning, water_results
+from firmware_py.estimate import dead_reckoning, water_results
+from firmware_py.estimate.dead_reckoning import ANYWHERE_M, DeadReckoning
 from firmware_py.estimate.position import PositionState, unfixed_s
-from firmware_py.estimate.reckoning import ANYWHERE_M, Reckoning
 from firmware_py.estimate.water import Expected
 from firmware_py.modes import ModeState
 
 UTC_S = 1.8e9
-WATER = Reckoning(
-    water_results.Reckoning(0.1, -0.05, 0.5, 0.0, (1e-4,) * 10, cosine_s=30.0, sine_s=20.0, blind_m=5.0), -40.0
+WATER = DeadReckoning(
+    water_results.DeadReckoning(0.1, -0.05, 0.5, 0.0, (1e-4,) * 10, cosine_s=30.0, sine_s=20.0, blind_m=5.0), -40.0
 )
 LAST = LastPlace(0.6, 2.0, WATER)
 THEN = Moment(UTC_S, "a", 500.0)
@@ -35,15 +35,15 @@ def at_sea(place):
     return replace(state, modes=ModeState(Mode.LOITER, armed=True), position=place)
 
 
-def reckoned(t_s=100.0, begun_s=60.0):
-    return PositionState(t_s, 0.6, 2.0, reckoning=replace(WATER, begun_s=begun_s))
+def dead_reckoned(t_s=100.0, begun_s=60.0):
+    return PositionState(t_s, 0.6, 2.0, dead_reckoning=replace(WATER, begun_s=begun_s))
 
 
 def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
-    text = to_bytes(resume_of(at_sea(reckoned()), THEN))
+    text = to_bytes(resume_of(at_sea(dead_reckoned()), THEN))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert notes == ()
-    assert last_place.counted_from(state.position, 7.0) == reckoned(7.0, -33.0)
+    assert last_place.counted_from(state.position, 7.0) == dead_reckoned(7.0, -33.0)
     assert unfixed_s(state.position) == 40.0
     assert state.heading_estimator.water.expected == Expected(0.1, -0.05, 0.5)  # not in steps of 0.1
 
@@ -51,8 +51,8 @@ def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
 def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_headed():
     state = last_place.restored(LAST, 20.0)
     assert HERE.offset_m(Place(state.latitude_rad, state.longitude_rad)) == pytest.approx((2.0, -1.0), abs=1e-6)
-    assert (state.reckoning.water.blind_m, unfixed_s(state)) == (5.0 + 20.0 * 0.5, 60.0)
-    sure_m, unsure_m = reckoning.spread_m(WATER, 60.0), reckoning.spread_m(state.reckoning, 60.0)
+    assert (state.dead_reckoning.water.blind_m, unfixed_s(state)) == (5.0 + 20.0 * 0.5, 60.0)
+    sure_m, unsure_m = dead_reckoning.spread_m(WATER, 60.0), dead_reckoning.spread_m(state.dead_reckoning, 60.0)
     assert unsure_m == pytest.approx(math.sqrt(sure_m**2 - 5.0**2 + 15.0**2))
 
 
@@ -60,9 +60,9 @@ def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_hea
     "utc_s", [UTC_S + 20.0, UTC_S - 86_400.0, UTC_S + 1e6, 0.0], ids=["right", "back", "on", "1970"]
 )
 def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
-    text = to_bytes(resume_of(at_sea(reckoned()), THEN))
+    text = to_bytes(resume_of(at_sea(dead_reckoned()), THEN))
     state, _ = restore(at_sea(PositionState()), text, Moment(utc_s, "a", 520.0))
-    assert (unfixed_s(state.position), state.position.reckoning.water.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
+    assert (unfixed_s(state.position), state.position.dead_reckoning.water.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
     assert state.greeting == "Resumed LOITER, 20 s old"
 
 
@@ -76,9 +76,9 @@ def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
     ids=["no power", "unknown", "impossible"],
 )
 def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(kept, now):
-    state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(reckoned()), kept)), now)
+    state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(dead_reckoned()), kept)), now)
     assert (state.position.latitude_rad, state.position.longitude_rad) == (0.6, 2.0)
-    assert reckoning.spread_m(state.position.reckoning, 40.0) >= ANYWHERE_M
+    assert dead_reckoning.spread_m(state.position.dead_reckoning, 40.0) >= ANYWHERE_M
     assert state.greeting == "Resumed LOITER, 20 s old"  # as far as the calendar knows
 
 
@@ -87,11 +87,11 @@ def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(kept, now):
     [
         replace(LAST, latitude_rad=1.6),
         replace(LAST, longitude_rad=-3.2),
-        replace(LAST, reckoning=replace(WATER, begun_s=1.0)),
+        replace(LAST, dead_reckoning=replace(WATER, begun_s=1.0)),
     ],
 )
 def test_a_place_that_cannot_be_is_left_out_and_said(broken):
-    text = to_bytes(replace(resume_of(at_sea(reckoned()), THEN), place=broken))
+    text = to_bytes(replace(resume_of(at_sea(dead_reckoned()), THEN), place=broken))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert state.position == PositionState()
     assert notes == ("Resume.place left out: no place that can be, or no water",)
@@ -111,16 +111,16 @@ def test_a_place_without_a_heading_is_kept_with_the_expected_water():
 
 def test_a_record_of_water_without_its_covariance_is_as_uncertain_as_unknown_water():
     number = struct.pack(">Bd", 0xCB, 1e-4)  # MessagePack: ten of them become nine
-    text = to_bytes(resume_of(at_sea(reckoned()), THEN)).replace(b"covariance\x9a" + number, b"covariance\x99")
+    text = to_bytes(resume_of(at_sea(dead_reckoned()), THEN)).replace(b"covariance\x9a" + number, b"covariance\x99")
     state, notes = restore(at_sea(PositionState()), text, THEN)
-    assert state.position.reckoning.water.covariance == water_results.UNKNOWN_WATER
+    assert state.position.dead_reckoning.water.covariance == water_results.UNKNOWN_WATER
     assert len(notes) == 1
     assert "covariance" in notes[0]
 
 
 def with_water(current_m_s, speed_m_s):
     water = WATER.water._replace(current_north_m_s=-current_m_s, current_east_m_s=0.0, speed_m_s=speed_m_s)
-    return at_sea(replace(reckoned(), reckoning=replace(WATER, water=water)))
+    return at_sea(replace(dead_reckoned(), dead_reckoning=replace(WATER, water=water)))
 
 
 @pytest.mark.parametrize(("current_m_s", "speed_m_s"), [(0.0, 0.0), (0.1, 0.4), (0.5, 0.5), (1.5, 1.0)])

@@ -8,10 +8,10 @@ from msgspec.structs import replace
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate import water_results
+from firmware_py.estimate.dead_reckoning import DeadReckoning
 from firmware_py.estimate.position import PositionState, leap_m, off_m, predict, update
-from firmware_py.estimate.reckoning import Reckoning
 
-RECKONING = Reckoning(water_results.Reckoning(0.0, 0.0, 0.5, 0.0, (0.0,) * 10), 0.0)
+DEAD_RECKONING = DeadReckoning(water_results.DeadReckoning(0.0, 0.0, 0.5, 0.0, (0.0,) * 10), 0.0)
 
 
 def fix(t_s, north_m=0.0, kind=FixType.FIX_3D):
@@ -50,9 +50,9 @@ def test_between_fixes_it_goes_with_her_and_begins_anew_at_a_fix_after_a_minute_
 @pytest.mark.parametrize("silent_s", [30.0, 7200.0])
 def test_a_fix_ends_the_reckoning(silent_s):
     state, _ = told(fix(0.0))
-    state = predict(replace(state, reckoning=RECKONING), silent_s, (0.0, 0.0))
-    assert state.reckoning is RECKONING
-    assert update(state, fix(silent_s), 60.0)[0].reckoning is None
+    state = predict(replace(state, dead_reckoning=DEAD_RECKONING), silent_s, (0.0, 0.0))
+    assert state.dead_reckoning is DEAD_RECKONING
+    assert update(state, fix(silent_s), 60.0)[0].dead_reckoning is None
 
 
 def test_a_jump_is_held_back_and_forgotten_when_it_goes():

@@ -22,12 +22,12 @@ from firmware_py.estimate.water_filter import (
 from firmware_py.estimate.water_results import (
     PATIENCE_S,
     CurrentVerdict,
-    begin_reckoning,
+    begin_dead_reckoning,
     current_excess,
+    dead_reckoning_sd,
     heading_from_track,
     judge_current,
     over_ground,
-    reckoning_sd,
     sailed,
 )
 from hil.lab.compiled import compiled
@@ -241,14 +241,14 @@ def test_the_reckoned_position_errs_as_it_claims():
     off_in_sds = []
     for seed in range(5):
         boat = Boat(0.5, (0.15, -0.1), 0.1, seed, 0.1).square(4, step_s=10.0, fix_s=10.0)
-        reckoning, begun_m = begin_reckoning(boat.state, boat.t_s), list(boat.place_m)
+        dead_reckoning, begun_m = begin_dead_reckoning(boat.state, boat.t_s), list(boat.place_m)
         north_m = east_m = 0.0
         for heading_rad in (0.0, 1.0, 2.5):
             boat.sail(heading_rad, 600.0, fix_s=1e9)
             for _ in range(60):
-                reckoning, north_m_s, east_m_s = sailed(reckoning, heading_rad, 10.0)
+                dead_reckoning, north_m_s, east_m_s = sailed(dead_reckoning, heading_rad, 10.0)
                 north_m, east_m = north_m + 10.0 * north_m_s, east_m + 10.0 * east_m_s
-        sd_m = reckoning_sd(reckoning, 1800.0)
+        sd_m = dead_reckoning_sd(dead_reckoning, 1800.0)
         assert 5.0 < sd_m < 250.0
         off_in_sds += [(begun_m[i] + (north_m, east_m)[i] - boat.place_m[i]) / sd_m for i in (0, 1)]
     assert np.mean(np.square(off_in_sds)) < 1.5
@@ -256,10 +256,10 @@ def test_the_reckoned_position_errs_as_it_claims():
 
 def test_reckoning_without_a_heading_goes_with_the_current_and_counts_the_way_as_unknown():
     boat = Boat(0.5, (0.15, -0.1)).square(4)
-    reckoning = begin_reckoning(boat.state, boat.t_s)
-    blind, north_m_s, east_m_s = sailed(reckoning, math.nan, 600.0)
-    assert (north_m_s, east_m_s) == (reckoning.current_north_m_s, reckoning.current_east_m_s)
-    assert reckoning_sd(blind, 600.0) > 0.9 * 600.0 * 0.5
+    dead_reckoning = begin_dead_reckoning(boat.state, boat.t_s)
+    blind, north_m_s, east_m_s = sailed(dead_reckoning, math.nan, 600.0)
+    assert (north_m_s, east_m_s) == (dead_reckoning.current_north_m_s, dead_reckoning.current_east_m_s)
+    assert dead_reckoning_sd(blind, 600.0) > 0.9 * 600.0 * 0.5
 
 
 def test_the_track_gives_the_heading_with_an_honest_spread():
@@ -307,10 +307,10 @@ def test_no_input_makes_the_state_infinite(steps):
         state = correct(state, t_s if math.isfinite(step_s) else step_s, north_m, east_m)
         water = water_of(state, t_s)
         verdict = judge_current(verdict, state, water, t_s)
-        reckoning, _, _ = sailed(begin_reckoning(state, t_s), heading_rad, 10.0)
+        dead_reckoning, _, _ = sailed(begin_dead_reckoning(state, t_s), heading_rad, 10.0)
         assert all(map(math.isfinite, flat((state.means, state.covariances, state.levels, state.information))))
         assert all(map(math.isfinite, flat(water)))
-        assert math.isfinite(reckoning_sd(reckoning, 10.0))
+        assert math.isfinite(dead_reckoning_sd(dead_reckoning, 10.0))
         heading_from_track(state, t_s, north_m, east_m, step_s)
 
 
@@ -328,15 +328,15 @@ def follow(heading_rad, north_m, east_m, out):
         water = water_filter.water_of(state, t_s)
         verdict = water_results.judge_current(verdict, state, water, t_s)
         north_m_s, east_m_s = water_results.over_ground(water, heading_rad[number])
-        reckoning, _, reckoned_m_s = water_results.sailed(
-            water_results.begin_reckoning(state, t_s), heading_rad[number], 100.0
+        dead_reckoning, _, dead_reckoned_m_s = water_results.sailed(
+            water_results.begin_dead_reckoning(state, t_s), heading_rad[number], 100.0
         )
         found_rad, sd_rad = water_results.heading_from_track(state, t_s, 10.0 * north_m_s, 10.0 * east_m_s, 10.0)
         row = out[number]
         row[0], row[1], row[2], row[3] = water.speed_m_s, water.current_sd_m_s, water.leeway_rad, water.leeway_sd_rad
         row[4], row[5], row[6], row[7] = verdict.against_s, verdict.too_strong, north_m_s, east_m_s
-        row[8], row[9], row[10] = water_results.reckoning_sd(reckoning, 100.0), found_rad, sd_rad
-        row[11], row[12], row[13] = reckoned_m_s, state.levels[0], state.levels[1]
+        row[8], row[9], row[10] = water_results.dead_reckoning_sd(dead_reckoning, 100.0), found_rad, sd_rad
+        row[11], row[12], row[13] = dead_reckoned_m_s, state.levels[0], state.levels[1]
         row[14], row[15] = state.levels[2], state.levels[3]
 
 

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from firmware_py.common.reports import Activity
 from firmware_py.guidance import task_follower
-from firmware_py.guidance.guidance_reports import reckoning_events
+from firmware_py.guidance.guidance_reports import dead_reckoning_events
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import GoTo, HoldStation, Orbit, VesselMotion
 
@@ -23,7 +23,7 @@ def way(origin, tight):
     """The way to a place FAR_M north, and what guidance makes of where she is on it."""
 
     class Way:
-        settings = replace(tight, reckon_m=500.0)
+        settings = replace(tight, dead_reckoning_limit_m=500.0)
         task = GoTo(origin.at_offset(FAR_M, 0.0), origin, 20.0, 100.0)
         state = TaskFollowerState()
         status = None
@@ -33,7 +33,7 @@ def way(origin, tight):
             motion = VesselMotion(origin.at_offset(north_m, 0.0), heading_rad, 0.4, 0.0, 0.0, spread_m=spread_m)
             before = self.state
             self.state, self.status = task_follower.update(self.settings, before, task or self.task, motion, 1.0)
-            self.told = [event.text for event in reckoning_events(before, self.state, begins=False)]
+            self.told = [event.text for event in dead_reckoning_events(before, self.state, begins=False)]
             return self
 
         @property

@@ -80,7 +80,11 @@ def test_the_last_drop_in_by_name_counts_and_one_of_the_administrator_hides_one_
 def test_a_drop_in_that_no_trial_would_fit_is_told_and_what_it_runs(place, command, told):
     (place / "a.service.d/override.conf").write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
     found = installation_of(place / "a.service")
-    assert (str(found.state) in command, told in found.hindrance, bool(found.hindrance)) == (True, True, bool(told))
+    assert (str(found.state) in command, told in found.blocked_reason, bool(found.blocked_reason)) == (
+        True,
+        True,
+        bool(told),
+    )
 
 
 @pytest.mark.parametrize(

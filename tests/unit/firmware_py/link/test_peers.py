@@ -386,14 +386,14 @@ def test_whoever_listens_unheard_is_told_of_arming_checks_before_each_heartbeat(
 def test_a_link_by_which_nothing_leaves_is_told_once_to_those_on_others(rig, texts):
     rig.tick()
     told = []
-    for hindrance in ("network is unreachable", "", "network is unreachable"):
-        rig.transport.hindrance = hindrance
+    for blocked_reason in ("network is unreachable", "", "network is unreachable"):
+        rig.transport.blocked_reason = blocked_reason
         told += texts(rig.ticks(50))
-        assert rig.endpoint.status(rig.now_s)[0].hindrance == hindrance
+        assert rig.endpoint.status(rig.now_s)[0].blocked_reason == blocked_reason
     assert told == []  # for five seconds at a time
     told = texts(rig.ticks(600))
     assert told == ["Nothing leaves by memory: network is unreachable"]
-    rig.transport.hindrance = ""
+    rig.transport.blocked_reason = ""
     rig.tick()
-    rig.transport.hindrance = "no buffer space available"
+    rig.transport.blocked_reason = "no buffer space available"
     assert texts(rig.ticks(200)) == ["Nothing leaves by memory: no buffer space available"]

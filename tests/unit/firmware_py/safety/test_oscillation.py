@@ -119,9 +119,9 @@ def test_a_goal_that_jumps_to_and_fro_is_no_limit_cycle():
 def test_it_ends_with_the_oscillation_and_the_gain_rises_over_tens_of_minutes():
     watch = Watch().see(50.0, swings(5.0, 30.0)).see(60.0, lambda _t_s: 0.1)
     assert [oscillates for _, oscillates in watch.reports] == [True, False]
-    softness = watch.state.gain_reduction
-    assert softness == REDUCTION_STEP
-    assert watch.see(HOLD_S - 120.0, lambda _t_s: 0.1).state.gain_reduction == softness
+    gain_reduction = watch.state.gain_reduction
+    assert gain_reduction == REDUCTION_STEP
+    assert watch.see(HOLD_S - 120.0, lambda _t_s: 0.1).state.gain_reduction == gain_reduction
     assert 2.0 < watch.see(1320.0, lambda _t_s: 0.1).state.gain_reduction < 3.0
     assert watch.see(1320.0, lambda _t_s: 0.1).state.gain_reduction == 1.0
 

@@ -23,7 +23,16 @@ from firmware_py.common.records import (
     Severity,
     Tick,
 )
-from firmware_py.common.reports import Energy, Flow, Home, MissionReport, Navigation, Power, Reckoned, SwingReport
+from firmware_py.common.reports import (
+    DeadReckonedPosition,
+    Energy,
+    Flow,
+    Home,
+    MissionReport,
+    Navigation,
+    Power,
+    SwingReport,
+)
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
@@ -62,7 +71,7 @@ class Boat:
                 devices=self.devices,
                 links=lambda _now_s: (
                     LinkStatus("udpin:0.0.0.0:14550", "fast", (peer,)),
-                    LinkStatus("x", "radio", (), hindrance="the line is not there"),
+                    LinkStatus("x", "radio", (), blocked_reason="the line is not there"),
                 ),
                 faults=lambda: self.latch,
                 starts=lambda: 7,
@@ -135,7 +144,9 @@ def test_where_she_is_going_and_what_home_is_stand_beside_it(boat):
 
 def test_a_reckoned_place_is_no_fix_and_stands_with_its_uncertainty(boat):
     assert "reckoned_sd_m" not in boat.status()["position"]
-    told = boat.status(12.0, position_ok=False, reckoned=Reckoned(0.1, 0.2, 0.3, 0.0, 250.4, 3600.2))["position"]
+    told = boat.status(12.0, position_ok=False, dead_reckoned=DeadReckonedPosition(0.1, 0.2, 0.3, 0.0, 250.4, 3600.2))[
+        "position"
+    ]
     assert (told["ok"], told["reckoned_lat_deg"], told["reckoned_lon_deg"]) == (False, 5.72958, 11.45916)
     assert (told["reckoned_sd_m"], told["reckoned_s"]) == (250.0, 3600.0)
 

@@ -72,9 +72,9 @@ def test_a_line_without_room_loses_whole_sentences_and_counts_that():
         output.publish(scene, 1.0)
         assert line.written == [b"$HCHDT,57.3,T*18\r\n"]
         assert output.status(0.0).peers[0].dropped == 1
-        assert output.status(0.0).hindrance == ""
+        assert output.status(0.0).blocked_reason == ""
         line.connected = False
-        assert output.status(0.0).hindrance == "the line is not there"
+        assert output.status(0.0).blocked_reason == "the line is not there"
 
 
 @pytest.mark.parametrize(

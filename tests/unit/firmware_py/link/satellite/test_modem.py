@@ -163,7 +163,7 @@ def test_a_message_damaged_on_the_line_is_read_again_after_the_set_up():
 )
 def test_a_satellite_that_is_not_reached_for_half_an_hour_is_told_once_and_why(words, signal, reason):
     modem = report(ScriptedModem(words, signal=signal)).run(1700)
-    assert modem.driver.hindrance == reason
+    assert modem.driver.blocked_reason == reason
     assert modem.events == []
     modem.run(6000)
     assert [(event.severity, event.text) for event in modem.events] == [
@@ -172,17 +172,17 @@ def test_a_satellite_that_is_not_reached_for_half_an_hour_is_told_once_and_why(w
     modem.sessions, modem.signal = deque(["0, 1, 0, 0, 0, 0"]), 5
     modem.run(600)
     assert modem.texts[1:] == ["Satellite is reached again"]
-    assert modem.driver.hindrance == ""
+    assert modem.driver.blocked_reason == ""
 
 
 def test_what_waits_for_credits_and_a_ring_that_nobody_can_pay_for_are_seen():
     modem = ScriptedModem("0, 1, 0, 0, 0, 0")
     modem.driver.ledger = Ledger(day=20717, month=680, day_used=50, month_used=50, total=50)
     modem.run(10)
-    assert modem.driver.hindrance == ""
+    assert modem.driver.blocked_reason == ""
     modem.say(b"\r\nSBDRING\r\n")
     modem.run(60)
-    assert (modem.calls, modem.driver.hindrance) == ([], "credits used up")
+    assert (modem.calls, modem.driver.blocked_reason) == ([], "credits used up")
     report(modem).run(60)
-    assert (modem.calls, modem.driver.hindrance) == ([], "credits used up")
+    assert (modem.calls, modem.driver.blocked_reason) == ([], "credits used up")
     assert modem.texts == ["Satellite credits used up: 50 today, 50 this month"]

@@ -103,18 +103,18 @@ def test_what_the_system_refuses_has_not_left_and_is_told_until_something_does(o
     (target,) = transport.addresses()
     transport._socket = NoWay(transport._socket, number)
     assert not transport.send(target, b"lost")
-    assert transport.hindrance == os.strerror(number).lower()
+    assert transport.blocked_reason == os.strerror(number).lower()
     transport._socket.number = 0
     assert transport.send(target, b"hello")
     assert station.recvfrom(100)[0] == b"hello"
-    assert transport.hindrance == ""
+    assert transport.blocked_reason == ""
 
 
 def test_that_a_stranger_cannot_be_reached_says_nothing_of_the_link(opened):
     transport = opened(f"udpin:127.0.0.1:{free_port()}")
     transport._socket = NoWay(transport._socket, errno.EACCES)
     assert not transport.send(("127.0.0.1", 9), b"lost")
-    assert transport.hindrance == ""
+    assert transport.blocked_reason == ""
 
 
 def test_nobody_listening_harms_nothing(opened):

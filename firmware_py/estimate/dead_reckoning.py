@@ -19,26 +19,26 @@ ANYWHERE_M: Final = 1e5  # a position as uncertain as this is of no use
 Velocity = tuple[float, float]  # north and east, m/s
 
 
-class Reckoning(msgspec.Struct, frozen=True):
+class DeadReckoning(msgspec.Struct, frozen=True):
     """The water when fixes ceased, at begun_s, and the way since."""
 
-    water: water_results.Reckoning
+    water: water_results.DeadReckoning
     begun_s: float
 
 
-def begin(water: WaterState, begun_s: float) -> Reckoning:
+def begin(water: WaterState, begun_s: float) -> DeadReckoning:
     """Return the reckoning that begins with the water that was steered by."""
-    reckoning = water_results.begin_reckoning(water.filter, begun_s)
+    dead_reckoning = water_results.begin_dead_reckoning(water.filter, begun_s)
     if not math.isnan(water.slow_t_s):
-        reckoning = reckoning._replace(
+        dead_reckoning = dead_reckoning._replace(
             current_north_m_s=water.slow.north_m_s,
             current_east_m_s=water.slow.east_m_s,
             speed_m_s=water.slow.speed_m_s,
         )
-    return Reckoning(reckoning, begun_s)
+    return DeadReckoning(dead_reckoning, begun_s)
 
 
-def gone_on(state: Reckoning, away_s: float | None) -> tuple[Reckoning, Velocity]:
+def gone_on(state: DeadReckoning, away_s: float | None) -> tuple[DeadReckoning, Velocity]:
     """Return the reckoning after a time without one, and how far the current carried the boat in it, in metres.
 
     The heading in it is not known. Nor is its length if `away_s` is None: then the boat may be anywhere.
@@ -48,10 +48,12 @@ def gone_on(state: Reckoning, away_s: float | None) -> tuple[Reckoning, Velocity
         return replace(state, water=water._replace(blind_m=water.blind_m + ANYWHERE_M)), (0.0, 0.0)
     gone = water._replace(blind_m=water.blind_m + away_s * math.hypot(water.speed_m_s, water.sideways_m_s))
     moved_m = (away_s * water.current_north_m_s, away_s * water.current_east_m_s)
-    return Reckoning(gone, state.begun_s - away_s), moved_m
+    return DeadReckoning(gone, state.begun_s - away_s), moved_m
 
 
-def sail(state: Reckoning, heading_rad: float | None, step_s: float, *, under_way: bool) -> tuple[Reckoning, Velocity]:
+def sail(
+    state: DeadReckoning, heading_rad: float | None, step_s: float, *, under_way: bool
+) -> tuple[DeadReckoning, Velocity]:
     """Return the reckoning after a step, and the velocity over ground in it.
 
     Without a heading the boat goes with the water; not `under_way`, as at anchor, it is taken to stay.
@@ -64,6 +66,6 @@ def sail(state: Reckoning, heading_rad: float | None, step_s: float, *, under_wa
     return replace(state, water=sailed), (north_m_s, east_m_s)
 
 
-def spread_m(state: Reckoning, lasted_s: float) -> float:
+def spread_m(state: DeadReckoning, lasted_s: float) -> float:
     """Return the standard deviation of the position, along the axis where it is largest."""
-    return water_results.reckoning_sd(state.water, lasted_s)
+    return water_results.dead_reckoning_sd(state.water, lasted_s)

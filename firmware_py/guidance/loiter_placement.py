@@ -26,7 +26,7 @@ WORTH = 0.3  # of the way that it is moved: at least so much room must be gained
 SAME_M = 1.0
 
 
-class Berth(msgspec.Struct, frozen=True):
+class LoiterPlacement(msgspec.Struct, frozen=True):
     """The circle for a task that a fence bounds, while `tries` places have been looked at; `found`: no more of them.
 
     `circle` is the best so far, `margin_m` the way from its centre to the fence with the checksum `identity`,
@@ -42,56 +42,60 @@ class Berth(msgspec.Struct, frozen=True):
     found: bool = False
 
 
-def held_m(settings: TaskSettings) -> float:
+def min_radius_m(settings: TaskSettings) -> float:
     """Return the radius of the smallest watch circle that she can hold in a current, metres."""
     return HELD_RADII * settings.turning_radius_m
 
 
-def swing_m(settings: TaskSettings) -> float:
+def overshoot_m(settings: TaskSettings) -> float:
     """Return how far out of a watch circle she may come, metres."""
     return SWING_RADII * settings.turning_radius_m
 
 
-def update(settings: TaskSettings, berth: Berth | None, task: HoldStation, plan: Plan | None) -> Berth | None:
+def update(
+    settings: TaskSettings, placement: LoiterPlacement | None, task: HoldStation, plan: Plan | None
+) -> LoiterPlacement | None:
     """Look at the next place for a watch circle; None where no fence is heeded. `plan` is the fence."""
     if plan is None or not plan.items:
         return None
-    if berth is None or berth.task != task or berth.identity != plan.identity:
+    if placement is None or placement.task != task or placement.identity != plan.identity:
         return _asked_for(settings, task, plan)
-    if berth.found:
-        return berth
-    if berth.tries == len(RINGS) * BEARINGS:
-        return replace(berth, circle=_shrunk(settings, berth), found=True)
-    ring, bearing = divmod(berth.tries, BEARINGS)
-    clear_m, bearing_rad = task.radius_m + swing_m(settings), bearing * TWO_PI / BEARINGS
-    length_m = RINGS[ring] * (clear_m - berth.asked_margin_m)
+    if placement.found:
+        return placement
+    if placement.tries == len(RINGS) * BEARINGS:
+        return replace(placement, circle=_shrunk(settings, placement), found=True)
+    ring, bearing = divmod(placement.tries, BEARINGS)
+    clear_m, bearing_rad = task.radius_m + overshoot_m(settings), bearing * TWO_PI / BEARINGS
+    length_m = RINGS[ring] * (clear_m - placement.asked_margin_m)
     way = length_m * math.cos(bearing_rad), length_m * math.sin(bearing_rad)
     place = task.centre.at_offset(*way)
     margin_m = fence.margin_m(plan, place)
-    berth = replace(berth, tries=berth.tries + 1)
-    gains = margin_m > max(berth.margin_m, berth.asked_margin_m + WORTH * length_m)
-    if gains and _is_open(plan, berth, way, margin_m):
-        berth = replace(berth, circle=HoldStation(place, task.radius_m), margin_m=margin_m)
-    return replace(berth, found=berth.margin_m >= clear_m)
+    placement = replace(placement, tries=placement.tries + 1)
+    gains = margin_m > max(placement.margin_m, placement.asked_margin_m + WORTH * length_m)
+    if gains and _is_open(plan, placement, way, margin_m):
+        placement = replace(placement, circle=HoldStation(place, task.radius_m), margin_m=margin_m)
+    return replace(placement, found=placement.margin_m >= clear_m)
 
 
-def _asked_for(settings: TaskSettings, task: HoldStation, plan: Plan) -> Berth:
+def _asked_for(settings: TaskSettings, task: HoldStation, plan: Plan) -> LoiterPlacement:
     """Begin with the place that was asked for; one as far outside the fence as that is not what this is for."""
-    margin_m, clear_m = fence.margin_m(plan, task.centre), task.radius_m + swing_m(settings)
-    return Berth(task, plan.identity, task, margin_m, margin_m, found=margin_m >= clear_m or margin_m < -clear_m)
+    margin_m, clear_m = fence.margin_m(plan, task.centre), task.radius_m + overshoot_m(settings)
+    return LoiterPlacement(
+        task, plan.identity, task, margin_m, margin_m, found=margin_m >= clear_m or margin_m < -clear_m
+    )
 
 
-def _is_open(plan: Plan, berth: Berth, way: tuple[float, float], margin_m: float) -> bool:
+def _is_open(plan: Plan, placement: LoiterPlacement, way: tuple[float, float], margin_m: float) -> bool:
     """Whether no fence lies on the way: none is nearer to its ends than their margins; between those one is tried."""
     length_m = math.hypot(*way)
-    from_m, to_m = abs(berth.asked_margin_m), length_m - margin_m
+    from_m, to_m = abs(placement.asked_margin_m), length_m - margin_m
     if to_m <= from_m + SAME_M:
         return True
     part = 0.5 * (from_m + to_m) / length_m
-    return fence.margin_m(plan, berth.task.centre.at_offset(part * way[0], part * way[1])) > 0.0
+    return fence.margin_m(plan, placement.task.centre.at_offset(part * way[0], part * way[1])) > 0.0
 
 
-def _shrunk(settings: TaskSettings, berth: Berth) -> HoldStation:
+def _shrunk(settings: TaskSettings, placement: LoiterPlacement) -> HoldStation:
     """Return the circle with the radius that there is room for, no smaller than she can hold."""
-    room_m = max(berth.margin_m - swing_m(settings), held_m(settings))
-    return replace(berth.circle, radius_m=min(berth.task.radius_m, room_m))
+    room_m = max(placement.margin_m - overshoot_m(settings), min_radius_m(settings))
+    return replace(placement.circle, radius_m=min(placement.task.radius_m, room_m))

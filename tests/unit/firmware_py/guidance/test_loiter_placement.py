@@ -8,7 +8,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Activity
-from firmware_py.guidance import berth
+from firmware_py.guidance import loiter_placement
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.guidance_reports import circle_events
 from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
@@ -51,7 +51,7 @@ def found(settings, task, items):
     """The berth that is settled upon."""
     place = None
     for _ in range(60):
-        place = berth.update(settings, place, task, plan(*items))
+        place = loiter_placement.update(settings, place, task, plan(*items))
         if place.found:
             return place
     raise AssertionError("looks for a place without end")
@@ -110,15 +110,15 @@ def test_it_is_not_moved_across_land(tight, north_m, east_m):
 
 def test_who_is_far_outside_stays_there_and_without_a_fence_nothing_moves(tight):
     assert found(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
-    assert berth.update(tight, None, at(0, 480), None) is None
-    assert berth.update(tight, None, at(0, 480), plan()) is None
+    assert loiter_placement.update(tight, None, at(0, 480), None) is None
+    assert loiter_placement.update(tight, None, at(0, 480), plan()) is None
 
 
 def test_another_task_or_another_fence_is_looked_at_anew(tight):
     place = found(tight, at(0, 480), SQUARE)
-    assert berth.update(tight, place, at(0, 480), plan(*SQUARE)) is place
-    assert berth.update(tight, place, at(0, 0), plan(*SQUARE)).circle == at(0, 0)
-    assert berth.update(tight, place, at(0, 480), plan(REEF)).circle == at(0, 480)
+    assert loiter_placement.update(tight, place, at(0, 480), plan(*SQUARE)) is place
+    assert loiter_placement.update(tight, place, at(0, 0), plan(*SQUARE)).circle == at(0, 0)
+    assert loiter_placement.update(tight, place, at(0, 480), plan(REEF)).circle == at(0, 480)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def told(settings, before, after):
 def keeping(task, place=None, activity=Activity.STATION):
     circle = task if place is None else place.circle
     status = TaskStatus(activity=activity, target=circle.centre, radius_m=circle.radius_m)
-    return GuidanceState(task=task, follower=TaskFollowerState(berth=place), status=status)
+    return GuidanceState(task=task, follower=TaskFollowerState(loiter_placement=place), status=status)
 
 
 def test_a_circle_that_she_cannot_hold_is_told_once(tight):
