@@ -136,7 +136,7 @@ def arming_obstacle(situation: Situation) -> str:
     if situation.heading_rad is None:
         return "no valid heading"
     if not situation.rudder_ok:
-        return "rudder servo does not answer"
+        return "rudder servo not responding"
     if situation.fence_breached:
         return "outside the fence"
     return situation.fault
@@ -226,7 +226,7 @@ def _set_bench(state: ModeState, intent: BenchRudder, situation: Situation, t_s:
     if state.armed:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: armed")
     if not situation.rudder_ok:
-        return state, Answer(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: rudder servo does not answer")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: rudder servo not responding")
     return replace(state, bench=intent.deflection, bench_until_s=t_s + intent.seconds), ACCEPTED
 
 

@@ -92,7 +92,7 @@ def _lasting_modes(state: State) -> ModeState:
     """Return mode and goal: those before a failsafe after which she goes on in any case."""
     supervisor = state.supervisor
     fault, before = supervisor.failsafe.fault, supervisor.goes_on_with(resume=bool(state.parameters["FS_RESUME"]))
-    if fault is None or before is None or not TABLE[fault].resumes:
+    if fault is None or before is None or not TABLE[fault].always_resumes:
         return state.modes
     return replace(state.modes, mode=before.mode, goal=before.goal, by_failsafe=before.by_failsafe)
 

@@ -25,7 +25,7 @@ from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, Hea
 from firmware_py.estimate.place_and_velocity import AgreementState
 from firmware_py.estimate.position import PositionSettings, PositionState
 from firmware_py.estimate.sources import Source
-from firmware_py.faults.latch import LatchState, arming_obstacle
+from firmware_py.faults.latch import LatchState, arming_refusal
 from firmware_py.guidance import guidance, step_aside
 from firmware_py.guidance.guidance import GuidanceSettings, GuidanceState
 from firmware_py.guidance.step_aside import AsideSettings, AsideState
@@ -162,7 +162,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
         mission_ok=bool(state.plans.mission.items),
         home_ok=state.home is not None or bool(state.plans.rally.items),
         fence_breached=margin_m is not None and margin_m < 0.0,
-        fault=arming_obstacle(state.fault_latch.active),
+        fault=arming_refusal(state.fault_latch.active),
     )
 
 

@@ -1,4 +1,4 @@
-"""The names of the faults."""
+"""Names of the faults."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Fault(IntEnum):
-    """The faults; the number of each is its bit in Snapshot.faults, logs and telemetry."""
+    """Fault; its number is its bit in Snapshot.faults, logs and telemetry."""
 
     COMPASS_LOST = 0
     POSITION_LOST = 1

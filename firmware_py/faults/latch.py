@@ -1,4 +1,4 @@
-"""Judges the faults of the table from conditions and time: debounce, set, clear, tell."""
+"""Set and clear the faults of the table: debounce time, clear time and events."""
 
 from __future__ import annotations
 
@@ -10,42 +10,45 @@ from firmware_py.common.records import Event, Severity
 from firmware_py.faults.row import FaultInput
 from firmware_py.faults.table import TABLE, Fault
 
-_CONDITIONS = tuple(row.stands for row in TABLE.values())
+_CONDITIONS = tuple(row.is_present for row in TABLE.values())
 
 
 class LatchState(msgspec.Struct, frozen=True):
-    """Since when each condition stands (None: it does not), when it last stood, and the faults set, as bits."""
+    """Since when each condition has been present (None: not present), when it last was, and the faults, as bits."""
 
     since_s: tuple[float | None, ...] = (None,) * len(TABLE)
     stood_s: tuple[float | None, ...] = (None,) * len(TABLE)
     active: int = 0
 
     def is_set(self, fault: Fault) -> bool:
-        """Whether a fault is set."""
+        """Return whether a fault is set."""
         return bool(self.active >> fault & 1)
 
 
-WELL = LatchState()
+NO_FAULTS = LatchState()
 
 
 def judge_conditions(tick: FaultInput) -> tuple[bool, ...]:
-    """Return whether the condition of each fault stands, in the table's order."""
-    return tuple([stands(tick) for stands in _CONDITIONS])
+    """Return whether the condition of each fault is present, in the order of the table."""
+    return tuple([is_present(tick) for is_present in _CONDITIONS])
 
 
 def update(state: LatchState, conditions: Sequence[bool], now_s: float) -> tuple[LatchState, tuple[Event, ...]]:
-    """Advance all rows by their conditions, in the table's order; an event for each fault set or cleared now."""
+    """Return the state after a tick, and an event for each fault set or cleared in it.
+
+    `conditions` are in the order of the table.
+    """
     if not state.active and not any(conditions):
-        return WELL, ()
+        return NO_FAULTS, ()
     since: list[float | None] = []
     stood: list[float | None] = []
     active = 0
     events: list[Event] = []
     rows = zip(TABLE.items(), state.since_s, state.stood_s, conditions, strict=True)
-    for (fault, row), begun_s, before_s, stands in rows:
+    for (fault, row), begun_s, before_s, is_present in rows:
         was_set = state.is_set(fault)
-        last_s = now_s if stands else before_s
-        kept = stands or (was_set and last_s is not None and now_s - last_s < row.clear_s)
+        last_s = now_s if is_present else before_s
+        kept = is_present or (was_set and last_s is not None and now_s - last_s < row.clear_s)
         start_s = (now_s if begun_s is None else begun_s) if kept else None
         since.append(start_s)
         stood.append(last_s if kept else None)
@@ -58,8 +61,8 @@ def update(state: LatchState, conditions: Sequence[bool], now_s: float) -> tuple
     return LatchState(tuple(since), tuple(stood), active), tuple(events)
 
 
-def arming_obstacle(active: int) -> str:
-    """Say in a few words which of the faults set (as bits) forbids arming; empty when none does."""
+def arming_refusal(active: int) -> str:
+    """Return the reason for which the faults set (as bits) forbid arming; empty if none does."""
     if not active:
         return ""
-    return next((row.arming for fault, row in TABLE.items() if row.arming and active >> fault & 1), "")
+    return next((row.arming_refusal for fault, row in TABLE.items() if row.arming_refusal and active >> fault & 1), "")

@@ -47,17 +47,17 @@ def _card(fault: Fault, row: FaultRow) -> Iterator[str]:
     yield f"* What to do: {row.remedy}."
     yield f"* Condition: {row.condition}; set after {row.debounce_s:g} s, cleared after {row.clear_s:g} s."
     yield f"* Action: {_effect(row)}."
-    if row.arming:
-        yield f'* Arming is refused: "{row.arming}".'
+    if row.arming_refusal:
+        yield f'* Arming is refused: "{row.arming_refusal}".'
     yield from (f'* When cleared: "{row.recovery}".', "")
 
 
 def markdown() -> str:
     """Return the page."""
     introduction = _INTRODUCTION.format(
-        in_manual=_names(lambda row: row.in_manual),
+        in_manual=_names(lambda row: row.acts_in_manual),
         precedence=", ".join(fault.name for fault in PRECEDENCE),
-        resuming=_names(lambda row: row.resumes),
+        resuming=_names(lambda row: row.always_resumes),
     )
     cards = (line for fault, row in TABLE.items() for line in _card(fault, row))
     return "\n".join([introduction, *cards]).rstrip() + "\n"

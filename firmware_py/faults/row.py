@@ -1,4 +1,4 @@
-"""What a row of the table of faults is made of: what its condition looks at, what is done, and what is told."""
+"""Row of the table of faults: inputs of its condition, its action and its texts."""
 
 from __future__ import annotations
 
@@ -11,33 +11,32 @@ from firmware_py.common.records import DeviceState, Severity
 
 
 class Action(Enum):
-    """What is done while a fault stands, whatever mode is chosen beside it; the text is that of params/FAULTS.md."""
+    """What is done while a fault is set, whatever mode is chosen as well; the values are the texts of the page."""
 
-    ALERT = "alert only"  # tells the operator, goes on
-    HOLD_THEN_AMIDSHIPS = "hold the last rudder for CTL_HOLD_S, then amidships"
-    NEXT_SOURCE = "steer by the next heading source, at last by course over ground"
-    NOT_BELIEVED = "go on from the place believed before"
-    RECKON = "go on by a reckoned place, keep station when that is uncertain (POS_RECKON_M)"
-    EASE = "stop pulling, try again every 10 s"  # the command follows the measured angle
-    SET_UP_AGAIN = "set the servo up again, then steer on"  # the driver does it before it steers
-    POINT_INTO_IT = "outside her watch circle point into the current"
-    SOFTER_HELM = "a softer helm, which grows stiff again over tens of minutes"
-    SMOOTHED_COMPASS = "steer by the smoothed compass with CTL_K1 and CTL_K2 until it is consistent again"
-    KEEP_STATION = "keep station where she is"
-    SAVE_POWER = "save power: quieter links, a slower loop, a dearer rudder (PWR_...)"
-    STEP_ASIDE = "step aside while it comes, if AIS_ACT says so"
+    ALERT = "alert only"
+    HOLD_THEN_AMIDSHIPS = "hold the last rudder angle for CTL_HOLD_S, then centre the rudder"
+    NEXT_SOURCE = "use the next heading source, course over ground last"
+    REJECT_FIX = "continue from the last accepted position"
+    DEAD_RECKONING = "dead reckoning; keep station once the position error exceeds POS_RECKON_M"
+    RELIEVE_SERVO = "stop driving the rudder, retry every 10 s"  # the command follows the measured angle
+    CONFIGURE_SERVO = "configure the servo again, then continue"  # done by the driver
+    POINT_INTO_CURRENT = "outside the loiter circle, point into the current"
+    REDUCE_GAIN = "reduce the gain; full gain returns over tens of minutes"
+    FIXED_GAIN_OBSERVER = "use the fixed-gain observer with CTL_K1 and CTL_K2 until the estimate is consistent again"
+    KEEP_STATION = "keep station at the present position"
+    SAVE_POWER = "save power: lower link rates, slower loop, less rudder travel (PWR_...)"
+    STEP_ASIDE = "keep clear of the vessel if AIS_ACT is set"
 
 
 class FaultInput(msgspec.Struct, frozen=True):
-    """What the conditions of a tick look at; whoever adds a fault adds here what nobody looked at before.
+    """Inputs of the conditions in a tick.
 
-    `faults` are those that were set in the last tick, as bits. What is old is past its timeout:
-    heading and servo count from the start while none has come, a position only where it is needed.
-    An age is None for what has never happened.
+    `faults` are those set in the last tick, as bits. `_old`: past its timeout; heading and servo count from the start
+    if none has been received, a position only where it is needed. An age is None for what has never happened.
     """
 
     faults: int
-    late_age_s: float | None  # since deadlines were skipped
+    late_age_s: float | None  # since the last skipped deadline
     heading_old: bool
     compass_silent: bool
     compass_frozen: bool
@@ -78,40 +77,38 @@ class FaultInput(msgspec.Struct, frozen=True):
     vessel_near: bool
 
     def is_set(self, fault: int) -> bool:
-        """Whether a fault was set in the last tick."""
+        """Return whether a fault was set in the last tick."""
         return bool(self.faults >> fault & 1)
 
 
 def exceeds(value: float | None, limit: float) -> bool:
-    """Whether something is there and greater than a limit."""
+    """Return whether a value is known and greater than a limit."""
     return value is not None and value > limit
 
 
 def within(age_s: float | None, memory_s: float) -> bool:
-    """Whether something has happened, and not longer ago than memory_s."""
+    """Return whether an event has happened within memory_s."""
     return age_s is not None and age_s <= memory_s
 
 
 class FaultRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One fault: how long the condition must stand and be gone, how grave it is, what is done and said.
+    """One fault: condition, debounce time and clear time, severity, action and texts.
 
-    `condition` says in words what `stands` judges. `action` is done in any case; `parameter` names
-    the one that chooses a mode to be entered beside, in MANUAL too where `in_manual` says so.
-    `resumes`: what a failsafe of it has interrupted goes on after it whatever FS_RESUME says.
-    `arming` says why arming is refused while the fault is set, empty where it is not. `remedy` says what the operator
-    can do.
+    `condition` describes `is_present` in words. `parameter` names the parameter that chooses a mode to enter beside
+    the action, in MANUAL too with `acts_in_manual`. `always_resumes`: the interrupted mode resumes after the fault
+    even without FS_RESUME. `arming_refusal` is the reason for which arming is refused; empty: it is not.
     """
 
     condition: str
-    stands: Callable[[FaultInput], bool]
+    is_present: Callable[[FaultInput], bool]
     debounce_s: float = 0.0
     clear_s: float = 0.0
     severity: Severity
     action: Action = Action.ALERT
     parameter: str = ""
-    in_manual: bool = False
-    resumes: bool = False
+    acts_in_manual: bool = False
+    always_resumes: bool = False
     text: str
     recovery: str
+    arming_refusal: str = ""
     remedy: str
-    arming: str = ""

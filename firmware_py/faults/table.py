@@ -1,7 +1,7 @@
-"""The one table of faults: condition, debounce, severity, action, parameter and texts.
+"""Table of faults: condition, debounce time, severity, action, parameter, texts and remedy of each.
 
-core/fault_conditions.py fills the FaultInput of a tick, latch.py judges the conditions over time,
-safety/failsafe.py and the parts named by the action do what follows.
+core/fault_conditions.py fills the FaultInput of a tick, latch.py applies debounce and clear times, and
+safety/failsafe.py and the modules named by the action carry out the action.
 """
 
 from __future__ import annotations
@@ -10,318 +10,388 @@ from collections.abc import Mapping
 from typing import Final
 
 from firmware_py.common.records import DeviceState, Severity
-from firmware_py.faults.conditions import servo_is_hot, storage_is_full, supply_is_low
 from firmware_py.faults.fault import Fault
-from firmware_py.faults.power_rows import POWER
-from firmware_py.faults.row import Action, FaultRow, exceeds, within
+from firmware_py.faults.row import Action, FaultInput, FaultRow, exceeds, within
 
 LATE_MEMORY_S: Final = 2.0
 RESTART_MEMORY_S: Final = 5.0
+# Hysteresis of the limits.
+TEMPERATURE_MARGIN_C: Final = 5.0
+VOLTAGE_MARGIN_FACTOR: Final = 1.03
+CHARGE_MARGIN: Final = 0.05
 
 __all__ = ["PRECEDENCE", "TABLE", "Fault"]
 
 
-# In the order of the numbers.
+def servo_is_hot(tick: FaultInput) -> bool:
+    """Return whether the servo temperature exceeds its limit."""
+    margin_c = TEMPERATURE_MARGIN_C if tick.is_set(Fault.RUDDER_HOT) else 0.0
+    return exceeds(tick.servo_temperature_c, tick.servo_hot_c - margin_c)
+
+
+def supply_is_low(tick: FaultInput) -> bool:
+    """Return whether the supply voltage at the servo is below its limit."""
+    factor = VOLTAGE_MARGIN_FACTOR if tick.is_set(Fault.SUPPLY_LOW) else 1.0
+    return tick.supply_v is not None and tick.supply_v < tick.supply_low_v * factor
+
+
+def storage_is_full(tick: FaultInput) -> bool:
+    """Return whether the disk is full; while the disk fails, the last result stands."""
+    return tick.storage is DeviceState.FULL or (tick.storage is DeviceState.FAULTY and tick.is_set(Fault.STORAGE_FULL))
+
+
+def battery_is_below(tick: FaultInput, fault: Fault, min_charge: float, min_v: float) -> bool:
+    """Return whether charge or voltage of the battery is below its limit (0: no limit).
+
+    While neither is known, the last result stands.
+    """
+    was_below = tick.is_set(fault)
+    results = []
+    if min_charge > 0.0 and tick.battery_charge is not None:
+        results.append(tick.battery_charge < min_charge + (CHARGE_MARGIN if was_below else 0.0))
+    if min_v > 0.0 and tick.battery_v is not None:
+        results.append(tick.battery_v < min_v * (VOLTAGE_MARGIN_FACTOR if was_below else 1.0))
+    if results:
+        return any(results)
+    return was_below and (min_charge > 0.0 or min_v > 0.0)
+
+
+# In the order of the fault numbers.
 TABLE: Mapping[Fault, FaultRow] = {
     Fault.COMPASS_LOST: FaultRow(
-        condition="no valid heading from any source for CMP_TIMEOUT_S (longer from one that speaks seldom)",
-        stands=lambda tick: tick.heading_old,
+        condition="no valid heading from any source for CMP_TIMEOUT_S (longer for a source with a low rate)",
+        is_present=lambda tick: tick.heading_old,
         severity=Severity.CRITICAL,
         action=Action.HOLD_THEN_AMIDSHIPS,
-        text="No heading: rudder held, then amidships",
-        recovery="Heading is back",
-        remedy="power and cable of the compass; a second compass, or a receiver with course, keeps her going",
-        arming="no valid heading",
+        text="No valid heading: rudder held, then centred",
+        recovery="Heading recovered",
+        arming_refusal="no valid heading",
+        remedy="check power and cable of the compass; a second compass or a course over ground avoids this fault",
     ),
     Fault.POSITION_LOST: FaultRow(
-        condition="a fix was there and no believed one has come for POS_TIMEOUT_S (longer if they come seldom); or "
-        "armed in a mode that goes by places, and none in the 3 min since the start",
-        stands=lambda tick: tick.position_old,
+        condition="no accepted fix for POS_TIMEOUT_S after an earlier one (longer for a receiver with a low rate), or "
+        "no fix in the 3 min since the start while armed in a mode that needs a position",
+        is_present=lambda tick: tick.position_old,
         debounce_s=2.0,
         severity=Severity.WARNING,
-        action=Action.RECKON,
+        action=Action.DEAD_RECKONING,
         parameter="FS_POS_ACT",
-        text="Position lost",
-        recovery="Position is back",
-        remedy="antenna and its view of the sky; water in the plug; she goes on by reckoning meanwhile",
+        text="GPS position lost",
+        recovery="GPS position recovered",
+        remedy="check the antenna, its view of the sky and its plug for water; meanwhile the boat uses dead reckoning",
     ),
     Fault.RUDDER_SILENT: FaultRow(
-        condition="the servo has not answered for RUD_TIMEOUT_S (longer if it is asked seldom)",
-        stands=lambda tick: tick.servo_old,
-        debounce_s=0.1,  # who was halted herself has not asked it meanwhile
+        condition="no response from the servo for RUD_TIMEOUT_S (longer if it is polled at a low rate)",
+        is_present=lambda tick: tick.servo_old,
+        debounce_s=0.1,  # after a pause of the process the servo has not been polled, either
         severity=Severity.CRITICAL,
         parameter="FS_RUD_ACT",
-        text="Rudder servo does not answer",
-        recovery="Rudder servo answers again",
-        remedy="power and cable of the servo, its id and baud; MANUAL or a safe mode does not help",
-        arming="rudder servo does not answer",
+        text="Rudder servo not responding",
+        recovery="Rudder servo responding again",
+        arming_refusal="rudder servo not responding",
+        remedy="check power and cable of the servo, its id and baud rate; no mode can steer without the servo",
     ),
     Fault.RUDDER_ERROR: FaultRow(
-        condition="the servo reports a hardware error, or does not keep or take what it is steered by",
-        stands=lambda tick: tick.servo_error,
+        condition="the servo reports a hardware error, or does not accept or keep its settings",
+        is_present=lambda tick: tick.servo_error,
         debounce_s=0.3,
-        clear_s=1.0,  # what it refuses it is asked for again now and then
+        clear_s=1.0,  # a setting that was refused is sent again at intervals
         severity=Severity.ERROR,
         parameter="FS_RUD_ACT",
         text="Rudder servo reports an error",
-        recovery="Rudder servo error has cleared",
-        remedy="`rambler status` shows what it says; let it cool, free it, switch it off and on",
-        arming="rudder servo reports an error",
+        recovery="Rudder servo error cleared",
+        arming_refusal="rudder servo reports an error",
+        remedy="`rambler status` shows the error; let the servo cool, free the rudder, switch the servo off and on",
     ),
     Fault.LOOP_LATE: FaultRow(
-        condition="deadlines were skipped within the last 2 s",
-        stands=lambda tick: within(tick.late_age_s, LATE_MEMORY_S),
+        condition="the control loop skipped deadlines within the last 2 s",
+        is_present=lambda tick: within(tick.late_age_s, LATE_MEMORY_S),
         severity=Severity.WARNING,
-        text="Control loop is late",
-        recovery="Control loop is in time again",
-        remedy="something else uses the computer; take it away, or install her as the service (real time)",
+        text="Control loop late: deadlines skipped",
+        recovery="Control loop on time again",
+        remedy="stop other programs on the computer, or install the autopilot as a service with real-time priority",
     ),
     Fault.STORAGE_FAILING: FaultRow(
-        condition="the log or the store cannot be written",
-        stands=lambda tick: tick.storage is DeviceState.FAULTY,
+        condition="logs or settings cannot be written",
+        is_present=lambda tick: tick.storage is DeviceState.FAULTY,
         debounce_s=2.0,
-        clear_s=5.0,  # what could not be written is tried again now and then, and is well in between
+        clear_s=5.0,  # writing is tried again at intervals, without an error in between
         severity=Severity.WARNING,
-        text="Storage fails: log or settings are not kept",
-        recovery="Storage works again",
-        remedy="the disk fails, is read-only or out of inodes (`df -i`); no log meanwhile: fetch the logs",
+        text="Storage error: logs or settings not saved",
+        recovery="Storage error cleared",
+        remedy="the disk fails, is read-only or out of inodes (`df -i`); nothing is logged meanwhile: fetch the logs",
     ),
     Fault.CURRENT_STRONG: FaultRow(
-        condition="the current is stronger than her speed through the water by its standard deviation, for 2 min",
-        stands=lambda tick: tick.current_too_strong,
+        condition="the current exceeds the speed through the water by its standard deviation, for 2 min",
+        is_present=lambda tick: tick.current_too_strong,
         severity=Severity.WARNING,
-        action=Action.POINT_INTO_IT,
-        text="Current stronger than she is: no place is held",
-        recovery="Current is weaker than she is again",
-        remedy="wait for the tide, or send her where the current is weaker",
+        action=Action.POINT_INTO_CURRENT,
+        text="Current too strong: position cannot be held",
+        recovery="Current no longer too strong",
+        remedy="wait for the tide to turn, or send the boat to a place with a weaker current",
     ),
     Fault.MISSION_UNUSABLE: FaultRow(
-        condition="armed in AUTO without a mission, or its jumps lead nowhere",
-        stands=lambda tick: tick.mission_unusable,
+        condition="armed in AUTO without a mission, or the jumps of the mission lead to no waypoint",
+        is_present=lambda tick: tick.mission_unusable,
         severity=Severity.WARNING,
         action=Action.KEEP_STATION,
-        text="Mission cannot be sailed: keeping station",
-        recovery="Mission can be sailed, or need not be",
-        remedy="send a mission, or mend its DO_JUMP items",
+        text="Mission unusable: keeping station",
+        recovery="Mission problem cleared",
+        remedy="upload a mission, or correct its DO_JUMP items",
     ),
     Fault.FENCE_BREACHED: FaultRow(
-        condition="the fence is enabled and she is outside it",
-        stands=lambda tick: tick.outside_fence,
+        condition="the fence is enabled and the boat is outside",
+        is_present=lambda tick: tick.outside_fence,
         debounce_s=1.0,
         clear_s=5.0,
         severity=Severity.ERROR,
         parameter="FS_FENCE_ACT",
         text="Fence breached",
-        recovery="Inside the fence again",
-        remedy="bring her back, or mend the fence; `FENCE_ENABLE` 0 takes it away",
-        arming="outside the fence",
+        recovery="Fence breach cleared",
+        arming_refusal="outside the fence",
+        remedy="bring the boat back, or correct the fence; `FENCE_ENABLE` 0 disables it",
     ),
     Fault.COMPASS_SILENT: FaultRow(
-        condition="a compass that was heard has sent no heading for CMP_TIMEOUT_S (longer if it speaks seldom)",
-        stands=lambda tick: tick.compass_silent,
+        condition="no heading from a compass for CMP_TIMEOUT_S after earlier ones (longer for one with a low rate)",
+        is_present=lambda tick: tick.compass_silent,
         debounce_s=0.5,
         clear_s=1.0,
         severity=Severity.ERROR,
         action=Action.NEXT_SOURCE,
-        text="Compass is silent",
-        recovery="Compass speaks again",
-        remedy="power and cable of the compass named; she steers by the next source meanwhile",
+        text="Compass: no data",
+        recovery="Compass: data recovered",
+        remedy="check power and cable of the compass named; meanwhile the next heading source is used",
     ),
     Fault.COMPASS_FROZEN: FaultRow(
-        condition="a compass shows one number while the boat turns, by rudder, waves, the other compass or the track",
-        stands=lambda tick: tick.compass_frozen,
+        condition="the reading of a compass does not change though rudder, waves, the other compass or the track show "
+        "that the boat turns",
+        is_present=lambda tick: tick.compass_frozen,
         severity=Severity.ERROR,
         action=Action.NEXT_SOURCE,
-        text="Compass is frozen",
-        recovery="Compass varies again",
-        remedy="switch the compass off and on; a cold or simulated one may stand still: `CMP_FROZEN_S`",
-        arming="compass is frozen",
+        text="Compass frozen: not used",
+        recovery="Compass no longer frozen",
+        arming_refusal="compass frozen",
+        remedy="switch the compass off and on; the reading of a simulated compass may stand still: `CMP_FROZEN_S`",
     ),
     Fault.COMPASS_JUMPING: FaultRow(
-        condition="a compass has shown for 1.5 s headings that she cannot have come to, and did not creep there",
-        stands=lambda tick: tick.compass_jumping,
+        condition="for 1.5 s a compass has shown headings that the boat cannot have turned to",
+        is_present=lambda tick: tick.compass_jumping,
         clear_s=5.0,
         severity=Severity.ERROR,
         action=Action.NEXT_SOURCE,
-        text="Compass jumps: not believed",
-        recovery="Compass agrees again",
-        remedy="something magnetic moves near it, or its cable is bad; look at it in the log",
-        arming="compass jumps",
+        text="Compass heading jumped: not used",
+        recovery="Compass heading plausible again",
+        arming_refusal="compass heading jumped",
+        remedy="look for moving magnetic objects near the compass and for a bad cable; see its headings in the log",
     ),
     Fault.COMPASS_DISAGREES: FaultRow(
-        condition="two compasses that measure differ by more than 15 deg",
-        stands=lambda tick: tick.compasses_disagree,
+        condition="the headings of two working compasses differ by more than 15 deg",
+        is_present=lambda tick: tick.compasses_disagree,
         debounce_s=5.0,
         clear_s=5.0,
         severity=Severity.WARNING,
         text="Compasses disagree",
         recovery="Compasses agree again",
-        remedy="calibrate both (deviation, mounting); which one is right the course over ground tells",
-        arming="compasses disagree",
+        arming_refusal="compasses disagree",
+        remedy="calibrate both (deviation, mounting); the course over ground shows which one is right",
     ),
     Fault.POSITION_JUMPING: FaultRow(
-        condition="fixes lie farther off than she can have sailed and are held back, for POS_JUMP_S at most",
-        stands=lambda tick: tick.position_held_back,
+        condition="fixes are farther away than the boat can have sailed and are rejected, for at most POS_JUMP_S",
+        is_present=lambda tick: tick.position_held_back,
         debounce_s=2.5,
         clear_s=2.5,
         severity=Severity.WARNING,
-        action=Action.NOT_BELIEVED,
-        text="Position jumps: not believed",
-        recovery="Position is steady again",
-        remedy="spoofing, reflections or a bad antenna; if she was carried, it goes by itself",
+        action=Action.REJECT_FIX,
+        text="GPS position jumped: not used",
+        recovery="GPS position plausible again",
+        remedy="spoofing, reflections or a bad antenna; if the boat was moved, the fault clears by itself",
     ),
     Fault.RUDDER_ASTRAY: FaultRow(
-        condition="the rudder moves, but for 1.5 s not toward a command that is more than 3 deg away",
-        stands=lambda tick: tick.rudder_astray,
+        condition="the rudder moves, but for 1.5 s not towards a command that is more than 3 deg away",
+        is_present=lambda tick: tick.rudder_astray,
         debounce_s=1.0,
         clear_s=1.0,
         severity=Severity.ERROR,
         parameter="FS_RUD_ACT",
-        text="Rudder does not follow",
-        recovery="Rudder follows again",
-        remedy="`RUD_REVERSE`, the horn's screw, growth on the blade",
-        arming="rudder does not follow",
+        text="Rudder does not follow its command",
+        recovery="Rudder follows its command again",
+        arming_refusal="rudder does not follow its command",
+        remedy="check `RUD_REVERSE`, the screw of the servo horn and growth on the blade",
     ),
     Fault.RUDDER_JAMMED: FaultRow(
         condition="the rudder has not moved for 1.5 s though its command is more than 3 deg away",
-        stands=lambda tick: tick.rudder_jammed,
+        is_present=lambda tick: tick.rudder_jammed,
         severity=Severity.CRITICAL,
-        action=Action.EASE,
+        action=Action.RELIEVE_SERVO,
         parameter="FS_RUD_ACT",
-        text="Rudder jammed: motor eased, tried every 10 s",
-        recovery="Rudder moves again",
-        remedy="a line or weed in the rudder; HOLD and MANUAL to and fro may free it",
-        arming="rudder is jammed",
+        text="Rudder jammed: not driven, retry every 10 s",
+        recovery="Rudder no longer jammed",
+        arming_refusal="rudder jammed",
+        remedy="a line or weed in the rudder; moving it to and fro in MANUAL may free it",
     ),
     Fault.RUDDER_HOT: FaultRow(
-        condition="the servo is hotter than RUD_TEMP_MAX (until 5 deg below it)",
-        stands=servo_is_hot,
+        condition="the servo temperature exceeds RUD_TEMP_MAX (clears 5 deg below it)",
+        is_present=servo_is_hot,
         debounce_s=2.0,
         clear_s=2.0,
         severity=Severity.WARNING,
         parameter="FS_RUD_ACT",
-        text="Rudder servo is hot",
-        recovery="Rudder servo has cooled down",
-        remedy="let it rest (HOLD); it works too hard: friction, or `CTL_PRICE` too low",
-        arming="rudder servo is hot",
+        text="Rudder servo too hot",
+        recovery="Rudder servo temperature normal",
+        arming_refusal="rudder servo too hot",
+        remedy="let it cool (HOLD); the load is too high: friction, or `CTL_PRICE` too low",
     ),
     Fault.RUDDER_OVERLOADED: FaultRow(
-        condition="the servo has drawn more than RUD_AMP_MAX for 2 s",
-        stands=lambda tick: tick.rudder_overloaded,
+        condition="the servo current has exceeded RUD_AMP_MAX for 2 s",
+        is_present=lambda tick: tick.rudder_overloaded,
         severity=Severity.ERROR,
-        action=Action.EASE,
+        action=Action.RELIEVE_SERVO,
         parameter="FS_RUD_ACT",
-        text="Rudder servo draws too much current: eased",
-        recovery="Rudder servo current is normal again",
-        remedy="something holds the rudder; as for a jam",
+        text="Rudder servo overcurrent: not driven",
+        recovery="Rudder servo current normal",
+        remedy="something blocks the rudder; proceed as for a jam",
     ),
     Fault.RUDDER_REPOWERED: FaultRow(
-        condition="the servo has come up anew by itself within the last 5 s",
-        stands=lambda tick: within(tick.servo_restart_age_s, RESTART_MEMORY_S),
+        condition="the servo restarted by itself within the last 5 s",
+        is_present=lambda tick: within(tick.servo_restart_age_s, RESTART_MEMORY_S),
         severity=Severity.WARNING,
-        action=Action.SET_UP_AGAIN,
-        text="Rudder servo was without power: set up again",
-        recovery="Rudder servo runs on",
-        remedy="the servo's supply broke down: plug, fuse, cable too thin",
+        action=Action.CONFIGURE_SERVO,
+        text="Rudder servo lost power: configured again",
+        recovery="Rudder servo power stable again",
+        remedy="the supply of the servo was interrupted: check plug, fuse and cable cross-section",
     ),
     Fault.SUPPLY_LOW: FaultRow(
-        condition="the supply, as the servo measures it, is below BAT_LOW_VOLT (until 3 % above it)",
-        stands=supply_is_low,
+        condition="the supply voltage, measured by the servo, is below BAT_LOW_VOLT (clears 3 % above it)",
+        is_present=supply_is_low,
         debounce_s=5.0,
         clear_s=10.0,
         severity=Severity.ERROR,
         parameter="FS_VOLT_ACT",
-        text="Supply voltage is low",
-        recovery="Supply voltage is right again",
-        remedy="battery or cable; quieter links and `PWR_...` save",
-        arming="supply voltage is low",
+        text="Supply voltage low",
+        recovery="Supply voltage normal",
+        arming_refusal="supply voltage low",
+        remedy="check battery and cable; lower link rates and the `PWR_...` parameters save power",
     ),
     Fault.STORAGE_FULL: FaultRow(
-        condition="less than LOG_FREE_MB are free on the disk of the state directory; stays while that fails",
-        stands=storage_is_full,
+        condition="less than LOG_FREE_MB free on the disk of the state directory; stays set while the disk fails",
+        is_present=storage_is_full,
         debounce_s=2.0,
         clear_s=10.0,
         severity=Severity.WARNING,
-        text="Storage is full: logs will end",
-        recovery="Storage has room again",
-        remedy="her own old logs make room by themselves: something else fills the disk; fetch and erase",
+        text="Storage full: logging will stop",
+        recovery="Storage no longer full",
+        remedy="old logs are deleted automatically, so other files fill the disk; fetch and delete them",
     ),
     Fault.CLOCK_STEPPED: FaultRow(
-        condition="the computer's clock has jumped by more than 2 s against the loop's within the last 10 s",
-        stands=lambda tick: tick.clock is DeviceState.FAULTY,
+        condition="the system clock jumped by more than 2 s against the monotonic clock within the last 10 s",
+        is_present=lambda tick: tick.clock is DeviceState.FAULTY,
         severity=Severity.NOTICE,
-        text="System clock was stepped; the loop takes no notice",
-        recovery="System clock runs on",
-        remedy="nothing; log times jump here",
+        text="System clock stepped: control not affected",
+        recovery="System clock steady again",
+        remedy="nothing; the times in the log jump here",
     ),
     Fault.STATION_SILENT: FaultRow(
-        condition="a ground station was heard and none has been for FS_GCS_S",
-        stands=lambda tick: tick.station is DeviceState.SILENT and exceeds(tick.station_age_s, tick.station_timeout_s),
+        condition="no message from a ground station for FS_GCS_S after earlier ones",
+        is_present=lambda tick: (
+            tick.station is DeviceState.SILENT and exceeds(tick.station_age_s, tick.station_timeout_s)
+        ),
         severity=Severity.WARNING,
         parameter="FS_GCS_ACT",
-        in_manual=True,
-        text="Ground station silent",
-        recovery="Ground station is back",
-        remedy="look at your link; what she does meanwhile is `FS_GCS_ACT`",
+        acts_in_manual=True,
+        text="Ground station link lost",
+        recovery="Ground station link recovered",
+        remedy="check the link of the ground station; `FS_GCS_ACT` chooses what the boat does meanwhile",
     ),
     Fault.STEERING_LOST: FaultRow(
-        condition="she turns less than an eighth of what her rudder should turn her, for half a minute and longer",
-        stands=lambda tick: tick.steering_lost,
+        condition="the boat turns by less than an eighth of the turn expected from its rudder, for 30 s or longer",
+        is_present=lambda tick: tick.steering_lost,
         severity=Severity.ERROR,
         parameter="FS_STEER_ACT",
-        text="Rudder moves and she does not turn",
-        recovery="She answers the rudder again",
-        remedy="blade lost, or she lies becalmed or in weed; with no rudder, fetch her",
+        text="Steering lost: no response to the rudder",
+        recovery="Steering recovered",
+        remedy="rudder blade lost, calm, or weed; without a rudder, recover the boat",
     ),
     Fault.KEY_LOST: FaultRow(
-        condition="a signing key was set and cannot be read: nobody is heard but over trusted links",
-        stands=lambda tick: tick.key is DeviceState.FAULTY,
+        condition="a signing key was set and cannot be read: only trusted links are accepted",
+        is_present=lambda tick: tick.key is DeviceState.FAULTY,
         severity=Severity.CRITICAL,
-        text="Signing key lost: only trusted links are heard",
-        recovery="Signing key is no longer lost",
+        text="Signing key lost: only trusted links accepted",
+        recovery="Signing key problem cleared",
         remedy="set or remove the key over a trusted link, or by `rambler key`",
     ),
     Fault.HELM_OSCILLATES: FaultRow(
-        condition="heading and rudder swing to and fro by themselves: one swing that is plain, or several",
-        stands=lambda tick: tick.oscillating,
+        condition="limit cycle of heading and rudder",
+        is_present=lambda tick: tick.oscillating,
         severity=Severity.WARNING,
-        action=Action.SOFTER_HELM,
-        text="Helm oscillates: it is softened",
-        recovery="Helm oscillates no more",
-        remedy="she mends it herself; if it stays, identify her anew or raise `CTL_PRICE`",
+        action=Action.REDUCE_GAIN,
+        text="Heading oscillates: gain reduced",
+        recovery="Heading oscillation ended",
+        remedy="nothing; if it persists, identify the boat again or raise `CTL_PRICE`",
     ),
-    **POWER,
+    Fault.BATTERY_LOW: FaultRow(
+        condition="the battery is below PWR_SAVE_PCT or PWR_SAVE_VOLT (clears 5 % of charge or 3 % of voltage above)",
+        is_present=lambda tick: battery_is_below(tick, Fault.BATTERY_LOW, tick.save_charge, tick.save_v),
+        debounce_s=30.0,
+        clear_s=60.0,
+        severity=Severity.WARNING,
+        action=Action.SAVE_POWER,
+        text="Battery low: power saving on",
+        recovery="Battery no longer low: power saving off",
+        remedy="see the energy report (`rambler energy`); reduce the load",
+    ),
+    Fault.BATTERY_CRITICAL: FaultRow(
+        condition="the battery is below PWR_KEEP_PCT or PWR_KEEP_VOLT (clears 5 % of charge or 3 % of voltage above)",
+        is_present=lambda tick: battery_is_below(tick, Fault.BATTERY_CRITICAL, tick.keep_charge, tick.keep_v),
+        debounce_s=30.0,
+        clear_s=60.0,
+        severity=Severity.ERROR,
+        action=Action.SAVE_POWER,
+        parameter="FS_BATT_ACT",
+        always_resumes=True,
+        text="Battery critical",
+        recovery="Battery no longer critical",
+        arming_refusal="battery critical",
+        remedy="wait for the panels to charge the battery; arming is refused until then",
+    ),
+    Fault.POWER_SILENT: FaultRow(
+        condition="no message for 15 s from a power monitor that was received before",
+        is_present=lambda tick: tick.power_silent,
+        severity=Severity.WARNING,
+        text="Power monitor: no data",
+        recovery="Power monitor: data recovered",
+        remedy="check the cable of the charger or monitor; its values are unknown meanwhile",
+    ),
     Fault.STEERING_REVERSED: FaultRow(
-        condition="her rudder is far over and she turns the other way, for half a minute and longer",
-        stands=lambda tick: tick.steering_reversed,
+        condition="the boat turns against its rudder, for 30 s or longer",
+        is_present=lambda tick: tick.steering_reversed,
         severity=Severity.CRITICAL,
         parameter="FS_STEER_ACT",
-        text="She turns the wrong way: is RUD_REVERSE right?",
-        recovery="She turns the right way",
-        remedy="disarm, change `RUD_REVERSE`, arm again; was the servo or the compass turned round?",
+        text="Steering reversed: check RUD_REVERSE",
+        recovery="Steering no longer reversed",
+        remedy="disarm, change `RUD_REVERSE`, arm again; was the servo or the compass mounted the other way round?",
     ),
     Fault.VESSEL_NEAR: FaultRow(
-        condition="a vessel comes closer than AIS_NEAR_M (AIS_STILL_M if it lies still) within AIS_NEAR_S, until past",
-        stands=lambda tick: tick.vessel_near,
+        condition="a vessel will pass closer than AIS_NEAR_M (AIS_STILL_M if it is stationary) within AIS_NEAR_S",
+        is_present=lambda tick: tick.vessel_near,
         clear_s=10.0,
         severity=Severity.WARNING,
         action=Action.STEP_ASIDE,
-        text="A vessel comes near",
-        recovery="No vessel comes near any more",
-        remedy="see the vessel told just before; call it, or let her step aside (`AIS_ACT`)",
+        text="Vessel approaching",
+        recovery="No vessel approaching",
+        remedy="see the vessel in the message before; call it, or let the boat keep clear (`AIS_ACT`)",
     ),
     Fault.ESTIMATE_INCONSISTENT: FaultRow(
-        condition="the heading predicted over 30 s misses by far more than the filter claims, over 5 min and longer",
-        stands=lambda tick: tick.estimate_inconsistent,
+        condition="the error of the heading predicted over 30 s far exceeds its standard deviation, for 5 min or more",
+        is_present=lambda tick: tick.estimate_inconsistent,
         severity=Severity.WARNING,
-        action=Action.SMOOTHED_COMPASS,
-        text="Heading estimate inconsistent: compass is used",
+        action=Action.FIXED_GAIN_OBSERVER,
+        text="Heading estimate inconsistent: compass used",
         recovery="Heading estimate consistent again",
         remedy="check `MDL_K` and `MDL_T_S` (`rambler-hil identify`), compass and rudder feedback",
     ),
 }
 
-# Of the faults that choose a mode, who comes first where several stand: the graver, then the lower number.
+# Of the faults that choose a mode, in which order they decide: the more severe first, then the lower number.
 PRECEDENCE: Final = tuple(
     sorted((fault for fault, row in TABLE.items() if row.parameter), key=lambda fault: (TABLE[fault].severity, fault))
 )

@@ -55,7 +55,7 @@ NOTHING = Decision()
 # The faults that may act, as bits, by what moves the rudder.
 _ACTING: Mapping[RudderBy, int] = {
     RudderBy.NOTHING: 0,
-    RudderBy.STICK: sum(1 << fault for fault, row in TABLE.items() if row.in_manual),
+    RudderBy.STICK: sum(1 << fault for fault, row in TABLE.items() if row.acts_in_manual),
     RudderBy.HEADING: sum(1 << fault for fault in TABLE),
 }
 
@@ -94,7 +94,7 @@ def _end(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Dec
     """Go on with what was interrupted, or stay, once nothing calls for a mode any more."""
     if state.fault is None:
         return state, NOTHING
-    resumes = given.resume or TABLE[state.fault].resumes
+    resumes = given.resume or TABLE[state.fault].always_resumes
     state = FailsafeState(active=state.active, calling=state.calling)
     if resumes:
         return state, Decision(resume=True)

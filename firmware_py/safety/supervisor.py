@@ -159,7 +159,7 @@ def apply_failsafe(
         entered, _ = enter(modes, decision.enter, situation)
         modes = entered if entered.mode is decision.enter else replace(modes, mode=decision.enter, goal=None)
         modes = replace(modes, by_failsafe=True)
-    if not TABLE[failsafe.fault].resumes and (failsafe.fault, failsafe.mode) != (before.fault, before.mode):
+    if not TABLE[failsafe.fault].always_resumes and (failsafe.fault, failsafe.mode) != (before.fault, before.mode):
         left = modes
     return replace(state, failsafe=failsafe, interrupted=interrupted, left=left), modes, decision.events
 

@@ -68,7 +68,7 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(
     assert near.parameter("CTL_K1") != 33.0
     near.mav.setup_signing_send(1, 1, list(key_of_passphrase(PASSPHRASE)), 0)
     near.heard("STATUSTEXT", lambda text: text.text == "Signing key set")
-    near.heard("STATUSTEXT", lambda text: text.text == "Signing key is no longer lost")
+    near.heard("STATUSTEXT", lambda text: text.text == "Signing key problem cleared")
     assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in program.text()
     program.send_signal(2)
     assert program.exit_code() == 0

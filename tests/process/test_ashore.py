@@ -130,7 +130,7 @@ def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, ve
     with started(vehicle, tmp_path, "--state", state, "--wait", how=how) as program:
         program.expect(f"state directory {state}: Permission denied")
         program.expect("Used of what is stored: 1 parameters, mission of 1 items, fence of 0 items")
-        program.expect("Storage fails: log or settings are not kept")
+        program.expect("Storage error: logs or settings not saved")
         assert not (state / "logs").exists()
 
         # Where the state directory is another user's, a status of that boat could be anybody's.
@@ -139,7 +139,7 @@ def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, ve
         assert (status["status"] == "running") == (os.geteuid() != 0)
         for path in (state, *state.iterdir()):
             path.chmod(0o777)
-        program.expect("Storage works again")
+        program.expect("Storage error cleared")
     assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in stored_content(state, "parameters.param")
     assert '"CTL_K1":33.0' in parameters_in_log(state)
 
@@ -167,7 +167,7 @@ def test_what_can_not_even_be_read_is_told_and_the_vehicle_file_counts(place, ve
             return  # it is our own
         program.expect(r"parameters.param.0 cannot be read \(Permission denied\)")
         program.expect("Used of what is stored: 0 parameters, mission of 0 items")
-        program.expect("Storage fails")
+        program.expect("Storage error: logs")
 
 
 def test_a_directory_that_comes_late_is_taken_up_and_keeps_what_it_holds(place, vehicle, tmp_path):
@@ -177,12 +177,12 @@ def test_a_directory_that_comes_late_is_taken_up_and_keeps_what_it_holds(place, 
     assert "Not a directory; choose another with --state" in line
     with started(vehicle, tmp_path, "--state", place / "mount" / "state", "--wait") as program:
         program.expect("Used of what is stored: 0 parameters")
-        program.expect("Storage fails")
+        program.expect("Storage error: logs")
         (place / "mount").unlink()
         (place / "mount").mkdir()
         (place / "medium").rename(place / "mount" / "state")
         program.expect("State directory is there now; what it holds counts from the next start")
-        program.expect("Storage works again")
+        program.expect("Storage error cleared")
     assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in stored_content(place / "mount" / "state", "parameters.param")
     assert stored_content(place / "mount" / "state", "mission.plan") == MISSION
 

@@ -55,17 +55,17 @@ def steers(bench):
 
 def test_the_cables_of_servo_and_compass_out_and_in_and_the_end_amidships(bench):
     bench.lines["rudder"].unplug()
-    bench.until_written("Rudder servo does not answer")
+    bench.until_written("Rudder servo not responding")
     bench.lines["rudder"].plug()
-    bench.until_written("Rudder servo answers again")
+    bench.until_written("Rudder servo responding again")
     bench.run(1.0)
     assert steers(bench)
     bench.lines["compass"].unplug()
-    bench.until_written("No heading: rudder held, then amidships")
+    bench.until_written("No valid heading: rudder held, then centred")
     bench.run(2.5)
     assert abs(bench.world.shaft.angle_rad()) < math.radians(1.0)
     bench.lines["compass"].plug()
-    bench.until_written("Heading is back")
+    bench.until_written("Heading recovered")
     bench.run(1.5)
     assert abs(bench.world.shaft.angle_rad()) > math.radians(5.0)  # the boat is off its goal since the turn by hand
     assert bench.process.running()
@@ -82,8 +82,8 @@ def test_the_compass_s_power_cut_and_back(moor, compass):
     bench.until_written("Mode GUIDED")
     bench.run(1.5)
     bench.compass_device.power_cycle(bench.world.now_s, off_s=1.5)
-    bench.until_written("No heading: rudder held, then amidships")
-    bench.until_written("Heading is back")
+    bench.until_written("No valid heading: rudder held, then centred")
+    bench.until_written("Heading recovered")
     assert steers(bench)
 
 
@@ -130,9 +130,9 @@ def test_ports_that_come_later_are_taken_up_with_wait_and_links_without_an_addre
     for line in bench.lines.values():
         line.unplug()
     bench.start("--wait", "--link", "udpin:192.0.2.1:14550", "--link", "nmea:udpout:plotter.invalid:10110")
-    bench.until_written("Rudder servo does not answer")
+    bench.until_written("Rudder servo not responding")
     for line in bench.lines.values():
         line.plug()
-    bench.until_written("Rudder servo answers again")
+    bench.until_written("Rudder servo responding again")
     bench.run(1.5)
     assert steers(bench)

@@ -434,13 +434,13 @@ def test_the_rudder_never_stays_far_over_without_a_heading(fault_bench, compass)
     bench.run(14.0 - bench.now_s)
     bench.compass.frozen = True
     frozen_s = bench.now_s
-    bench.until("No heading", 33.0)
+    bench.until("No valid heading", 33.0)
     assert TABLE[Fault.COMPASS_FROZEN].text in bench.texts_since(frozen_s)
     assert abs(bench.rudder_deg()) > 10.0
     bench.run(31.0)
     assert abs(bench.rudder_deg()) < 0.5
     bench.compass.frozen = False
-    bench.until("Heading is back", 15.0)  # from an estimate that nothing has corrected meanwhile
+    bench.until("Heading recovered", 15.0)  # from an estimate that nothing has corrected meanwhile
     bench.run(5.0)
     assert abs(bench.rudder_deg()) > 1.0
 
@@ -500,7 +500,7 @@ def test_a_jam_at_20_degrees_is_seen_on_the_other_servo_too(fault_bench, compass
     bench.world.jam(math.radians(-20.0))
     bench.until("Rudder jammed", 2.5)
     bench.world.free()
-    bench.until("Rudder moves again", 12.0)
+    bench.until("Rudder no longer jammed", 12.0)
     rudder_follows(bench)
 
 

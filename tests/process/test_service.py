@@ -23,7 +23,7 @@ from support.service_manager import seconds
 KILLS, FREEZES = int(os.environ.get("KILLS", "200")), int(os.environ.get("FREEZES", "50"))
 BACK_S = 2.0  # from the start of a run to its first rudder frame
 HANGS = ("tick", "store", "log", "ended", "samples", "actuation")
-FAILS, WORKS = "Storage fails: log or settings are not kept", "Storage works again"
+FAILS, WORKS = "Storage error: logs or settings not saved", "Storage error cleared"
 
 
 def kill(pid):

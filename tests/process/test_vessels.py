@@ -18,7 +18,7 @@ def test_a_crossing_ship_is_told_stepped_aside_for_and_replayed(tmp_path):
     assert (code, errors) == (0, "")
     said = (tmp_path / "firmware.log").read_text()
     assert " comes to " in said
-    assert "A vessel comes near" in said
+    assert "Vessel approaching" in said
     assert "Steps aside to" in said
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["with"] == "vessels=crossing:0:40"

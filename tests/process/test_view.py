@@ -103,7 +103,7 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
             seen.append(moment)
         time.sleep(0.05)
     browser.wait_for(
-        "['Battery is low', 'Vessels', 'A vessel comes near'].every((one) => document.body.innerText.includes(one))"
+        "['Battery low', 'Vessels', 'Vessel approaching'].every((one) => document.body.innerText.includes(one))"
     )
     browser.wait_for("document.querySelectorAll('line.mark.bad').length > 0")
     assert_fit_for_people(browser, address)
@@ -180,7 +180,7 @@ LOST = {
     "position": {**GOOD["position"], "ok": False, "age_s": 95.0},
     "faults": [
         {"fault": fault, "severity": "error", "text": text, "since_s": 30.0}
-        for fault, text in (("COMPASS_LOST", "No heading"), ("POSITION_LOST", "Position lost"))
+        for fault, text in (("COMPASS_LOST", "No valid heading"), ("POSITION_LOST", "GPS position lost"))
     ],
     "devices": [{**GOOD["devices"][0], "state": "absent", "rate_hz": 0.0, "age_s": 35.0, "error": "no port"}],
 }
@@ -228,10 +228,10 @@ def test_values_past_their_time_out_are_grey_with_their_age_and_faults_are_ackno
     assert re.search(r"\b9[5-9] s old", text(CARD.format("over-ground")))
     assert "What to do: look at the antenna" in text("document.querySelector('.faults')")
     assert text("document.querySelector('#now-faults')") == "2"
-    assert "No heading; Position lost" in text(CARD.format("faults"))
+    assert "No valid heading; GPS position lost" in text(CARD.format("faults"))
     assert re.search(r"absent, 0 Hz, last message 35 s ago, 0 rejected, no port", text("document.body"))
     browser.value("document.querySelector('.faults button').click()")
-    assert "No heading" not in text(CARD.format("faults"))
+    assert "No valid heading" not in text(CARD.format("faults"))
     browser.open(address)
     browser.wait_for("document.querySelectorAll('.faults button').length === 2")
     assert browser.value("[...document.querySelectorAll('.faults button')].map((one) => one.disabled)") == [True, False]

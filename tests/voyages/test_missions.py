@@ -110,7 +110,7 @@ def test_a_mission_is_left_paused_changed_and_replaced():
     boat.run(1.0)
     assert boat.snapshot.mission.state is MissionState.NO_MISSION
     assert boat.snapshot.navigation.activity is Activity.STATION
-    assert boat.said("Mission cannot be sailed")
+    assert boat.said("Mission unusable")
 
 
 def test_what_cannot_be_is_refused_with_the_reason():
@@ -140,7 +140,7 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     assert boat.snapshot.mission.state is MissionState.ACTIVE
     assert not boat.snapshot.position_ok
     assert boat.said(TABLE[Fault.POSITION_JUMPING].text)
-    assert boat.said("Position lost")
+    assert boat.said("GPS position lost")
     boat.jump_m = (0.0, 0.0)
     boat.run(60.0)
     assert boat.snapshot.position_ok
@@ -150,7 +150,7 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     boat.run(60.0)
     (told_s,) = boat.said("Position believed where it jumped to: ")
     assert boat.snapshot.position_ok
-    assert boat.said("Position is back")[-1] >= told_s  # it is not the old place that is back
+    assert boat.said("GPS position recovered")[-1] >= told_s  # it is not the old place that is back
 
 
 def test_from_any_checkpoint_the_same_rudder():
@@ -253,7 +253,7 @@ def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_
     assert boat.snapshot.mission.index == 0
     every, boat.fix_every = boat.fix_every, 10**9
     boat.run(420.0)
-    assert boat.said("Position lost") == boat.said("Goes on by reckoning from the last fix")
+    assert boat.said("GPS position lost") == boat.said("Goes on by reckoning from the last fix")
     assert not boat.snapshot.position_ok
     assert boat.snapshot.mission.index == 1  # the first was near, and certain enough
     assert boat.said("Reckoned to be there: waits for a fix to say so")

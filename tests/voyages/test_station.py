@@ -35,7 +35,7 @@ def kept(boat, seconds):
 def test_for_five_minutes():
     boat = rig.Sailing(rig.scenario(0.4, 0.28), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
     assert np.mean(kept(boat, 300.0) <= 100.0) >= 0.95
-    assert not boat.said("Current stronger")
+    assert not boat.said("Current too strong")
 
 
 @pytest.mark.proof

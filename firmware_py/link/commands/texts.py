@@ -103,7 +103,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "Battery report is out of range": ("another component sent a battery that cannot be", "see that component"),
     "Bench rudder is out of range": ("the pulse was no number", _AS_NAMED),
     "Bench rudder refused: armed": ("the rudder is moved by hand on the bench alone", _DISARM),
-    "Bench rudder refused: rudder servo does not answer": ("nothing to move", "see RUDDER_SILENT"),
+    "Bench rudder refused: rudder servo not responding": ("nothing to move", "see RUDDER_SILENT"),
     "there is servo 1, the rudder, only": ("of DO_SET_SERVO, param1", _AS_NAMED),
     "the pulse is not within 1000 to 2000 us": ("of DO_SET_SERVO, param2", _AS_NAMED),
     "Restart refused: armed": ("a restart leaves the rudder alone for a second", "disarm her, or force it"),

@@ -29,7 +29,7 @@ NEEDS = {
     "servo's power cut": {"torque"},
     "battery low": {"monitor"},
 }
-NO_HEADING = ("Heading lost", "No heading", "Compass jumps")
+NO_HEADING = ("Heading lost", "No valid heading", "Compass heading jumped")
 
 
 def taken(drills: Sequence[Drill]) -> set[str]:

@@ -38,7 +38,7 @@ def test_loiter_point_home_water_and_fence_are_taken_again():
     expected = rig.Sailing(rig.sea("calm")).state.heading_estimator.water.expected
     fence = ReplacePlan(Plan.of(PlanKind.FENCE, [item(5003, 0.0, 0.0, 500.0)]))
     boat = boat_at_a_wrong_place(Mode.LOITER, fence, FENCE_ENABLE=1, FS_FENCE_ACT=0)
-    assert len(boat.said(TEXT)) == len(boat.said("Fence breached")) == len(boat.said("Inside the fence again")) == 1
+    assert len(boat.said(TEXT)) == len(boat.said("Fence breached")) == len(boat.said("Fence breach cleared")) == 1
     task, known = boat.state.guidance.task, boat.state.heading_estimator.water
     assert isinstance(task, HoldStation)
     for place in (task.centre, place_of(boat.state.home), known.origin):

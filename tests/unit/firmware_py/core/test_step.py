@@ -231,13 +231,13 @@ def test_without_a_heading_the_rudder_is_held_then_amidships_and_heals():
     assert boat.outputs[-1].command.shaft_rad > 0.3
     boat.compass = False
     held_rad = boat.run(1.5).command.shaft_rad
-    assert "No heading: rudder held, then amidships" in boat.events
+    assert "No valid heading: rudder held, then centred" in boat.events
     assert boat.outputs[-1].snapshot.faults >> Fault.COMPASS_LOST & 1
     assert boat.run(8.0).command.shaft_rad == held_rad
     assert boat.run(4.0).command.shaft_rad == 0.0
     boat.compass = True
     boat.run(120.0)
-    assert "Heading is back" in boat.events
+    assert "Heading recovered" in boat.events
     assert off_deg(boat, 2.5) < 0.5
 
 
@@ -319,8 +319,8 @@ def test_a_servo_that_was_not_asked_while_she_was_halted_is_not_silent(halted_s)
     boat.tick(skipped=round(10 * halted_s))
     boat.servo = True
     assert boat.run(3.0).snapshot.mode is Mode.GUIDED
-    assert "Control loop is late" in boat.events
-    assert "Rudder servo does not answer" not in boat.events
+    assert "Control loop late: deadlines skipped" in boat.events
+    assert "Rudder servo not responding" not in boat.events
 
 
 @pytest.mark.parametrize(("every", "found_s"), [(1, 1.0), (4, 1.0), (10, 2.5), (20, 5.0)])
@@ -347,7 +347,7 @@ def test_a_slow_compass_may_lose_one_heading_and_not_two():
     boat.run(1.0)
     boat.compass = True
     assert boat.run(10.0).snapshot.faults == 0
-    assert "No heading: rudder held, then amidships" not in boat.events
+    assert "No valid heading: rudder held, then centred" not in boat.events
 
 
 def test_a_gap_is_no_rate():
@@ -360,7 +360,7 @@ def test_a_gap_is_no_rate():
     boat.events.clear()
     boat.compass = False
     boat.run(1.1)
-    assert "No heading: rudder held, then amidships" in boat.events
+    assert "No valid heading: rudder held, then centred" in boat.events
 
 
 @pytest.mark.parametrize(("every", "found_s"), [(1, 5.0), (50, 12.5)])
@@ -368,7 +368,7 @@ def test_a_receiver_is_lost_as_fast_as_its_own_rate_allows(every, found_s):
     boat = Boat(noise_rad=0.002)
     boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), every
     assert boat.run(60.0).snapshot.faults == 0
-    assert "Position lost" not in boat.events
+    assert "GPS position lost" not in boat.events
     while (boat.index - 1) % every:
         boat.tick()
     last_s, boat.position = boat.t_s - 0.1, None
@@ -382,7 +382,7 @@ def test_a_servo_that_answers_once_a_second_is_not_silent():
     boat.servo_every = 10
     boat.under_way()
     assert boat.run(60.0).snapshot.faults == 0
-    assert "Rudder servo does not answer" not in boat.events
+    assert "Rudder servo not responding" not in boat.events
 
 
 def heard(boat, state=DeviceState.RUNNING):
@@ -403,7 +403,7 @@ def test_what_the_loss_of_the_station_does_in_each_mode(mode, armed, silent):
     acts = silent and armed and mode is not Mode.HOLD
     assert output.snapshot.mode is (Mode.LOITER if acts else mode)
     assert output.snapshot.armed is armed
-    assert ("Ground station silent" in boat.events) is silent
+    assert ("Ground station link lost" in boat.events) is silent
     assert ("Failsafe: LOITER" in boat.events) is acts
 
 
@@ -703,12 +703,12 @@ def test_a_battery_that_runs_low_is_saved_step_by_step_and_all_of_it_is_undone()
     ]
     told = [text for text in boat.events if "attery" in text or "Failsafe" in text]
     assert told == [
-        "Battery is low: she saves power",
-        "Battery is nearly empty",
+        "Battery low: power saving on",
+        "Battery critical",
         "Failsafe: STEERING",
-        "Battery is no longer nearly empty",
+        "Battery no longer critical",
         "Failsafe over: GUIDED goes on",
-        "Battery is charged again: she saves no more",
+        "Battery no longer low: power saving off",
     ]
 
 
@@ -757,4 +757,4 @@ def test_a_power_monitor_that_falls_silent_is_told_and_she_saves_on():
     assert boat.pass_time(35.0).snapshot.saving == 1
     boat.charge = None
     assert boat.pass_time(120.0).snapshot.saving == 1
-    assert "Power monitor is silent: battery not all known" in boat.events
+    assert "Power monitor: no data" in boat.events

@@ -41,7 +41,7 @@ def test_she_tells_steps_aside_and_goes_her_way_again():
     (aside,) = boat.said("Steps aside to")
     (told,) = boat.said("ANNA comes to")
     assert told <= aside <= told + 3.0
-    assert boat.said("A vessel comes near") == [told]
+    assert boat.said("Vessel approaching") == [told]
     assert boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert 40.0 <= math.degrees(boat.snapshot.goal_heading_rad) <= 60.001
     boat.run(290.0, until=lambda boat: not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1)

@@ -60,11 +60,11 @@ def test_one_that_freezes_in_a_turn_is_reported_early_and_is_not_followed(freeze
     assert off_deg(boat) < 5.0
     boat.run(100.0)
     assert abs(math.degrees(wrap_pi(boat.hull.heading_low_rad(0.0) - radians(turn_deg)))) < 12.0
-    assert boat.said("Compass jumps") == []
+    assert boat.said("Compass heading jumped") == []
     freeze(boat, still=False)
     boat.run(20.0)
     assert len(boat.said(TOLD)) == len(boat.said(OVER)) == 1
-    assert boat.said("No heading") == []  # not for a tick
+    assert boat.said("No valid heading") == []  # not for a tick
     assert boat.state.heading_estimator.tick.sources.in_use == Source.COMPASS_A
 
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.records import Event, Severity
-from firmware_py.faults.latch import LatchState, arming_obstacle, update
+from firmware_py.faults.latch import LatchState, arming_refusal, update
 from firmware_py.faults.page import markdown
 from firmware_py.faults.table import TABLE, Fault
 
@@ -87,11 +87,11 @@ def test_each_fault_is_set_by_its_own_times_and_told_when_it_comes_and_goes(step
 
 @pytest.mark.parametrize("fault", Fault)
 def test_a_fault_forbids_arming_by_its_own_words_and_the_first_of_several_speaks(fault):
-    assert arming_obstacle(1 << fault) == TABLE[fault].arming
+    assert arming_refusal(1 << fault) == TABLE[fault].arming_refusal
     later = sum(1 << other for other in Fault if other > fault)
-    first = next((TABLE[other].arming for other in Fault if other >= fault and TABLE[other].arming), "")
-    assert arming_obstacle(1 << fault | later) == first
+    first = next((TABLE[other].arming_refusal for other in Fault if other >= fault and TABLE[other].arming_refusal), "")
+    assert arming_refusal(1 << fault | later) == first
 
 
 def test_nothing_set_forbids_nothing():
-    assert arming_obstacle(0) == ""
+    assert arming_refusal(0) == ""

@@ -54,7 +54,9 @@ WELL = FaultInput(
 
 
 def standing(**changes):
-    return [fault for fault, stands in zip(TABLE, judge_conditions(replace(WELL, **changes)), strict=True) if stands]
+    return [
+        fault for fault, is_present in zip(TABLE, judge_conditions(replace(WELL, **changes)), strict=True) if is_present
+    ]
 
 
 def test_nothing_stands_while_all_is_well_or_nothing_is_known():

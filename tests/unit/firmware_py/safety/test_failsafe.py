@@ -4,7 +4,7 @@ import pytest
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.faults.latch import arming_obstacle
+from firmware_py.faults.latch import arming_refusal
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
 from firmware_py.safety.supervisor import SupervisorSettings
@@ -169,6 +169,6 @@ def test_every_row_with_a_parameter_has_its_mode_and_every_default_is_one():
 
 
 def test_the_table_says_what_forbids_arming():
-    assert arming_obstacle(0) == ""
-    assert arming_obstacle(1 << Fault.LOOP_LATE | 1 << Fault.RUDDER_JAMMED) == "rudder is jammed"
-    assert all(len(f"Arming refused: {row.arming}") <= 50 for row in TABLE.values())
+    assert arming_refusal(0) == ""
+    assert arming_refusal(1 << Fault.LOOP_LATE | 1 << Fault.RUDDER_JAMMED) == "rudder jammed"
+    assert all(len(f"Arming refused: {row.arming_refusal}") <= 50 for row in TABLE.values())

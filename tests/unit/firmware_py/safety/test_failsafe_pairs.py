@@ -42,7 +42,7 @@ class Boat:
 
 def acts(fault, mode):
     """Whether a fault may act in a mode that an operator has ordered."""
-    return mode is not Mode.HOLD and (mode is not Mode.MANUAL or TABLE[fault].in_manual)
+    return mode is not Mode.HOLD and (mode is not Mode.MANUAL or TABLE[fault].acts_in_manual)
 
 
 def wanted(ordered, chosen, stood):
@@ -59,7 +59,7 @@ def wanted(ordered, chosen, stood):
 
 def left_by(fault, chosen, before):
     """Where she is once a failsafe has ended without FS_RESUME."""
-    return before if TABLE[fault].resumes else chosen[fault]
+    return before if TABLE[fault].always_resumes else chosen[fault]
 
 
 def test_the_graver_comes_first_and_every_fault_with_a_choice_has_its_place():
@@ -130,7 +130,7 @@ def test_an_order_wins_over_all_that_stand_and_over_none_that_comes_later(order)
 
 def test_in_manual_the_others_wait_for_the_loss_of_the_operator():
     for fault in PRECEDENCE:
-        if TABLE[fault].in_manual:
+        if TABLE[fault].acts_in_manual:
             continue
         lost = Fault.STATION_SILENT
         boat = Boat(Mode.MANUAL, {lost: Mode.LOITER, fault: Mode.RTL})

@@ -125,9 +125,9 @@ def test_it_has_what_the_operator_asks_for(boat):
 
 def test_what_she_said_between_two_statuses_is_told(boat):
     boat.status(10.0)
-    said = replace(boat.output, events=(Event(Severity.WARNING, "Position lost"),))
+    said = replace(boat.output, events=(Event(Severity.WARNING, "GPS position lost"),))
     boat.reporter.update(said, 10.1)
-    event = {"t_s": 10.1, "severity": 4, "text": "Position lost"}
+    event = {"t_s": 10.1, "severity": 4, "text": "GPS position lost"}
     assert event in boat.status(11.0)["events"]
     for number in range(1000):
         boat.reporter.update(said, 11.0 + 1e-4 * number)

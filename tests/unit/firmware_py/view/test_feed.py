@@ -11,7 +11,7 @@ from firmware_py.view.history import COLUMNS, History
 STATUS = {
     "vehicle": "boat", "pid": 7, "written_machine_s": 100.0, "utc_s": 1.8e9, "uptime_s": 50.0, "heading_deg": 12.0,
     "goal_deg": 15.0, "error_deg": 3.0, "faults": [{"fault": "POSITION_LOST"}],
-    "events": [{"t_s": 48.0, "severity": 4, "text": "Position lost"}], "plan_identities": [1, 0, 0],
+    "events": [{"t_s": 48.0, "severity": 4, "text": "GPS position lost"}], "plan_identities": [1, 0, 0],
     "home": {"lat_deg": 36.0, "lon_deg": 121.0}, "rudder": {"angle_deg": -4.0}, "estimate": {"heading_deg": 11.0},
     "navigation": {"item": 2, "target_lat_deg": 36.1, "target_lon_deg": 121.1, "radius_m": 40.0},
 }  # fmt: skip
@@ -66,11 +66,11 @@ def test_every_column_of_a_page_is_known_to_it():
 
 
 def test_what_she_said_is_told_once_and_when_it_was(rig):
-    assert rig.poll()["marks"] == [[-2.0, 4, "Position lost"]]
+    assert rig.poll()["marks"] == [[-2.0, 4, "GPS position lost"]]
     rig.later(1.0)
     assert rig.poll()["marks"] == []
-    rig.later(1.0, events=[*STATUS["events"], {"t_s": 51.5, "severity": 6, "text": "Position is back"}])
-    assert rig.poll()["marks"] == [[1.5, 6, "Position is back"]]
+    rig.later(1.0, events=[*STATUS["events"], {"t_s": 51.5, "severity": 6, "text": "GPS position recovered"}])
+    assert rig.poll()["marks"] == [[1.5, 6, "GPS position recovered"]]
 
 
 def test_what_is_past_its_time_out_is_no_value_of_the_row(rig):
@@ -91,7 +91,7 @@ def test_a_fault_comes_with_its_remedy(rig):
 
 def test_what_is_reported_before_a_run_begins_is_of_its_first_moment(rig):
     rig.feed.take_line(b'{"time_s": 0.5}')
-    assert rig.poll()["marks"] == [[0.0, 4, "Position lost"]]
+    assert rig.poll()["marks"] == [[0.0, 4, "GPS position lost"]]
 
 
 def test_plans_are_read_when_they_change(rig):

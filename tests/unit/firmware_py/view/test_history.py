@@ -13,11 +13,11 @@ def whole(history):
 def test_a_reader_is_told_what_has_come_and_can_be_told_all():
     history = History()
     told = json.loads(
-        history.add({"time_s": 1.0, "heading_deg": 10.0004}, [(0.5, 4, "Position lost")], {"title": "boat"})
+        history.add({"time_s": 1.0, "heading_deg": 10.0004}, [(0.5, 4, "GPS position lost")], {"title": "boat"})
     )
     assert told["rows"] == [told["values"]]
     assert dict(zip(COLUMNS, told["values"], strict=True))["heading_deg"] == 10.0
-    assert told["marks"] == [[0.5, 4, "Position lost"]]
+    assert told["marks"] == [[0.5, 4, "GPS position lost"]]
     assert whole(history)["rows"] == told["rows"]
     assert whole(history)["now"] == {"title": "boat"}
 

@@ -15,7 +15,7 @@ DEFINITIONS = DATA / "mavlink" / "definitions"
 
 MESSAGES = {
     "numbers, the last of them 0": mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
-    "a text, and a field named id": mavlink.MAVLink_statustext_message(4, b"Compass is silent", 3, 1),
+    "a text, and a field named id": mavlink.MAVLink_statustext_message(4, b"Compass: no data", 3, 1),
     "arrays": mavlink.MAVLink_battery_status_message(0, 0, 1, 2510, [12345] + [0xFFFF] * 9, -120, 5, -1, 80),
     "nothing but 0": mavlink.MAVLink_system_time_message(0, 0),
     "one that pymavlink lacks": mavlink.mavlink_map[435](4, 2, 0, 15, 4, b"GUIDED"),

@@ -22,7 +22,7 @@ def scores(rms_deg=1.0, settling_s=50.0):
 def results(spec, first, last):
     """Return results of the rows [first, last), one of which never settled, and one did not end."""
     outcomes = {
-        1: Outcome("b", scores(settling_s=math.inf), ("Compass is silent", "Heading lost")),
+        1: Outcome("b", scores(settling_s=math.inf), ("Compass: no data", "Heading lost")),
         2: Outcome("c", None, (), "the autopilot ended early"),
     }
     return [Result(row, outcomes.get(row.index, Outcome("a", scores(row.index)))) for row in rows(spec, first, last)]
@@ -70,7 +70,7 @@ def test_a_run_is_a_row_with_what_was_drawn_and_what_became_of_it(tmp_path):
     expected = next(rows(read(), 1, 2))
     assert {name: found[1][name] for name in expected.drawn} == dict(expected.drawn)
     assert (found[1]["seed"], found[1]["digest"]) == (expected.seed, "b")
-    assert (found[1]["settling_s"], found[1]["faults"]) == (math.inf, "Compass is silent; Heading lost")
+    assert (found[1]["settling_s"], found[1]["faults"]) == (math.inf, "Compass: no data; Heading lost")
     assert (found[2]["rms_deg"], found[2]["ended"]) == (None, "the autopilot ended early")
     assert found[0]["faults"] is None
     assert [row["row"] for row in found if row["failed"]] == [2, 4, 5, 6, 7]

@@ -59,7 +59,7 @@ def test_a_pair_is_not_asked_for_what_one_of_it_hides():
     assert not is_blind(both)
     without = named("compass frozen", "position lost")
     assert is_blind(without)
-    assert "No heading" in explained(without)
+    assert "No valid heading" in explained(without)
     assert not any(is_hidden(drill, without) for drill in without)
     cable, low = pair = named("servo's cable out", "battery low")
     assert (stops_her(cable, pair), stops_her(low, pair)) == (True, False)
