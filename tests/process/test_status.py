@@ -8,13 +8,16 @@ import signal
 import socket
 import stat
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
 from firmware_py import __version__
 from firmware_py.__main__ import main
 from firmware_py.system.status_file import DIRECTORIES, STALE_S, file_name
+from support.json_keys import keys
 
+CONTRACT = Path(__file__).parents[1] / "data" / "contract.json"
 GUIDED = 15
 
 
@@ -58,6 +61,7 @@ def test_a_boat_under_way_says_how_she_fares_and_is_old_news_when_she_hangs_or_i
         code, status = status_of(boat, "--json")
     assert code == 0
     assert (status["status"], status["mode"], status["armed"]) == ("running", "GUIDED", True)
+    assert set(json.loads(CONTRACT.read_text())["status"]) <= keys(status)
     assert status["goal_deg"] == pytest.approx(25.0, abs=0.01)
     assert status["pid"] == boat.process._process.pid
     assert status["versions"]["rambler"] == __version__

@@ -1,0 +1,117 @@
+"""Commands, options, files, columns, keys and names that scripts rely on: what tests/data/contract.json lists is there.
+
+Anything may be added. `python tests/process/test_contract.py` writes the list again, after an addition.
+"""
+
+import argparse
+import csv
+import importlib
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from firmware_py.common.parameter_table import TABLE as PARAMETERS
+from firmware_py.faults.fault import Fault
+from firmware_py.link.telemetry.table import TABLE as MESSAGES
+from support.json_keys import keys
+
+CONTRACT = Path(__file__).parents[1] / "data" / "contract.json"
+PROGRAMS = {"rambler": "firmware_py", "rambler-hil": "hil"}
+
+
+def options(parser):
+    """Yield the options and arguments of a parser and of its subcommands."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, command in action.choices.items():
+                yield name
+                yield from (f"{name} {option}" for option in options(command))
+        else:
+            yield from action.option_strings or [action.dest]
+
+
+def commands(package):
+    """Return the options of each command of a program."""
+    listed = {}
+    for name, (module, _) in importlib.import_module(f"{package}.__main__").COMMANDS.items():
+        parser = argparse.ArgumentParser()
+        importlib.import_module(module).add_arguments(parser)
+        listed[name] = sorted(options(parser))
+    return listed
+
+
+def header(path):
+    """Return the columns of a table."""
+    with path.open(newline="") as file:
+        return next(csv.reader(file))
+
+
+def outputs(directory):
+    """Return the files, columns and keys of a run and of what is computed from it."""
+
+    def call(package, *words):
+        command = [sys.executable, "-m", package, *map(str, words)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=300, check=True).stdout
+
+    run, estimate, identified = directory / "run", directory / "estimate.csv", directory / "identify.json"
+    call("hil", "run", "tank", "--speed", "max", "--seconds", "140", "--goal", "0:0,10:40", "--out", run)
+    call("hil", "estimate", run / "truth.csv", "--out", estimate, "--json", directory / "estimate.json")
+    call("hil", "identify", run / "truth.csv", "--model", "linear", "--json", identified)
+    return {
+        "run_files": sorted(path.name for path in run.iterdir()),
+        "truth.csv": header(run / "truth.csv"),
+        "summary.json": sorted(keys(json.loads((run / "summary.json").read_text()))),
+        "estimate.csv": header(estimate),
+        "estimate --json": sorted(keys(json.loads((directory / "estimate.json").read_text()))),
+        "identify --json": sorted(keys(json.loads(identified.read_text()))),
+        "replay --json": sorted(
+            keys(json.loads(call("firmware_py", "replay", run / "state/logs/00000001.BIN", "--json")))
+        ),
+        "scenarios --json": sorted(keys(json.loads(call("hil", "scenarios", "--json")))),
+    }
+
+
+def names():
+    """Return the names of parameters, faults and telemetry messages, and the command lines."""
+    return {
+        "parameters": [row.name for row in PARAMETERS],
+        "faults": [fault.name for fault in Fault],
+        "messages": [row.name for row in MESSAGES],
+        **{program: commands(package) for program, package in PROGRAMS.items()},
+    }
+
+
+def missing(expected, found):
+    """Return what is expected and not there."""
+    if isinstance(expected, dict):
+        return {
+            name: gone for name, part in expected.items() if (gone := missing(part, found.get(name) or type(part)()))
+        }
+    return sorted(set(expected) - set(found))
+
+
+def test_every_command_option_parameter_fault_and_message_is_there():
+    assert missing(json.loads(CONTRACT.read_text())["names"], names()) == {}
+
+
+@pytest.mark.timeout(300)
+def test_every_file_column_and_key_is_there(tmp_path):
+    assert missing(json.loads(CONTRACT.read_text())["outputs"], outputs(tmp_path)) == {}
+
+
+def test_what_is_gone_is_listed():
+    assert missing({"a": ["x", "y"], "b": {"c": ["z"]}, "d": []}, {"a": ["y"]}) == {"a": ["x"], "b": {"c": ["z"]}}
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as scratch:
+        listed = {
+            "names": names(),
+            "outputs": outputs(Path(scratch)),
+            "status": json.loads(CONTRACT.read_text())["status"],
+        }
+        CONTRACT.write_text(json.dumps(listed, indent=1) + "\n")
