@@ -1,4 +1,4 @@
-"""`rambler-hil campaign`: many runs drawn from a specification, one of them again, two campaigns side by side."""
+"""`rambler-hil campaign`: run a campaign, repeat one of its runs, or compare two campaigns."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pathlib import Path
 from hil.cli import progress
 from hil.errors import UsageError
 from hil.lab.campaign import campaign, store
-from hil.lab.campaign.campaign import Crew
-from hil.lab.campaign.crew import check_address
-from hil.lab.campaign.extra import imported
+from hil.lab.campaign.campaign import Workers
+from hil.lab.campaign.store import imported
+from hil.lab.campaign.workers import check_address
 from hil.sim import run_file
 from hil.sim.run_directory import CAMPAIGN, check_free, held
 
@@ -30,21 +30,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "words",
         nargs="+",
         metavar="SPEC | replay DIR ROW | compare DIR DIR",
-        help="the TOML file that says what each run is drawn from; or one run of a campaign again, alone and in full; "
-        "or two campaigns side by side",
+        help="SPEC: run the campaign that a TOML file specifies; replay: repeat one run with its log and page; "
+        "compare: compare two campaigns",
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the results are kept")
-    parser.add_argument("--resume", action="store_true", help="go on with the campaign in DIR")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the results")
+    parser.add_argument("--resume", action="store_true", help="continue the campaign in DIR")
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one for each core)"
+        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="worker processes (default: one per core)"
     )
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="let the workers of a dask scheduler sail, as in tcp://10.0.0.1:8786"
+        "--scheduler", metavar="ADDRESS", help="run on the workers of a dask scheduler, for example tcp://10.0.0.1:8786"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what the first word says; any other word is a specification."""
+    """Run the command of the first word; any other word is a specification."""
     first, *more = arguments.words
     act, names = ACTS.get(first, (_sail, ()))
     words = more if first in ACTS else arguments.words
@@ -53,19 +53,19 @@ def run(arguments: argparse.Namespace) -> int:
     if len(words) != len(names):
         raise UsageError(f"{' '.join(arguments.words)[:80]}: give {' or '.join(map(_usage, ('', *ACTS)))}")
     _check(first, words, arguments)
-    # Now, and not when the first results are there.
+    # Checked before the first run, not after it.
     for package in ("pyarrow", *(("distributed",) if arguments.scheduler is not None else ())):
         imported(package)
     return act(words, arguments)
 
 
 def _check(first: str, words: Sequence[str], arguments: argparse.Namespace) -> None:
-    """UsageError for words that nothing can be done with, whatever is installed and whoever answers."""
+    """Check the command line before packages are imported and connections are made."""
     if first == REPLAY:
         _number(words[1])
     if first in ACTS:
         if arguments.resume or arguments.scheduler is not None:
-            raise UsageError(f"{first} takes neither --resume nor --scheduler; leave them out")
+            raise UsageError(f"{first} does not take --resume or --scheduler; remove them")
         return
     if not 1 <= arguments.workers <= MOST_WORKERS:
         raise UsageError(f"--workers {arguments.workers}: give a whole number from 1 to {MOST_WORKERS}")
@@ -85,18 +85,18 @@ def _usage(name: str) -> str:
 
 
 def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
-    """Sail a campaign."""
-    crew = Crew(arguments.workers, arguments.scheduler)
+    """Run a campaign."""
+    workers = Workers(arguments.workers, arguments.scheduler)
     path = Path(words[0])
     spec = campaign.read_spec(path)
     for note in spec.notes:
         print(f"{path}: {note}", file=sys.stderr)
     try:
-        with progress.line(sys.stderr, time.monotonic) as tell:
-            figures = campaign.run(spec, path.parent.resolve(), arguments.out, crew, tell, resume=arguments.resume)
+        with progress.line(sys.stderr, time.monotonic) as report:
+            figures = campaign.run(spec, path.parent.resolve(), arguments.out, workers, report, resume=arguments.resume)
     except KeyboardInterrupt:
         if (arguments.out / CAMPAIGN).exists():
-            print("rambler-hil: interrupted; what is sailed is kept: go on with --resume", file=sys.stderr)
+            print("rambler-hil: interrupted; finished runs are stored, continue with --resume", file=sys.stderr)
         raise
     print(f"{figures['runs']} runs, {figures['failed']} failed: {arguments.out / store.RUNS}")
     print(f"report: {arguments.out / store.PAGE}")
@@ -104,29 +104,29 @@ def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
 
 
 def _replay(words: Sequence[str], arguments: argparse.Namespace) -> int:
-    """Sail one run of a campaign again; exit 1 when it is not the same."""
-    from hil.lab.campaign import replay  # noqa: PLC0415 - the rest does without it
+    """Repeat one run of a campaign; return 1 if the results differ."""
+    from hil.lab.campaign import replay  # noqa: PLC0415 - only needed here
 
     index = _number(words[1])
     found = replay.replay(Path(words[0]), index, arguments.out)
     for line in found.differences:
         print(f"run {index}: {line}")
     if not found.differences:
-        print(f"run {index}: the same to the last bit")
+        print(f"run {index}: identical to the last bit")
     print(f"report: {found.page}")
     return 1 if found.differences else 0
 
 
 def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
     """Compare two campaigns run by run, and write the page and the figures."""
-    from hil.lab.campaign import compare, compare_page, table  # noqa: PLC0415 - the rest does without it
+    from hil.lab.campaign import compare, compare_page  # noqa: PLC0415 - only needed here
 
     check_free(arguments.out, (CAMPAIGN, run_file.NAME))
-    first, second = (table.read(Path(word)) for word in words)
+    first, second = (store.read_results(Path(word)) for word in words)
     found = compare.compare(first, second)
     with held(arguments.out):
-        store.put(arguments.out / JSON, (json.dumps(compare.as_json(found), indent=2) + "\n").encode())
-        store.put(arguments.out / store.PAGE, compare_page.text(first, second, found).encode())
+        store.write_file(arguments.out / JSON, (json.dumps(compare.as_json(found), indent=2) + "\n").encode())
+        store.write_file(arguments.out / store.PAGE, compare_page.text(first, second, found).encode())
     rows = compare_page.cells(found)
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     print(compare_page.lead(first, second, found))
@@ -138,7 +138,7 @@ def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
     return 0
 
 
-# What the first word can be besides a specification, and what comes behind it.
+# Commands of the first word, and their arguments.
 ACTS: dict[str, tuple[Callable[[Sequence[str], argparse.Namespace], int], tuple[str, ...]]] = {
     REPLAY: (_replay, ("DIR", "ROW")),
     "compare": (_compare, ("DIR", "DIR")),

@@ -17,7 +17,7 @@ from support.paths import ROOT
 
 pytestmark = pytest.mark.timeout(600)  # the loop is compiled first: half a minute of one processor
 
-PATIENCE_S = 300.0
+TIMEOUT_S = 300.0
 COMPILED = """
 engine = "compiled"
 runs = 640
@@ -44,7 +44,7 @@ K = {uniform = [0.7, 1.4]}
 
 def until(condition):
     """Wait for something that another process brings about, and return it."""
-    give_up_s = time.monotonic() + PATIENCE_S
+    give_up_s = time.monotonic() + TIMEOUT_S
     while not (found := condition()):
         assert time.monotonic() < give_up_s, "waited in vain"
         time.sleep(0.02)
@@ -80,7 +80,7 @@ def started(spec, out, *words):
     return start_rambler_hil("campaign", path, "--out", out, *words)
 
 
-def sailed(spec, out, *words):
+def finished_campaign(spec, out, *words):
     """Sail a campaign to its end and return the bytes that it came to."""
     campaign = started(spec, out, *words)
     said, errors = campaign.communicate()
@@ -96,7 +96,7 @@ def parts(out):
 
 @pytest.mark.proof
 def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path):
-    whole = sailed(COMPILED, tmp_path / "whole", "--workers", "1")
+    whole = finished_campaign(COMPILED, tmp_path / "whole", "--workers", "1")
     out = tmp_path / "killed"
     campaign = started(COMPILED, out, "--workers", "1")
     until(lambda: parts(out) >= 2)
@@ -109,7 +109,7 @@ def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path
     assert not (out / store.RUNS).exists()
     code, _, errors = rambler_hil("campaign", out.with_suffix(".toml"), "--out", out)
     assert (code, "go on with --resume" in errors) == (2, True)
-    assert sailed(COMPILED, out, "--workers", "2", "--resume") == whole
+    assert finished_campaign(COMPILED, out, "--workers", "2", "--resume") == whole
 
 
 @pytest.mark.proof
@@ -122,7 +122,7 @@ def test_a_campaign_that_is_told_to_end_says_how_to_go_on(tmp_path):
     _, errors = campaign.communicate()
     assert campaign.returncode == INTERRUPTED
     assert 'engine: "twin" is the old name of "compiled"' in errors
-    assert errors.endswith("rambler-hil: interrupted; what is sailed is kept: go on with --resume\n")
+    assert errors.endswith("rambler-hil: interrupted; finished runs are stored, continue with --resume\n")
     assert "Traceback" not in errors
     until(lambda: not any(b"spawn_main" in command_line(one) for one in crew))
 
@@ -130,13 +130,13 @@ def test_a_campaign_that_is_told_to_end_says_how_to_go_on(tmp_path):
 @pytest.mark.proof
 def test_the_autopilot_sails_a_campaign_to_the_same_bits_again_and_any_run_alone(tmp_path):
     out, run = tmp_path / "first", tmp_path / "run"
-    first = sailed(FIRMWARE, out, "--workers", "1")
-    assert sailed(FIRMWARE, tmp_path / "second", "--workers", "2") == first
+    first = finished_campaign(FIRMWARE, out, "--workers", "1")
+    assert finished_campaign(FIRMWARE, tmp_path / "second", "--workers", "2") == first
     runs = store.read_table(out / store.RUNS).to_pylist()
     assert [row["ended"] for row in runs] == ["finished", "finished"]
     assert runs[0]["digest"] != runs[1]["digest"]
     code, said, errors = rambler_hil("campaign", "replay", out, "1", "--out", run)
-    assert (code, said.splitlines()[0]) == (0, "run 1: the same to the last bit"), errors
+    assert (code, said.splitlines()[0]) == (0, "run 1: identical to the last bit"), errors
     assert hashlib.sha256((run / "truth.csv").read_bytes()).hexdigest() == runs[1]["digest"]
     assert (run / "report.html").exists()
 
@@ -144,14 +144,14 @@ def test_the_autopilot_sails_a_campaign_to_the_same_bits_again_and_any_run_alone
 @pytest.mark.proof
 def test_a_compiled_run_replays_as_the_autopilot_sails_it(tmp_path):
     out = tmp_path / "out"
-    sailed(COMPILED.replace("runs = 640", "runs = 4"), out)
+    finished_campaign(COMPILED.replace("runs = 640", "runs = 4"), out)
     for row in range(4):
         code, said, errors = rambler_hil("campaign", "replay", out, row, "--out", tmp_path / "run")
-        assert (code, said.splitlines()[0]) == (0, f"run {row}: the same to the last bit"), errors
+        assert (code, said.splitlines()[0]) == (0, f"run {row}: identical to the last bit"), errors
     (out / store.RUNS).unlink()
     (out / store.PARTS).mkdir()
     code, _, errors = rambler_hil("campaign", "replay", out, "1", "--out", tmp_path / "run")
-    assert (code, "has not been sailed yet" in errors) == (2, True)
+    assert (code, "is not finished" in errors) == (2, True)
 
 
 @contextlib.contextmanager
@@ -169,9 +169,9 @@ def cluster():
 
 @pytest.mark.proof
 def test_a_dask_cluster_comes_to_the_same_whoever_of_it_is_killed(tmp_path):
-    whole = sailed(COMPILED, tmp_path / "whole", "--workers", "1")
+    whole = finished_campaign(COMPILED, tmp_path / "whole", "--workers", "1")
     with cluster() as (_, address):
-        assert sailed(COMPILED, tmp_path / "cluster", "--scheduler", address) == whole
+        assert finished_campaign(COMPILED, tmp_path / "cluster", "--scheduler", address) == whole
     out = tmp_path / "killed"
     with cluster() as (process, address):
         campaign = started(COMPILED, out, "--scheduler", address)
@@ -183,7 +183,7 @@ def test_a_dask_cluster_comes_to_the_same_whoever_of_it_is_killed(tmp_path):
         assert (campaign.returncode, "go on with --resume" in errors) == (1, True), errors
         assert "Traceback" not in errors
     with cluster() as (_, address):
-        assert sailed(COMPILED, out, "--scheduler", address, "--resume") == whole
+        assert finished_campaign(COMPILED, out, "--scheduler", address, "--resume") == whole
     code, _, errors = rambler_hil(
         "campaign", out.with_suffix(".toml"), "--out", tmp_path / "fish", "--scheduler", "fish"
     )

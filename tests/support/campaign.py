@@ -1,7 +1,7 @@
 """Specifications of campaigns, with something else in them."""
 
 from hil.lab.campaign.engines import engine_of
-from hil.lab.campaign.faulted import FAULTS
+from hil.lab.campaign.firmware_engine import FAULTS
 from hil.lab.campaign.spec import parse
 
 COMPILED = {

@@ -1,4 +1,4 @@
-"""A campaign from its specification to its results: what is still to be sailed is sailed and kept, batch by batch."""
+"""Run a campaign: simulate the missing runs and store them batch by batch."""
 
 from __future__ import annotations
 
@@ -14,92 +14,94 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import UsageError
-from hil.lab.campaign import crew, page, spec, store, table
+from hil.lab.campaign import page, store, workers
 from hil.lab.campaign.engines import engine_of, versions
-from hil.lab.campaign.faulted import FAULTS
+from hil.lab.campaign.firmware_engine import FAULTS
 from hil.lab.campaign.row import extremes, rows
-from hil.lab.campaign.spec import Spec
+from hil.lab.campaign.spec import Spec, read_spec_file
 from hil.lab.campaign.store import Store
 from hil.sim.run_directory import held
 from hil.sim.signals import interruptible
 
-BATCHES = 64  # of a small campaign, so that no worker has much to do when the others are done
+MIN_BATCHES = 64  # for small campaigns, so that all workers finish at about the same time
 
-Tell = Callable[[int, int, int], None]  # runs that are done, of all; how many of them by now
+Report = Callable[[int, int, int], None]  # finished runs, all runs, runs finished by this process
 
 
 @dataclass(frozen=True, slots=True)
-class Crew:
-    """Who sails: so many processes of this computer, or the workers of a dask scheduler."""
+class Workers:
+    """A number of processes on this computer, or the workers of a dask scheduler."""
 
-    workers: int = os.cpu_count() or 1
+    count: int = os.cpu_count() or 1
     scheduler: str | None = None
 
 
 def read_spec(path: Path, beside: Path | None = None) -> Spec:
-    """Read a specification that its engine can sail, or raise UsageError with a line for each error.
+    """Read a specification and check it for its engine, or raise UsageError with a line for each error.
 
-    A vehicle file is looked for beside it, or in a directory.
+    The path of a vehicle file is relative to `beside`, by default the directory of the specification.
     """
-    found = spec.read(path, tuple(FAULTS), lambda found: engine_of(found).refusals(found), beside)
+    spec = read_spec_file(path, tuple(FAULTS), lambda spec: engine_of(spec).refusals(spec), beside)
     try:
-        list(extremes(found))
+        list(extremes(spec))
     except ValueError as error:
         raise UsageError(f"{path}: {error}") from None
-    return found
+    return spec
 
 
-def run(found: Spec, beside: Path, out: Path, who: Crew, tell: Tell, *, resume: bool) -> dict[str, Any]:
-    """Run what is left of a campaign, whose specification came from a directory; return the figures of summary.json."""
-    with interruptible(), _cluster(who) as cluster, held(out):
-        kept = Store(out, found, versions(), beside)
-        kept.begin(resume=resume)
-        finished = kept.finished()
-        begun = sum(last - first for first, last in finished)
-        begun_s, done = time.monotonic(), begun
-        for (first, last), results in _sailed(found, who, cluster, store.missing(found.runs, finished, _batch(found))):
-            kept.add(first, last, results)
+def run(spec: Spec, beside: Path, out: Path, used: Workers, report: Report, *, resume: bool) -> dict[str, Any]:
+    """Run or resume a campaign and return the figures of summary.json; `beside` is the directory of the spec."""
+    with interruptible(), _cluster(used) as cluster, held(out):
+        results = Store(out, spec, versions(), beside)
+        results.begin(resume=resume)
+        finished = results.finished()
+        before = sum(last - first for first, last in finished)
+        started_s, done = time.monotonic(), before
+        pending = store.pending_batches(spec.runs, finished, _batch_size(spec))
+        for (first, last), batch in _run_batches(spec, used, cluster, pending):
+            results.add(first, last, batch)
             done += last - first
-            tell(done, found.runs, done - begun)
-        kept.finish()
-        known = table.read(out)
-        figures = _figures(found, known.failures, done - begun, time.monotonic() - begun_s, who)
-        store.put(out / store.SUMMARY, (json.dumps(figures, indent=2) + "\n").encode())
-        store.put(out / store.PAGE, page.text(known, found.notes).encode())
+            report(done, spec.runs, done - before)
+        results.finish()
+        table = store.read_results(out)
+        figures = _figures(spec, table.failures, done - before, time.monotonic() - started_s, used)
+        store.write_file(out / store.SUMMARY, (json.dumps(figures, indent=2) + "\n").encode())
+        store.write_file(out / store.PAGE, page.text(table, spec.notes).encode())
     return figures
 
 
-def _batch(found: Spec) -> int:
-    """Return how many runs are handed over at a time."""
-    return min(engine_of(found).BATCH, max(1, found.runs // BATCHES))
+def _batch_size(spec: Spec) -> int:
+    return min(engine_of(spec).BATCH, max(1, spec.runs // MIN_BATCHES))
 
 
-def _cluster(who: Crew) -> AbstractContextManager[Any]:
-    """Have the scheduler that was named, before anything is begun; None without one."""
-    return nullcontext() if who.scheduler is None else crew.cluster(who.scheduler)
+def _cluster(used: Workers) -> AbstractContextManager[Any]:
+    """Connect to the scheduler, if there is one, before anything is written."""
+    return nullcontext() if used.scheduler is None else workers.cluster(used.scheduler)
 
 
-def _sailed(found: Spec, who: Crew, cluster: Any, batches: Iterator[crew.Batch]) -> Iterator[crew.Sailed]:
+def _run_batches(
+    spec: Spec, used: Workers, cluster: Any, batches: Iterator[workers.Batch]
+) -> Iterator[workers.FinishedBatch]:
     if cluster is not None:
-        yield from crew.sail_on(cluster, found, batches)
+        yield from workers.run_on_cluster(cluster, spec, batches)
         return
     if (first := next(batches, None)) is not None:
-        engine_of(found).make_ready(next(rows(found, *first)))
-        yield from crew.sail_here(found, chain([first], batches), who.workers)
+        engine_of(spec).make_ready(next(rows(spec, *first)))
+        yield from workers.run_locally(spec, chain([first], batches), used.count)
 
 
-def _figures(found: Spec, failed: int, sailed: int, wall_s: float, who: Crew) -> dict[str, Any]:
-    """Return how long the runs of this time took; what of it the processors of this computer worked."""
-    used = [resource.getrusage(one) for one in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+def _figures(spec: Spec, failed: int, runs_now: int, wall_s: float, used: Workers) -> dict[str, Any]:
+    """Return the wall time and the processor time of this computer for the runs of this process."""
+    usage = [resource.getrusage(one) for one in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return {
-        "engine": found.engine,
-        "runs": found.runs,
-        "seconds": found.seconds,
+        "engine": spec.engine,
+        "runs": spec.runs,
+        "seconds": spec.seconds,
         "failed": failed,
-        "sailed_now": sailed,
-        "workers": None if who.scheduler else who.workers,
-        "scheduler": who.scheduler,
+        "sailed_now": runs_now,
+        "workers": None if used.scheduler else used.count,
+        "scheduler": used.scheduler,
         "wall_s": round(wall_s, 3),
-        "processor_s": round(sum(one.ru_utime + one.ru_stime for one in used), 3),
-        "runs_per_s": round(sailed / wall_s, 3) if wall_s else None,
+        "processor_s": round(sum(one.ru_utime + one.ru_stime for one in usage), 3),
+        "runs_per_s": round(runs_now / wall_s, 3) if wall_s else None,
     }

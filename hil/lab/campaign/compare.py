@@ -1,4 +1,4 @@
-"""Two campaigns side by side: two versions, or two sets of parameters, run by run where they have drawn alike."""
+"""Compare two campaigns: two versions or two sets of parameters, run by run where their draws are equal."""
 
 from __future__ import annotations
 
@@ -12,25 +12,27 @@ from numpy.typing import NDArray
 
 from hil.errors import UsageError
 from hil.lab.campaign import statistics
-from hil.lab.campaign.statistics import LEAST, Estimate
-from hil.lab.campaign.table import Results
+from hil.lab.campaign.statistics import MIN_RUNS, Estimate
+from hil.lab.campaign.store import Results
 from hil.sim.truth import Array
 
 SEED = 1  # of the bootstrap
-SMALL = 0.02  # of the first's mean: a difference that is worth telling
-SIGNED = "mean_deg"  # an error to either side: its mean is no size
-# It jumps by minutes in a run of a hundred, and may be never: a mean of it would want thousands of runs.
+SMALL_CHANGE = 0.02  # relevant difference, relative to the mean of the first campaign
+SIGNED_SCORE = "mean_deg"  # a signed error: relative changes of its mean have no meaning
+# The settling time has outliers of minutes in 1 % of the runs and may be infinite: its mean needs thousands of runs.
 BY_MEDIAN = "settling_s"
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A score of both, over the runs that have it, and what the second has more: means; of the settling time medians.
+    """A score of both campaigns and the difference second minus first: means, or medians for the settling time.
 
-    `less` is the share of the pairs in which the second has less of it; None where there are no pairs. `never` are
-    the runs of each in which it was never reached: infinite, which a median holds. `tells` is the least difference
-    that so many runs tell four times of five, `runs_for_small` how many runs tell SMALL of the first's mean; None of
-    a median, and of a mean that is no size. `values` are the differences of the pairs.
+    Attributes:
+        less: share of the pairs in which the score of the second is lower; None without pairs.
+        never: number of runs of each campaign with an infinite score.
+        detectable: smallest difference that this number of runs detects with a power of TEST_POWER; None for medians.
+        runs_for_small: number of runs that detect SMALL_CHANGE; None for medians and for signed means.
+        values: differences of the pairs.
     """
 
     name: str
@@ -39,14 +41,14 @@ class Difference:
     more: Estimate
     less: float | None
     never: tuple[int, int]
-    tells: float | None
+    detectable: float | None
     runs_for_small: int | None
     values: Array
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two campaigns; `pairs` is how many runs have drawn alike in both, 0 where they are compared as wholes."""
+    """Comparison of two campaigns; `pairs` is the number of runs with equal draws, 0 for independent samples."""
 
     runs: tuple[int, int]
     pairs: int
@@ -56,13 +58,13 @@ class Comparison:
 
 
 def compare(first: Results, second: Results) -> Comparison:
-    """Compare two campaigns, or raise UsageError where there is too little to say anything."""
-    one, other = _paired(first, second)
-    paired = one.size >= LEAST
+    """Compare two campaigns; raise UsageError if they have too few runs."""
+    one, other = _paired_rows(first, second)
+    paired = one.size >= MIN_RUNS
     if not paired:
         one, other = np.arange(first.runs), np.arange(second.runs)
-    if min(one.size, other.size) < LEAST:
-        raise UsageError(f"too few runs to compare; sail {LEAST} at least")
+    if min(one.size, other.size) < MIN_RUNS:
+        raise UsageError(f"too few runs to compare; each campaign needs at least {MIN_RUNS}")
     before, after = (results.failed[rows] != "" for results, rows in ((first, one), (second, other)))
     return Comparison(
         (first.runs, second.runs),
@@ -73,8 +75,8 @@ def compare(first: Results, second: Results) -> Comparison:
     )
 
 
-def _paired(first: Results, second: Results) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the runs of the same number, seed and draws, as far as both draw; the rest is what differs."""
+def _paired_rows(first: Results, second: Results) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows with equal number, seed and draws; names that only one campaign draws are ignored."""
     count = min(first.runs, second.runs)
     alike = first.seeds[:count] == second.seeds[:count]
     for name in first.drawn.keys() & second.drawn.keys():
@@ -93,42 +95,42 @@ def _differences(
         if paired:
             there = (there[0] & there[1],) * 2
         one, other = one[there[0]], other[there[1]]
-        if min(one.size, other.size) < LEAST:
+        if min(one.size, other.size) < MIN_RUNS:
             continue
         values = _more(one, other) if paired else np.zeros(0)
         less = float(np.mean(values < 0.0)) if paired else None
         if name == BY_MEDIAN:
             more = statistics.median(values) if paired else statistics.median_difference(one, other)
             middles = statistics.median(one).value, statistics.median(other).value
-            tells = runs_for_small = None
+            detectable = runs_for_small = None
         else:
             more = statistics.mean(values, SEED) if paired else statistics.difference(one, other, SEED)
             middles = float(np.mean(one)), float(np.mean(other))
-            tells, runs_for_small = _power(name, middles[0], (values,) if paired else (one, other))
-        yield Difference(name, *middles, more, less, never, tells, runs_for_small, values)
+            detectable, runs_for_small = _power(name, middles[0], (values,) if paired else (one, other))
+        yield Difference(name, *middles, more, less, never, detectable, runs_for_small, values)
 
 
 def _more(one: Array, other: Array) -> Array:
-    """Return the differences of pairs; of two that never came there is none."""
-    alike = one == other  # two infinities, too
+    """Return the differences of the pairs; 0 for two infinite values."""
+    alike = one == other  # also two infinities
     return np.where(alike, 0.0, other - np.where(alike, 0.0, one))
 
 
 def _power(name: str, mean: float, samples: Sequence[Array]) -> tuple[float, int | None]:
-    """Return what the runs of a sample, or of two independent ones, tell, and how many would tell SMALL of a mean."""
+    """Return the detectable difference of one or two independent samples, and the number of runs for SMALL_CHANGE."""
     spread = math.sqrt(sum(float(np.var(values, ddof=1)) for values in samples))
-    tells = statistics.told_from(spread, min(values.size for values in samples))
-    least = SMALL * mean
-    return tells, statistics.runs_to_tell(spread, least) if name != SIGNED and least > 0.0 else None
+    detectable = statistics.detectable_difference(spread, min(values.size for values in samples))
+    small = SMALL_CHANGE * mean
+    return detectable, statistics.runs_to_detect(spread, small) if name != SIGNED_SCORE and small > 0.0 else None
 
 
-def as_json(found: Comparison) -> dict[str, Any]:
-    """Return the comparison for other programs; null is what is infinite or cannot be said."""
+def as_json(comparison: Comparison) -> dict[str, Any]:
+    """Return the comparison for JSON; infinite and unknown values are null."""
     return {
-        "runs": list(found.runs),
-        "pairs": found.pairs,
-        "failed": [asdict(one) for one in found.failed],
-        "failed_more": asdict(found.failed_more),
+        "runs": list(comparison.runs),
+        "pairs": comparison.pairs,
+        "failed": [asdict(one) for one in comparison.failed],
+        "failed_more": asdict(comparison.failed_more),
         "scores": {
             one.name: {
                 "of": "median" if one.name == BY_MEDIAN else "mean",
@@ -137,10 +139,10 @@ def as_json(found: Comparison) -> dict[str, Any]:
                 "more": {name: _finite(value) for name, value in asdict(one.more).items()},
                 "less_in": one.less,
                 "never": list(one.never),
-                "tells": one.tells,
+                "tells": one.detectable,
                 "runs_for_2_percent": one.runs_for_small,
             }
-            for one in found.differences
+            for one in comparison.differences
         },
     }
 

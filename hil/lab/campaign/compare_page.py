@@ -1,4 +1,4 @@
-"""The comparison of two campaigns in words: for the terminal and as a page."""
+"""Comparison of two campaigns as a table for the terminal and as a page."""
 
 from __future__ import annotations
 
@@ -7,49 +7,58 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from hil.lab.campaign.compare import BY_MEDIAN, SIGNED, Comparison, Difference
+from hil.lab.campaign.compare import BY_MEDIAN, SIGNED_SCORE, Comparison, Difference
 from hil.lab.campaign.page import NAMES
 from hil.lab.campaign.statistics import Estimate
-from hil.lab.campaign.table import Results
+from hil.lab.campaign.store import Results
 from hil.report import page, svg
 from hil.report.svg import Interval, shown
 
-MORE = "second less first"
-HEAD = ("", "first", "second", MORE, "95 % confidence", "less in", "never", "tells", "2 % by")
+DIFFERENCE = "second minus first"
+HEAD = (
+    "", "first", "second", DIFFERENCE, "95 % confidence", "lower in", "never settled", "detectable", "runs for 2 %",
+)  # fmt: skip
 NOTE = (
-    "Means over the runs that have the score, and by how much the second's is larger, with the 95 % interval of the "
-    "bootstrap, of the share that failed Newcombe's. Each stands by itself: one in twenty misses by chance. Of the "
-    "settling time it is the median, of the pairs' differences too, which holds what never settles; its ends are two "
-    "values of the order. How many never did is counted: first, second. 'tells' is the least difference of the means "
-    "that so many runs tell four times of five, '2 % by' how many runs would tell 2 % of the first's mean so: an "
-    "interval that holds zero does not say that there is none."
+    "Means over the runs that have the score, and their difference with its 95 % bootstrap interval; for the share of "
+    "failed runs, Newcombe's interval. One interval in twenty misses the true value by chance. For the settling time "
+    "the table shows medians, which include runs that never settle; their interval is given by two order statistics. "
+    "'never settled' counts these runs: first, second. 'detectable' is the smallest difference of the means that this "
+    "number of runs detects in 80 % of campaigns; 'runs for 2 %' is the number of runs that detects 2 % of the first "
+    "mean. An interval that contains zero does not prove that there is no difference."
 )
 
 
-def cells(found: Comparison) -> list[Sequence[str]]:
-    """Return the table, its head first."""
-    return [HEAD, _failed(found), *(_row(one) for one in found.differences)]
+def cells(comparison: Comparison) -> list[Sequence[str]]:
+    """Return the rows of the table, starting with its head."""
+    return [HEAD, _failed(comparison), *(_row(one) for one in comparison.differences)]
 
 
-def lead(first: Results, second: Results, found: Comparison) -> str:
-    """Say what is compared."""
-    how = f"{found.pairs} runs that have drawn alike, one by one" if found.pairs else "as wholes: they drew differently"
-    return f"{first.directory} ({found.runs[0]} runs) and {second.directory} ({found.runs[1]} runs), {how}"
+def lead(first: Results, second: Results, comparison: Comparison) -> str:
+    """Return a sentence that names both campaigns and how they are compared."""
+    how = (
+        f"{comparison.pairs} pairs of runs with equal draws"
+        if comparison.pairs
+        else "independent samples: their draws differ"
+    )
+    return f"{first.directory} ({comparison.runs[0]} runs) and {second.directory} ({comparison.runs[1]} runs), {how}"
 
 
-def text(first: Results, second: Results, found: Comparison) -> str:
+def text(first: Results, second: Results, comparison: Comparison) -> str:
     """Return the page."""
-    return page.page(f"{first.directory.name} and {second.directory.name}", _parts(first, second, found))
+    return page.page(f"{first.directory.name} and {second.directory.name}", _parts(first, second, comparison))
 
 
-def _parts(first: Results, second: Results, found: Comparison) -> Iterator[str]:
-    yield page.paragraph(lead(first, second, found), "lead")
-    yield page.table(cells(found))
+def _parts(first: Results, second: Results, comparison: Comparison) -> Iterator[str]:
+    yield page.paragraph(lead(first, second, comparison), "lead")
+    yield page.table(cells(comparison))
     yield page.paragraph(NOTE, "note")
-    sizes = svg.card(f"{MORE}, in parts of the first's", svg.intervals([_relative(one) for one in _sized(found)]))
+    relative = [_relative(one) for one in _positive_scores(comparison)]
+    sizes = svg.card(f"{DIFFERENCE}, relative to the first", svg.intervals(relative))
     spreads = [
-        svg.card(f"{MORE}: {', '.join(NAMES[one.name])}", svg.histogram(one.values[np.isfinite(one.values)], (0.0,)))
-        for one in found.differences
+        svg.card(
+            f"{DIFFERENCE}: {', '.join(NAMES[one.name])}", svg.histogram(one.values[np.isfinite(one.values)], (0.0,))
+        )
+        for one in comparison.differences
         if np.isfinite(one.values).any()
     ]
     yield svg.cards([sizes, *spreads])
@@ -60,12 +69,12 @@ def _parts(first: Results, second: Results, found: Comparison) -> Iterator[str]:
         yield page.verbatim(results.spec)
 
 
-def _sized(found: Comparison) -> list[Difference]:
-    """Return those whose mean is a size; an error to either side is none."""
+def _positive_scores(comparison: Comparison) -> list[Difference]:
+    """Return the differences with a positive, finite mean; signed scores have no relative change."""
     return [
         one
-        for one in found.differences
-        if one.name != SIGNED
+        for one in comparison.differences
+        if one.name != SIGNED_SCORE
         and one.first > 0.0
         and all(map(math.isfinite, (one.first, one.more.value, one.more.low, one.more.high)))
     ]
@@ -84,14 +93,14 @@ def _row(one: Difference) -> Sequence[str]:
         *_more(one.more),
         "-" if one.less is None else f"{100.0 * one.less:.0f} %",
         f"{one.never[0]}, {one.never[1]}" if any(one.never) else "",
-        "-" if one.tells is None else shown(one.tells),
+        "-" if one.detectable is None else shown(one.detectable),
         "-" if one.runs_for_small is None else f"{one.runs_for_small} runs",
     )
 
 
-def _failed(found: Comparison) -> Sequence[str]:
-    first, second = (f"{100.0 * one.value:.3g}" for one in found.failed)
-    more = found.failed_more
+def _failed(comparison: Comparison) -> Sequence[str]:
+    first, second = (f"{100.0 * one.value:.3g}" for one in comparison.failed)
+    more = comparison.failed_more
     parts = Estimate(100.0 * more.value, 100.0 * more.low, 100.0 * more.high)
     return ("failed, %", first, second, *_more(parts), "", "", "", "")
 
@@ -111,7 +120,7 @@ def _signed(value: float) -> str:
 
 
 def _differing(first: Results, second: Results) -> list[str]:
-    """Return the lines of the specifications that only one has, and the versions that differ."""
+    """Return the lines that only one specification has, and the versions that differ."""
     ours, theirs = first.spec.splitlines(), second.spec.splitlines()
     lines = [f"first: {line}" for line in ours if line not in theirs]
     lines += [f"second: {line}" for line in theirs if line not in ours]
@@ -120,7 +129,7 @@ def _differing(first: Results, second: Results) -> list[str]:
 
 
 def versions_that_differ(first: Results, second: Results) -> list[str]:
-    """Return a line for each version that is another in the second campaign, and what programs those are."""
+    """Return a line for each version that differs, and for the programs if any does."""
     before, after = (dict(results.identity.get("versions", {})) for results in (first, second))
     if before != after:
         for versions, results in ((before, first), (after, second)):

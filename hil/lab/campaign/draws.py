@@ -1,7 +1,7 @@
-"""What a value of a run is drawn from: fixed, one of several, or a distribution; by row, and by nothing else.
+"""Random draws of a campaign: a fixed value, a choice or a distribution for each name.
 
-The number that row i draws for a name is the i-th block of the counter-based generator Philox under a key of the
-seed and that name. So no row depends on another, and a name that a specification gains leaves the others' draws alone.
+Row i draws the i-th block of the counter-based generator Philox, whose key is made of the seed and the name. So no row
+depends on another row, and adding a name to a specification does not change the draws of the others.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from typing import Any
 import numpy as np
 
 Value = float | str
-BLOCK = 4  # numbers of 64 bits that Philox makes of one count
+BLOCK = 4  # 64-bit numbers that Philox generates for each counter value
 LARGEST = 1e300
-DIGITS = 6  # of a drawn number, so that it can be typed
+DIGITS = 6  # significant digits of a drawn number, short enough to be typed
 
 
 class DrawError(ValueError):
-    """A value that nothing can be drawn from; the text says how one is written."""
+    """An invalid draw; the text contains the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """What a value is drawn from: values of which one is taken, or the numbers of a distribution."""
+    """A draw: the values of a choice, or the numbers of a distribution."""
 
     kind: str
     values: tuple[Value, ...]
 
     @property
     def varies(self) -> bool:
-        """Whether two rows can differ."""
+        """Return whether two rows can draw different values."""
         return len(set(self.values)) > 1
 
     def ends(self) -> tuple[Value, ...]:
-        """Return all values, or the least and the largest that can be drawn."""
+        """Return all values of a choice, or the limits of a distribution."""
         return self.values if self.kind == CHOICE else DISTRIBUTIONS[self.kind].ends(self.values)
 
     def at(self, share: float) -> Value:
-        """Return the value below which this share of the draws lies, 0 <= share < 1."""
+        """Return the quantile for a share, 0 <= share < 1."""
         if self.kind == CHOICE:
             return self.values[int(share * len(self.values))]
         row = DISTRIBUTIONS[self.kind]
@@ -56,7 +56,7 @@ CHOICE = "one of"
 
 @dataclass(frozen=True, slots=True)
 class _Distribution:
-    """One row: the names of its numbers, which of them bound it, whether they make sense, and its quantiles."""
+    """A distribution: names of its numbers, its limits, validity check and quantile function."""
 
     numbers: tuple[str, ...]
     ends: Callable[[Sequence[Value]], tuple[Value, ...]]
@@ -93,13 +93,13 @@ DISTRIBUTIONS: Mapping[str, _Distribution] = {
         _normal,
     ),
 }
-REMEDY = "give a value, a list of which each run takes one, or " + ", ".join(
+REMEDY = "give a value, a list to choose from, or " + ", ".join(
     f"{{{name} = [{', '.join(row.numbers)}]}}" for name, row in DISTRIBUTIONS.items()
 )
 
 
 def read_draw(content: Any, check: Callable[[Value], object]) -> Draw:
-    """Read what a value is drawn from, or raise DrawError; check raises ValueError for a value that is not allowed."""
+    """Read a draw, or raise DrawError; `check` raises ValueError for a value that is not allowed."""
     draw = _draw_of(content)
     for value in draw.ends():
         try:
@@ -114,7 +114,7 @@ def _draw_of(content: Any) -> Draw:
         return _distribution_of(content)
     values = content if isinstance(content, list) else [content]
     if not values:
-        raise DrawError(f"an empty list; {REMEDY}")
+        raise DrawError(f"list is empty; {REMEDY}")
     return Draw(CHOICE, tuple(_value(value) for value in values))
 
 
@@ -122,10 +122,10 @@ def _distribution_of(content: dict[str, Any]) -> Draw:
     (name, numbers), *more = content.items() or [("", None)]
     row = DISTRIBUTIONS.get(name)
     if row is None or more or not isinstance(numbers, list) or len(numbers) != len(row.numbers):
-        raise DrawError(f"{str(content)[:60]} is no distribution; {REMEDY}")
+        raise DrawError(f"{str(content)[:60]} is not a distribution; {REMEDY}")
     values = tuple(_value(number) for number in numbers)
     if any(isinstance(value, str) for value in values) or not row.sound(*values):
-        raise DrawError(f"{name} of {', '.join(map(str, numbers))[:60]} holds nothing; {REMEDY}")
+        raise DrawError(f"{name} of {', '.join(map(str, numbers))[:60]} is an empty range; {REMEDY}")
     return Draw(name, values)
 
 
@@ -133,19 +133,19 @@ def _value(value: Any) -> Value:
     if isinstance(value, str):
         return value
     if value is None:
-        raise DrawError(f"is lacking; {REMEDY}")
-    if isinstance(value, bool | int | float) and abs(value) <= LARGEST:  # NaN is not
+        raise DrawError(f"is missing; {REMEDY}")
+    if isinstance(value, bool | int | float) and abs(value) <= LARGEST:  # false for NaN
         return float(value)
-    raise DrawError(f"{str(value)[:40]!r} is no value; {REMEDY}")
+    raise DrawError(f"{str(value)[:40]!r} is not a value; {REMEDY}")
 
 
 def blocks(seed: int, name: str, first: int, count: int) -> np.ndarray[Any, np.dtype[np.uint64]]:
-    """Return the first 64 bits of the blocks of rows first, first + 1, ..."""
+    """Return the first 64 bits of the Philox blocks of rows first, first + 1, ..."""
     key = np.frombuffer(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], np.uint64)
     raw = np.random.Philox(key=key, counter=[first, 0, 0, 0]).random_raw(BLOCK * count)
     return np.asarray(raw[::BLOCK], np.uint64)
 
 
 def shares(seed: int, name: str, first: int, count: int) -> list[float]:
-    """Return the numbers in [0, 1) that rows first, first + 1, ... draw for a name."""
+    """Return the numbers in [0, 1) that the rows first, first + 1, ... draw for a name."""
     return [float(bits >> 11) * 2.0**-53 for bits in blocks(seed, name, first, count).tolist()]

@@ -1,4 +1,4 @@
-"""The engines behind one interface: what a specification may ask of each, and a batch of runs sailed."""
+"""Interface of the engines that simulate runs, and a batch of runs."""
 
 from __future__ import annotations
 
@@ -13,30 +13,29 @@ from typing import Protocol, cast
 
 import firmware_py
 import hil
-from hil.lab.campaign.outcome import Outcome, Result
-from hil.lab.campaign.row import Row, rows
+from hil.lab.campaign.row import Outcome, Result, Row, rows
 from hil.lab.campaign.spec import COMPILED, FIRMWARE, Spec
 
-# Imported by name: the compiled engine imports numba, which runs of the autopilot itself do not need.
+# Imported by name: runs of the autopilot process do not need the compiled engine.
 MODULES = {FIRMWARE: "hil.lab.campaign.firmware_engine", COMPILED: "hil.lab.campaign.compiled_engine"}
 PACKAGES = ("rambler-autopilot", "numpy", "numba", "pymavlink", "pyarrow")
 
 
 class Engine(Protocol):
-    """What sails runs; each is a module. `BATCH` is how many are worth being handed over and kept at a time."""
+    """A module that simulates runs; `BATCH` is the number of runs given to a worker at a time."""
 
     BATCH: int
 
     def refusals(self, spec: Spec) -> list[str]:
-        """Return a line for each thing of a specification that this engine cannot sail."""
+        """Return a line for each item of a specification that this engine does not support."""
         ...
 
     def make_ready(self, row: Row) -> None:
-        """Do what all workers would do each, and what they find done: compile what sails such runs."""
+        """Do once what every worker needs: compile the functions for such a run."""
         ...
 
-    def sail(self, rows: Iterable[Row]) -> Iterator[Outcome]:
-        """Sail runs and yield what became of them, in order."""
+    def simulate(self, rows: Iterable[Row]) -> Iterator[Outcome]:
+        """Simulate runs and yield their outcomes, in order."""
         ...
 
 
@@ -45,16 +44,16 @@ def engine_of(spec: Spec) -> Engine:
     return cast("Engine", importlib.import_module(MODULES[spec.engine]))
 
 
-def sail_batch(spec: Spec, first: int, last: int) -> tuple[dict[str, str], list[Result]]:
-    """Sail the runs [first, last), in any process of any machine; return the versions there, and the results."""
+def run_batch(spec: Spec, first: int, last: int) -> tuple[dict[str, str], list[Result]]:
+    """Simulate the runs [first, last) in any process; return the versions of that process, and the results."""
     batch = list(rows(spec, first, last))
-    return versions(), list(map(Result, batch, engine_of(spec).sail(batch)))
+    return versions(), list(map(Result, batch, engine_of(spec).simulate(batch)))
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Return all versions that a result depends on; of the programs themselves, a digest of their sources."""
-    # Of the C library are the bits of exp, sin and their kin.
+    """Return all versions that a result depends on, with a digest of the sources of both programs."""
+    # The bits of exp, sin and similar functions depend on the C library.
     found = {"python": platform.python_version(), "sources": _sources(), "libc": " ".join(platform.libc_ver())}
     for name in PACKAGES:
         try:

@@ -1,77 +1,81 @@
-"""Runs of a campaign by the autopilot itself, in lockstep: a process of its own for each, as `rambler-hil run` has."""
+"""Runs of a campaign with the autopilot process in lockstep, as `rambler-hil run` makes them, or with a fault."""
 
 from __future__ import annotations
 
 import hashlib
 import re
+import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from hil.errors import HilError
-from hil.lab.campaign import faulted
-from hil.lab.campaign.faulted import Text
-from hil.lab.campaign.outcome import Outcome
-from hil.lab.campaign.row import Row
+from hil.lab.campaign.row import Fault, Outcome, Row
 from hil.lab.campaign.scores import scores_of
-from hil.lab.campaign.spec import Spec
+from hil.lab.campaign.spec import NO_FAULT, Spec
+from hil.lab.drill.boat import DrillBoat
+from hil.lab.drill.book import BOOK, Drill
+from hil.lab.drill.provoke import nothing
 from hil.sim import run_file, runner
-from hil.sim.run_directory import TRUTH_FILE
-from hil.sim.run_file import FINISHED
+from hil.sim.ground_station import GUIDED
+from hil.sim.logbook import put_to_sea
+from hil.sim.run_directory import FIRMWARE_LOG, STATE, TRUTH_FILE, VEHICLE_NAME
+from hil.sim.run_file import FINISHED, OrderRecord
 from hil.sim.truth import read
 from hil.sim.vehicle_file import standard_vehicle
+from hil.sim.world import START_UTC_S
 
 BATCH = 1
-TRIES = 4
-WARNING = 4  # MAV_SEVERITY_WARNING; graver ones have smaller numbers
-# The log looks on from the side: what nobody will read need not be written.
-UNLOGGED = {"LOG_ENABLE": 0.0}
-REFUSED = "cannot be had together with [fault]; leave one out"
+MAX_REPEATS = 4
+WARNING = 4  # MAV_SEVERITY_WARNING; more severe levels have smaller numbers
+# The log has no effect on the run and is deleted with its directory.
+NO_LOG = {"LOG_ENABLE": 0.0}
+REFUSED = "cannot be combined with [fault]; remove one of them"
 PATHS = re.compile(r"(?<![\w/])/[\w./-]+")
 
 
 def refusals(spec: Spec) -> list[str]:
-    """Return a line for each thing of a specification that the autopilot cannot sail."""
+    """Return a line for each item of a specification that this engine does not support."""
     if "fault.what" not in spec.draws:
         return []
-    lines = [f"with.{name}: {REFUSED}" for name in faulted.UNKNOWN_OPTIONS if name in spec.options]
+    lines = [f"with.{name}: {REFUSED}" for name in UNKNOWN_OPTIONS if name in spec.options]
     lines += [f"{name}: {REFUSED}" for name in ("compass", "servo") if name in spec.draws]
     return lines + ([f"vehicle: {REFUSED}"] if spec.vehicle != standard_vehicle() else [])
 
 
 def make_ready(row: Row) -> None:
-    """Do nothing: the autopilot is ready."""
+    """Do nothing: there is nothing to compile."""
 
 
-def sail(rows: Iterable[Row]) -> Iterator[Outcome]:
-    """Sail runs and yield what became of them, in order."""
-    yield from map(_believed, rows)
+def simulate(rows: Iterable[Row]) -> Iterator[Outcome]:
+    """Simulate runs and yield their outcomes, in order."""
+    yield from map(_confirmed_outcome, rows)
 
 
-def _believed(row: Row) -> Outcome:
-    """Sail a run; a failure is believed when it comes twice the same, for a busy machine can end a run as well."""
-    outcome = _sailed_unlogged(row)
-    for _ in range(TRIES):
+def _confirmed_outcome(row: Row) -> Outcome:
+    """Simulate a run; accept a failure only if it repeats, since a busy machine can also end a run."""
+    outcome = _simulate_without_log(row)
+    for _ in range(MAX_REPEATS):
         if outcome.ended == FINISHED:
             return outcome
-        before, outcome = outcome, _sailed_unlogged(row)
+        before, outcome = outcome, _simulate_without_log(row)
         if outcome == before:
             return outcome
-    raise HilError(f"run {row.index} ends differently each time: {outcome.ended}")
+    raise HilError(f"run {row.index}: ends differently at each of {MAX_REPEATS + 1} attempts, last: {outcome.ended}")
 
 
-def _sailed_unlogged(row: Row) -> Outcome:
+def _simulate_without_log(row: Row) -> Outcome:
     with tempfile.TemporaryDirectory(prefix="rambler-campaign-") as directory:
-        return sail_into(row, Path(directory) / "run", full=False)
+        return simulate_into(row, Path(directory) / "run", full=False)
 
 
-def sail_into(row: Row, out: Path, *, full: bool) -> Outcome:
-    """Sail a run into a directory, in full with its log and live on a terminal; it comes to the same without."""
+def simulate_into(row: Row, out: Path, *, full: bool) -> Outcome:
+    """Simulate a run into a directory; `full` adds log and live display and does not change the results."""
     try:
-        texts, ended = _sailed(row, out, full=full), FINISHED
+        texts, ended = _run(row, out, full=full), FINISHED
     except HilError as error:
-        # A run that could not even begin has nothing to be judged.
+        # A run that could not start has no outcome.
         if not (out / run_file.NAME).exists():
             raise
         texts, ended = (), PATHS.sub("...", str(error))
@@ -84,11 +88,63 @@ def sail_into(row: Row, out: Path, *, full: bool) -> Outcome:
     return Outcome(hashlib.sha256(content).hexdigest(), scores, warnings, ended)
 
 
-def _sailed(row: Row, out: Path, *, full: bool) -> tuple[Text, ...]:
+def _run(row: Row, out: Path, *, full: bool) -> tuple[Text, ...]:
     if row.fault is not None:
-        # What breaks may be the log itself.
-        return faulted.sail(row, row.fault, out)
+        # The fault may be in the log itself, so it stays enabled.
+        return run_with_fault(row, row.fault, out)
     options = row.options(out)
     if not full:
-        options = replace(options, settings={**UNLOGGED, **options.settings}, shown=False)
+        options = replace(options, settings={**NO_LOG, **options.settings}, shown=False)
     return runner.run(options).texts
+
+
+# Campaigns use GUIDED mode only; `rambler-hil drill` covers the faults of other modes.
+FAULTS: Mapping[str, Drill] = {drill.name: drill for drill in BOOK if drill.mode == GUIDED}
+# Options that the devices of DrillBoat do not support.
+UNKNOWN_OPTIONS = ("receiver", "supply", "vessels")
+
+UNBROKEN = Drill(NO_FAULT, "", "", nothing, nothing, 0.0, 0.0)
+
+Text = tuple[float, int, str]
+
+
+def run_with_fault(row: Row, fault: Fault, out: Path) -> tuple[Text, ...]:
+    """Simulate a run with a fault into a directory and return its messages; raise HilError if it ends early."""
+    options = row.options(out)
+    drill = FAULTS.get(fault.name, UNBROKEN)
+    options = replace(options, scenario=drill.sea(options.scenario))
+    with tempfile.TemporaryDirectory(prefix="rambler-fault-") as name, put_to_sea(options, START_UTC_S) as book:
+        directory = Path(name)
+        boat = DrillBoat(
+            directory,
+            options.scenario,
+            seed=row.seed,
+            settings={**(drill.settings or {}), **row.settings},
+            fitted=drill.fitted,
+            plans=() if drill.plan is None else (drill.plan(directory),),
+            goals=row.goals,
+            world=book.world,
+        )
+        try:
+            with boat:
+                _run_drill(boat, drill, fault, row.seconds)
+        finally:
+            book.orders, book.arrivals = tuple(map(OrderRecord.of, boat.station.orders)), tuple(boat.station.reached)
+            _keep(directory, out)
+    return tuple(boat.station.texts)
+
+
+def _run_drill(boat: DrillBoat, drill: Drill, fault: Fault, seconds: float) -> None:
+    boat.run(min(fault.at_s, seconds))
+    drill.broken(boat)
+    boat.run(max(0.0, min(fault.at_s + fault.for_s, seconds) - boat.now_s))
+    drill.mended(boat)
+    boat.run(max(0.0, seconds - boat.now_s))
+
+
+def _keep(directory: Path, out: Path) -> None:
+    """Copy state, vehicle file and logs of the autopilot to the places of a run directory."""
+    shutil.copytree(directory / STATE, out / STATE, ignore=shutil.ignore_patterns("lock"))
+    shutil.copy(directory / VEHICLE_NAME, out / VEHICLE_NAME)
+    logs = sorted(directory.glob("firmware*.log"))
+    (out / FIRMWARE_LOG).write_bytes(b"".join(log.read_bytes() for log in logs))

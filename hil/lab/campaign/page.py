@@ -1,4 +1,4 @@
-"""The page of a campaign: how the scores are spread, what they depend on, the worst runs and those that failed."""
+"""Page of a campaign: distribution of the scores, sensitivities, worst runs and failed runs."""
 
 from __future__ import annotations
 
@@ -10,37 +10,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.lab.campaign import statistics, store
-from hil.lab.campaign.table import Results
+from hil.lab.campaign.store import Results
 from hil.report import page, svg
 from hil.report.page import Cell
 from hil.report.svg import Interval, shown
 from hil.sim.truth import Array
 
-# What the scores are called, with their units.
+# Titles and units of the scores.
 NAMES = {
     "rms_deg": ("rms error", "deg"),
     "mean_deg": ("mean error", "deg"),
     "worst_deg": ("worst error", "deg"),
     "travel_deg_per_h": ("rudder travel", "deg/h"),
     "overshoot_deg": ("overshoot", "deg"),
-    "settling_s": ("settled after", "s"),
+    "settling_s": ("settling time", "s"),
 }
-RANKED = tuple(name for name in NAMES if name != "mean_deg")  # those of which more is worse
-WORST, FAILED, MOST_CHOICES = 3, 50, 20
+RANKED = tuple(name for name in NAMES if name != "mean_deg")  # larger is worse
+WORST_RUNS, MAX_FAILED_ROWS, MAX_CHOICES = 3, 50, 20
 SENSITIVITY_NOTE = (
-    "Spearman's rank correlation of what was drawn with what came of it, among runs in the same sea, with its 95 % "
-    "confidence interval; pale where that holds zero. It sees what rises or falls throughout, not what is worst in the "
-    "middle. A run that did not settle ranks last. Of many pairs, one in twenty is sure by chance."
+    "Spearman's rank correlation of each drawn value with each score, among runs in the same sea, with its 95 % "
+    "confidence interval; pale if that contains zero. It shows monotonic dependence only. A run that did not settle "
+    "ranks last. Of many pairs, one in twenty is significant by chance."
 )
 NOTE = (
-    "Errors are heading less goal, of the hull's heading without the yaw of the waves; errors and rudder travel are of "
-    "the steady parts of all goals, overshoot and settling the largest of a run's. A histogram counts runs, what "
-    "lies farther out at its edges; the upright lines are 5, 50 and 95 %."
+    "Errors are the heading without wave-frequency yaw minus the goal. Errors and rudder travel are those of the "
+    "steady parts of all goals, overshoot and settling time the largest of the run. A histogram counts runs; outliers "
+    "are counted at its edges. The vertical lines are the 5, 50 and 95 % quantiles."
 )
 
 
 def text(results: Results, notes: Sequence[str] = ()) -> str:
-    """Return the page, with notes on the specification below it."""
+    """Return the page, with notes below the specification."""
     return page.page(f"Campaign {results.directory.name}", _parts(results, notes))
 
 
@@ -70,7 +70,7 @@ def _spread(name: str, values: Array) -> str:
     finite = values[np.isfinite(values)]
     never = int(np.count_nonzero(np.isinf(values)))
     if not finite.size:
-        return svg.card(f"{title}, {unit}", "", "no run has one")
+        return svg.card(f"{title}, {unit}", "", "no run has this score")
     low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)).tolist()
     lines = [
         f"median {shown(middle)}, 5 to 95 %: {shown(low)} to {shown(high)}, largest {shown(np.max(finite))} {unit}"
@@ -81,7 +81,7 @@ def _spread(name: str, values: Array) -> str:
 
 
 def _sensitivities(results: Results) -> Iterator[str]:
-    # A sea that is harder than another would hide what matters in either.
+    # Differences between the seas would hide the dependence within each of them.
     seas = results.drawn.get("scenario", np.zeros(results.runs))
     numbers = {name: values for name, values in results.drawn.items() if values.dtype.kind == "f"}
     pictures = []
@@ -92,17 +92,17 @@ def _sensitivities(results: Results) -> Iterator[str]:
             rows.sort(key=lambda row: -abs(row.value))
             pictures.append(svg.card(NAMES[score][0], svg.intervals(rows, 1.0)))
     if pictures:
-        yield page.heading("What it depends on")
+        yield page.heading("Sensitivity")
         yield svg.cards(pictures)
         yield page.paragraph(SENSITIVITY_NOTE, "note")
 
 
 def _choices(results: Results) -> Iterator[str]:
-    """Yield a table for what was drawn from a few values: how many failed with each, and the medians."""
+    """Yield a table of failed runs and medians for each drawn value with few choices."""
     few = {name: np.unique(values) for name, values in results.drawn.items() if _few(values)}
     if not few:
         return
-    yield page.heading("By what was chosen")
+    yield page.heading("Results by choice")
     head = ("", "runs", "failed", *(f"{title}, {unit}" for title, unit in (NAMES[name] for name in results.scores)))
     rows: list[Sequence[str | Cell]] = [head]
     for name, choices in few.items():
@@ -113,11 +113,11 @@ def _choices(results: Results) -> Iterator[str]:
             medians = (_median(values[chosen]) for values in results.scores.values())
             rows.append((f"{name} {words}", str(np.count_nonzero(chosen)), str(failed), *medians))
     yield page.table(rows)
-    yield page.paragraph("Medians over the runs; what never settles counts as the largest.", "note")
+    yield page.paragraph("Medians over the runs; a run that never settles counts as the largest value.", "note")
 
 
 def _few(values: NDArray[Any]) -> bool:
-    return len(np.unique(values[: 50 * MOST_CHOICES])) <= MOST_CHOICES and len(np.unique(values)) <= MOST_CHOICES
+    return len(np.unique(values[: 50 * MAX_CHOICES])) <= MAX_CHOICES and len(np.unique(values)) <= MAX_CHOICES
 
 
 def _median(values: Array) -> str:
@@ -129,12 +129,12 @@ def _median(values: Array) -> str:
 
 
 def _worst(results: Results) -> Iterator[str]:
-    yield page.heading("The worst runs")
-    rows: list[Sequence[str | Cell]] = [("", "", _words("what was drawn"))]
+    yield page.heading("Worst runs")
+    rows: list[Sequence[str | Cell]] = [("", "", _words("draws"))]
     for name in RANKED:
         values = results.scores[name]
         known = np.flatnonzero(~np.isnan(values))
-        worst = known[np.argsort(-values[known], kind="stable")[:WORST]].tolist()
+        worst = known[np.argsort(-values[known], kind="stable")[:WORST_RUNS]].tolist()
         rows += [(f"run {row}", f"{NAMES[name][0]} {_score(name, values[row])}", _drawn(results, row)) for row in worst]
     yield page.table(rows)
 
@@ -144,17 +144,17 @@ def _failures(results: Results) -> Iterator[str]:
     if not failed.size:
         return
     yield page.heading("Failed runs")
-    rows: list[Sequence[str | Cell]] = [("", _words("why"), _words("what she told"), _words("what was drawn"))]
-    for row in failed[:FAILED].tolist():
-        told = results.faults[row] or ""
-        rows.append((f"run {row}", _words(results.failed[row]), _words(told), _drawn(results, row)))
+    rows: list[Sequence[str | Cell]] = [("", _words("reason"), _words("warnings"), _words("draws"))]
+    for row in failed[:MAX_FAILED_ROWS].tolist():
+        warnings = results.faults[row] or ""
+        rows.append((f"run {row}", _words(results.failed[row]), _words(warnings), _drawn(results, row)))
     yield page.table(rows)
-    if failed.size > FAILED:
-        yield page.paragraph(f"The first {FAILED} of {failed.size}; {store.RUNS} has them all.", "note")
+    if failed.size > MAX_FAILED_ROWS:
+        yield page.paragraph(f"First {MAX_FAILED_ROWS} of {failed.size}; {store.RUNS} lists all.", "note")
 
 
 def command(results: Results, row: int) -> str:
-    """Return the command line that sails a run again."""
+    """Return the command line that repeats a run."""
     out = results.directory / f"run-{row}"
     return shlex.join(("rambler-hil", "campaign", "replay", str(results.directory), str(row), "--out", str(out)))
 

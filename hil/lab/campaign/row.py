@@ -1,7 +1,8 @@
-"""A run of a campaign: all that it is sailed with, a pure function of the specification and its number."""
+"""A run of a campaign, computed from the specification and its number alone, and its outcome."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,21 +13,23 @@ from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
 from firmware_py.vehicle import Vehicle
 from hil.lab.campaign.draws import Value, blocks, shares
+from hil.lab.campaign.scores import Scores
 from hil.lab.campaign.spec import Spec
 from hil.ship import extras_table, scenarios
 from hil.ship.scenarios import Scenario
 from hil.sim.goals import Goal, parse_goals
 from hil.sim.logbook import RunOptions
+from hil.sim.run_file import FINISHED
 from hil.sim.vehicle_file import model_of, with_devices
 
 SEED_BITS = 48
-# Of the ship's factors, those on the model, and how the model's numbers are called in a vehicle file.
+# Factors on the model of the ship, and the parameters of the vehicle file that they scale.
 MODEL = {"K": "MDL_K", "T": "MDL_T_S", "alpha": "MDL_ALPHA_S2"}
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A drill of the book, or NO_FAULT, that is begun at a time and mended after a while."""
+    """A fault of the drill table, or NO_FAULT, with its start and duration."""
 
     name: str
     at_s: float
@@ -35,9 +38,9 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A run; the vehicle's parameters are those of the ship, over which the settings are what the boat is told.
+    """A run; `vehicle` has the parameters of the simulated ship, `settings` those that the autopilot uses instead.
 
-    `fault` is None in a campaign without any.
+    `fault` is None in a campaign without faults.
     """
 
     index: int
@@ -51,7 +54,7 @@ class Row:
     drawn: Mapping[str, Value]
 
     def options(self, out: Path) -> RunOptions:
-        """Return how the harness makes this run into a directory."""
+        """Return the options with which the harness makes this run into a directory."""
         return RunOptions(
             self.scenario,
             self.seconds,
@@ -75,7 +78,7 @@ def rows(spec: Spec, first: int, last: int) -> Iterator[Row]:
 
 
 def extremes(spec: Spec) -> Iterator[Row]:
-    """Yield a run in each scenario with everything else at its least, and one with everything at its largest."""
+    """Yield two runs for each scenario: all other draws at their lower, and at their upper limits."""
     for scenario in spec.values("scenario"):
         for end in (0, -1):
             values = {name: draw.ends()[end] for name, draw in spec.draws.items()} | {"scenario": scenario}
@@ -83,7 +86,7 @@ def extremes(spec: Spec) -> Iterator[Row]:
 
 
 def _row(spec: Spec, index: int, seed: int, values: Mapping[str, Value], drawn: Mapping[str, Value]) -> Row:
-    vehicle, settings = _told(spec.vehicle, values)
+    vehicle, settings = _vehicle_and_settings(spec.vehicle, values)
     compass, servo = (str(values[name]) if name in values else None for name in ("compass", "servo"))
     return Row(
         index,
@@ -106,12 +109,12 @@ def _scenario(spec: Spec, values: Mapping[str, Value]) -> Scenario:
 
 
 def _option(name: str, values: Mapping[str, Value]) -> str:
-    """Write an option as `--with` has it, with the defaults where nothing is given."""
+    """Return an option in the syntax of `--with`, with its defaults."""
     return extras_table.written(name, {key: values.get(f"with.{name}.{key}") for key in extras_table.numbers(name)})
 
 
-def _told(vehicle: Vehicle, values: Mapping[str, Value]) -> tuple[Vehicle, dict[str, float]]:
-    """Return the vehicle with another ship, which she is not told of, and the parameters that she is told."""
+def _vehicle_and_settings(vehicle: Vehicle, values: Mapping[str, Value]) -> tuple[Vehicle, dict[str, float]]:
+    """Return the vehicle with the scaled model of the ship, and the parameters of the autopilot."""
     settings: dict[str, float] = {}
     factors = {name: float(values[f"ship.{name}"]) for name in MODEL if f"ship.{name}" in values}
     if factors:
@@ -131,3 +134,41 @@ def _fault(values: Mapping[str, Value]) -> Fault | None:
     if "fault.what" not in values:
         return None
     return Fault(str(values["fault.what"]), float(values["fault.at_s"]), float(values["fault.for_s"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of a run; `digest` is that of truth.csv or, with the compiled engine, of heading and rudder.
+
+    `faults` are the warnings that the autopilot sent, None for an engine without warnings. `scores` is None if the run
+    ended early or no goal lasted.
+    """
+
+    digest: str
+    scores: Scores | None
+    faults: tuple[str, ...] | None = None
+    ended: str = FINISHED
+
+
+def failure(outcome: Outcome, limits: Mapping[str, float]) -> str:
+    """Return the reason why a run counts as failed, or an empty text."""
+    if outcome.ended != FINISHED:
+        return outcome.ended
+    if outcome.scores is None:
+        return "no goal lasted" if limits else ""
+    values = {name: getattr(outcome.scores, name) for name in limits}
+    # NaN fails, too.
+    over = [name for name, value in values.items() if not abs(value) <= limits[name]]
+    return ", ".join(f"{name} {_shown(values[name])}" for name in over)
+
+
+def _shown(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "never"
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A run and its outcome."""
+
+    row: Row
+    outcome: Outcome

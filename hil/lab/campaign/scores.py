@@ -1,4 +1,4 @@
-"""What a run of a campaign came to, by the same definitions as the figures of a run (hil/report/figures.py)."""
+"""Scores of a run of a campaign, defined like the figures of a run (hil/report/figures.py)."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ STEADY_ROWS = round(STEADY_AFTER_S * ROWS_PER_SECOND)
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Of a run: errors are heading less goal, of the steady parts of all goals, as is the rudder's travel.
+    """Scores of a run: errors (heading minus goal) and rudder travel are those of the steady parts of all goals.
 
-    `overshoot_deg` and `settling_s` are the largest of the goals'; inf for one at which she did not settle.
+    `overshoot_deg` and `settling_s` are the largest of all goals; `settling_s` is inf if the heading did not settle.
     """
 
     rms_deg: float
@@ -32,11 +32,11 @@ class Scores:
     settling_s: float
 
 
-LIMITED = tuple(one.name for one in fields(Scores))
+SCORE_NAMES = tuple(one.name for one in fields(Scores))
 
 
 def scores_of(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats) -> Scores | None:
-    """Judge a run by its rows, ten a second, with a goal of NaN before the first; None where no goal lasts."""
+    """Compute the scores of a run from ten rows a second; the goal is NaN before the first. None if no goal lasts."""
     results = np.zeros(6)
     if not _measure(heading_rad, rudder_rad, goal_rad, results):
         return None
@@ -76,7 +76,7 @@ def _measure(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats, results:
 
 @compiled
 def _steady_from(first: int, last: int) -> int:
-    """Return the row at which the steady part of a goal begins, which has two rows at least."""
+    """Return the row at which the steady part of a goal begins; it has at least two rows."""
     length = last - 1 - first
     steady = first + STEADY_ROWS if length > STEADY_ROWS else last - 1 - length // 3
     return min(steady, last - 2)
@@ -84,7 +84,7 @@ def _steady_from(first: int, last: int) -> int:
 
 @compiled
 def _judge_goal(heading_rad: Floats, goal_rad: float, first: int, steady: int, last: int, results: Floats) -> None:
-    turned_rad = goal_rad + TWO_PI * math.floor((heading_rad[last - 1] - goal_rad) / TWO_PI + 0.5)  # as she turned
+    turned_rad = goal_rad + TWO_PI * math.floor((heading_rad[last - 1] - goal_rad) / TWO_PI + 0.5)
     step_rad = turned_rad - heading_rad[first]
     side, settled, beyond_rad = math.copysign(1.0, step_rad), first, 0.0
     for row in range(first, last):

@@ -1,4 +1,4 @@
-"""The specification of a campaign: what each run is drawn from, read from a TOML file; all its errors at once."""
+"""Specification of a campaign, read from a TOML file; reading reports all errors at once."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from firmware_py.files.reading import read_regular
 from firmware_py.vehicle import Vehicle
 from hil.errors import UsageError
 from hil.lab.campaign.draws import Draw, DrawError, Value, read_draw
-from hil.lab.campaign.scores import LIMITED
+from hil.lab.campaign.scores import SCORE_NAMES
 from hil.ship import extras_table, scenarios
 from hil.sim.device_factory import COMPASSES, SERVOS
 from hil.sim.goals import GoalError, parse_goals
 from hil.sim.vehicle_file import load, standard_vehicle
 
-MOST_BYTES = 1 << 20
-MOST_RUNS = 10_000_000
-LONGEST_S = 1e6
+MAX_BYTES = 1 << 20
+MAX_RUNS = 10_000_000
+MAX_SECONDS = 1e6
 FIRMWARE, COMPILED = "firmware", "compiled"
 ENGINES = (FIRMWARE, COMPILED)
 FORMER_ENGINES = {"twin": COMPILED}
-# Factors on the ship of the vehicle file, which the boat is not told of, and on the speed of the scenario.
+# Factors on the model of the simulated ship, unknown to the autopilot, and on the speed of the scenario.
 SHIP = ("K", "T", "alpha", "speed")
 SHIP_RANGE = (0.1, 10.0)
 NO_FAULT = "none"
@@ -43,10 +43,10 @@ KEYS = (
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """A campaign; `draws` has what each value of a run is drawn from, by a name like "with.leeway.body_deg".
+    """A campaign; `draws` has the draw of each value by a name like "with.leeway.body_deg".
 
-    `options` are the `--with` options that every run has; `digest` is that of the content, comments apart, which
-    `text` has; `notes` are sentences for the operator.
+    `options` are the `--with` options of every run; `digest` is that of the content without comments, `text` is the
+    whole file; `notes` are sentences for the operator.
     """
 
     engine: str
@@ -63,25 +63,25 @@ class Spec:
 
     @property
     def drawn(self) -> tuple[str, ...]:
-        """The names of what differs from run to run, in their order."""
+        """Return the sorted names of the values that differ from run to run."""
         return tuple(sorted(name for name, draw in self.draws.items() if draw.varies))
 
     def values(self, name: str) -> tuple[Value, ...]:
-        """Return what can be drawn for a name at the ends; nothing for one that is not there."""
+        """Return the choices or limits of a draw; empty for an unknown name."""
         return self.draws[name].ends() if name in self.draws else ()
 
 
 Refusals = Callable[[Spec], list[str]]
 
 
-def read(path: Path, faults: tuple[str, ...], refusals: Refusals, beside: Path | None = None) -> Spec:
+def read_spec_file(path: Path, faults: tuple[str, ...], refusals: Refusals, beside: Path | None = None) -> Spec:
     """Read a specification, or raise UsageError with a line for each error.
 
-    `faults` are the names that there are, `refusals` are what the engine cannot sail of it. A vehicle file is looked
-    for beside it, or in a directory.
+    `faults` are the known faults; `refusals` returns the items that the engine does not support. The path of a vehicle
+    file is relative to the directory `beside`, by default that of the specification.
     """
     try:
-        text = read_regular(path, MOST_BYTES).decode()
+        text = read_regular(path, MAX_BYTES).decode()
         content = tomllib.loads(text)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}; give the TOML file of a campaign") from None
@@ -94,16 +94,16 @@ def read(path: Path, faults: tuple[str, ...], refusals: Refusals, beside: Path |
 
 
 class SpecError(ValueError):
-    """A specification that cannot be sailed; `problems` has a line for each error."""
+    """An invalid specification; `problems` has a line for each error."""
 
     def __init__(self, problems: list[str]) -> None:
-        """Take the lines."""
+        """Store the lines."""
         super().__init__("\n".join(problems))
         self.problems = problems
 
 
 def parse(content: Mapping[str, Any], faults: tuple[str, ...], refusals: Refusals, beside: Path = Path()) -> Spec:
-    """Read the content of a specification, or raise SpecError; a vehicle file is looked for in a directory."""
+    """Read the content of a specification, or raise SpecError; `beside` is the directory of the vehicle file."""
     reader = _Reader(content, faults, beside)
     spec = reader.spec()
     problems = reader.problems + (refusals(spec) if spec.engine in ENGINES else [])
@@ -125,7 +125,7 @@ class _Reader:
         engine, notes = self._engine()
         if engine not in ENGINES:
             self._problem("engine", f"{str(engine)[:30]!r}; give {' or '.join(map(repr, ENGINES))}")
-        seconds = self._number("seconds", 10.0, LONGEST_S)
+        seconds = self._number("seconds", 10.0, MAX_SECONDS)
         vehicle = self._vehicle()
         self._draw("scenario", self.content.get("scenarios", []), _check_scenario, "scenarios")
         self._draw("goals", self.content.get("goals", "0:0"), lambda text: _check_goals(text, seconds))
@@ -138,11 +138,11 @@ class _Reader:
         for name, value in self._table("set").items():
             self._draw(f"set.{name}", value, partial(_check_parameter, name))
         self._fault(seconds)
-        limits = {name: self._limit(name, value) for name, value in self._table("fail", LIMITED).items()}
+        limits = {name: self._limit(name, value) for name, value in self._table("fail", SCORE_NAMES).items()}
         text = json.dumps([self.content, repr(vehicle)], sort_keys=True, default=str)
         return Spec(
             str(engine),
-            int(self._number("runs", 1, MOST_RUNS, whole=True)),
+            int(self._number("runs", 1, MAX_RUNS, whole=True)),
             int(self._number("seed", 0, 2**63, default=1, whole=True)),
             seconds,
             self.draws,
@@ -168,12 +168,12 @@ class _Reader:
     def _known(self, where: str, names: Mapping[str, Any], known: tuple[str, ...]) -> None:
         for name in names:
             if name not in known:
-                self._problem(f"{where}{name[:40]}", f"there is no such key; there are {', '.join(known)}")
+                self._problem(f"{where}{name[:40]}", f"unknown key; use one of {', '.join(known)}")
 
     def _table(self, name: str, known: tuple[str, ...] = ()) -> Mapping[str, Any]:
         value = self.content.get(name, {})
         if not isinstance(value, dict):
-            self._problem(name, f"is a table, [{name}]")
+            self._problem(name, f"must be a table, [{name}]")
             return {}
         if known:
             self._known(f"{name}.", value, known)
@@ -185,16 +185,16 @@ class _Reader:
         value = self.content.get(name, default)
         kinds = (int,) if whole else (int, float)
         if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
-            what = "is lacking" if value is None else f"{value!r:.40} cannot be"
-            self._problem(name, f"{what}; give a {'whole ' if whole else ''}number from {low:g} to {high:g}")
+            state = "is missing" if value is None else f"{value!r:.40} is not allowed"
+            self._problem(name, f"{state}; give a {'whole ' if whole else ''}number from {low:g} to {high:g}")
             return high
         return value
 
-    def _draw(self, name: str, content: Any, check: Callable[[Value], object], shown: str = "") -> None:
+    def _draw(self, name: str, content: Any, check: Callable[[Value], object], label: str = "") -> None:
         try:
             self.draws[name] = read_draw(content, check)
         except DrawError as error:
-            self._problem(shown or name, error)
+            self._problem(label or name, error)
 
     def _vehicle(self) -> Vehicle:
         name = self.content.get("vehicle")
@@ -208,10 +208,10 @@ class _Reader:
             return standard_vehicle()
 
     def _option(self, name: str, content: Any) -> str:
-        """Read an option: true, its first number, or a table of its numbers by their names."""
+        """Read an option: true, its first number, or a table of its numbers by name."""
         row = extras_table.BY_NAME.get(name)
         if row is None:
-            self._problem(f"with.{name[:40]}", f"there is no such option; there are {', '.join(extras_table.BY_NAME)}")
+            self._problem(f"with.{name[:40]}", f"unknown option; use one of {', '.join(extras_table.BY_NAME)}")
             return ""
         known = {one.name: one for one in fields(row.record)}
         named = isinstance(content, dict) and bool(content.keys() & known.keys())
@@ -222,7 +222,7 @@ class _Reader:
                 self._draw(f"with.{name}.{key}", value, _check_option(known[key]))
         for key in extras_table.needed(row):
             if key not in numbers:
-                self._problem(f"with.{name}", f"{key} has no default; give it")
+                self._problem(f"with.{name}", f"{key} has no default; give a value")
         return name
 
     def _fault(self, seconds: float) -> None:
@@ -235,7 +235,7 @@ class _Reader:
 
     def _limit(self, name: str, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0.0:
-            self._problem(f"fail.{name}", f"{str(value)[:40]} is no limit; give the largest that is not failed")
+            self._problem(f"fail.{name}", f"{str(value)[:40]} is not a limit; give the largest value that passes")
             return 0.0
         return float(value)
 
@@ -243,7 +243,7 @@ class _Reader:
 def _one_of(known: Any) -> Callable[[Value], None]:
     def check(value: Value) -> None:
         if value not in known:
-            raise ValueError(f"no {str(value)[:40]!r}; there are {', '.join(known)}")
+            raise ValueError(f"{str(value)[:40]!r} is unknown; use one of {', '.join(known)}")
 
     return check
 
@@ -262,7 +262,7 @@ def _check_scenario(value: Value) -> None:
 
 def _check_goals(value: Value, seconds: float) -> None:
     if any(goal.t_s > seconds - 1.0 for goal in parse_goals(str(value))):
-        raise GoalError(f"a goal of {str(value)[:60]!r} comes after the end at {seconds:g} s")
+        raise GoalError(f"a goal of {str(value)[:60]!r} is later than the end at {seconds:g} s")
 
 
 def _check_parameter(name: str, value: Value) -> None:

@@ -1,35 +1,50 @@
-"""The directory of a campaign: what is sailed, finished batches as they come, in the end one Parquet file of all runs.
+"""Directory of a campaign: its specification, the finished batches, and finally one Parquet file of all runs.
 
-Whatever is written stands whole or not at all: to a file beside it, onto the disk, then into its place. Nothing in the
-Parquet files tells when or where a run was sailed, so they are the same bytes however they came about.
+Every file is written atomically: to a temporary file, synchronised to the disk, then renamed. The Parquet files contain
+no time and no machine, so the same campaign always gives the same bytes.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_py import ROOT, commit_of, version_text
 from hil.errors import HilError, UsageError
-from hil.lab.campaign.extra import imported
-from hil.lab.campaign.outcome import Result, failure
-from hil.lab.campaign.scores import LIMITED
+from hil.lab.campaign.row import Result, failure
+from hil.lab.campaign.scores import SCORE_NAMES
 from hil.lab.campaign.spec import Spec
 from hil.sim.run_directory import CAMPAIGN
+from hil.sim.truth import Array
+
+EXTRA = "rambler-autopilot[campaign]"
+
+
+def imported(name: str) -> Any:
+    """Return a module of the extra; UsageError that names the remedy where it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise UsageError(f"{name.partition('.')[0]} is not installed; pip install '{EXTRA}'") from None
+
 
 RUNS, PARTS, SPEC, SUMMARY, PAGE = "runs.parquet", "parts", "spec.toml", "summary.json", "report.html"
 PART = re.compile(r"(\d{8})-(\d{8})\.parquet")
-GROUP_ROWS = 1 << 16  # of the final file
+GROUP_ROWS = 1 << 16  # rows of a Parquet row group
 
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """The directory of a campaign, which the caller holds; `beside` is where its specification came from."""
+    """Directory of a campaign, locked by the caller; `beside` is the directory of its specification."""
 
     directory: Path
     spec: Spec
@@ -37,19 +52,19 @@ class Store:
     beside: Path = Path()
 
     def begin(self, *, resume: bool) -> None:
-        """Begin a campaign, or take up the same one; UsageError where there is another, or where it goes on unasked."""
+        """Begin or resume a campaign; raise UsageError if the directory holds another one, or without `resume`."""
         path = self.directory / CAMPAIGN
         if not path.exists():
-            # A campaign that was killed as it began has left some of this.
+            # A campaign that was killed at its start leaves some of these files.
             begun = {PARTS, SPEC, f"{SPEC}.new", f"{CAMPAIGN}.new"}
             if any(one.name not in begun for one in self.directory.iterdir()):
                 raise UsageError(f"{self.directory} is not empty and holds no campaign; give another --out")
             (self.directory / PARTS).mkdir(exist_ok=True)
-            put(self.directory / SPEC, self.spec.text.encode())
-            put(path, (json.dumps(self._identity(), indent=2) + "\n").encode())
+            write_file(self.directory / SPEC, self.spec.text.encode())
+            write_file(path, (json.dumps(self._identity(), indent=2) + "\n").encode())
             return
         known = read_identity(self.directory)
-        # First: another version may read another vehicle out of the same specification.
+        # Checked first: another version may read the same specification differently.
         if known.get("versions") != self.versions:
             differs = sorted(
                 name
@@ -59,13 +74,13 @@ class Store:
             by = f" by {known['program']}" if "program" in known else ""
             raise UsageError(
                 f"{self.directory} was begun{by} with other versions ({', '.join(differs)}), and this is {program()}; "
-                "go on with those, or give another --out"
+                "use those versions, or give another --out"
             )
         if known.get("digest") != self.spec.digest:
             raise UsageError(f"{self.directory} holds the campaign of another specification; give another --out")
         if not resume:
             raise UsageError(
-                f"{self.directory} holds this campaign already; go on with --resume, or give another --out"
+                f"{self.directory} already holds this campaign; continue with --resume, or give another --out"
             )
 
     def _identity(self) -> dict[str, Any]:
@@ -78,11 +93,11 @@ class Store:
         }
 
     def finished(self) -> list[tuple[int, int]]:
-        """Return the runs [first, last) of the parts that there are, in order; what was left half written goes."""
+        """Return the finished runs [first, last) in order; delete incomplete parts."""
         if (self.directory / RUNS).exists():
             return [(0, self.spec.runs)]
         parts = []
-        (self.directory / PARTS).mkdir(exist_ok=True)  # it is gone where somebody has removed what came of them
+        (self.directory / PARTS).mkdir(exist_ok=True)  # missing if the results were deleted
         for path in (self.directory / PARTS).iterdir():
             if (name := PART.fullmatch(path.name)) is not None:
                 parts.append((int(name[1]), int(name[2])))
@@ -92,14 +107,14 @@ class Store:
 
     def add(self, first: int, last: int, results: Sequence[Result]) -> None:
         """Write a finished batch."""
-        put(self.directory / PARTS / f"{first:08}-{last:08}.parquet", _encoded(self._table(results)))
+        write_file(self.directory / PARTS / f"{first:08}-{last:08}.parquet", _encoded(self._table(results)))
 
     def finish(self) -> None:
         """Join all parts to one file and remove them."""
         path, parts = self.directory / RUNS, self.directory / PARTS
         if not path.exists():
             tables = [read_table(parts / f"{first:08}-{last:08}.parquet") for first, last in self.finished()]
-            put(path, _encoded(imported("pyarrow").concat_tables(tables).combine_chunks()))
+            write_file(path, _encoded(imported("pyarrow").concat_tables(tables).combine_chunks()))
         if parts.exists():
             for part in parts.iterdir():
                 part.unlink()
@@ -116,7 +131,7 @@ class Store:
             values = [row.drawn[name] for row in rows]
             texts = any(isinstance(value, str) for value in self.spec.draws[name].values)
             columns[name] = pa.array([str(value) for value in values] if texts else values)
-        for name in LIMITED:
+        for name in SCORE_NAMES:
             columns[name] = pa.array([score.get(name) for score in scores], pa.float64())
         columns["faults"] = pa.array([_joined(one.faults) for one in outcomes], pa.string())
         columns["ended"] = pa.array([one.ended for one in outcomes], pa.string())
@@ -127,7 +142,7 @@ class Store:
 
 
 def program() -> str:
-    """Return the program with its commit, for people: two that differ may be the same by all that results depend on."""
+    """Return the program and its commit for people; results depend on `versions` alone."""
     return version_text("rambler-hil", commit_of(ROOT))
 
 
@@ -150,7 +165,7 @@ def read_table(path: Path) -> Any:
         return parquet.ParquetFile(path).read()
     except (OSError, pa.ArrowException) as error:
         text = getattr(error, "strerror", None) or " ".join(str(error).split())[:120]
-        raise HilError(f"{path} cannot be read: {text}; remove it and go on with --resume") from None
+        raise HilError(f"{path} cannot be read: {text}; remove it and continue with --resume") from None
 
 
 def read_identity(directory: Path) -> dict[str, Any]:
@@ -165,7 +180,7 @@ def read_identity(directory: Path) -> dict[str, Any]:
 
 
 def result_files(directory: Path, index: int) -> list[Path]:
-    """Return the files that could hold a run."""
+    """Return the files that may contain a run."""
     if (directory / RUNS).exists():
         return [directory / RUNS]
     if not (directory / PARTS).exists():
@@ -174,8 +189,8 @@ def result_files(directory: Path, index: int) -> list[Path]:
     return [path for path, name in names if name is not None and int(name[1]) <= index < int(name[2])]
 
 
-def put(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all, and onto the disk; HilError when it cannot be."""
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file atomically and synchronise it to the disk; raise HilError if that fails."""
     fresh = path.with_name(path.name + ".new")
     try:
         with fresh.open("wb") as file:
@@ -185,7 +200,9 @@ def put(path: Path, content: bytes) -> None:
         fresh.replace(path)
         _sync(path.parent)
     except OSError as error:
-        raise HilError(f"{path} cannot be written: {error.strerror}; make room and go on with --resume") from None
+        raise HilError(
+            f"{path} cannot be written: {error.strerror}; free some space and continue with --resume"
+        ) from None
 
 
 def _sync(directory: Path) -> None:
@@ -196,10 +213,66 @@ def _sync(directory: Path) -> None:
         os.close(descriptor)
 
 
-def missing(runs: int, finished: Sequence[tuple[int, int]], batch: int) -> Iterator[tuple[int, int]]:
-    """Yield the batches [first, last) that are still to be sailed."""
+def pending_batches(runs: int, finished: Sequence[tuple[int, int]], batch: int) -> Iterator[tuple[int, int]]:
+    """Yield the batches [first, last) that are not finished."""
     at = 0
     for first, last in [*finished, (runs, runs)]:
         for begin in range(at, first, batch):
             yield begin, min(begin + batch, first)
         at = last
+
+
+OUTCOME_COLUMNS = ("faults", "ended", "failed", "digest")
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """Columns of all runs of a campaign, sorted by run; missing scores are NaN."""
+
+    directory: Path
+    spec: str
+    identity: Mapping[str, Any]
+    seeds: NDArray[np.int64]
+    drawn: Mapping[str, NDArray[Any]]
+    scores: Mapping[str, Array]
+    faults: NDArray[Any]
+    failed: NDArray[Any]
+
+    @property
+    def runs(self) -> int:
+        """Return the number of runs."""
+        return int(self.seeds.size)
+
+    @property
+    def failures(self) -> int:
+        """Return the number of failed runs."""
+        return int(np.count_nonzero(self.failed != ""))
+
+    def text_of(self, name: str, row: int) -> str:
+        """Return a drawn value of a run as text."""
+        value = self.drawn[name][row]
+        return value if isinstance(value, str) else f"{value:g}"
+
+
+def read_results(directory: Path) -> Results:
+    """Read the results of a finished campaign, or raise UsageError."""
+    identity = read_identity(directory)
+    if not (directory / RUNS).exists():
+        raise UsageError(f"{directory}: the campaign is not finished; continue with --resume")
+    table = read_table(directory / RUNS)
+    names = table.column_names
+    drawn = [name for name in names if name not in {"row", "seed", *SCORE_NAMES, *OUTCOME_COLUMNS}]
+
+    def column(name: str) -> NDArray[Any]:
+        return np.asarray(table.column(name).to_numpy())
+
+    return Results(
+        directory,
+        (directory / SPEC).read_text(encoding="utf-8"),
+        identity,
+        column("seed"),
+        {name: column(name) for name in drawn},
+        {name: column(name) for name in SCORE_NAMES if name in names},
+        column("faults"),
+        column("failed"),
+    )

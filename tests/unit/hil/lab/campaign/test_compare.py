@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from hil.errors import UsageError
-from hil.lab.campaign import compare, compare_page, page, table
-from hil.lab.campaign.table import Results
+from hil.lab.campaign import compare, compare_page, page
+from hil.lab.campaign.store import Results, read_results
 
 
 def campaign(name, *, price, seeds=None, runs=60, never=()):
-    """Return results in which a price of rudder travel costs error."""
+    """Return results whose error grows with the price of rudder travel."""
     random = np.random.default_rng(7)
     ability, noise = random.uniform(0.7, 1.4, runs), random.normal(0.0, 0.2, runs)
     rms = 2.0 + ability + noise + 0.1 * price
@@ -38,7 +38,7 @@ def campaign(name, *, price, seeds=None, runs=60, never=()):
     )
 
 
-def test_runs_that_have_drawn_alike_are_compared_one_by_one():
+def test_runs_with_equal_draws_are_compared_in_pairs():
     found = compare.compare(campaign("a", price=1.0), campaign("b", price=2.0))
     assert found.pairs == 60
     by_name = {one.name: one for one in found.differences}
@@ -49,23 +49,23 @@ def test_runs_that_have_drawn_alike_are_compared_one_by_one():
     assert found.failed_more.value > 0.0
 
 
-def test_what_only_one_draws_is_what_differs():
+def test_draws_of_only_one_campaign_do_not_prevent_pairs():
     first, second = campaign("a", price=1.0), campaign("b", price=2.0)
     second = replace(second, drawn={**second.drawn, "ship.T": np.ones(60)})
     assert compare.compare(first, second).pairs == 60
 
 
-def test_campaigns_that_drew_differently_are_compared_as_wholes():
+def test_campaigns_with_different_draws_are_independent_samples():
     first, second = campaign("a", price=1.0), campaign("b", price=2.0, seeds=np.arange(100, 160))
     found = compare.compare(first, second)
     assert found.pairs == 0
     by_name = {one.name: one for one in found.differences}
     assert by_name["rms_deg"].less is None
     assert by_name["rms_deg"].more.low < 0.0 < by_name["rms_deg"].more.value == pytest.approx(0.1)
-    assert "as wholes" in compare_page.text(first, second, found)
+    assert "independent samples" in compare_page.text(first, second, found)
 
 
-def test_a_longer_campaign_is_compared_as_far_as_the_shorter_goes():
+def test_campaigns_of_different_length_share_the_rows_of_the_shorter():
     long, short = campaign("a", price=1.0), campaign("b", price=2.0)
     short = replace(
         short,
@@ -78,7 +78,7 @@ def test_a_longer_campaign_is_compared_as_far_as_the_shorter_goes():
     assert compare.compare(short, long).pairs == 40
 
 
-def test_what_never_settles_is_counted_and_later_than_all_that_does():
+def test_runs_that_never_settle_are_counted_and_rank_last():
     found = compare.compare(campaign("a", price=1.0, never=(1, 2)), campaign("b", price=1.0, never=(2, 3, 4)))
     settled = next(one for one in found.differences if one.name == "settling_s")
     assert (settled.never, settled.more.value, settled.values.size) == ((2, 3), 0.0, 60)
@@ -87,26 +87,26 @@ def test_what_never_settles_is_counted_and_later_than_all_that_does():
 
 
 @pytest.mark.parametrize("seeds", [None, np.arange(100, 160)])
-def test_where_most_never_settle_the_median_is_never_and_json_stays_json(seeds):
+def test_an_infinite_median_is_shown_as_never_and_is_null_in_json(seeds):
     first = campaign("a", price=1.0)
     second = campaign("b", price=1.0, never=range(40), seeds=seeds)
     found = compare.compare(first, second)
     text = compare_page.text(first, second, found)
-    assert "never" in next(row for row in compare_page.cells(found) if row[0].startswith("settled"))[2]
+    assert "never" in next(row for row in compare_page.cells(found) if row[0].startswith("settling"))[2]
     assert "nan" not in text
     assert ">inf" not in text
     settled = json.loads(json.dumps(compare.as_json(found), allow_nan=False))["scores"]["settling_s"]
     assert (settled["of"], settled["first"], settled["second"]) == ("median", 50.0, None)
 
 
-def test_a_comparison_says_what_so_many_runs_tell():
+def test_the_detectable_difference_falls_with_the_number_of_runs():
     by_name = {one.name: one for one in _differences(60)}
     more = {one.name: one for one in _differences(240)}
-    assert more["rms_deg"].tells == pytest.approx(0.5 * by_name["rms_deg"].tells, rel=0.2)
+    assert more["rms_deg"].detectable == pytest.approx(0.5 * by_name["rms_deg"].detectable, rel=0.2)
     assert more["rms_deg"].runs_for_small == pytest.approx(by_name["rms_deg"].runs_for_small, rel=0.4)
-    assert by_name["mean_deg"].tells > 0.0
+    assert by_name["mean_deg"].detectable > 0.0
     assert by_name["mean_deg"].runs_for_small is None
-    assert by_name["settling_s"].tells is None
+    assert by_name["settling_s"].detectable is None
 
 
 def _differences(runs):
@@ -117,13 +117,13 @@ def _differences(runs):
     return compare.compare(first, second).differences
 
 
-def test_too_few_runs_say_nothing():
+def test_too_few_runs_are_refused():
     few = campaign("a", price=1.0, runs=4)
     with pytest.raises(UsageError, match="too few runs"):
         compare.compare(few, few)
 
 
-def test_the_page_and_the_figures_of_a_comparison_can_be_read():
+def test_page_and_json_of_a_comparison():
     first, second = campaign("a", price=1.0), campaign("b", price=2.0, never=(3,))
     found = compare.compare(first, second)
     text = compare_page.text(first, second, found)
@@ -134,7 +134,7 @@ def test_the_page_and_the_figures_of_a_comparison_can_be_read():
     assert "nothing: the same specification" in compare_page.text(first, first, found)
 
 
-def test_the_page_of_a_campaign_names_the_worst_runs_and_how_to_sail_them():
+def test_the_page_of_a_campaign_has_commands_that_repeat_the_worst_runs():
     results = campaign("a b", price=1.0, never=(17,))
     text = page.text(results, ["engine: a former name"])
     assert "engine: a former name" in text
@@ -143,25 +143,25 @@ def test_the_page_of_a_campaign_names_the_worst_runs_and_how_to_sail_them():
     assert "never in 1 runs" in text
     assert "swell &lt;b&gt;" in text
     assert "swell <b>" not in text
-    assert "What it depends on" in text
+    assert "Sensitivity" in text
 
 
-def test_the_page_of_a_campaign_that_came_to_nothing_is_made():
+def test_the_page_of_a_campaign_without_scores():
     results = campaign("a", price=1.0)
     nothing = {name: np.full(60, np.nan) for name in results.scores}
-    text = page.text(replace(results, scores=nothing, failed=np.array(["she sank"] * 60, object)))
+    text = page.text(replace(results, scores=nothing, failed=np.array(["process ended"] * 60, object)))
     assert "60 failed: 100 %" in text
-    assert "no run has one" in text
+    assert "no run has this score" in text
     assert "nan" not in text
 
 
-def test_results_are_read_only_when_the_campaign_is_over(tmp_path):
+def test_results_of_an_unfinished_campaign_are_refused(tmp_path):
     (tmp_path / "campaign.json").write_text("{}")
-    with pytest.raises(UsageError, match="is not over; go on with --resume"):
-        table.read(tmp_path)
+    with pytest.raises(UsageError, match="is not finished; continue with --resume"):
+        read_results(tmp_path)
 
 
-def test_other_versions_are_told_by_name():
+def test_versions_that_differ_are_named():
     first, second = campaign("a", price=1.0), campaign("b", price=2.0)
     assert compare_page.versions_that_differ(first, first) == []
     assert compare_page.versions_that_differ(first, second) == ["sources: a, b"]

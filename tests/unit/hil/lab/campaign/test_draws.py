@@ -3,8 +3,8 @@ import pytest
 from hil.lab.campaign.draws import Draw, DrawError, read_draw, shares
 
 
-def anything(_value):
-    """Allow everything."""
+def accept_all(_value):
+    """Accept every value."""
 
 
 @pytest.mark.parametrize(
@@ -22,19 +22,19 @@ def anything(_value):
         ({"normal": [0, 1, 0, 10]}, 0.5, 0.67449),  # the median of the upper half
     ],
 )
-def test_a_share_of_the_draws_lies_below_its_value(content, share, value):
-    assert read_draw(content, anything).at(share) == value
+def test_quantiles(content, share, value):
+    assert read_draw(content, accept_all).at(share) == value
 
 
 @pytest.mark.parametrize("kind", ["uniform", "log_uniform"])
-def test_no_draw_leaves_its_range_by_being_rounded(kind):
+def test_rounding_does_not_leave_the_range(kind):
     low, high = 0.12345678, 0.12345679
     draw = Draw(kind, (low, high))
     assert all(low <= draw.at(number / 100) <= high for number in range(100))
 
 
-def test_a_normal_draw_keeps_to_its_bounds_far_out():
-    draw = read_draw({"normal": [0.0, 1.0, 5.0, 9.0]}, anything)
+def test_a_normal_draw_stays_within_bounds_far_from_its_mean():
+    draw = read_draw({"normal": [0.0, 1.0, 5.0, 9.0]}, accept_all)
     values = [draw.at(number / 1000) for number in range(1000)]
     assert values == sorted(values)
     assert values[0] == 5.0
@@ -57,17 +57,17 @@ def test_a_normal_draw_keeps_to_its_bounds_far_out():
         {"log_uniform": [0, 1]},
         {"normal": [0, 0, -1, 1]},
         {"normal": [0, 1, 1, 1]},
-        {"normal": [0, 1, 7, 9]},  # as good as never
+        {"normal": [0, 1, 7, 9]},  # more than 6 sd from the mean
         {"fish": [1, 2]},
         {"uniform": [1, 2], "normal": [0, 1, -1, 1]},
     ],
 )
-def test_what_nothing_can_be_drawn_from_is_refused(content):
+def test_invalid_draws_are_refused(content):
     with pytest.raises(DrawError):
-        read_draw(content, anything)
+        read_draw(content, accept_all)
 
 
-def test_both_ends_of_a_distribution_are_checked():
+def test_both_limits_of_a_distribution_are_checked():
     seen = []
     read_draw({"normal": [5, 2, 1, 9]}, seen.append)
     assert seen == [1.0, 9.0]
@@ -80,13 +80,13 @@ def test_both_ends_of_a_distribution_are_checked():
         read_draw({"uniform": [1, 4]}, too_large)
 
 
-def test_a_row_draws_the_same_wherever_its_batch_begins():
+def test_draws_do_not_depend_on_the_batch():
     together = shares(7, "ship.K", 0, 50)
     assert [shares(7, "ship.K", row, 1)[0] for row in range(50)] == together
     assert shares(7, "ship.K", 13, 20) == together[13:33]
 
 
-def test_names_and_seeds_draw_apart_and_evenly():
+def test_draws_are_uniform_and_differ_by_name_and_seed():
     numbers = shares(7, "ship.K", 0, 4000)
     assert len(set(numbers)) == 4000
     assert all(0.0 <= number < 1.0 for number in numbers)

@@ -6,8 +6,7 @@ from hil.errors import UsageError
 from hil.lab.campaign import replay, store
 from hil.lab.campaign.campaign import read_spec
 from hil.lab.campaign.engines import versions
-from hil.lab.campaign.outcome import Outcome, Result
-from hil.lab.campaign.row import rows
+from hil.lab.campaign.row import Outcome, Result, rows
 from hil.lab.campaign.store import Store
 
 TEXT = 'engine = "firmware"\nruns = 4\nseconds = 10\nscenarios = "tank"\n[ship]\nK = {uniform = [0.8, 1.2]}\n'
@@ -15,7 +14,7 @@ TEXT = 'engine = "firmware"\nruns = 4\nseconds = 10\nscenarios = "tank"\n[ship]\
 
 @pytest.fixture
 def campaign(tmp_path):
-    """Return the directory of a campaign of four runs, the latter half of which is over."""
+    """Return the directory of a campaign of four runs, the last two of which are finished."""
     (tmp_path / "spec.toml").write_text(TEXT)
     (tmp_path / "out").mkdir()
     spec = read_spec(tmp_path / "spec.toml")
@@ -25,8 +24,8 @@ def campaign(tmp_path):
     return tmp_path / "out"
 
 
-def test_a_run_is_found_while_the_campaign_goes_on(campaign):
-    spec = replay.opened(campaign)
+def test_a_finished_run_of_an_unfinished_campaign_is_found(campaign):
+    spec = replay.read_campaign_spec(campaign)
     assert replay.result_of(campaign, spec, 3)["row"] == 3
     for index in (1, 4, -1):
         with pytest.raises(UsageError):
@@ -34,20 +33,18 @@ def test_a_run_is_found_while_the_campaign_goes_on(campaign):
 
 
 @pytest.mark.usefixtures("without_picture")
-def test_a_run_that_comes_out_differently_is_told(campaign, tmp_path):
+def test_a_replay_with_other_results_is_reported(campaign, tmp_path):
     known = store.read_identity(campaign)
     (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "numpy": "0"}}))
     (line,) = replay.replay(campaign, 3, tmp_path / "run").differences
-    assert "instead of of no run; the campaign was sailed with other versions (numpy), by rambler-hil " in line
+    assert "instead of of no run; the campaign was run by rambler-hil " in line
 
 
-def test_a_specification_that_was_changed_is_not_replayed(campaign):
+def test_a_changed_specification_is_not_replayed(campaign):
     (campaign / store.SPEC).write_text(TEXT.replace("0.8", "0.7"))
-    with pytest.raises(UsageError, match=r"not what was sailed$"):
-        replay.opened(campaign)
+    with pytest.raises(UsageError, match=r"changed since the campaign$"):
+        replay.read_campaign_spec(campaign)
     known = store.read_identity(campaign)
     (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "sources": "0"}}))
-    with pytest.raises(
-        UsageError, match=r"not what was sailed; the campaign was sailed with other versions .sources., by"
-    ):
-        replay.opened(campaign)
+    with pytest.raises(UsageError, match=r"the campaign was run by .* with other versions .sources."):
+        replay.read_campaign_spec(campaign)

@@ -8,39 +8,39 @@ from hil.sim.vehicle_file import model_of, standard_vehicle
 from support.campaign import read
 
 
-def test_a_row_is_the_same_alone_and_among_others():
+def test_a_row_does_not_depend_on_its_batch():
     spec = read()
     together = list(rows(spec, 0, 8))
     assert [next(rows(spec, index, index + 1)) for index in reversed(range(8))] == together[::-1]
     assert len({row.seed for row in together}) == 8
 
 
-def test_a_specification_that_says_more_draws_the_rest_alike():
+def test_an_added_draw_does_not_change_the_others():
     fewer, more = read(), read(ship={"K": {"uniform": [0.7, 1.4]}, "speed": [0.8, 1.2], "T": {"uniform": [0.5, 2]}})
     for one, other in zip(rows(fewer, 0, 8), rows(more, 0, 8), strict=True):
         assert one.seed == other.seed
         assert one.drawn.items() < other.drawn.items()
 
 
-def test_the_ship_is_another_than_the_boat_is_told():
+def test_ship_factors_change_the_simulated_ship_but_not_the_parameters():
     row = next(rows(read(ship={"K": 2.0, "T": 0.5, "alpha": 3.0, "speed": 1.5}), 0, 1))
     base, ship = model_of(standard_vehicle()), model_of(row.vehicle)
     assert ship.turning_ability_1_s == 2.0 * base.turning_ability_1_s
     assert ship.turning_lag_s == 0.5 * base.turning_lag_s
     assert ship.norrbin_s2 == 3.0 * base.norrbin_s2
-    told = ParameterSet()
-    assert {name: row.settings[name] for name in MODEL.values()} == {name: told[name] for name in MODEL.values()}
+    defaults = ParameterSet()
+    assert {name: row.settings[name] for name in MODEL.values()} == {name: defaults[name] for name in MODEL.values()}
     assert row.scenario.speed_m_s == pytest.approx(1.5 * {"tank": 0.4, "swell": 0.7}[row.scenario.name])
 
 
-def test_options_go_over_those_of_the_sea():
+def test_options_replace_those_of_the_scenario():
     row = next(rows(read(scenarios="swell+leeway=3,float", **{"with": {"leeway": 7, "delay": 2}}), 0, 1))
     assert row.scenario.extras.leeway.body_deg == 7.0
     assert row.scenario.extras.float_body is not None
     assert row.scenario.extras.delay.delay_s == 2.0
 
 
-def test_a_fault_is_drawn_with_its_times():
+def test_a_fault_has_drawn_times():
     fault = {"what": ["none", "killed"], "at_s": {"uniform": [100, 200]}, "for_s": 20}
     found = [row.fault for row in rows(read(engine="firmware", fault=fault, **{"with": None}), 0, 40)]
     assert {one.name for one in found} == {"none", "killed"}
@@ -48,7 +48,7 @@ def test_a_fault_is_drawn_with_its_times():
     assert next(rows(read(), 0, 1)).fault is None
 
 
-def test_a_run_of_the_harness_has_all_of_a_row(tmp_path):
+def test_run_options_contain_all_of_a_row(tmp_path):
     row = next(rows(read(set={"CTL_PRICE": 2}), 0, 1))
     options = row.options(tmp_path)
     assert (options.seed, options.scenario, options.goals, options.seconds) == (row.seed, row.scenario, row.goals, 400)
@@ -56,7 +56,7 @@ def test_a_run_of_the_harness_has_all_of_a_row(tmp_path):
     assert options.vehicle == row.vehicle
 
 
-def test_the_extremes_are_of_every_sea_and_both_ends():
+def test_extremes_of_every_scenario():
     found = [(row.scenario.name, row.scenario.extras.receiver.lost) for row in extremes(read())]
     assert found == [("tank", 0.02), ("tank", 1.0), ("swell", 0.02), ("swell", 1.0)]
     assert replace(next(extremes(read())), index=0).index == 0

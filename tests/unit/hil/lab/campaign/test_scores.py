@@ -9,7 +9,7 @@ from hil.sim.truth import Truth
 
 
 def truth_of(heading_rad, rudder_rad, goal_rad):
-    """Return a truth of these columns."""
+    """Return a truth with these columns."""
     nothing = np.zeros(heading_rad.size)
     time_s = np.arange(heading_rad.size) / 10
     return Truth(time_s, heading_rad, nothing, nothing, rudder_rad, nothing, goal_rad, nothing, nothing, nothing)
@@ -18,11 +18,11 @@ def truth_of(heading_rad, rudder_rad, goal_rad):
 @pytest.mark.parametrize("lengths", [(4000, 2500), (900, 700), (3, 2), (2001, 2002, 2003), (2, 5000)])
 @pytest.mark.parametrize("before", [0, 37])
 @pytest.mark.parametrize("turn_rad", [0.0, -2.0 * math.pi, 4.0 * math.pi])
-def test_scores_are_those_of_the_figures_of_a_run(lengths, before, turn_rad):
+def test_scores_equal_the_figures_of_a_run(lengths, before, turn_rad):
     random = np.random.default_rng(sum(lengths))
     goal_rad = np.concatenate([np.full(before, np.nan), *(np.full(n, 0.4 * k) for k, n in enumerate(lengths))])
     heading_rad = np.nan_to_num(goal_rad) + np.cumsum(random.normal(0.0, 0.002, goal_rad.size))
-    heading_rad[before + lengths[0] + 1 :] += turn_rad  # she comes to the others the other way round
+    heading_rad[before + lengths[0] + 1 :] += turn_rad  # the later turns are in the other direction
     rudder_rad = random.normal(0.0, 0.1, goal_rad.size)
     found = scores_of(heading_rad, rudder_rad, goal_rad)
     figures = goal_figures([truth_of(heading_rad, rudder_rad, goal_rad)])

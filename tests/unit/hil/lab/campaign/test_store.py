@@ -5,17 +5,16 @@ import pytest
 
 from hil.errors import HilError, UsageError
 from hil.lab.campaign import store
-from hil.lab.campaign.outcome import Outcome, Result, failure
-from hil.lab.campaign.row import rows
+from hil.lab.campaign.row import Outcome, Result, failure, rows
 from hil.lab.campaign.scores import Scores
-from hil.lab.campaign.store import Store, missing
+from hil.lab.campaign.store import Store, pending_batches
 from support.campaign import read
 
 VERSIONS = {"python": "3", "sources": "abc"}
 
 
 def scores(rms_deg=1.0, settling_s=50.0):
-    """Return scores of which two matter."""
+    """Return scores."""
     return Scores(rms_deg, 0.5, 4.0, 700.0, 2.0, settling_s)
 
 
@@ -34,8 +33,8 @@ def kept(directory, spec=None, versions=None):
     return Store(directory, spec or read(), versions or VERSIONS)
 
 
-def sailed(directory, batches):
-    """Keep batches in this order and return the bytes of the end."""
+def stored(directory, batches):
+    """Store batches in this order and return the bytes of the final file."""
     one = kept(directory)
     one.begin(resume=False)
     for first, last in batches:
@@ -44,15 +43,14 @@ def sailed(directory, batches):
     return (directory / store.RUNS).read_bytes()
 
 
-def test_the_result_is_the_same_however_it_was_reached(tmp_path):
-    whole = sailed(tmp_path / "a", [(0, 8)])
-    assert sailed(tmp_path / "b", [(6, 8), (0, 1), (3, 6), (1, 3)]) == whole
+def test_the_order_of_batches_does_not_change_the_result(tmp_path):
+    whole = stored(tmp_path / "a", [(0, 8)])
+    assert stored(tmp_path / "b", [(6, 8), (0, 1), (3, 6), (1, 3)]) == whole
     assert not (tmp_path / "b" / store.PARTS).exists()
 
 
-def test_results_that_were_removed_are_sailed_anew(tmp_path):
-    """As the text asks for where the disk has spoilt them."""
-    whole = sailed(tmp_path, [(0, 8)])
+def test_deleted_results_are_computed_again(tmp_path):
+    whole = stored(tmp_path, [(0, 8)])
     (tmp_path / store.RUNS).unlink()
     assert store.result_files(tmp_path, 0) == []
     one = kept(tmp_path)
@@ -63,8 +61,8 @@ def test_results_that_were_removed_are_sailed_anew(tmp_path):
     assert (tmp_path / store.RUNS).read_bytes() == whole
 
 
-def test_a_run_is_a_row_with_what_was_drawn_and_what_became_of_it(tmp_path):
-    sailed(tmp_path / "a", [(0, 4), (4, 8)])
+def test_a_row_has_draws_and_outcome_of_its_run(tmp_path):
+    stored(tmp_path / "a", [(0, 4), (4, 8)])
     found = store.read_table(tmp_path / "a" / store.RUNS).to_pylist()
     assert [row["row"] for row in found] == list(range(8))
     expected = next(rows(read(), 1, 2))
@@ -76,13 +74,13 @@ def test_a_run_is_a_row_with_what_was_drawn_and_what_became_of_it(tmp_path):
     assert [row["row"] for row in found if row["failed"]] == [2, 4, 5, 6, 7]
 
 
-def test_what_is_missing_is_between_the_parts():
-    assert list(missing(10, [], 4)) == [(0, 4), (4, 8), (8, 10)]
-    assert list(missing(10, [(2, 4), (7, 10)], 2)) == [(0, 2), (4, 6), (6, 7)]
-    assert list(missing(10, [(0, 10)], 4)) == []
+def test_pending_batches_lie_between_the_parts():
+    assert list(pending_batches(10, [], 4)) == [(0, 4), (4, 8), (8, 10)]
+    assert list(pending_batches(10, [(2, 4), (7, 10)], 2)) == [(0, 2), (4, 6), (6, 7)]
+    assert list(pending_batches(10, [(0, 10)], 4)) == []
 
 
-def test_a_half_written_part_is_none(tmp_path):
+def test_an_incomplete_part_is_deleted(tmp_path):
     one = kept(tmp_path)
     one.begin(resume=False)
     one.add(2, 4, results(one.spec, 2, 4))
@@ -99,10 +97,10 @@ def test_a_half_written_part_is_none(tmp_path):
             {},
             {**VERSIONS, "sources": "def"},
             True,
-            r"by rambler-hil .* versions \(sources\), and this is rambler-hil .*; go on with",
+            r"by rambler-hil .* versions \(sources\), and this is rambler-hil .*; use those",
         ),
         ({"seed": 6}, {**VERSIONS, "sources": "def"}, True, r"with other versions \(sources\)"),
-        ({}, VERSIONS, False, "go on with --resume"),
+        ({}, VERSIONS, False, "continue with --resume"),
     ],
 )
 def test_a_directory_of_another_campaign_is_refused(tmp_path, more, versions, resume, text):
@@ -112,13 +110,13 @@ def test_a_directory_of_another_campaign_is_refused(tmp_path, more, versions, re
         kept(tmp_path, read(**more), versions).begin(resume=resume)
 
 
-def test_a_directory_with_something_else_in_it_is_refused(tmp_path):
+def test_a_directory_with_other_files_is_refused(tmp_path):
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(UsageError, match="holds no campaign"):
         kept(tmp_path).begin(resume=False)
 
 
-def test_a_campaign_that_was_killed_as_it_began_begins_again(tmp_path):
+def test_a_campaign_that_was_killed_at_its_start_starts_again(tmp_path):
     (tmp_path / store.PARTS).mkdir()
     (tmp_path / f"{store.CAMPAIGN}.new").write_text("{")
     kept(tmp_path).begin(resume=False)
@@ -126,13 +124,13 @@ def test_a_campaign_that_was_killed_as_it_began_begins_again(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff"])
-def test_a_campaign_file_that_is_none_is_told(tmp_path, content):
+def test_an_invalid_campaign_file_is_refused(tmp_path, content):
     (tmp_path / store.CAMPAIGN).write_bytes(content)
     with pytest.raises(UsageError, match="holds no campaign"):
         store.read_identity(tmp_path)
 
 
-def test_a_part_that_the_disk_has_spoilt_is_named(tmp_path):
+def test_a_damaged_part_is_named(tmp_path):
     one = kept(tmp_path)
     one.begin(resume=False)
     one.add(0, 8, results(one.spec, 0, 8))
@@ -150,7 +148,8 @@ def test_a_part_that_the_disk_has_spoilt_is_named(tmp_path):
         (Outcome("a", scores(float("nan"))), "rms_deg never"),
         (Outcome("a", scores(1.0, math.inf)), "settling_s never"),
         (Outcome("a", None), "no goal lasted"),
-        (Outcome("a", scores(), ended="she sank"), "she sank"),
+        (Outcome("a", scores(), ended="process ended"), "process ended"),
+        (Outcome("a", Scores(1.0, 0.5, 4.0, 700.0, 2.0, 100.5)), "settling_s 100.5"),
     ],
 )
 def test_a_run_fails_by_its_limits_or_by_its_end(outcome, text):
@@ -161,15 +160,15 @@ def test_a_mean_fails_on_either_side():
     assert failure(Outcome("a", Scores(1.0, -3.0, 4.0, 700.0, 2.0, 50.0)), {"mean_deg": 2.0}) == "mean_deg -3"
 
 
-def test_rows_of_two_versions_do_not_come_together(tmp_path):
+def test_rows_of_two_versions_are_not_mixed(tmp_path):
     one = kept(tmp_path)
     one.begin(resume=False)
     one.add(0, 4, results(one.spec, 0, 4))
     known = store.read_identity(tmp_path)
-    del known["program"]  # a version before did not say which it was
+    del known["program"]  # absent in former versions
     (tmp_path / store.CAMPAIGN).write_text(json.dumps(known))
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
     with pytest.raises(UsageError, match=r"was begun with other versions \(sources\), and this is rambler-hil"):
         kept(tmp_path, versions={**VERSIONS, "sources": "def"}).begin(resume=True)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
-    kept(tmp_path).begin(resume=True)  # the same version goes on, whatever it calls itself
+    kept(tmp_path).begin(resume=True)  # the program's name does not matter
