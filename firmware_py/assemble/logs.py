@@ -39,18 +39,18 @@ def recorder_of(
     """
     if not parameters["LOG_ENABLE"]:
         return None
-    file_bytes, least_bytes = int(parameters["LOG_FILE_MB"] * 1e6), int(parameters["LOG_FREE_MB"] * 1e6)
+    file_bytes, min_free_bytes = int(parameters["LOG_FILE_MB"] * 1e6), int(parameters["LOG_FREE_MB"] * 1e6)
     recorder = LogRecorder(
         directory / LOG_DIRECTORY,
         parameters=parameters,
         plans=plans,
         file_bytes=file_bytes,
-        keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
-        least_bytes=least_bytes,
+        max_total_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
+        min_free_bytes=min_free_bytes,
         utc_s=clock.utc_s(),
         software=version_text("rambler", commit),
-        patient=isinstance(clock, LockstepClock),
-        disk=LocalDisk(kept_days=parameters["LOG_KEEP_DAYS"], spare_bytes=least_bytes + file_bytes),
+        wait_for_disk=isinstance(clock, LockstepClock),
+        disk=LocalDisk(retention_days=parameters["LOG_KEEP_DAYS"], reserve_bytes=min_free_bytes + file_bytes),
         clock_utc_s=clock.utc_s,
     )
     opened.callback(recorder.close)

@@ -11,8 +11,8 @@ from typing import Any
 from msgspec.structs import asdict
 
 from firmware_py.cli.refusal import refused
+from firmware_py.log.daily_energy import Amount, Day, days, rows, thin_logs
 from firmware_py.log.dataflash import LogError
-from firmware_py.log.energy_days import Amount, Day, days, rows, thin_logs
 from firmware_py.system.state_directory import LOG_DIRECTORY
 
 MARK = "~"

@@ -1,7 +1,6 @@
-"""ArduPilot's own messages, so that its log viewers show track, modes, parameters and texts.
+"""ArduPilot messages for log viewers: track, modes, parameters and texts. They are not read back.
 
-Nothing here is read back. Source: ArduPilot libraries/AP_Logger/LogStructure.h and the
-structures of its GPS and vehicle folders.
+Source: ArduPilot libraries/AP_Logger/LogStructure.h and the structures of its GPS and vehicle folders.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, FixType, PositionSample, Severity
 from firmware_py.log import ardupilot_formats
 from firmware_py.log.dataflash import TEXT_BYTES, MessageType
-from firmware_py.log.rows import microseconds
+from firmware_py.log.message_rows import microseconds
 
 GPS: Final = MessageType(
     160,
@@ -33,7 +32,7 @@ MSG: Final = MessageType(163, "MSG", "TimeUS,Message,Sev", "QZB", "s--", "F--")
 TYPES: Final = (GPS, MODE, PARM, MSG, *ardupilot_formats.TYPES)
 
 GPS_EPOCH_S: Final = 315964800.0  # 1980-01-06 in seconds since 1970
-LEAP_SECONDS: Final = 18.0  # GPS ahead of UTC since 2017; pymavlink takes off the same
+LEAP_SECONDS: Final = 18.0  # GPS minus UTC since 2017; pymavlink subtracts the same
 WEEK_S: Final = 604800.0
 MAX_UTC_S: Final = 4102444800.0  # 2100-01-01
 
@@ -41,7 +40,7 @@ _DEFAULTS: Final = {row.name: row.default for row in TABLE}
 
 
 def position_bytes(sample: PositionSample) -> bytes:
-    """Return a fix as ArduPilot logs it, empty without one."""
+    """Return a fix as a GPS message, empty without a position."""
     if sample.fix is FixType.NONE or sample.latitude_rad is None or sample.longitude_rad is None:
         return b""
     week, week_ms = _gps_time(sample.utc_s)
@@ -61,22 +60,22 @@ def position_bytes(sample: PositionSample) -> bytes:
 
 
 def mode_bytes(t_s: float, mode: int) -> bytes:
-    """Return a change of mode."""
+    """Return the message of a mode change."""
     return MODE.pack(microseconds(t_s), mode, mode, 0)
 
 
 def parameter_bytes(t_s: float, name: str, value: float) -> bytes:
-    """Return one parameter with its default."""
+    """Return the message of one parameter with its default."""
     return PARM.pack(microseconds(t_s), name.encode(), value, _DEFAULTS[name])
 
 
 def parameters_bytes(t_s: float, values: ParameterSet) -> bytes:
-    """Return all parameters."""
+    """Return the messages of all parameters."""
     return b"".join(parameter_bytes(t_s, name, value) for name, value in values.items())
 
 
 def message_bytes(t_s: float, events: Iterable[Event]) -> bytes:
-    """Return texts to the operator, each cut to what one message holds."""
+    """Return the messages of texts to the operator, each cut to TEXT_BYTES."""
     return b"".join(
         MSG.pack(microseconds(t_s), event.text.encode("utf-8", "replace")[:TEXT_BYTES], event.severity)
         for event in events
@@ -84,19 +83,19 @@ def message_bytes(t_s: float, events: Iterable[Event]) -> bytes:
 
 
 def opening(software: str, utc_s: float) -> tuple[Event, ...]:
-    """Return what a file says of itself, the software first.
+    """Return the texts at the start of a file, the software version first.
 
-    The word ArduRover makes pymavlink take that vehicle's names for our modes.
+    The word ArduRover makes pymavlink use that vehicle's mode names.
     """
-    begun = "unknown"
+    started = "unknown"
     if 0.0 <= utc_s < MAX_UTC_S:
-        begun = dt.datetime.fromtimestamp(utc_s, tz=dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    texts = (software, "Modes are numbered as ArduRover's", f"Process started {begun}")
+        started = dt.datetime.fromtimestamp(utc_s, tz=dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    texts = (software, "Modes are numbered as ArduRover's", f"Process started {started}")
     return tuple(Event(Severity.INFO, text) for text in texts)
 
 
 def _gps_time(utc_s: float | None) -> tuple[int, int]:
-    """Return GPS week and milliseconds of the week, zeros when unknown."""
+    """Return GPS week and milliseconds of the week, zeros if unknown."""
     if utc_s is None or not GPS_EPOCH_S <= utc_s < MAX_UTC_S:
         return 0, 0
     week, rest_s = divmod(utc_s - GPS_EPOCH_S + LEAP_SECONDS, WEEK_S)
@@ -104,7 +103,7 @@ def _gps_time(utc_s: float | None) -> tuple[int, int]:
 
 
 def _bounded(value: float | None, factor: float, largest: int) -> int:
-    """Scale to a whole number within 0 to largest, 0 when absent."""
+    """Scale to an integer within 0 to largest, 0 if absent."""
     if value is None or not value > 0.0:
         return 0
     return int(min(value * factor, float(largest)))

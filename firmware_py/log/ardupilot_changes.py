@@ -11,13 +11,12 @@ from typing import Final
 from firmware_py.common.reports import Snapshot
 from firmware_py.faults.fault import Fault
 from firmware_py.log.ardupilot_formats import ARMING, ERROR, EVENT, STATE
-from firmware_py.log.rows import microseconds
+from firmware_py.log.message_rows import microseconds
 
 ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42
 _ALL_CHECKS: Final = 1
 _BY_MAVLINK: Final = 2
-# What is not here is MAIN.
-_MAIN: Final = 1
+_MAIN: Final = 1  # all other faults
 _SUBSYSTEMS: Final[Mapping[Fault, int]] = {
     Fault.COMPASS_LOST: 3,
     Fault.COMPASS_SILENT: 3,
@@ -33,7 +32,7 @@ _SUBSYSTEMS: Final[Mapping[Fault, int]] = {
 
 
 def changes_bytes(before: Snapshot | None, boat: Snapshot) -> bytes:
-    """Return what differs from before; where nothing was before, at the start of a file, what stands."""
+    """Return the messages of changes since `before`; with None, at the start of a file, the present state."""
     time_us, parts = microseconds(boat.t_s), []
     if before is None or before.armed is not boat.armed:
         armed = int(boat.armed)
@@ -42,9 +41,9 @@ def changes_bytes(before: Snapshot | None, boat: Snapshot) -> bytes:
         parts.append(STATE.pack(time_us, armed, float(armed), armed, 0))
     if boat.home != (None if before is None else before.home):
         parts.append(EVENT.pack(time_us, HOME_SET))
-    heeded = boat.navigation.fence_enabled
-    if heeded is not (before is not None and before.navigation.fence_enabled):
-        parts.append(EVENT.pack(time_us, FENCE_ON if heeded else FENCE_OFF))
+    fence_enabled = boat.navigation.fence_enabled
+    if fence_enabled is not (before is not None and before.navigation.fence_enabled):
+        parts.append(EVENT.pack(time_us, FENCE_ON if fence_enabled else FENCE_OFF))
     changed = boat.faults ^ (0 if before is None else before.faults)
     if changed:
         parts.extend(

@@ -1,7 +1,7 @@
-"""Formats of the messages that ArduPilot's tools look for, with ArduPilot's names, columns and units.
+"""Message formats of ArduPilot's log tools, with ArduPilot's names, columns and units.
 
 Source: ArduPilot libraries/AP_Logger/LogStructure.h and the structures of its libraries and of its rovers.
-What the boat cannot know is left out.
+Columns without a source on this boat are left out.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ CHANNELS: Final = 12
 
 
 def _row(number: int, name: str, labels: str, values: str, units: str) -> MessageType:
-    """Describe a message whose columns behind TimeUS are in plain units."""
+    """Describe a message whose columns after TimeUS are in unscaled units."""
     multipliers = "".join("-" if unit in "-#" else "G" if unit in "DU" else "0" for unit in units)
     return MessageType(number, name, f"TimeUS,{labels}", f"Q{values}", f"s{units}", f"F{multipliers}")
 

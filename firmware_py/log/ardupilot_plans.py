@@ -1,4 +1,4 @@
-"""Missions, fences and rally points as ArduPilot's tools look for them in a log; nothing here is read back."""
+"""Missions, fences and rally points as ArduPilot messages. They are not read back."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.log.ardupilot_formats import FENCE, ITEM, RALLY
-from firmware_py.log.rows import microseconds
+from firmware_py.log.message_rows import microseconds
 from firmware_py.plans.items import Command, has_place
 
 # AC_PolyFenceType
@@ -23,7 +23,7 @@ _CIRCLES: Final = (Command.INCLUDED_CIRCLE, Command.EXCLUDED_CIRCLE)
 
 
 def plan_bytes(t_s: float, plan: Plan, identity: int) -> bytes:
-    """Return the messages of a plan, none for an empty one; `identity`, of LNK_IDENTITY, numbers the items."""
+    """Return the messages of a plan, none for an empty one; `identity` (LNK_IDENTITY) sets the item numbers."""
     time_us = microseconds(t_s)
     if plan.kind is PlanKind.MISSION:
         return b"".join(_mission(time_us, plan, homes(identity, plan.kind)))

@@ -1,9 +1,9 @@
-"""What the boat does in the names and units of ArduPilot's tools, thinned; nothing here is read back.
+"""State of the boat as ArduPilot messages at reduced rates. They are not read back.
 
 The names, columns and units are those of ArduPilot's rovers (libraries/AP_Logger/LogStructure.h and the structures of
-its libraries), so that MAVExplorer's graphs, UAVLogViewer and pymavlink's tools find them. What the boat does not know
-is NaN, or its column is left out; what it does not have (an engine, a height) is 0. Roll and pitch are 0 where the
-compass gives none, and there is no attitude without a heading, as on the link: UAVLogViewer wants all three angles.
+its libraries), for MAVExplorer's graphs, UAVLogViewer and pymavlink's tools. An unknown value is NaN, or its column is
+left out; a value that the boat does not have (engine, height) is 0. Roll and pitch are 0 if the compass has none. As on
+the link, there is no attitude without a heading: UAVLogViewer needs all three angles.
 """
 
 from __future__ import annotations
@@ -42,33 +42,33 @@ from firmware_py.log.ardupilot_formats import (
     VERSION,
     WATER,
 )
-from firmware_py.log.rows import microseconds
+from firmware_py.log.message_rows import microseconds
 
-OFTEN_TICKS: Final = 10  # what moves is told once in so many ticks
-SELDOM_TICKS: Final = 100  # and what hardly does
+FAST_TICKS: Final = 10  # interval of the motion messages
+SLOW_TICKS: Final = 100  # interval of the slowly changing messages
 _CENTRE_US, _FULL_US = 1500.0, 500.0
 _SECONDS_PER_MAH: Final = 3.6
-_ATTITUDE_KNOWN, _PLACE_KNOWN = 1, 2 | 16  # of the solution's bits: attitude; way and place in the plane
-_ROVER: Final = 1  # build type, which names the modes
+_ATTITUDE_KNOWN, _PLACE_KNOWN = 1, 2 | 16  # EKF solution flags: attitude; horizontal velocity and position
+_ROVER: Final = 1  # build type: sets the mode names
 
 
 class ArduPilotState:
-    """The messages of a tick; what changed is told when it does, and anew in each file."""
+    """The messages of a tick; changes are logged at once, and all values at the start of each file."""
 
     def __init__(self) -> None:
-        """Start with nothing told."""
+        """Start with nothing logged."""
         self._before: Snapshot | None = None
-        self._stick: tuple[float, float] | None = None  # when it was moved last, and where it is
+        self._stick: tuple[float, float] | None = None  # time and deflection of the last manual rudder request
         self._fix_s: float | None = None
-        self._fix_interval_s: float | None = None  # not told yet
-        self._used_mah = [0.0, 0.0]  # out of the battery, and by the servo, since start
+        self._fix_interval_s: float | None = None  # not logged yet
+        self._used_mah = [0.0, 0.0]  # charge from the battery and of the servo since start
         self._late_s = 0.0
         self._skipped = 0
 
     def tick_bytes(
         self, inputs: Inputs, output: Output, parameters: ParameterSet, *, dropped: int, renew: bool
     ) -> bytes:
-        """Return what a tick has to tell; `renew`: all of it, as at the start of a file."""
+        """Return the messages of a tick; `renew`: all of them, as at the start of a file."""
         boat, before = output.snapshot, None if renew else self._before
         self._before = boat
         self._late_s = max(self._late_s, _finite(boat.late_s))
@@ -76,15 +76,18 @@ class ArduPilotState:
         self._count_charge(boat)
         parts = [changes_bytes(before, boat)]
         self._follow_receiver(inputs)
-        if self._fix_interval_s is not None and boat.tick % OFTEN_TICKS == 0:
+        if self._fix_interval_s is not None and boat.tick % FAST_TICKS == 0:
             parts.append(RECEIVER.pack(microseconds(boat.t_s), 0, int(self._fix_interval_s * 1e3)))
             self._fix_interval_s = None
-        if renew or boat.tick % OFTEN_TICKS == 0:
-            parts += _often(boat, radians(parameters["RUD_LIMIT_DEG"]))
-        if renew or moved or boat.tick % SELDOM_TICKS == 0:
+        if renew or boat.tick % FAST_TICKS == 0:
+            parts += _fast_messages(boat, radians(parameters["RUD_LIMIT_DEG"]))
+        if renew or moved or boat.tick % SLOW_TICKS == 0:
             parts.append(self._inputs(boat, parameters["MAN_TIMEOUT_S"]))
-        if renew or boat.tick % SELDOM_TICKS == 0:
-            parts += [*_seldom(boat, parameters["CRUISE_SPEED"], self._used_mah), self._performance(boat, dropped)]
+        if renew or boat.tick % SLOW_TICKS == 0:
+            parts += [
+                *_slow_messages(boat, parameters["CRUISE_SPEED"], self._used_mah),
+                self._performance(boat, dropped),
+            ]
         return b"".join(parts)
 
     def _follow_receiver(self, inputs: Inputs) -> None:
@@ -109,20 +112,20 @@ class ArduPilotState:
             self._used_mah[1] += max(_finite(servo.current_a), 0.0) * step_s / _SECONDS_PER_MAH
 
     def _inputs(self, boat: Snapshot, timeout_s: float) -> bytes:
-        """Return the stick as a pulse on channel 1; nobody sends the others."""
-        held = self._stick is not None and boat.t_s - self._stick[0] <= timeout_s
-        first = _pulse(self._stick[1]) if held and self._stick is not None else 0
+        """Return the stick as a pulse on channel 1; the other channels are not used."""
+        is_held = self._stick is not None and boat.t_s - self._stick[0] <= timeout_s
+        first = _pulse(self._stick[1]) if is_held and self._stick is not None else 0
         return INPUTS.pack(microseconds(boat.t_s), first, *(0,) * (CHANNELS - 1))
 
     def _performance(self, boat: Snapshot, dropped: int) -> bytes:
         skipped = min(max(boat.skipped_total - self._skipped, 0), 0xFFFF)
         longest_us = int(min(1.0 / max(boat.rate_hz, 0.1) + self._late_s, 4e3) * 1e6)
         self._skipped, self._late_s = boat.skipped_total, 0.0
-        return PERFORMANCE.pack(microseconds(boat.t_s), skipped, SELDOM_TICKS, longest_us, dropped)
+        return PERFORMANCE.pack(microseconds(boat.t_s), skipped, SLOW_TICKS, longest_us, dropped)
 
 
 def version_bytes(t_s: float, software: str) -> bytes:
-    """Return the version of the program: numbers and git hash as they stand in its name."""
+    """Return the version of the program: numbers and git hash from its name."""
     numbers = re.search(r"(\d+)\.(\d+)\.(\d+)", software)
     commit = re.search(r"\(git ([0-9a-f]{1,8})", software)
     major, minor, patch = (min(int(text), 0xFF) for text in numbers.groups()) if numbers else (0, 0, 0)
@@ -130,8 +133,8 @@ def version_bytes(t_s: float, software: str) -> bytes:
     return VERSION.pack(microseconds(t_s), 0, major, minor, patch, 0, git, software.encode()[:64], _ROVER)
 
 
-def _often(boat: Snapshot, limit_rad: float) -> list[bytes]:
-    """Return attitude, place, estimate, rudder and steering."""
+def _fast_messages(boat: Snapshot, limit_rad: float) -> list[bytes]:
+    """Return attitude, position, estimate, rudder and steering."""
     time_us = microseconds(boat.t_s)
     roll_deg, pitch_deg, yaw_deg = _upright(boat.roll_rad), _upright(boat.pitch_rad), _heading(boat.heading_rad)
     desired_deg = _heading(boat.goal_heading_rad)
@@ -158,7 +161,7 @@ def _often(boat: Snapshot, limit_rad: float) -> list[bytes]:
 
 
 def _estimate(boat: Snapshot, place: Place | None, time_us: int, roll_deg: float, pitch_deg: float) -> bytes:
-    """Return the estimate: heading without waves, way over ground and place from home; she stays on the water."""
+    """Return the estimate: heading without wave yaw, velocity over ground, offset from home; no vertical motion."""
     heading_rad = boat.heading_rad if boat.estimate is None else boat.estimate.heading_rad
     north_m_s = east_m_s = north_m = east_m = math.nan
     water = boat.water
@@ -173,8 +176,8 @@ def _estimate(boat: Snapshot, place: Place | None, time_us: int, roll_deg: float
     return ESTIMATE.pack(time_us, 0, roll_deg, pitch_deg, _heading(heading_rad), *moved)
 
 
-def _seldom(boat: Snapshot, cruise_m_s: float, used_mah: Sequence[float]) -> list[bytes]:
-    """Return batteries, speed, arming, the estimator's tests and the compass's own attitude."""
+def _slow_messages(boat: Snapshot, cruise_m_s: float, used_mah: Sequence[float]) -> list[bytes]:
+    """Return batteries, speed, arming, innovation tests and the compass attitude."""
     time_us, armed = microseconds(boat.t_s), int(boat.armed)
     parts = [STATE.pack(time_us, armed, float(armed), armed, 0)]
     speed_m_s = _water_speed(boat)
@@ -192,7 +195,7 @@ def _seldom(boat: Snapshot, cruise_m_s: float, used_mah: Sequence[float]) -> lis
 
 
 def _tests(boat: Snapshot, time_us: int) -> list[bytes]:
-    """Return how honest the estimate of the heading is, what of it is known, and the compass's attitude as it came."""
+    """Return the innovation test ratio of the heading, the solution flags and the compass attitude as measured."""
     parts = []
     if boat.estimate is not None:
         solution = _ATTITUDE_KNOWN | (_PLACE_KNOWN if boat.position_ok else 0)
@@ -214,9 +217,9 @@ def _battery(
     used_mah: float,
     rest: tuple[float | None, float | None],
 ) -> bytes:
-    """Return one battery: 0 is hers, 1 what the servo measures of its supply; `rest`: temperature, charge in percent.
+    """Return one battery: 0 of the boat, 1 the servo's supply voltage; `rest`: temperature, charge in percent.
 
-    The voltage at rest is the measured one, as in ArduPilot where no inner resistance is known.
+    The resting voltage is the measured one, as in ArduPilot without a known internal resistance.
     """
     voltage_v = _single(voltage_v)
     return BATTERY.pack(time_us, number, voltage_v, voltage_v, _single(current_a), used_mah, *map(_single, rest))
@@ -243,7 +246,7 @@ def _pulse(deflection: float) -> int:
 
 
 def _single(value: float | None) -> float:
-    """Return a number that a single can hold; NaN for what is none."""
+    """Return a number that fits in single precision; NaN otherwise."""
     return math.nan if value is None or not abs(value) <= SINGLE_MAX else value
 
 

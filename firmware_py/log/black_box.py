@@ -1,6 +1,6 @@
-"""The last minutes before a restart or a severe fault, cut out of a log: they outlast the log itself.
+"""Black boxes: the last minutes before a restart or a severe fault, cut out of a log and stored longer than it.
 
-A box is a log: the head of the file that it was cut from, which describes all columns, and whole ticks behind it.
+A box is a log itself: the head of the original file, which describes all columns, followed by whole ticks.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 from firmware_py.files.making import DIRECTORY_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX
 from firmware_py.log import schema
+from firmware_py.log.archive import Span, Spans, archive_spans
 from firmware_py.log.dataflash import HEAD_BYTES, MARK, Format
 from firmware_py.log.disk import BOXES
-from firmware_py.log.pack import Span, Spans, pack
 
 BEFORE_S: Final = 300.0
 AFTER_S: Final = 30.0
@@ -26,11 +26,11 @@ _END_MARK: Final = MARK + bytes((schema.END.number,))
 _TYPE: Final = schema.TICK.type
 _TICK: Final = Format(_TYPE.number, _TYPE.size, _TYPE.name, _TYPE.values, _TYPE.labels)
 _CHUNK_BYTES: Final = 1 << 16
-_NEAR_BYTES: Final = 1 << 17  # a stretch this short is searched from its begin on
+_LINEAR_SEARCH_BYTES: Final = 1 << 17  # below this length the bisection stops
 
 
 class TickPlace(NamedTuple):
-    """Where a tick begins in a log, which one it is and when it was."""
+    """Offset, number and time of a tick in a log."""
 
     offset: int
     number: int
@@ -38,15 +38,15 @@ class TickPlace(NamedTuple):
 
 
 def box_path(log: Path, moment: str) -> Path:
-    """Return the path of the box of a moment of a log: its time in seconds, or `end`."""
+    """Return the path of the box of a log at a moment: its time in seconds, or `end`."""
     return log.parent / BOXES / f"{log.name.partition('.')[0]}-{moment}.BIN{SUFFIX}"
 
 
 def make_box(log: Path, moment: str, event_s: float = math.inf) -> Iterator[None]:
-    """Cut out the minutes before a time and half a minute after it, by default those before the end. OSError.
+    """Cut out BEFORE_S before and AFTER_S after a time, by default before the end of the log. A step is a block.
 
-    Where the log begins within these minutes and the one before goes on without a gap, its end is taken, too. Nothing
-    is made of a log without a whole tick. A step is a block.
+    If the log starts within this span, the end of the previous log is included if it connects without a gap. A log
+    without a whole tick gives no box. Raises OSError.
     """
     path = box_path(log, moment)
     if path.exists():
@@ -58,20 +58,20 @@ def make_box(log: Path, moment: str, event_s: float = math.inf) -> Iterator[None
             return
         if math.isinf(event_s):
             event_s = last_tick(descriptor, first, size).t_s
-        begin = tick_from(descriptor, first, size, event_s - BEFORE_S)
-        end = tick_from(descriptor, first, size, event_s + AFTER_S)
+        begin = offset_of_tick(descriptor, first, size, event_s - BEFORE_S)
+        end = offset_of_tick(descriptor, first, size, event_s + AFTER_S)
         spans = [Span(descriptor, 0, first.offset)]
         if begin == first.offset:
-            spans += _end_of_the_one_before(log, first, event_s - BEFORE_S, opened)
+            spans += _end_of_previous_log(log, first, event_s - BEFORE_S, opened)
         spans.append(Span(descriptor, begin, end))
         with contextlib.suppress(FileExistsError):
-            os.mkdir(path.parent, DIRECTORY_MODE)  # noqa: PTH102 - the calls of os are what the tests let fail
+            os.mkdir(path.parent, DIRECTORY_MODE)  # noqa: PTH102 - tests inject errors into calls of os
             sync_directory(log.parent)
-        yield from pack(Spans(spans), path, os.fstat(descriptor).st_mtime)
+        yield from archive_spans(Spans(spans), path, os.fstat(descriptor).st_mtime)
 
 
-def begins_a_run(log: Path) -> bool:
-    """Return whether a log is the first of a start of the program; OSError."""
+def is_first_of_run(log: Path) -> bool:
+    """Return whether a log is the first of a run of the program. Raises OSError."""
     with contextlib.ExitStack() as opened:
         descriptor, size = _open(log, opened)
         first = next_tick(descriptor, 0, size)
@@ -79,15 +79,18 @@ def begins_a_run(log: Path) -> bool:
 
 
 def next_tick(descriptor: int, offset: int, end: int) -> TickPlace | None:
-    """Return the first tick of a stretch of a file; None without one. The first of a file stands behind its head."""
-    behind_end = offset > 0
-    before = schema.END.size if behind_end else 0
+    """Return the first tick of a section of a file, None without one.
+
+    The first tick of a file follows its head, every other tick follows an END.
+    """
+    follows_end = offset > 0
+    before = schema.END.size if follows_end else 0
     size = _TICK.length
     while offset + size <= end:
         data = os.pread(descriptor, min(_CHUNK_BYTES + before + size, end - offset), offset)
         at = data.find(_TICK_MARK, before)
         while 0 <= at <= len(data) - size:
-            if not behind_end or data[at - before : at - before + HEAD_BYTES] == _END_MARK:
+            if not follows_end or data[at - before : at - before + HEAD_BYTES] == _END_MARK:
                 values = dict(zip(_TICK.labels, _TICK.unpack(data, at), strict=True))
                 if math.isfinite(values["T"]):
                     return TickPlace(offset + at, values["Tick"], values["T"])
@@ -98,12 +101,12 @@ def next_tick(descriptor: int, offset: int, end: int) -> TickPlace | None:
     return None
 
 
-def tick_from(descriptor: int, first: TickPlace, end: int, t_s: float) -> int:
-    """Return where the first tick of a time or later stands, or the end; ticks are in order of time."""
+def offset_of_tick(descriptor: int, first: TickPlace, end: int, t_s: float) -> int:
+    """Return the offset of the first tick at a time or later, or the end; ticks are in order of time."""
     if first.t_s >= t_s:
         return first.offset
     low, high = first.offset, end
-    while high - low > _NEAR_BYTES:
+    while high - low > _LINEAR_SEARCH_BYTES:
         middle = (low + high) // 2
         found = next_tick(descriptor, middle, high)
         if found is None or found.t_s >= t_s:
@@ -117,8 +120,8 @@ def tick_from(descriptor: int, first: TickPlace, end: int, t_s: float) -> int:
 
 
 def last_tick(descriptor: int, first: TickPlace, end: int) -> TickPlace:
-    """Return the last tick that begins in a file."""
-    back = _NEAR_BYTES
+    """Return the last tick that starts in a file."""
+    back = _LINEAR_SEARCH_BYTES
     at: TickPlace | None = None
     while at is None and end - back > first.offset:
         at = next_tick(descriptor, end - back, end)
@@ -129,8 +132,8 @@ def last_tick(descriptor: int, first: TickPlace, end: int) -> TickPlace:
     return found
 
 
-def _end_of_the_one_before(log: Path, first: TickPlace, t_s: float, opened: contextlib.ExitStack) -> list[Span]:
-    """Return the ticks from a time on of the log before, if it is not packed yet and this one goes on where it ends."""
+def _end_of_previous_log(log: Path, first: TickPlace, t_s: float, opened: contextlib.ExitStack) -> list[Span]:
+    """Return the ticks of the previous log from a time on, if it is not archived and `first` follows its last tick."""
     before = log.with_name(f"{int(log.name.partition('.')[0]) - 1:08d}.BIN")
     try:
         descriptor, size = _open(before, opened)
@@ -139,7 +142,7 @@ def _end_of_the_one_before(log: Path, first: TickPlace, t_s: float, opened: cont
     its_first = next_tick(descriptor, 0, size)
     if its_first is None or last_tick(descriptor, its_first, size).number + 1 != first.number:
         return []
-    return [Span(descriptor, tick_from(descriptor, its_first, size, t_s), size)]
+    return [Span(descriptor, offset_of_tick(descriptor, its_first, size, t_s), size)]
 
 
 def _open(path: Path, opened: contextlib.ExitStack) -> tuple[int, int]:

@@ -22,12 +22,12 @@ FMT_TYPE = 128
 FMT_BYTES = 89
 MAX_COLUMNS = 16
 MAX_LABELS = 64
-TEXT_BYTES = 64  # what one Z value holds
+TEXT_BYTES = 64  # size of one Z value
 
 Buffer = bytes | mmap.mmap
 
-# Value character -> struct code. The centi and degree characters (c C e E L) are plain
-# integers in the file; their factor is the reader's business (LogStructure.h).
+# Value character -> struct code. The centi and degree characters (c C e E L) are unscaled
+# integers in the file; the reader applies their factor (LogStructure.h).
 STRUCT_CODES: Mapping[str, str] = {
     "a": "64s",
     "b": "b",
@@ -51,7 +51,7 @@ STRUCT_CODES: Mapping[str, str] = {
     "Q": "Q",
 }
 
-# The rows of log_Units and log_Multipliers that are used here.
+# The rows of log_Units and log_Multipliers that this program uses.
 UNITS: Mapping[str, str] = {
     "-": "",
     "#": "instance",
@@ -81,7 +81,7 @@ MULTIPLIERS: Mapping[str, float] = {"-": 0.0, "0": 1.0, "B": 1e-2, "C": 1e-3, "F
 
 
 class LogError(ValueError):
-    """A log cannot be used; the text says why and what to do."""
+    """A log cannot be used; the text contains the reason and the remedy."""
 
 
 class MessageType:
@@ -90,7 +90,7 @@ class MessageType:
     __slots__ = ("labels", "multipliers", "name", "number", "pack", "size", "units", "values")
 
     def __init__(self, number: int, name: str, labels: str, values: str, units: str, multipliers: str) -> None:
-        """Check the description against the limits of the format; ValueError names what breaks them."""
+        """Check the description against the limits of the format; raises ValueError."""
         count = len(labels.split(","))
         if not 1 <= len(name) <= 4 or count > MAX_COLUMNS or len(labels) > MAX_LABELS:
             raise ValueError(f"{name}: too long a name, or too many or too long labels")
@@ -118,13 +118,13 @@ FMTU = MessageType(131, "FMTU", "TimeUS,FmtType,UnitIds,MultIds", "QBNN", "s---"
 
 
 def header(messages: Sequence[MessageType], time_us: int) -> bytes:
-    """Return the start of a file: every format, the units, the multipliers, and which column has which."""
+    """Return the start of a file: formats, units, multipliers, and the units and multipliers of each column."""
     described = (FMT, UNIT, MULT, FMTU, *messages)
     parts = [
         FMT.pack(row.number, row.size, row.name.encode(), row.values.encode(), row.labels.encode()) for row in described
     ]
-    # pymavlink takes the first column of FMTU for the type when it walks a file; a time that
-    # looks like a type would confuse it.
+    # pymavlink interprets the first column of FMTU as the type when it walks a file, so the time
+    # must not be a valid type.
     stamp = time_us if time_us > 255 else 0
     parts += [UNIT.pack(stamp, ord(char), text.encode()) for char, text in UNITS.items()]
     parts += [MULT.pack(stamp, ord(char), factor) for char, factor in MULTIPLIERS.items()]
@@ -138,7 +138,7 @@ class Format:
     __slots__ = ("labels", "length", "name", "number", "unpack", "values")
 
     def __init__(self, number: int, length: int, name: str, values: str, labels: str) -> None:
-        """Take what the FMT record says; ValueError when it contradicts itself."""
+        """Store the values of an FMT record; raises ValueError if they contradict each other."""
         self.number = number
         self.length = length
         self.name = name
@@ -161,21 +161,21 @@ _FMT_FORMAT = Format(FMT_TYPE, FMT_BYTES, FMT.name, FMT.values, FMT.labels)
 
 
 class Parser:
-    """Finds the records of a buffer, whatever else is in it.
+    """Iterator over the records of a buffer, which may contain other bytes.
 
-    After the iteration `garbage_bytes` lay between records and `tail_bytes` after the
-    last whole one.
+    After the iteration, `garbage_bytes` is the number of bytes between records and `tail_bytes` those after
+    the last whole record.
     """
 
     def __init__(self, buffer: Buffer) -> None:
-        """Parse buffer, which must not shrink meanwhile."""
+        """Parse a buffer, which must not shrink during the iteration."""
         self._buffer = buffer
         self._formats: dict[int, Format] = {FMT_TYPE: _FMT_FORMAT}
         self.garbage_bytes = 0
         self.tail_bytes = 0
 
     def __iter__(self) -> Iterator[tuple[Format, int]]:
-        """Yield the format and the offset of every whole record in order; FMT records too."""
+        """Yield the format and the offset of every whole record in order, including FMT records."""
         buffer, size = self._buffer, len(self._buffer)
         done = at = self.garbage_bytes = 0
         while True:
@@ -184,8 +184,8 @@ class Parser:
                 break
             found = self._formats.get(buffer[at + 2])
             end = at + found.length if found is not None else size + 1
-            # Out of step, two bytes that look like a mark prove little: what they claim
-            # must also end where the next record begins, or at the end.
+            # After garbage, two bytes of a mark are weak evidence: the record must also end
+            # at the next mark or at the end of the buffer.
             if found is None or end > size or (at != done and not self._begins(end)):
                 at += 1
                 continue
@@ -206,13 +206,13 @@ class Parser:
         name, characters, labels = (text_of(value) for value in values[2:])
         try:
             self._formats[number] = Format(number, length, name, characters, labels)
-        except ValueError:  # another program's message, or damage: its length still leads past it
+        except ValueError:  # a message of another program, or damage: its length is enough to skip it
             if length > HEAD_BYTES:
                 self._formats[number] = _opaque(number, length, name)
 
 
 def whole_bytes(buffer: Buffer) -> int:
-    """Return how much of a buffer there is up to the end of its last whole record."""
+    """Return the length of a buffer up to the end of its last whole record."""
     parser = Parser(buffer)
     for _ in parser:
         pass

@@ -1,7 +1,7 @@
-"""The directories of numbered log files: where the log touches the disk.
+"""The directories of numbered log files: all disk access of the log.
 
-`00000001.BIN` is a log as it is written, `00000001.BIN.gz` one that was closed and compressed since. Beside the full
-logs stand the thin ones, in `thin`, and the last minutes before restarts and severe faults, in `boxes`.
+`00000001.BIN` is a log as it is written, `00000001.BIN.gz` a closed and compressed one. The subdirectory `thin` holds
+the thin logs, `boxes` the black boxes: the last minutes before restarts and severe faults.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from firmware_py.common.calendar import is_possible
 from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX, packed_path
 
-NAME = re.compile(r"([0-9]{8,15})\.BIN(\.gz)?")  # a longer number is not ours, and its next one no name of a file
+NAME = re.compile(r"([0-9]{8,15})\.BIN(\.gz)?")  # a file with a longer number is not a log of this program
 _BOX_NAME = re.compile(r"([0-9]{8,15})-(end|[0-9]{1,15})\.")  # of black_box.box_path
 THIN: Final = "thin"
 BOXES: Final = "boxes"
 DAY_S: Final = 86_400.0
-BOX_SHARE: Final = 0.25  # of the room of all logs: what the boxes may take of it while there are others
-MOST_BOXES: Final = 200
-SPARE_FILES: Final = 8  # that the disk can still make, where it counts them: a log, what is made of one, the state
+MAX_BOX_SHARE: Final = 0.25  # of the space of all logs
+MAX_BOXES: Final = 200
+MIN_FREE_FILES: Final = 8  # free inodes for a log, its archive and the state, on file systems that limit them
 _PART: Final = ".part"
 
 
 class Disk(Protocol):
-    """What the writer asks of the disk; every method raises OSError when it cannot."""
+    """Disk operations of the writer; every method raises OSError on failure."""
 
     def create(self, directory: Path) -> tuple[int, Path]:
-        """Open a new file with the next free number; nothing is ever overwritten."""
+        """Open a new file with the next free number; no file is overwritten."""
 
     def write(self, descriptor: int, data: memoryview) -> int:
-        """Append data or a part of it; return how much."""
+        """Append data or a part of it; return the number of bytes."""
 
     def sync(self, descriptor: int) -> None:
-        """Bring what is written to the medium; OSError too when the file has been removed meanwhile."""
+        """Write the file to the medium; raises OSError also if the file was removed."""
 
     def close(self, descriptor: int) -> None:
         """Close the file."""
@@ -52,26 +52,29 @@ class Disk(Protocol):
         """Remove a file."""
 
     def prune(self, directory: Path, room_bytes: int) -> None:
-        """Remove logs until the rest takes no more than room_bytes."""
+        """Remove logs until the rest takes at most room_bytes."""
 
     def free_bytes(self, directory: Path) -> int:
-        """Return how much room there is for the likes of us."""
+        """Return the free space for unprivileged users."""
 
 
 class LocalDisk:
-    """A Disk of the operating system's."""
+    """A Disk of the operating system."""
 
-    def __init__(self, kept_days: float = 0.0, utc_s: Callable[[], float] = time.time, *, spare_bytes: int = 0) -> None:
-        """Keep full logs for so many days, 0 for as long as there is room; with `spare_bytes` so many free, and files.
+    def __init__(
+        self, retention_days: float = 0.0, utc_s: Callable[[], float] = time.time, *, reserve_bytes: int = 0
+    ) -> None:
+        """Store full logs for `retention_days` (0: while there is space).
 
-        Days are by the clock that times of files are of, or by the newest log, whichever says an earlier day.
+        With `reserve_bytes`, that much space and MIN_FREE_FILES stay free. Ages count from the clock or from the
+        newest log, whichever is earlier.
         """
-        self._kept_days = kept_days
-        self._spare_bytes = spare_bytes
+        self._retention_days = retention_days
+        self._reserve_bytes = reserve_bytes
         self._utc_s = utc_s
 
     def create(self, directory: Path) -> tuple[int, Path]:
-        """Open the next file, making the directory (not its parents: they may be a medium that is gone)."""
+        """Open the next file; create the directory, but not its parents, which may be a removed medium."""
         with contextlib.suppress(FileExistsError):
             directory.mkdir(DIRECTORY_MODE)
         number = max(log_files(directory), default=0)
@@ -82,8 +85,8 @@ class LocalDisk:
                 descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, FILE_MODE)
                 break
         try:
-            sync_directory(directory)  # else the file itself may be missing after a power cut
-        except OSError:  # each try would leave one, and no descriptor for anything else in the end
+            sync_directory(directory)  # otherwise the file may be missing after a power cut
+        except OSError:  # otherwise each retry would leave an open file
             os.close(descriptor)
             with contextlib.suppress(OSError):
                 path.unlink()
@@ -91,48 +94,48 @@ class LocalDisk:
         return descriptor, path
 
     def write(self, descriptor: int, data: memoryview) -> int:
-        """Append."""
+        """Append data."""
         return os.write(descriptor, data)
 
     def sync(self, descriptor: int) -> None:
-        """Bring to the medium; ENOENT when the file has no name any more."""
+        """Write the file to the medium; ENOENT if it was removed."""
         os.fdatasync(descriptor)
         if os.fstat(descriptor).st_nlink == 0:
             raise FileNotFoundError(errno.ENOENT, "the log file was removed")
 
     def close(self, descriptor: int) -> None:
-        """Close."""
+        """Close the file."""
         os.close(descriptor)
 
     def remove(self, path: Path) -> None:
-        """Remove."""
+        """Remove a file."""
         path.unlink()
 
     def prune(self, directory: Path, room_bytes: int) -> None:
-        """Remove boxes beyond their share, then the oldest logs by age and by room, and boxes if need be.
+        """Remove boxes beyond their share, then the oldest logs by age and by space, and boxes if still necessary.
 
-        The room is less on a disk that would be fuller than it may be, of bytes or of files; where removing every log
-        would not free enough, it is somebody else who fills it, and none is removed for that.
+        Less than `room_bytes` is available if the reserve of space or files is not free. If removing every log would
+        not restore the reserve, other files fill the disk, and no log is removed for it.
         """
         if not directory.is_dir():
             return
-        logs = [_Kept.of(path) for _, path in sorted(log_files(directory).items())]
-        boxes = [_Kept.of(path) for path in sorted(_box_files(directory), key=_moment)]
+        logs = [_LogFile.of(path) for _, path in sorted(log_files(directory).items())]
+        boxes = [_LogFile.of(path) for path in sorted(_box_files(directory), key=_moment)]
         total = sum(kept.size for kept in (*logs, *boxes)) + _unfinished_bytes(directory)
-        if self._spare_bytes and (left_bytes := total + self.free_bytes(directory) - self._spare_bytes) > 0:
+        if self._reserve_bytes and (left_bytes := total + self.free_bytes(directory) - self._reserve_bytes) > 0:
             room_bytes = min(room_bytes, left_bytes)
-        while boxes and (len(boxes) > MOST_BOXES or sum(box.size for box in boxes) > BOX_SHARE * room_bytes):
+        while boxes and (len(boxes) > MAX_BOXES or sum(box.size for box in boxes) > MAX_BOX_SHARE * room_bytes):
             total -= _remove(boxes.pop(_densest(boxes)))
-        if self._kept_days > 0.0 and is_possible(now_s := self._utc_s()):
-            # A log of a clock that was wrong has no age, and a clock that runs years ahead would leave none.
+        if self._retention_days > 0.0 and is_possible(now_s := self._utc_s()):
+            # A log written with a wrong clock has no age; a clock that is years ahead must not delete all logs.
             dated = [kept for kept in logs if is_possible(kept.modified_s)]
             newest_s = max((kept.modified_s for kept in dated), default=now_s)
-            oldest_s = min(now_s, newest_s) - self._kept_days * DAY_S
+            oldest_s = min(now_s, newest_s) - self._retention_days * DAY_S
             for kept in [kept for kept in dated if kept.modified_s < oldest_s]:
                 total -= _remove(kept)
                 logs.remove(kept)
         rest = [*logs, *boxes]
-        missing = SPARE_FILES - self.free_files(directory) if self._spare_bytes else 0
+        missing = MIN_FREE_FILES - self.free_files(directory) if self._reserve_bytes else 0
         least_removed = missing if missing <= len(rest) else 0
         for removed, kept in enumerate(rest):
             if total <= room_bytes and removed >= least_removed:
@@ -140,21 +143,21 @@ class LocalDisk:
             total -= _remove(kept)
 
     def free_files(self, directory: Path) -> int:
-        """Return how many files can be made; as many as are to be spare on a file system that does not count them."""
+        """Return the number of free inodes, MIN_FREE_FILES on a file system that does not limit them."""
         found = os.statvfs(directory)
-        return found.f_favail if found.f_files else SPARE_FILES
+        return found.f_favail if found.f_files else MIN_FREE_FILES
 
     def free_bytes(self, directory: Path) -> int:
-        """Ask the file system; one that is not there yet is its parent's."""
+        """Return the free space of the directory's file system, or of its parent's if it does not exist."""
         found = os.statvfs(directory if directory.is_dir() else directory.parent)
         return found.f_bavail * found.f_frsize
 
 
 def log_files(directory: Path) -> dict[int, Path]:
-    """Return the log files of a directory by number; OSError when it cannot be read.
+    """Return the log files of a directory by number; raises OSError.
 
-    Of a log that is there compressed and not, between two steps of compressing it, that is named which is not.
-    Links, pipes and whatever else is no file are none of ours, whatever their names.
+    If a log exists both compressed and uncompressed, as during compression, the uncompressed one is returned.
+    Entries that are not regular files are ignored.
     """
     found: dict[int, Path] = {}
     for name in _file_names(directory):
@@ -165,7 +168,7 @@ def log_files(directory: Path) -> dict[int, Path]:
 
 
 def last_written_s(directory: Path) -> float:
-    """Return when the newest log of any kind was written, by the clock of then; 0 when there is none or no telling."""
+    """Return the modification time of the newest log of any kind, 0 if there is none or it cannot be read."""
     times_s = [0.0]
     with contextlib.suppress(OSError):
         for kind in ("", THIN):
@@ -175,23 +178,23 @@ def last_written_s(directory: Path) -> float:
 
 
 def part_path(path: Path) -> Path:
-    """Return where a file is made before it is whole; stations do not see such names."""
+    """Return the path of a file under construction; the link does not list such names."""
     return path.with_name(f".{path.name}{_PART}")
 
 
-class _Kept(msgspec.Struct, frozen=True):
+class _LogFile(msgspec.Struct, frozen=True):
     path: Path
     size: int
     modified_s: float
 
     @classmethod
-    def of(cls, path: Path) -> _Kept:
+    def of(cls, path: Path) -> _LogFile:
         status = path.stat()
         return cls(path, status.st_size, status.st_mtime)
 
 
-def _remove(kept: _Kept) -> int:
-    """Remove a log, and what an interrupted step of compressing it has left; return its size."""
+def _remove(kept: _LogFile) -> int:
+    """Remove a log and a partial archive of it; return the freed size."""
     size, part = kept.size, part_path(packed_path(kept.path))
     with contextlib.suppress(FileNotFoundError):
         size += part.stat().st_size
@@ -200,18 +203,18 @@ def _remove(kept: _Kept) -> int:
     return size
 
 
-def _densest(boxes: list[_Kept]) -> int:
-    """Return which of boxes, in their order, is closest in time to the one before; never the newest of several.
+def _densest(boxes: list[_LogFile]) -> int:
+    """Return the index of the box that is closest in time to its predecessor; never the newest of several.
 
-    So a boat that restarts again and again thins out the boxes of that, not those of months.
+    After many restarts in a row, this removes boxes of those restarts and not those of earlier months.
     """
     pairs = enumerate(pairwise(boxes), 1)
-    gaps = [(abs(after.modified_s - before.modified_s), place) for place, (before, after) in pairs]
+    gaps = [(abs(after.modified_s - before.modified_s), index) for index, (before, after) in pairs]
     return min(gaps[:-1], default=(0.0, 0))[1]
 
 
 def _moment(box: Path) -> tuple[int, float, str]:
-    """Return what boxes are in order of: log and moment, for a computer may have begun at 1970 with each start."""
+    """Return the sort key of a box: log number and moment; file times are unreliable without a clock."""
     match = _BOX_NAME.match(box.name)
     if match is None:
         return 0, 0.0, box.name

@@ -1,4 +1,4 @@
-"""Opens a log for reading, compressed or not, however long it is: the buffer is the file, not a copy in memory."""
+"""Opens a log for reading, compressed or not, as a memory-mapped file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from firmware_py.files.packed import MEMBER_BEGIN, packed_path
 from firmware_py.files.reading import open_regular
 from firmware_py.log.dataflash import Buffer
 
-MOST_BYTES: Final = 2 << 30  # of a log, unpacked: twice what LOG_FILE_MB lets it become
+MAX_LOG_BYTES: Final = 2 << 30  # uncompressed: twice the maximum of LOG_FILE_MB
 _GZIP: Final = b"\x1f\x8b"
 _CHUNK_BYTES: Final = 1 << 20
 _NO_ROOM: Final = "no room for temporary files to unpack it (TMPDIR can name another directory)"
@@ -24,17 +24,17 @@ _NO_ROOM: Final = "no room for temporary files to unpack it (TMPDIR can name ano
 
 @contextlib.contextmanager
 def open_buffer(path: Path) -> Iterator[Buffer]:
-    """Map a log; one that has been compressed since it was named is found too. OSError, whose strerror says why.
+    """Map a log, or its compressed file if it has been archived. Raises OSError with a reason in strerror.
 
-    A compressed one is unpacked into a temporary file; where it is cut short, what stands before is read, and around a
-    damaged block of ours what stands on both sides.
+    A compressed log is unpacked into a temporary file. A truncated one is read up to its end; a
+    damaged block is skipped.
     """
     try:
-        file = os.fdopen(open_regular(path, most_bytes=MOST_BYTES), "rb")
+        file = os.fdopen(open_regular(path, most_bytes=MAX_LOG_BYTES), "rb")
     except FileNotFoundError:
         if not packed_path(path).is_file():
             raise
-        file = os.fdopen(open_regular(packed_path(path), most_bytes=MOST_BYTES), "rb")
+        file = os.fdopen(open_regular(packed_path(path), most_bytes=MAX_LOG_BYTES), "rb")
     with contextlib.ExitStack() as opened:
         plain: IO[bytes] = opened.enter_context(file)
         if file.peek(len(_GZIP))[: len(_GZIP)] == _GZIP:
@@ -50,12 +50,12 @@ def open_buffer(path: Path) -> Iterator[Buffer]:
 def _temporary_file() -> IO[bytes]:
     try:
         return tempfile.TemporaryFile(prefix="rambler-")
-    except FileNotFoundError as error:  # none of the usual directories can be written to
+    except FileNotFoundError as error:  # no temporary directory is writable
         raise OSError(errno.ENOSPC, _NO_ROOM) from error
 
 
 def _put(target: IO[bytes], part: bytes) -> None:
-    """Write a part, or what waits when there is none."""
+    """Write a part; flush if it is empty."""
     try:
         target.write(part)
         if not part:
@@ -65,7 +65,7 @@ def _put(target: IO[bytes], part: bytes) -> None:
 
 
 def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
-    """Unpack member after member; behind one that is damaged go on with the next block that `pack_log` has made."""
+    """Unpack all members; after a damaged one, continue with the next block written by `archive_log`."""
     unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
     size, data = 0, b""
     while data or (data := source.read(_CHUNK_BYTES)):
@@ -75,8 +75,8 @@ def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
             data, unpacker = _next_member(data, source), zlib.decompressobj(zlib.MAX_WBITS | 16)
             continue
         size += len(part)
-        if size > MOST_BYTES:
-            raise OSError(errno.EFBIG, f"unpacks to more than {MOST_BYTES >> 20} MiB")
+        if size > MAX_LOG_BYTES:
+            raise OSError(errno.EFBIG, f"unpacks to more than {MAX_LOG_BYTES >> 20} MiB")
         if part:
             _put(target, part)
         if unpacker.eof:
@@ -87,7 +87,7 @@ def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
 
 
 def _next_member(data: bytes, source: IO[bytes]) -> bytes:
-    """Return what stands from the next block on that begins behind the first byte; empty without one."""
+    """Return the data from the next block after the first byte on; empty without one."""
     at = data.find(MEMBER_BEGIN, 1)
     while at < 0:
         if not (more := source.read(_CHUNK_BYTES)):

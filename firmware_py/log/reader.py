@@ -1,7 +1,7 @@
-"""Reads a log back into the ticks that it holds, however long it is and wherever it was cut.
+"""Reads the ticks of a log of any length, also of a truncated or damaged one.
 
-A log of another version is read by name: `Reading.notes` says what of it is not known here, or was
-lacking. TICK, END and the decision in CTL are the frame that every version has.
+Messages and columns are found by name, so logs of other versions are readable: `Reading.notes` lists unknown and
+missing ones. Every version has TICK, END and the command in CTL.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ import msgspec
 from firmware_py.common.records import Inputs, RudderCommand
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, text_of
+from firmware_py.log.message_rows import RowReader
 from firmware_py.log.open_file import open_buffer
-from firmware_py.log.rows import RowReader
 
-MAX_RECORDS: Final = 1 << 17  # of one tick: two texts of the longest kind; bounds what damage can gather
+MAX_RECORDS: Final = 1 << 17  # of one tick: two texts of maximum length; a limit for damaged logs
 
 _FRAME: Final = (schema.TICK, schema.CONTROL)
-_PASSED_OVER: Final = frozenset(one.name for one in (*schema.TYPES, *ardupilot.TYPES)) - schema.READ.keys()
+_SKIPPED: Final = frozenset(one.name for one in (*schema.TYPES, *ardupilot.TYPES)) - schema.READ.keys()
 
 
 class LoggedTick(msgspec.Struct, frozen=True):
     """One tick of a log.
 
-    `command` is the decision that was made. `checkpoint` is the state before the tick,
-    where the log has it; `gap` says that ticks are missing just before this one.
+    `command` is the logged rudder command. `checkpoint` is the state before the tick, if the log has it.
+    `gap`: ticks are missing before this one.
     """
 
     inputs: Inputs
@@ -40,11 +40,11 @@ class LoggedTick(msgspec.Struct, frozen=True):
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """How the reading of a log went, as far as it has got.
+    """Result of reading a log so far.
 
-    `damaged` counts ticks that are not whole, `garbage_bytes` lie between records,
-    `tail_bytes` are an unfinished tick at the end and whatever follows it. `notes` say
-    what of a log of another version was not known, lacking or left out.
+    `damaged` is the number of incomplete ticks, `garbage_bytes` those between records, `tail_bytes` those of an
+    unfinished tick at the end and everything after it. `notes` list the messages and columns of a log of another
+    version that are unknown, missing or left out.
     """
 
     software: str = ""
@@ -56,15 +56,15 @@ class Reading(msgspec.Struct, frozen=True):
 
 
 class LogReader:
-    """An iterable of the ticks of one log; `reading` tells how it went, once the ticks have been taken."""
+    """An iterable of the ticks of one log; `reading` is the result after the iteration."""
 
     def __init__(self, source: Path | bytes) -> None:
-        """Read from a file, compressed or not, or from the bytes of one."""
+        """Read from a file, compressed or not, or from the content of one."""
         self._source = source
         self.reading = Reading()
 
     def __iter__(self) -> Iterator[LoggedTick]:
-        """Yield the whole ticks in order; LogError when the file cannot be read or lacks the frame."""
+        """Yield the whole ticks in order; raises LogError if the file cannot be read or lacks required columns."""
         if isinstance(self._source, bytes):
             yield from self._ticks(self._source)
             return
@@ -92,12 +92,12 @@ class LogReader:
 
 
 def read_log(source: Path | bytes) -> Iterator[LoggedTick]:
-    """Yield the whole ticks of a log in order; LogError when it cannot be read."""
+    """Yield the whole ticks of a log in order; raises LogError if it cannot be read."""
     return iter(LogReader(source))
 
 
 class _Scan:
-    """Gathers records into ticks."""
+    """Assembles ticks from records."""
 
     def __init__(self, buffer: Buffer) -> None:
         self._buffer = buffer
@@ -112,13 +112,13 @@ class _Scan:
         self._unknown: Counter[str] = Counter()  # messages, by name
 
     def reading(self, garbage_bytes: int, tail_bytes: int) -> Reading:
-        """Return how the reading has gone so far."""
+        """Return the result so far."""
         unknown = (f"message {name}: not known here, {count} passed over" for name, count in self._unknown.items())
         notes = (*self._notes, *unknown)
         return Reading(self.software, self.ticks, self.damaged, garbage_bytes, tail_bytes, notes)
 
     def take(self, file_format: Format, at: int) -> LoggedTick | None:
-        """Take the next record; return the tick that it ends."""
+        """Process the next record; return the tick that it completes, or None."""
         if file_format.name == schema.TICK.type.name:
             self.damaged += self._records is not None
             self._records, self._crc = [], 0
@@ -136,7 +136,7 @@ class _Scan:
         records, self._records = self._records, None
         tick = None
         if "Seq" not in file_format.labels or (file_format.labels[-1], file_format.values[-1]) != ("Crc", "I"):
-            raise LogError("message END lacks Seq, or Crc at its end: use the version of rambler that wrote the log")
+            raise LogError("message END has no Seq or no Crc: use the version of rambler that wrote the log")
         values = file_format.unpack(self._buffer, at)
         sequence, crc = values[file_format.labels.index("Seq")], values[-1]
         head = self._buffer[at : at + file_format.length - schema.CRC_BYTES]
@@ -151,10 +151,10 @@ class _Scan:
         return tick
 
     def _tick(self, records: list[tuple[Format, int]], *, gap: bool) -> LoggedTick | None:
-        """Make the tick of its records; None when they are not what a tick is made of."""
+        """Build the tick from its records; None if they are invalid."""
         got: dict[str, list[Any]] = {name: [] for name in schema.READ}
         for file_format, at in records:
-            if file_format.name in _PASSED_OVER:
+            if file_format.name in _SKIPPED:
                 continue
             row = schema.READ.get(file_format.name)
             if row is None:
@@ -162,9 +162,9 @@ class _Scan:
                 continue
             if file_format not in self._readers:
                 self._readers[file_format] = RowReader(row, file_format, self._notes)
-                if row in _FRAME and (lacking := self._readers[file_format].lacking):
+                if row in _FRAME and (missing := self._readers[file_format].missing):
                     raise LogError(
-                        f"message {file_format.name} has no column {', '.join(lacking)}: "
+                        f"message {file_format.name} has no column {', '.join(missing)}: "
                         "use the version of rambler that wrote the log"
                     )
             try:
@@ -196,7 +196,7 @@ class _Scan:
 
 
 def _has_format(file_format: Format, expected: MessageType) -> bool:
-    """Whether a message of a file is described as we would."""
+    """Whether the format of a message in a file is the expected one."""
     return (file_format.name, file_format.values, file_format.labels) == (
         expected.name,
         expected.values,

@@ -1,4 +1,4 @@
-"""The onboard log as the loop sees it: packs the ticks, a few at a time, queues them, and never waits."""
+"""The onboard log on the loop's side: packs ticks, a few at a time, and queues them without waiting."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, In
 from firmware_py.common.reports import Output
 from firmware_py.faults.table import TABLE
 from firmware_py.log import ardupilot, schema
-from firmware_py.log.archivist import Archivist
+from firmware_py.log.archive_worker import ArchiveWorker
 from firmware_py.log.ardupilot_plans import plan_bytes
 from firmware_py.log.ardupilot_state import ArduPilotState, version_bytes
 from firmware_py.log.dataflash import header
 from firmware_py.log.disk import Disk, LocalDisk
-from firmware_py.log.rows import microseconds
+from firmware_py.log.message_rows import microseconds
 from firmware_py.log.thin import HEAD, ThinLog
 from firmware_py.log.thin_file import ThinFile
 from firmware_py.log.writer import LogWriter
 
 FLUSH_S: Final = 1.0
-# Between two ticks a processor forgets in its caches what packs them, so a few that tell nothing new are packed
-# together: no more than this, and what is held back is younger than this.
-HELD_TICKS, HELD_S = 5, 0.5
+# A few ticks without events are packed together, because the caches are cold after each tick. Limits on the number of
+# held ticks and on their age:
+MAX_HELD_TICKS, MAX_HELD_S = 5, 0.5
 NO_PLANS: Final = Plans()
-# The faults that the minutes before are kept of.
-_SEVERE: Final = sum(1 << fault for fault, row in TABLE.items() if row.severity <= Severity.ERROR)
+# These faults request a black box.
+_SEVERE_FAULTS: Final = sum(1 << fault for fault, row in TABLE.items() if row.severity <= Severity.ERROR)
 
 
 class LogRecorder:
-    """A ports.Recorder that writes numbered DataFlash files into a directory.
+    """A Recorder that writes numbered DataFlash files into a directory.
 
-    A tick that finds the queue full is dropped whole and counted, as is one whose values
-    do not fit the format. The next one that is written carries a checkpoint.
+    A tick is dropped and counted if the queue is full or its values do not fit the format. The next tick that is
+    written has a checkpoint.
     """
 
     def __init__(
@@ -49,63 +49,61 @@ class LogRecorder:
         parameters: ParameterSet,
         plans: Plans = NO_PLANS,
         file_bytes: int,
-        keep_bytes: int,
-        least_bytes: int = 0,
+        max_total_bytes: int,
+        min_free_bytes: int = 0,
         utc_s: float,
         software: str,
         queue_batches: int = 2048,
         queue_bytes: int = 4 << 20,
         background: bool = True,
-        patient: bool = False,
+        wait_for_disk: bool = False,
         disk: Disk | None = None,
         clock_utc_s: Callable[[], float] | None = None,
     ) -> None:
-        """Begin; the first file is made with the first tick, and nothing is raised.
+        """Start the recorder; the first file is created with the first tick. Raises no error.
 
-        Files of file_bytes are written until all together exceed keep_bytes, whereupon
-        the oldest goes; none is begun with less than least_bytes free. `utc_s` is the time of
-        the start. Without `background` the ticks
-        are written on the caller's thread whenever the queue is half full: nothing is
-        dropped, but the caller waits for the disk. So it does with `patient` until the first tick is there, and
-        whenever the queue is full. With the computer's clock a thin log is kept beside,
-        and what is closed is compressed.
+        Files have at most `file_bytes`. Beyond `max_total_bytes` the oldest is removed; with less than `min_free_bytes`
+        free, no file is created. `utc_s` is the time of the start. Without `background`, the caller's thread writes
+        whenever the queue is half full: no tick is dropped, but the caller waits for the disk. With `wait_for_disk` it
+        waits until the first tick is on disk, and whenever the queue is full. With `clock_utc_s` there is a thin log,
+        and closed logs are archived.
         """
-        self._file_bytes = min(file_bytes, keep_bytes // 2)
+        self._file_bytes = min(file_bytes, max_total_bytes // 2)
         self._parameters = parameters
         self._plans = plans
         self._software = software
         self._state = ArduPilotState()
         self._opening = ardupilot.opening(software, utc_s)
-        self._sequence = 0  # of the next tick, dropped ones counted too
+        self._sequence = 0  # number of the next tick, including dropped ones
         self._dropped = 0
-        self._complaint = ""  # why the last tick was dropped, empty when it was not
-        self._opened_files = self._file_size = 0  # of those that the writer wanted; of the last one, in bytes
-        self._held: list[tuple[Inputs, Output, Callable[[], str]]] = []  # ticks to be packed, as they were offered
+        self._complaint = ""  # reason why the last tick was dropped, otherwise empty
+        self._opened_files = self._file_size = 0  # number of files started for the writer; bytes of the last one
+        self._held: list[tuple[Inputs, Output, Callable[[], str]]] = []  # ticks that are not packed yet
         self._mode: int | None = None
-        self._severe = 0  # faults of the last tick, those that a black box is kept of
-        self._archivist = Archivist(directory)
+        self._severe = 0  # severe faults of the last tick
+        self._archive_worker = ArchiveWorker(directory)
         self._thin_file = ThinFile(directory, HEAD)
         self._thin = None if clock_utc_s is None else ThinLog(clock_utc_s, self._opening)
         self.writer = LogWriter(
             directory,
             disk if disk is not None else LocalDisk(),
-            room_bytes=keep_bytes - self._file_bytes,
+            room_bytes=max_total_bytes - self._file_bytes,
             queue_batches=queue_batches,
             queue_bytes=queue_bytes,
             flush_s=FLUSH_S,
-            least_bytes=least_bytes,
-            patient=patient,
-            turn=self._keep_house,
+            min_free_bytes=min_free_bytes,
+            wait_for_disk=wait_for_disk,
+            turn=self._do_background_work,
             finish=self._finish_thin_log,
         )
         if background:
             self.writer.start()
 
     def offer(self, inputs: Inputs, output: Output, before: Callable[[], str]) -> None:
-        """Queue a tick without blocking, or drop and count it; one without event and request may wait for the next."""
-        self._offer_beside(inputs, output)
+        """Queue a tick without blocking, or drop and count it; one without events and requests may be held."""
+        self._update_thin_log(inputs, output)
         self._held.append((inputs, output, before))
-        if output.events or inputs.requests or len(self._held) >= min(HELD_TICKS, HELD_S * inputs.tick.rate_hz):
+        if output.events or inputs.requests or len(self._held) >= min(MAX_HELD_TICKS, MAX_HELD_S * inputs.tick.rate_hz):
             self._pack_held()
 
     def _pack_held(self) -> None:
@@ -119,7 +117,7 @@ class LogRecorder:
         self._sequence += 1
         changed = self._follow_settings(inputs)
         if self.writer.full():
-            self._drop("log: the disk does not keep up")
+            self._drop("log: disk too slow, tick dropped")
             return
         wanted = self.writer.wanted_files
         opens_file = wanted != self._opened_files or self._file_size >= self._file_bytes
@@ -129,7 +127,7 @@ class LogRecorder:
             data = schema.end_bytes(body, inputs.tick.t_s, sequence)
             if opens_file:
                 data = self._file_head(inputs.tick) + data
-        except (struct.error, ValueError, TypeError, OverflowError) as error:  # data that no driver should let in
+        except (struct.error, ValueError, TypeError, OverflowError) as error:  # data that a driver should have rejected
             self._drop(f"log: a tick cannot be written: {error}"[:100])
             return
         self._complaint = ""
@@ -139,46 +137,46 @@ class LogRecorder:
         self.writer.put(data, opens_file=opens_file)
 
     def health(self, now_s: float) -> DeviceHealth:
-        """Whether the log is being written; `rejected` counts the ticks dropped or lost."""
+        """Return the health of the log; `rejected` is the number of ticks dropped or lost."""
         lost = self._dropped + self.writer.lost
-        text = self._complaint or self.writer.failure or self._thin_file.failure or self._archivist.failure
+        text = self._complaint or self.writer.failure or self._thin_file.failure or self._archive_worker.failure
         if not self.writer.alive():
             text = text or "log: the writer has ended"
-        state = DeviceState.RUNNING if self.writer.proven else DeviceState.STARTING
-        if self.writer.short:
+        state = DeviceState.RUNNING if self.writer.has_written else DeviceState.STARTING
+        if self.writer.low_space:
             state, text = DeviceState.FULL, text or "log: the disk is nearly full"
         elif text:
             state = DeviceState.FAULTY
         return DeviceHealth(now_s, DeviceRole.STORAGE, state, self._sequence - lost, lost, text)
 
     def progress(self) -> tuple[Progress, ...]:
-        """Return what the writer's thread has done; nothing where there is none."""
+        """Return the progress of the writer's thread; empty without one."""
         return self.writer.progress()
 
     def close(self) -> None:
-        """Write what is held and queued, and close the file."""
+        """Write all held and queued ticks, and close the file."""
         self._pack_held()
         self.writer.close()
 
-    def _offer_beside(self, inputs: Inputs, output: Output) -> None:
-        """Hand the tick to the thin log, and have the minutes around a severe fault that is new kept."""
-        severe = output.snapshot.faults & _SEVERE
-        self._archivist.note_tick(inputs.tick.t_s, severe=bool(severe & ~self._severe))
+    def _update_thin_log(self, inputs: Inputs, output: Output) -> None:
+        """Pass the tick to the thin log, and request a black box for a new severe fault."""
+        severe = output.snapshot.faults & _SEVERE_FAULTS
+        self._archive_worker.note_tick(inputs.tick.t_s, severe=bool(severe & ~self._severe))
         self._severe = severe
         if self._thin is None:
             return
         try:
             rows = self._thin.update(inputs, output)
-        except (struct.error, ValueError, TypeError, OverflowError):  # the full log tells of such a tick
+        except (struct.error, ValueError, TypeError, OverflowError):  # the full log reports such a tick
             return
         if rows:
             self._thin_file.put(rows)
 
-    def _keep_house(self, written_bytes: int) -> None:
-        """Do on the writer's thread what can wait."""
+    def _do_background_work(self, written_bytes: int) -> None:
+        """Do low-priority work on the writer's thread."""
         if self._thin is not None:
             self._thin_file.drain()
-            self._archivist.work(written_bytes)
+            self._archive_worker.work(written_bytes)
 
     def _finish_thin_log(self) -> None:
         self._thin_file.drain()
@@ -193,7 +191,7 @@ class LogRecorder:
         return b"".join(plan_bytes(t_s, plan, identity) for plan in plans)
 
     def _follow_settings(self, inputs: Inputs) -> bytes:
-        """Take over the parameters and plans that the tick sets, and return their messages."""
+        """Store the parameters and plans that the tick sets, and return their messages."""
         changed = b""
         for request in inputs.requests:
             if isinstance(request.intent, SetParameter):

@@ -1,4 +1,4 @@
-"""Recomputes a log through the step that made it, and compares every rudder command bit by bit."""
+"""Recomputes a log with the step function and compares every rudder command bit by bit."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ State = TypeVar("State")
 
 
 class CheckpointError(LogError):
-    """The state that a log begins with cannot be read."""
+    """The checkpoint of a log cannot be read."""
 
 
 class Difference(msgspec.Struct, frozen=True):
-    """A tick whose recomputed command is not the logged one."""
+    """A tick whose recomputed command differs from the logged one."""
 
     tick: int
     t_s: float
@@ -32,11 +32,11 @@ class Difference(msgspec.Struct, frozen=True):
 
 
 class ReplayReport(msgspec.Struct, frozen=True):
-    """What a replay found.
+    """The result of a replay.
 
-    `ticks` are in the log, `compared` of them could be recomputed: after a `gap` that
-    follows on no checkpoint the state is not known. `largest_rad` is the largest difference of
-    a shaft angle, infinite where one is no number. `reading` tells of damage.
+    `ticks` is the number of ticks in the log, `compared` that of recomputed ones: after a gap the state is unknown
+    until the next checkpoint. `largest_rad` is the largest difference of shaft angles, infinite if one is NaN.
+    `reading` reports damage of the log.
     """
 
     ticks: int
@@ -49,7 +49,7 @@ class ReplayReport(msgspec.Struct, frozen=True):
 
     @property
     def identical(self) -> bool:
-        """Whether every command of the log was recomputed, to the same bits."""
+        """Whether every command of the log was recomputed with identical bits."""
         return self.differences == 0 and self.compared == self.ticks and self.reading.damaged == 0
 
     def as_dict(self) -> dict[str, Any]:
@@ -81,8 +81,8 @@ def replay(
 ) -> ReplayReport:
     """Recompute ticks from their checkpoints and compare the commands.
 
-    `restore` returns a state and what is to be noted of it. Raises LogError when there is no
-    tick, no checkpoint, one that `restore` refuses with ValueError, or a tick that `step` fails at.
+    `restore` returns a state and notes. Raises LogError without ticks or checkpoints, if `restore` rejects a
+    checkpoint with ValueError, or if `step` fails.
     """
     count = compared = gaps = differences = 0
     first: Difference | None = None
@@ -105,8 +105,8 @@ def replay(
         compared += 1
         if _bits(output.command) != _bits(tick.command):
             differences += 1
-            off_rad = abs(output.command.shaft_rad - tick.command.shaft_rad)
-            largest_rad = max(largest_rad, math.inf if math.isnan(off_rad) else off_rad)
+            difference_rad = abs(output.command.shaft_rad - tick.command.shaft_rad)
+            largest_rad = max(largest_rad, math.inf if math.isnan(difference_rad) else difference_rad)
             if first is None:
                 first = Difference(tick.inputs.tick.index, tick.inputs.tick.t_s, tick.command, output.command)
     if count == 0:
@@ -122,7 +122,7 @@ def replay_log(
     restore: Callable[[str], tuple[State, tuple[str, ...]]],
     step: Callable[[State, Inputs], tuple[State, Output]],
 ) -> ReplayReport:
-    """Replay one log file; LogError as `replay` and when the file cannot be read, with its name."""
+    """Replay one log file; raises LogError like `replay`, and if the file cannot be read, with its name."""
     reader = LogReader(source)
     try:
         report = replay(reader, restore, step)
@@ -140,7 +140,7 @@ def _step_or_refuse(
 ) -> tuple[State, Output]:
     try:
         return step(state, inputs)
-    except Exception as error:  # a log may hold numbers that no boat has seen
+    except Exception as error:  # a damaged log may contain any numbers
         tick = inputs.tick.index
         raise LogError(f"tick {tick} cannot be recomputed ({type(error).__name__}: {error})") from error
 
@@ -153,7 +153,7 @@ def _restored(text: str, restore: Callable[[str], tuple[State, tuple[str, ...]]]
 
 
 def _bits(command: RudderCommand) -> tuple[bytes, bool]:
-    """Return what must be equal: -0.0 is not 0.0 here, and a NaN is itself."""
+    """Return the bytes to compare: -0.0 differs from 0.0, and a NaN equals itself."""
     return struct.pack("<d", command.shaft_rad), command.torque_on
 
 

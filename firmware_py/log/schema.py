@@ -1,13 +1,11 @@
-"""What is logged: one row a message, one column a field.
+"""The log messages: one row per message type, one column per field.
 
-A tick is a run of records from TICK to END. Between them stand, at a checkpoint, the
-state before the tick (CHK) and the ticks lost so far (DROP); all inputs (HDG, FIX, RFB,
-DEV, REQ, PWR, AIS, SHIP); the decision (CTL); and, for reading along only, the messages of
-beside.py and ardupilot.py. END has the number of the tick, which shows missing ones, and a checksum over
-all since TICK, which shows damage.
+A tick is a sequence of records from TICK to END. Between them are the state before the tick (CHK) and the number of
+lost ticks (DROP) at a checkpoint, all inputs (HDG, FIX, RFB, DEV, REQ, PWR, AIS, SHIP), the command (CTL) and, for
+readers only, the messages of derived_records.py and ardupilot.py. END has the number of the tick, which reveals missing
+ones, and a checksum over all records since TICK.
 
-Inputs and decisions are doubles, in SI units and radians; T is the exact time that
-TimeUS, the column of the tools, is rounded from.
+Inputs and commands are doubles in SI units and radians. T is the exact time, TimeUS the rounded one for log tools.
 """
 
 from __future__ import annotations
@@ -35,11 +33,11 @@ from firmware_py.common.records import (
 )
 from firmware_py.common.reports import Output
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
-from firmware_py.log import beside
+from firmware_py.log import derived_records
 from firmware_py.log.dataflash import MessageType
-from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
+from firmware_py.log.message_rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 
-VERSION: Final = 2  # of the records that are texts: requests and identities; early development versions had 1
+VERSION: Final = 2  # of the records stored as texts: requests and identities; early development versions had 1
 _HOOKS: Final = Hooks(plan.as_plain, lambda _kind, data: plan.from_plain(data), {plan.Plan: plan.drop_unknown})
 
 
@@ -48,7 +46,7 @@ def _text(text: str) -> str:
 
 
 def request_text(request: Request) -> str:
-    """Return a request as it stands in a log."""
+    """Return a request as it is logged."""
     return record_codec.to_text(request, VERSION, _HOOKS)
 
 
@@ -154,7 +152,7 @@ CONTROL: Final = Row(
     RudderCommand,
 )
 POWER: Final = Row(
-    157,  # a flipped bit of 156 would be that of TICK
+    157,  # 156 differs from TICK in one bit only
     "PWR",
     (
         whole("I", "B", "source", "#"),
@@ -193,7 +191,7 @@ DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
 
-# The rows that a reader makes records of, by message name.
+# The rows that a reader converts to records, by message name.
 READ: Final[Mapping[str, Row]] = {
     row.type.name: row
     for row in (
@@ -212,14 +210,14 @@ READ: Final[Mapping[str, Row]] = {
 }
 TYPES: Final = (
     *(row.type for row in READ.values()),
-    *beside.TYPES,
+    *derived_records.TYPES,
     DROP,
     END,
 )
 
 
 def inputs_bytes(inputs: Inputs) -> bytes:
-    """Return the messages of all inputs but the tick; struct.error or ValueError for what does not fit."""
+    """Return the messages of all inputs but the tick; raises struct.error or ValueError for unfit values."""
     parts = [HEADING.pack(sample.t_s, sample) for sample in inputs.headings]
     parts += [POSITION.pack(sample.t_s, sample) for sample in inputs.positions]
     parts += [FEEDBACK.pack(sample.t_s, sample) for sample in inputs.rudder]
@@ -235,11 +233,11 @@ def inputs_bytes(inputs: Inputs) -> bytes:
 
 
 def output_bytes(output: Output) -> bytes:
-    """Return the messages of a decision."""
-    return CONTROL.pack(output.snapshot.t_s, output) + beside.snapshot_bytes(output.snapshot)
+    """Return the messages of a command and its snapshot."""
+    return CONTROL.pack(output.snapshot.t_s, output) + derived_records.snapshot_bytes(output.snapshot)
 
 
 def end_bytes(batch: bytes, t_s: float, sequence: int) -> bytes:
-    """Return the records of a tick, closed by its number and the checksum over all before it."""
+    """Return the records of a tick with END: its number and the checksum over all records."""
     data = batch + END.pack(microseconds(t_s), sequence, 0)[:-CRC_BYTES]
     return data + zlib.crc32(data).to_bytes(CRC_BYTES, "little")

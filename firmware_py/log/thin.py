@@ -1,7 +1,7 @@
-"""The thin log: a row a minute and one at each event, of what somebody wants to know of a day in a year.
+"""The thin log: a row per minute and per event, small enough for a year.
 
-A row holds the figures since the row before, in SI units and radians, NaN for what is not known. It is DataFlash, as
-the full log is.
+A row has the values since the previous row in SI units and radians, NaN for unknown ones. The format is DataFlash, like
+the full log.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from firmware_py.common.reports import Flow, Output, Power, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.log import ardupilot
 from firmware_py.log.dataflash import header
-from firmware_py.log.rows import Column, Row, flag, real, whole
+from firmware_py.log.message_rows import Column, Row, flag, real, whole
 
 INTERVAL_S: Final = 60.0
-# Of rows that events ask for, and of texts: a fault that comes and goes a thousand times an hour must not fill a year.
-BURST: Final = 20.0
-RATE_HZ: Final = 1.0 / 120.0
+# Limits for event rows and texts: a fault that toggles a thousand times an hour must not fill the log.
+MAX_BURST_ROWS: Final = 20.0
+EVENT_ROWS_HZ: Final = 1.0 / 120.0
 
 
 class Minute(msgspec.Struct, frozen=True):
-    """What a row says: the figures of `span_s`, and the last value of what is no figure; None for what is not known.
+    """The values of a row over `span_s`; None if unknown.
 
-    Faults are all that stood in the span, as bits. Panels, loads and the battery's current are means of the span.
+    Faults are all that were active in the span, as bits. Solar and load power and the battery current are means of the
+    span; other quantities without a sum or mean are the last values.
     """
 
     utc_s: float
@@ -118,7 +119,7 @@ HEAD: Final = header(TYPES, 0)
 
 @dataclass(slots=True)
 class _Span:
-    """What is gathered for the next row."""
+    """The values accumulated for the next row."""
 
     begin_s: float
     faults: int = 0
@@ -128,7 +129,7 @@ class _Span:
     compass_c: float | None = None
 
     def add(self, inputs: Inputs, boat: Snapshot) -> None:
-        """Take a tick."""
+        """Add a tick."""
         self.faults |= boat.faults
         error_rad = boat.heading_error_rad
         if error_rad is not None:
@@ -140,7 +141,7 @@ class _Span:
 
 
 class _Sums(msgspec.Struct, frozen=True):
-    """What counts from the start of the program: a row has the difference."""
+    """Sums since the start of the program; a row has the difference."""
 
     travel_rad: float = 0.0
     energy_j: float = 0.0
@@ -156,17 +157,17 @@ class _Sums(msgspec.Struct, frozen=True):
 
 
 def _mean_w(now: Flow, before: Flow) -> float | None:
-    """Return the mean power since before, None when it was not measured."""
+    """Return the mean power between two sums, None if not measured."""
     measured_s = now.measured_s - before.measured_s
     return (now.energy_j - before.energy_j) / measured_s if measured_s > 0.0 else None
 
 
 def _power(now: Power, before: Power) -> dict[str, float | None]:
-    """Return what a row says of battery, panels and loads."""
+    """Return the fields of battery, solar power and load."""
     charged_w, discharged_w = _mean_w(now.charged, before.charged), _mean_w(now.discharged, before.discharged)
     battery_a = None
     if charged_w is not None and discharged_w is not None and now.voltage_v:
-        battery_a = (charged_w - discharged_w) / now.voltage_v  # so that voltage times current is the mean power
+        battery_a = (charged_w - discharged_w) / now.voltage_v  # voltage times current is the mean power
     return {
         "battery_v": now.voltage_v,
         "battery_a": battery_a,
@@ -177,20 +178,20 @@ def _power(now: Power, before: Power) -> dict[str, float | None]:
 
 
 class ThinLog:
-    """Makes the rows of the thin log, tick by tick."""
+    """Builds the rows of the thin log, tick by tick."""
 
     def __init__(self, utc_s: Callable[[], float], opening: tuple[Event, ...] = ()) -> None:
-        """Take the computer's clock, and what each start says of itself."""
+        """Store the computer's clock and the events logged at each start."""
         self._utc_s = utc_s
         self._opening = opening
-        self._allowance = TokenBucket(BURST, RATE_HZ)
+        self._allowance = TokenBucket(MAX_BURST_ROWS, EVENT_ROWS_HZ)
         self._span: _Span | None = None
         self._sums = _Sums()
-        self._state: tuple[int, bool, int] | None = None  # mode, armed and faults of the row before
+        self._state: tuple[int, bool, int] | None = None  # mode, armed and faults of the previous row
         self._lost = 0
 
     def update(self, inputs: Inputs, output: Output) -> bytes:
-        """Take a tick and return the rows that it ends, most often none; struct.error or the like for odd values."""
+        """Add a tick and return the rows that it completes, mostly none; raises struct.error or similar."""
         t_s, boat = inputs.tick.t_s, output.snapshot
         data, events = b"", output.events
         span = self._span
@@ -199,9 +200,9 @@ class ThinLog:
             events = (*self._opening, *events)
         span.add(inputs, boat)
         if events:
-            told = [event for event in events if self._allowance.spend_one(t_s)]
-            self._lost += len(events) - len(told)
-            data = ardupilot.message_bytes(t_s, told)
+            allowed = [event for event in events if self._allowance.spend_one(t_s)]
+            self._lost += len(events) - len(allowed)
+            data = ardupilot.message_bytes(t_s, allowed)
         state = (boat.mode, boat.armed, boat.faults)
         if t_s - span.begin_s >= INTERVAL_S or (state != self._state and self._allowance.spend_one(t_s)):
             minute = self._minute(span, boat, t_s)

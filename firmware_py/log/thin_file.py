@@ -1,4 +1,4 @@
-"""Where the thin log goes: rows are kept until they are on disk, and a file is gone on with by the next start."""
+"""Writes the thin log: rows stay queued until they are on disk, and each start continues the newest file."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from firmware_py.files.reading import open_regular
 from firmware_py.log.dataflash import whole_bytes
 from firmware_py.log.disk import THIN, LocalDisk, log_files
 
-FILE_BYTES: Final = 1 << 20  # five days, and then it is compressed
-ROOM_BYTES: Final = 100_000_000  # a year takes less
-MOST_WAITING: Final = 4096  # ticks with rows: two days and more of a disk that is away
+FILE_BYTES: Final = 1 << 20  # about five days; a closed file is compressed
+ROOM_BYTES: Final = 100_000_000  # more than a year
+MAX_QUEUED_TICKS: Final = 4096  # ticks with rows: more than two days without a disk
 
 
 class ThinFile:
-    """Appends rows to the newest thin log, on the writer's thread; what cannot be written waits and is tried again."""
+    """Appends rows to the newest thin log on the writer's thread; after an error it retries."""
 
     def __init__(self, logs: Path, head: bytes) -> None:
-        """Write below the directory of the logs; `head` is what a file of ours begins with."""
+        """Write below the log directory; `head` is the start of each file."""
         self._directory = logs / THIN
         self._head = head
         self._waiting: deque[bytes] = deque()
@@ -33,18 +33,18 @@ class ThinFile:
         self.failure = ""
 
     def put(self, rows: bytes) -> None:
-        """Queue the rows of a tick, on the loop's thread; beyond MOST_WAITING they are lost and counted."""
-        if len(self._waiting) < MOST_WAITING:
+        """Queue the rows of a tick on the loop's thread; beyond MAX_QUEUED_TICKS they are dropped and counted."""
+        if len(self._waiting) < MAX_QUEUED_TICKS:
             self._waiting.append(rows)
         else:
             self.lost += 1
 
     def drain(self) -> None:
-        """Write and sync what waits; an error is kept as text."""
+        """Write and sync the queued rows; store an error as text."""
         if not self._waiting:
             return
         count = len(self._waiting)
-        data = b"".join(self._waiting[place] for place in range(count))
+        data = b"".join(self._waiting[index] for index in range(count))
         try:
             if self._descriptor >= 0 and self._size >= FILE_BYTES:
                 self.close()
@@ -67,9 +67,9 @@ class ThinFile:
         self._descriptor = -1
 
     def _open(self) -> None:
-        """Go on with the newest file if it is one of this version's and not full, else begin one.
+        """Continue the newest file if this version wrote it and it is not full, otherwise create one.
 
-        A record that a power cut has torn is taken off: with the next one's begin it would make a false one.
+        A record truncated by a power cut is removed; joined with the next one it would form a wrong record.
         """
         newest = self._newest()
         if newest is not None:
@@ -90,7 +90,7 @@ class ThinFile:
             self._append(self._head)
         except OSError:
             with contextlib.suppress(OSError):
-                self._disk.remove(path)  # else each try would leave one
+                self._disk.remove(path)  # otherwise each retry would leave a file
             raise
 
     def _newest(self) -> Path | None:
@@ -99,7 +99,7 @@ class ThinFile:
         return newest if newest is not None and newest.suffix == ".BIN" else None
 
     def _append(self, data: bytes) -> None:
-        """Write all of it and bring it to the medium, or cut the file back to what it was; OSError."""
+        """Append and sync all data; on OSError truncate the file to its old length."""
         written = 0
         try:
             while written < len(data):

@@ -1,10 +1,9 @@
-"""The background writer: a bounded queue on one side, the disk on the other.
+"""The background writer of the log: a bounded queue between the loop and the disk.
 
-The loop's thread only appends to a deque and compares counters, and each counter has
-one thread that changes it, so neither waits for the other: no lock is shared while the
-queue is less than half full. The writer's thread wakes every second, takes all there
-is, and spends its time in write and fdatasync, which release the interpreter. At most
-that second is lost in a power cut, beside what the recorder holds back.
+The loop's thread appends to a deque and compares counters. Each counter has one writing thread, so neither thread
+waits: no lock is shared while the queue is less than half full. The writer's thread wakes every second and empties the
+queue; its write and fdatasync calls release the interpreter. A power cut loses at most that second and the ticks
+held by the recorder.
 """
 
 from __future__ import annotations
@@ -21,22 +20,22 @@ from typing import Final, NamedTuple
 from firmware_py.common.records import Progress
 from firmware_py.log.disk import Disk
 
-CHUNK_BYTES: Final = 1 << 18  # written at once, and so the most that is held beside the queue
+CHUNK_BYTES: Final = 1 << 18  # written at once: the maximum memory in addition to the queue
 CLOSE_WAIT_S: Final = 10.0
 
 
 class Batch(NamedTuple):
-    """The bytes of one tick; `opens_file`: they are the beginning of a new file."""
+    """The bytes of one tick; `opens_file`: they start a new file."""
 
     data: bytes
     opens_file: bool
 
 
 class LogWriter:
-    """Appends batches to numbered files; after an error it wants a new file begun.
+    """Appends batches to numbered files; after an error it needs a new file.
 
-    `wanted_files` counts how often a new file is needed to go on: one at the start, one
-    after every error. Batches are lost and counted until one that opens a file comes.
+    `wanted_files` is the number of files requested: one at the start and one after every error. Until a batch opens a
+    file, batches are lost and counted.
     """
 
     def __init__(
@@ -48,22 +47,22 @@ class LogWriter:
         queue_batches: int,
         queue_bytes: int,
         flush_s: float,
-        least_bytes: int = 0,
-        patient: bool = False,
+        min_free_bytes: int = 0,
+        wait_for_disk: bool = False,
         turn: Callable[[int], None] = lambda _written_bytes: None,
         finish: Callable[[], None] = lambda: None,
     ) -> None:
-        """Write into directory, whose older files are removed beyond room_bytes.
+        """Write into a directory; beyond `room_bytes` the oldest files are removed.
 
-        No file is begun while the disk has less than least_bytes free. With `patient` the loop waits for the first that
-        reaches the disk, and for room in the queue: where time stands still meanwhile. `turn` is called on the
-        writer's thread every flush_s, or without one whenever the queue is half full, with what has been written
-        since, `finish` at the end; neither may raise.
+        No file is created while less than `min_free_bytes` are free. With `wait_for_disk` the loop waits until the
+        first batch is on disk, and for space in the queue; this is for simulated time. `turn` is called with the
+        number of bytes written since the last call, on the writer's thread every `flush_s`, or without a thread
+        whenever the queue is half full. `finish` is called at the end. Neither may raise.
         """
         self._directory = directory
         self._disk = disk
         self._room_bytes = room_bytes
-        self._least_bytes = least_bytes
+        self._min_free_bytes = min_free_bytes
         self._turn = turn
         self._finish_turns = finish
         self._queue_batches = queue_batches
@@ -71,7 +70,7 @@ class LogWriter:
         self._flush_s = flush_s
         self._queue: deque[Batch] = deque()
         self._put_bytes = 0  # changed by the loop's thread only
-        self._taken_bytes = 0  # this and all below by the writer's thread only
+        self._taken_bytes = 0  # this and all following: changed by the writer's thread only
         self._file: tuple[int, Path] | None = None
         self._file_batches = 0
         self._unsynced = 0
@@ -79,10 +78,10 @@ class LogWriter:
         self._turns = 0
         self.lost = 0
         self.failure = ""
-        self.short = False  # of room
-        self.proven = False  # something has reached the medium
+        self.low_space = False
+        self.has_written = False  # at least one batch is on the medium
         self._closing = False
-        self._patient = patient
+        self._wait_for_disk = wait_for_disk
         self._wake, self._turned = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -94,7 +93,7 @@ class LogWriter:
         return len(self._queue) >= self._queue_batches or waiting_bytes >= self._queue_bytes
 
     def put(self, data: bytes, *, opens_file: bool) -> None:
-        """Queue a batch, whatever its size; ask `full` before."""
+        """Queue a batch of any size; the caller checks `full` first."""
         self._queue.append(Batch(data, opens_file))
         self._put_bytes += len(data)
         busy = (
@@ -104,31 +103,31 @@ class LogWriter:
             self.work()
         elif busy and not self._wake.is_set():
             self._wake.set()
-        if self._patient and (thread := self._thread) is not None:
-            while thread.is_alive() and (self.full() or not (self.proven or self.failure)):
+        if self._wait_for_disk and (thread := self._thread) is not None:
+            while thread.is_alive() and (self.full() or not (self.has_written or self.failure)):
                 self._turned.clear()
                 self._wake.set()
                 if not self._turned.wait(CLOSE_WAIT_S):
                     break
 
     def start(self) -> None:
-        """Write on a thread of its own from now on."""
+        """Start the writer's thread."""
         self._thread = threading.Thread(target=self._run, name="log", daemon=True)
         self._thread.start()
 
     def alive(self) -> bool:
-        """Whether the thread is there as it should be."""
+        """Whether the thread is running, if there should be one."""
         return self._thread is None or self._closing or self._thread.is_alive()
 
     def progress(self) -> tuple[Progress, ...]:
-        """Return how often the thread has turned, as it is to once in `flush_s`; nothing without one."""
+        """Return the turns of the thread, one per `flush_s`; empty without a thread."""
         thread = self._thread
         if thread is None or self._closing:
             return ()
         return (Progress("log", True, self._turns, alive=thread.is_alive(), thread=thread.native_id),)
 
     def close(self) -> None:
-        """Write what is queued and close the file; gives up on a disk that hangs."""
+        """Write the queue and close the file; a hanging disk is abandoned after CLOSE_WAIT_S."""
         self._closing = True
         if self._thread is None:
             self._finish()
@@ -146,7 +145,7 @@ class LogWriter:
         self._finish()
 
     def work(self) -> None:
-        """Do a turn: write what is queued, then what can wait."""
+        """Do a turn: write the queue, then call `turn`."""
         before = self._taken_bytes
         self.drain()
         self._turn(self._taken_bytes - before)
@@ -159,7 +158,7 @@ class LogWriter:
         self._end_file()
 
     def drain(self) -> None:
-        """Write and sync what is in the queue now; errors are counted, not raised."""
+        """Write and sync the queue; errors are counted, not raised."""
         chunk: list[bytes] = []
         chunk_bytes = 0
         for _ in range(len(self._queue)):
@@ -175,16 +174,16 @@ class LogWriter:
             chunk_bytes += len(batch.data)
         self._write(chunk)
         self._sync()
-        self._look_for_room()
+        self._check_free_space()
 
-    def _look_for_room(self) -> None:
+    def _check_free_space(self) -> None:
         with contextlib.suppress(OSError):
-            self.short = self._disk.free_bytes(self._directory) < self._least_bytes
+            self.low_space = self._disk.free_bytes(self._directory) < self._min_free_bytes
 
     def _begin_file(self) -> None:
         try:
             self._disk.prune(self._directory, self._room_bytes)
-            if self._disk.free_bytes(self._directory) < self._least_bytes:
+            if self._disk.free_bytes(self._directory) < self._min_free_bytes:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - as the disk would
             self._file = self._disk.create(self._directory)
         except OSError as error:
@@ -222,7 +221,7 @@ class LogWriter:
             self._fail(error)
             return
         self._unsynced = 0
-        self.proven = True
+        self.has_written = True
         self.failure = ""
 
     def _end_file(self) -> None:
@@ -233,7 +232,7 @@ class LogWriter:
             self._file = None
 
     def _fail(self, error: OSError) -> None:
-        """Leave the file as it is, and ask for a new one; one that holds no tick, or surely none, is removed again."""
+        """Close the file and request a new one; remove a file without a complete tick."""
         self.failure = f"log: {error.strerror or error}"
         self._unsynced = 0
         if self._file is not None:

@@ -13,8 +13,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from firmware_py.log.dataflash import Buffer, Format, Parser, text_of
-from firmware_py.log.dating import utc_shift_s
-from firmware_py.log.rows import TEXT
+from firmware_py.log.log_time import utc_offset_s
+from firmware_py.log.message_rows import TEXT
 from hil.report.orders import Orders
 
 BETWEEN_S = 0.1  # between logs without dates
@@ -131,7 +131,7 @@ class LogFile:
 
     def take(self, data: Buffer) -> None:
         """Take all records."""
-        self._utc_shift_s = utc_shift_s(data)
+        self._utc_shift_s = utc_offset_s(data)
         wanted = _WANTED | {name: tuple(row) for name, row in _READ_BY_TICK.items()}
         for name, values in records(data, wanted):
             if name in _READ_BY_TICK:

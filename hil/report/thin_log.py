@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.geodesy import EARTH_RADIUS_M, Place
-from firmware_py.log.dating import dated
+from firmware_py.log.log_time import corrected_utc_s
 from firmware_py.log.open_file import open_buffer
 from hil.errors import UsageError
 from hil.report.log_records import records
@@ -65,7 +65,7 @@ def read(paths: Sequence[Path]) -> ThinTable:
                         sailing = None
         except OSError as error:
             raise UsageError(f"{path}: {error.strerror or error}") from None
-    utc_s = dated([row[0] for row in rows], times_s, [row[1] for row in rows])
+    utc_s = corrected_utc_s([row[0] for row in rows], times_s, [row[1] for row in rows])
     known = [(when_s, *row[1:]) for when_s, row in zip(utc_s, rows, strict=True) if is_possible(when_s)]
     undated = [row[1] for when_s, row in zip(utc_s, rows, strict=True) if not is_possible(when_s)]
     table = np.array(sorted(known), dtype=np.float64).reshape(-1, len(_SAILING) + len(_UPKEEP))

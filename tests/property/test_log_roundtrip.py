@@ -111,7 +111,7 @@ def log_of(run, checkpoint="state"):
             Path(directory),
             parameters=ParameterSet(),
             file_bytes=1 << 24,
-            keep_bytes=1 << 30,
+            max_total_bytes=1 << 30,
             utc_s=0.0,
             software="Rambler",
             background=False,

@@ -27,7 +27,7 @@ def relogged(log: bytes) -> tuple[bytes, int, tuple[str, ...]]:
             parameters=state.parameters,
             plans=state.plans,
             file_bytes=1 << 26,
-            keep_bytes=1 << 28,
+            max_total_bytes=1 << 28,
             utc_s=utc_s,
             software=reader.reading.software,
             background=False,

@@ -85,7 +85,7 @@ def write_log(directory):
         parameters=ParameterSet(),
         plans=Plans(fence=FENCE, rally=RALLY),
         file_bytes=1 << 24,
-        keep_bytes=1 << 30,
+        max_total_bytes=1 << 30,
         utc_s=1.7e9,
         software="rambler 1.2.3.dev0 (git 0123abcd-dirty)",
         background=False,

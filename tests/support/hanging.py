@@ -72,5 +72,5 @@ SlotWriter.write = before("store", sleep, before("disk", wait_in_kernel, SlotWri
 SerialPort.read = before("samples", hear_nothing, SerialPort.read)
 SerialPort.write = before("actuation", send_nothing, SerialPort.write)
 LogWriter.drain = before("log", deadlock, LogWriter.drain)
-LogWriter._look_for_room = before("ended", sys.exit, LogWriter._look_for_room)
+LogWriter._check_free_space = before("ended", sys.exit, LogWriter._check_free_space)
 sys.exit(main())

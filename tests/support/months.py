@@ -269,8 +269,8 @@ class PowerLine(FakeLine):
 class SimulatedDisk(LocalDisk):
     """A disk whose files are of the boat's time, and which is full when the world says so."""
 
-    def __init__(self, world, kept_days):
-        super().__init__(kept_days, lambda: UTC_S + world.t_s)
+    def __init__(self, world, retention_days):
+        super().__init__(retention_days, lambda: UTC_S + world.t_s)
         self.world = world
 
     def write(self, descriptor, data):
@@ -440,7 +440,7 @@ class Months:
             self.directory / LOG_DIRECTORY,
             parameters=parameters,
             file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
-            keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
+            max_total_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
             utc_s=clock.utc_s(),
             software="rambler",
             background=False,

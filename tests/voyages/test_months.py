@@ -15,7 +15,7 @@ from firmware_py import loop
 from firmware_py.core.state_codec import state_from_text
 from firmware_py.core.step import step
 from firmware_py.faults.fault import Fault
-from firmware_py.log import energy_days
+from firmware_py.log import daily_energy
 from firmware_py.log.disk import THIN, log_files
 from firmware_py.log.replay import replay_log
 from firmware_py.system.state_directory import LOG_DIRECTORY
@@ -51,7 +51,7 @@ def sailed(directory, monkeypatch, days, sailing_s, causes, ends):
 
 
 def rows_of(boat):
-    return list(energy_days.rows(energy_days.thin_logs(boat.directory / LOG_DIRECTORY)))
+    return list(daily_energy.rows(daily_energy.thin_logs(boat.directory / LOG_DIRECTORY)))
 
 
 def holes(boat, rows):
@@ -95,7 +95,7 @@ def seen(rows):
 
 def measured_wh(rows):
     """What `rambler energy` adds up to, by name."""
-    days = [day.amounts(None) for day in energy_days.days(rows)]
+    days = [day.amounts(None) for day in daily_energy.days(rows)]
     return {name: sum(day[name].wh for day in days) for name in ("solar", "load", "servo", "charged", "discharged")}
 
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 from firmware_py.cli.export.messages import Message, messages
 from firmware_py.common.records import Severity
 from firmware_py.log.dataflash import Buffer
-from firmware_py.log.dating import utc_shift_s
+from firmware_py.log.log_time import utc_offset_s
 
 LAYOUT_SUFFIX: Final = ".layout.json"
 _POSITION, _LOG = "/position", "/log"
@@ -51,7 +51,7 @@ def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
     """Write the file, and the layout beside where it will lie; return how much it is, empty for none."""
     from mcap.writer import Writer  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415 - an extra
 
-    shift_s = utc_shift_s(buffer) or 0.0
+    shift_s = utc_offset_s(buffer) or 0.0
     channels: dict[str, int] = {}
     count = 0
     with path.open("wb") as file:

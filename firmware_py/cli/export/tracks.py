@@ -15,7 +15,7 @@ from firmware_py.cli.export.messages import Message, declared, messages
 from firmware_py.common.angles import degrees, radians
 from firmware_py.common.geodesy import Place
 from firmware_py.log.dataflash import Buffer
-from firmware_py.log.dating import utc_shift_s
+from firmware_py.log.log_time import utc_offset_s
 from firmware_py.plans.items import ROWS
 
 _GPX, _KML = "http://www.topografix.com/GPX/1/1", "http://www.opengis.net/kml/2.2"
@@ -84,7 +84,7 @@ def write(kind: str, buffer: Buffer, path: Path, _out: Path) -> str:
 
 def gather(buffer: Buffer) -> Tracks:
     """Take fixes, mission and fence of a log."""
-    tracks = Tracks(shift_s=utc_shift_s(buffer))
+    tracks = Tracks(shift_s=utc_offset_s(buffer))
     for message in messages(buffer, {"FIX", "CMD", "FNCE"}):
         values = message.values
         if message.name == "FIX":

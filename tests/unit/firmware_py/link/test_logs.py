@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.log.pack import pack_log
+from firmware_py.log.archive import archive_log
 
 OPEN_END = 0xFFFFFFFF
 SIZES = {1: 900, 2: 50_000, 5: 777}  # the first is a whole number of blocks
@@ -259,7 +259,7 @@ def test_an_erasure_ends_a_download(boat, of):
 def compressed(disk, number):
     """Take every step of compressing a log but the first; each is a moment that a station may come at."""
     path = disk / f"{number:08d}.BIN"
-    job = pack_log(path)
+    job = archive_log(path)
     for _ in job:
         yield
     assert not path.exists()

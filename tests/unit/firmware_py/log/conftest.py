@@ -137,7 +137,7 @@ def recorder_in(directory, **options):
     settings = {
         "parameters": ParameterSet(),
         "file_bytes": 1 << 20,
-        "keep_bytes": 1 << 30,
+        "max_total_bytes": 1 << 30,
         "utc_s": 1.7e9,
         "software": "Rambler test",
         "background": False,

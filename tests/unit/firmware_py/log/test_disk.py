@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.log.disk import SPARE_FILES, LocalDisk, log_files
+from firmware_py.log.disk import MIN_FREE_FILES, LocalDisk, log_files
 
 NOW_S = 1_900_000_000.0
 
@@ -85,14 +85,14 @@ def test_full_logs_go_by_age_and_boxes_stay(tmp_path):
     for number, days in enumerate((40.0, 20.0, 1.0), start=1):
         aged(tmp_path, f"{number:08d}.BIN.gz", 10, days)
     aged(tmp_path, "boxes/00000001-end.BIN.gz", 10, 40.0)
-    LocalDisk(kept_days=30.0, utc_s=lambda: NOW_S).prune(tmp_path, 1000)
+    LocalDisk(retention_days=30.0, utc_s=lambda: NOW_S).prune(tmp_path, 1000)
     assert left(tmp_path) == ["00000002.BIN.gz", "00000003.BIN.gz", "boxes/00000001-end.BIN.gz"]
 
 
 @pytest.mark.parametrize("now_s", [0.0, 5e9])
 def test_nothing_goes_by_age_while_the_clock_is_wrong(tmp_path, now_s):
     aged(tmp_path, "00000001.BIN", 10, 400.0)
-    LocalDisk(kept_days=30.0, utc_s=lambda: now_s).prune(tmp_path, 1000)
+    LocalDisk(retention_days=30.0, utc_s=lambda: now_s).prune(tmp_path, 1000)
     assert left(tmp_path) == ["00000001.BIN"]
 
 
@@ -100,14 +100,14 @@ def test_a_clock_that_is_years_ahead_takes_no_log_away(tmp_path):
     """The receiver sets it right some seconds later."""
     for number, days in enumerate((40.0, 20.0, 1.0), start=1):
         aged(tmp_path, f"{number:08d}.BIN", 10, days)
-    LocalDisk(kept_days=30.0, utc_s=lambda: NOW_S + 6e8).prune(tmp_path, 1000)
+    LocalDisk(retention_days=30.0, utc_s=lambda: NOW_S + 6e8).prune(tmp_path, 1000)
     assert left(tmp_path) == ["00000002.BIN", "00000003.BIN"]
 
 
 def test_a_log_of_a_clock_that_was_wrong_has_no_age(tmp_path):
     write(tmp_path, "00000001.BIN", 10)
     os.utime(tmp_path / "00000001.BIN", (1000.0, 1000.0))
-    LocalDisk(kept_days=30.0, utc_s=lambda: NOW_S).prune(tmp_path, 1000)
+    LocalDisk(retention_days=30.0, utc_s=lambda: NOW_S).prune(tmp_path, 1000)
     assert left(tmp_path) == ["00000001.BIN"]
 
 
@@ -176,7 +176,7 @@ def test_boxes_of_a_log_are_in_order_of_their_moments_whatever_their_names(tmp_p
 def test_the_oldest_logs_make_room_on_a_disk_that_gets_full(tmp_path, monkeypatch, free, kept):
     for number in (1, 2, 3):
         write(tmp_path, f"{number:08d}.BIN", 100)
-    disk = LocalDisk(spare_bytes=450)
+    disk = LocalDisk(reserve_bytes=450)
     monkeypatch.setattr(disk, "free_bytes", lambda _directory: free)
     disk.prune(tmp_path, 10_000)
     assert sorted(log_files(tmp_path)) == kept
@@ -185,16 +185,16 @@ def test_the_oldest_logs_make_room_on_a_disk_that_gets_full(tmp_path, monkeypatc
 @pytest.mark.parametrize(
     ("free", "kept"),
     [
-        (SPARE_FILES, range(1, 11)),  # enough
-        (SPARE_FILES - 3, range(4, 11)),
-        (0, range(SPARE_FILES + 1, 11)),
+        (MIN_FREE_FILES, range(1, 11)),  # enough
+        (MIN_FREE_FILES - 3, range(4, 11)),
+        (0, range(MIN_FREE_FILES + 1, 11)),
         (-3, range(1, 11)),  # without them there would not be enough either: another fills the disk
     ],
 )
 def test_the_oldest_logs_make_room_on_a_disk_that_can_make_no_more_files(tmp_path, monkeypatch, free, kept):
     for number in range(1, 11):
         write(tmp_path, f"{number:08d}.BIN", 100)
-    disk = LocalDisk(spare_bytes=1)
+    disk = LocalDisk(reserve_bytes=1)
     monkeypatch.setattr(disk, "free_files", lambda _directory: free)
     disk.prune(tmp_path, 10_000)
     assert sorted(log_files(tmp_path)) == [*kept]
@@ -206,7 +206,7 @@ def test_no_log_goes_for_files_that_the_file_system_does_not_count(tmp_path, mon
     found = [*os.statvfs(tmp_path)]
     found[5:8] = 0, 0, 0
     monkeypatch.setattr("os.statvfs", lambda _directory: os.statvfs_result(found))
-    assert LocalDisk().free_files(tmp_path) == SPARE_FILES
+    assert LocalDisk().free_files(tmp_path) == MIN_FREE_FILES
 
 
 OUT_OF_FILES = """
@@ -215,7 +215,7 @@ from pathlib import Path
 from firmware_py.log.disk import LocalDisk, log_files
 place = Path(sys.argv[1])
 logs = place / "logs"
-disk = LocalDisk(spare_bytes=1000)
+disk = LocalDisk(reserve_bytes=1000)
 for _ in range(20):
     os.close(disk.create(logs)[0])
 (place / "else").mkdir()
@@ -237,7 +237,7 @@ def test_logging_goes_on_on_a_file_system_that_is_out_of_inodes(tmp_path):
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if "unshare" in done.stderr or "mount" in done.stderr:
         pytest.skip(f"no file system of one's own here: {done.stderr.strip()}")
-    assert done.stdout.split() == [str(number) for number in range(SPARE_FILES + 1, 22)], done.stderr
+    assert done.stdout.split() == [str(number) for number in range(MIN_FREE_FILES + 1, 22)], done.stderr
 
 
 def test_pruning_a_directory_that_is_not_there_is_nothing(tmp_path):

@@ -10,9 +10,9 @@ import pytest
 
 from firmware_py.files.packed import MEMBER_BEGIN
 from firmware_py.log import open_file
+from firmware_py.log.archive import archive_log
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.disk import log_files
-from firmware_py.log.pack import pack_log
 from firmware_py.log.reader import LogReader
 from firmware_py.log.replay import replay_log
 
@@ -25,7 +25,7 @@ def log(tmp_path, pretend):
 
 def packed(log):
     ticks = list(LogReader(log))
-    assert [None for _ in pack_log(log)]
+    assert [None for _ in archive_log(log)]
     (path,) = log_files(log.parent).values()
     assert path.name == "00000001.BIN.gz"
     return path, ticks
@@ -78,7 +78,7 @@ def test_a_damaged_block_costs_what_is_in_it_and_that_is_told(tmp_path, pretend,
 
 def test_one_that_unpacks_without_end_is_refused(log, monkeypatch):
     path, _ = packed(log)
-    monkeypatch.setattr(open_file, "MOST_BYTES", path.stat().st_size + 1)
+    monkeypatch.setattr(open_file, "MAX_LOG_BYTES", path.stat().st_size + 1)
     with pytest.raises(LogError, match="unpacks to more than"):
         list(LogReader(path))
 

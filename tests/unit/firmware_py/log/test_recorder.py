@@ -128,7 +128,7 @@ def test_a_slow_loop_holds_fewer_ticks_never_half_a_second(tmp_path, pretend, ra
 
 
 def test_files_change_at_a_tick_and_the_oldest_goes(tmp_path, pretend):
-    recorder = pretend.recorder_in(tmp_path, file_bytes=12_000, keep_bytes=50_000)
+    recorder = pretend.recorder_in(tmp_path, file_bytes=12_000, max_total_bytes=50_000)
     _, sailed = pretend.sail(recorder, range(100), after=recorder.writer.drain)
     recorder.close()
     numbers = sorted(log_files(tmp_path))
@@ -145,7 +145,7 @@ def test_files_change_at_a_tick_and_the_oldest_goes(tmp_path, pretend):
 
 
 def test_a_file_is_at_most_half_of_what_is_kept(tmp_path, pretend):
-    recorder = pretend.recorder_in(tmp_path, file_bytes=1 << 30, keep_bytes=24_000)
+    recorder = pretend.recorder_in(tmp_path, file_bytes=1 << 30, max_total_bytes=24_000)
     pretend.sail(recorder, range(60), after=recorder.writer.drain)
     recorder.close()
     assert len(log_files(tmp_path)) in (1, 2)
@@ -175,7 +175,7 @@ def test_the_queue_full_drops_whole_ticks_counts_them_and_goes_on_with_a_checkpo
     state, _ = pretend.sail(recorder, range(5, 10), state)  # five are dropped
     health = recorder.health(5.0)
     assert (health.role, health.state, health.rejected) == (DeviceRole.STORAGE, DeviceState.FAULTY, 5)
-    assert "keep up" in health.text
+    assert "too slow" in health.text
     disk.release.set()
     assert disk.synced.acquire(timeout=60.0)  # the first tick
     assert disk.synced.acquire(timeout=60.0)  # and the queue

@@ -32,7 +32,7 @@ from firmware_py.log import ardupilot, schema, thin
     ],
 )
 def test_every_field_of_a_logged_record_has_its_column(row, record):
-    kept = {name for name, _ in row.kept} | ({"text"} if row.text else set())
+    kept = {name for name, _ in row.fields} | ({"text"} if row.text else set())
     assert kept == {field.name for field in msgspec.structs.fields(record)}
     assert row.make is record
 

@@ -13,7 +13,7 @@ from firmware_py.faults.table import Fault
 from firmware_py.log import ardupilot, thin_file
 from firmware_py.log.dataflash import header
 from firmware_py.log.disk import log_files
-from firmware_py.log.thin import BURST, HEAD, ThinLog
+from firmware_py.log.thin import HEAD, MAX_BURST_ROWS, ThinLog
 from firmware_py.log.thin_file import ThinFile
 from support.faulty_disk import KINDS, FaultyDisk
 
@@ -112,7 +112,7 @@ def test_texts_are_kept_and_a_flood_of_them_is_counted(tmp_path, pretend):
     data = rows_of(log, outputs(pretend, range(62), events=events))
     told = messages(tmp_path, HEAD + data, "MSG")
     assert told[0].Message == "rambler 1"
-    assert len(told) == BURST
+    assert len(told) == MAX_BURST_ROWS
     assert sum(row.Lost for row in messages(tmp_path, HEAD + data, "THNE")) == 1 + 40 + 60 * 3 - len(told)
     later = rows_of(log, outputs(pretend, range(10_000, 10_001), events=events))
     assert len(messages(tmp_path, HEAD + later, "MSG")) == 3  # quiet for long: there is room again
@@ -200,7 +200,7 @@ def test_no_row_is_lost_to_a_disk_that_fails_for_a_while(tmp_path, kind, monkeyp
 def test_a_disk_that_is_away_for_days_is_waited_for(tmp_path):
     (tmp_path / "logs").write_text("in the way")
     file = ThinFile(tmp_path / "logs", b"head")
-    for number in range(thin_file.MOST_WAITING + 3):
+    for number in range(thin_file.MAX_QUEUED_TICKS + 3):
         file.put(b"%d," % number)
     file.drain()
     assert file.failure.startswith("thin log: ")
@@ -209,7 +209,7 @@ def test_a_disk_that_is_away_for_days_is_waited_for(tmp_path):
     file.drain()
     assert file.failure == ""
     ((_, data),) = content(tmp_path / "logs").items()
-    assert data.count(b",") == thin_file.MOST_WAITING
+    assert data.count(b",") == thin_file.MAX_QUEUED_TICKS
     file.close()
 
 

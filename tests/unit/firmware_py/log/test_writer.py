@@ -79,7 +79,7 @@ def test_batches_go_to_the_file_that_was_opened_for_them(disk):
     writer.drain()
     assert disk.files == {"1": b"onetwo", "2": b"threefour"}
     assert disk.pruned == [5, 5]
-    assert (writer.lost, writer.failure, writer.proven) == (0, "", True)
+    assert (writer.lost, writer.failure, writer.has_written) == (0, "", True)
     writer.close()
     assert disk.open == {}
 
@@ -147,7 +147,7 @@ def test_a_file_that_cannot_be_made_is_tried_again_on_the_next_turn(disk):
     put(writer, b"ONE", b"two")
     writer.drain()
     assert (writer.lost, writer.wanted_files, writer.failure) == (2, 2, "log: Read-only file system")
-    assert not writer.proven
+    assert not writer.has_written
     disk.create_error = None
     put(writer, b"THREE")
     writer.drain()
@@ -210,10 +210,10 @@ def test_a_queue_half_full_wakes_the_thread(disk):
 
 def test_a_patient_loop_waits_for_the_first_on_the_disk_and_for_room(disk):
     """As in lockstep, where neither a log nor what is told of it may depend on how fast the disk is."""
-    writer = writer_on(disk, queue_batches=4, patient=True)
+    writer = writer_on(disk, queue_batches=4, wait_for_disk=True)
     writer.start()
     put(writer, b"ONE")
-    assert (writer.proven, disk.files) == (True, {"1": b"one"})
+    assert (writer.has_written, disk.files) == (True, {"1": b"one"})
     for _ in range(40):
         assert not writer.full()
         put(writer, b"two")
@@ -223,10 +223,10 @@ def test_a_patient_loop_waits_for_the_first_on_the_disk_and_for_room(disk):
 
 def test_a_patient_loop_goes_on_where_there_is_no_disk(disk):
     disk.create_error = OSError(errno.EROFS, "Read-only file system")
-    writer = writer_on(disk, patient=True)
+    writer = writer_on(disk, wait_for_disk=True)
     writer.start()
     put(writer, b"ONE", b"two")
-    assert (writer.proven, writer.failure) == (False, "log: Read-only file system")
+    assert (writer.has_written, writer.failure) == (False, "log: Read-only file system")
     writer.close()
 
 

@@ -75,7 +75,7 @@ def test_logs_stand_at_their_dates_with_the_gaps_between_them(tmp_path, monkeypa
     length_s = float(one.truth.time_s[-1])
     begin_s = 1.8e9
     dates = iter([begin_s, begin_s + length_s + 300.0, None] * 2)
-    monkeypatch.setattr(log_records, "utc_shift_s", lambda _data: next(dates))
+    monkeypatch.setattr(log_records, "utc_offset_s", lambda _data: next(dates))
     log = field_log.read([LOG] * 3)
     second, third = (float(log.truth.time_s[row]) for row in log.cuts)
     assert second == pytest.approx(length_s + 300.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.log.pack import pack_log
+from firmware_py.log.archive import archive_log
 
 FAIL, ERRNO, SIZE, SESSION, NO_SESSIONS, END, UNKNOWN, EXISTS, PROTECTED, NOT_FOUND = range(1, 11)
 TERMINATE, RESET, LIST, OPEN, READ, CREATE, WRITE, REMOVE, MKDIR, RMDIR = range(1, 11)
@@ -72,7 +72,7 @@ def test_a_listing_with_times_has_them(client, disk):
 
 
 def test_a_log_is_read_by_both_names_once_it_is_compressed(client, disk):
-    (packing,) = [pack_log(disk / "logs" / "00000001.BIN")]
+    (packing,) = [archive_log(disk / "logs" / "00000001.BIN")]
     next(packing)
     assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]  # what is not whole yet is not shown
     client.ask(OPEN, "logs/00000001.BIN")

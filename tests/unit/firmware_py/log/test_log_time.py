@@ -1,10 +1,10 @@
-"""Rows of the thin log are dated by the clock that their run came to have."""
+"""Rows of the thin log are corrected_utc_s by the clock that their run came to have."""
 
 import math
 
 import pytest
 
-from firmware_py.log.dating import dated
+from firmware_py.log.log_time import corrected_utc_s
 
 NOON_S = 1_798_804_800.0
 
@@ -15,7 +15,7 @@ def run(clock_s, count, first_s=60.0, span_s=60.0):
 
 
 def times(*rows):
-    return dated(*zip(*rows, strict=True))
+    return corrected_utc_s(*zip(*rows, strict=True))
 
 
 @pytest.mark.parametrize("wrong_s", [0.0, 946_684_800.0, NOON_S - 5e6, 4e9, math.nan])
@@ -40,4 +40,4 @@ def test_two_hundred_starts_at_1970_each_have_their_own_clock():
 def test_a_clock_that_nobody_sets_again_changes_nothing():
     rows = [*run(NOON_S, 3), *run(NOON_S + 1e4, 3, first_s=7.0, span_s=6.5)]
     assert times(*rows) == [utc_s for utc_s, _, _ in rows]
-    assert dated([], [], []) == []
+    assert corrected_utc_s([], [], []) == []

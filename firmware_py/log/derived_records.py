@@ -1,17 +1,13 @@
-"""What the log tells of the boat for reading along only: nothing of it is read back, a replay computes it anew.
-
-In SI units and radians, as in schema.py.
-"""
+"""Derived quantities in the log, for readers only: a replay computes them again. Units as in schema.py."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from firmware_py.common.reports import Snapshot
-from firmware_py.log.rows import Row, flag, maybe, real, whole
+from firmware_py.log.message_rows import Row, flag, maybe, real, whole
 
-# Where she goes and what the water does changes slowly: it is told once in so many ticks.
-GUIDANCE_TICKS: Final = 10
+GUIDANCE_TICKS: Final = 10  # interval of all messages but NAV and EST, which change slowly
 
 
 def _not_read() -> None:
@@ -146,16 +142,16 @@ TYPES: Final = (
 def snapshot_bytes(boat: Snapshot) -> bytes:
     """Return the messages of a snapshot."""
     t_s = boat.t_s
-    told = NAVIGATION.pack(t_s, boat)
+    data = NAVIGATION.pack(t_s, boat)
     if boat.estimate is not None:
-        told += ESTIMATE.pack(t_s, boat.estimate)
+        data += ESTIMATE.pack(t_s, boat.estimate)
     if boat.tick % GUIDANCE_TICKS:
-        return told
-    told += GUIDANCE.pack(t_s, boat)
+        return data
+    data += GUIDANCE.pack(t_s, boat)
     if boat.energy is not None:
-        told += ENERGY.pack(t_s, boat.energy)
+        data += ENERGY.pack(t_s, boat.energy)
     if boat.dead_reckoned is not None:
-        told += DEAD_RECKONING.pack(t_s, boat.dead_reckoned)
+        data += DEAD_RECKONING.pack(t_s, boat.dead_reckoned)
     if boat.power is not None:
-        told += SUPPLY.pack(t_s, boat.power)
-    return told if boat.water is None else told + WATER.pack(t_s, boat.water)
+        data += SUPPLY.pack(t_s, boat.power)
+    return data if boat.water is None else data + WATER.pack(t_s, boat.water)

@@ -9,7 +9,7 @@ import pytest
 from firmware_py.common.records import DeviceState
 from firmware_py.faults.table import Fault
 from firmware_py.log import schema
-from firmware_py.log.archivist import IDLE_TURNS, PATIENCE_TURNS
+from firmware_py.log.archive_worker import IDLE_TURNS, RETRY_TURNS
 from firmware_py.log.black_box import box_path, make_box, next_tick
 from firmware_py.log.disk import log_files
 from firmware_py.log.reader import LogReader
@@ -44,7 +44,7 @@ class Run:
             writer = self.recorder.writer
             before = writer._taken_bytes
             writer.drain()
-            self.recorder._keep_house(writer._taken_bytes - before)
+            self.recorder._do_background_work(writer._taken_bytes - before)
         return self
 
     def kill(self):
@@ -147,7 +147,7 @@ def test_a_disk_that_fails_is_told_tried_again_and_the_log_goes_on(tmp_path, pre
     assert (health.state, health.text) == (DeviceState.FAULTY, "log: not compressed: No space left on device")
     assert all(path.suffix == ".BIN" for path in log_files(tmp_path).values())
     monkeypatch.setattr(os, "pwrite", real)
-    run.turn(PATIENCE_TURNS + 60)
+    run.turn(RETRY_TURNS + 60)
     assert run.recorder.health(2.0).state is DeviceState.RUNNING
     assert {path.suffix for path in list(log_files(tmp_path).values())[:-1]} == {".gz"}
     run.recorder.close()
@@ -164,7 +164,7 @@ def test_a_disk_that_failed_once_is_not_said_to_fail_while_nothing_is_left_to_do
         broken.setattr(os, "pwrite", fail)
         run.sail(60.0, 1 << Fault.COMPASS_LOST)
     assert run.recorder.health(1.0).state is DeviceState.FAULTY
-    run.turn(PATIENCE_TURNS + 1)
+    run.turn(RETRY_TURNS + 1)
     assert run.recorder.health(2.0).state is DeviceState.RUNNING
     run.recorder.close()
 

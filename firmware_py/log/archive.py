@@ -1,7 +1,7 @@
-"""Compresses what is closed, a block a step: what stands uncompressed goes when its double is on disk and the same.
+"""Compresses closed logs block by block. A log is removed when its archive is on disk and verified.
 
-A step is a turn of a generator, so that whoever drives it gives it as little of the processor as he likes, and may
-leave it at any step: an unfinished double is gone on with, one that is whole beside its log is compared anew.
+Each function is a generator and a step is one block, so the caller limits the processor load and may stop at any step.
+The next run continues an unfinished archive and verifies a complete one again.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from firmware_py.files.packed import (
 )
 from firmware_py.log.disk import part_path
 
-SYNCED_BLOCKS: Final = 16
-COMPARED_BLOCKS: Final = 8  # in a step: reading back costs less than compressing
+BLOCKS_PER_SYNC: Final = 16
+BLOCKS_PER_COMPARE_STEP: Final = 8  # reading back costs less than compressing
 
 
 class Span(NamedTuple):
-    """A stretch of an open file."""
+    """A section of an open file."""
 
     descriptor: int
     begin: int
@@ -38,46 +38,46 @@ class Span(NamedTuple):
 
 
 class Spans:
-    """Stretches of files, read as if they were one."""
+    """Sections of files, read as one."""
 
     def __init__(self, spans: Sequence[Span]) -> None:
-        """Join them in this order."""
+        """Join the sections in this order."""
         self._spans = tuple(spans)
         self.size = sum(span.end - span.begin for span in spans)
 
     def read(self, offset: int, count: int) -> bytes:
-        """Return what stands there; OSError when there is less than there was."""
+        """Return bytes at an offset; raises OSError if a file has become shorter."""
         parts = []
         for descriptor, begin, end in self._spans:
             length = end - begin
             if offset < length and count > 0:
-                wanted = min(count, length - offset)
-                part = os.pread(descriptor, wanted, begin + offset)
-                if len(part) != wanted:
+                part_bytes = min(count, length - offset)
+                part = os.pread(descriptor, part_bytes, begin + offset)
+                if len(part) != part_bytes:
                     raise OSError(errno.EIO, "the log has become shorter")
                 parts.append(part)
-                offset, count = offset + wanted, count - wanted
+                offset, count = offset + part_bytes, count - part_bytes
             offset = max(0, offset - length) if not parts else 0
         return b"".join(parts)
 
 
-def pack_log(path: Path) -> Iterator[None]:
-    """Compress a closed log, put it in the log's place, and remove the log; OSError, and the log stands.
+def archive_log(path: Path) -> Iterator[None]:
+    """Compress a closed log and remove the original; on OSError the log stays.
 
-    A log that is removed meanwhile leaves nothing.
+    If the log is removed during compression, its archive is removed, too.
     """
     packed = packed_path(path)
     try:
         with contextlib.ExitStack() as opened:
             descriptor = _open(path, os.O_RDONLY, opened)
             source = Spans((Span(descriptor, 0, os.fstat(descriptor).st_size),))
-            if packed.exists():  # an earlier try had only the log left to remove
-                double = _open(packed, os.O_RDONLY, opened)
-                if not (yield from _is_same(double, source)):
-                    os.unlink(packed)  # noqa: PTH108 - the calls of os are what the tests let fail, one by one
+            if packed.exists():  # an earlier run was interrupted before it removed the log
+                archive = _open(packed, os.O_RDONLY, opened)
+                if not (yield from _is_same(archive, source)):
+                    os.unlink(packed)  # noqa: PTH108 - tests inject errors into calls of os
                     raise OSError(errno.EIO, f"{packed.name} differs from {path.name}")
             else:
-                yield from pack(source, packed, os.fstat(descriptor).st_mtime)
+                yield from archive_spans(source, packed, os.fstat(descriptor).st_mtime)
             os.unlink(path)  # noqa: PTH108
     except FileNotFoundError:
         part_path(packed).unlink(missing_ok=True)
@@ -85,8 +85,8 @@ def pack_log(path: Path) -> Iterator[None]:
     sync_directory(path.parent)
 
 
-def pack(source: Spans, packed: Path, modified_s: float) -> Iterator[None]:
-    """Compress what is read into a file that appears whole and on disk, or not at all; OSError."""
+def archive_spans(source: Spans, packed: Path, modified_s: float) -> Iterator[None]:
+    """Compress a source into a file that appears complete and on disk, or not at all; raises OSError."""
     if source.size > MOST_BLOCKS * BLOCK_BYTES:
         raise OSError(errno.EFBIG, "too large to be compressed")
     part = part_path(packed)
@@ -94,7 +94,7 @@ def pack(source: Spans, packed: Path, modified_s: float) -> Iterator[None]:
         target = _open(part, os.O_RDWR | os.O_CREAT, opened)
         yield from _fill(source, target)
         os.fsync(target)
-        # What is compared shall be what is on the medium, where the system can forget what it has in memory.
+        # Drop the cached pages, so that the comparison reads from the medium.
         os.posix_fadvise(target, 0, 0, os.POSIX_FADV_DONTNEED)
         if not (yield from _is_same(target, source)):
             os.ftruncate(target, 0)
@@ -106,7 +106,7 @@ def pack(source: Spans, packed: Path, modified_s: float) -> Iterator[None]:
 
 
 def _fill(source: Spans, target: int) -> Iterator[None]:
-    """Write all members and the index behind those that an earlier try has left."""
+    """Append all members that are missing, then the index."""
     members = whole_members(target)[: source.size // BLOCK_BYTES]
     end = sum(members)
     os.ftruncate(target, end)
@@ -115,29 +115,29 @@ def _fill(source: Spans, target: int) -> Iterator[None]:
         _write(target, member, end)
         members.append(len(member))
         end += len(member)
-        if len(members) % SYNCED_BLOCKS == 0:
-            os.fdatasync(target)  # little by little: so much at once would keep the log waiting
+        if len(members) % BLOCKS_PER_SYNC == 0:
+            os.fdatasync(target)  # in small amounts: a large one would delay the log
         yield
     _write(target, pack_index(source.size, members), end)
 
 
 def _is_same(descriptor: int, source: Spans) -> Generator[None, None, bool]:
-    """Compare what a double holds with what it was made of, a few blocks a step; the return value says if it is so."""
+    """Return whether an archive holds the same bytes as its source; compares a few blocks per step."""
     try:
-        double = PackedFile(os.dup(descriptor))
+        archive = PackedFile(os.dup(descriptor))
     except OSError:
         return False
-    with contextlib.closing(double):
-        if double.size != source.size:
+    with contextlib.closing(archive):
+        if archive.size != source.size:
             return False
         for number, offset in enumerate(range(0, source.size, BLOCK_BYTES)):
             expected = source.read(offset, BLOCK_BYTES)
             try:
-                if double.read(offset, BLOCK_BYTES) != expected:
+                if archive.read(offset, BLOCK_BYTES) != expected:
                     return False
             except OSError:
                 return False
-            if number % COMPARED_BLOCKS == 0:
+            if number % BLOCKS_PER_COMPARE_STEP == 0:
                 yield
     return True
 

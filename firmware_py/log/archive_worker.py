@@ -1,7 +1,7 @@
-"""Keeps months: compresses closed logs and cuts out black boxes, a small step at a time, on the writer's thread.
+"""Compresses closed logs and cuts out black boxes in small steps on the writer's thread.
 
-How much is done follows what is written: a block a turn, and twice what has come since. So a closed log of 64 MB is
-compressed in a quarter of an hour for a quarter of a percent of a processor, and no rate of logging outruns it.
+The work per turn follows the rate of logging: one block, and twice the bytes written since the last turn. A closed log
+of 64 MB is compressed in 15 min with 0.25 % of a processor, and no rate of logging is faster than that.
 """
 
 from __future__ import annotations
@@ -13,66 +13,66 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.files.packed import BLOCK_BYTES
-from firmware_py.log.black_box import AFTER_S, begins_a_run, make_box
+from firmware_py.log.archive import archive_log
+from firmware_py.log.black_box import AFTER_S, is_first_of_run, make_box
 from firmware_py.log.disk import THIN, log_files
-from firmware_py.log.pack import pack_log
 
-SPACING_S: Final = 600.0  # between the boxes of severe faults, each of which holds half of that
-WRITTEN_S: Final = 2.0  # after which a tick that was logged is on disk
-IDLE_TURNS: Final = 20  # with nothing to do; a turn is a second
-PATIENCE_TURNS: Final = 60  # after a failure: a disk that is full or ill is not asked each second
+MIN_BOX_INTERVAL_S: Final = 600.0  # between the boxes of severe faults; a box covers about half of it
+WRITE_DELAY_S: Final = 2.0  # a logged tick is on disk after this time
+IDLE_TURNS: Final = 20  # pause when there is nothing to do; a turn is a second
+RETRY_TURNS: Final = 60  # pause after a failure: the disk may be full or broken
 
 Job = Iterator[None]
 
 
-class Archivist:
-    """Works in small steps at logs that are closed; what fails is tried again later, and `failure` says why."""
+class ArchiveWorker:
+    """Archives closed logs in small steps. A failed step is repeated later; `failure` holds the reason."""
 
     def __init__(self, directory: Path) -> None:
-        """Work in a directory of logs, whose newest is being written."""
+        """Archive the logs of a directory, except the newest one, which is being written."""
         self._directory = directory
-        self._severe_s: deque[float] = deque(maxlen=4)  # boxes that are due; appended to by the loop's thread
+        self._severe_s: deque[float] = deque(maxlen=4)  # times of pending boxes; the loop's thread appends
         self._next_box_s = -float("inf")
         self._now_s = 0.0
         self._box: Job | None = None
-        self._packing: Job | None = None
-        self._log: Path | None = None  # that the job at hand is about
+        self._archiving: Job | None = None
+        self._log: Path | None = None  # the log of the current job
         self._failures: Counter[Path] = Counter()
-        self._resting = 0
+        self._pause_turns = 0
         self.failure = ""
 
     # ------------------------------------------------------------- the loop's side
 
     def note_tick(self, t_s: float, *, severe: bool) -> None:
-        """Take the time of a tick that is being logged; the minutes around a `severe` one are kept."""
+        """Record the time of a logged tick; a `severe` one requests a black box."""
         self._now_s = t_s
         if severe and t_s >= self._next_box_s:
-            self._next_box_s = t_s + SPACING_S
+            self._next_box_s = t_s + MIN_BOX_INTERVAL_S
             self._severe_s.append(t_s)
 
     # ----------------------------------------------------------- the writer's side
 
     def work(self, written_bytes: int) -> None:
-        """Do as many steps as what has been written since the last call asks for; an error is kept as text."""
-        if self._resting:
-            self._resting -= 1
+        """Do a number of steps that follows the bytes written since the last call; store an error as text."""
+        if self._pause_turns:
+            self._pause_turns -= 1
             return
         try:
             for _ in range(1 + 2 * written_bytes // BLOCK_BYTES):
                 if not self._step():
-                    self._resting = IDLE_TURNS
+                    self._pause_turns = IDLE_TURNS
                     return
-        except Exception as error:  # noqa: BLE001 - whatever it is, the log goes on being written
+        except Exception as error:  # noqa: BLE001 - logging continues after any error
             if self._log is not None:
                 self._failures[self._log] += 1
-            self._box = self._packing = None
-            self._resting = PATIENCE_TURNS
+            self._box = self._archiving = None
+            self._pause_turns = RETRY_TURNS
             text = (error.strerror if isinstance(error, OSError) else "") or str(error) or type(error).__name__
             self.failure = f"log: not compressed: {text}"
 
     def _step(self) -> bool:
         """Do a step of the most urgent job; False when there is none."""
-        if self._box is None and self._severe_s and self._now_s >= self._severe_s[0] + AFTER_S + WRITTEN_S:
+        if self._box is None and self._severe_s and self._now_s >= self._severe_s[0] + AFTER_S + WRITE_DELAY_S:
             event_s = self._severe_s.popleft()
             logs = self._logs()
             self._box = make_box(logs[-1], f"{event_s:.0f}", event_s) if logs else None
@@ -80,17 +80,17 @@ class Archivist:
             if next(self._box, self) is self:
                 self._box = None
             return True
-        if self._packing is None:
-            self._packing = self._next_job()
-        if self._packing is None:
-            self.failure = ""  # what was to be done has been done since, or has gone
+        if self._archiving is None:
+            self._archiving = self._next_job()
+        if self._archiving is None:
+            self.failure = ""  # the failed job was done in the meantime, or its log was removed
             return False
-        if next(self._packing, self) is self:
-            self._packing, self.failure = None, ""
+        if next(self._archiving, self) is self:
+            self._archiving, self.failure = None, ""
         return True
 
     def _next_job(self) -> Job | None:
-        """Return what is to be done for the oldest closed log that has failed least often, None without one."""
+        """Return the job of the oldest closed log with the fewest failures, None if all are archived."""
         closed = [pair for logs in (self._logs(), self._logs(THIN)) for pair in pairwise(logs)]
         plain = [(path, after) for path, after in closed if path.suffix == ".BIN"]
         if not plain:
@@ -99,10 +99,10 @@ class Archivist:
         return self._close(self._log, after)
 
     def _close(self, log: Path, after: Path) -> Job:
-        """Keep the last minutes of a log at whose end the program ended, then compress it."""
-        if log.parent == self._directory and begins_a_run(after):
+        """Cut out the last minutes if the program ended at the end of this log, then compress it."""
+        if log.parent == self._directory and is_first_of_run(after):
             yield from make_box(log, "end")
-        yield from pack_log(log)
+        yield from archive_log(log)
 
     def _logs(self, kind: str = "") -> list[Path]:
         directory = self._directory / kind

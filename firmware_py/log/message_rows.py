@@ -1,11 +1,11 @@
-"""How a record becomes a message and a message a record, by a table of columns.
+"""Conversion between records and log messages by tables of columns.
 
-An absent number is stored as NaN (no driver lets a NaN in), an absent flag as -1. A text
-follows the columns in pieces of 64 bytes, one message each.
+An absent number is stored as NaN (drivers reject NaN), an absent flag as -1. A text follows the columns in pieces
+of 64 bytes, one message each.
 
-A log outlives the version that wrote it, so columns are file_format by label. One that the file lacks,
-or whose value is not known here, leaves the field at its default; where the field has none, the
-records are left out. Columns not known here are passed over. What was lacking or left out is noted.
+Columns are found by label, so that logs of other versions are readable. If a column is missing or its value is
+unknown, the field takes its default; if it has no default, the record is left out. Unknown columns are ignored. Missing
+columns and left-out records are noted.
 """
 
 from __future__ import annotations
@@ -23,44 +23,44 @@ from firmware_py.log.dataflash import TEXT_BYTES, Buffer, Format, MessageType
 
 
 class Column(msgspec.Struct, frozen=True):
-    """One value: label, value, unit and multiplier characters, the field it holds, and how it is read."""
+    """One value: label, value, unit and multiplier characters, the field of the record, and its conversion."""
 
     label: str
     value: str
     unit: str
     multiplier: str
-    field: str  # dotted, as seen from the record
-    absent: float | None = None  # what stands for None, where None may be
-    read: Callable[[Any], Any] | None = None  # from the stored value, where that is not the value itself
+    field: str  # a dotted path from the record
+    absent: float | None = None  # the stored value for None, if None is allowed
+    read: Callable[[Any], Any] | None = None  # converts the stored value
 
 
 def real(label: str, unit: str, field: str) -> Column:
-    """A number that is always there."""
+    """Return the column of a number that is always present."""
     return Column(label, "d", unit, "0", field)
 
 
 def maybe(label: str, unit: str, field: str, read: Callable[[Any], Any] | None = None) -> Column:
-    """A number that may be absent."""
+    """Return the column of a number that may be absent."""
     return Column(label, "d", unit, "0", field, math.nan, read)
 
 
 def whole(label: str, value: str, field: str, unit: str = "-") -> Column:
-    """A whole number of the given value character."""
+    """Return the column of an integer with this value character."""
     return Column(label, value, unit, "-", field)
 
 
 def flag(label: str, field: str) -> Column:
-    """True or false."""
+    """Return the column of a boolean."""
     return Column(label, "B", "-", "-", field, None, bool)
 
 
 def maybe_flag(label: str, field: str) -> Column:
-    """True, false or absent."""
+    """Return the column of a boolean that may be absent."""
     return Column(label, "b", "-", "-", field, -1, lambda stored: None if stored < 0 else bool(stored))
 
 
 def choice(label: str, field: str, kind: type[IntEnum], unit: str = "-") -> Column:
-    """A member of an enumeration."""
+    """Return the column of a member of an enumeration."""
     return Column(label, "B", unit, "-", field, None, kind)
 
 
@@ -70,17 +70,16 @@ MAX_MICROSECONDS: Final = 1e18
 
 
 def microseconds(t_s: float) -> int:
-    """Return the time as the tools want it; the exact time is a column of its own."""
+    """Return the time in microseconds for TimeUS; the exact time has its own column."""
     time_us = t_s * 1e6
     return int(time_us) if 0.0 <= time_us < MAX_MICROSECONDS else 0
 
 
 class Row:
-    """One message: columns taken from a record, perhaps with a text behind them.
+    """One message type: columns of a record, optionally followed by a text.
 
-    `make` rebuilds the record from keyword arguments: a Struct gets those columns that
-    are fields of it, anything else gets none; the text comes as `text`. `noted`: it returns
-    the record and notes.
+    `make` rebuilds the record from keyword arguments: those columns that are fields of it if it is a Struct, otherwise
+    none; the text is the argument `text`. `noted`: `make` returns the record and notes.
     """
 
     def __init__(
@@ -93,7 +92,7 @@ class Row:
         text: bool = False,
         noted: bool = False,
     ) -> None:
-        """Describe a message of two columns or more."""
+        """Describe a message of at least two columns."""
         stored = (TIME, *columns, *(TEXT if text else ()))
         labels = ",".join(column.label for column in stored)
         values, units, multipliers = (
@@ -105,18 +104,18 @@ class Row:
         kind: Any = make
         fields = {field.name: field for field in msgspec.structs.fields(kind)} if isinstance(kind, type) else {}
         self.noted = noted
-        self.kept = tuple((name, column) for column in columns if (name := column.field.rpartition(".")[2]) in fields)
+        self.fields = tuple((name, column) for column in columns if (name := column.field.rpartition(".")[2]) in fields)
         self.defaulted = {name for name, field in fields.items() if field.default is not msgspec.NODEFAULT}
         self._values = attrgetter(*(column.field for column in columns))
-        # Which may be None, and what stands for it: to look for None among numbers costs twice as much.
+        # Only these columns are checked for None: checking all costs twice as much.
         self._absent = tuple((at, column.absent) for at, column in enumerate(columns) if column.absent is not None)
 
     def pack(self, t_s: float, record: object) -> bytes:
-        """Return the message of a record; struct.error for a value that does not fit."""
+        """Return the message of a record; raises struct.error for a value that does not fit."""
         return self.type.pack(microseconds(t_s), *self._columns(record))
 
     def pack_text(self, t_s: float, record: object, text: str) -> bytes:
-        """Return the messages of a record and a text; struct.error for one above 4 MB."""
+        """Return the messages of a record and a text; raises struct.error for a text above 4 MB."""
         data = text.encode("utf-8", "surrogatepass")
         pieces = [data[start : start + TEXT_BYTES] for start in range(0, len(data), TEXT_BYTES)] or [b""]
         lead, pack = (microseconds(t_s), *self._columns(record)), self.type.pack
@@ -132,68 +131,67 @@ class Row:
         return values
 
 
-# Value characters that hold the same sort of value, more or less of it.
-_SORTS: Final = ("bBhHiIqQM", "fd", "Z")
+_CONVERTIBLE: Final = ("bBhHiIqQM", "fd", "Z")  # value characters of the same kind and different size
 
 
-def _alike(one: str, other: str) -> bool:
-    return any(one in sort and other in sort for sort in _SORTS)
+def _is_convertible(one: str, other: str) -> bool:
+    return any(one in kind and other in kind for kind in _CONVERTIBLE)
 
 
 class RowReader:
-    """Makes records of the messages of one row in one file; `lacking` names the columns without which it makes none."""
+    """Builds records from the messages of one row in one file, none if there are `missing` columns."""
 
-    __slots__ = ("_columns", "_defaulted", "_make", "_noted", "_pieces", "_spot", "_text", "_unpack", "lacking")
+    __slots__ = ("_columns", "_defaulted", "_make", "_noted", "_pieces", "_spot", "_text", "_unpack", "missing")
 
     def __init__(self, row: Row, file_format: Format, notes: dict[str, None]) -> None:
-        """Find the columns of the row among those of the file by label; what is lacking is noted in `notes`."""
+        """Find the columns of the row in the file by label; add missing ones to `notes`."""
         self._spot = Spot(f"message {file_format.name}", notes)
         self._make, self._noted, self._defaulted = row.make, row.noted, row.defaulted
         self._unpack = file_format.unpack
         self._pieces: list[bytes] = []
-        lacking = []
+        missing = []
         self._columns: list[tuple[str, Column, int]] = []
-        for name, column in row.kept:
-            place = _position_of(column, file_format, self._spot)
-            if place is not None:
-                self._columns.append((name, column, place))
+        for name, column in row.fields:
+            index = _index_of(column, file_format, self._spot)
+            if index is not None:
+                self._columns.append((name, column, index))
             elif name in self._defaulted:
                 self._spot.note(f"column {column.label} is missing, its default is taken")
             else:
-                lacking.append(column.label)
-        places = {column.label: _position_of(column, file_format, self._spot) for column in TEXT if row.text}
-        lacking += [label for label, place in places.items() if place is None]
-        self._text = [place for place in places.values() if place is not None]
-        self.lacking = tuple(lacking)
-        if lacking:
-            self._spot.note(f"column {', '.join(lacking)} is missing, its records are left out")
+                missing.append(column.label)
+        indices = {column.label: _index_of(column, file_format, self._spot) for column in TEXT if row.text}
+        missing += [label for label, index in indices.items() if index is None]
+        self._text = [index for index in indices.values() if index is not None]
+        self.missing = tuple(missing)
+        if missing:
+            self._spot.note(f"column {', '.join(missing)} is missing, its records are left out")
 
     def read(self, buffer: Buffer, at: int) -> Any:
-        """Return the record at an offset; None while its text goes on, and when it is left out.
+        """Return the record at an offset; None if its text continues or it is left out.
 
-        ValueError when a part of a text is missing.
+        Raises ValueError if a part of a text is missing.
         """
-        if self.lacking:
+        if self.missing:
             return None
         values = self._unpack(buffer, at)
         fields: dict[str, Any] = {}
         if self._text:
-            text = self._joined(*(values[place] for place in self._text))
+            text = self._joined(*(values[index] for index in self._text))
             if text is None:
                 return None
             fields["text"] = text
-        for name, column, place in self._columns:
-            value = values[place]
+        for name, column, index in self._columns:
+            value = values[index]
             if column.absent is not None and value != value:  # noqa: PLR0124 -- only NaN differs from itself
                 value = None
             elif column.read is not None:
                 try:
                     value = column.read(value)
                 except (OverflowError, ValueError):
-                    kept = name in self._defaulted
-                    what = "its default is taken" if kept else "the record is left out"
+                    has_default = name in self._defaulted
+                    what = "its default is taken" if has_default else "the record is left out"
                     self._spot.note(f"{column.label} {value!r} is not known here, {what}")
-                    if kept:
+                    if has_default:
                         continue
                     return None
             fields[name] = value
@@ -225,12 +223,12 @@ class RowReader:
         return text
 
 
-def _position_of(column: Column, file_format: Format, spot: Spot) -> int | None:
-    """Return where a column of this label stands in the file, None without one of its sort."""
+def _index_of(column: Column, file_format: Format, spot: Spot) -> int | None:
+    """Return the index of a column in the file, None without one of this label and kind."""
     if column.label not in file_format.labels:
         return None
-    place = file_format.labels.index(column.label)
-    value = file_format.values[place]
+    index = file_format.labels.index(column.label)
+    value = file_format.values[index]
     if value != column.value:
         spot.note(f"column {column.label} is stored as {value!r}, here as {column.value!r}")
-    return place if _alike(value, column.value) else None
+    return index if _is_convertible(value, column.value) else None

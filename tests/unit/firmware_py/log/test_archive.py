@@ -10,8 +10,8 @@ import tracemalloc
 import pytest
 
 from firmware_py.files.packed import BLOCK_BYTES, open_log, packed_path
+from firmware_py.log.archive import Span, Spans, archive_log
 from firmware_py.log.disk import log_files, part_path
-from firmware_py.log.pack import Span, Spans, pack_log
 from support.faulty_disk import CALLS, CUTS, KINDS, FaultyDisk
 
 CONTENT = b"".join(b"heading %d, " % (number * number) for number in range(12_000))  # three blocks and a bit
@@ -47,12 +47,12 @@ def finish(path):
     for _ in range(3):
         if not path.exists() or path.suffix != ".BIN":
             return
-        for _ in pack_log(path):
+        for _ in archive_log(path):
             pass
 
 
 def test_a_log_is_replaced_by_one_that_gzip_reads(log):
-    for _ in pack_log(log):
+    for _ in archive_log(log):
         assert content_of(log.parent) == CONTENT  # at every step
     assert names(log.parent) == ["00000001.BIN.gz"]
     assert gzip.decompress(packed_path(log).read_bytes()) == CONTENT
@@ -79,7 +79,7 @@ def test_an_empty_log_is_no_exception(log):
 
 @pytest.mark.parametrize("steps", range(6))
 def test_it_goes_on_where_it_was_killed(log, steps):
-    job = pack_log(log)
+    job = archive_log(log)
     for _ in range(steps):
         next(job)
     job.close()  # the descriptors; the files are as a kill leaves them
@@ -103,7 +103,7 @@ def test_it_goes_on_where_it_was_killed(log, steps):
 def test_a_part_that_is_of_another_log_is_not_believed(log):
     other = CONTENT[::-1]
     log.write_bytes(other)
-    job = pack_log(log)
+    job = archive_log(log)
     next(job), next(job)
     job.close()
     log.write_bytes(CONTENT)
@@ -134,7 +134,7 @@ def test_a_double_that_differs_goes_and_not_the_log(log):
 def test_a_log_that_is_erased_meanwhile_does_not_come_back(log):
     for steps in range(8):
         log.write_bytes(CONTENT)
-        job = pack_log(log)
+        job = archive_log(log)
         for _ in zip(range(steps), job, strict=False):
             pass
         log.unlink(missing_ok=True)
@@ -160,7 +160,7 @@ def test_a_disk_that_is_full_leaves_the_log(log, monkeypatch):
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_call_may_fail_and_nothing_is_lost(tmp_path, kind, monkeypatch):
     """Each call of the system in turn, once; the disk as it is then, and as a power cut leaves it."""
-    for room in ("files.packed", "log.pack"):
+    for room in ("files.packed", "log.archive"):
         monkeypatch.setattr(f"firmware_py.{room}.BLOCK_BYTES", 4096)
     number, failed = 0, set()
     while True:

@@ -5,7 +5,7 @@ import pytest
 
 from firmware_py.common.records import FixType
 from firmware_py.log.dataflash import Format, MessageType
-from firmware_py.log.rows import Row, RowReader, choice, flag, maybe, maybe_flag, microseconds, real, whole
+from firmware_py.log.message_rows import Row, RowReader, choice, flag, maybe, maybe_flag, microseconds, real, whole
 
 
 class Thing(msgspec.Struct, frozen=True):
@@ -110,7 +110,7 @@ def test_columns_are_found_by_label():
 def test_a_missing_column_without_a_default_leaves_the_records_out():
     kind, said = MessageType(200, "PLN", "S,D,N,On,Kn", "dddBb", "-----", "-----"), {}
     reader = RowReader(PLAIN, described(kind), said)
-    assert reader.lacking == ("Fix",)
+    assert reader.missing == ("Fix",)
     assert reader.read(kind.pack(0.5, 1.0, 2.0, 1, 1), 0) is None
     assert list(said) == ["message PLN: column Fix is missing, its records are left out"]
 
@@ -129,12 +129,12 @@ def test_a_column_of_another_size_is_read_and_one_of_another_sort_is_not():
     assert reader.read(kind.pack(0.5, 1.0, 2.0, 1, 1, 2), 0) == Thing(0.5, 1.0, 2, True, True, FixType.FIX_2D)
     assert "message PLN: column Fix is stored as 'H', here as 'B'" in said
     kind = MessageType(200, "PLN", "S,D,N,On,Kn,Fix", "qddBbB", "------", "------")
-    assert RowReader(PLAIN, described(kind), {}).lacking == ("S",)
+    assert RowReader(PLAIN, described(kind), {}).missing == ("S",)
 
 
 def test_only_fields_of_the_record_are_read_back():
     row = Row(200, "PLN", (whole("X", "Q", "on"), whole("Y", "Q", "nowhere.else_m")), Thing)
-    assert [name for name, _ in row.kept] == ["on"]
+    assert [name for name, _ in row.fields] == ["on"]
 
 
 @pytest.mark.parametrize(("t_s", "time_us"), [(0.0, 0), (1.5, 1_500_000), (-1.0, 0), (math.nan, 0), (1e300, 0)])

@@ -1,0 +1,44 @@
+"""Calendar time of logs whose process started before the computer's clock was set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from firmware_py.common.calendar import LAST_UTC_S, is_possible
+from firmware_py.log.dataflash import Buffer, Parser
+
+_SLACK_S = 1.0
+_FIRST_UTC_S = 1.0e9  # 2001: an earlier time is not from a receiver
+
+
+def utc_offset_s(buffer: Buffer) -> float | None:
+    """Return UTC minus process time from the first dated fix of a log; None without one."""
+    for found, at in Parser(buffer):
+        if found.name == "FIX":
+            fix = dict(zip(found.labels, found.unpack(buffer, at), strict=True))
+            utc_s, t_s = fix.get("Utc"), fix.get("T")
+            if not (isinstance(utc_s, float) and isinstance(t_s, float)):  # another version, or damaged
+                continue
+            if _FIRST_UTC_S < utc_s < LAST_UTC_S and math.isfinite(t_s):
+                return utc_s - t_s
+    return None
+
+
+def corrected_utc_s(utc_s: Sequence[float], t_s: Sequence[float], span_s: Sequence[float]) -> list[float]:
+    """Return the UTC of rows, with the clock offset of the last row of each run applied to the whole run.
+
+    `utc_s` is the calendar clock, `t_s` the time since the start of the run and `span_s` the duration of each row, in
+    the order of writing. Within a run, `t_s` is continuous, whereas the calendar clock may start at 1970 or at another
+    wrong date and is set minutes later. Rows of a run without a possible time stay as they are.
+    """
+    corrected_s = [float(value) for value in utc_s]
+    offset_s: float | None = None
+    for index in reversed(range(len(corrected_s))):
+        if offset_s is None and is_possible(corrected_s[index]):
+            offset_s = corrected_s[index] - t_s[index]
+        if offset_s is not None:
+            corrected_s[index] = offset_s + t_s[index]
+        if index and t_s[index] - span_s[index] < t_s[index - 1] - _SLACK_S:  # a new run, which starts at 0
+            offset_s = None
+    return corrected_s
