@@ -1,4 +1,4 @@
-"""A zigzag or circles by rudder alone, over MAVLink: python sea_trial.py zigzag|circle [URL]; arm her before."""
+"""Steer a zigzag or circles by rudder alone, over MAVLink: python sea_trial.py zigzag|circle [URL]. Arm first."""
 
 import math
 import sys
@@ -12,42 +12,42 @@ CIRCLES = 2  # to either side
 
 
 def zigzag(headings: Iterator[float]) -> Iterator[int]:
-    """Put the rudder over whenever she has turned 20 deg from where she began, to the other side."""
-    began_rad, side = next(headings), 1
+    """Yield the side of the rudder; it changes when the boat has turned by 20 deg from its first heading."""
+    start_rad, side = next(headings), 1
     yield side
     for _ in range(SWINGS):
-        while side * math.remainder(next(headings) - began_rad, math.tau) < ZIGZAG_RAD:
+        while side * math.remainder(next(headings) - start_rad, math.tau) < ZIGZAG_RAD:
             yield side
         side = -side
 
 
 def circle(headings: Iterator[float]) -> Iterator[int]:
-    """Turn twice to starboard, then twice to port."""
+    """Yield the side of the rudder: two circles to starboard, then two to port."""
     for side in (1, -1):
-        turned_rad, before_rad = 0.0, next(headings)
+        turned_rad, previous_rad = 0.0, next(headings)
         while side * turned_rad < CIRCLES * math.tau:
             yield side
-            now_rad = next(headings)
-            turned_rad += math.remainder(now_rad - before_rad, math.tau)
-            before_rad = now_rad
+            heading_rad = next(headings)
+            turned_rad += math.remainder(heading_rad - previous_rad, math.tau)
+            previous_rad = heading_rad
 
 
-def heard(boat: mavutil.mavfile) -> Iterator[float]:
-    """Yield her headings as they come, as long as she is armed and heard; else end with what is the matter."""
+def headings_of(boat: mavutil.mavfile) -> Iterator[float]:
+    """Yield the heading of each ATTITUDE message while the boat is armed; else exit with the reason."""
     while boat.motors_armed():
         attitude = boat.recv_match(type="ATTITUDE", blocking=True, timeout=10)
         if attitude is None:
-            sys.exit("no heading has come for 10 s")
+            sys.exit("no heading for 10 s: check the link, then start again")
         yield attitude.yaw
-    sys.exit("she is not armed: arm her and begin anew")
+    sys.exit("the boat is not armed: arm it, then start again")
 
 
-def main(what: str, url: str = "udpin:0.0.0.0:14550") -> None:
-    """Steer by stick in MANUAL, then let her keep the heading that she has."""
+def main(manoeuvre: str, url: str = "udpin:0.0.0.0:14550") -> None:
+    """Steer by the stick in MANUAL, then hold the heading."""
     boat = mavutil.mavlink_connection(url)
     boat.wait_heartbeat()
     boat.set_mode("MANUAL")
-    for side in {"zigzag": zigzag, "circle": circle}[what](heard(boat)):
+    for side in {"zigzag": zigzag, "circle": circle}[manoeuvre](headings_of(boat)):
         boat.mav.manual_control_send(boat.target_system, 0, side * STICK, 0, 0, 0)
     boat.set_mode("STEERING")
 

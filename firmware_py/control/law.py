@@ -65,7 +65,7 @@ REDUCED_BIAS_S: Final = 25.0  # time constant of the followed rudder bias per 1 
 
 
 class LawConstants(NamedTuple):
-    """Constants of the law that `rambler-hil tune --law` searches (docs/explanation/capabilities.md describes the run).
+    """Constants of the law that `rambler-hil tune --law` searches (docs/decisions/0014 has the search).
 
     `stiffness` is the proportional gain for a w of 1 rad/sqrt(s) where T / K is 1 s^2, `crossover_rad_s` the upper
     bound of K k. The deadband, as an angle of heading error, is `rest_rad` + `band_sqrt_s` * w.

@@ -115,7 +115,7 @@ TABLE: tuple[Scenario, ...] = (
             "compass=1:4:-3:1.5:0.5:3:1,kt=0.8:1.3,delay=0.5"
         ),
     ),
-    # Seas with what was recorded on a vessel of 5 m (docs/explanation/physics.md, "The sea as recorded").
+    # Seas with what was recorded on a vessel of 5 m (docs/explanation/physics.md, "Recorded seas").
     Scenario(
         "fjord",
         "as recorded in sheltered water: little diffusion of the heading, a changing rudder bias",

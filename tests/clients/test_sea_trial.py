@@ -32,4 +32,4 @@ def test_a_boat_that_is_not_armed_is_told_instead_of_waited_for(boot, start, fre
     boot("boat", f"udpout:127.0.0.1:{port}")
     program = trial(start, "circle", port)
     assert program.exit_code(60.0) == 1
-    assert "she is not armed" in program.text()
+    assert "the boat is not armed" in program.text()

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 import urllib.request
@@ -36,7 +37,7 @@ pytestmark = [pytest.mark.proof, pytest.mark.timeout(1800), pytest.mark.skipif(b
 def steps():
     """The blocks of the handbook that are its script, in their order."""
     page = (ROOT / "docs/how-to/installation.md").read_text()
-    return re.findall(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    return [textwrap.dedent(block) for block in re.findall(r"^ *```sh\n(.*?)^ *```$", page, re.MULTILINE | re.DOTALL)]
 
 
 @pytest.fixture
