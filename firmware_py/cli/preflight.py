@@ -28,7 +28,8 @@ from firmware_py.link.security.access import Gate, invites_anybody
 from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.link.security.signing import Signing
 from firmware_py.link.wire.open_transport import NMEA, open_transport
-from firmware_py.link.wire.transport import LinkError, MessageTransport, Satellite
+from firmware_py.link.wire.transport import MessageTransport, Satellite
+from firmware_py.link.wire.urls import LinkError
 from firmware_py.log.disk import log_files
 from firmware_py.system.clock import machine_s
 from firmware_py.system.realtime import clock_is_synchronised

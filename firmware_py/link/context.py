@@ -21,7 +21,8 @@ from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.identity import COMPONENT, Version
 from firmware_py.link.telemetry.statustext import text_messages
-from firmware_py.link.wire.dialect import Codec, Message, mavlink, text_of
+from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.frames import Codec
 from firmware_py.link.wire.outbox import Priority
 
 _IN_FIRST_VERSION = "You speak MAVLink 1: fence, rally points and signing need MAVLink 2"

@@ -10,13 +10,10 @@ from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.ways import Way
-from firmware_py.link.wire.bulk import BulkShare
-from firmware_py.link.wire.first_version import VersionHeard
-from firmware_py.link.wire.framing import Frame, Splitter
-from firmware_py.link.wire.outbox import Outbox, Priority, Sealer
-from firmware_py.link.wire.radio_pace import RadioPace
+from firmware_py.link.wire.frames import Frame, Splitter, VersionHeard
+from firmware_py.link.wire.outbox import BulkShare, Outbox, Priority, RadioPace, Sealer
 from firmware_py.link.wire.transport import Address, Transport, usual_class
-from firmware_py.link.wire.url_options import LinkClass
+from firmware_py.link.wire.urls import LinkClass
 
 # What goes to who may not be where he says he is, in bytes for each that came from there: whoever forges an address
 # draws less than ten times of what he spends.

@@ -12,7 +12,7 @@ from firmware_py.link.peer import Peer
 from firmware_py.link.security.access import Admitted, Gate, Standing
 from firmware_py.link.security.places import QUIET_S, Guest, who_leaves, who_waits_no_more
 from firmware_py.link.ways import Ways
-from firmware_py.link.wire.framing import Frame, Splitter
+from firmware_py.link.wire.frames import Frame, Splitter
 from firmware_py.link.wire.outbox import Sealer
 from firmware_py.link.wire.transport import Address, Satellite, Transport, usual_class
 

@@ -19,8 +19,8 @@ from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.peer import Peer
 from firmware_py.link.security.access import Admitted, Standing
-from firmware_py.link.wire.dialect import Packed, mavlink
-from firmware_py.link.wire.framing import Frame
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.frames import Frame, Packed
 from firmware_py.link.wire.outbox import Priority
 
 ROUTES = 64  # of the network's components, those heard last

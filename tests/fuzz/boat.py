@@ -30,8 +30,9 @@ from firmware_py.link import context
 from firmware_py.link.endpoint import NO_STORAGE, Endpoint
 from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.dialect import checksum, mavlink
-from firmware_py.link.wire.url_options import PLAIN, LinkOptions, Policy, parse_options
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.frames import checksum
+from firmware_py.link.wire.urls import PLAIN, LinkOptions, Policy, parse_options
 from firmware_py.plans.validation import problem_of
 from fuzz.target import MOST_RECORDS, check_finite, check_line
 from support.link import MemoryTransport, MemoryVault

@@ -44,7 +44,7 @@ from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.telemetry.streams import FASTEST_S, SLOWEST_S
 from firmware_py.link.telemetry.table import TABLE
-from firmware_py.link.wire.url_options import PLAIN
+from firmware_py.link.wire.urls import PLAIN
 from firmware_py.plans.validation import problem_of
 from support.link import DecidesTogether
 

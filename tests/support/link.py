@@ -12,7 +12,7 @@ from firmware_py.common.reports import Output, Snapshot
 from firmware_py.core.compass_swing import CompassSwing
 from firmware_py.link.endpoint import NO_STORAGE, Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.url_options import PLAIN
+from firmware_py.link.wire.urls import PLAIN
 
 SNAPSHOT = Snapshot(
     t_s=12.5,

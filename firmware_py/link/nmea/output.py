@@ -11,7 +11,8 @@ from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.reading_notes import shown
 from firmware_py.link.nmea.sentences import LONGEST, TABLE, Scene, sentences
 from firmware_py.link.wire.open_transport import NMEA, open_transport
-from firmware_py.link.wire.transport import LinkError, Transport
+from firmware_py.link.wire.transport import Transport
+from firmware_py.link.wire.urls import LinkError
 
 _KINDS = {"udpout": "udpout", "udp": "udpout", "tcpin": "tcpin", "tcpout": "tcpout", "serial": "serial"}
 _FORMS = "nmea:udpout:HOST:PORT, nmea:tcpin:HOST:PORT, nmea:tcpout:HOST:PORT or nmea:serial:PATH:BAUD"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from firmware_py.link.satellite.budget import Kind
-from firmware_py.link.wire.dialect import checksum, mavlink
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.frames import checksum
 
 HEAD_BYTES = TEXT_PLACE = 10
 HIGH_LATENCY2, STATUSTEXT, COMMAND_ACK = 235, 253, 77

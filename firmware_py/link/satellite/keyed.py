@@ -19,7 +19,8 @@ from hmac import compare_digest
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.link.wire.dialect import checksum, mavlink
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.frames import checksum
 
 MARK = 0xB5
 CODE_BYTES = 8

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from firmware_py.link.security.signing import SIGNED_FLAG, Signing
 from firmware_py.link.wire.dialect import Message
-from firmware_py.link.wire.framing import Frame
+from firmware_py.link.wire.frames import Frame
 from firmware_py.link.wire.transport import Transport
-from firmware_py.link.wire.url_options import LinkClass, LinkOptions, Policy
+from firmware_py.link.wire.urls import LinkClass, LinkOptions, Policy
 
 _MAVLINK2 = 0xFD
 SETUP_SIGNING = 256

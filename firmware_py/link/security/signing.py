@@ -26,7 +26,7 @@ from firmware_py.link.security.key_record import (
     find_key,
     to_text,
 )
-from firmware_py.link.wire.dialect import Packed, checksum
+from firmware_py.link.wire.frames import Packed, checksum
 
 SIGNATURE_BYTES = 13  # link, timestamp, signature
 SIGNED_FLAG = 0x01  # of the incompatibility flags

@@ -8,7 +8,7 @@ from firmware_py.link.peers import Peers
 from firmware_py.link.telemetry import estimates, motion
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
-from firmware_py.link.wire.dialect import Packed
+from firmware_py.link.wire.frames import Packed
 from firmware_py.link.wire.outbox import Priority
 
 _HEARTBEAT, _HOME_POSITION, _CURRENT_MODE = 0, 242, 436

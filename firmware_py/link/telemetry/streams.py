@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE, TelemetryRow
-from firmware_py.link.wire.url_options import LinkClass
+from firmware_py.link.wire.urls import LinkClass
 
 FASTEST_S = 0.02  # 50 Hz, the fastest loop
 # What clients ask for by habit is refused there.

@@ -13,11 +13,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.crc16 import mcrf4xx
-
 Message: TypeAlias = Any  # pymavlink's message classes are generated and untyped
 
-__all__ = ["ADDITIONS", "Addition", "Codec", "Message", "Packed", "checksum", "mavlink", "stamp", "text_of"]
+__all__ = ["ADDITIONS", "Addition", "Message", "mavlink", "payload_of_addition", "text_of"]
 
 
 class Addition(NamedTuple):
@@ -189,7 +187,12 @@ for _row in ADDITIONS:
 
 
 _ADDED = {row.number: row for row in ADDITIONS}
-_SEEDS = {number: bytes((kind.crc_extra,)) for number, kind in mavlink.mavlink_map.items()}
+
+
+def payload_of_addition(message: Message) -> bytes | None:
+    """Return the payload of a message that is added here; None for one that pymavlink packs."""
+    row = _ADDED.get(type(message).id)
+    return None if row is None else _payload(row, message)
 
 
 def forget_what_is_not_used() -> None:
@@ -200,97 +203,6 @@ def forget_what_is_not_used() -> None:
     mavlink.enums.clear()
     for name in [name for name in vars(mavlink.MAVLink) if name.endswith(("_encode", "_send"))]:
         delattr(mavlink.MAVLink, name)
-
-
-_MAVLINK2 = 0xFD
-
-
-class Packed(NamedTuple):
-    """A message ready to be stamped with a peer's sequence number."""
-
-    frame: bytes  # whole, with sequence number 0 and, until it is stamped, no checksum
-    seed: bytes  # crc_extra, one byte; empty for a frame that somebody else has numbered and signed
-
-
-def checksum(covered: bytes, seed: bytes) -> int:
-    """Return the checksum of a frame without its first byte, its checksum and its signature."""
-    return mcrf4xx(covered + seed)
-
-
-def stamp(packed: Packed, sequence: int) -> bytes:
-    """Return the frame with this sequence number: a tenth of the cost of packing it again."""
-    frame = packed.frame
-    place = 4 if frame[0] == _MAVLINK2 else 2
-    covered = frame[1:place] + bytes((sequence,)) + frame[place + 1 : -2]
-    return frame[:1] + covered + checksum(covered, packed.seed).to_bytes(2, "little")
-
-
-def _payload_alone(_mav: object, _seed: int, payload: bytes, force_mavlink1: bool = False) -> bytes:  # noqa: ARG001, FBT001, FBT002 - pymavlink's signature
-    return payload
-
-
-def _samples() -> tuple[Message, ...]:
-    """Return a message of each kind that is laid out in a way of its own: 0 at the end, a text, an array, one added."""
-    return (
-        mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
-        mavlink.MAVLink_statustext_message(4, b"text", 3, 1),
-        mavlink.MAVLink_battery_status_message(0, 0, 1, 2510, [12345] + [0xFFFF] * 9, -120, 5, -1, 80),
-        mavlink.mavlink_map[436](3, 15, 0),
-    )
-
-
-class Codec:
-    """Packs what one system and component sends, and decodes what it receives."""
-
-    def __init__(self, system: int, component: int) -> None:
-        """Take the MAVLink address that outgoing frames carry."""
-        self._address = bytes((system, component))
-        self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-        self.quick = self._packs_quickly()
-
-    def pack(self, message: Message) -> Packed:
-        """Return the message packed; struct.error for a field that does not fit.
-
-        pymavlink lays out the fields; what is around them is put there here, in a third of the time that it takes.
-        """
-        return self._pack_quickly(message) if self.quick else self._pack_whole(message)
-
-    def _packs_quickly(self) -> bool:
-        """Say whether what goes past pymavlink's public names packs as it does itself: another version may not."""
-        try:
-            return all(self._pack_quickly(message) == self._pack_whole(message) for message in _samples())
-        except Exception:  # noqa: BLE001 - whatever it does instead
-            return False
-
-    def _pack_whole(self, message: Message) -> Packed:
-        number = type(message).id
-        if (row := _ADDED.get(number)) is not None:
-            return self.pack_payload(number, _payload(row, message))
-        return Packed(bytes(message.pack(self._mav))[:-2] + b"\0\0", _SEEDS[number])
-
-    def _pack_quickly(self, message: Message) -> Packed:
-        message._pack = _payload_alone  # noqa: SLF001 - the last that its classes do when they pack
-        try:
-            payload = message.pack(None)
-        finally:
-            del message._pack  # noqa: SLF001
-        return self.pack_payload(type(message).id, payload)  # a field may be named id
-
-    def pack_payload(self, number: int, payload: bytes) -> Packed:
-        """Return a payload, laid out by hand, as a message: half the cost of `pack`, for long transfers.
-
-        The checksum is left to `stamp`, as is the sequence number.
-        """
-        payload = payload.rstrip(b"\0") or b"\0"
-        head = bytes((0xFD, len(payload), 0, 0, 0)) + self._address + number.to_bytes(3, "little")
-        return Packed(head + payload + b"\0\0", _SEEDS[number])
-
-    def decode(self, frame: bytes) -> Message | None:
-        """Decode one whole frame whose checksum was found right, or None."""
-        try:
-            return self._mav.decode(bytearray(frame))
-        except mavlink.MAVError:
-            return None
 
 
 def text_of(text: str, length: int) -> bytes:

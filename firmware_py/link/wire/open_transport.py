@@ -1,8 +1,9 @@
-"""Opens the transport that a URL names."""
+"""Opens the transport of a URL: a serial line, or a socket, at once or as soon as it can be opened."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import msgspec
@@ -10,11 +11,10 @@ import msgspec
 from firmware_py.common.interfaces import ByteLine, Vault
 from firmware_py.common.records import Event
 from firmware_py.link.security.key_record import NO_VAULT
-from firmware_py.link.wire.transport import LinkUrl, Transport, parse_url
-from firmware_py.link.wire.transport_late import LateTransport
-from firmware_py.link.wire.transport_serial import SerialTransport
+from firmware_py.link.wire.transport import RADIO_BAUD, Address, Transport
 from firmware_py.link.wire.transport_tcp import TcpClient, TcpServer
 from firmware_py.link.wire.transport_udp import OF_MANY_ANYWHERE, UdpTransport
+from firmware_py.link.wire.urls import PLAIN, LinkError, LinkOptions, LinkUrl, parse_url
 
 _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
     "udpout": UdpTransport,
@@ -25,6 +25,12 @@ _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
 
 
 NMEA = "nmea:"  # before the URL of an output of NMEA 0183, which is no link of MAVLink: see link.nmea
+
+RETRY_S = 5.0
+FIRST_TRY_S = 1.0  # the start waits for the first try so long at most
+
+_BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
+_FAR_END: Address = "line"
 
 
 class Ashore(msgspec.Struct, frozen=True):
@@ -53,7 +59,7 @@ def open_transport(
     """
     parsed = parse_url(url)
     if parsed.kind == "sbd":
-        from firmware_py.link.wire.transport_sbd import SbdTransport  # noqa: PLC0415 - who has none pays nothing
+        from firmware_py.link.satellite.transport import SbdTransport  # noqa: PLC0415 - who has none pays nothing
 
         line = open_line(parsed.host, parsed.number)
         return SbdTransport(parsed, line, ashore.vault, ashore.utc_s, ashore.tell)
@@ -70,3 +76,135 @@ def open_transport(
     if late.opened is None:
         say(f"{late.problem}; it is tried again")
     return late.opened or late
+
+
+class LateTransport:
+    """Nobody is there until it is `opened`; from then on it is what has been opened."""
+
+    byte_rate: float | None = None
+
+    def __init__(self, url: LinkUrl, open_now: Callable[[], Transport], retry_s: float = RETRY_S) -> None:
+        """Begin to try `open_now`, which raises LinkError while it cannot be."""
+        self.name = url.text
+        self.options = url.options
+        self.radio = url.options.at_radio_rates(usual=False)
+        self.datagrams = url.kind.startswith("udp")
+        self.exposed = url.kind.endswith("in") and not url.host.startswith(("127.", "localhost"))
+        self.opened: Transport | None = None
+        self.problem = f"link {url.text!r}: nobody says where {url.host!r} is"
+        self._open_now, self._retry_s = open_now, retry_s
+        self._tried, self._ended = threading.Event(), threading.Event()
+        threading.Thread(target=self._try, name="link", daemon=True).start()
+        self._tried.wait(FIRST_TRY_S)
+
+    def _try(self) -> None:
+        while self.opened is None and not self._ended.is_set():
+            try:
+                self.opened = self._open_now()
+            except LinkError as error:
+                self.problem = str(error)
+            self._tried.set()
+            if self.opened is None:
+                self._ended.wait(self._retry_s)
+        if self._ended.is_set():
+            self.close()
+
+    def descriptors(self) -> Sequence[int]:
+        """Return what there is to be read."""
+        return () if self.opened is None else self.opened.descriptors()
+
+    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:
+        """Read what has arrived on a descriptor."""
+        return () if self.opened is None else self.opened.receive(descriptor)
+
+    def send(self, address: Address, data: bytes) -> bool:
+        """Take all of data, or none of it."""
+        return self.opened is not None and self.opened.send(address, data)
+
+    @property
+    def blocked_reason(self) -> str:
+        """Why nothing leaves now."""
+        return self.problem if self.opened is None else self.opened.blocked_reason
+
+    def addresses(self) -> Sequence[Address]:
+        """Return who is served in any case."""
+        return () if self.opened is None else self.opened.addresses()
+
+    def guests(self) -> Sequence[Address]:
+        """Return who has connected."""
+        return () if self.opened is None else self.opened.guests()
+
+    def host(self, address: Address) -> Address:
+        """Return whose correspondent this is."""
+        return address if self.opened is None else self.opened.host(address)
+
+    def drop(self, address: Address) -> None:
+        """End the connection of a guest."""
+        if self.opened is not None:
+            self.opened.drop(address)
+
+    def poll(self, now_s: float) -> None:
+        """Do what has to be done now and then."""
+        if self.opened is not None:
+            self.opened.poll(now_s)
+
+    def close(self) -> None:
+        """Try no more, and close what has been opened."""
+        self._ended.set()
+        if self.opened is not None:
+            self.opened.close()
+
+
+class SerialTransport:
+    """One serial line with one correspondent at its far end; the line may vanish and come back."""
+
+    datagrams = False
+    exposed = False
+
+    def __init__(self, name: str, line: ByteLine, baud: int, options: LinkOptions = PLAIN) -> None:
+        """Take an opened line and its speed."""
+        self.name = name
+        self.options = options
+        self.byte_rate: float | None = baud / _BITS_PER_BYTE
+        self.radio = options.at_radio_rates(usual=baud <= RADIO_BAUD)
+        self._line = line
+
+    def descriptors(self) -> Sequence[int]:
+        """Return the line's descriptor while it is there."""
+        descriptor = self._line.fileno()
+        return () if descriptor < 0 else (descriptor,)
+
+    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - it has one only
+        """Read what is there, at most the 4096 bytes of a ByteLine."""
+        data = self._line.read()
+        return ((_FAR_END, data),) if data else ()
+
+    def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - it has one only
+        """Hand data to the line, all or nothing."""
+        return self._line.write(data)
+
+    @property
+    def blocked_reason(self) -> str:
+        """Say when the line has vanished."""
+        return "" if self._line.fileno() >= 0 else "the line is not there"
+
+    def addresses(self) -> Sequence[Address]:
+        """Return the far end: whether anybody is there, a line cannot tell."""
+        return (_FAR_END,)
+
+    def guests(self) -> Sequence[Address]:
+        """Return nobody: nobody connects to a line."""
+        return ()
+
+    def host(self, address: Address) -> Address:
+        """Return the far end itself."""
+        return address
+
+    def drop(self, address: Address) -> None:
+        """Do nothing: the far end is there for good."""
+
+    def poll(self, now_s: float) -> None:
+        """Do nothing: the line opens itself again."""
+
+    def close(self) -> None:
+        """Do nothing: the line belongs to whoever opened it."""

@@ -1,4 +1,4 @@
-"""What waits to be sent to one peer: by priority, within the line's speed, never without bound."""
+"""Messages that wait to be sent to one peer: by priority, at the speed of the line and of the modem behind it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from enum import IntEnum
 from typing import Protocol
 
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.wire.dialect import Packed, stamp
-from firmware_py.link.wire.first_version import MAVLINK1, in_first_version
+from firmware_py.link.wire.frames import MAVLINK1, Packed, in_first_version, stamp
 
 _BATCH_BYTES = 1200  # several frames share a datagram: one system call for all, and no fragments
 _BURST_S = 0.25  # what an idle line may save up
@@ -18,6 +17,16 @@ _LONGEST_FRAME = 280  # with its signature
 _OFFERED = 10  # of so many heartbeats in MAVLink 1 one goes in MAVLink 2 as well, for who understands it by now
 _HEARTBEAT = bytes(3)  # its number
 _STALE_S = 3.0  # what could not leave for this long is of no use to anybody
+
+_BULK_SHARE = 0.7  # of a line: the rest is for telemetry and answers
+_FRAMES_AT_ONCE = 44  # on a network, in one call of the loop: four datagrams, about 0.4 ms
+_WAITING = 64  # messages in the queue of answers; half of what it holds
+
+_FREE_LOW, _FILLING, _EMPTY = 20, 50, 90  # percent of the modem's buffer that is free, as ArduPilot judges it
+_HALF, _LESS, _MORE = 0.5, 0.8, 1.15  # of the speed, at each word of the modem: about one a second
+_ALL = 100
+_SILENT_S = 10.0  # a modem that says nothing for so long is none any more
+_LEAST_BYTES_S = 120.0  # heartbeats and answers in any case, whatever a modem (or who forges one) says
 
 
 class Priority(IntEnum):
@@ -208,3 +217,73 @@ class Outbox:
             while count and queue:
                 queue.popleft()
                 count -= 1
+
+
+class BulkShare:
+    """The part of a peer's line that long transfers may use."""
+
+    __slots__ = ("_byte_rate", "_bytes", "can_continue")
+
+    def __init__(self, byte_rate: float | None) -> None:
+        """Take the speed of the line in bytes a second; None for a network."""
+        self._byte_rate = byte_rate
+        self._bytes: TokenBucket | None = None
+        if byte_rate is not None:
+            rate = _BULK_SHARE * byte_rate
+            burst = max(rate * _BURST_S, float(_LONGEST_FRAME))
+            self._bytes = TokenBucket(burst, rate, full=False, longest_s=_BURST_S * 4)
+        self.can_continue = False  # more could go at once, were the loop to call again
+
+    def pace(self, share: float, now_s: float) -> None:
+        """Use the part of this share of the line's speed from now on."""
+        if self._bytes is not None and self._byte_rate is not None:
+            self._bytes.pace(_BULK_SHARE * share * self._byte_rate, now_s)
+
+    def mark_unfinished(self) -> None:
+        """Say that a transfer has more to send: on a line it waits for a tick, on a network it need not."""
+        self.can_continue = self._bytes is None
+
+    def frames(self, frame_bytes: int, waiting: int, now_s: float) -> int:
+        """Return how many frames of a size may be queued now, where `waiting` answers wait already."""
+        if waiting >= _WAITING:
+            return 0
+        if self._bytes is None:
+            return _FRAMES_AT_ONCE if waiting == 0 else 0
+        return min(int(self._bytes.level(now_s) // frame_bytes), _WAITING - waiting)
+
+    def spend(self, spent_bytes: int) -> None:
+        """Count what has been queued."""
+        if self._bytes is not None:
+            self._bytes.spend(spent_bytes)
+
+
+class RadioPace:
+    """The share of a line's speed that the modem behind it keeps up with."""
+
+    __slots__ = ("_heard_s", "_least", "share")
+
+    def __init__(self, byte_rate: float | None) -> None:
+        """Take the speed of the line in bytes a second; a network has no modem in it."""
+        self._least = 1.0 if byte_rate is None else min(1.0, _LEAST_BYTES_S / byte_rate)
+        self.share = 1.0
+        self._heard_s = 0.0
+
+    def hear(self, free_percent: int, now_s: float) -> None:
+        """Take how much of its buffer is free; what cannot be tells nothing."""
+        if not 0 <= free_percent <= _ALL:
+            return
+        self._heard_s = now_s
+        if free_percent < _FREE_LOW:
+            self.share *= _HALF
+        elif free_percent < _FILLING:
+            self.share *= _LESS
+        elif free_percent > _EMPTY:
+            self.share *= _MORE
+        self.share = min(max(self.share, self._least), 1.0)
+
+    def forget(self, now_s: float) -> bool:
+        """Go back to all of it where no modem says anything any more; return whether that changes anything."""
+        if self.share == 1.0 or now_s - self._heard_s <= _SILENT_S:
+            return False
+        self.share = 1.0
+        return True

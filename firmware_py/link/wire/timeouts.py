@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import msgspec
 
 from firmware_py.link.wire.transport import Transport, usual_class
-from firmware_py.link.wire.url_options import LinkClass
+from firmware_py.link.wire.urls import LinkClass
 
 _RADIO_BYTES_S = 100.0  # a slower line is a satellite's: 1200 baud is a radio's
 _NEW = 0.3  # part of the latest answer in what is usual

@@ -5,34 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from typing import Protocol, TypeAlias, runtime_checkable
 
-import msgspec
-
 from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.reading_notes import shown
-from firmware_py.link.wire.url_options import PLAIN, LinkClass, LinkOptions, OptionError, parse_options
+from firmware_py.link.wire.urls import LinkClass, LinkOptions
 
 Address: TypeAlias = Hashable  # one correspondent on a transport
 
 RADIO_BAUD = 115_200  # a serial line no faster than this is taken for a radio modem
 READ_BYTES = 256  # one read of a stream: the rest stays with the system, and the descriptor readable
-
-_FORMS = "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT, serial:PATH:BAUD or sbd:PATH"
-_KINDS = {
-    "udpout": "udpout",
-    "udpin": "udpin",
-    "udp": "udpin",  # as in pymavlink
-    "tcpin": "tcpin",
-    "tcpout": "tcpout",
-    "tcp": "tcpout",  # as in pymavlink
-    "serial": "serial",
-    "sbd": "sbd",
-}
-_USUAL_BAUD = {"sbd": "19200"}  # where the baud rate may be left away
-
-
-class LinkError(ValueError):
-    """A link cannot be opened; the text says why and what to do."""
 
 
 class Transport(Protocol):
@@ -117,42 +97,3 @@ class Satellite(Protocol):
 
 class MessageTransport(Transport, Satellite, Protocol):
     """A transport that carries messages."""
-
-
-class LinkUrl(msgspec.Struct, frozen=True):
-    """A parsed URL; `host` and `number` are a port's path and baud rate for `serial` and `sbd`."""
-
-    kind: str
-    host: str
-    number: int
-    text: str
-    options: LinkOptions = PLAIN
-
-
-def parse_url(text: str) -> LinkUrl:
-    """Read a link URL in pymavlink's style, perhaps with options behind a question mark, or raise LinkError."""
-    link = f"link {text[:120]!r}"
-    if "\0" in text:
-        raise LinkError(f"{link}: it holds a NUL; use {_FORMS}")
-    place, mark, query = text.partition("?")
-    scheme, _, rest = place.partition(":")
-    kind = _KINDS.get(scheme)
-    if kind is None:
-        raise LinkError(f"{link}: {shown(scheme)} is not a kind of link; use {_FORMS}")
-    # From the right: the paths of /dev/serial/by-path hold colons.
-    host, _, number = rest.rpartition(":")
-    if kind in _USUAL_BAUD and not number.isdigit():
-        host, number = rest, _USUAL_BAUD[kind]
-    what, low, high = ("baud rate", 300, 4_000_000) if kind in ("serial", "sbd") else ("port", 1, 65535)
-    if not host:
-        missing = "path" if kind in _USUAL_BAUD else what
-        raise LinkError(f"{link}: the {missing} is missing; use {_FORMS}")
-    if not (number.isascii() and number.isdigit() and len(number) < 10 and low <= int(number) <= high):
-        raise LinkError(f"{link}: {shown(number)} is not a {what}; use a whole number from {low} to {high}")
-    if kind not in ("serial", "sbd") and ":" in host:
-        raise LinkError(f"{link}: there is no IPv6 here; use an IPv4 address or a name that has one")
-    try:
-        options = parse_options(query) if mark else PLAIN
-    except OptionError as error:
-        raise LinkError(f"{link}: {error}") from None
-    return LinkUrl(kind, host, int(number), text, options)

@@ -6,9 +6,9 @@ import errno
 import socket
 from collections.abc import Sequence
 
-from firmware_py.link.wire.host_lookup import HostLookup, resolve
-from firmware_py.link.wire.transport import READ_BYTES, Address, LinkUrl
+from firmware_py.link.wire.transport import READ_BYTES, Address
 from firmware_py.link.wire.transport_udp import bind, exposed
+from firmware_py.link.wire.urls import HostLookup, LinkUrl, resolve
 
 # Connections at once: the places of a link, who waits for one, and who has just come. The link says who is to go.
 MAX_CLIENTS = 25

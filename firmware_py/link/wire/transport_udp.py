@@ -9,8 +9,8 @@ import os
 import socket
 from collections.abc import Sequence
 
-from firmware_py.link.wire.host_lookup import HostLookup, resolve
-from firmware_py.link.wire.transport import Address, LinkError, LinkUrl
+from firmware_py.link.wire.transport import Address
+from firmware_py.link.wire.urls import HostLookup, LinkError, LinkUrl, resolve
 
 _DATAGRAMS = 48  # at one call: as fast as anybody sends, since most of a flood is dropped unread
 _LONGEST = 2048  # of a datagram: what exceeds it is cut

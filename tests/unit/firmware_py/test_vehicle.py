@@ -5,7 +5,7 @@ import pytest
 from firmware_py.common.options import meanings
 from firmware_py.common.parameters import MOST_PROBLEMS
 from firmware_py.devices import SECTIONS
-from firmware_py.link.wire.transport import parse_url
+from firmware_py.link.wire.urls import parse_url
 from firmware_py.vehicle import DeviceEntry, VehicleError, load
 
 ROOT = Path(__file__).parents[3]

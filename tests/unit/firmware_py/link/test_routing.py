@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.crc16 import mcrf4xx
 from firmware_py.link import routing
 from firmware_py.link.routing import BURST, MOVES_S, ROUTES, SEEN_S
-from firmware_py.link.wire.framing import Frame
-from firmware_py.link.wire.url_options import LinkClass, LinkOptions, Policy
+from firmware_py.link.wire.frames import Frame
+from firmware_py.link.wire.urls import LinkClass, LinkOptions, Policy
 
 BEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
 

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Arm, SteerHeading
 from firmware_py.link.security.signing import timestamp_of
 from firmware_py.link.ways import ALIKE, DOUBLED_S, LOST, Way, Ways
-from firmware_py.link.wire.url_options import parse_options
+from firmware_py.link.wire.urls import parse_options
 
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 RADIO, OTHER = ("10.0.0.1", 1), ("10.0.0.2", 2)  # a router's two sockets

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, Arm, SetMode, Verdict
-from firmware_py.link.wire.url_options import LinkClass, LinkOptions
+from firmware_py.link.wire.urls import LinkClass, LinkOptions
 
 ARM, SET_MODE = 400, 176
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED = range(4)

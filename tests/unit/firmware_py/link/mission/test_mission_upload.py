@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, ReplacePlan, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
-from firmware_py.link.wire.url_options import LinkClass, LinkOptions
+from firmware_py.link.wire.urls import LinkClass, LinkOptions
 from firmware_py.plans.validation import PlanResult
 
 BY_SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)

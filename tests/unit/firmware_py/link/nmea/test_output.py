@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.link.nmea.output import open_output
 from firmware_py.link.nmea.sentences import Scene
-from firmware_py.link.wire.transport import LinkError
+from firmware_py.link.wire.urls import LinkError
 from support.line import FakeLine
 from support.link import SNAPSHOT
 from support.program import unused_ports

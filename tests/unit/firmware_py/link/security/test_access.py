@@ -9,7 +9,7 @@ from firmware_py.common.records import Event, Severity
 from firmware_py.link.peer import DENIALS
 from firmware_py.link.peers import LATE_HEARTBEATS
 from firmware_py.link.security.signing import timestamp_of
-from firmware_py.link.wire.url_options import parse_options
+from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault
 
 KEY = bytes(range(100, 132))

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.link.security.places import PLACES, QUIET_S
 from firmware_py.link.security.signing import timestamp_of
-from firmware_py.link.wire.url_options import parse_options
+from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault, without_unasked
 from support.paths import ROOT
 

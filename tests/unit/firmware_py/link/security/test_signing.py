@@ -20,7 +20,7 @@ from firmware_py.link.security.signing import (
     Signing,
     timestamp_of,
 )
-from firmware_py.link.wire.dialect import Codec
+from firmware_py.link.wire.frames import Codec
 
 KEY = bytes(range(1, 33))
 OTHER_KEY = bytes(32 * [7])

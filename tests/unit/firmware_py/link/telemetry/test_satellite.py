@@ -11,7 +11,7 @@ from firmware_py.common.reports import Home, MissionReport, MissionState
 from firmware_py.faults.table import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.url_options import LinkClass, LinkOptions
+from firmware_py.link.wire.urls import LinkClass, LinkOptions
 
 SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)

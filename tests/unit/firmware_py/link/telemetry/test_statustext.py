@@ -12,7 +12,7 @@ def joined(messages):
 
 @pytest.mark.parametrize("length", [0, 1, 49, 50, 51, 99, 100, 101, 249, 250])
 def test_a_text_arrives_whole_and_its_end_is_marked(length):
-    text = ("The rudder servo does not answer. " * 9)[:length]
+    text = ("The rudder servo not responding. " * 9)[:length]
     messages = text_messages(Severity.WARNING, text, 7)
     assert joined(messages) == text
     if length <= 50:

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
-from firmware_py.link.wire.url_options import LinkClass
+from firmware_py.link.wire.urls import LinkClass
 
 ATTITUDE, NAMED = 30, 251
 

@@ -24,7 +24,8 @@ from firmware_py.common.reports import (
 from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
-from firmware_py.link.wire.dialect import Codec, mavlink, stamp
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.frames import Codec, stamp
 
 CODEC = Codec(1, 1)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)

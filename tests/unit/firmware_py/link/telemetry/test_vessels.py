@@ -9,7 +9,8 @@ import pytest
 from firmware_py.common.vessels import Traffic, Vessel, VesselIdentity, VesselKind, VesselPosition
 from firmware_py.link.telemetry import vessels
 from firmware_py.link.telemetry.context_fields import TelemetryContext
-from firmware_py.link.wire.dialect import Codec, mavlink, stamp
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.frames import Codec, stamp
 
 CODEC = Codec(1, 1)
 SHIP = Vessel(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.link.wire.bulk import BulkShare
+from firmware_py.link.wire.outbox import BulkShare
 
 FRAME = 110
 

@@ -7,7 +7,8 @@ import sys
 import pytest
 
 from firmware_py.link.security.signing import EPOCH_S, Signing
-from firmware_py.link.wire.dialect import ADDITIONS, Codec, mavlink, stamp, text_of
+from firmware_py.link.wire.dialect import ADDITIONS, mavlink, text_of
+from firmware_py.link.wire.frames import Codec, stamp
 from support.paths import DATA
 
 DEFINITIONS = DATA / "mavlink" / "definitions"

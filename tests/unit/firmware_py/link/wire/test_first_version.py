@@ -6,8 +6,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.cli.link_page import answers
 from firmware_py.link.telemetry.table import TABLE
-from firmware_py.link.wire.dialect import Codec, stamp
-from firmware_py.link.wire.first_version import in_first_version
+from firmware_py.link.wire.frames import Codec, in_first_version, stamp
 from support.link import of_type
 
 BEAT = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from firmware_py.link.wire.dialect import mavlink
-from firmware_py.link.wire.framing import LATE_S, STALE_S, Splitter
+from firmware_py.link.wire.frames import LATE_S, STALE_S, Splitter
 
 
 def frame(sequence=0, *, text=b"hello", v1=False):

@@ -2,7 +2,8 @@
 
 import random
 
-from firmware_py.link.wire.dialect import Codec, mavlink
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.frames import Codec
 from firmware_py.link.wire.outbox import Outbox, Priority
 
 CODEC = Codec(1, 1)

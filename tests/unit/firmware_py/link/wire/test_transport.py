@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.link.wire.transport import LinkError, LinkUrl, parse_url
+from firmware_py.link.wire.urls import LinkError, LinkUrl, parse_url
 
 
 @pytest.mark.parametrize(

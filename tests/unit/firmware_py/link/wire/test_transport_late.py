@@ -6,10 +6,9 @@ from contextlib import closing
 
 import pytest
 
-from firmware_py.link.wire.open_transport import open_transport
-from firmware_py.link.wire.transport import LinkError, parse_url
-from firmware_py.link.wire.transport_late import LateTransport
+from firmware_py.link.wire.open_transport import LateTransport, open_transport
 from firmware_py.link.wire.transport_udp import UdpTransport
+from firmware_py.link.wire.urls import LinkError, parse_url
 
 PATIENCE_S = 30.0
 
@@ -73,7 +72,7 @@ def test_it_is_the_link_from_when_it_can_be_opened():
 
 
 def test_a_name_server_that_says_nothing_holds_up_nobody(monkeypatch):
-    monkeypatch.setattr("firmware_py.link.wire.transport_late.FIRST_S", 0.001)
+    monkeypatch.setattr("firmware_py.link.wire.open_transport.FIRST_TRY_S", 0.001)
     answer = threading.Event()
 
     def open_now():

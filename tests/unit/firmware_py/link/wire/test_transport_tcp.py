@@ -7,8 +7,8 @@ import time
 import pytest
 
 from firmware_py.link.wire.open_transport import open_transport
-from firmware_py.link.wire.transport import LinkError
 from firmware_py.link.wire.transport_tcp import MAX_CLIENTS
+from firmware_py.link.wire.urls import LinkError
 
 
 def free_port():
@@ -199,7 +199,7 @@ def test_a_dropped_client_finds_its_connection_ended(server, opened):
 
 def test_a_server_that_has_moved_is_found_where_its_name_leads(opened, monkeypatch):
     port, where = free_port(), ["127.0.0.1"]
-    monkeypatch.setattr("firmware_py.link.wire.host_lookup.addresses_of", lambda _url: tuple(where))
+    monkeypatch.setattr("firmware_py.link.wire.urls.addresses_of", lambda _url: tuple(where))
     client = opened(open_transport(f"tcpout:station.example:{port}", None))
     where[:] = ["127.0.0.1", "127.0.0.3"]  # the first of which nobody answers at
     with socket.create_server(("127.0.0.3", port)):

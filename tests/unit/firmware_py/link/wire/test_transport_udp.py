@@ -11,7 +11,7 @@ from contextlib import closing
 import pytest
 
 from firmware_py.link.wire.open_transport import open_transport
-from firmware_py.link.wire.transport import LinkError
+from firmware_py.link.wire.urls import LinkError
 
 
 @pytest.fixture
@@ -208,7 +208,7 @@ class NameServer:
 
     def __init__(self, monkeypatch, *addresses):
         self.addresses, self.asked = addresses, 0
-        monkeypatch.setattr("firmware_py.link.wire.host_lookup.addresses_of", self.answer)
+        monkeypatch.setattr("firmware_py.link.wire.urls.addresses_of", self.answer)
 
     def answer(self, _url):
         self.asked += 1

@@ -2,8 +2,16 @@
 
 import pytest
 
-from firmware_py.link.wire.transport import LinkError, parse_url
-from firmware_py.link.wire.url_options import PLAIN, LinkClass, LinkOptions, OptionError, Policy, parse_options
+from firmware_py.link.wire.urls import (
+    PLAIN,
+    LinkClass,
+    LinkError,
+    LinkOptions,
+    OptionError,
+    Policy,
+    parse_options,
+    parse_url,
+)
 
 
 def test_all_options():

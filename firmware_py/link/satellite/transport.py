@@ -20,9 +20,9 @@ from firmware_py.link.satellite.budget import Ledger, Limits
 from firmware_py.link.satellite.driver import SatelliteDriver, Settings
 from firmware_py.link.satellite.keyed import EPOCH_S, MARK, UNITS_HZ, Keyed, Window, open_keyed
 from firmware_py.link.satellite.record import KEPT_MESSAGES, Record, from_bytes, to_bytes
-from firmware_py.link.wire.framing import Splitter
-from firmware_py.link.wire.transport import Address, LinkUrl
-from firmware_py.link.wire.url_options import LinkClass
+from firmware_py.link.wire.frames import Splitter
+from firmware_py.link.wire.transport import Address
+from firmware_py.link.wire.urls import LinkClass, LinkUrl
 
 _SHORE: Address = "shore"
 _BYTE_RATE = 30.0  # a session of 340 bytes takes ten seconds and more
