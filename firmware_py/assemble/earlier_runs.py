@@ -13,7 +13,7 @@ from firmware_py.common.plan import Plans
 from firmware_py.common.records import Stored
 from firmware_py.core.resume import Moment, restore
 from firmware_py.core.state import State
-from firmware_py.link.security.key_record import KeyState, find_key
+from firmware_py.link.signing import KeyState, find_key
 from firmware_py.system.state_directory import (
     OTHER_SLOT,
     RESUME_FILE,

@@ -17,8 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from firmware_py.cli.state_owner import check_directory, check_owner, user_text
-from firmware_py.link.security.key_record import KEY_BYTES, KeyState, find_key, key_of_passphrase
-from firmware_py.link.security.signing import Signing, timestamp_of
+from firmware_py.link.signing import KEY_BYTES, KeyState, Signing, find_key, key_of_passphrase, timestamp_of
 from firmware_py.system.directory_lock import StoreError
 from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, exposed_key_files, stored_key
 from firmware_py.system.store import Store

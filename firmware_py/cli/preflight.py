@@ -23,10 +23,9 @@ from firmware_py.common.plan import PlanKind
 from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.guidance import loiter_placement
 from firmware_py.guidance.tasks import TaskSettings
+from firmware_py.link.access import Gate, invites_anybody
 from firmware_py.link.nmea.output import open_output
-from firmware_py.link.security.access import Gate, invites_anybody
-from firmware_py.link.security.key_record import KeyState, find_key
-from firmware_py.link.security.signing import Signing
+from firmware_py.link.signing import KeyState, Signing, find_key
 from firmware_py.link.wire.open_transport import NMEA, open_transport
 from firmware_py.link.wire.transport import MessageTransport, Satellite
 from firmware_py.link.wire.urls import LinkError

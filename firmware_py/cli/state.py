@@ -24,8 +24,7 @@ from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, exact_modes, write_whole
 from firmware_py.files.reading import read_regular
 from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
-from firmware_py.link.security.key_record import KeyState, find_key
-from firmware_py.link.security.signing import Signing, timestamp_of
+from firmware_py.link.signing import KeyState, Signing, find_key, timestamp_of
 from firmware_py.system.directory_lock import DirectoryLock, StoreError
 from firmware_py.system.endings import ENDINGS_FILE, Endings
 from firmware_py.system.endings import from_bytes as endings_from_bytes

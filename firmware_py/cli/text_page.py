@@ -8,10 +8,10 @@ from firmware_py.assemble import texts as start
 from firmware_py.core import texts as navigation
 from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.guidance import texts as vessels
+from firmware_py.link import texts as links
 from firmware_py.link.commands import texts as commands
 from firmware_py.link.mission import texts as plans
 from firmware_py.link.satellite import texts as satellite
-from firmware_py.link.security import texts as links
 
 SECTIONS: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "Modes, navigation and sensors": navigation.TEXTS,

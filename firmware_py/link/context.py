@@ -16,7 +16,7 @@ from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home, Snapshot
 from firmware_py.faults.table import Fault
 from firmware_py.link.parameters.metadata import Metadata, declared_kind
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peer
 from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.identity import COMPONENT, Version

@@ -2,34 +2,40 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Protocol
 
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
 from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.records import Event, Progress, Severity, Stored
 from firmware_py.common.reports import Output, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
+from firmware_py.link.access import RADIO_STATUS, Admitted, Gate, Standing, invites_anybody, reads_only
+from firmware_py.link.commands.requests import request_data_stream
+from firmware_py.link.commands.server import CommandServer
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
-from firmware_py.link.files.root import FileRoot
-from firmware_py.link.namesake import Namesake
-from firmware_py.link.peer import Peer
-from firmware_py.link.peers import Peers
+from firmware_py.link.files.root import PACKED_PARAMETERS, FileRoot, tree_of
+from firmware_py.link.files.server import FileServer
+from firmware_py.link.logs import LogServer
+from firmware_py.link.manual_control import ManualControl
+from firmware_py.link.mission.plan_file import PlanFiles
+from firmware_py.link.mission.server import MissionServer
+from firmware_py.link.parameters.extended import ExtendedParameters
+from firmware_py.link.parameters.server import ParameterServer
+from firmware_py.link.peers import DuplicateSystemId, Peer, Peers
 from firmware_py.link.routing import Router
-from firmware_py.link.security.access import Admitted, Gate, Standing, invites_anybody, reads_only
-from firmware_py.link.security.denials import deny
-from firmware_py.link.security.key_record import NO_VAULT
-from firmware_py.link.security.key_setup import KeySetup
-from firmware_py.link.security.signing import LinkSealer, Signing
-from firmware_py.link.services import Services
+from firmware_py.link.satellite.reports import SatelliteReports
+from firmware_py.link.services import Companion, KeySetup, Shell, Timesync, deny, note_radio_status
+from firmware_py.link.setpoints import Setpoints
+from firmware_py.link.signing import NO_VAULT, LinkSealer, Signing
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.telemetry.publisher import TelemetryPublisher
 from firmware_py.link.telemetry.statustext import RecentWarnings
 from firmware_py.link.telemetry.table import ROWS_OF
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.outbox import Priority
-from firmware_py.link.wire.receive_queue import ReceiveQueue
 from firmware_py.link.wire.transport import Address, Satellite, Transport
 from firmware_py.link.wire.worker import Worker
 
@@ -45,6 +51,12 @@ _STRANGER_BYTES = 64  # to take up a stranger costs as much as to search these
 _NOTICES, _NOTICES_HZ = 4, 1.0 / 30.0  # of who has no place: at once, and in the long run
 NO_STORAGE = FileRoot()
 _FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
+
+_DATA_STREAM = 66
+
+Source = tuple[int, Address]  # index of the transport, and who
+_SHARE_BYTES = 16_384  # may wait for one correspondent; one datagram may always
+_STRANGERS: Source = (-1, None)  # who are not a peer share one share
 
 
 def _no_load() -> float:
@@ -102,7 +114,12 @@ class Endpoint:
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
-        self._namesake = Namesake(self._context)
+        self._duplicate_system_id = DuplicateSystemId(
+            self._context.system,
+            self._context.autopilot,
+            utc_s,
+            lambda text: self._context.send_text_all(Severity.WARNING, text),
+        )
         self.start_events = (*start_events, *self._open_links())[:_EVENTS_PER_TICK]
         self._recent = RecentWarnings()
         self._receive_queue = ReceiveQueue(self._peers.has)
@@ -236,7 +253,7 @@ class Endpoint:
         if message is None or not self._context.is_addressee(message):
             return
         if self._from_self(message):
-            self._namesake.look(message, now_s)
+            self._duplicate_system_id.check(message, now_s)
             return
         # A station that may not command cannot take the boat back: it does not keep STATION_SILENT off.
         if frame.number == _HEARTBEAT and standing is not Standing.COMMANDER:
@@ -298,3 +315,132 @@ class Endpoint:
             self._context.send_text_all(event.severity, event.text)
             if event not in self.start_events:
                 self._recent.note(event, self._context.now_s)
+
+
+class Service(Protocol):
+    """What every service has."""
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return who handles a message, by its number."""
+
+
+class TickedService(Service, Protocol):
+    """A service that does something by itself."""
+
+    def update(self, now_s: float) -> None:
+        """Do what is due after a tick."""
+
+
+class PumpedService(Service, Protocol):
+    """A service whose answers may be long."""
+
+    def pump(self, peer: Peer, now_s: float) -> None:
+        """Send a peer some more of what it is owed, as far as its line keeps up."""
+
+
+class Services:
+    """All services of one link; a new one is a line here."""
+
+    def __init__(self, context: LinkContext, key_setup: KeySetup, root: FileRoot, worker: Worker) -> None:
+        """Take what they answer through, what sets the key, what they show of the disk, and who waits for the disk."""
+        commands = CommandServer(context, COMMANDS)
+        parameters = ParameterServer(context)
+        extended = ExtendedParameters(context, parameters)
+        plan_files = PlanFiles(context, worker)
+        sinks = {PACKED_PARAMETERS: parameters.apply_file, **plan_files.sinks()}
+        self.tree = tree_of(root, context.metadata, context.request_handler, plan_files.generated(), sinks)
+        files = FileServer(context, self.tree, worker)
+        logs = LogServer(context, root.catalogue, worker, logging=root.logging)
+        self._mission = MissionServer(context)
+        self._all: tuple[Service, ...] = (
+            *(commands, parameters, extended, self._mission, files, logs),
+            *(
+                Setpoints(context),
+                ManualControl(context),
+                Timesync(context),
+                Companion(context),
+                Shell(context),
+                key_setup,
+            ),
+        )
+        self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs, SatelliteReports(context))
+        self._pumped: tuple[PumpedService, ...] = (parameters, extended, files, logs)
+        self._next_peer = 0  # whose long answer goes on next
+        self.pumping = False  # whether one did in the last call
+
+    def handlers(self) -> dict[int, Handler]:
+        """Return who handles which message, by its number."""
+        handlers: dict[int, Handler] = {_DATA_STREAM: request_data_stream, RADIO_STATUS: note_radio_status}
+        for service in self._all:
+            handlers.update(service.handlers())
+        return handlers
+
+    def report_changes(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
+        """Report what a tick has changed and no table of telemetry has."""
+        self._mission.report_progress(before, snapshot, now_s)
+
+    def update(self, now_s: float) -> None:
+        """Have each service do what is due after a tick."""
+        for service in self._ticked:
+            service.update(now_s)
+
+    def pump(self, peers: Iterable[Peer], now_s: float) -> None:
+        """Go on with a long answer to one peer; the others have their turns in the next calls."""
+        present = tuple(peers)
+        self.pumping = False
+        for number in range(len(present)):
+            peer = present[(self._next_peer + number) % len(present)]
+            before = peer.outbox.waiting(Priority.REPLY)
+            peer.bulk.can_continue = False
+            for service in self._pumped:
+                service.pump(peer, now_s)
+            if peer.outbox.waiting(Priority.REPLY) > before:
+                self._next_peer = (self._next_peer + number + 1) % len(present)
+                self.pumping = True
+                return
+
+
+class ReceiveQueue:
+    """Queues of pieces by correspondent, emptied in turn."""
+
+    def __init__(self, is_peer: Callable[[int, Address], bool]) -> None:
+        """Take what tells whether somebody is a peer."""
+        self._is_peer = is_peer
+        self._waiting: OrderedDict[Source, deque[tuple[int, Address, bytes]]] = OrderedDict()
+        self._bytes: dict[Source, int] = {}
+        self.dropped = 0  # datagrams beyond somebody's share
+
+    def __bool__(self) -> bool:
+        """Return whether something waits."""
+        return bool(self._waiting)
+
+    def holds(self, index: int) -> bool:
+        """Return whether something of a transport waits."""
+        return any(source[0] == index for source in self._waiting)
+
+    def offer(self, index: int, address: Address, data: bytes) -> None:
+        """Queue a piece, or drop and count it."""
+        source = (index, address) if self._is_peer(index, address) else _STRANGERS
+        held = self._bytes.get(source, 0)
+        if held and held + len(data) > _SHARE_BYTES:
+            self.dropped += 1
+            return
+        self._waiting.setdefault(source, deque()).append((index, address, data))
+        self._bytes[source] = held + len(data)
+
+    def put_back(self, index: int, address: Address, data: bytes) -> None:
+        """Queue the rest of a piece of a known correspondent before all else of his."""
+        source = (index, address)
+        self._waiting.setdefault(source, deque()).appendleft((index, address, data))
+        self._bytes[source] = self._bytes.get(source, 0) + len(data)
+
+    def pop(self) -> tuple[int, Address, bytes]:
+        """Return the next piece, of another correspondent than the last one if there is one; KeyError of none."""
+        source, queue = self._waiting.popitem(last=False)
+        piece = queue.popleft()
+        if queue:
+            self._waiting[source] = queue
+            self._bytes[source] -= len(piece[2])
+        else:
+            del self._bytes[source]
+        return piece

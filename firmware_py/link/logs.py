@@ -18,7 +18,7 @@ from typing import NamedTuple
 from firmware_py.common.records import Severity
 from firmware_py.files.packed import PackedFile, PlainFile, open_log, packed_path
 from firmware_py.link.context import Handler, LinkContext
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peer
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.frames import Packed
 from firmware_py.link.wire.outbox import Priority

@@ -8,7 +8,7 @@ from firmware_py.common.intents import ManualRudder
 from firmware_py.common.mode_table import MODES, BaseMode
 from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext, within
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peer
 from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX
 from firmware_py.link.wire.dialect import Message
 

@@ -16,9 +16,9 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 
 from firmware_py.common.token_bucket import TokenBucket
+from firmware_py.link.access import Admitted, Standing
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.peer import Peer
-from firmware_py.link.security.access import Admitted, Standing
+from firmware_py.link.peers import Peer
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Frame, Packed
 from firmware_py.link.wire.outbox import Priority

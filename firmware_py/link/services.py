@@ -1,115 +1,243 @@
-"""The services of the link: which there are, who handles which message, and whose turn it is to go on."""
+"""Services of one or two messages: time, radio status, console, battery of a companion, signing key; and refusals."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Protocol
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
 
-from firmware_py.common.reports import Snapshot
-from firmware_py.link import radio_status
-from firmware_py.link.commands.requests import request_data_stream
-from firmware_py.link.commands.server import CommandServer
-from firmware_py.link.commands.table import TABLE as COMMANDS
-from firmware_py.link.companion import Companion
+from firmware_py.common.intents import ReportBattery
+from firmware_py.common.interfaces import Vault
+from firmware_py.common.records import Severity
+from firmware_py.link.access import SETUP_SIGNING
 from firmware_py.link.context import Handler, LinkContext
-from firmware_py.link.files.root import PACKED_PARAMETERS, FileRoot, tree_of
-from firmware_py.link.files.server import FileServer
-from firmware_py.link.logs import LogServer
-from firmware_py.link.manual_control import ManualControl
-from firmware_py.link.mission.plan_file import PlanFiles
-from firmware_py.link.mission.server import MissionServer
-from firmware_py.link.parameters.extended import ExtendedParameters
-from firmware_py.link.parameters.server import ParameterServer
-from firmware_py.link.peer import Peer
-from firmware_py.link.satellite.reports import SatelliteReports
-from firmware_py.link.security.key_setup import KeySetup
-from firmware_py.link.setpoints import Setpoints
-from firmware_py.link.shell import Shell
-from firmware_py.link.timesync import Timesync
+from firmware_py.link.latest import keep_latest
+from firmware_py.link.peers import Peer
+from firmware_py.link.signing import Signing
+from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX
+from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
-from firmware_py.link.wire.worker import Worker
 
-_DATA_STREAM = 66
+_REMEMBERED = 32
+_FARTHEST_S = 1e11
+
+_SERIAL_CONTROL = 126
+_REPLY = mavlink.SERIAL_CONTROL_FLAG_REPLY
+_NO_SHELL = b"no shell over MAVLink; log in to her computer by ssh\r\n"
+_DATA = _NO_SHELL.ljust(70, b"\0")
+
+BATTERY_STATUS = 147
+INTERVAL_S = 0.5  # what comes oftener is not looked at
+
+_UNTRUSTED = "SETUP_SIGNING refused: set the key by `rambler key set`, or over a link with ?trusted=1 in its URL"
+
+_DENIED = mavlink.MAV_RESULT_DENIED
+_NAK, _FAIL_PROTECTED = 129, 9
+_PAYLOAD_BYTES = 251
 
 
-class Service(Protocol):
-    """What every service has."""
+class Timesync:
+    """Answers questions about time, and hears what stations say of it."""
+
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to answer through."""
+        self._context = context
+        self._answered: OrderedDict[tuple[Peer, int, int], tuple[int, int]] = OrderedDict()
 
     def handlers(self) -> Mapping[int, Handler]:
-        """Return who handles a message, by its number."""
+        """Return the messages handled here."""
+        return {2: self._system_time, 4: self._ping, 111: self._timesync}
 
+    def _ping(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
+        """Answer a ping to everybody, and the first of its kind that is addressed to this boat.
 
-class TickedService(Service, Protocol):
-    """A service that does something by itself."""
-
-    def update(self, now_s: float) -> None:
-        """Do what is due after a tick."""
-
-
-class PumpedService(Service, Protocol):
-    """A service whose answers may be long."""
-
-    def pump(self, peer: Peer, now_s: float) -> None:
-        """Send a peer some more of what it is owed, as far as its line keeps up."""
-
-
-class Services:
-    """All services of one link; a new one is a line here."""
-
-    def __init__(self, context: LinkContext, key_setup: KeySetup, root: FileRoot, worker: Worker) -> None:
-        """Take what they answer through, what sets the key, what they show of the disk, and who waits for the disk."""
-        commands = CommandServer(context, COMMANDS)
-        parameters = ParameterServer(context)
-        extended = ExtendedParameters(context, parameters)
-        plan_files = PlanFiles(context, worker)
-        sinks = {PACKED_PARAMETERS: parameters.apply_file, **plan_files.sinks()}
-        self.tree = tree_of(root, context.metadata, context.request_handler, plan_files.generated(), sinks)
-        files = FileServer(context, self.tree, worker)
-        logs = LogServer(context, root.catalogue, worker, logging=root.logging)
-        self._mission = MissionServer(context)
-        self._all: tuple[Service, ...] = (
-            *(commands, parameters, extended, self._mission, files, logs),
-            *(
-                Setpoints(context),
-                ManualControl(context),
-                Timesync(context),
-                Companion(context),
-                Shell(context),
-                key_setup,
-            ),
-        )
-        self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs, SatelliteReports(context))
-        self._pumped: tuple[PumpedService, ...] = (parameters, extended, files, logs)
-        self._next_peer = 0  # whose long answer goes on next
-        self.pumping = False  # whether one did in the last call
-
-    def handlers(self) -> dict[int, Handler]:
-        """Return who handles which message, by its number."""
-        handlers: dict[int, Handler] = {_DATA_STREAM: request_data_stream, **radio_status.handlers()}
-        for service in self._all:
-            handlers.update(service.handlers())
-        return handlers
-
-    def report_changes(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
-        """Report what a tick has changed and no table of telemetry has."""
-        self._mission.report_progress(before, snapshot, now_s)
-
-    def update(self, now_s: float) -> None:
-        """Have each service do what is due after a tick."""
-        for service in self._ticked:
-            service.update(now_s)
-
-    def pump(self, peers: Iterable[Peer], now_s: float) -> None:
-        """Go on with a long answer to one peer; the others have their turns in the next calls."""
-        present = tuple(peers)
-        self.pumping = False
-        for number in range(len(present)):
-            peer = present[(self._next_peer + number) % len(present)]
-            before = peer.outbox.waiting(Priority.REPLY)
-            peer.bulk.can_continue = False
-            for service in self._pumped:
-                service.pump(peer, now_s)
-            if peer.outbox.waiting(Priority.REPLY) > before:
-                self._next_peer = (self._next_peer + number + 1) % len(present)
-                self.pumping = True
+        An addressed one is an answer by the book, but some stations ask so, too; the boat
+        never asks. Only the first, lest two who answer everything answer each other for ever.
+        """
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        if message.target_system:
+            asker, mark = (peer, *sender), (message.time_usec, message.seq)
+            if self._answered.get(asker) == mark:
                 return
+            keep_latest(self._answered, asker, mark, _REMEMBERED)
+        reply = mavlink.MAVLink_ping_message(message.time_usec, message.seq, *sender)
+        self._context.send(peer, reply, Priority.URGENT)
+
+    def _timesync(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Answer with the time since start; what answers a question of somebody else is left alone."""
+        if message.tc1:
+            return
+        sender, component = message.get_srcSystem(), message.get_srcComponent()
+        reply = mavlink.mavlink_map[111](int(now_s * 1e9), message.ts1, sender, component)
+        self._context.send(peer, reply, Priority.URGENT)
+
+    def _system_time(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Hear the time of a ground station, for a clock that is plainly wrong (`CLK_SET`)."""
+        utc_s = message.time_unix_usec * 1e-6
+        offer = self._context.suppliers.offer_utc
+        if offer is not None and peer.ground_station_s is not None and 0.0 < utc_s < _FARTHEST_S:
+            offer(utc_s, now_s)
+
+
+def note_radio_status(peer: Peer, message: Message, now_s: float) -> None:
+    """Send no faster than the radio modem in a serial line accepts."""
+    peer.keep_pace(message.txbuf, now_s)
+
+
+class Shell:
+    """Says that there is none, where a station would wait for ever."""
+
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to answer through."""
+        self._context = context
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return the messages handled here."""
+        return {_SERIAL_CONTROL: self._answer}
+
+    def _answer(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
+        """Answer what is typed into a console with a line that there is no shell; an answer is not answered."""
+        if message.device == mavlink.SERIAL_CONTROL_DEV_SHELL and message.count and not message.flags & _REPLY:
+            make = mavlink.MAVLink_serial_control_message
+            self._context.send(peer, make(message.device, _REPLY, 0, 0, len(_NO_SHELL), _DATA))
+
+
+class Companion:
+    """Takes the first battery of the component that was chosen; what others say of theirs is left alone."""
+
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask and to answer through."""
+        self._context = context
+        self._taken_s = -math.inf
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return the messages handled here."""
+        return {BATTERY_STATUS: self._battery}
+
+    def _battery(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Take voltage, current and charge of the battery from the component PWR_COMPANION."""
+        if message.id != 0 or not is_chosen(self._context, message) or now_s - self._taken_s < INTERVAL_S:
+            return
+        self._taken_s = now_s
+        self._context.request_or_warn(peer, message, reported(message), now_s)
+
+
+def is_chosen(context: LinkContext, message: Message) -> bool:
+    """Return whether the sender of a message is the component of the boat that is believed about the battery."""
+    chosen = int(context.request_handler.parameters()["PWR_COMPANION"])
+    return chosen != 0 and (message.get_srcSystem(), message.get_srcComponent()) == (context.system, chosen)
+
+
+def reported(message: Message) -> ReportBattery:
+    """Return what a BATTERY_STATUS says; a current out of the battery is positive in it."""
+    millivolts = _known(message.voltages, UINT16_MAX) + _known(message.voltages_ext, 0)
+    centiamperes, percent = message.current_battery, message.battery_remaining
+    return ReportBattery(
+        voltage_v=sum(millivolts) * 1e-3 if millivolts else None,
+        current_a=None if centiamperes == -1 else -0.01 * centiamperes,
+        charge=None if percent < 0 else 0.01 * percent,
+        temperature_c=None if message.temperature == INT16_MAX else 0.01 * message.temperature,
+    )
+
+
+def _known(cells: Sequence[int], unknown: int) -> list[int]:
+    return [cell for cell in cells if cell != unknown]
+
+
+class KeySetup:
+    """Sets the key that frames are signed with, or removes it (a key of zeros and a timestamp of zero)."""
+
+    def __init__(self, context: LinkContext, signing: Signing, vault: Vault) -> None:
+        """Take the context to answer through, what holds the key, and where that is kept."""
+        self._context = context
+        self._signing = signing
+        self._vault = vault
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return the messages handled here."""
+        return {SETUP_SIGNING: self._set}
+
+    def _set(self, peer: Peer, message: Message, now_s: float) -> None:
+        if not peer.transport.options.trusted:
+            self._context.send_text_limited(peer, Severity.WARNING, _UNTRUSTED, now_s)
+            return
+        key, timestamp = bytes(message.secret_key), message.initial_timestamp
+        if not any(key) and timestamp == 0:
+            self._signing.remove_key()
+            done = "Signing key removed"
+        elif self._signing.set_key(key, timestamp):
+            done = "Signing key set"
+        else:
+            self._context.send_text_limited(
+                peer, Severity.WARNING, "SETUP_SIGNING refused: no key, or no timestamp", now_s
+            )
+            return
+        self._vault.when_stored(lambda stored: self._stored(done, stored=stored))
+
+    def _stored(self, done: str, *, stored: bool) -> None:
+        if stored:
+            self._context.send_text_all(Severity.NOTICE, done)
+        else:
+            self._context.send_text_all(Severity.ERROR, f"{done}, but this could not be stored")
+        self._context.flush_all()
+
+
+def deny(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
+    """Answer a message that its sender has no right to, unless too many were answered just now."""
+    if type(message).id == BATTERY_STATUS and not is_chosen(context, message):
+        return  # said to everybody, and nothing that was asked of us
+    if not peer.denial_tokens.spend_one(now_s):
+        return
+    build = _ANSWERS.get(type(message).id)
+    if build is not None:
+        answer = build(message, message.get_srcSystem(), message.get_srcComponent())
+        context.send(peer, answer, Priority.URGENT)
+    systems = peer.transport.options.systems
+    stranger = systems is not None and message.get_srcSystem() not in systems
+    reason = f"system {message.get_srcSystem()} may not command here" if stranger else "it is not signed"
+    context.send_text_limited(peer, Severity.WARNING, f"{type(message).msgname} refused: {reason}", now_s)
+
+
+def _command(message: Message, system: int, component: int) -> Message:
+    return mavlink.MAVLink_command_ack_message(message.command, _DENIED, 0, 0, system, component)
+
+
+def _set_mode(message: Message, system: int, component: int) -> Message:  # noqa: ARG001 - one of a table
+    return mavlink.MAVLink_command_ack_message(mavlink.MAVLINK_MSG_ID_SET_MODE, _DENIED, 0, 0, system, component)
+
+
+def _parameter(message: Message, system: int, component: int) -> Message:
+    name, error = text_of(message.param_id, 16), mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED
+    return mavlink.MAVLink_param_error_message(system, component, name, -1, error)
+
+
+def _extended(message: Message, system: int, component: int) -> Message:  # noqa: ARG001 - one of a table
+    name, kind = text_of(message.param_id, 16), message.param_type
+    return mavlink.MAVLink_param_ext_ack_message(name, b"", kind, mavlink.PARAM_ACK_FAILED)
+
+
+def _mission(message: Message, system: int, component: int) -> Message:
+    return mavlink.MAVLink_mission_ack_message(system, component, mavlink.MAV_MISSION_DENIED, message.mission_type)
+
+
+def _file(message: Message, system: int, component: int) -> Message:
+    asked = bytes(message.payload)
+    sequence = (int.from_bytes(asked[:2], "little") + 1) & 0xFFFF
+    head = (*sequence.to_bytes(2, "little"), asked[2], _NAK, 1, asked[3], 0, 0, *bytes(4), _FAIL_PROTECTED)
+    reply = bytes(head).ljust(_PAYLOAD_BYTES, b"\0")
+    return mavlink.MAVLink_file_transfer_protocol_message(0, system, component, reply)
+
+
+_ANSWERS: Mapping[int, Callable[[Message, int, int], Message]] = {
+    11: _set_mode,
+    23: _parameter,
+    38: _mission,  # MISSION_WRITE_PARTIAL_LIST
+    39: _mission,  # MISSION_ITEM
+    44: _mission,  # MISSION_COUNT
+    45: _mission,  # MISSION_CLEAR_ALL
+    73: _mission,  # MISSION_ITEM_INT
+    75: _command,
+    76: _command,
+    110: _file,
+    323: _extended,
+}

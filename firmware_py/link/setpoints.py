@@ -11,10 +11,9 @@ from firmware_py.common.intents import SteerHeading, SteerPosition, Verdict
 from firmware_py.common.records import Severity
 from firmware_py.link.commands.memory import OVERTAKEN_S
 from firmware_py.link.context import Handler, LinkContext, within
-from firmware_py.link.correspondent import Sender, sender_of
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.items import acknowledge
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peer, Sender, sender_of
 from firmware_py.link.positions import GLOBAL_FRAMES, home_of, offset_goal, position_goal
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.plans.items import Command

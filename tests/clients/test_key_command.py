@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.__main__ import main
-from firmware_py.link.security.key_record import key_of_passphrase
+from firmware_py.link.signing import key_of_passphrase
 
 PASSPHRASE = "seaworthy"
 HOLD, DENIED, ACCEPTED = 4, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_ACCEPTED

@@ -25,8 +25,7 @@ from firmware_py.common.records import Stored
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
-from firmware_py.link.security.key_record import KeyState
-from firmware_py.link.security.signing import Signing
+from firmware_py.link.signing import KeyState, Signing
 from firmware_py.link.wire.urls import LinkError, parse_url
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan

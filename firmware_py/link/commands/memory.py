@@ -7,9 +7,8 @@ from collections import OrderedDict
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.link.correspondent import Correspondent, Sender
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.ways import DOUBLED_S
+from firmware_py.link.peers import DOUBLED_S, Correspondent, Sender
 
 RETRY_S = 5.0  # a confirmation within this belongs to the earlier command
 SATELLITE_RETRY_S = 600.0  # where an acknowledgement takes two minutes

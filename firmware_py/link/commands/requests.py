@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from firmware_py.common.intents import Answer, Verdict
 from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandCall
 from firmware_py.link.context import LinkContext, within
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peer
 from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.context_fields import INT32_MAX, UINT16_MAX
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE

@@ -13,8 +13,7 @@ from firmware_py.common.records import Severity
 from firmware_py.link.commands.memory import CommandMemory, CommandRecord
 from firmware_py.link.commands.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, PendingCommand
 from firmware_py.link.context import Handler, LinkContext
-from firmware_py.link.correspondent import Correspondent, correspondent
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Correspondent, Peer, correspondent
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
 

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
-from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.files.payload import FileRequest, Opcode, Refusal, ack_payload, nak_payload, refusal_of
 from firmware_py.link.files.sessions import FileSessions, OpenFile
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Correspondent, Peer
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.worker import Worker
 

@@ -9,13 +9,13 @@ from functools import partial
 from typing import Any
 
 from firmware_py.files.packed import PackedFile, PlainFile
-from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.files.answers import Answers, FileAction, FileCall
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
 from firmware_py.link.files.sessions import Burst, FileSessions, OpenFile, listing_data
 from firmware_py.link.files.tree import Tree, parse_path
 from firmware_py.link.latest import keep_latest
+from firmware_py.link.peers import Correspondent
 
 _LISTINGS = 8
 _LISTING_S = 30.0  # a listing is read on, page by page, for so long

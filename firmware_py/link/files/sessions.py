@@ -6,9 +6,9 @@ import errno
 from collections import OrderedDict
 
 from firmware_py.files.packed import PackedFile, PlainFile
-from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.files.area import FILE_BYTES, Entry, Parts
 from firmware_py.link.files.payload import Error, FileRequest, Refusal
+from firmware_py.link.peers import Correspondent
 
 MOST_SESSIONS = 16
 MOST_OF_ONE = 6  # sessions of one client; MAVProxy uses five at once

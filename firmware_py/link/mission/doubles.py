@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
-from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.latest import keep_latest
+from firmware_py.link.peers import Correspondent
 from firmware_py.link.wire.dialect import Message
 
 _DOUBLED_S = 10.0  # what a line doubles comes within this; who asks again does so with another number

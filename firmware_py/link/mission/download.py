@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.link.context import LinkContext
-from firmware_py.link.correspondent import Correspondent, correspondent, sender_of
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.items import acknowledge, home_item, item_message
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Correspondent, Peer, correspondent, sender_of
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import timeouts_of
 from firmware_py.plans.problem import PlanResult

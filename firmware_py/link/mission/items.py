@@ -7,8 +7,7 @@ import math
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
-from firmware_py.link.correspondent import Sender
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peer, Sender
 from firmware_py.link.telemetry.context_fields import scaled_degrees
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority

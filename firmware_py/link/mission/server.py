@@ -10,13 +10,12 @@ from firmware_py.common.plan import Plan, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.link.context import Handler, LinkContext
-from firmware_py.link.correspondent import Correspondent, Sender, correspondent, sender_of
 from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.download import PlanDownloads
 from firmware_py.link.mission.fence_warning import FenceWarning
 from firmware_py.link.mission.items import KINDS, NAMES, acknowledge
 from firmware_py.link.mission.upload import PlanUploads
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Correspondent, Peer, Sender, correspondent, sender_of
 from firmware_py.link.setpoints import GUIDED, go_to_waypoint
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.plans.problem import PlanResult

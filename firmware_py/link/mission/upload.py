@@ -17,7 +17,6 @@ from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
-from firmware_py.link.correspondent import Correspondent, correspondent
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.items import (
@@ -27,7 +26,7 @@ from firmware_py.link.mission.items import (
     item_of,
     news_of,
 )
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Correspondent, Peer, correspondent
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import RetryTimer, Timeouts, timeouts_of
 from firmware_py.plans.problem import PlanProblem, PlanResult

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.parameters.server import BY_NAME, ParameterServer
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peer
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 

@@ -15,7 +15,7 @@ from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.tree import Origin
 from firmware_py.link.parameters.pack import unpack
-from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peer
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 

@@ -10,7 +10,7 @@ import msgspec
 
 from firmware_py.common.interfaces import ByteLine, Vault
 from firmware_py.common.records import Event
-from firmware_py.link.security.key_record import NO_VAULT
+from firmware_py.link.signing import NO_VAULT
 from firmware_py.link.wire.transport import RADIO_BAUD, Address, Transport
 from firmware_py.link.wire.transport_tcp import TcpClient, TcpServer
 from firmware_py.link.wire.transport_udp import OF_MANY_ANYWHERE, UdpTransport

@@ -11,7 +11,7 @@ from firmware_py.__main__ import main
 from firmware_py.assemble.wiring import Options, assemble, base_parameters
 from firmware_py.cli.run import _supervise
 from firmware_py.common.records import Severity
-from firmware_py.link.security.key_record import KeyRecord, find_key, to_text
+from firmware_py.link.signing import KeyRecord, find_key, to_text
 from firmware_py.system.console import Console
 from firmware_py.system.state_directory import SIGNING_FILE, StateFiles, stored_key
 from firmware_py.system.store import Store

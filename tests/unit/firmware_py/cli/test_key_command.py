@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.link.security.key_record import KeyState, find_key
+from firmware_py.link.signing import KeyState, find_key
 from firmware_py.system.state_directory import stored_key
 from firmware_py.system.store import Store
 

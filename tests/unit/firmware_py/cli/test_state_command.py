@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
-from firmware_py.link.security.key_record import KeyRecord, find_key
-from firmware_py.link.security.key_record import to_text as key_to_text
+from firmware_py.link.signing import KeyRecord, find_key
+from firmware_py.link.signing import to_text as key_to_text
 from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes
 from firmware_py.system.endings import to_bytes as endings_to_bytes
 from firmware_py.system.slots import SLOTS, slot_path

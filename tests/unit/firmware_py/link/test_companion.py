@@ -9,7 +9,7 @@ from firmware_py.common.intents import ReportBattery, Request, Verdict
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.core.accept import accept
 from firmware_py.core.state import State
-from firmware_py.link.companion import reported
+from firmware_py.link.services import reported
 from firmware_py.safety.power_monitor import supply
 
 NONE = 65535

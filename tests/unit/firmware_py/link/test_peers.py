@@ -4,9 +4,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.link.peers import DOUBT_S, FORGET_S
-from firmware_py.link.security.places import PLACES, QUIET_S, WAITING
-from firmware_py.link.security.signing import timestamp_of
+from firmware_py.link.peers import DOUBT_S, FORGET_S, PLACES, QUIET_S, WAITING
+from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import without_unasked
 

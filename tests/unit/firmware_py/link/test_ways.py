@@ -8,8 +8,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SteerHeading
-from firmware_py.link.security.signing import timestamp_of
-from firmware_py.link.ways import ALIKE, DOUBLED_S, LOST, Way, Ways
+from firmware_py.link.peers import ALIKE, DOUBLED_S, LOST, Way, Ways
+from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)

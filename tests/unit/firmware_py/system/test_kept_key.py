@@ -10,7 +10,7 @@ import stat
 import pytest
 
 from firmware_py.common.records import Stored
-from firmware_py.link.security.key_record import KeyRecord, KeyState, find_key, to_text
+from firmware_py.link.signing import KeyRecord, KeyState, find_key, to_text
 from firmware_py.system.slots import slot_path
 from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, exposed_key_files, stored_key
 from firmware_py.system.store import Store

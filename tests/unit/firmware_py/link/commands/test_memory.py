@@ -13,8 +13,7 @@ from firmware_py.link.commands.memory import (
     CommandMemory,
     CommandRecord,
 )
-from firmware_py.link.correspondent import Correspondent
-from firmware_py.link.ways import DOUBLED_S, Way
+from firmware_py.link.peers import DOUBLED_S, Correspondent, Way
 
 ARM = 400
 STATION = (255, 190)

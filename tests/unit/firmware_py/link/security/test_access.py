@@ -6,9 +6,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
 from firmware_py.common.records import Event, Severity
-from firmware_py.link.peer import DENIALS
-from firmware_py.link.peers import LATE_HEARTBEATS
-from firmware_py.link.security.signing import timestamp_of
+from firmware_py.link.peers import DENIALS, LATE_HEARTBEATS
+from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault
 

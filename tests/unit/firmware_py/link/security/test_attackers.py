@@ -4,8 +4,8 @@ import pytest
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.security.places import PLACES, QUIET_S
-from firmware_py.link.security.signing import timestamp_of
+from firmware_py.link.peers import PLACES, QUIET_S
+from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault, without_unasked
 from support.paths import ROOT

@@ -4,15 +4,7 @@ import random
 
 import pytest
 
-from firmware_py.link.security.places import (
-    PLACES,
-    QUIET_S,
-    STRANGERS_PLACES,
-    WAITING,
-    Guest,
-    who_leaves,
-    who_waits_no_more,
-)
+from firmware_py.link.peers import PLACES, QUIET_S, STRANGERS_PLACES, WAITING, Guest, who_leaves, who_waits_no_more
 
 NOW_S = 100.0
 

@@ -8,14 +8,15 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.records import Stored
-from firmware_py.link.security.key_record import MAX_STREAMS, KeyState
-from firmware_py.link.security.signing import (
+from firmware_py.link.signing import (
     AHEAD,
     EPOCH_S,
     LATEST,
+    MAX_STREAMS,
     SIGNATURE_BYTES,
     TOLERANCE,
     UNITS_HZ,
+    KeyState,
     LinkSealer,
     Signing,
     timestamp_of,

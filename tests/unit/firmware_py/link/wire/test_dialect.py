@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from firmware_py.link.security.signing import EPOCH_S, Signing
+from firmware_py.link.signing import EPOCH_S, Signing
 from firmware_py.link.wire.dialect import ADDITIONS, mavlink, text_of
 from firmware_py.link.wire.frames import Codec, stamp
 from support.paths import DATA

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.wire.receive_queue import _SHARE_BYTES, ReceiveQueue
+from firmware_py.link.endpoint import _SHARE_BYTES, ReceiveQueue
 
 
 @pytest.fixture

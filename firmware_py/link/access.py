@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_py.link.security.signing import SIGNED_FLAG, Signing
+from firmware_py.link.signing import SIGNED_FLAG, Signing
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.frames import Frame
 from firmware_py.link.wire.transport import Transport
