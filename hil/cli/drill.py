@@ -1,4 +1,4 @@
-"""`rambler-hil drill`: the drill book, sailed; a table of what was told and done, exit 1 on any miss."""
+"""`rambler-hil drill`: run fault drills and print their outcomes; exit code 1 if any drill fails."""
 
 from __future__ import annotations
 
@@ -13,35 +13,37 @@ from pathlib import Path
 from hil.cli import outputs
 from hil.errors import UsageError
 from hil.lab.drill.book import BOOK
-from hil.lab.drill.sail import MOMENTS, Case, Outcome, cases, sail
+from hil.lab.drill.cases import MOMENTS, Case, Outcome, cases, sail
 from hil.lab.processes import in_process, processes
 from hil.report import page
 from hil.sim.signals import interruptible
 
-COLUMNS = ("what breaks", "when", "told s", "over s", "worst deg", "")
+COLUMNS = ("fault", "situation", "reported after, s", "cleared after, s", "largest error, deg", "")
 LEAD = (
-    "Each fault by the emulated devices, in lockstep with the real autopilot: how long after the break it was told, "
-    "how long after the mending it was over, and how far she was off her goal at most meanwhile. Nothing grave may be "
-    "told that what was broken does not explain."
+    "The emulated devices inject each fault, in lockstep with the real autopilot. The table shows the time from "
+    "injection to report, from removal to recovery, and the largest heading error in between. Warnings without an "
+    "injected cause count as deviations."
 )
+# Keys of the JSON file that differ from the names in Outcome.
+JSON_KEYS = {"report_s": "told_s", "clear_s": "over_s"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument("--only", metavar="WORD", action="append", default=[], help="drills with this in their name")
-    parser.add_argument("--moment", choices=tuple(MOMENTS), action="append", help="what she is doing (default all)")
-    parser.add_argument("--pairs", action="store_true", help="all pairs besides of those drills that go together")
-    parser.add_argument("--list", action="store_true", help="list the book and sail nothing")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything that is random (default 1)")
+    parser.add_argument("--moment", choices=tuple(MOMENTS), action="append", help="situation of the boat (default all)")
+    parser.add_argument("--pairs", action="store_true", help="also all pairs of drills that can be combined")
+    parser.add_argument("--list", action="store_true", help="list the drills and exit")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="random seed (default 1)")
     parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="boats at sea at a time (default: cores)"
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="drills at a time (default: number of cores)"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the outcomes")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write a self-contained page")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Sail the drills, say how each went as it ends, and then the misses."""
+    """Run the drills and print each outcome when it ends, then a summary."""
     chosen = _chosen(arguments)
     outputs.check("--json", arguments.json)
     outputs.check("--page", arguments.page)
@@ -54,9 +56,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{len(outcomes):4d} of {len(chosen)}  {'  '.join(_cells(outcome))}".rstrip(), flush=True)
     missed = [outcome for outcome in outcomes if outcome.misses]
     wall_s, sailed_s = sum(one.wall_s for one in outcomes), sum(one.sailed_s for one in outcomes)
-    print(f"{len(outcomes)} drills, {len(missed)} missed; {sailed_s / 3600.0:.1f} h sailed in {wall_s:.0f} s of boats")
+    print(f"{len(outcomes)} drills, {len(missed)} failed; {sailed_s / 3600.0:.1f} h simulated in {wall_s:.0f} s")
     if arguments.json is not None:
-        text = json.dumps([asdict(outcome) for outcome in outcomes], indent=2)
+        rows = [{JSON_KEYS.get(key, key): value for key, value in asdict(outcome).items()} for outcome in outcomes]
+        text = json.dumps(rows, indent=2)
         outputs.write("--json", arguments.json, text + "\n")
     if arguments.page is not None:
         outputs.write("--page", arguments.page, _page(outcomes))
@@ -73,12 +76,12 @@ def _chosen(arguments: argparse.Namespace) -> list[Case]:
         and (not arguments.moment or case.moment in arguments.moment)
     ]
     if not chosen:
-        raise UsageError("no drill is called so; rambler-hil drill --list names them")
+        raise UsageError("no drill matches; rambler-hil drill --list names them")
     return chosen
 
 
 def _sailed(chosen: Sequence[Case], jobs: int) -> Iterator[Outcome]:
-    """Yield the outcomes in order, however many are at sea."""
+    """Yield the outcomes in order."""
     try:
         if jobs == 1:
             with interruptible():
@@ -92,7 +95,7 @@ def _sailed(chosen: Sequence[Case], jobs: int) -> Iterator[Outcome]:
 
 
 def _names(case: Case) -> tuple[tuple[str, ...], str, int]:
-    """Return what another process finds a case by: what a drill does is code, which is not handed over."""
+    """Return names by which another process finds the case; its functions cannot be pickled."""
     return tuple(drill.name for drill in case.drills), case.moment, case.seed
 
 
@@ -109,10 +112,10 @@ def _cells(outcome: Outcome) -> tuple[str, ...]:
     return (
         outcome.name,
         outcome.moment,
-        _times(outcome.told_s),
-        _times(outcome.over_s),
+        _times(outcome.report_s),
+        _times(outcome.clear_s),
         f"{outcome.worst_error_deg:.0f}",
-        f"MISSED: {'; '.join(outcome.misses)}" if outcome.misses else "",
+        f"FAILED: {'; '.join(outcome.misses)}" if outcome.misses else "",
     )
 
 
@@ -122,7 +125,7 @@ def _times(times_s: Sequence[float | None]) -> str:
 
 def _page(outcomes: Sequence[Outcome]) -> str:
     missed = sum(bool(outcome.misses) for outcome in outcomes)
-    count = f"{len(outcomes)} drills, {missed} missed."
+    count = f"{len(outcomes)} drills, {missed} failed."
     return page.page(
-        "Drill book", [page.paragraph(f"{LEAD} {count}", "lead"), page.table([COLUMNS, *map(_cells, outcomes)])]
+        "Fault drills", [page.paragraph(f"{LEAD} {count}", "lead"), page.table([COLUMNS, *map(_cells, outcomes)])]
     )

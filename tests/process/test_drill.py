@@ -1,4 +1,4 @@
-"""The drill book sailed from outside: passed by the firmware as it is, and not by one that is ill."""
+"""The drills pass with this firmware and fail with seeded mutations of it."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from support.paths import ROOT
 
 
 def drilled(tree, directory, *words):
-    """Sail drills with the firmware of a tree; return the exit code and the outcomes."""
+    """Run drills with the firmware of a tree; return the exit code and the outcomes."""
     file = directory / "outcomes.json"
     command = [sys.executable, "-m", "hil", "drill", "--jobs", "2", "--json", str(file), *words]
     done = subprocess.run(
@@ -22,14 +22,14 @@ def drilled(tree, directory, *words):
     return done.returncode, json.loads(file.read_text())
 
 
-def test_a_drill_says_when_it_was_told_and_when_it_was_over(tmp_path):
+def test_a_drill_measures_report_and_recovery(tmp_path):
     code, (outcome,) = drilled(ROOT, tmp_path, "--only", "servo's cable", "--moment", "turning")
     assert (code, outcome["misses"]) == (0, [])
     assert 0.0 < outcome["told_s"][0] < 1.5
     assert 0.0 < outcome["over_s"][0] < 5.0
 
 
-# Where, what stands there, what an ill firmware has instead, and the drills that must catch it.
+# File, original text, mutation, and the drills that must detect it.
 MUTATIONS = (
     (
         "faults/table.py",
@@ -57,14 +57,14 @@ MUTATIONS = (
         "HeadingTarget(-status.course_rad, over",
         "outside the fence",
     ),
-    ("loop.py", "    amidships = 0\n", "    amidships = SAFE_READINGS\n", "told to end"),
+    ("loop.py", "    amidships = 0\n", "    amidships = SAFE_READINGS\n", "ended and started"),
     ("estimate/sources.py", "if is_usable(b,", "if False and is_usable(b,", "first of two compasses"),
     ("faults/latch.py", ">= row.debounce_s)", ">= 0.0)", "troubles of a second"),
     ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),
     ("safety/failsafe.py", "(active=state.active)\n    # A", "()\n    # A", "operator steers on"),
     ("safety/failsafe.py", "in PRECEDENCE if", "in reversed(PRECEDENCE) if", "servo hot and supply low"),
-    ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if False else", "a failsafe has left"),
-    ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if state.fault else", "a failsafe has left"),
+    ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if False else", "another failsafe"),
+    ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if state.fault else", "another failsafe"),
     ("estimate/stay.py", "STAYED_S: Final = 2.0", "STAYED_S: Final = 2e3", "knocked round by a sea"),
     ("core/estimate_step.py", "return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)",
      "return replace(place, dead_reckoning=sailed)", "position lost on a mission"),
@@ -72,15 +72,17 @@ MUTATIONS = (
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize(("file", "well", "ill", "drill"), MUTATIONS, ids=[f"{one[3]}: {one[2]}" for one in MUTATIONS])
-def test_an_ill_firmware_is_caught(file, well, ill, drill, tmp_path):
+@pytest.mark.parametrize(
+    ("file", "original", "mutant", "drill"), MUTATIONS, ids=[f"{one[3]}: {one[2]}" for one in MUTATIONS]
+)
+def test_a_mutation_is_detected(file, original, mutant, drill, tmp_path):
     """`pytest -m proof tests/process/test_drill.py`: seeded mutations, each caught by its drill."""
     for name in ("firmware_py", "hil", "params"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     path = tmp_path / "firmware_py" / file
     text = path.read_text()
-    assert text.count(well) >= 1, f"{well!r} stands no more in {file}"
-    path.write_text(text.replace(well, ill))
+    assert original in text, f"{file} no longer contains {original!r}"
+    path.write_text(text.replace(original, mutant))
     code, outcomes = drilled(tmp_path, tmp_path, "--only", drill, "--moment", "straight", "--moment", "turning")
     assert code == 1, outcomes
     assert any(outcome["misses"] for outcome in outcomes)

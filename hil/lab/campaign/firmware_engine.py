@@ -16,7 +16,7 @@ from hil.lab.campaign.scores import scores_of
 from hil.lab.campaign.spec import NO_FAULT, Spec
 from hil.lab.drill.boat import DrillBoat
 from hil.lab.drill.book import BOOK, Drill
-from hil.lab.drill.provoke import nothing
+from hil.lab.drill.injection import nothing
 from hil.sim import run_file, runner
 from hil.sim.ground_station import GUIDED
 from hil.sim.logbook import put_to_sea
@@ -136,9 +136,9 @@ def run_with_fault(row: Row, fault: Fault, out: Path) -> tuple[Text, ...]:
 
 def _run_drill(boat: DrillBoat, drill: Drill, fault: Fault, seconds: float) -> None:
     boat.run(min(fault.at_s, seconds))
-    drill.broken(boat)
+    drill.inject(boat)
     boat.run(max(0.0, min(fault.at_s + fault.for_s, seconds) - boat.now_s))
-    drill.mended(boat)
+    drill.remove(boat)
     boat.run(max(0.0, seconds - boat.now_s))
 
 

@@ -1,1 +1,1 @@
-"""The drill book: every fault provoked on a boat at sea, at every kind of moment and in pairs."""
+"""Fault drills: every fault is injected on a simulated boat, in several situations and in pairs."""

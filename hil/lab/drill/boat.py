@@ -1,4 +1,4 @@
-"""A boat at sea in lockstep, with the real autopilot aboard, each of whose devices can be broken."""
+"""A simulated boat with the real autopilot in lockstep, whose devices accept faults."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from hil.sim.process import GRACE_S, AutopilotProcess
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 SET_MODE = 176
-# section -> driver and baud; a boat has those whose device is aboard
+# section -> driver and baud rate; the vehicle file has those whose device is fitted
 SECTIONS = {
     "compass": ("nmea", 38400),
     "compass_b": ("nmea", 38400),
@@ -47,11 +47,11 @@ SECTIONS = {
 
 
 class DrillBoat:
-    """A boat whose devices a drill breaks and mends; a context that leaves no process behind.
+    """A boat for fault drills; a context manager that ends its processes.
 
-    `fitted` names what is aboard besides: "compass_b", "supply". `plans` are plan files that she has from the start;
-    `goals` are those of GUIDED, and `world` is one that is there already.
-    Time is the world's and goes on with `run` alone; the same drill goes the same way each time.
+    `fitted` names additional devices: "compass_b", "supply". `plans` are plan files loaded before the start, `goals`
+    those of GUIDED; `world` replaces a new one. Time is that of the world and advances in `run` only, so a drill is
+    reproducible.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class DrillBoat:
         goals: tuple[Goal, ...] = (Goal(0.0, 0.0),),
         world: World | None = None,
     ) -> None:
-        """Build the boat in a directory that is there."""
+        """Build the boat in an existing directory."""
         self.directory = directory
         self.state = directory / "state"
         self.world = World(scenario, seed) if world is None else world
@@ -109,9 +109,9 @@ class DrillBoat:
         self.pacer = Pacer(math.inf)
         self._starts = 0
         self.goal_deg = self.goal_s = 0.0
-        self.mode_before = ""  # when something broke
-        self.rested_deg = self.farthest_deg = 0.0  # where the rudder was left at the end; how far over it has been
-        self.errors_deg: list[tuple[float, float]] = []  # time and heading less goal, ten times a second
+        self.mode_before = ""  # the mode before the fault
+        self.final_rudder_deg = self.max_rudder_deg = 0.0  # at the end of the autopilot; largest magnitude
+        self.errors_deg: list[tuple[float, float]] = []  # time and heading minus goal, ten times a second
 
     def __enter__(self) -> Self:
         """Start the autopilot."""
@@ -121,13 +121,13 @@ class DrillBoat:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End it and give the ports back."""
+        """End the autopilot and release the ports."""
         self.server.close()
         self._process.__exit__(kind, error, trace)
         self._stack.close()
 
     def start(self) -> None:
-        """Start an autopilot on the state that there is."""
+        """Start an autopilot on the present state directory."""
         self._starts += 1
         clock = self.directory / f"clock{self._starts}"
         self.server = LockstepServer(clock, self.board, self.pacer)
@@ -136,18 +136,18 @@ class DrillBoat:
         self.server.accept(self._process.running, START_UTC_S + self.world.now_s)
 
     def end(self) -> None:
-        """End the autopilot in good order, as who shuts the computer down; HilError when it does not end."""
+        """Send SIGTERM and wait for the end of the autopilot; raise HilError if it does not end in time."""
         self._process.terminate()
         end_s = self.now_s + GRACE_S
         while self.server.serve(end_s):
             if self.now_s >= end_s:
-                raise HilError(f"told to end, the autopilot has not done so within {GRACE_S:g} s")
+                raise HilError(f"autopilot: still running {GRACE_S:g} s after SIGTERM")
         self._process.wait(GRACE_S)
-        self.rested_deg = self.rudder_deg()
+        self.final_rudder_deg = self.rudder_deg()
         self.server.close()
 
     def kill(self) -> None:
-        """End the autopilot as a power cut does."""
+        """Kill the autopilot, as a power cut does."""
         self._process.kill()
         for port in self.board.ports:
             if isinstance(port.line, PtyLine):
@@ -155,85 +155,84 @@ class DrillBoat:
         self.server.close()
 
     def run(self, seconds: float) -> None:
-        """Let the world go on; HilError when the autopilot has ended."""
+        """Advance the world; raise HilError if the autopilot ends."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             if not self.server.serve(end_s):
                 raise HilError(f"the autopilot has ended: {self._process.last_words()}")
             if not self.errors_deg or self.now_s - self.errors_deg[-1][0] > 0.099:
                 self.errors_deg.append((self.now_s, self.error_deg()))
-                self.farthest_deg = max(self.farthest_deg, abs(self.rudder_deg()))
+                self.max_rudder_deg = max(self.max_rudder_deg, abs(self.rudder_deg()))
 
     def unplug(self, name: str) -> None:
-        """Pull a cable."""
+        """Unplug a device."""
         line = self.lines[name]
         if isinstance(line, PtyLine):
             line.unplug()
 
     def plug(self, name: str) -> None:
-        """Put it back."""
+        """Plug it in again."""
         line = self.lines[name]
         if isinstance(line, PtyLine):
             line.plug()
 
     @property
     def now_s(self) -> float:
-        """The moment that the world stands at."""
+        """Return the time of the world."""
         return self.world.now_s
 
     def order(self, text: str, command: int, *values: float) -> None:
-        """Have the operator give one more command."""
+        """Send another command of the operator."""
         self.station.order(Order(text, self.now_s, command, values), self.now_s)
 
     def steer(self, goal_deg: float) -> None:
-        """Order a heading."""
+        """Command a heading."""
         self.goal_deg, self.goal_s = goal_deg, self.now_s
         self.order(f"heading {goal_deg:g}", CHANGE_HEADING, HEADING_TYPE, goal_deg % 360.0)
 
     def set_mode(self, mode: int) -> None:
-        """Order a mode."""
+        """Command a mode."""
         self.order(f"mode {mode}", SET_MODE, 1.0, float(mode))
 
-    def under_way(self, seconds: float = 60.0) -> bool:
-        """Run until her operator's first orders are accepted; say whether that was so in time."""
+    def start_commands(self, seconds: float = 60.0) -> bool:
+        """Run until the first commands of the operator are accepted; return whether that was in time."""
         while any(order.accepted_s is None for order in self.station.orders):
             if self.now_s > seconds:
                 return False
             self.run(0.5)
         return True
 
-    def said(self, text: str, since_s: float) -> float | None:
-        """Return when a text was first said since a moment, or None; the beginning of it is enough."""
-        return next(
-            (t_s for t_s, _, said in self.station.texts if t_s >= since_s - 1e-9 and said.startswith(text)), None
-        )
+    def report_time(self, text: str, since_s: float) -> float | None:
+        """Return the time of the first message since a time that starts with a text, or None."""
+        since_s -= 1e-9
+        return next((t_s for t_s, _, sent in self.station.texts if t_s >= since_s and sent.startswith(text)), None)
 
     def until(self, text: str, within_s: float, since_s: float) -> float | None:
-        """Run until a text is said; return when, or None when it is not in time."""
-        while (at_s := self.said(text, since_s)) is None and self.now_s < since_s + within_s:
+        """Run until a message is sent; return its time, or None if it is not sent in time."""
+        while (at_s := self.report_time(text, since_s)) is None and self.now_s < since_s + within_s:
             self.run(0.1)
         return at_s
 
-    def note_mode(self) -> None:
-        """Keep the mode as her last heartbeat told it."""
+    def store_mode(self) -> None:
+        """Store the mode of the last heartbeat."""
         self.mode_before = self.station.mode().split(",")[0]
 
     def mode(self) -> str:
-        """The mode, once a heartbeat of now has told it."""
+        """Return the mode of the next heartbeat."""
         self.run(1.1)
         return self.station.mode().split(",")[0]
 
-    def steers_by_track(self) -> bool:
+    def steers_by_course(self) -> bool:
         """Return whether the heading now comes from the course over ground, as the autopilot last reported."""
         sources = [text for _, _, text in self.station.texts if text.startswith("Heading from")]
         return bool(sources) and sources[-1].startswith("Heading from course")
 
     def rudder_deg(self) -> float:
-        """The rudder's true angle."""
+        """Return the true rudder angle."""
         return degrees(self.world.rudder_rad())
 
     def error_deg(self) -> float:
-        """Heading less goal, without the yaw of the waves."""
+        """Return heading minus goal, without wave-frequency yaw."""
         return degrees(wrap_pi(self.world.heading_low_rad() - radians(self.goal_deg)))
 
 

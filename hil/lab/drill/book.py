@@ -1,6 +1,6 @@
-"""The drill book: a row for each thing that breaks, with what must be told, how soon, and what must then be so.
+"""The drills: for each fault its injection, the expected message with its deadline, and the expected behaviour.
 
-The texts are written out here on purpose: the harness does not read the firmware's own table of faults.
+The messages are repeated here on purpose: the harness does not read the firmware's own table of faults.
 """
 
 from __future__ import annotations
@@ -12,25 +12,24 @@ from pathlib import Path
 from firmware_py.common.angles import radians
 from hil.lab.drill.checks import (
     Check,
-    amidships,
+    also_reported,
     as_before,
     both,
+    centred,
+    centred_at_end,
     in_mode,
     not_over,
-    obeyed,
     on_course,
-    relieved,
-    rested,
-    said_besides,
+    operator_overrides,
+    torque_off,
     turns_to,
 )
-from hil.lab.drill.provoke import (
+from hil.lab.drill.injection import (
     Change,
     compass_and_receiver,
     ended,
     fenced,
     killed,
-    knocked,
     legs,
     logs_gone,
     mission_clear_all,
@@ -39,6 +38,7 @@ from hil.lab.drill.provoke import (
     put,
     spoil,
     together,
+    turned_by_wave,
     waiting,
 )
 from hil.ship.scenarios import Scenario, with_extras
@@ -52,23 +52,29 @@ BATTERY = {"PWR_SAVE_PCT": 30.0, "PWR_KEEP_PCT": 10.0}
 
 @dataclass(frozen=True, slots=True)
 class Drill:
-    """How a fault is provoked and what must follow: told within `told_s`, over within `over_s` of its mending.
+    """A fault and the expected response.
 
-    `stands_s` is how long it stands; `holds` looks at her then. `also` are other texts that belong to it. Drills that
-    can be sailed together with others have `pair`; one that needs a state of its own names its only `moment`.
-    `over_s` 0: it is not to end by itself within the drill. `after` looks at her once it is over: as a rule she does
-    again what she did before.
+    Attributes:
+        text, recovery: start of the messages at the begin and at the end of the fault.
+        inject, remove: functions that cause and that end the fault.
+        report_s: deadline of `text` after the injection.
+        clear_s: deadline of `recovery` after the removal; 0 if the condition does not end within the drill.
+        active_s: duration of the fault.
+        check, check_after: checks during the fault, and after its end (by default: same behaviour as before).
+        also: other messages that the fault explains.
+        moment: the only situation of this drill; empty for all of them.
+        pair: whether the drill can be combined with another one.
     """
 
     name: str
     text: str
     recovery: str
-    broken: Change
-    mended: Change
-    told_s: float
-    over_s: float
-    stands_s: float = 5.0
-    holds: Check = lambda _boat, _at_s: ""
+    inject: Change
+    remove: Change
+    report_s: float
+    clear_s: float
+    active_s: float = 5.0
+    check: Check = lambda _boat, _at_s: ""
     also: tuple[str, ...] = ()
     moment: str = ""
     pair: bool = False
@@ -77,13 +83,13 @@ class Drill:
     fitted: tuple[str, ...] = ()
     plan: Callable[[Path], Path] | None = None
     sea: Callable[[Scenario], Scenario] = lambda scenario: scenario
-    after: Check = as_before
+    check_after: Check = as_before
 
 
 BOOK: tuple[Drill, ...] = (
     Drill(
         "no heading", "No valid heading", "Heading recovered", compass_and_receiver(True), compass_and_receiver(False),
-        15.0, 70.0, 32.0, amidships, ("Compass: no data", "GPS position lost", "Heading from", "Heading lost"),
+        15.0, 70.0, 32.0, centred, ("Compass: no data", "GPS position lost", "Heading from", "Heading lost"),
         settings={"CTL_HOLD_S": 5.0},
     ),
     Drill(
@@ -100,19 +106,19 @@ BOOK: tuple[Drill, ...] = (
         ("Heading from", "Heading estimate", "No valid heading"),
     ),
     Drill(
-        "knocked round by a sea", "Compass heading jumped", "Compass heading plausible again",
-        knocked(radians(90.0), 1.5), nothing, 4.0, 12.0, 4.0, on_course,
+        "turned_by_wave round by a sea", "Compass heading jumped", "Compass heading plausible again",
+        turned_by_wave(radians(90.0), 1.5), nothing, 4.0, 12.0, 4.0, on_course,
         ("Heading from", "Heading estimate", "No valid heading"),
     ),
     Drill(
-        "knocked round by a sea without a receiver", "Compass heading jumped", "Compass heading plausible again",
-        together(put("receiver.fix", False), knocked(radians(-90.0), 1.5)), put("receiver.fix", True),
+        "turned_by_wave round by a sea without a receiver", "Compass heading jumped", "Compass heading plausible again",
+        together(put("receiver.fix", False), turned_by_wave(radians(-90.0), 1.5)), put("receiver.fix", True),
         4.0, 12.0, 4.0, on_course, ("Heading", "No valid heading", "GPS position lost"),
     ),
     Drill(
         "compasses disagree", "Compasses disagree", "Compasses agree again",
         put("other_attitude.error_rad", radians(18.0)), put("other_attitude.error_rad", 0.0), 30.0, 30.0, 5.0,
-        on_course, ("Heading estimate",),  # in a turn with the other frozen it is the one that was seen to turn
+        on_course, ("Heading estimate",),  # in a turn the other compass may be frozen
         fitted=("compass_b",), pair=True,
     ),
     Drill(
@@ -144,7 +150,7 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "rudder jammed", "Rudder jammed", "Rudder no longer jammed", lambda boat: boat.world.jam(radians(-20.0)),
-        lambda boat: boat.world.free(), 30.0, 13.0, 5.0, relieved("Rudder jammed"), ("Rudder",),
+        lambda boat: boat.world.free(), 30.0, 13.0, 5.0, torque_off("Rudder jammed"), ("Rudder",),
     ),
     Drill(
         "servo hot", "Rudder servo too hot", "Rudder servo temperature normal", put("servo.motor.temperature_c", 75.0),
@@ -156,7 +162,7 @@ BOOK: tuple[Drill, ...] = (
     Drill(
         "servo overloaded", "Rudder servo overcurrent", "Rudder servo current normal",
         put("servo.motor.load_a", 4.0),
-        put("servo.motor.load_a", 0.0), 4.0, 14.0, 2.0, relieved("Rudder servo draws"), pair=True,
+        put("servo.motor.load_a", 0.0), 4.0, 14.0, 2.0, torque_off("Rudder servo draws"), pair=True,
     ),
     Drill(
         "servo's power cut", "Rudder servo lost power", "Rudder servo power stable again",
@@ -210,7 +216,7 @@ BOOK: tuple[Drill, ...] = (
         "outside the fence", "Fence breached", "Fence breach cleared", nothing, nothing, 60.0, 240.0, 3.0,
         in_mode("RTL"),
         ("Failsafe", "Mode", "Return"), "straight", settings={"FENCE_ENABLE": 1.0}, plan=fenced,
-        sea=lambda scenario: replace(scenario, speed_m_s=0.8), after=in_mode("RTL"),
+        sea=lambda scenario: replace(scenario, speed_m_s=0.8), check_after=in_mode("RTL"),
     ),
     Drill(
         "rudder blade lost", "Steering lost: no response to the rudder", "", put("world.rudder_grip", 0.0),
@@ -223,17 +229,17 @@ BOOK: tuple[Drill, ...] = (
         180.0, 0.0, 1.0, also=("Rudder moves", "Rudder hard over"), moment="turning",
     ),
     Drill(
-        "ship far more sluggish than told", "Heading oscillates", "", nothing, nothing, 300.0, 0.0, 1.0,
+        "ship slower to turn than its model", "Heading oscillates", "", nothing, nothing, 300.0, 0.0, 1.0,
         moment="turning",
         sea=lambda scenario: with_extras(scenario, "kt=1:3,delay=8"),
     ),
     Drill(
         "mission cleared while it is sailed", "Mission unusable", "Mission problem cleared",
         lambda boat: boat.station.tell(mission_clear_all()), lambda boat: boat.set_mode(GUIDED), 4.0, 4.0, 2.0,
-        in_mode("AUTO"), ("Mission",), "straight", mode=AUTO, plan=waiting, after=in_mode("GUIDED"),
+        in_mode("AUTO"), ("Mission",), "straight", mode=AUTO, plan=waiting, check_after=in_mode("GUIDED"),
     ),
     Drill(
-        "current stronger than she is", "Current too strong", "", lambda boat: boat.set_mode(LOITER),
+        "current stronger than the boat", "Current too strong", "", lambda boat: boat.set_mode(LOITER),
         nothing, 1800.0, 0.0, 60.0, also=("Failsafe",), moment="straight",
         sea=lambda scenario: replace(scenario, current_m_s=0.48, current_toward_deg=90.0),
     ),
@@ -243,7 +249,7 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "first of two compasses silent", "Compass: no data", "Compass: data recovered", put("compass.silent", True),
-        put("compass.silent", False), 2.0, 4.0, 30.0, both(on_course, said_besides("Heading from compass B")),
+        put("compass.silent", False), 2.0, 4.0, 30.0, both(on_course, also_reported("Heading from compass B")),
         ("Heading from",), "turning", fitted=("compass_b",),
     ),
     Drill(
@@ -259,19 +265,19 @@ BOOK: tuple[Drill, ...] = (
         settings=SAILED | {"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0, "FS_RUD_ACT": 1.0},
     ),
     Drill(
-        "supply low where a failsafe has left her", "Supply voltage low", "Supply voltage normal",
+        "supply low after another failsafe", "Supply voltage low", "Supply voltage normal",
         one_after_the_other(
             4.0, put("servo.motor.temperature_c", 75.0), put("servo.motor.temperature_c", 60.0),
             put("servo.motor.voltage_v", 10.5),
         ),
-        put("servo.motor.voltage_v", 12.0), 16.0, 12.0, 1.0, both(said_besides("Failsafe over: HOLD"), in_mode("RTL")),
+        put("servo.motor.voltage_v", 12.0), 16.0, 12.0, 1.0, both(also_reported("Failsafe over: HOLD"), in_mode("RTL")),
         ("Rudder servo", "Failsafe", "Mode", "Return"), "straight",
-        settings={"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0, "FS_RUD_ACT": 1.0}, after=in_mode("RTL"),
+        settings={"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0, "FS_RUD_ACT": 1.0}, check_after=in_mode("RTL"),
     ),
     Drill(
         "operator steers on with a hot servo", "Rudder servo too hot", "Rudder servo temperature normal",
-        put("servo.motor.temperature_c", 75.0), put("servo.motor.temperature_c", 60.0), 4.0, 4.0, 2.0, obeyed,
-        ("Failsafe", "Mode"), "straight", settings=SAILED | {"FS_RUD_ACT": 1.0},
+        put("servo.motor.temperature_c", 75.0), put("servo.motor.temperature_c", 60.0), 4.0, 4.0, 2.0,
+        operator_overrides, ("Failsafe", "Mode"), "straight", settings=SAILED | {"FS_RUD_ACT": 1.0},
     ),
     Drill(
         "troubles of a second", "", "",
@@ -286,7 +292,7 @@ BOOK: tuple[Drill, ...] = (
         0.0, 0.0, 1.0, moment="straight", fitted=("compass_b",), settings={"BAT_LOW_VOLT": 11.0},
     ),
     Drill(
-        "told to end, and started again", "", "", ended, nothing, 0.0, 0.0, 10.0, both(rested, on_course), ("",),
+        "ended and started again", "", "", ended, nothing, 0.0, 0.0, 10.0, both(centred_at_end, on_course), ("",),
         "turning", settings={"BOOT_RESUME": 2.0},
     ),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What is looked at on a boat while something stands broken aboard."""
+"""Checks on the boat during and after a fault; each returns the deviation, or an empty text."""
 
 from __future__ import annotations
 
@@ -8,77 +8,78 @@ from hil.lab.drill.boat import DrillBoat
 from hil.sim.ground_station import GUIDED
 
 ON_COURSE_DEG = 15.0
-# By the track alone, soon after the start: 13 deg rms, since positions wander by 0.9 m while the boat goes 4 m.
-BY_TRACK_DEG = 35.0
-ARRIVED_S = 130.0  # after an order to turn as far as the moments do
-LET_GO_S, AT_REST_S, TRIED_S = 1.0, 4.0, 9.5  # after the telling: pulls no more; so long at least; before it is tried
+# Heading from course over ground, soon after the start: 13 deg rms, for position errors of 0.9 m over 4 m of track.
+COURSE_FALLBACK_DEG = 35.0
+TURN_TIME_S = 130.0  # for the largest turn of the situations
+# After the report of a rudder fault: torque is off; minimum time without torque; next attempt of the autopilot.
+TORQUE_OFF_S, MIN_REST_S, RETRY_S = 1.0, 4.0, 9.5
 MOVED_DEG, TURN_DEG = 1.0, 90.0
 
-LIMIT_DEG = 31.5  # of the rudder, as it comes: 30, and what a shaft swings beyond
-KEPT_S = 5.0
+RUDDER_LIMIT_DEG = 31.5  # the limit of 30 and an overshoot of the shaft
+SETTLED_S = 5.0
 
-Check = Callable[[DrillBoat, float], str]  # what is wrong a while after it broke, or ""
+Check = Callable[[DrillBoat, float], str]  # boat, time of the injection
 
 
 def in_mode(name: str) -> Check:
-    """She is in a mode."""
+    """Check the mode."""
     return lambda boat, _at_s: "" if (mode := boat.mode()) == name else f"mode {mode}, not {name}"
 
 
 def on_course(boat: DrillBoat, _at_s: float) -> str:
-    """The boat steers for its goal."""
-    boat.run(max(0.0, boat.goal_s + ARRIVED_S - boat.now_s))
-    limit_deg, error_deg = BY_TRACK_DEG if boat.steers_by_track() else ON_COURSE_DEG, boat.error_deg()
+    """Check that the boat steers to its goal."""
+    boat.run(max(0.0, boat.goal_s + TURN_TIME_S - boat.now_s))
+    limit_deg, error_deg = COURSE_FALLBACK_DEG if boat.steers_by_course() else ON_COURSE_DEG, boat.error_deg()
     return "" if abs(error_deg) < limit_deg else f"{error_deg:+.0f} deg off the goal"
 
 
 def both(*checks: Check) -> Check:
-    """Look at several things, one after the other."""
+    """Combine checks."""
 
     def check(boat: DrillBoat, at_s: float) -> str:
-        return "; ".join(wrong for one in checks if (wrong := one(boat, at_s)))
+        return "; ".join(deviation for one in checks if (deviation := one(boat, at_s)))
 
     return check
 
 
 def as_before(boat: DrillBoat, at_s: float) -> str:
-    """She is in the mode that she was in before, and comes back to her goal when it was one."""
-    if wrong := in_mode(boat.mode_before)(boat, at_s):
-        return f"{wrong}, after it was over"
+    """Check that the boat is in its former mode and, in GUIDED, returns to its goal."""
+    if deviation := in_mode(boat.mode_before)(boat, at_s):
+        return f"{deviation}, after the fault"
     if boat.mode_before != "GUIDED":
         return ""
-    end_s = max(boat.goal_s, boat.now_s) + ARRIVED_S
-    there_s: float | None = None
+    end_s = max(boat.goal_s, boat.now_s) + TURN_TIME_S
+    reached_s: float | None = None
     while boat.now_s < end_s:
         if abs(boat.error_deg()) >= ON_COURSE_DEG:
-            there_s = None
-        elif there_s is None:
-            there_s = boat.now_s
-        elif boat.now_s - there_s > KEPT_S:
+            reached_s = None
+        elif reached_s is None:
+            reached_s = boat.now_s
+        elif boat.now_s - reached_s > SETTLED_S:
             return ""
         boat.run(0.5)
-    return f"{boat.error_deg():+.0f} deg off her goal, long after it was over"
+    return f"{boat.error_deg():+.0f} deg off the goal, long after the fault"
 
 
-def said_besides(text: str) -> Check:
-    """Something more has been told since it broke."""
-    return lambda boat, at_s: "" if boat.said(text, at_s) is not None else f"{text!r} not told"
+def also_reported(text: str) -> Check:
+    """Check that another message was sent since the injection."""
+    return lambda boat, at_s: "" if boat.report_time(text, at_s) is not None else f"{text!r} not reported"
 
 
 def not_over(recovery: str, nearly: Callable[[DrillBoat], object], seconds: float) -> Check:
-    """It does not pass for over while it is nearly so."""
+    """Check that the condition does not end while its value is within the hysteresis; `nearly` sets the value."""
 
     def check(boat: DrillBoat, _at_s: float) -> str:
         nearly(boat)
         since_s = boat.now_s
         early_s = boat.until(recovery, seconds, since_s)
-        return "" if early_s is None else f"{recovery!r} told {early_s - since_s:.0f} s after it was nearly over"
+        return "" if early_s is None else f"{recovery!r} reported after {early_s - since_s:.0f} s within the hysteresis"
 
     return check
 
 
 def turns_to(heading_deg: float, within_s: float) -> Check:
-    """She comes to a heading, as the next leg of her way asks."""
+    """Check that the boat reaches the heading of the next leg in time."""
 
     def check(boat: DrillBoat, _at_s: float) -> str:
         boat.goal_deg, end_s = heading_deg, boat.now_s + within_s
@@ -91,55 +92,55 @@ def turns_to(heading_deg: float, within_s: float) -> Check:
     return check
 
 
-def obeyed(boat: DrillBoat, at_s: float) -> str:
-    """A failsafe has acted; the operator orders otherwise, and that stands."""
+def operator_overrides(boat: DrillBoat, at_s: float) -> str:
+    """Check that a failsafe has acted, and that the operator can override it."""
     acted = in_mode("HOLD")(boat, at_s)
     boat.set_mode(GUIDED)
     boat.steer(boat.goal_deg)
-    boat.run(KEPT_S)
+    boat.run(SETTLED_S)
     return acted or in_mode("GUIDED")(boat, at_s)
 
 
-def rested(boat: DrillBoat, _at_s: float) -> str:
-    """When the autopilot ended the rudder lay amidships."""
-    return "" if abs(boat.rested_deg) < 1.0 else f"rudder left at {boat.rested_deg:+.1f} deg"
+def centred_at_end(boat: DrillBoat, _at_s: float) -> str:
+    """Check that the rudder was centred when the autopilot ended."""
+    return "" if abs(boat.final_rudder_deg) < 1.0 else f"rudder left at {boat.final_rudder_deg:+.1f} deg"
 
 
 def within_limit(boat: DrillBoat) -> str:
-    """The rudder was never put beyond its limit."""
-    worst_deg = boat.farthest_deg
-    return "" if worst_deg <= LIMIT_DEG else f"rudder at {worst_deg:.1f} deg, beyond its limit"
+    """Check that the rudder stayed within its limit."""
+    max_deg = boat.max_rudder_deg
+    return "" if max_deg <= RUDDER_LIMIT_DEG else f"rudder at {max_deg:.1f} deg, beyond its limit"
 
 
-def amidships(boat: DrillBoat, _at_s: float) -> str:
-    """The rudder has gone amidships."""
+def centred(boat: DrillBoat, _at_s: float) -> str:
+    """Check that the rudder is centred."""
     return "" if abs(boat.rudder_deg()) < 0.5 else f"rudder at {boat.rudder_deg():+.1f} deg"
 
 
-def relieved(text: str) -> Check:
-    """Told that her rudder suffers, she stops pulling at it, and leaves it where it stands though ordered to turn."""
+def torque_off(text: str) -> Check:
+    """Check that the autopilot switches the torque off after the report, even if a turn is commanded."""
 
     def check(boat: DrillBoat, at_s: float) -> str:
-        told_s = boat.said(text, at_s)
-        if told_s is None or boat.now_s > told_s + TRIED_S - AT_REST_S:
-            return ""  # the other of a pair hides it, or has taken so long that it may be tried meanwhile
+        report_s = boat.report_time(text, at_s)
+        if report_s is None or boat.now_s > report_s + RETRY_S - MIN_REST_S:
+            return ""  # hidden by the other fault of a pair, or too late: the autopilot may retry during the check
         goal_deg = boat.goal_deg
         boat.steer(goal_deg + TURN_DEG)
-        wrong = _pulled(boat, told_s)
-        boat.steer(goal_deg)  # what the other of a pair is looked at for
-        return wrong
+        deviation = _torque_deviation(boat, report_s)
+        boat.steer(goal_deg)  # for the check of the other fault of a pair
+        return deviation
 
     return check
 
 
-def _pulled(boat: DrillBoat, told_s: float) -> str:
-    """Say how the rudder is pulled at, soon after the telling and for as long as it is not tried."""
-    boat.run(max(0.0, told_s + LET_GO_S - boat.now_s))
-    stood_deg, end_s = boat.rudder_deg(), boat.now_s + AT_REST_S
+def _torque_deviation(boat: DrillBoat, report_s: float) -> str:
+    """Check that the servo has no torque and the rudder does not move until the next attempt."""
+    boat.run(max(0.0, report_s + TORQUE_OFF_S - boat.now_s))
+    start_deg, end_s = boat.rudder_deg(), boat.now_s + MIN_REST_S
     while boat.now_s < end_s:
         if boat.servo.motor.pulls():
-            return f"the servo pulls {boat.now_s - told_s:.1f} s after the telling"
-        if abs(boat.rudder_deg() - stood_deg) > MOVED_DEG:
-            return f"the rudder is moved {boat.now_s - told_s:.1f} s after the telling"
+            return f"servo torque on {boat.now_s - report_s:.1f} s after the report"
+        if abs(boat.rudder_deg() - start_deg) > MOVED_DEG:
+            return f"rudder moves {boat.now_s - report_s:.1f} s after the report"
         boat.run(0.1)
     return ""

@@ -1,4 +1,4 @@
-"""What a drill does to the boat: how each thing is broken and mended, and the plans that she has aboard."""
+"""Injection and removal of faults, and the plans of the drills."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from pymavlink.dialects.v20 import common as dialect
 from hil.lab.drill.boat import DrillBoat
 
 FENCE_M = 50.0
-LOG_SPEED = 20.0  # times real time
+LOG_SPEED = 20.0  # relative to real time
 
 Change = Callable[[DrillBoat], object]
 
 
 def nothing(_boat: DrillBoat) -> None:
-    """Neither break nor mend: it comes, or goes, by itself."""
+    """Do nothing: the condition starts or ends by itself."""
 
 
 def put(path: str, value: object) -> Change:
-    """Set an attribute of the boat, or of something aboard."""
+    """Set an attribute of the boat or of one of its parts."""
     *owners, name = path.split(".")
 
     def change(boat: DrillBoat) -> None:
@@ -34,8 +34,8 @@ def put(path: str, value: object) -> Change:
     return change
 
 
-def knocked(turned_rad: float, seconds: float) -> Change:
-    """Turn her as a breaking sea does."""
+def turned_by_wave(turned_rad: float, seconds: float) -> Change:
+    """Turn the boat as a breaking wave does."""
 
     def change(boat: DrillBoat) -> None:
         steps = round(50.0 * seconds)
@@ -47,7 +47,7 @@ def knocked(turned_rad: float, seconds: float) -> Change:
 
 
 def compass_and_receiver(silent: bool) -> Change:  # noqa: FBT001 - one switch
-    """Take away every heading that there is."""
+    """Switch off all sources of heading."""
 
     def change(boat: DrillBoat) -> None:
         boat.compass.silent = silent
@@ -57,26 +57,26 @@ def compass_and_receiver(silent: bool) -> Change:  # noqa: FBT001 - one switch
 
 
 def logs_gone(boat: DrillBoat) -> None:
-    """Put a file where the logs belong; what writes them looks at the disk once in a second that is a real one."""
+    """Replace the log directory by a file; the log writer checks the disk once per second of real time."""
     boat.pacer.keep(LOG_SPEED)
     shutil.rmtree(boat.state / "logs", ignore_errors=True)
     (boat.state / "logs").write_text("in the way")
 
 
 def killed(boat: DrillBoat) -> None:
-    """End the autopilot as a power cut does, and start it again."""
+    """Kill the autopilot, and start it again."""
     boat.kill()
     boat.start()
 
 
 def ended(boat: DrillBoat) -> None:
-    """Have the autopilot end in good order, and start it again."""
+    """End the autopilot with SIGTERM, and start it again."""
     boat.end()
     boat.start()
 
 
 def together(*changes: Change) -> Change:
-    """Do several things at once."""
+    """Combine changes."""
 
     def change(boat: DrillBoat) -> None:
         for one in changes:
@@ -86,7 +86,7 @@ def together(*changes: Change) -> Change:
 
 
 def one_after_the_other(seconds: float, *changes: Change) -> Change:
-    """Do several things, so many seconds apart."""
+    """Combine changes with a time between them."""
 
     def change(boat: DrillBoat) -> None:
         for place, one in enumerate(changes):
@@ -97,7 +97,7 @@ def one_after_the_other(seconds: float, *changes: Change) -> Change:
 
 
 def waiting(directory: Path) -> Path:
-    """Write a mission that waits at the start for ever."""
+    """Write a mission that loiters at the start without end."""
     path = directory / "wait.waypoints"
     path.write_text("QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n1\t0\t3\t17\t0\t0\t0\t0\t36\t121\t0\t1\n")
     return path
@@ -109,7 +109,7 @@ def mission_clear_all() -> Any:
 
 
 def legs(directory: Path) -> Path:
-    """Write a mission to the north, soon at its end, and then far to the east."""
+    """Write a mission with a short leg to the north and a long one to the east."""
     path = directory / "legs.waypoints"
     path.write_text(
         "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n"
@@ -119,7 +119,7 @@ def legs(directory: Path) -> Path:
 
 
 def fenced(directory: Path) -> Path:
-    """Write a plan with a round fence about the start."""
+    """Write a plan with a circular fence around the start."""
     path = directory / "fence.plan"
     path.write_text(
         '{"fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": {"version": 2, "items": [],'
@@ -132,5 +132,5 @@ def fenced(directory: Path) -> Path:
 
 
 def spoil(boat: DrillBoat, share: float) -> None:
-    """Have the compass lose and flip a share of its bytes."""
+    """Set the share of compass bytes that are dropped and that are flipped."""
     boat.compass.drop = boat.compass.flip = share
