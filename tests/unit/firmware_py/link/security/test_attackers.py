@@ -26,29 +26,29 @@ POLICIES = {
     "`signed-commands`": ("policy=signed-commands", THERE),
     "`signed-only`": ("policy=signed-only", THERE),
     "`trusted=1`": ("trusted=1", THERE),
-    "any but `trusted=1`, the key lost": ("policy=open", LOST),
+    "all but `trusted=1`, key lost": ("policy=open", LOST),
 }
 COMMANDS, READS, HEARTBEATS, NOTHING = "commands", "reads", "heartbeats", "nothing"
-BOUNDED = "less than 10 times what he sends"
+BOUNDED = "less than 10 times the bytes sent"
 DROPPED, DROPPED_UNHEARD = "heartbeats; dropped after 10 s", "nothing; dropped after 10 s"
-WAITS, SERVED = "a newcomer waits while he floods", "a station with the key is served at once"
-SHUT = "nobody has a place"
+WAITS, SERVED = "a new peer waits during the flood", "a station with the key is served at once"
+SHUT = "no peer is served"
 SET, KEPT = "sets the key", "nothing is set"
-PASSES, FOUND_OUT = "passes for a station", "STATION_SILENT is raised"
+PASSES, FOUND_OUT = "counts as a station", "STATION_SILENT is set"
 
 # One column for each policy.
 TABLE = {
     "sends unsigned frames": (COMMANDS, COMMANDS, READS, NOTHING, COMMANDS, NOTHING),
     "sends MAVLink 1": (COMMANDS, COMMANDS, READS, NOTHING, COMMANDS, NOTHING),
     "signs with another key": (COMMANDS, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING),
-    "replays what the owner has signed": (COMMANDS, HEARTBEATS, HEARTBEATS, HEARTBEATS, HEARTBEATS, NOTHING),
+    "replays frames that the owner has signed": (COMMANDS, HEARTBEATS, HEARTBEATS, HEARTBEATS, HEARTBEATS, NOTHING),
     "has the key, but a system id that is not in `systems`": (READS, READS, READS, READS, READS, NOTHING),
     "forges the address of another in one frame": (BOUNDED, BOUNDED, BOUNDED, NOTHING, BOUNDED, NOTHING),
     "forges RADIO_STATUS over a network": (NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING),
-    "connects over TCP and says nothing": (DROPPED, DROPPED, DROPPED, DROPPED_UNHEARD, DROPPED, DROPPED_UNHEARD),
+    "connects over TCP and sends nothing": (DROPPED, DROPPED, DROPPED, DROPPED_UNHEARD, DROPPED, DROPPED_UNHEARD),
     "floods from many addresses": (WAITS, SERVED, SERVED, SERVED, WAITS, SHUT),
     "sends SETUP_SIGNING": (KEPT, KEPT, KEPT, KEPT, SET, KEPT),
-    "sends heartbeats as if he were the station": (PASSES, FOUND_OUT, FOUND_OUT, FOUND_OUT, PASSES, FOUND_OUT),
+    "imitates the heartbeats of the station": (PASSES, FOUND_OUT, FOUND_OUT, FOUND_OUT, PASSES, FOUND_OUT),
 }
 
 
@@ -196,6 +196,6 @@ def test_what_an_attacker_achieves(make_rig, attacker, policy):
 
 
 def test_the_page_shows_this_table():
-    rows = [("who", *POLICIES), ("---",) * (1 + len(POLICIES)), *((who, *cells) for who, cells in TABLE.items())]
+    rows = [("attacker", *POLICIES), ("---",) * (1 + len(POLICIES)), *((who, *cells) for who, cells in TABLE.items())]
     shown = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     assert shown in PAGE.read_text(), f"docs/explanation/threat-model.md shows another table than this:\n{shown}"
