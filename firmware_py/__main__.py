@@ -19,34 +19,37 @@ from firmware_py import ROOT, commit_of, version_text
 from firmware_py.common.system_errors import system_error_text
 from firmware_py.files.standard_streams import keep_standard_streams
 
-# command -> (module, one line of help). A module is imported only when it is asked for, so
-# that the autopilot carries nothing of the bench tools.
+# command -> (module, one line of help). A module is imported only when it is used, so that the autopilot does not
+# load the bench tools.
 COMMANDS = {
-    "run": ("firmware_py.cli.run", "run the autopilot on the ports that a vehicle file names"),
-    "status": ("firmware_py.cli.status", "what the autopilot that runs on this computer says of itself"),
-    "view": ("firmware_py.cli.view", "a page of the boat under way, for a browser"),
-    "energy": ("firmware_py.cli.energy", "watt-hours by day and by consumer, from the thin log"),
-    "listen": ("firmware_py.cli.listen", "open each device and show what it says"),
-    "decode": ("firmware_py.cli.decode", "decode a capture with the drivers themselves"),
+    "run": ("firmware_py.cli.run", "run the autopilot with the devices of a vehicle file"),
+    "status": ("firmware_py.cli.status", "show the state of the autopilot on this computer"),
+    "view": ("firmware_py.cli.view", "serve a live page of the boat for a browser"),
+    "energy": ("firmware_py.cli.energy", "print watt-hours per day and consumer, from the thin log"),
+    "listen": ("firmware_py.cli.listen", "open each device and show its decoded output"),
+    "decode": ("firmware_py.cli.decode", "decode a capture with the decoders of the drivers"),
     "replay": ("firmware_py.cli.replay", "recompute a log and compare every rudder command"),
     "calibrate": (
         "firmware_py.cli.calibrate",
-        "the compass's deviation, the rudder's centre and limits: proposed, never set",
+        "propose compass deviation, or rudder centre and limits; sets nothing",
     ),
-    "plan": ("firmware_py.cli.plan", "check plan files; take plans into and out of a stopped autopilot's state"),
-    "key": ("firmware_py.cli.key", "the key of signed frames in a state directory: show its state, set it, remove it"),
-    "state": ("firmware_py.cli.state", "take the state of an autopilot to another computer: one file out, one in"),
-    "params": ("firmware_py.cli.params", "the parameter table; check a parameter file"),
-    "check": ("firmware_py.cli.check", "a preflight of devices, storage, clock and parameters"),
-    "example": ("firmware_py.cli.example", "write a commented vehicle file to begin with"),
-    "service": ("firmware_py.cli.service", "the autopilot as a service: print its files, install, status, remove"),
-    "report": ("firmware_py.cli.report", "a page with the pictures and figures of logs, or of a state directory"),
-    "export": ("firmware_py.cli.export", "a log as a file for other tools: csv, parquet, mcap (Foxglove), gpx, kml"),
-    "update": ("firmware_py.cli.update", "put another version in force, on trial, from a bundle; or the one before"),
+    "plan": ("firmware_py.cli.plan", "check plan files; load them into a state directory, or save them from it"),
+    "key": ("firmware_py.cli.key", "show, set or remove the signing key of a state directory"),
+    "state": ("firmware_py.cli.state", "export or import the state of an autopilot, to move it to another computer"),
+    "params": ("firmware_py.cli.params", "print the parameter table; check a parameter file"),
+    "check": ("firmware_py.cli.check", "preflight check of devices, storage, clock, links and parameters"),
+    "example": ("firmware_py.cli.example", "write a commented example of a vehicle file"),
+    "service": ("firmware_py.cli.service", "install the autopilot as a service, show its status, or remove it"),
+    "report": ("firmware_py.cli.report", "write a page with plots and figures of logs, or of a state directory"),
+    "export": ("firmware_py.cli.export", "convert a log for other tools: csv, parquet, mcap (Foxglove), gpx, kml"),
+    "update": (
+        "firmware_py.cli.update",
+        "install another version on trial from a bundle, or return to the previous one",
+    ),
 }
 
 
-# Each hash that hashlib knows has a module of Python's own; without one of them OpenSSL's are needed.
+# Python's own modules for all hashes of hashlib; if one is missing, OpenSSL is needed.
 _OWN_HASHES = (
     "_md5",
     "_sha1",
@@ -55,13 +58,13 @@ _OWN_HASHES = (
     *(("_sha2",) if sys.version_info >= (3, 12) else ("_sha256", "_sha512")),
 )
 
-_ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGHUP)
+_END_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGHUP)
 _M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 1 << 16  # mallopt(3)
-_LIBRARY_BYTES = 80 << 20  # what numpy's library and its buffer take of the addresses
+_LIBRARY_BYTES = 80 << 20  # address space of numpy's library and its buffer
 
 
 class UsageError(Exception):
-    """Bad usage, told in one line."""
+    """Wrong usage; the text is one line."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -71,25 +74,25 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(f"{self.prog}: {message}; see {self.prog} -h")
 
 
-def _be_small() -> None:
-    """Keep the autopilot out of 5 MiB that it has no use for; before anything else of it is imported.
+def _reduce_memory() -> None:
+    """Save 5 MiB of memory; call before other imports.
 
-    hashlib takes Python's own hashes: OpenSSL is 4 MiB, and 30 ms of the start, for one SHA-256. And the C library
-    gives large pieces of memory back: it would keep more of them the larger those are that imports have used.
+    hashlib uses Python's own hashes: OpenSSL takes 4 MiB and 30 ms for one SHA-256. A fixed threshold makes the C
+    library return large blocks to the system; by default the threshold grows with the blocks that imports use.
     """
-    import ctypes  # noqa: PLC0415 - libffi keeps a file open from then on, which must not become a standard stream
+    import ctypes  # noqa: PLC0415 - libffi keeps a file open, which must not become a standard stream
 
     if "_hashlib" not in sys.modules and all(map(importlib.util.find_spec, _OWN_HASHES)):
-        sys.modules["_hashlib"] = None  # type: ignore[assignment] # what is None there counts as missing
+        sys.modules["_hashlib"] = None  # type: ignore[assignment] # None: cannot be imported
     with contextlib.suppress(AttributeError):  # another C library than glibc
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
 
 
-def _want_memory() -> None:
-    """Raise MemoryError where a limit leaves too little for numpy's library, which would end the process with 1."""
+def _check_memory_limit() -> None:
+    """Raise MemoryError if the limit is too low for numpy's library, which would end the process with code 1."""
     if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
         return
-    import mmap  # noqa: PLC0415 - hardly anybody sets a limit
+    import mmap  # noqa: PLC0415 - a limit is rare
 
     try:
         mmap.mmap(-1, _LIBRARY_BYTES, flags=mmap.MAP_PRIVATE).close()
@@ -97,59 +100,59 @@ def _want_memory() -> None:
         raise MemoryError from None
 
 
-def _take_dialect() -> None:
-    """Import pymavlink before all that is large, and forget what of it is not used.
+def _import_dialect() -> None:
+    """Import pymavlink before other large modules, and delete its unused parts.
 
-    What is imported afterwards lies where that was; forgotten last it left 1.5 MiB of holes.
+    Later imports then reuse that memory; deleted last it left 1.5 MiB of gaps.
     """
-    if "pymavlink" in sys.modules:  # of somebody else, who may want all of it
+    if "pymavlink" in sys.modules:  # imported by a caller, which may use all of it
         return
-    from firmware_py.link.wire.dialect import forget_what_is_not_used  # noqa: PLC0415 - no other command wants it
+    from firmware_py.link.wire.dialect import forget_what_is_not_used  # noqa: PLC0415 - only used by `run`
 
     forget_what_is_not_used()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
+    """Run a subcommand; return 0 for success, 1 for a finding, 2 for wrong usage or configuration."""
     keep_standard_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
-    wanted = next((word for word in words if word in COMMANDS), None)
-    if wanted != "run":
-        return _run(words, wanted)
-    # Until `run` takes them: the run before may have left the rudder over, and this one is to make it safe.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    command_name = next((word for word in words if word in COMMANDS), None)
+    if command_name != "run":
+        return _run(words, command_name)
+    # Until `run` handles them: an earlier run may have left the rudder deflected, and this one makes it safe.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
     try:
-        return _run(words, wanted)
+        return _run(words, command_name)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _run(words: list[str], wanted: str | None) -> int:
-    """Import the module of the command that is wanted, and run it."""
-    for stream in (sys.stdout, sys.stderr):  # a path may hold what the terminal's alphabet has not
+def _run(words: list[str], command_name: str | None) -> int:
+    """Import the module of the command and run it."""
+    for stream in (sys.stdout, sys.stderr):  # a path may contain characters that the terminal lacks
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's library would start threads that nobody needs
-    gc.disable()  # imports make no garbage, and looking for it takes a tenth of the start
-    if wanted == "run":
-        _be_small()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no threads for numpy's library
+    gc.disable()  # imports create no garbage; collection takes a tenth of the start time
+    if command_name == "run":
+        _reduce_memory()
     parser = _Parser(prog="rambler", description="Autopilot for wave gliders and other very slow boats.")
-    commit = commit_of(ROOT) if "--version" in words else ""  # git is asked only then
+    commit = commit_of(ROOT) if "--version" in words else ""  # runs git
     parser.add_argument("--version", action="version", version=version_text("rambler", commit))
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     try:
-        if wanted == "run":
-            _take_dialect()
-            _want_memory()
+        if command_name == "run":
+            _import_dialect()
+            _check_memory_limit()
         for name, (module_name, text) in COMMANDS.items():
             command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-            if name == wanted:
+            if name == command_name:
                 module = importlib.import_module(module_name)
                 module.add_arguments(command)
                 command.set_defaults(run=module.run)
         gc.enable()
         if any("\0" in word for word in words):
-            parser.error("a word of the command line holds a NUL, which no path and no name does")
+            parser.error("an argument contains a NUL character; remove it")
         parsed = parser.parse_args(words)
         code = int(parsed.run(parsed))
         sys.stdout.flush()
@@ -157,7 +160,7 @@ def _run(words: list[str], wanted: str | None) -> int:
         print(error, file=sys.stderr)
         return 2
     except BrokenPipeError:
-        # The reader (head, less) has seen enough.
+        # The reader (head, less) has closed the pipe.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:

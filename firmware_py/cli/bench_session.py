@@ -1,4 +1,4 @@
-"""Listens to the devices of a vehicle one by one, without the loop: for `listen` and `check`."""
+"""Reads the devices of a vehicle without the control loop, for `listen` and `check`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
 POLL_INTERVAL_S = 0.1
-# The servo is asked for its state and told to let go: listening moves nothing.
+# The servo is polled with torque off, so that listening does not move it.
 RELEASED = RudderCommand(0.0, torque_on=False)
 
 Sample = HeadingSample | PositionSample | RudderFeedback | PowerSample | VesselPosition | VesselIdentity
@@ -40,7 +40,7 @@ Sample = HeadingSample | PositionSample | RudderFeedback | PowerSample | VesselP
 
 @dataclass(slots=True)
 class BenchDevice:
-    """One device: its driver or why there is none, and what has come from it so far."""
+    """One device: its driver or the error, and the samples received."""
 
     role: str
     driver_name: str
@@ -54,19 +54,19 @@ class BenchDevice:
     line: Line | None = field(default=None, repr=False)
 
     def rate_hz(self) -> float | None:
-        """Samples a second since the first one; None before the second."""
+        """Return the samples per second since the first one; None before the second."""
         if self.last is None or self.first_s is None or self.count < 2 or self.last.t_s <= self.first_s:
             return None
         return (self.count - 1) / (self.last.t_s - self.first_s)
 
     def values(self) -> dict[str, Any]:
-        """The latest sample in the units of the bench: degrees."""
+        """Return the latest sample in degrees."""
         return {} if self.last is None else _VALUES[type(self.last)](self.last)
 
     def record(self) -> dict[str, Any]:
-        """How the device fares, and what it says."""
-        told = device_values(self.role, self.driver_name, self.port, self.health, self.rate_hz(), self.error)
-        return told | self.values()
+        """Return the state of the device and its latest sample."""
+        state = device_values(self.role, self.driver_name, self.port, self.health, self.rate_hz(), self.error)
+        return state | self.values()
 
 
 _VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
@@ -80,7 +80,7 @@ _VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
 
 
 def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
-    """Open the port that some devices share and give each a view of it, or say of all why there is none."""
+    """Open the port that the devices share and give each a view of it; on failure set the error of all."""
     devices = [BenchDevice(section, entry.driver, entry.port) for section, entry in group]
     line = line_of(group[0][1].port, group[0][1].baud)
     try:
@@ -99,10 +99,10 @@ def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
 
 
 class BenchSession:
-    """The devices of a vehicle, opened as far as they can be."""
+    """The devices of a vehicle; those that cannot be opened carry the error."""
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """Open each port; a failure stands in that device's record."""
+        """Open each port; a failure is stored in the device."""
         self._clock = RealClock()
         groups: dict[str, list[tuple[str, DeviceEntry]]] = {}
         for section in ("compass", "rudder", "compass_b", "power", "power_b", "position", "ais"):
@@ -111,7 +111,7 @@ class BenchSession:
         self.devices = [device for group in groups.values() for device in open_devices(group)]
 
     def listen(self, seconds: float | None) -> Iterator[Sequence[Sample]]:
-        """Yield the new samples, ten times a second, for so many seconds or without end."""
+        """Yield the new samples ten times a second, for the given seconds or without end."""
         clock = self._clock
         while seconds is None or clock.now_s() < seconds:
             end_s = clock.now_s() + POLL_INTERVAL_S

@@ -1,4 +1,4 @@
-"""`rambler calibrate rudder`: centre, limits and direction, on the bench or from logs; proposed, never set."""
+"""`rambler calibrate rudder`: propose centre, limits and direction, on the bench or from logs."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import argparse
 import contextlib
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any, Final
+
+import msgspec
 
 from firmware_py.cli.bench_session import BenchDevice, open_devices
-from firmware_py.cli.logged import in_force
+from firmware_py.cli.errors import print_error
+from firmware_py.cli.logged_ticks import with_parameters
 from firmware_py.cli.preflight import parameters_in_force
-from firmware_py.cli.refusal import refused
-from firmware_py.cli.rudder_bench import SCALE, SHOWN_RAD, BenchError, Measured, limit_rad, scale_of, sweep
 from firmware_py.cli.state_owner import state_directory_of
 from firmware_py.common.angles import degrees, radians, wrap_pi
 from firmware_py.common.interfaces import Rudder
@@ -26,35 +29,41 @@ from firmware_py.log.reader import LoggedTick
 from firmware_py.system.clock import RealClock
 from firmware_py.vehicle import VehicleError, load
 
-NOT_ENOUGH = 1
+INSUFFICIENT_DATA = 1
+STEP_RAD: Final = radians(2.0)
+STOP_ERROR_RAD: Final = radians(3.0)  # a larger error after settling is a mechanical stop
+MARGIN_RAD: Final = radians(2.0)  # between RUD_LIMIT_DEG and a stop
+MIN_LIMIT_RAD: Final = radians(5.0)
+DEMONSTRATION_RAD: Final = radians(10.0)  # deflection that the operator is asked about, at most the limit
+MAX_SCALE_ERROR: Final = 0.1  # of encoder against command
 SETTLED_RAD = radians(0.5)
-SETTLING_S = 1.5  # for a step; the way back has as much for each step that it takes
+SETTLING_S = 1.5  # per step
 SILENT_S = 3.0
 POLL_S, COMMAND_S = 0.05, 0.1
-_QUESTION = "seen from astern, has its trailing edge gone to starboard? [y/n] "
+_QUESTION = "seen from astern, did the trailing edge move to starboard? [y/n] "
 
 _NO_ANGLE = (
-    "this servo tells no angle while it is let go: steer the rudder amidships (DO_SET_SERVO) and take that for its "
-    "centre (PREFLIGHT_CALIBRATION, param4 = 2), without --amidships here"
+    "this servo reports no angle while released: move the rudder amidships (DO_SET_SERVO), set that as centre "
+    "(PREFLIGHT_CALIBRATION, param4 = 2), and run this without --amidships"
 )
 
 Proposal = Mapping[str, float]
 
 
 def centre_of(ticks: Iterable[LoggedTick]) -> tuple[CentreWatch, ParameterSet]:
-    """Return what the rudder did on straight courses, and the parameters that were in force last."""
+    """Return the rudder statistics of straight courses, and the parameters in force last."""
     watch, parameters = CentreWatch(), ParameterSet()
-    for tick, parameters, armed in in_force(ticks):
+    for tick, parameters, armed in with_parameters(ticks):
         watch.take(tick.inputs, Linkage.of(parameters).to_rudder, steers=armed and tick.command.torque_on)
     return watch, parameters
 
 
 def from_logs(ticks: Iterable[LoggedTick]) -> tuple[Proposal, dict[str, Any], list[str]]:
-    """Return what is proposed, what is known, and lines for people."""
+    """Return the proposal, the values for JSON, and the lines to print."""
     watch, parameters = centre_of(ticks)
     found, linkage = watch.result(), Linkage.of(parameters)
     if found is None:
-        return {}, {"ready": False, "stretches": 0, "unsteady": watch.unsteady}, list(_too_little(watch))
+        return {}, {"ready": False, "stretches": 0, "unsteady": watch.unsteady}, list(_insufficient_data(watch))
     centre_deg = degrees(wrap_pi(linkage.centre_rad + linkage.sign * found.mean_rad))
     values = {
         "ready": found.ready,
@@ -67,36 +76,103 @@ def from_logs(ticks: Iterable[LoggedTick]) -> tuple[Proposal, dict[str, Any], li
         "proposed_deg": {"RUD_CENTRE_DEG": round(centre_deg, 2)},
     }
     lines = [
-        f"{found.stretches} straight stretches in {found.sectors} of {SECTORS} parts of the circle",
-        f"{watch.unsteady} more were in waves, or turns",
-        f"rudder on the mean {degrees(found.mean_rad):.2f} deg, sd {degrees(found.sd_rad):.2f}",
+        f"{found.stretches} straight stretches in {found.sectors} of {SECTORS} sectors",
+        f"{watch.unsteady} more rejected: waves or turns",
+        f"mean rudder angle {degrees(found.mean_rad):.2f} deg, sd {degrees(found.sd_rad):.2f}",
         f"RUD_CENTRE_DEG  in force {parameters['RUD_CENTRE_DEG']:.2f}  proposed {centre_deg:.2f}",
     ]
     if not found.ready:
-        return {}, values, [*lines, *_too_little(watch)]
+        return {}, values, [*lines, *_insufficient_data(watch)]
     return {"RUD_CENTRE_DEG": round(centre_deg, 2)}, values, lines
 
 
-def _too_little(watch: CentreWatch) -> Iterator[str]:
+def _insufficient_data(watch: CentreWatch) -> Iterator[str]:
     yield (
-        f"not enough for a proposal: {ENOUGH_STRETCHES} stretches of ten minutes in {ENOUGH_SECTORS} of {SECTORS} "
-        f"parts of the circle, in calm water, armed ({watch.unsteady} were too unsteady)"
+        f"not enough data: {ENOUGH_STRETCHES} stretches of 10 min in {ENOUGH_SECTORS} of {SECTORS} sectors are needed, "
+        f"armed and in calm water ({watch.unsteady} rejected)"
     )
 
 
 # ------------------------------------------------------------------ on the bench
 
 
+class BenchError(RuntimeError):
+    """The servo cannot be measured; the text names the remedy."""
+
+
+class Measured(msgspec.Struct, frozen=True):
+    """Feedback of the servo after settling."""
+
+    shaft_rad: float
+    current_a: float | None = None
+
+
+# Move the shaft to an angle and wait; None: release it. Raises BenchError for a silent servo.
+Move = Callable[[float | None], Measured]
+
+
+@dataclass(slots=True)
+class Sweep:
+    """One side: largest angle from the centre, whether a stop ended it, and pairs of commanded and measured angles."""
+
+    reached_rad: float = 0.0
+    stopped: bool = False
+    pairs: list[tuple[float, float]] = field(default_factory=list)
+
+
+def sweep(move: Move, centre_rad: float, side: float, max_rad: float, max_a: float) -> Sweep:
+    """Step to one side (+1 or -1 of the shaft) up to a stop or max_rad, and return to the centre."""
+    result = Sweep()
+    for number in count(1):
+        deflection_rad = number * STEP_RAD
+        if deflection_rad > max_rad:
+            break
+        target_rad = centre_rad + side * deflection_rad
+        measured = move(target_rad)
+        overloaded = max_a > 0.0 and measured.current_a is not None and abs(measured.current_a) > max_a
+        if overloaded or abs(measured.shaft_rad - target_rad) > STOP_ERROR_RAD:
+            result.stopped = True
+            break
+        result.pairs.append((target_rad, measured.shaft_rad))
+        result.reached_rad = side * (measured.shaft_rad - centre_rad)
+    move(centre_rad)
+    return result
+
+
+def scale_of(pairs: list[tuple[float, float]]) -> float:
+    """Return the slope of measured over commanded angle; raise BenchError without three pairs."""
+    mean_x = sum(x for x, _ in pairs) / max(len(pairs), 1)
+    mean_y = sum(y for _, y in pairs) / max(len(pairs), 1)
+    square = sum((x - mean_x) ** 2 for x, _ in pairs)
+    if len(pairs) < 3 or square <= 0.0:
+        raise BenchError("the shaft does not follow small steps; check that it is free, and the servo's supply")
+    return sum((x - mean_x) * (y - mean_y) for x, y in pairs) / square
+
+
+def limit_rad(sides: list[Sweep], largest_rad: float) -> float:
+    """Return the rudder limit: the nearer stop less a margin, at most largest_rad.
+
+    Raise BenchError for a stop near the centre.
+    """
+    stops = [side.reached_rad - MARGIN_RAD for side in sides if side.stopped]
+    if stops and min(stops) < MIN_LIMIT_RAD:
+        raise BenchError(
+            f"the shaft stops at {degrees(min(stops) + MARGIN_RAD):.1f} deg on one side: it sticks, or the centre is "
+            "not amidships; free it, or turn the rudder amidships by hand and use --amidships"
+        )
+    return min([largest_rad, *stops])
+
+
 class Bench:
-    """The rudder's servo alone, in real time."""
+    """The rudder servo without the control loop, in real time."""
 
     def __init__(self, device: BenchDevice, rudder: Rudder) -> None:
-        """Take the opened device and its driver."""
+        """Take an open device and its driver."""
         self._device, self._rudder, self._clock = device, rudder, RealClock()
         self._last: Measured | None = None
 
-    def let_go(self) -> Measured | None:
-        """Let the shaft go; None for a servo that answers, and tells no angle while it is not steered."""
+    def release(self) -> Measured | None:
+        """Release the shaft; return None for a running servo that reports no angle while released."""
         try:
             return self.move(None)
         except BenchError:
@@ -105,15 +181,15 @@ class Bench:
             raise
 
     def move(self, shaft_rad: float | None) -> Measured:
-        """Bring the shaft to an angle, or let it go, until it stands or has had its time; BenchError in silence."""
-        begun_s = heard_s = self._clock.now_s()
+        """Move or release the shaft and wait until it settles or time is up; raise BenchError for a silent servo."""
+        begun_s = feedback_s = self._clock.now_s()
         start_rad = None if self._last is None else self._last.shaft_rad
         due_s, steps = begun_s, 1.0
         if shaft_rad is not None and start_rad is not None:
             steps += abs(shaft_rad - start_rad) / radians(2.0)
         while True:
             now_s = self._clock.now_s()
-            if now_s >= due_s:  # not more often: a goal goes before the question where the shaft stands
+            if now_s >= due_s:  # not more often: commands delay the polling of the angle
                 self._rudder.command(RudderCommand(shaft_rad or 0.0, torque_on=shaft_rad is not None), now_s)
                 due_s = now_s + COMMAND_S
             descriptor = self._rudder.fileno()
@@ -122,20 +198,20 @@ class Bench:
             self._rudder.receive(now_s)
             for feedback in self._rudder.poll():
                 if feedback.shaft_rad is not None:
-                    heard_s, self._last = now_s, Measured(feedback.shaft_rad, feedback.current_a)
-            if now_s - heard_s > SILENT_S:
+                    feedback_s, self._last = now_s, Measured(feedback.shaft_rad, feedback.current_a)
+            if now_s - feedback_s > SILENT_S:
                 text = self._rudder.health(now_s).text
-                raise BenchError(f"{self._device.port}: {text or 'the servo gives no angle'}; check power and wiring")
+                raise BenchError(f"{self._device.port}: {text or 'no angle from the servo'}; check power and wiring")
             last, waited_s = self._last, now_s - begun_s
             if last is None:
                 continue
-            stands = shaft_rad is None or abs(last.shaft_rad - shaft_rad) < SETTLED_RAD
-            if (stands and waited_s > COMMAND_S and heard_s > begun_s) or waited_s > SETTLING_S * steps:
+            settled = shaft_rad is None or abs(last.shaft_rad - shaft_rad) < SETTLED_RAD
+            if (settled and waited_s > COMMAND_S and feedback_s > begun_s) or waited_s > SETTLING_S * steps:
                 return last
 
 
 def on_bench(arguments: argparse.Namespace) -> tuple[Proposal, dict[str, Any], list[str]]:
-    """Move the rudder by small steps to either side; VehicleError, BenchError."""
+    """Move the rudder in small steps to either side; raise VehicleError or BenchError."""
     vehicle = load(arguments.file[0])
     directory = arguments.state or state_directory_of(arguments.file[0], vehicle)
     parameters = parameters_in_force(vehicle, directory, lambda _problem: None)
@@ -146,33 +222,34 @@ def on_bench(arguments: argparse.Namespace) -> tuple[Proposal, dict[str, Any], l
     try:
         return examine(bench, parameters, amidships=arguments.amidships, asks=sys.stdin.isatty())
     finally:
-        with contextlib.suppress(BenchError):  # which is told already
-            bench.let_go()
+        with contextlib.suppress(BenchError):  # already reported
+            bench.release()
         device.line.close()
 
 
 def examine(
     bench: Bench, parameters: ParameterSet, *, amidships: bool, asks: bool
 ) -> tuple[Proposal, dict[str, Any], list[str]]:
-    """Return what is proposed, what was seen, and lines for people; `amidships`: it has been laid so by hand."""
+    """Return the proposal, the values for JSON, and the lines to print.
+
+    `amidships`: the rudder is amidships now; propose its angle as centre. `asks`: ask the operator for the direction.
+    """
     linkage = Linkage.of(parameters)
-    at_first = bench.let_go()
-    if at_first is None and amidships:
+    initial = bench.release()
+    if initial is None and amidships:
         raise BenchError(_NO_ANGLE)
-    centre_rad = at_first.shaft_rad if at_first is not None and amidships else linkage.centre_rad
-    print("the rudder moves now, by small steps", file=sys.stderr)
+    centre_rad = initial.shaft_rad if initial is not None and amidships else linkage.centre_rad
+    print("the rudder moves now, in small steps", file=sys.stderr)
     largest_rad = radians(parameters["RUD_LIMIT_DEG"])
-    farthest_rad = min(radians(TABLE[INDEX["RUD_LIMIT_DEG"]].maximum), largest_rad + radians(6.0))
+    max_rad = min(radians(TABLE[INDEX["RUD_LIMIT_DEG"]].maximum), largest_rad + radians(6.0))
     bench.move(centre_rad)
-    sides = [sweep(bench.move, centre_rad, side, farthest_rad, parameters["RUD_AMP_MAX"]) for side in (1.0, -1.0)]
+    sides = [sweep(bench.move, centre_rad, side, max_rad, parameters["RUD_AMP_MAX"]) for side in (1.0, -1.0)]
     scale = scale_of([pair for side in sides for pair in side.pairs])
-    if abs(scale - 1.0) > SCALE:
-        raise BenchError(
-            f"the encoder moves {scale:.2f} of what is commanded: gear, mode or unit of the servo is wrong"
-        )
-    most_rad = limit_rad(sides, largest_rad)
-    reverse = _reverse(bench, centre_rad + min(SHOWN_RAD, most_rad), centre_rad) if asks else None
-    proposed = {"RUD_LIMIT_DEG": round(degrees(most_rad), 1)}
+    if abs(scale - 1.0) > MAX_SCALE_ERROR:
+        raise BenchError(f"the encoder moves {scale:.2f} of the command; check gear, mode and unit of the servo")
+    proposed_rad = limit_rad(sides, largest_rad)
+    reverse = _reverse(bench, centre_rad + min(DEMONSTRATION_RAD, proposed_rad), centre_rad) if asks else None
+    proposed = {"RUD_LIMIT_DEG": round(degrees(proposed_rad), 1)}
     if amidships:
         proposed["RUD_CENTRE_DEG"] = round(degrees(wrap_pi(centre_rad)), 2)
     if reverse is not None:
@@ -190,7 +267,7 @@ def examine(
 
 
 def _reverse(bench: Bench, shown_rad: float, centre_rad: float) -> bool | None:
-    """Show a deflection of the shaft and ask which way the rudder went; None when that is not answered."""
+    """Deflect the rudder and ask for its direction; return None without an answer."""
     bench.move(shown_rad)
     answer = input(_QUESTION).strip().lower()[:1]
     bench.move(centre_rad)
@@ -199,20 +276,20 @@ def _reverse(bench: Bench, shown_rad: float, centre_rad: float) -> bool | None:
 
 def _bench_lines(values: Mapping[str, Any]) -> Iterator[str]:
     for side, reached, stopped in zip("+-", values["reached_deg"], values["stopped"], strict=True):
-        yield f"shaft {side}: follows to {reached:.1f} deg{', a stop ends it there' if stopped else ''}"
-    yield f"the encoder moves {values['scale']:.2f} of what is commanded"
+        yield f"shaft {side}: follows to {reached:.1f} deg{', mechanical stop' if stopped else ''}"
+    yield f"encoder moves {values['scale']:.2f} of the command"
     for name, value in values["in_force_deg"].items():
         proposed = values["proposed_deg"].get(name)
         yield f"{name:<15} in force {value:8.2f}  proposed {'       -' if proposed is None else f'{proposed:8.2f}'}"
-    yield "a centre is proposed with --amidships, the rudder laid so by hand; a direction at a terminal, by your eyes"
+    yield "for a centre, turn the rudder amidships by hand and use --amidships; for the direction, use a terminal"
 
 
 def report(arguments: argparse.Namespace, ticks: Iterable[LoggedTick]) -> tuple[int, Proposal]:
-    """Print what is found; return the exit code and the proposal."""
+    """Print the result; return the exit code and the proposal."""
     try:
         found = on_bench(arguments) if arguments.file[0].suffix == ".toml" else from_logs(ticks)
     except (VehicleError, BenchError) as error:
-        return refused("calibrate", str(error)), {}
+        return print_error("calibrate", str(error)), {}
     proposal, values, lines = found
     print(json.dumps(values) if arguments.json else "\n".join(lines))
-    return (0 if proposal else NOT_ENOUGH), proposal
+    return (0 if proposal else INSUFFICIENT_DATA), proposal

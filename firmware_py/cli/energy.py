@@ -1,4 +1,4 @@
-"""`rambler energy`: what she was given and has taken, in watt-hours a day, from the thin log."""
+"""`rambler energy`: energy supplied and consumed per day in watt-hours, from the thin log."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 
 from msgspec.structs import asdict
 
-from firmware_py.cli.refusal import refused
+from firmware_py.cli.errors import print_error
 from firmware_py.log.daily_energy import Amount, Day, days, rows, thin_logs
 from firmware_py.log.dataflash import LogError
 from firmware_py.system.state_directory import LOG_DIRECTORY
 
-MARK = "~"
+ESTIMATED = "~"
 _HEADS = {
     "solar": "panels",
     "load": "loads",
@@ -28,35 +28,35 @@ _HEADS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("where", metavar="STATE|LOG", nargs="+", type=Path, help="a state directory, or thin logs")
+    parser.add_argument("where", metavar="STATE|LOG", nargs="+", type=Path, help="state directory, or thin logs")
     parser.add_argument(
         "--rest-w",
         type=float,
         metavar="W",
-        help="what all but the servo takes, where nobody measures the loads: computer, radios, payload",
+        help="power of all loads except the servo (computer, radios, payload), if it is not measured",
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object: the days, each with watt-hours")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit 0 when there is a day to tell of, 1 when there is none, 2 for what cannot be read."""
+    """Return 0 with at least one day, 1 with none, 2 for unreadable logs."""
     rest_w = arguments.rest_w
     if rest_w is not None and not 0.0 <= rest_w <= 1e5:
-        return refused("energy", "--rest-w must be a number of watts from 0 up")
+        return print_error("energy", "--rest-w must be 0 to 100000 W")
     paths: list[Path] = []
     for where in arguments.where:
         paths += thin_logs(where / LOG_DIRECTORY) if where.is_dir() else [where]
     try:
-        told = days(rows(paths))
+        by_day = days(rows(paths))
     except LogError as error:
-        return refused("energy", error)
+        return print_error("energy", error)
     if arguments.json:
-        print(json.dumps({"days": [_record(day, rest_w) for day in told]}))
-    elif told:
-        print(_table(told, rest_w))
+        print(json.dumps({"days": [_record(day, rest_w) for day in by_day]}))
+    elif by_day:
+        print(_table(by_day, rest_w))
     else:
-        print("no thin log tells of any time")
-    return 0 if told else 1
+        print("no energy records yet; run for at least a minute")
+    return 0 if by_day else 1
 
 
 def _record(day: Day, rest_w: float | None) -> dict[str, Any]:
@@ -71,17 +71,17 @@ def _rounded(value: float) -> float:
     return value if isinstance(value, bool) else round(value, 4)
 
 
-def _table(told: Sequence[Day], rest_w: float | None) -> str:
-    """Return the days as lines, and what the columns mean."""
+def _table(by_day: Sequence[Day], rest_w: float | None) -> str:
+    """Return the days as lines with a legend."""
     lines = ["Wh by day (UTC)  hours" + "".join(f"{head:>10}" for head in _HEADS.values()) + "    charge"]
-    for day in told:
+    for day in by_day:
         amounts = day.amounts(rest_w)
         charge = "-" if day.charge is None else f"{100.0 * day.charge:.0f} %"
         cells = "".join(f"{_cell(amounts[name]):>10}" for name in _HEADS)
-        lines.append(f"{day.name or 'no right clock':<15}{day.logged_s / 3600.0:>7.2f}{cells}{charge:>10}")
-    lines.append(f"in, out: of the battery; {MARK} is estimated, for part or all of the time; - is not known")
+        lines.append(f"{day.name or 'no valid clock':<15}{day.logged_s / 3600.0:>7.2f}{cells}{charge:>10}")
+    lines.append(f"in, out: battery charge and discharge; {ESTIMATED} estimated, at least in part; - unknown")
     return "\n".join(lines)
 
 
 def _cell(amount: Amount | None) -> str:
-    return "-" if amount is None else f"{MARK if amount.estimated else ''}{amount.wh:.2f}"
+    return "-" if amount is None else f"{ESTIMATED if amount.estimated else ''}{amount.wh:.2f}"

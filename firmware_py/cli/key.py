@@ -1,7 +1,7 @@
-"""`rambler key`: the state of the signing key, and the way to set or remove it without a link.
+"""`rambler key`: show the state of the signing key, set it or remove it without a link.
 
-The key is never shown, nor a digest of it: from one a passphrase could be guessed at leisure. It is
-never an argument either, since whoever may list processes reads those.
+Neither the key nor a digest of it is printed: a passphrase could be guessed from a digest. The key is not an argument,
+since other users can read the arguments of a process.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from firmware_py.system.directory_lock import StoreError
 from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, exposed_key_files, stored_key
 from firmware_py.system.store import Store
 
-MOST_BYTES = 1024  # of a passphrase
-_UNREADABLE = "unreadable"  # for somebody who is not the autopilot's user
+MAX_BYTES = 1024  # of a passphrase
+_UNREADABLE = "unreadable"  # for a user who is not the owner
 _HEX = re.compile(rf"[0-9a-fA-F]{{{2 * KEY_BYTES}}}")
 
 
 class KeyInputError(ValueError):
-    """What was given is no key; the text says what is one."""
+    """The input is not a key; the text names the remedy."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     commands = parser.add_subparsers(dest="key_command", metavar="WHAT", required=True)
-    show = commands.add_parser("show-state", help="say whether there is a key: present, absent, lost or unreadable")
-    set_one = commands.add_parser("set", help="set the key from a passphrase: asked for, or a line on standard input")
-    remove = commands.add_parser("remove", help="remove the key, its bytes overwritten")
+    show = commands.add_parser("show-state", help="print the state of the key: present, absent, lost or unreadable")
+    set_one = commands.add_parser("set", help="set the key from a passphrase, typed or read from standard input")
+    remove = commands.add_parser("remove", help="overwrite and remove the key")
     set_one.add_argument("--key-file", metavar="FILE", type=Path, help="read the passphrase from this file instead")
-    set_one.add_argument("--hex", action="store_true", help="what is read is the key itself, 64 hexadecimal digits")
+    set_one.add_argument("--hex", action="store_true", help="the input is the key itself: 64 hexadecimal digits")
     for command in (show, set_one, remove):
-        command.add_argument("--state", metavar="DIR", type=Path, required=True, help="the state directory")
+        command.add_argument("--state", metavar="DIR", type=Path, required=True, help="state directory")
         command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what is asked; one line on standard error and 2 when it cannot be."""
+    """Run a subcommand; return 2 with one line on standard error if it fails."""
     command: Callable[[argparse.Namespace], None] = {"show-state": _show, "set": _set, "remove": _remove}[
         arguments.key_command
     ]
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"rambler key {arguments.key_command}: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        if error.filename is None:  # no fault of the directory: what is printed finds no reader, or no room
+        if error.filename is None:  # an error of standard output, not of the directory
             raise
         print(f"rambler key {arguments.key_command}: {arguments.state}: {error.strerror}", file=sys.stderr)
         return 2
@@ -64,28 +64,28 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _show(arguments: argparse.Namespace) -> None:
-    """Tell what the autopilot would find, which may be running meanwhile."""
+    """Print the state of the key as the next start would find it."""
     stored = stored_key(arguments.state)
     finding = find_key(stored)
     state, problem = finding.state.value, finding.problem or stored.damage
     if finding.state is KeyState.LOST and os.geteuid() not in (0, owner := arguments.state.stat().st_uid):
-        state, problem = _UNREADABLE, f"{problem}; look as {user_text(owner)}"
+        state, problem = _UNREADABLE, f"{problem}; run this as {user_text(owner)}"
     exposed = exposed_key_files(arguments.state)
     if arguments.json:
         print(json.dumps({"state": state, "problem": problem, "readable_by_others": list(exposed)}))
         return
     print(f"{arguments.state}: {state}{problem and f': {problem}'}")
     for name in exposed:
-        print(f"{arguments.state}: {name} can be read by others", file=sys.stderr)
+        print(f"{arguments.state}: {name} is readable by other users; chmod 600", file=sys.stderr)
 
 
 def _set(arguments: argparse.Namespace) -> None:
     words = _read_line(arguments.key_file, digits=arguments.hex)
     if arguments.hex and not _HEX.fullmatch(words):
-        raise KeyInputError(f"a key is {2 * KEY_BYTES} hexadecimal digits; without --hex it is made of a passphrase")
+        raise KeyInputError(f"a key has {2 * KEY_BYTES} hexadecimal digits; for a passphrase, omit --hex")
     key = bytes.fromhex(words) if arguments.hex else key_of_passphrase(words)
     if not any(key):
-        raise KeyInputError("a key of zeros is none; `rambler key remove` removes it")
+        raise KeyInputError("a key must not be all zeros; `rambler key remove` removes it")
     _change(arguments, KeyState.PRESENT, lambda signing: signing.set_key(key, timestamp_of(time.time())))
 
 
@@ -94,12 +94,12 @@ def _remove(arguments: argparse.Namespace) -> None:
 
 
 def _change(arguments: argparse.Namespace, state: KeyState, change: Callable[[Signing], object]) -> None:
-    """Change the key of a stopped autopilot and tell what it is now."""
+    """Change the key of a stopped autopilot and print its state."""
     check_owner(arguments.state)
     try:
         store = Store(arguments.state, private=(SIGNING_FILE,))
     except StoreError as error:
-        raise StoreError(f"{error}, or do this over a trusted link") from None
+        raise StoreError(f"{error}, or set the key over a trusted link") from None
     vault = KeyVault(store)
     signing = Signing(time.time, vault.save)
     signing.restore(vault.load())
@@ -108,7 +108,7 @@ def _change(arguments: argparse.Namespace, state: KeyState, change: Callable[[Si
     if store.start_problem:
         print(store.start_problem, file=sys.stderr)
     if store.failure:
-        raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and try again")
+        raise StoreError(f"state directory {arguments.state}: {store.failure}; free space and try again")
     if arguments.json:
         print(json.dumps({"state": state.value}))
     else:
@@ -116,25 +116,25 @@ def _change(arguments: argparse.Namespace, state: KeyState, change: Callable[[Si
 
 
 def _read_line(file: Path | None, *, digits: bool) -> str:
-    """Return one line, from a file, a terminal without echo or standard input; KeyInputError when there is none."""
+    """Return one line from a file, a terminal without echo or standard input; raise KeyInputError without one."""
     if file is not None:
         try:
             with file.open("rb") as opened:
-                data = opened.read(MOST_BYTES + 1)
+                data = opened.read(MAX_BYTES + 1)
         except OSError as error:
-            raise KeyInputError(f"{file}: {error.strerror}; name a file that can be read") from None
+            raise KeyInputError(f"{file}: {error.strerror}; give a readable file") from None
     elif sys.stdin.isatty():
         what = "Key" if digits else "Passphrase"
         typed = getpass.getpass(f"{what}: ")
-        if typed != getpass.getpass(f"{what} once more: "):
-            raise KeyInputError("the two are not the same; try again")
+        if typed != getpass.getpass(f"{what} again: "):
+            raise KeyInputError("the two entries differ; try again")
         data = typed.encode()
     else:
-        data = sys.stdin.buffer.read(MOST_BYTES + 1)
+        data = sys.stdin.buffer.read(MAX_BYTES + 1)
     try:
         words = data.removesuffix(b"\n").removesuffix(b"\r").decode()
     except UnicodeDecodeError:
         words = ""
-    if not words or not words.isprintable() or len(data) > MOST_BYTES:
-        raise KeyInputError(f"one line of text is needed, not empty and of at most {MOST_BYTES} bytes")
+    if not words or not words.isprintable() or len(data) > MAX_BYTES:
+        raise KeyInputError(f"the input must be one line of text with 1 to {MAX_BYTES} bytes")
     return words

@@ -1,4 +1,4 @@
-"""params/MESSAGES.md: messages sent, messages heard and commands accepted, from the tables and code of the link."""
+"""params/MESSAGES.md: messages sent and received and commands accepted, from the tables and code of the link."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STREAMS = {
 
 
 class _NoAutopilot:
-    """An authority for a link that is made only to see which messages it handles."""
+    """A substitute for the autopilot, to list the messages that a link handles."""
 
     compass_swing = CompassSwing()
 
@@ -61,10 +61,10 @@ def markdown() -> str:
         "",
         "## Commands accepted",
         "",
-        "By COMMAND_LONG and COMMAND_INT; any other is answered UNSUPPORTED. A refusal changes nothing and says why in",
-        "a STATUSTEXT. A retry (confirmation above 0) or a frame that comes twice is acknowledged, not done again.",
+        "By COMMAND_LONG and COMMAND_INT; others are acknowledged UNSUPPORTED. A refused command changes nothing;",
+        "a STATUSTEXT gives the reason. A retry (confirmation above 0) or a duplicate is acknowledged, not repeated.",
         "",
-        *_table(("number", "MAV_CMD", "does"), [(str(row.command), row.name, row.text) for row in COMMANDS]),
+        *_table(("number", "MAV_CMD", "effect"), [(str(row.command), row.name, row.text) for row in COMMANDS]),
         "",
         "## Modes",
         "",
@@ -72,20 +72,19 @@ def markdown() -> str:
         "",
         "## Telemetry",
         "",
-        "Rates in Hz without being asked, on a fast link and on a radio line; 0: on request, as everything is on a",
-        "satellite link. SET_MESSAGE_INTERVAL changes those of one link and, where a stream is named, so does",
-        "REQUEST_DATA_STREAM, on a radio line up to the fast rates. A message that has nothing true to say (no fix, no",
-        "heading) is not sent.",
+        "Default rates in Hz on a fast link and on a radio link; 0: on request only, as for all messages on a",
+        "satellite link. SET_MESSAGE_INTERVAL changes the rate on one link, and REQUEST_DATA_STREAM that of a stream",
+        "(on a radio link up to the fast rates). A message without valid data (no fix, no heading) is not sent.",
         "",
         *_table(("number", "message", "fast", "radio", "stream"), [_telemetry(row) for row in TELEMETRY]),
         "",
-        "## Messages heard",
+        "## Messages received",
         "",
-        *_table(("number", "message", "does"), list(_heard())),
+        *_table(("number", "message", "effect"), list(_received())),
         "",
-        "## Answers",
+        "## Replies",
         "",
-        "Sent besides telemetry when something has been asked or has happened: " + ", ".join(answers()) + ".",
+        "Sent on request or on an event, besides telemetry: " + ", ".join(replies()) + ".",
     ]
     return "\n".join(lines) + "\n"
 
@@ -99,16 +98,16 @@ def _telemetry(row: TelemetryRow) -> tuple[str, ...]:
     return (str(row.number), row.name, f"{row.fast_hz:g}", f"{row.radio_hz:g}", stream)
 
 
-def _heard() -> Iterator[tuple[str, str, str]]:
+def _received() -> Iterator[tuple[str, str, str]]:
     endpoint = Endpoint((), _NoAutopilot(), utc_s=lambda: 0.0, version=Version())
     for number, handler in sorted(endpoint.handlers.items()):
         service = getattr(handler, "__self__", None)
-        said = handler.__doc__ or (type(service).__doc__ if service is not None else "") or ""
-        yield str(number), mavlink.mavlink_map[number].msgname, said.strip().partition("\n")[0]
+        text = handler.__doc__ or (type(service).__doc__ if service is not None else "") or ""
+        yield str(number), mavlink.mavlink_map[number].msgname, text.strip().partition("\n")[0]
 
 
-def answers() -> list[str]:
-    """Return the names of the messages that the link's code makes, those of telemetry left out."""
+def replies() -> list[str]:
+    """Return the names of the messages that the code of the link creates, except telemetry."""
     numbers: set[int] = set()
     by_class = {kind.__name__: number for number, kind in mavlink.mavlink_map.items()}
     for path in Path(*link.__path__).rglob("*.py"):

@@ -1,4 +1,4 @@
-"""`rambler listen`: what each device says, with its rate and errors; moves nothing."""
+"""`rambler listen`: decoded output, rate and errors of each device; does not move the rudder."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ import json
 from pathlib import Path
 
 from firmware_py.cli.bench_session import BenchSession
-from firmware_py.cli.refusal import refused
+from firmware_py.cli.errors import print_error
 from firmware_py.system.readings import device_line
 from firmware_py.vehicle import VehicleError, load
 
-PRINT_INTERVAL = 10  # of the session's tenths of a second
+POLLS_PER_PRINT = 10  # of 0.1 s each
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument("vehicle", metavar="VEHICLE.toml", type=Path, help="the vehicle file")
-    parser.add_argument("--json", action="store_true", help="one JSON object a device and second")
-    parser.add_argument("--seconds", metavar="N", type=float, help="end after so long (default: on Ctrl-C)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object per device and second")
+    parser.add_argument("--seconds", metavar="N", type=float, help="stop after N seconds (default: on Ctrl-C)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Listen; exit 1 when a device said nothing."""
+    """Listen; return 1 if a device sent nothing."""
     if arguments.seconds is not None and not 0.0 < arguments.seconds < 1e7:
-        return refused("listen", "--seconds must be a positive number of seconds")
+        return print_error("listen", "--seconds must be a positive number of seconds")
     try:
         session = BenchSession(load(arguments.vehicle))
     except VehicleError as error:
-        return refused("listen", error)
+        return print_error("listen", error)
     try:
-        for turn, _ in enumerate(session.listen(arguments.seconds), start=1):
-            if turn % PRINT_INTERVAL == 0:
+        for poll, _ in enumerate(session.listen(arguments.seconds), start=1):
+            if poll % POLLS_PER_PRINT == 0:
                 _print(session, as_json=arguments.json)
     except KeyboardInterrupt:
         pass

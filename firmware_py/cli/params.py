@@ -1,4 +1,4 @@
-"""`rambler params`: the parameter table, or one row of it; checks and writes parameter files."""
+"""`rambler params`: print the parameter table or one row of it; check and write parameter files."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from firmware_py.cli import parameter_page
-from firmware_py.cli.refusal import refused
+from firmware_py.cli.errors import print_error
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import LONGEST_NAME, format_file, format_value, near, parse_file
@@ -17,37 +17,37 @@ from firmware_py.files.reading import read_text
 from firmware_py.link.parameters.metadata import parameter_json
 from firmware_py.vehicle import MOST_BYTES
 
-FINDING = 1  # the exit code of a file with something wrong in it
-_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_]{{0,{2 * LONGEST_NAME}}}")  # no dot and no slash, as files have
+FINDING = 1  # exit code: errors in the file
+_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_]{{0,{2 * LONGEST_NAME}}}")  # a file name has a dot or a slash
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument(
-        "file", metavar="NAME|FILE", type=Path, nargs="?", help="a parameter to explain, or a parameter file to check"
+        "file", metavar="NAME|FILE", type=Path, nargs="?", help="parameter to explain, or parameter file to check"
     )
     pages = parser.add_mutually_exclusive_group()
     pages.add_argument("--markdown", action="store_true", help="print params/REFERENCE.md")
     pages.add_argument("--faults", action="store_true", help="print params/FAULTS.md")
     pages.add_argument("--messages", action="store_true", help="print params/MESSAGES.md")
     pages.add_argument("--texts", action="store_true", help="print params/TEXTS.md")
-    pages.add_argument("--metadata", action="store_true", help="print parameter.json, the component metadata")
+    pages.add_argument("--metadata", action="store_true", help="print parameter.json (MAVLink component metadata)")
     parser.add_argument(
         "--save",
         metavar="OUT",
         type=Path,
-        help="write all parameters to OUT: defaults, FILE's values over them",
+        help="write all parameters to OUT: the defaults, overridden by FILE",
     )
     parser.add_argument(
         "--format",
         choices=sorted(_FORMATS),
         default="plain",
-        help="of OUT: plain (NAME VALUE: MAVProxy, Mission Planner) or qgc (QGroundControl)",
+        help="format of OUT: plain (NAME VALUE, for MAVProxy and Mission Planner) or qgc (QGroundControl)",
     )
 
 
 def _qgc_file(values: Mapping[str, float]) -> str:
-    """Write QGroundControl's own kind of parameter file."""
+    """Return the text of a QGroundControl parameter file."""
     head = "# Onboard parameters for Vehicle 1\n#\n# Vehicle-Id Component-Id Name Value Type\n"
     kinds = {name: int(TABLE[INDEX[name]].kind) for name in values}
     return head + "".join(f"1\t1\t{name}\t{value:.18g}\t{kinds[name]}\n" for name, value in values.items())
@@ -80,11 +80,11 @@ _PAGES: Mapping[str, Callable[[], str]] = {
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the table, or check a file and say what it changes, or write one."""
+    """Print the table or a page, check a file, or write one."""
     for name, page in _PAGES.items():
         if getattr(arguments, name):
             if arguments.file is not None or arguments.save is not None:
-                return refused("params", f"--{name} prints all of it: leave {arguments.file or '--save'} out")
+                return print_error("params", f"--{name} prints the whole page; remove {arguments.file or '--save'}")
             print(page(), end="")
             return 0
     if arguments.file is None and arguments.save is None:
@@ -98,19 +98,19 @@ def run(arguments: argparse.Namespace) -> int:
         except FileNotFoundError as error:
             if arguments.save is None and _NAME.fullmatch(str(arguments.file)):
                 return _explain(str(arguments.file))
-            return refused("params", f"{arguments.file}: cannot be read: {error.strerror}")
+            return print_error("params", f"{arguments.file}: cannot be read: {error.strerror}")
         except OSError as error:
-            return refused("params", f"{arguments.file}: cannot be read: {error.strerror}")
+            return print_error("params", f"{arguments.file}: cannot be read: {error.strerror}")
         except ParameterError as error:
-            return refused("params", error, FINDING)
+            return print_error("params", error, FINDING)
     return _report(arguments.file, values) if arguments.save is None else _save(arguments, values)
 
 
 def _explain(name: str) -> int:
-    """Print all that the table has of a parameter; who has mistyped it is told what it may have been."""
+    """Print a row of the table; for an unknown name, similar names."""
     index = INDEX.get(name.upper())
     if index is None:
-        return refused("params", f"no parameter and no file {name!r}; near it: {', '.join(near(name))}")
+        return print_error("params", f"no parameter or file {name!r}; similar parameters: {', '.join(near(name))}")
     row = TABLE[index]
     print(f"{row.name}: {row.text}")
     print(f"default   {format_value(row.default)} {row.unit}".rstrip())
@@ -135,12 +135,12 @@ def _report(path: Path, values: Mapping[str, float]) -> int:
 
 
 def _save(arguments: argparse.Namespace, values: Mapping[str, float]) -> int:
-    # What is counted onboard is no setting: a station that loads the file would be refused.
+    # A station that loads the file must not set read-only parameters.
     rows = [row for row in TABLE if not row.read_only]
     written = {row.name: values.get(row.name, row.default) for row in rows}
     try:
         arguments.save.write_text(_FORMATS[arguments.format](written), encoding="ascii")
     except OSError as error:
-        return refused("params", f"{arguments.save}: cannot be written: {error.strerror}")
+        return print_error("params", f"{arguments.save}: cannot be written: {error.strerror}")
     print(f"{arguments.save}: {len(written)} parameters written")
     return 0

@@ -1,4 +1,4 @@
-"""`rambler plan`: checks plan files, and takes plans into and out of the state of an autopilot that is stopped."""
+"""`rambler plan`: check plan files, load them into a state directory, and save plans from it."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ KINDS: Mapping[str, PlanKind] = {kind.name.lower(): kind for kind in PlanKind}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     commands = parser.add_subparsers(dest="plan_command", metavar="WHAT", required=True)
-    check = commands.add_parser("check", help="read a plan file and say what is in it, or what is wrong with it")
-    load = commands.add_parser("load", help="put the plans of a file into the state directory of a stopped autopilot")
+    check = commands.add_parser("check", help="check a plan file and summarize it")
+    load = commands.add_parser("load", help="copy the plans of a file into the state directory of a stopped autopilot")
     show = commands.add_parser("show", help="list the plans of a state directory")
     save = commands.add_parser("save", help="write the plans of a state directory to a file")
-    commands.add_parser("items", help="the table of items that a plan may hold, as markdown")
+    commands.add_parser("items", help="print the table of supported plan items as Markdown")
     for command in (check, load):
         command.add_argument(
-            "file", metavar="FILE", type=Path, help="a .plan, .waypoints, or MAVProxy's fence or rally file"
+            "file", metavar="FILE", type=Path, help=".plan, .waypoints, or a fence or rally file of MAVProxy"
         )
         command.add_argument(
-            "--no-home", action="store_true", help="item 0 of a .waypoints mission is not home but an item"
+            "--no-home", action="store_true", help="item 0 of a .waypoints mission is an item, not home"
         )
     save.add_argument(
-        "file", metavar="FILE", type=Path, help="a .plan takes all plans, any other name one as QGC WPL 110"
+        "file", metavar="FILE", type=Path, help="*.plan: all plans; any other name: one plan as QGC WPL 110"
     )
-    save.add_argument("--kind", choices=KINDS, default="mission", help="which plan, unless FILE is a .plan")
+    save.add_argument("--kind", choices=KINDS, default="mission", help="plan to save, unless FILE is a .plan")
     for command in (load, show, save):
-        command.add_argument("--state", metavar="DIR", type=Path, required=True, help="the state directory")
+        command.add_argument("--state", metavar="DIR", type=Path, required=True, help="state directory")
     for command in (check, show):
         command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what is asked; one line on standard error and 2 when it cannot be."""
+    """Run a subcommand; return 2 with one line on standard error if it fails."""
     command: Callable[[argparse.Namespace], None] = {
         "check": _check,
         "load": _load,
@@ -75,11 +75,11 @@ def _items(_arguments: argparse.Namespace) -> None:
 
 
 def _read_plans(path: Path, *, home: bool) -> tuple[Plan, ...]:
-    """Read a plan file, never more of it than a plan file may have."""
+    """Read a plan file up to the size limit."""
     try:
         content = read_regular(path, MOST_BYTES)
     except OSError as error:
-        raise PlanFileError(f"{path}: {error.strerror}; name a file that can be read") from None
+        raise PlanFileError(f"{path}: {error.strerror}; give a readable file") from None
     return read_plan_file(content, str(path), home=home, note=_note)
 
 
@@ -101,7 +101,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _load(arguments: argparse.Namespace) -> None:
     plans = _read_plans(arguments.file, home=not arguments.no_home)
-    if arguments.state.exists():  # else it is made
+    if arguments.state.exists():  # otherwise it is created
         check_directory(arguments.state)
         check_owner(arguments.state)
     with exact_modes():
@@ -116,7 +116,7 @@ def _load(arguments: argparse.Namespace) -> None:
     if store.start_problem:
         print(store.start_problem, file=sys.stderr)
     if store.failure:
-        raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and load it again")
+        raise StoreError(f"state directory {arguments.state}: {store.failure}; free space and load it again")
     for plan in plans:
         removed = len(before.of(plan.kind).items) if not plan.items else 0
         print(f"{arguments.state}: {plan.kind.name.lower()}: {_count(plan)}" + f", {removed} removed" * bool(removed))
@@ -138,18 +138,18 @@ def _show(arguments: argparse.Namespace) -> None:
 
 def _save(arguments: argparse.Namespace) -> None:
     plans = _stored_plans(arguments.state)
-    takes_all = arguments.file.suffix.lower() == ".plan"
-    text = write_plan(plans) if takes_all else write_text(plans.of(KINDS[arguments.kind]))
+    is_plan_file = arguments.file.suffix.lower() == ".plan"
+    text = write_plan(plans) if is_plan_file else write_text(plans.of(KINDS[arguments.kind]))
     try:
         arguments.file.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise PlanFileError(f"{arguments.file}: {error.strerror}; name another file") from None
-    written = [plans.of(kind) for kind in PlanKind] if takes_all else [plans.of(KINDS[arguments.kind])]
+        raise PlanFileError(f"{arguments.file}: {error.strerror}; give another file") from None
+    written = [plans.of(kind) for kind in PlanKind] if is_plan_file else [plans.of(KINDS[arguments.kind])]
     for plan in written:
         print(f"{arguments.file}: {plan.kind.name.lower()}: {_count(plan)}")
 
 
-# ------------------------------------------------------------------------------------ parts
+# ------------------------------------------------------------------------------------ helpers
 
 
 def _warn_of_fence(arguments: argparse.Namespace, source: Path, before: Plans, plans: Iterable[Plan]) -> list[Breach]:
@@ -164,17 +164,15 @@ def _warn_of_fence(arguments: argparse.Namespace, source: Path, before: Plans, p
 
 
 def _stored_plans(directory: Path) -> Plans:
-    """Read the plans as the autopilot would, which may be running meanwhile."""
+    """Read the stored plans as the autopilot would; it may be running."""
     check_directory(directory)
     check_readable(directory)
     plans = Plans()
     for name in PLAN_FILES.values():
         stored = examine(directory, name)
         if stored.damage:
-            left = (
-                "no plan is left of it" if stored.content is None else "the other slot is read, perhaps an older plan"
-            )
-            print(f"{directory}: {stored.damage}: {left}", file=sys.stderr)
+            used = "no plan remains" if stored.content is None else "the other slot is used, perhaps an older plan"
+            print(f"{directory}: {stored.damage}: {used}", file=sys.stderr)
         if stored.content is None:
             continue
         try:
@@ -197,7 +195,7 @@ def _name(item: PlanItem) -> str:
 
 
 def _line(number: int, item: PlanItem, first: int) -> str:
-    target = first if item.command == Command.JUMP else 0  # numbered as the items are
+    target = first if item.command == Command.JUMP else 0  # numbers as printed
     params = " ".join(f"{value:g}" for value in (item.params[0] + target, *item.params[1:]))
     place = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_place(item.command) else ""
     return f"{number:>5}  {_name(item)}  {params}{place}"
@@ -208,7 +206,7 @@ def _print_json(plans: Iterable[Plan]) -> None:
 
 
 def _fields(item: PlanItem) -> Mapping[str, Any]:
-    """Return an item for JSON, which has no NaN: null."""
+    """Return an item for JSON, with null for NaN."""
     params = [None if math.isnan(value) else value for value in item.params]
     fields: dict[str, Any] = {"command": item.command, "name": _name(item), "frame": item.frame, "params": params}
     fields["autocontinue"] = item.autocontinue

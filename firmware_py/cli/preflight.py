@@ -1,4 +1,4 @@
-"""What `rambler check` looks at besides the devices: parameters, state, disk, links, clock and priority."""
+"""Checks of `rambler check` besides the devices: parameters, state, disk, links, clock and priority."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.status_file import Freshness, find
 from firmware_py.vehicle import Vehicle
 
-MODEM_S, MODEM_STEP_S = 12.0, 0.05  # its first word may be lost, and is waited for for ten seconds
-SLOW_SYNC_S, SYNC_S_MAXIMUM = 0.2, 1.0
-LEAST_WRITING_BYTES = 4096
+MODEM_S, MODEM_STEP_S = 12.0, 0.05  # a lost first reply is repeated after ten seconds
+SLOW_SYNC_S, MAX_SYNC_S = 0.2, 1.0
+WRITE_BYTES = 4096
 
 
 class Level(Enum):
-    """How grave a finding is: a WARN goes to sea, but somebody should have read it."""
+    """Severity of a finding. A WARN does not prevent a voyage; the operator should know of it."""
 
     PASS = "pass"  # noqa: S105 - no password
     WARN = "warn"
@@ -60,7 +60,7 @@ class Level(Enum):
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One thing looked at; `values` are the measured ones, for whoever reads JSON."""
+    """One finding; `values` are added to the JSON output."""
 
     level: Level
     subject: str
@@ -69,47 +69,49 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 def parameters_in_force(vehicle: Vehicle, directory: Path, say: Callable[[str], None]) -> ParameterSet:
-    """Return the parameters that the next start would have; what cannot be used of those stored is said."""
+    """Return the parameters of the next start; `say` receives the problems of stored ones."""
     parameters = base_parameters(vehicle)
     for name, value in load_parameters(StateFiles(directory), say)[0].items():
         parameters = parameters.replaced(name, value)
     return parameters
 
 
-def look_at_parameters(vehicle: Vehicle, directory: Path) -> Iterator[Finding]:
-    """Check those that stations have set, which go over the values of the vehicle file; that one has been read."""
+def check_parameters(vehicle: Vehicle, directory: Path) -> Iterator[Finding]:
+    """Check the stored parameters, which override those of the vehicle file."""
     problems: list[str] = []
     stored, _ = load_parameters(StateFiles(directory), problems.append)
     yield from (Finding(Level.WARN, "parameters", text) for text in problems)
     counts = {"vehicle_file": len(vehicle.parameters), "stored": len(stored)}
-    text = f"{counts['vehicle_file']} set by the vehicle file, {counts['stored']} kept over them, all valid"
+    text = f"{counts['vehicle_file']} from the vehicle file, {counts['stored']} saved values override them, all valid"
     if not problems:
         yield Finding(Level.PASS, "parameters", text, counts)
-    yield from _look_at_watch_circle(parameters_in_force(vehicle, directory, lambda _text: None))
+    yield from _check_loiter_radius(parameters_in_force(vehicle, directory, lambda _text: None))
 
 
-def _look_at_watch_circle(parameters: ParameterSet) -> Iterator[Finding]:
-    """Warn of a watch circle that no boat with these model parameters stays in."""
+def _check_loiter_radius(parameters: ParameterSet) -> Iterator[Finding]:
+    """Warn of a loiter circle that a boat with these model parameters leaves in a current."""
     settings = TaskSettings.of(parameters)
     circle_m, min_radius_m = settings.station_radius_m, loiter_placement.min_radius_m(settings)
     if circle_m < min_radius_m:
-        text = f"LOIT_RADIUS {circle_m:g} m: in a current she holds no less than {min_radius_m:.0f} m"
+        text = f"LOIT_RADIUS {circle_m:g} m: in a current the boat needs at least {min_radius_m:.0f} m"
         yield Finding(Level.WARN, "parameters", text, {"radius_m": circle_m, "held_m": round(min_radius_m, 1)})
 
 
-def look_at_state(directory: Path) -> Iterator[Finding]:
-    """Check what earlier runs have left, and whether an autopilot runs on it now."""
+def check_state(directory: Path) -> Iterator[Finding]:
+    """Check the stored state, and whether an autopilot uses it now."""
     found = find(directory, machine_s())
     if found.freshness is Freshness.RUNNING:
-        text = f"an autopilot runs on {directory} (process {found.content['pid']}): it has the ports; `rambler status`"
+        text = (
+            f"{directory} is used by an autopilot (process {found.content['pid']}), which has the ports; stop it first"
+        )
         yield Finding(Level.WARN, "state", text)
     if not directory.is_dir():
-        if not os.path.lexists(directory):  # what is in its place is told where something is to be written
-            yield Finding(Level.PASS, "state", f"{directory} is made at the first start")
+        if not os.path.lexists(directory):  # check_storage reports anything else in its place
+            yield Finding(Level.PASS, "state", f"{directory} will be created at the first start")
         return
     if not os.access(directory, os.R_OK | os.X_OK):
         owner = user_text(directory.stat().st_uid)
-        yield Finding(Level.FAIL, "state", f"{directory} may not be read: run this as {owner}, or as root (sudo)")
+        yield Finding(Level.FAIL, "state", f"{directory}: permission denied; run this as {owner}, or as root (sudo)")
         return
     if foreign := foreign_file(directory):
         yield Finding(Level.FAIL, "state", foreign)
@@ -121,11 +123,11 @@ def look_at_state(directory: Path) -> Iterator[Finding]:
             resume_from_bytes(record)
         except (ValueError, RecursionError) as error:
             problems.append(f"stored {RESUME_FILE} left out: {error}")
-    problems += (f"{name} can be read by others; chmod 600" for name in exposed_key_files(directory))
+    problems += (f"{name} is readable by other users; chmod 600" for name in exposed_key_files(directory))
     yield from (Finding(Level.WARN, "state", text) for text in problems)
     key = find_key(files.examine(SIGNING_FILE))
     if key.state is KeyState.LOST:
-        yield Finding(Level.FAIL, "state", f"signing key lost: {key.problem}; set or remove it by `rambler key`")
+        yield Finding(Level.FAIL, "state", f"signing key lost: {key.problem}; set or remove it with `rambler key`")
     elif not problems:
         counts = {kind.name.lower(): len(plans.of(kind).items) for kind in PlanKind}
         text = ", ".join(f"{kind} of {count} items" for kind, count in counts.items())
@@ -134,86 +136,86 @@ def look_at_state(directory: Path) -> Iterator[Finding]:
         )
 
 
-def look_at_storage(directory: Path, parameters: ParameterSet) -> Iterator[Finding]:
-    """Write something there, see how long that takes and what room there is beside what the logs may still take.
+def check_storage(directory: Path, parameters: ParameterSet) -> Iterator[Finding]:
+    """Check the time of a write and the free space for logs.
 
-    Where the directory is to be made, it is what it is made in that is written to: whoever looks now need not be who
-    starts her, and would own it.
+    If the directory does not exist, this writes to its parent: the user of this command need not be the user of the
+    autopilot, and would own the directory.
     """
     place = next(path for path in (directory.absolute(), *directory.absolute().parents) if os.path.lexists(path))
     try:
         with tempfile.NamedTemporaryFile(dir=place) as file:
             begun_s = time.monotonic()
-            file.write(b"\0" * LEAST_WRITING_BYTES)
+            file.write(b"\0" * WRITE_BYTES)
             file.flush()
             os.fsync(file.fileno())
             sync_s = time.monotonic() - begun_s
         free_mb = shutil.disk_usage(place).free / 1e6
         logs = directory / LOG_DIRECTORY
         if logs.exists() and not logs.is_dir():
-            yield Finding(Level.FAIL, "storage", f"{logs} is no directory: no log can be written; move it away")
+            yield Finding(Level.FAIL, "storage", f"{logs} is not a directory: no log can be written; move it away")
         logs_mb = sum(path.stat().st_size for path in log_files(logs).values()) / 1e6 if logs.is_dir() else 0.0
     except OSError as error:
         yield Finding(Level.FAIL, "storage", f"{directory}: {error.strerror}; choose another with --state")
         return
-    keep_mb, least_mb, file_mb = (parameters[name] for name in ("LOG_KEEP_MB", "LOG_FREE_MB", "LOG_FILE_MB"))
+    keep_mb, reserve_mb, file_mb = (parameters[name] for name in ("LOG_KEEP_MB", "LOG_FREE_MB", "LOG_FILE_MB"))
     text = f"{directory}: {free_mb:.0f} MB free, {logs_mb:.0f} MB of logs"
     level = Level.PASS
-    if free_mb < least_mb and free_mb + logs_mb <= least_mb + file_mb:  # the oldest logs cannot make room for the next
-        level, text = Level.FAIL, f"{text}; no log is written below LOG_FREE_MB {least_mb:g}: make room"
-    elif free_mb + logs_mb < keep_mb + least_mb:
-        level, text = Level.WARN, f"{text}; LOG_KEEP_MB {keep_mb:g} does not fit: the oldest logs go before"
+    if free_mb < reserve_mb and free_mb + logs_mb <= reserve_mb + file_mb:  # deleting old logs is not enough
+        level, text = Level.FAIL, f"{text}; no log is written below LOG_FREE_MB {reserve_mb:g}; free space"
+    elif free_mb + logs_mb < keep_mb + reserve_mb:
+        level, text = Level.WARN, f"{text}; LOG_KEEP_MB {keep_mb:g} does not fit; the oldest logs are deleted earlier"
     yield Finding(level, "storage", text, {"free_mb": round(free_mb, 1), "logs_mb": round(logs_mb, 1)})
-    level = Level.FAIL if sync_s > SYNC_S_MAXIMUM else Level.WARN if sync_s > SLOW_SYNC_S else Level.PASS
-    slow = "" if level is Level.PASS else "; acknowledgements wait for it: a slow or worn card?"
-    yield Finding(level, "storage", f"4 kB reach the disk in {1e3 * sync_s:.1f} ms{slow}", {"sync_s": round(sync_s, 4)})
+    level = Level.FAIL if sync_s > MAX_SYNC_S else Level.WARN if sync_s > SLOW_SYNC_S else Level.PASS
+    slow = "" if level is Level.PASS else "; acknowledgements are delayed; replace a slow or worn card"
+    yield Finding(level, "storage", f"4 kB written in {1e3 * sync_s:.1f} ms{slow}", {"sync_s": round(sync_s, 4)})
 
 
-def look_at_clocks() -> Iterator[Finding]:
-    """Check the calendar clock, who keeps it, and how finely time is told."""
+def check_clocks() -> Iterator[Finding]:
+    """Check the system time, its synchronization, and the clock resolution."""
     utc_s = time.time()
     text = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(utc_s))
     if not is_possible(utc_s):
-        yield Finding(Level.WARN, "clock", f"{text} cannot be; set it, or wait for the network's time or a GPS fix")
+        yield Finding(Level.WARN, "clock", f"{text} is wrong; set it, or wait for NTP or a GPS fix")
     elif not clock_is_synchronised():
-        yield Finding(Level.WARN, "clock", f"{text}; nothing keeps it (NTP, PTP, GPS): CLK_SET 2 has the GPS do it")
+        yield Finding(Level.WARN, "clock", f"{text}; not synchronized (NTP, PTP, GPS); CLK_SET 2 sets it from GPS")
     else:
         yield Finding(Level.PASS, "clock", text)
     resolution_s = time.clock_getres(time.CLOCK_MONOTONIC)
     level = Level.PASS if resolution_s <= 1e-3 else Level.FAIL
-    yield Finding(level, "clock", f"monotonic clock resolves {1e9 * resolution_s:.0f} ns")
+    yield Finding(level, "clock", f"monotonic clock resolution {1e9 * resolution_s:.0f} ns")
 
 
-def look_at_priority() -> Iterator[Finding]:
-    """Say whether real-time priority is to be had; the autopilot runs without it, only less steadily."""
+def check_priority() -> Iterator[Finding]:
+    """Check whether real-time priority is allowed; without it ticks may be late."""
     try:
         policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
         os.sched_setscheduler(0, policy, parameter)
     except OSError:
-        text = "SCHED_FIFO not allowed: ticks may come late under load (LimitRTPRIO grants it)"
+        text = "SCHED_FIFO not allowed: ticks may be late under load; set LimitRTPRIO"
         yield Finding(Level.WARN, "priority", text)
         return
     yield Finding(Level.PASS, "priority", "SCHED_FIFO allowed")
 
 
-def look_at_links(urls: Sequence[str], directory: Path) -> Iterator[Finding]:
-    """Open each link as the autopilot would, one beside the other, and say who may command over it."""
+def check_links(urls: Sequence[str], directory: Path) -> Iterator[Finding]:
+    """Open all links as the autopilot would, and report those that accept commands from anyone."""
     signing = Signing(time.time, _keep_nothing)
     signing.restore(StateFiles(directory).examine(SIGNING_FILE))
     gate = Gate(signing)
     if not urls:
-        yield Finding(Level.WARN, "links", "none: no ground station will see her; name some in [link] urls")
+        yield Finding(Level.WARN, "links", "none: no ground station can connect; add some to [link] urls")
     with ExitStack() as opened:
         for url in urls:
-            yield from _look_at_link(url, gate, opened)
+            yield from _check_link(url, gate, opened)
 
 
 def _keep_nothing(content: bytes, *, both_slots: bool = False) -> None:
-    """Leave the key as it is stored."""
+    """Ignore a change: this command writes no key."""
 
 
-def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
+def _check_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
     shared: list[Finding] = []
 
     def open_line(path: str, baud: int) -> SerialPort:
@@ -236,17 +238,17 @@ def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
     opened.callback(transport.close)
     yield from shared
     if isinstance(transport, Satellite):
-        yield _look_at_modem(url, transport)
+        yield _check_modem(url, transport)
     if invites_anybody(gate, transport):
         other = "" if isinstance(transport, Satellite) else " or listen on 127.0.0.1"
-        text = f"{url}: whoever reaches it commands her; set a key (`rambler key set`){other}"
+        text = f"{url}: accepts commands from anyone; set a key (`rambler key set`){other}"
         yield Finding(Level.WARN, "links", text, {"url": url})
     elif not isinstance(transport, Satellite):
         yield Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
 
 
-def _look_at_modem(url: str, transport: MessageTransport) -> Finding:
-    """Ask the modem for its number, which it tells before anything is sent or fetched."""
+def _check_modem(url: str, transport: MessageTransport) -> Finding:
+    """Wait for the modem's serial number, its first reply."""
     end_s = machine_s() + MODEM_S
     while (now_s := machine_s()) < end_s:
         transport.poll(now_s)
@@ -258,7 +260,7 @@ def _look_at_modem(url: str, transport: MessageTransport) -> Finding:
     return Finding(Level.FAIL, "links", text, {"url": url})
 
 
-def every(*looks: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
-    """Yield the findings one after the other, as they come."""
-    for look in looks:
-        yield from look()
+def every(*checks: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+    """Yield the findings of all checks as they arrive."""
+    for check in checks:
+        yield from check()

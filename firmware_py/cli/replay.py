@@ -1,4 +1,4 @@
-"""`rambler replay`: recomputes a log through the same step."""
+"""`rambler replay`: recompute a log with the step function of the autopilot."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from firmware_py.log.replay import ReplayReport, replay_log
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("log", metavar="LOG", type=Path, help="an onboard log (.BIN or .BIN.gz)")
-    parser.add_argument("--json", action="store_true", help="the report as one JSON object")
+    parser.add_argument("log", metavar="LOG", type=Path, help="onboard log (.BIN or .BIN.gz)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit 0 only when every rudder command is bit-identical."""
+    """Return 0 if every rudder command is bit-identical, else 1."""
     try:
         report = replay_log(arguments.log, state_from_text, step)
     except LogError as error:
         return _refused(str(error))
-    except Exception as error:  # noqa: BLE001 - whatever a file holds is one line
+    except Exception as error:  # noqa: BLE001 - one line, whatever the file contains
         return _refused(f"{arguments.log}: cannot be read ({type(error).__name__}: {error})")
     if arguments.json:
         print(json.dumps(report.as_dict()))
@@ -44,17 +44,17 @@ def _text(report: ReplayReport) -> str:
     reading = report.reading
     lines = [f"{report.ticks} ticks, {report.compared} recomputed"]
     if report.gaps:
-        lines.append(f"{report.gaps} gaps: ticks that had no room, or were lost to damage")
+        lines.append(f"{report.gaps} gaps: dropped or damaged ticks")
     if reading.damaged or reading.garbage_bytes:
-        lines.append(f"{reading.damaged} damaged ticks, {reading.garbage_bytes} bytes of garbage")
+        lines.append(f"{reading.damaged} damaged ticks, {reading.garbage_bytes} unreadable bytes")
     if reading.tail_bytes:
-        lines.append(f"the last {reading.tail_bytes} bytes are a tick cut short")
+        lines.append(f"the last tick is incomplete: {reading.tail_bytes} bytes ignored")
     lines += [f"note: {note}" for note in reading.notes]
     if (first := report.first_difference) is not None:
         lines.append(
-            f"{report.differences} commands differ, the first at tick {first.tick} ({first.t_s:.3f} s): "
-            f"logged {first.logged.shaft_rad!r} rad, recomputed {first.recomputed.shaft_rad!r} rad; "
-            f"by {report.largest_rad:.2g} rad at most"
+            f"{report.differences} commands differ, by up to {report.largest_rad:.2g} rad; the first at tick "
+            f"{first.tick} ({first.t_s:.3f} s): logged {first.logged.shaft_rad!r} rad, "
+            f"recomputed {first.recomputed.shaft_rad!r} rad"
         )
         lines += _other_version(reading.software)
     lines.append("every rudder command is bit-identical" if report.identical else "NOT identical")
@@ -62,8 +62,8 @@ def _text(report: ReplayReport) -> str:
 
 
 def _other_version(software: str) -> list[str]:
-    """Say that another version wrote a log that comes out otherwise, which is no fault of either."""
+    """Return a note if another version wrote the log: a difference is then expected."""
     own = version_text("rambler", commit_of(ROOT))
     if software == own:
         return []
-    return [f"the log was written by {software or 'a program without a name'}; this is {own} and steers otherwise"]
+    return [f"log written by {software or 'an unknown program'}, recomputed by {own}: a difference is expected"]

@@ -14,7 +14,7 @@ from typing import NoReturn
 from firmware_py import __version__
 from firmware_py.assemble.supervision import Supervision
 from firmware_py.assemble.wiring import Assembly, Options, assemble
-from firmware_py.cli.refusal import refused
+from firmware_py.cli.errors import print_error
 from firmware_py.core.liveness import StuckError
 from firmware_py.files.making import exact_modes
 from firmware_py.link.wire.urls import LinkError
@@ -30,43 +30,43 @@ from firmware_py.system.service_manager import ServiceManager, runtime_directory
 from firmware_py.system.signals import Signals
 from firmware_py.vehicle import VehicleError, load
 
-HOLD_OFF_S = 5.0  # under a service manager, a start that has failed is tried again after this long
-CLOSE_S = 2.0  # for all that may be closed in good order beside what is stuck
-SHUT_DOWN = 10  # the exit code of an autopilot that was told to shut down; a supervisor should leave it so
+RETRY_DELAY_S = 5.0  # of a failed start under a service manager
+CLOSE_S = 2.0  # for closing everything except a stuck part
+SHUT_DOWN = 10  # exit code after a shut-down command: a supervisor should not restart the autopilot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("vehicle", metavar="VEHICLE.toml", type=Path, help="the vehicle file")
-    parser.add_argument("--state", metavar="DIR", type=Path, help="directory of parameters, missions and logs")
+    parser.add_argument("vehicle", metavar="VEHICLE.toml", type=Path, help="vehicle file")
+    parser.add_argument("--state", metavar="DIR", type=Path, help="state directory: parameters, missions and logs")
     parser.add_argument(
         "--link",
         metavar="URL",
         action="append",
         default=[],
-        help="a MAVLink link besides those of the vehicle file: udpout:HOST:PORT, udpin:HOST:PORT, "
-        "tcpin:HOST:PORT, tcpout:HOST:PORT, serial:PATH:BAUD, or sbd:PATH of an Iridium modem; nmea: "
-        "before one says NMEA 0183 there; may be given several times",
+        help="a MAVLink link in addition to those of the vehicle file: udpout:HOST:PORT, udpin:HOST:PORT, "
+        "tcpin:HOST:PORT, tcpout:HOST:PORT, serial:PATH:BAUD, or sbd:PATH for an Iridium modem; the prefix nmea: "
+        "sends NMEA 0183 instead; may be repeated",
     )
     parser.add_argument(
         "--wait",
         action="store_true",
-        help="start even while a port, a link's address or the state directory is not to be had; take it up when it is",
+        help="start without missing ports, link addresses or state directory; use them when they appear",
     )
     parser.add_argument(
         "--watchdog",
         metavar="DEVICE",
         type=Path,
-        help="the computer's own watchdog, such as /dev/watchdog: it starts the computer anew when the autopilot hangs",
+        help="hardware watchdog, such as /dev/watchdog; it restarts the computer if the autopilot hangs",
     )
     parser.add_argument("--lockstep", metavar="SOCKET", help=argparse.SUPPRESS)
     parser.add_argument("--status", action="store_true", help=argparse.SUPPRESS)
-    # For the harness: an autopilot without its box would take up the ports of the next one.
+    # For the harness: exit with the parent process, which owns the simulated ports.
     parser.add_argument("--with-parent", metavar="PID", type=int, help=argparse.SUPPRESS)
 
 
 def default_state_directory(name: str) -> Path:
-    """Return the place of the state where none is given, by the XDG rules; VehicleError for a user without a home."""
+    """Return the default state directory by the XDG rules; raise VehicleError for a user without a home directory."""
     root = Path(os.environ.get("XDG_STATE_HOME", ""))
     try:
         if not root.is_absolute():
@@ -75,13 +75,13 @@ def default_state_directory(name: str) -> Path:
                 print(f"rambler: {ignored}; give an absolute path, or --state", file=sys.stderr)
             root = Path.home() / ".local" / "state"
     except RuntimeError:
-        raise VehicleError("you have no home to keep the state in; name a directory by --state") from None
+        raise VehicleError("no home directory for the state; give a directory with --state") from None
     return root / "rambler" / "".join(c if c.isalnum() or c in "-_" else "-" for c in name.lower())
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until told to stop or to shut down; told to restart, become a new process in place."""
-    # Before any port is opened: a rudder that an earlier process has left over shall not stay there.
+    """Run until a signal or a shut-down command; a restart command replaces the process."""
+    # Signals are handled before any port is opened, so that the rudder is made safe in every case.
     with exact_modes(), Signals() as signals:
         if arguments.with_parent is not None and not realtime.end_with_parent(arguments.with_parent):
             return 0
@@ -94,15 +94,15 @@ def run(arguments: argparse.Namespace) -> int:
                 lockstep=arguments.lockstep,
                 status=arguments.status,
                 runtime=runtime_directory(os.environ),
-                # The harness's GPS shows the time of its own world.
+                # The GPS of the harness shows simulated time.
                 may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
             )
             _check_owner(options)
             assembly = assemble(vehicle, options)
             supervision = _supervise(assembly, arguments)
         except (VehicleError, PortError, StoreError, LinkError, ClockError, WatchdogError) as error:
-            code = refused("run", error)
-            _hold_off(str(error), signals)
+            code = print_error("run", error)
+            _delay_exit(str(error), signals)
             return code
         assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
         code = _steer(assembly, supervision, signals, real_time=arguments.lockstep is None)
@@ -116,24 +116,24 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_owner(options: Options) -> None:
-    """Raise StoreError for root on the state of another user, who could not use the files that root would leave.
+    """Raise StoreError if root uses the state of another user, who could not use files written by root.
 
-    With --wait, as in a service, she starts whatever she finds.
+    With --wait, as in a service, the autopilot starts in any case.
     """
     try:
         owner_uid = options.state_directory.stat().st_uid
     except OSError:
-        return  # it is to be made, or what is wrong is told where it is opened
+        return  # it will be created, or opening it reports the error
     if options.wait or os.geteuid() != 0 or owner_uid == 0:
         return
-    from firmware_py.cli.state_owner import user_text  # noqa: PLC0415 - it stands on this module
+    from firmware_py.cli.state_owner import user_text  # noqa: PLC0415 - it imports this module
 
     owner = user_text(owner_uid)
     raise StoreError(f"state directory {options.state_directory} belongs to {owner}; run this as that user (sudo -u)")
 
 
 def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:
-    """Put the run under the watch of whom there is; what has been opened is closed again when that cannot be."""
+    """Start the watchdogs; close the assembly if one fails."""
     try:
         return Supervision(
             assembly.parts,
@@ -148,10 +148,10 @@ def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision
         raise
 
 
-def _hold_off(why: str, signals: Signals) -> None:
-    """Wait a little, where a service manager would start it again at once and for ever."""
+def _delay_exit(why: str, signals: Signals) -> None:
+    """Delay the exit under a service manager, which would restart the program at once and forever."""
     manager = ServiceManager(os.environ)
-    end_s = time.monotonic() + (HOLD_OFF_S if manager.present else 0.0)
+    end_s = time.monotonic() + (RETRY_DELAY_S if manager.present else 0.0)
     manager.notify_status(why)
     while time.monotonic() < end_s and not signals.stopping:
         time.sleep(0.1)
@@ -159,19 +159,19 @@ def _hold_off(why: str, signals: Signals) -> None:
 
 def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, real_time: bool) -> int:
     assembly.parts.take_signals = signals.take_events
-    # After all threads are there: theirs is lower than the loop's, and that of the files is for stations to load.
+    # After all threads have started: the others run at lower priority, the files thread at ordinary priority.
     for refusal in realtime.prepare(ordinary=(FILES_THREAD,), real_time=real_time):
         assembly.console.line(refusal)
     try:
         run_loop(assembly.parts, lambda: signals.stopping)
     except StuckError as error:
         supervision.end_badly(str(error))
-        assembly.console.line(f"rambler run: {error}; the rudder is safe, started anew")
+        assembly.console.line(f"rambler run: {error}; rudder safe, restarting")
         _leave(assembly)
     except ClockError as error:
         assembly.console.line(f"rambler run: {error}")
         return 0 if signals.stopping else 1
-    except Exception as error:  # noqa: BLE001 - the rudder is safe; Python's own traceback would wait for a reader that is stuck
+    except Exception as error:  # noqa: BLE001 - the rudder is safe; the traceback must not wait for a blocked reader
         for line in traceback.format_exc().splitlines():
             assembly.console.line(line)
         supervision.end_badly(f"{type(error).__name__}: {error}")
@@ -185,7 +185,7 @@ def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, re
 
 
 def _leave(assembly: Assembly) -> NoReturn:
-    """End the process, whatever a part of it that is stuck may hold; the rest is closed if that is quick."""
+    """End the process although a part of it is stuck; close the rest within CLOSE_S."""
     closing = threading.Thread(target=assembly.close, daemon=True)
     closing.start()
     closing.join(CLOSE_S)

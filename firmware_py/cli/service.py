@@ -1,4 +1,4 @@
-"""`rambler service`: the autopilot as a service of the computer that starts, watches and restarts it."""
+"""`rambler service`: install the autopilot as a systemd service, show its status, or remove it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from firmware_py.install.steps import run as run_program
 from firmware_py.vehicle import VehicleError, load
 from firmware_py.view.guard import DEFAULT_LISTEN, ViewError, listen_address
 
-# systemctl's property -> ours.
+# Property of systemctl -> key of --json.
 _PROPERTIES: Mapping[str, str] = {
     "LoadState": "load", "UnitFileState": "enabled", "ActiveState": "active", "SubState": "sub", "Result": "result",
     "NRestarts": "restarts", "MainPID": "pid", "StatusText": "status", "ActiveEnterTimestamp": "since",
@@ -26,36 +26,44 @@ _PROPERTIES: Mapping[str, str] = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     commands = parser.add_subparsers(dest="service_command", metavar="WHAT", required=True)
-    show = commands.add_parser("print", help="print the files that install would write, each with its place")
-    put = commands.add_parser("install", help="write them, make the user and enable the service; it is not started yet")
-    status = commands.add_parser("status", help="is it installed, enabled, running? exit 0 when it runs")
-    take = commands.add_parser("remove", help="stop the service and remove its files; the state stays")
+    show = commands.add_parser("print", help="print the files that install would write, with their paths")
+    put = commands.add_parser(
+        "install", help="write the files, create the user and enable the service; does not start it"
+    )
+    status = commands.add_parser(
+        "status", help="show whether the service is installed, enabled and running; exit code 0 if it runs"
+    )
+    take = commands.add_parser("remove", help="stop the service and remove its files; keeps the state directory")
     for command in (show, put):
         command.add_argument(
-            "vehicle", metavar="VEHICLE.toml", type=Path, help="the vehicle file, such as /etc/rambler/boat.toml"
+            "vehicle", metavar="VEHICLE.toml", type=Path, help="vehicle file, such as /etc/rambler/boat.toml"
         )
         command.add_argument(
-            "--state", metavar="DIR", type=Path, default=STATE, help=f"the state directory (default {STATE})"
+            "--state", metavar="DIR", type=Path, default=STATE, help=f"state directory (default: {STATE})"
         )
-        command.add_argument("--watchdog", metavar="DEVICE", type=Path, help="as of rambler run: /dev/watchdog")
+        command.add_argument(
+            "--watchdog", metavar="DEVICE", type=Path, help="hardware watchdog, such as /dev/watchdog (see rambler run)"
+        )
         command.add_argument(
             "--view",
             metavar="HOST:PORT",
             nargs="?",
             const=DEFAULT_LISTEN,
-            help=f"a service of its own for the page of rambler view, too (there, {DEFAULT_LISTEN} unless given)",
+            help=f"also install a service for rambler view, at this address (default: {DEFAULT_LISTEN})",
         )
-        command.add_argument("--view-token", metavar="FILE", type=Path, help="as --token of rambler view")
-        command.add_argument("--program", metavar="FILE", type=Path, help="the program to run (default: this one)")
+        command.add_argument(
+            "--view-token", metavar="FILE", type=Path, help="token file for --view (see rambler view --token)"
+        )
+        command.add_argument("--program", metavar="FILE", type=Path, help="program to run (default: this one)")
     for command in (put, take):
         command.add_argument(
-            "--root", metavar="DIR", type=Path, default=Path("/"), help="of a system that is not running: an image"
+            "--root", metavar="DIR", type=Path, default=Path("/"), help="root directory of a system image (default: /)"
         )
     status.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what is asked; one line on standard error and 2 when it cannot be."""
+    """Run a subcommand; return 2 with one line on standard error if it fails."""
     command: Callable[[argparse.Namespace], int] = {
         "print": _print, "install": _install, "status": _status, "remove": _remove,
     }[arguments.service_command]  # fmt: skip
@@ -79,7 +87,7 @@ def _install(arguments: argparse.Namespace) -> int:
     check(service, arguments.root)
     install(service, arguments.root, print)
     names = NAME if service.page is None else f"{NAME} {PAGE}"
-    print(f"enabled: it starts with the computer; now, by systemctl start {names}")
+    print(f"enabled: starts with the computer; to start it now: systemctl start {names}")
     return 0
 
 
@@ -91,8 +99,8 @@ def _remove(arguments: argparse.Namespace) -> int:
 
 def _status(arguments: argparse.Namespace) -> int:
     text = run_program(["systemctl", "show", NAME, "--property", ",".join(_PROPERTIES)])
-    found = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-    status = {ours: found.get(theirs, "") for theirs, ours in _PROPERTIES.items()}
+    values = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
+    status = {key: values.get(name, "") for name, key in _PROPERTIES.items()}
     if arguments.json:
         print(json.dumps(status))
     elif status["load"] != "loaded":
@@ -116,7 +124,7 @@ def _page_of(arguments: argparse.Namespace) -> Page | None:
     token = None if arguments.view_token is None else _absolute(arguments.view_token)
     if arguments.view is None:
         if token is not None:
-            raise InstallError("--view-token is for the page: give --view, too")
+            raise InstallError("--view-token needs --view")
         return None
     try:
         listen_address(arguments.view, with_token=token is not None)
@@ -126,7 +134,7 @@ def _page_of(arguments: argparse.Namespace) -> Page | None:
 
 
 def _program() -> tuple[str, ...]:
-    """Return how this program was started, by names that an update may lead elsewhere: links are not followed."""
+    """Return the command of this program without following links, which an update changes."""
     script = shutil.which(sys.argv[0])
     if script is not None and Path(script).name == NAME:
         return (os.path.abspath(script),)  # noqa: PTH100 - resolve() would follow links
@@ -139,6 +147,6 @@ def _absolute(path: Path) -> Path:
 
 def _check_root(root: Path) -> None:
     if root == Path("/") and not may_change_system():
-        raise InstallError("it changes the system: run it as root (sudo)")
+        raise InstallError("this changes the system; run it as root (sudo)")
     if not root.is_dir():
-        raise InstallError(f"--root {root}: no such directory; name the root of a system")
+        raise InstallError(f"--root {root}: no such directory; give the root directory of a system")

@@ -1,6 +1,6 @@
-"""`rambler state`: the state of an autopilot as one file, out of its directory and into that of a stopped one.
+"""`rambler state`: export the state of an autopilot to one file, and import it into that of a stopped one.
 
-The key is in the file only when it is asked for; without it the directory that takes the file keeps its own.
+The file contains the key only with --with-key; without it the import keeps the key of the directory.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py import __version__
-from firmware_py.cli.refusal import refused
+from firmware_py.cli.errors import print_error
 from firmware_py.cli.state_owner import check_directory, check_owner, check_readable
 from firmware_py.common.records import Stored
 from firmware_py.core.resume import from_bytes as resume_from_bytes
@@ -45,50 +45,54 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.state_export import MAX_EXPORT_BYTES, BrokenExportError, Export, begin_import, pack, unpack
 from firmware_py.system.store import Store
 
-# The function that decodes each record; it returns notes, too, and raises ValueError.
+# Decoders of the records; they return notes and raise ValueError.
 _RECORDS: Final[Mapping[str, Callable[[bytes], tuple[object, tuple[str, ...]]]]] = {
     ENDINGS_FILE: endings_from_bytes,
     RESUME_FILE: resume_from_bytes,
     SATELLITE_FILE: satellite_from_bytes,
 }
-FINDING = 1  # the exit code of a state that was exported, and not all of it whole
+FINDING = 1  # exit code: exported, but a file was damaged
 _Say = Callable[[str], None]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     commands = parser.add_subparsers(dest="state_command", metavar="WHAT", required=True)
-    out = commands.add_parser("export", help="write parameters, plans and what she was doing to one file, at any time")
-    into = commands.add_parser("import", help="put such a file in place of the state of a stopped autopilot")
-    out.add_argument("file", metavar="FILE", type=Path, help="what to write; one that is there is replaced")
-    into.add_argument("file", metavar="FILE", type=Path, help="what `rambler state export` has written")
-    out.add_argument("--with-key", action="store_true", help="the signing key, too: whoever has the file may command")
+    out = commands.add_parser(
+        "export", help="write parameters, plans, mode and goal to one file; the autopilot may be running"
+    )
+    into = commands.add_parser("import", help="replace the state of a stopped autopilot by such a file")
+    out.add_argument("file", metavar="FILE", type=Path, help="output file; an existing one is replaced")
+    into.add_argument("file", metavar="FILE", type=Path, help="file written by `rambler state export`")
+    out.add_argument(
+        "--with-key", action="store_true", help="include the signing key: anyone with the file can command the boat"
+    )
     for command in (out, into):
-        command.add_argument("--state", metavar="DIR", type=Path, required=True, help="the state directory")
+        command.add_argument("--state", metavar="DIR", type=Path, required=True, help="state directory")
         command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what is asked; lines on standard error and 2 when it cannot be, 1 when not all of it was whole."""
+    """Run a subcommand; return 2 if it fails, 1 if a file was damaged."""
     command = {"export": _export, "import": _import}[arguments.state_command]
     try:
         check_directory(arguments.state)
         return command(arguments)
     except BrokenExportError as error:
-        return refused(f"state {arguments.state_command}", f"{arguments.file} {error}")
+        return print_error(f"state {arguments.state_command}", f"{arguments.file} {error}")
     except StoreError as error:
-        return refused(f"state {arguments.state_command}", error)
+        return print_error(f"state {arguments.state_command}", error)
 
 
-def _tell(text: str) -> None:
+def _warn(text: str) -> None:
     print(text, file=sys.stderr)
 
 
-# ------------------------------------------------------------------------------------ out
+# ------------------------------------------------------------------------------------ export
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    """Read what the next start would, beside an autopilot that may be running."""
+    """Export the state that the next start would read."""
     check_readable(arguments.state)
     files: dict[str, bytes | None] = {}
     damaged = False
@@ -98,14 +102,14 @@ def _export(arguments: argparse.Namespace) -> int:
         stored = StateFiles(arguments.state).examine(name)
         if stored.damage:
             damaged = True
-            _tell(f"{arguments.state}: {stored.damage}{'' if stored.content is None else ': the other slot is taken'}")
+            _warn(f"{arguments.state}: {stored.damage}{'' if stored.content is None else ': the other slot is used'}")
         if name == SIGNING_FILE:
             _check_key(arguments.state, stored)
-        content = _settled(stored.content) if name == ENDINGS_FILE else stored.content
+        content = _without_current_run(stored.content) if name == ENDINGS_FILE else stored.content
         if content or name != SIGNING_FILE:
             files[name] = content
     if not any(files.values()):
-        raise StoreError(f"state directory {arguments.state} holds no state; name that of `rambler run --state`")
+        raise StoreError(f"state directory {arguments.state} contains no state; give that of `rambler run --state`")
     about = {
         "rambler": __version__, "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "host": platform.node(),
         "directory": os.path.realpath(arguments.state),
@@ -115,13 +119,13 @@ def _export(arguments: argparse.Namespace) -> int:
         write_whole(arguments.file, pack(Export(files, about)), mode)
     except OSError as error:
         raise StoreError(f"{arguments.file}: cannot be written: {error.strerror}") from None
-    told = {name: "nothing" if content is None else f"{len(content)} bytes" for name, content in files.items()}
-    _report(arguments, told)
+    sizes = {name: "nothing" if content is None else f"{len(content)} bytes" for name, content in files.items()}
+    _report(arguments, sizes)
     return FINDING if damaged else 0
 
 
 def _check_key(directory: Path, stored: Stored) -> None:
-    """StoreError for a key that is there and cannot be had."""
+    """Raise StoreError for a key that cannot be read."""
     finding = find_key(stored)
     if finding.state is KeyState.LOST:
         raise StoreError(
@@ -129,25 +133,25 @@ def _check_key(directory: Path, stored: Stored) -> None:
         )
 
 
-def _settled(content: bytes | None) -> bytes | None:
-    """Return how runs have ended, without the one under way: it does not end where the file is taken to."""
+def _without_current_run(content: bytes | None) -> bytes | None:
+    """Return the record of endings without the current run, which does not end on the other computer."""
     if content is None:
         return None
     try:
         endings, notes = endings_from_bytes(content)
     except ValueError as error:
-        _tell(f"{ENDINGS_FILE} left out: {error}")
+        _warn(f"{ENDINGS_FILE} left out: {error}")
         return None
     for note in notes:
-        _tell(f"{ENDINGS_FILE}: {note}")
+        _warn(f"{ENDINGS_FILE}: {note}")
     return endings_to_bytes(Endings(endings.counts, endings.last))
 
 
-# ------------------------------------------------------------------------------------ in
+# ------------------------------------------------------------------------------------ import
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    """Put a file in place of the state: all of it from one rename on, however often what follows is cut off."""
+    """Replace the state by a file; one rename commits all of it, even if the rest is interrupted."""
     directory = arguments.state
     check_owner(directory)
     try:
@@ -155,27 +159,27 @@ def _import(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise StoreError(f"{arguments.file}: cannot be read: {error.strerror}") from None
     for name in sorted(export.files.keys() - set(STATE_NAMES)):
-        _tell(f"{arguments.file}: {name} left out: it is of another version")
-    _check_contents(export, _tell)
+        _warn(f"{arguments.file}: {name} ignored: written by another version")
+    _check_contents(export, _warn)
     before = {name: examine(directory, name).content for name in STATE_NAMES}
     wanted = _begin_import(directory, export)
     try:
         with exact_modes():
-            store = Store(directory)  # whoever holds it next puts it into the slots: if we are killed, the autopilot
+            store = Store(directory)  # copies the import into the slots; if this is killed, the autopilot does it
             store.close()
     except StoreError as error:
-        raise StoreError(f"{error}; what was imported counts all the same, from the next start on") from None
+        raise StoreError(f"{error}; the import is complete and takes effect at the next start") from None
     if store.start_problem:
         raise StoreError(store.start_problem)
-    told = {name: _change(before[name], wanted[name]) for name in wanted}
-    _report(arguments, {SIGNING_FILE: "not in the file, stays as it is", **told})
+    changes = {name: _change(before[name], wanted[name]) for name in wanted}
+    _report(arguments, {SIGNING_FILE: "not in the file, unchanged", **changes})
     return 0
 
 
 def _begin_import(directory: Path, export: Export) -> Mapping[str, bytes | None]:
-    """Let the directory count for what is imported; return what that is. StoreError: nothing was imported."""
-    hold = DirectoryLock(directory)
-    hold.acquire(strict=True)
+    """Commit the import and return its files. Raise StoreError if nothing was imported."""
+    lock = DirectoryLock(directory)
+    lock.acquire(strict=True)
     try:
         wanted = {name: export.files.get(name) for name in STATE_NAMES if name != SIGNING_FILE}
         if export.files.get(SIGNING_FILE):
@@ -185,12 +189,12 @@ def _begin_import(directory: Path, export: Export) -> Mapping[str, bytes | None]
     except OSError as error:
         raise StoreError(f"state directory {directory}: nothing was imported: {error.strerror}") from None
     finally:
-        hold.release()
+        lock.release()
     return wanted
 
 
 def _check_contents(export: Export, say: _Say) -> None:
-    """Raise BrokenExportError for what the next start could not use; what it would only tell is said."""
+    """Raise BrokenExportError for files that the next start could not use; `say` receives the notes."""
     for kind, name in PLAN_FILES.items():
         if (content := export.content(name)) is not None:
             with _usable(name):
@@ -204,7 +208,7 @@ def _check_contents(export: Export, say: _Say) -> None:
                     say(f"{name}: {note}")
     key = export.content(SIGNING_FILE)
     if key is not None and find_key(Stored(key)).state is not KeyState.PRESENT:
-        raise BrokenExportError(f"cannot be used: {SIGNING_FILE}: it is no signing key; nothing was imported")
+        raise BrokenExportError(f"cannot be used: {SIGNING_FILE}: not a signing key; nothing was imported")
 
 
 @contextlib.contextmanager
@@ -216,19 +220,19 @@ def _usable(name: str) -> Iterator[None]:
 
 
 def _key_in_force(export: Export, present: Stored) -> bytes:
-    """Return the key with timestamps of now, as when it is set anew: what was signed before is not heard again."""
+    """Return the key with current timestamps, so that frames signed earlier are not accepted again."""
     record = find_key(Stored(export.content(SIGNING_FILE))).record
-    kept: list[bytes] = []
+    saved: list[bytes] = []
 
-    def keep(content: bytes, *, both_slots: bool = False) -> None:
-        del both_slots  # an import goes into both slots
-        kept.append(content)
+    def save(content: bytes, *, both_slots: bool = False) -> None:
+        del both_slots  # an import is written to both slots
+        saved.append(content)
 
-    signing = Signing(time.time, keep)
+    signing = Signing(time.time, save)
     signing.restore(present)
     if record is None or not signing.set_key(record.key, max(record.timestamp, timestamp_of(time.time()))):
-        raise BrokenExportError(f"cannot be used: {SIGNING_FILE}: its time is beyond all calendars")
-    return kept[-1]
+        raise BrokenExportError(f"cannot be used: {SIGNING_FILE}: its timestamp is out of range")
+    return saved[-1]
 
 
 def _change(before: bytes | None, after: bytes | None) -> str:
@@ -240,9 +244,9 @@ def _change(before: bytes | None, after: bytes | None) -> str:
     return f"{size}, as before" if before == after else f"{size}, instead of {len(before)}"
 
 
-def _report(arguments: argparse.Namespace, told: Mapping[str, str]) -> None:
+def _report(arguments: argparse.Namespace, texts: Mapping[str, str]) -> None:
     if arguments.json:
-        print(json.dumps({"file": str(arguments.file), "state": str(arguments.state), "names": told}))
+        print(json.dumps({"file": str(arguments.file), "state": str(arguments.state), "names": texts}))
         return
-    for name, text in told.items():
+    for name, text in texts.items():
         print(f"{name:<18} {text}")

@@ -1,4 +1,4 @@
-"""Whose a state directory is: that of the service, or of a user; what changes one must be run as its owner."""
+"""Location and owner of a state directory: that of the service, or of a user."""
 
 from __future__ import annotations
 
@@ -16,53 +16,54 @@ from firmware_py.vehicle import Vehicle
 
 
 def state_directory_of(file: Path, vehicle: Vehicle) -> Path:
-    """Return where the state of a vehicle file is: with the service that runs it, else where `rambler run` keeps it."""
+    """Return the state directory of a vehicle file: that of its service, else the default of `rambler run`."""
     try:
         service = installation_of(UNIT)
-    except UpdateError:  # there is none
+    except UpdateError:  # not installed
         return default_state_directory(vehicle.name)
-    ours = os.path.realpath(service.vehicle) == os.path.realpath(file)
-    return service.state if ours else default_state_directory(vehicle.name)
+    same_file = os.path.realpath(service.vehicle) == os.path.realpath(file)
+    return service.state if same_file else default_state_directory(vehicle.name)
 
 
 def check_directory(directory: Path) -> None:
-    """StoreError when there is no such directory."""
+    """Raise StoreError if the directory does not exist."""
     if directory.is_dir():
         return
-    what, remedy = "is not there", f", or make it: mkdir -p {shlex.quote(str(directory))}"
+    what, remedy = "does not exist", f", or create it: mkdir -p {shlex.quote(str(directory))}"
     if directory.exists():
         what, remedy = "is a file", ""
-    raise StoreError(f"state directory {directory} {what}; name that of `rambler run --state`{remedy}")
+    raise StoreError(f"state directory {directory} {what}; give that of `rambler run --state`{remedy}")
 
 
 def check_readable(directory: Path) -> None:
-    """StoreError when the directory, which is there, is closed to this user: what is in it has not been lost."""
+    """Raise StoreError if this user cannot read the directory."""
     if not os.access(directory, os.R_OK | os.X_OK):
         owner = user_text(directory.stat().st_uid)
-        raise StoreError(f"state directory {directory} may not be read; run this as {owner}, or as root (sudo)")
+        raise StoreError(f"state directory {directory} permission denied; run this as {owner}, or as root (sudo)")
 
 
 def check_owner(directory: Path) -> None:
-    """StoreError when the directory, which is there, belongs to another user."""
+    """Raise StoreError if the directory belongs to another user."""
     owner_uid = directory.stat().st_uid
     if os.geteuid() != owner_uid:
         raise StoreError(f"state directory {directory} belongs to {user_text(owner_uid)}; run this as that user")
 
 
 def foreign_file(directory: Path) -> str:
-    """Return what is wrong with whom the files of a state directory belong to, empty when nothing is."""
+    """Return an error text if a file in the directory has another owner than the directory, else an empty text."""
     owner_uid = directory.stat().st_uid
-    places = [*directory.glob("*"), *directory.glob("logs/**/*")]
-    foreign = [place for place in places if place.lstat().st_uid != owner_uid and place.name != "lost+found"]
+    paths = [*directory.glob("*"), *directory.glob("logs/**/*")]
+    foreign = [path for path in paths if path.lstat().st_uid != owner_uid and path.name != "lost+found"]
     if not foreign:
         return ""
-    whose, more = user_text(foreign[0].lstat().st_uid), f" and {len(foreign) - 1} more" if foreign[1:] else ""
+    file_owner, more = user_text(foreign[0].lstat().st_uid), f" and {len(foreign) - 1} more" if foreign[1:] else ""
     owner = user_text(owner_uid)
-    return f"{foreign[0]}{more} of {whose}: the autopilot runs as {owner}; chown -R --reference={directory} {directory}"
+    remedy = f"chown -R --reference={directory} {directory}"
+    return f"{foreign[0]}{more} owned by {file_owner}, the autopilot runs as {owner}; {remedy}"
 
 
 def user_text(uid: int) -> str:
-    """Return who a user is, for the operator."""
+    """Return the name of a user for a message."""
     try:
         return f"user {pwd.getpwuid(uid).pw_name}"
     except KeyError:

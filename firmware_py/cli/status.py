@@ -1,4 +1,4 @@
-"""`rambler status`: what the autopilot that runs on this computer says of itself; reads a file and touches nothing."""
+"""`rambler status`: state of the autopilot on this computer, read from its status file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 from msgspec.structs import asdict
 
-from firmware_py.cli.refusal import refused
+from firmware_py.cli.errors import print_error
 from firmware_py.common.calendar import is_possible
 from firmware_py.system.clock import machine_s
 from firmware_py.system.endings import ENDINGS_FILE, from_bytes
@@ -21,64 +21,64 @@ from firmware_py.system.readings import device_line, values_line
 from firmware_py.system.slots import examine
 from firmware_py.system.status_file import FoundStatus, Freshness, find, find_all
 
-# What has lines of its own; any other section of a status is a line of names and values.
-_TOLD = ("status", "reason", "age_s", "user", "vehicle", "state_directory", "written_machine_s")
+# Printed in the first line; the other sections are lines of names and values.
+_HEADING = ("status", "reason", "age_s", "user", "vehicle", "state_directory", "written_machine_s")
 _INDENT = "  "
-_LAST_ENDINGS = 3  # the JSON has them all
+_LAST_ENDINGS = 3  # the JSON output has all
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument(
-        "--state", metavar="DIR", type=Path, help="its state directory; not needed where only one autopilot runs"
+        "--state", metavar="DIR", type=Path, help="state directory; not needed if only one autopilot runs"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit 0 when it runs and says so now, 1 when what there is is old or nothing is there, 2 when DIR is needed."""
+    """Return 0 for a running autopilot, 1 for an old status or none, 2 if --state is missing or wrong."""
     directory = arguments.state
     if directory is not None:
         found = find(directory, machine_s())
-        # A boat whose disk has gone under way has much to say.
+        # An autopilot that has lost its disk still has a status.
         if found.freshness is Freshness.ABSENT and not os.path.isdir(directory):  # noqa: PTH112 - never raises
-            return refused("status", f"{directory} is no directory; name that of `rambler run --state`")
+            return print_error("status", f"{directory} is not a directory; give that of `rambler run --state`")
     else:
         all_found = find_all(machine_s())
         running = {name: one for name, one in all_found.items() if one.freshness is Freshness.RUNNING} or all_found
         if len(running) > 1:
             places = ", ".join(sorted(str(one.content.get("state_directory", one.reason)) for one in running.values()))
-            return refused("status", f"there are several, name one with --state: {places}")
-        found = next(iter(running.values()), FoundStatus(Freshness.ABSENT, reason="no autopilot says anything here"))
+            return print_error("status", f"several autopilots run here; choose one with --state: {places}")
+        found = next(iter(running.values()), FoundStatus(Freshness.ABSENT, reason="no autopilot runs here"))
         if "state_directory" in found.content:
             directory = Path(found.content["state_directory"])
-    told = _whole(found, directory)
+    status = _whole(found, directory)
     if arguments.json:
-        print(json.dumps(told))
+        print(json.dumps(status))
     else:
         try:
-            print("\n".join(_lines(told)))
+            print("\n".join(_lines(status)))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError):  # of another version than this program
-            print(f"{told['status']}, and not in the words of this version; --json shows all of it")
+            print(f"{status['status']}; status of another version, use --json")
     return 0 if found.freshness is Freshness.RUNNING else 1
 
 
 def _whole(found: FoundStatus, directory: Path | None) -> dict[str, Any]:
-    """Return what was found, with what can be seen from outside: how old it is, and the disk."""
-    told: dict[str, Any] = {
+    """Return the status with its age, the endings of earlier runs and the disk space."""
+    status: dict[str, Any] = {
         "status": found.freshness.value,
         "reason": found.reason,
         "age_s": None if found.age_s is None else round(found.age_s, 1),
         **found.content,
     }
     if directory is not None:
-        told |= {"state_directory": os.path.realpath(directory), "disk": _disk(directory)}
-        told["endings"] = _endings(directory)
-    return told
+        status |= {"state_directory": os.path.realpath(directory), "disk": _disk(directory)}
+        status["endings"] = _endings(directory)
+    return status
 
 
 def _endings(directory: Path) -> dict[str, Any]:
-    """Return how the runs before have ended, as far as the state directory tells: it can be read when nothing runs."""
+    """Return the endings of earlier runs, stored in the state directory."""
     stored = examine(directory, ENDINGS_FILE)
     if stored.content is None:
         return {"error": stored.damage} if stored.damage else {}
@@ -94,28 +94,30 @@ def _disk(directory: Path) -> dict[str, Any]:
         usage = shutil.disk_usage(directory)
     except OSError as error:
         return {"error": error.strerror}
-    # Without the part that the file system keeps for root.
+    # Without the space reserved for root.
     return {"free_mb": round(usage.free / 1e6, 1), "total_mb": round(usage.total / 1e6, 1)}
 
 
-def _lines(told: Mapping[str, Any]) -> Iterator[str]:
-    age = "" if told["age_s"] is None else f", said {told['age_s']:g} s ago"
-    reason = f": {told['reason']}" if told["reason"] else ""
-    who = f" by user {told['user']}" if "user" in told else ""
-    what = f"{told.get('vehicle', 'autopilot')} in {told.get('state_directory', '?')}"
-    yield f"{what}: {told['status']}{age}{who}{reason}"
-    yield from _block("endings", list(_ending_lines(told.get("endings", {}))))
-    if "mode" not in told:
+def _lines(status: Mapping[str, Any]) -> Iterator[str]:
+    age = "" if status["age_s"] is None else f", updated {status['age_s']:g} s ago"
+    reason = f": {status['reason']}" if status["reason"] else ""
+    user = f" by user {status['user']}" if "user" in status else ""
+    name = f"{status.get('vehicle', 'autopilot')} in {status.get('state_directory', '?')}"
+    yield f"{name}: {status['status']}{age}{user}{reason}"
+    yield from _block("endings", list(_ending_lines(status.get("endings", {}))))
+    if "mode" not in status:
         return
     faults = [
-        f"{row['severity']} {row['fault']} for {_duration(row['since_s'])}: {row['text']}" for row in told["faults"]
+        f"{row['severity']} {row['fault']} for {_duration(row['since_s'])}: {row['text']}" for row in status["faults"]
     ]
     yield from _block("faults", faults or ["none"])
-    yield from _block("devices", [device_line(row) for row in told["devices"]])
-    yield from _block("links", [line for row in told["links"] for line in _link_lines(row)] or ["none"])
-    single = {name: value for name, value in told.items() if not isinstance(value, (dict, list)) and name not in _TOLD}
+    yield from _block("devices", [device_line(row) for row in status["devices"]])
+    yield from _block("links", [line for row in status["links"] for line in _link_lines(row)] or ["none"])
+    single = {
+        name: value for name, value in status.items() if not isinstance(value, (dict, list)) and name not in _HEADING
+    }
     yield from _block("now", [values_line({name: value for name, value in single.items() if value != ""})])
-    for name, value in told.items():
+    for name, value in status.items():
         if isinstance(value, dict) and value and name != "endings":
             rows = value.get("nearest", []) if name == "traffic" else []
             plain = {key: item for key, item in value.items() if key != "nearest"}
@@ -123,45 +125,47 @@ def _lines(told: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
-    """Tell how often the runs before have ended why, and when the last ones did."""
+    """Yield the counts of endings by reason, and the last ones with their time."""
     if "error" in endings:
         yield endings["error"]
     if endings.get("counts"):
         yield ", ".join(f"{why} {count}" for why, count in endings["counts"].items())
     for ending in reversed(endings.get("last", [])[-_LAST_ENDINGS:]):
-        known = is_possible(ending["utc_s"])  # by a clock that was right
+        known = is_possible(ending["utc_s"])
         when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(ending["utc_s"])) if known else "at an unknown time"
         yield f"{_INDENT}{when}  {ending['why']}{ending['text'] and ', '}{ending['text']}"
 
 
 def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
-    blocked = f"  nothing leaves: {link['hindrance']}" if link.get("hindrance") else ""
-    yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  nobody") + blocked
+    blocked = f"  sending blocked: {link['hindrance']}" if link.get("hindrance") else ""
+    yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  no peers") + blocked
     if (satellite := link.get("satellite")) is not None:
         yield from _satellite_lines(satellite)
     for peer in link["peers"]:
-        who = "station" if peer["ground_station"] else "correspondent"
-        heard = "never heard" if peer["heard_age_s"] is None else f"heard {peer['heard_age_s']:g} s ago"
-        more = "" if peer["has_place"] else "  waits for a place"
+        kind = "station" if peer["ground_station"] else "peer"
+        age = "nothing received" if peer["heard_age_s"] is None else f"last frame {peer['heard_age_s']:g} s ago"
+        pending = "" if peer["has_place"] else "  pending: link full"
         counts = f"{peer['sent_bytes']} bytes sent, {peer['dropped']} messages dropped, {peer['rejected']} bad frames"
-        yield f"{_INDENT}{who} {peer['address']}  {heard}  {counts}{'  signs' if peer['signs'] else ''}{more}"
+        yield f"{_INDENT}{kind} {peer['address']}  {age}  {counts}{'  signed' if peer['signs'] else ''}{pending}"
 
 
 def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
-    """Tell of a modem, its sessions, and what they have cost."""
+    """Yield the state of a satellite modem, its sessions and their cost."""
     age = "none yet" if satellite["session_age_s"] is None else f"last {_duration(satellite['session_age_s'])} ago"
-    blocked = f", {satellite['hindrance']}" if satellite["hindrance"] else ""
+    blocked = f", blocked: {satellite['hindrance']}" if satellite["hindrance"] else ""
     signal = "unknown" if satellite["signal"] is None else f"{satellite['signal']} of 5"
-    yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames wait"
+    yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames queued"
     yield (
         f"{_INDENT}{satellite['sessions']} sessions, {satellite['failed']} failed, {age}{blocked}; "
         f"{satellite['sent']} messages of {satellite['sent_bytes']} bytes sent, {satellite['received']} received, "
         f"{satellite['dropped']} dropped"
     )
-    of = {name: f" of {satellite[f'{name}_limit']}" if satellite[f"{name}_limit"] else "" for name in ("day", "month")}
+    limits = {
+        name: f" of {satellite[f'{name}_limit']}" if satellite[f"{name}_limit"] else "" for name in ("day", "month")
+    }
     yield (
-        f"{_INDENT}credits {satellite['day_credits']}{of['day']} today, {satellite['month_credits']}{of['month']} "
-        f"this month"
+        f"{_INDENT}credits {satellite['day_credits']}{limits['day']} today, "
+        f"{satellite['month_credits']}{limits['month']} this month"
     )
     if satellite["refused"]:
         yield _INDENT + "refused " + ", ".join(f"{count} {reason}" for reason, count in satellite["refused"].items())

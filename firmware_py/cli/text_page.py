@@ -48,10 +48,10 @@ def markdown() -> str:
     ]
     for title, texts in SECTIONS.items():
         lines += ["", f"## {title}", "", "| text | meaning | what to do |", "| --- | --- | --- |"]
-        lines += [f"| {_shown(text)} | {meaning} | {remedy} |" for text, (meaning, remedy) in sorted(texts.items())]
+        lines += [f"| {_escaped(text)} | {meaning} | {remedy} |" for text, (meaning, remedy) in sorted(texts.items())]
     return _INTRODUCTION + "\n".join(lines) + "\n"
 
 
-def _shown(text: str) -> str:
-    """Return a text as Markdown shows it as it is."""
+def _escaped(text: str) -> str:
+    """Return a text with the special characters of Markdown escaped."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace(">", "&gt;").replace("_", "\\_")

@@ -1,4 +1,4 @@
-"""`rambler view`: a page of the boat under way, for a browser; reads what the autopilot says and touches nothing."""
+"""`rambler view`: a live page of the boat for a browser; reads the status file and changes nothing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from firmware_py.cli.refusal import refused
+from firmware_py.cli.errors import print_error
 from firmware_py.common.plan import PlanKind
 from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.system import realtime
@@ -27,58 +27,60 @@ from firmware_py.view.history import History
 from firmware_py.view.model import plan_rows
 from firmware_py.view.server import Hub, ViewServer
 
-POLL_S, POLL_BESIDE_S = 0.5, 0.1  # the autopilot writes each second; a harness may be many times faster
-NICENESS = 15  # whatever else this computer does comes first
-FAREWELL_S = 0.5  # for the readers to be told that it is over
+POLL_S, POLL_HARNESS_S = 0.5, 0.1  # the autopilot writes once a second, the harness may run faster
+NICENESS = 15
+CLOSING_S = 0.5  # for sending the end to the browsers
 _REMEDIES = {fault.name: row.remedy.replace("`", "") for fault, row in FAULTS.items()}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument(
-        "--state", metavar="DIR", type=Path, help="its state directory; not needed where only one autopilot runs"
+        "--state", metavar="DIR", type=Path, help="state directory; not needed if only one autopilot runs"
     )
     parser.add_argument(
         "--listen",
         metavar="HOST:PORT",
         default=DEFAULT_LISTEN,
-        help=f"where browsers find it (default {DEFAULT_LISTEN}); 0.0.0.0:PORT is for other computers, with --token",
+        help=f"address of the page (default: {DEFAULT_LISTEN}); 0.0.0.0:PORT for other computers, with --token",
     )
     parser.add_argument(
         "--token",
         metavar="FILE",
         type=Path,
-        help="a file with the token that is asked for; needed beyond this computer",
+        help="file with the access token; required for access from other computers",
     )
-    # For the harness: it says on its standard input what it knows, and takes another port if this one is in use.
+    # For the harness: read its lines from standard input, and use another port if this one is in use.
     parser.add_argument("--with-parent", metavar="PID", type=int, help=argparse.SUPPRESS)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until told to stop; exit 2 when the address or the token is not to be had."""
-    beside = arguments.with_parent is not None
+    """Serve until a signal; return 2 for an unusable address or token."""
+    by_harness = arguments.with_parent is not None
     with Signals() as signals:
-        if beside and not realtime.end_with_parent(arguments.with_parent):
+        if by_harness and not realtime.end_with_parent(arguments.with_parent):
             return 0
         history = History()
-        feed = Feed(history, lambda: _look(arguments.state), lambda: _plans(_directory(arguments.state)), _REMEDIES)
+        feed = Feed(
+            history, lambda: _find_status(arguments.state), lambda: _plans(_directory(arguments.state)), _REMEDIES
+        )
         hub = Hub(history.whole)
         try:
-            server = _server(arguments.listen, arguments.token, hub, any_port=beside)
+            server = _server(arguments.listen, arguments.token, hub, any_port=by_harness)
         except ViewError as error:
-            return refused("view", error)
+            return print_error("view", error)
         os.nice(NICENESS)
         print(f"page: {_address(server)}", flush=True)
         ended = threading.Event()
-        if beside:
+        if by_harness:
             threading.Thread(target=_listen_to, args=(feed, ended), daemon=True).start()
         threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.5}, daemon=True).start()
         while not signals.stopping and not ended.is_set():
             hub.publish(lambda: (feed.poll(), history.epoch))
-            time.sleep(POLL_BESIDE_S if beside else POLL_S)
+            time.sleep(POLL_HARNESS_S if by_harness else POLL_S)
         hub.publish(lambda: (feed.poll(), history.epoch))
-        hub.close(over=beside)  # a service may be started anew, and the boat sails on
-        time.sleep(FAREWELL_S)
+        hub.close(over=by_harness)  # otherwise the service may restart while the boat sails
+        time.sleep(CLOSING_S)
         server.server_close()
     return 0
 
@@ -101,36 +103,36 @@ def _server(listen: str, token_file: Path | None, hub: Hub, *, any_port: bool) -
 
 def _address(server: ViewServer) -> str:
     host, port = str(server.server_address[0]), server.server_address[1]
-    shown = f"[{host}]" if ":" in host else host
-    return f"http://{shown}:{port}/" + ("?token=..." if server.guard.token else "")
+    url_host = f"[{host}]" if ":" in host else host
+    return f"http://{url_host}:{port}/" + ("?token=..." if server.guard.token else "")
 
 
 def _listen_to(feed: Feed, ended: threading.Event) -> None:
-    """Take the lines of a harness until it closes them."""
+    """Read the lines of the harness until it closes the pipe."""
     while line := sys.stdin.buffer.readline(MOST_LINE_BYTES):
         feed.take_line(line)
     ended.set()
 
 
-def _look(state: Path | None) -> FoundStatus:
+def _find_status(state: Path | None) -> FoundStatus:
     if state is not None:
         return find(state, machine_s())
     running = [one for one in find_all(machine_s()).values() if one.freshness is Freshness.RUNNING]
     if len(running) == 1:
         return running[0]
-    reason = "several run here, name one with --state" if running else "no autopilot says anything here"
+    reason = "several autopilots run here; choose one with --state" if running else "no autopilot runs here"
     return FoundStatus(Freshness.ABSENT, reason=reason)
 
 
 def _directory(state: Path | None) -> Path | None:
     if state is not None:
         return state
-    found = _look(None)
+    found = _find_status(None)
     return Path(found.content["state_directory"]) if found.content else None
 
 
 def _plans(directory: Path | None) -> Mapping[str, Any]:
-    """Return what of the plans in a state directory can be read."""
+    """Return the readable plans of a state directory."""
     found: dict[str, Any] = {}
     for kind in PlanKind:
         if directory is None:
@@ -141,5 +143,5 @@ def _plans(directory: Path | None) -> Mapping[str, Any]:
                 plan, _ = checked_plan(kind, stored.content.decode("ascii", "replace"))
                 found[kind.name.lower()] = plan_rows(plan)
         except (OSError, ValueError):
-            continue  # the autopilot itself tells of it
+            continue  # the autopilot reports it
     return found

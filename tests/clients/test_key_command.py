@@ -44,7 +44,7 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(
     for what in ("set", "remove"):
         code, out, error = rambler_key(what, said="another\n")
         assert (code, out, error.count("\n")) == (2, "", 1)
-        assert "in use by another autopilot; end that one, or do this over a trusted link" in error
+        assert "in use by another autopilot; end that one, or set the key over a trusted link" in error
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     program.send_signal(2)
     assert program.exit_code() == 0

@@ -1,7 +1,7 @@
-"""MCAP for Foxglove: each message of the log as JSON on a topic of its name, position and texts as Foxglove has them.
+"""MCAP for Foxglove: each log message as JSON on a topic of its name; position and texts in Foxglove's own schemas.
 
-Foxglove knows one type a field, not a choice of two: what is unknown is left out of a message, with no null for it.
-Beside the file lies a layout, to be imported in Foxglove.
+Foxglove allows one type per field, so unknown values are omitted, not null. A layout file for Foxglove is written next
+to the MCAP file.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LAYOUT_SUFFIX: Final = ".layout.json"
 _POSITION, _LOG = "/position", "/log"
 _STAMP: Final = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 _NUMBER: Final = {"type": "number"}
-# Foxglove's own, as far as they are used.
+# Foxglove's own schemas.
 _SCHEMAS: Final = {
     _POSITION: (
         "foxglove.LocationFix",
@@ -42,13 +42,13 @@ _LEVELS: Final = {severity: 5 if severity <= Severity.CRITICAL else 4 for severi
 _PLOTS: Final = {
     "Heading": ("/ATT.Yaw", "/ATT.DesYaw", "/XKF1.Yaw"),
     "Rudder": ("/STER.Demanded", "/STER.Achieved"),
-    "Off the line": ("/NTUN.XTrack", "/NTUN.WpDist"),
-    "Battery": ("/BAT{Inst==0}.Volt", "/BAT{Inst==0}.Curr"),  # 1 is the servo's supply
+    "Cross-track error": ("/NTUN.XTrack", "/NTUN.WpDist"),
+    "Battery": ("/BAT{Inst==0}.Volt", "/BAT{Inst==0}.Curr"),  # instance 1 is the servo supply
 }
 
 
 def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
-    """Write the file, and the layout beside where it will lie; return how much it is, empty for none."""
+    """Write the file and the layout next to `out`; return a summary, empty without messages."""
     from mcap.writer import Writer  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415 - an extra
 
     shift_s = utc_offset_s(buffer) or 0.0
@@ -59,7 +59,7 @@ def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
         writer.start(profile="", library="rambler export")
         for message in messages(buffer):
             time_ns = max(0, round((message.t_s + shift_s) * 1e9))
-            for topic, values in _told(message, time_ns):
+            for topic, values in _published(message, time_ns):
                 if topic not in channels:
                     channels[topic] = _channel(writer, topic, values)
                 data = json.dumps(_known(values), allow_nan=False).encode()
@@ -81,18 +81,18 @@ def _channel(writer: Any, topic: str, values: dict[str, Any]) -> int:
     return int(writer.register_channel(topic=topic, message_encoding="json", schema_id=number))
 
 
-def _told(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]]]:
+def _published(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]]]:
     values = message.values
-    told = [(f"/{message.name}", values)]
+    topics = [(f"/{message.name}", values)]
     stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
     if message.name == "POS":
         place = {"latitude": values["Lat"], "longitude": values["Lng"], "altitude": values["Alt"]}
         unknown = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
-        told.append((_POSITION, {"timestamp": stamp, "frame_id": "earth", **place, **unknown}))
+        topics.append((_POSITION, {"timestamp": stamp, "frame_id": "earth", **place, **unknown}))
     elif message.name == "MSG":
         level = _LEVELS.get(int(values.get("Sev") or 0), 1)
-        told.append((_LOG, {"timestamp": stamp, "level": level, "message": values["Message"], "name": "rambler"}))
-    return told
+        topics.append((_LOG, {"timestamp": stamp, "level": level, "message": values["Message"], "name": "rambler"}))
+    return topics
 
 
 def _known(values: dict[str, Any]) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def _known(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _layout() -> dict[str, Any]:
-    """Return a layout of Foxglove: the map and the texts beside the plots."""
+    """Return a layout for Foxglove: map and texts on the left, plots on the right."""
     panels: dict[str, Any] = {
         "map!rambler": {"layer": "map", "topicColors": {}, "followTopic": _POSITION, "zoomLevel": 15},
         "RosOut!rambler": {"topicToRender": _LOG, "searchTerms": [], "minLogLevel": 1},
@@ -114,8 +114,8 @@ def _layout() -> dict[str, Any]:
         }  # fmt: skip
     left = {"first": "map!rambler", "second": "RosOut!rambler", "direction": "column", "splitPercentage": 70}
     right: Any = plots[-1]
-    for share, plot in enumerate(reversed(plots[:-1]), start=2):
-        right = {"first": plot, "second": right, "direction": "column", "splitPercentage": 100 / share}
+    for count, plot in enumerate(reversed(plots[:-1]), start=2):
+        right = {"first": plot, "second": right, "direction": "column", "splitPercentage": 100 / count}
     layout = {"first": left, "second": right, "direction": "row", "splitPercentage": 40}
     playback = {"speed": 1}
     return {"configById": panels, "globalVariables": {}, "userNodes": {}, "playbackConfig": playback, "layout": layout}

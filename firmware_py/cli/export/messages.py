@@ -1,4 +1,4 @@
-"""The messages of a log in numbers that others understand."""
+"""The messages of a log in plain units."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ _MICROSECONDS: Final = 1e-6
 
 
 class Message(NamedTuple):
-    """One record: its name, the time of the process in seconds, and its columns."""
+    """One record: name, process time, and values by column."""
 
     name: str
     t_s: float
     values: dict[str, Any]
 
 
-def messages(buffer: Buffer, wanted: Collection[str] | None = None) -> Iterator[Message]:
-    """Yield the records with a time in order, of the wanted names or of all, but for pieces of a longer text."""
-    judged: dict[int, tuple[Format, bool]] = {}  # by number, which another head in the file may give to another format
+def messages(buffer: Buffer, names: Collection[str] | None = None) -> Iterator[Message]:
+    """Yield the records that have a time, of the given names or of all, without parts of longer texts."""
+    selected: dict[int, tuple[Format, bool]] = {}  # by number; a later file header may reuse it
     for found, at in Parser(buffer):
-        judgement = judged.get(found.number)
-        if judgement is None or judgement[0] is not found:
+        selection = selected.get(found.number)
+        if selection is None or selection[0] is not found:
             whole = "TimeUS" in found.labels and "Part" not in found.labels and not found.name.startswith("FMT")
-            judgement = judged[found.number] = (found, whole and (wanted is None or found.name in wanted))
-        if judgement[1]:
+            selection = selected[found.number] = (found, whole and (names is None or found.name in names))
+        if selection[1]:
             values = _values(found, buffer, at)
             yield Message(found.name, values["TimeUS"] * _MICROSECONDS, values)
 
 
 def declared(buffer: Buffer) -> set[str]:
-    """Return the names of all messages that the head of a log describes, whether there are any of them."""
+    """Return the names of all message formats in the header of a log."""
     names = set()
     for found, at in Parser(buffer):
         if found.number != FMT_TYPE:

@@ -1,4 +1,4 @@
-"""CSV and Parquet: a row a tick, in degrees, metres and seconds; empty is what that tick did not tell."""
+"""CSV and Parquet: one row per tick, in degrees, metres and seconds; values missing in a tick are empty."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.log.dataflash import Buffer
 
 Convert = Callable[[Any], Any]
-_BATCH: Final = 20_000  # rows of Parquet written at once
+_BATCH: Final = 20_000  # rows per write
 
 
 def _same(value: Any) -> Any:
@@ -25,7 +25,7 @@ def _mode(value: int) -> str:
     return Mode(value).name if value in set(Mode) else str(value)
 
 
-# message -> column of the log -> name in the table, and how it gets there
+# message -> log column -> table column and conversion
 _COLUMNS: Final[Mapping[str, Mapping[str, tuple[str, Convert]]]] = {
     "TICK": {"Tick": ("tick", _same), "T": ("time_s", _same), "Late": ("late_s", _same)},
     "FIX": {
@@ -75,7 +75,7 @@ _TEXTS, _FLAGS = frozenset({"mode"}), frozenset({"armed"})
 
 
 def rows(buffer: Buffer) -> Iterator[dict[str, Any]]:
-    """Yield a row for each tick that is whole."""
+    """Yield a row for each complete tick."""
     row: dict[str, Any] = {}
     for message in messages(buffer, {*_COLUMNS, "END"}):
         if message.name == "END":
@@ -90,7 +90,7 @@ def rows(buffer: Buffer) -> Iterator[dict[str, Any]]:
 
 
 def write(kind: str, buffer: Buffer, path: Path, _out: Path) -> str:
-    """Write the table; return how much it is, empty for none."""
+    """Write the table; return a summary, empty without rows."""
     count = (_write_csv if kind == "csv" else _write_parquet)(rows(buffer), path)
     return f"{count} rows" if count else ""
 

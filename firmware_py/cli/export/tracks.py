@@ -1,4 +1,4 @@
-"""GPX and KML: the track, with the mission and the fence that were in force at the end."""
+"""GPX and KML: the track, and the mission and fence in force at the end."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _GPX, _KML = "http://www.topografix.com/GPX/1/1", "http://www.opengis.net/kml/2.
 # AC_PolyFenceType
 _POLYGONS: Final = {98: "inclusion", 97: "exclusion"}
 _CIRCLES: Final = {92: "inclusion", 93: "exclusion"}
-_CORNERS: Final = 36  # a circle is drawn as so many
-_JUMP_S: Final = 60.0  # a track with so long a gap is two
+_CORNERS: Final = 36  # of a circle
+_MAX_GAP_S: Final = 60.0  # a longer gap splits the track
 _HALF_TURN_DEG: Final = 180.0
 
 MapPoint = tuple[float, float]  # longitude and latitude in degrees
@@ -31,7 +31,7 @@ MapPoint = tuple[float, float]  # longitude and latitude in degrees
 
 @dataclass(slots=True)
 class Point:
-    """A fix: degrees, metres, the time of the process."""
+    """A fix with its process time."""
 
     t_s: float
     latitude_deg: float
@@ -41,7 +41,7 @@ class Point:
 
 @dataclass(slots=True)
 class Tracks:
-    """What a map shows of a log."""
+    """Track, mission and fence of a log."""
 
     points: list[Point] = field(default_factory=list)
     mission: list[dict[str, Any]] = field(default_factory=list)
@@ -49,10 +49,10 @@ class Tracks:
     shift_s: float | None = None
 
     def legs(self) -> Iterator[list[Point]]:
-        """Yield the pieces of the track between long gaps and crossings of 180 degrees."""
+        """Yield the parts of the track between long gaps and crossings of the 180th meridian."""
         leg: list[Point] = []
         for point in self.points:
-            gap = bool(leg) and not 0.0 <= point.t_s - leg[-1].t_s <= _JUMP_S
+            gap = bool(leg) and not 0.0 <= point.t_s - leg[-1].t_s <= _MAX_GAP_S
             if gap or (leg and abs(point.longitude_deg - leg[-1].longitude_deg) > _HALF_TURN_DEG):
                 yield leg
                 leg = []
@@ -61,7 +61,7 @@ class Tracks:
             yield leg
 
     def time(self, point: Point) -> str:
-        """Return when that was in UTC; empty when the log knows no date."""
+        """Return the time in UTC; empty if the log has no date."""
         if self.shift_s is None:
             return ""
         moment = dt.datetime.fromtimestamp(point.t_s + self.shift_s, tz=dt.UTC)
@@ -69,7 +69,7 @@ class Tracks:
 
 
 def write(kind: str, buffer: Buffer, path: Path, _out: Path) -> str:
-    """Write the tracks; return how much it is, empty for none."""
+    """Write the tracks; return a summary, empty without fixes."""
     tracks = gather(buffer)
     if not tracks.points:
         return ""
@@ -78,12 +78,12 @@ def write(kind: str, buffer: Buffer, path: Path, _out: Path) -> str:
     tree.write(path, encoding="utf-8", xml_declaration=True)
     fixes = f"{len(tracks.points)} fixes"
     if "CMD" not in declared(buffer):
-        return f"{fixes}; the version that wrote the log told no mission and no fence in it"
-    return f"{fixes}, {len(tracks.mission)} waypoints, {len(tracks.fence)} places of the fence"
+        return f"{fixes}; mission and fence are not in logs of that version"
+    return f"{fixes}, {len(tracks.mission)} waypoints, {len(tracks.fence)} fence points"
 
 
 def gather(buffer: Buffer) -> Tracks:
-    """Take fixes, mission and fence of a log."""
+    """Read fixes, mission and fence of a log."""
     tracks = Tracks(shift_s=utc_offset_s(buffer))
     for message in messages(buffer, {"FIX", "CMD", "FNCE"}):
         values = message.values
@@ -93,15 +93,15 @@ def gather(buffer: Buffer) -> Tracks:
                 altitude_m = values.get("Alt", 0.0)
                 tracks.points.append(Point(values["T"], *place, altitude_m if altitude_m == altitude_m else 0.0))  # noqa: PLR0124
         elif message.name == "CMD":
-            _follow(tracks.mission, message, "CNum")
+            _append(tracks.mission, message, "CNum")
         else:
-            _follow(tracks.fence, message, "Seq")
+            _append(tracks.fence, message, "Seq")
     tracks.mission = [one for one in tracks.mission if one["Lat"] or one["Lng"]]
     return tracks
 
 
-def _follow(plan: list[dict[str, Any]], message: Message, number: str) -> None:
-    """Take an item of a plan; one that does not go on begins another."""
+def _append(plan: list[dict[str, Any]], message: Message, number: str) -> None:
+    """Append an item; a lower number begins a new plan."""
     if plan and message.values[number] <= plan[-1][number]:
         plan.clear()
     plan.append(message.values)
@@ -157,7 +157,7 @@ def _kml(tracks: Tracks) -> ET.Element:
 
 def _ring(document: ET.Element, kind: str, corners: Sequence[MapPoint]) -> None:
     parts = list(_split([*corners, corners[0]]))
-    if len(parts) > 1:  # as an outline: a polygon cannot cross there
+    if len(parts) > 1:  # as an outline: a polygon cannot cross the 180th meridian
         for part in parts:
             _line(document, f"Fence, {kind}", part)
         return
@@ -168,19 +168,19 @@ def _ring(document: ET.Element, kind: str, corners: Sequence[MapPoint]) -> None:
 
 
 def _longitude_deg(longitude_deg: float) -> float:
-    """Return a longitude as it is written: GPX 1.1 wants it below 180."""
+    """Return a longitude below 180 degrees, as GPX 1.1 requires."""
     return -_HALF_TURN_DEG if round(longitude_deg, 7) >= _HALF_TURN_DEG else longitude_deg
 
 
 def _split(places: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
-    """Yield the parts of a line on either side of 180 degrees; each goes on to there."""
+    """Yield the parts of a line on either side of the 180th meridian, each extended to it."""
     part = [places[0]]
     for before, place in pairwise(places):
         if abs(place[0] - before[0]) > _HALF_TURN_DEG:
             edge_deg = math.copysign(_HALF_TURN_DEG, before[0])
-            way_deg = place[0] + 2.0 * edge_deg - before[0]
-            share = (edge_deg - before[0]) / way_deg if way_deg else 0.0
-            latitude_deg = before[1] + share * (place[1] - before[1])
+            change_deg = place[0] + 2.0 * edge_deg - before[0]
+            fraction = (edge_deg - before[0]) / change_deg if change_deg else 0.0
+            latitude_deg = before[1] + fraction * (place[1] - before[1])
             yield [*part, (edge_deg, latitude_deg)]
             part = [(-edge_deg, latitude_deg)]
         part.append(place)

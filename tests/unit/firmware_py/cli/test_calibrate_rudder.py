@@ -8,9 +8,8 @@ from itertools import pairwise
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.cli import calibrate_rudder, logged
-from firmware_py.cli.calibrate_rudder import examine
-from firmware_py.cli.rudder_bench import BenchError, Measured
+from firmware_py.cli import calibrate_rudder, logged_ticks
+from firmware_py.cli.calibrate_rudder import BenchError, Measured, examine
 from firmware_py.common.angles import degrees, radians, wrap_two_pi
 from firmware_py.common.intents import Arm, Request, SetParameter
 from firmware_py.common.parameters import ParameterSet, parse_file
@@ -26,7 +25,7 @@ class Shaft:
         self.angle = first_deg
         self.moves, self.silent = [], silent
 
-    def let_go(self):
+    def release(self):
         return None if self.silent else self.move(None)
 
     def move(self, shaft_rad):
@@ -57,7 +56,7 @@ def test_the_nearer_stop_with_a_margin_is_the_limit(low, high, limit):
     proposed, _, lines = found(shaft)
     assert proposed["RUD_LIMIT_DEG"] == pytest.approx(limit, abs=2.0)
     assert proposed["RUD_LIMIT_DEG"] < min(-low, high)
-    assert any("a stop ends it there" in line for line in lines)
+    assert any("mechanical stop" in line for line in lines)
     farthest = max(abs(degrees(one)) for one in shaft.moves if one is not None and one > 0.0)
     assert farthest <= high + 5.0  # it is not pressed against
 
@@ -73,7 +72,7 @@ def test_the_centre_is_where_it_was_laid_by_hand_and_only_then():
     assert "RUD_CENTRE_DEG" not in found(Shaft())[0]
 
 
-def test_a_servo_that_tells_no_angle_when_it_is_let_go_has_its_limits_all_the_same():
+def test_a_servo_that_tells_no_angle_when_it_is_release_has_its_limits_all_the_same():
     assert found(Shaft(silent=True))[0] == {"RUD_LIMIT_DEG": 30.0}
     with pytest.raises(BenchError, match="without --amidships"):
         found(Shaft(silent=True), amidships=True)
@@ -107,8 +106,8 @@ def test_what_the_operator_is_shown_keeps_from_a_stop_that_was_found(monkeypatch
     [
         (Shaft(scale=0.88), "0.88"),
         (Shaft(-0.5, 0.5, first_deg=0.0, heavy_deg=0.1), "does not follow"),
-        (Shaft(-0.5), "to 0.5 deg only to one side: it sticks"),
-        (Shaft(high_deg=5.0), "to 5.0 deg only"),
+        (Shaft(-0.5), "stops at 0.5 deg on one side: it sticks"),
+        (Shaft(high_deg=5.0), "stops at 5.0 deg on one side"),
     ],
 )
 def test_a_servo_that_cannot_be_trusted_is_no_proposal(shaft, text):
@@ -153,7 +152,7 @@ def voyage(courses=24, off_deg=3.0, wave_deg=2.0, armed=True, reverse=False, spi
 
 
 def told(monkeypatch, capsys, *words, **how):
-    monkeypatch.setattr(logged, "read_log", lambda _path: voyage(**how))
+    monkeypatch.setattr(logged_ticks, "read_log", lambda _path: voyage(**how))
     code = main(["calibrate", "rudder", "any.BIN", "--json", *words])
     return code, json.loads(capsys.readouterr().out)
 
@@ -181,7 +180,7 @@ def test_too_little_calm_or_nothing_that_steers_is_no_proposal(monkeypatch, caps
 
 
 def test_the_words_for_people_name_what_is_missing(monkeypatch, capsys):
-    monkeypatch.setattr(logged, "read_log", lambda _path: voyage(courses=4))
+    monkeypatch.setattr(logged_ticks, "read_log", lambda _path: voyage(courses=4))
     assert main(["calibrate", "rudder", "any.BIN"]) == 1
-    assert "not enough for a proposal" in capsys.readouterr().out
-    assert calibrate_rudder.NOT_ENOUGH == 1
+    assert "not enough data" in capsys.readouterr().out
+    assert calibrate_rudder.INSUFFICIENT_DATA == 1

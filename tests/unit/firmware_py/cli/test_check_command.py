@@ -18,7 +18,7 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.cli import preflight
 from firmware_py.cli.bench_session import BenchDevice
-from firmware_py.cli.check import _judge_device
+from firmware_py.cli.check import _device_finding
 from firmware_py.cli.preflight import Level
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
 from firmware_py.common.records import (
@@ -127,7 +127,7 @@ def test_a_watch_circle_that_she_cannot_hold_is_warned_of(check, state):
     store(state, parameters_param="LOIT_RADIUS 20\n")
     (valid, circle) = check()["parameters"]
     assert (valid["level"], circle["level"], circle["held_m"]) == ("pass", "warn", 78.0)
-    assert circle["text"] == "LOIT_RADIUS 20 m: in a current she holds no less than 78 m"
+    assert circle["text"] == "LOIT_RADIUS 20 m: in a current the boat needs at least 78 m"
 
 
 def test_a_key_that_was_lost_fails_and_one_that_others_read_is_warned_of(check, state):
@@ -180,13 +180,13 @@ def test_nothing_is_made_by_looking(check, state):
     state.rmdir()
     found = check("--state", str(state / "of" / "hers"))
     assert levels(found["storage"]) == ["pass", "pass"]
-    assert "is made at the first start" in found["state"][0]["text"]
+    assert "will be created at the first start" in found["state"][0]["text"]
     assert not state.exists()
 
 
 def test_a_file_in_place_of_the_logs_fails(check, state):
     (state / "logs").touch()
-    assert "logs is no directory" in check()["storage"][0]["text"]
+    assert "logs is not a directory" in check()["storage"][0]["text"]
 
 
 def test_each_link_is_opened_and_who_may_command_over_it_is_told(check, state):
@@ -242,8 +242,8 @@ NO_FIX, FIX = PositionSample(2.0, FixType.NONE), PositionSample(2.0, FixType.FIX
     ("sample", "state", "accepted", "rejected", "text", "level", "word"),
     [
         (HEADING, DeviceState.RUNNING, 30, 1, "", Level.PASS, "14.5 Hz"),
-        (HEADING, DeviceState.RUNNING, 30, 4, "", Level.WARN, "4 of its messages are bad"),
-        (HEADING, DeviceState.RUNNING, 30, 31, "", Level.FAIL, "31 of its messages are bad"),
+        (HEADING, DeviceState.RUNNING, 30, 4, "", Level.WARN, "4 bad messages"),
+        (HEADING, DeviceState.RUNNING, 30, 31, "", Level.FAIL, "31 bad messages"),
         (HEADING, DeviceState.FAULTY, 30, 0, "broken", Level.FAIL, "broken"),
         (HEADING, DeviceState.SILENT, 30, 0, "", Level.FAIL, "silent"),
         (HEADING, DeviceState.ABSENT, 30, 0, "no port x", Level.FAIL, "no port x"),
@@ -257,7 +257,7 @@ def test_a_device_is_judged_by_what_it_says(sample, state, accepted, rejected, t
     health = DeviceHealth(3.0, DeviceRole.COMPASS, state, accepted, rejected, text)
     count = 0 if sample is None else 30
     device = BenchDevice("compass", "nmea", "/dev/x", count=count, first_s=0.0, last=sample, health=health)
-    finding = _judge_device(device)
+    finding = _device_finding(device)
     assert (finding.level, finding.subject) == (level, "compass")
     assert word in finding.text
     assert finding.values["rejected"] == rejected
@@ -298,5 +298,5 @@ def test_a_modem_is_asked_for_its_number(check, monkeypatch, answers, level):
         end()
     assert links[0]["level"] == level
     assert links[0].get("imei") == ("300234010753370" if answers else None)
-    assert "whoever reaches it" in links[1]["text"]
+    assert "accepts commands from anyone" in links[1]["text"]
     assert "listen on" not in links[1]["text"], "a satellite is heard everywhere"

@@ -95,7 +95,7 @@ def test_a_row_that_was_cut_off_counts_for_nothing(told, cut):
 
 
 def test_nothing_to_tell_is_told(told, tmp_path, capsys):
-    assert told(b"") == (1, "no thin log tells of any time\n")
+    assert told(b"") == (1, "no energy records yet; run for at least a minute\n")
     assert main(["energy", str(tmp_path / "nothing.BIN")]) == 2
     assert "give a thin log" in capsys.readouterr().err
     assert main(["energy", str(tmp_path), "--rest-w", "nan"]) == 2

@@ -102,14 +102,14 @@ def test_digits_are_a_passphrase_unless_they_are_said_to_be_the_key(state, typed
 @pytest.mark.parametrize(
     ("data", "more", "reason"),
     [
-        (b"", (), "one line of text is needed"),
-        (b"\n", (), "one line of text is needed"),
-        (b"two\nlines\n", (), "one line of text is needed"),
-        (b"\xff\xfe", (), "one line of text is needed"),
-        (b"x" * 1025, (), "at most 1024 bytes"),
+        (b"", (), "the input must be one line of text"),
+        (b"\n", (), "the input must be one line of text"),
+        (b"two\nlines\n", (), "the input must be one line of text"),
+        (b"\xff\xfe", (), "the input must be one line of text"),
+        (b"x" * 1025, (), "1 to 1024 bytes"),
         (b"0" * 63, ("--hex",), "64 hexadecimal digits"),
         (b"g" * 64, ("--hex",), "64 hexadecimal digits"),
-        (b"0" * 64, ("--hex",), "a key of zeros is none"),
+        (b"0" * 64, ("--hex",), "a key must not be all zeros"),
     ],
 )
 def test_what_is_no_key_is_refused_and_the_old_one_stands(data, more, reason, keyed, typed, capsys):
@@ -125,18 +125,18 @@ def test_a_key_is_never_an_argument(state, capsys):
 
 @pytest.mark.parametrize("words", [("show-state",), ("remove",), ("set", "--key-file", "none")])
 def test_a_directory_or_a_file_that_is_not_there_is_told(words, tmp_path, state, capsys):
-    assert "is not there" in refused(capsys, *words, "--state", tmp_path / "none")
+    assert "does not exist" in refused(capsys, *words, "--state", tmp_path / "none")
     assert not (tmp_path / "none").exists()
     if words[0] == "set":
-        assert "name a file that can be read" in refused(capsys, *words, "--state", state)
+        assert "give a readable file" in refused(capsys, *words, "--state", state)
 
 
 def test_the_directory_of_an_autopilot_under_way_is_left_alone(keyed, typed, capsys):
     autopilot = Store(keyed)
     try:
         typed(b"another")
-        assert "end that one, or do this over a trusted link" in refused(capsys, "set", "--state", keyed)
-        assert "end that one, or do this over a trusted link" in refused(capsys, "remove", "--state", keyed)
+        assert "end that one, or set the key over a trusted link" in refused(capsys, "set", "--state", keyed)
+        assert "end that one, or set the key over a trusted link" in refused(capsys, "remove", "--state", keyed)
         assert shown(capsys, keyed)["state"] == "present"
     finally:
         autopilot.close()
@@ -180,7 +180,7 @@ def test_who_may_not_read_it_is_not_told_that_it_is_lost(keyed, capsys, monkeypa
     told = shown(capsys, keyed)
     assert told["state"] == "unreadable"
     assert told["problem"].startswith(
-        "signing.key.0 cannot be read (denied), signing.key.1 cannot be read (denied); look"
+        "signing.key.0 cannot be read (denied), signing.key.1 cannot be read (denied); run this as"
     )
 
 
@@ -209,6 +209,6 @@ def test_at_a_terminal_it_is_asked_for_twice(again, code, state, capsys, monkeyp
         monkeypatch.setattr("getpass.getpass", ask)
         assert main(["key", "set", "--state", str(state)]) == code
     os.close(keyboard)
-    assert prompts == ["Passphrase: ", "Passphrase once more: "]
-    assert ("are not the same" in capsys.readouterr().err) is bool(code)
+    assert prompts == ["Passphrase: ", "Passphrase again: "]
+    assert ("the two entries differ" in capsys.readouterr().err) is bool(code)
     assert key_in(state) == (None if code else KEY)

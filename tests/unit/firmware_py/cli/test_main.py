@@ -137,7 +137,9 @@ def test_decode_prints_json_lines(capsys, tmp_path):
     assert (second["line"], second["type"], second["error"]) == (2, "error", "checksum")
     assert "cannot be read" in one_line_error(capsys, ["decode", "nmea", str(tmp_path / "none")])
     file.write_text("a wrong file\n")
-    assert one_line_error(capsys, ["decode", "nmea", str(file)], 0).endswith(f"{file}: nothing of nmea in its 13 bytes")
+    assert one_line_error(capsys, ["decode", "nmea", str(file)], 0).endswith(
+        f"{file}: no nmea message in 13 bytes; check KIND"
+    )
 
 
 def test_replay_refuses_what_is_no_log(capsys, tmp_path):
@@ -234,7 +236,9 @@ def test_a_user_without_a_home_is_asked_for_a_state_directory(words, vehicle, mo
 
     monkeypatch.delenv("XDG_STATE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", nowhere)
-    assert "no home to keep the state in; name a directory by --state" in one_line_error(capsys, [*words, vehicle()])
+    assert "no home directory for the state; give a directory with --state" in one_line_error(
+        capsys, [*words, vehicle()]
+    )
 
 
 def test_nothing_that_keeps_a_file_open_is_imported_before_the_standard_streams_are_looked_at():

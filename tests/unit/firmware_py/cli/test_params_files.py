@@ -50,8 +50,8 @@ def test_the_metadata_is_printed(capsys):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--markdown", "CTL_K1"], "--markdown prints all of it: leave CTL_K1 out"),
-        (["--texts", "--save", "out"], "--texts prints all of it: leave --save out"),
+        (["--markdown", "CTL_K1"], "--markdown prints the whole page; remove CTL_K1"),
+        (["--texts", "--save", "out"], "--texts prints the whole page; remove --save"),
         (["--markdown", "--faults"], "not allowed with argument --markdown"),
     ],
 )

@@ -98,17 +98,17 @@ def test_a_plan_that_was_lost_is_told_by_name(capsys, file, state):
         said(capsys, "load", file, "--state", state)
     (state / "mission.plan.1").write_bytes(bytes(4096))
     main(["plan", "show", "--state", str(state)])
-    assert "mission.plan.1 is damaged: the other slot is read" in capsys.readouterr().err
+    assert "mission.plan.1 is damaged: the other slot is used" in capsys.readouterr().err
     (state / "mission.plan.0").unlink()
     main(["plan", "show", "--state", str(state)])
-    assert "mission.plan.1 is damaged: no plan is left of it" in capsys.readouterr().err
+    assert "mission.plan.1 is damaged: no plan remains" in capsys.readouterr().err
 
 
 def test_states_that_are_none(capsys, file, tmp_path, state):
     told = said(capsys, "show", "--state", tmp_path / "none", code=2)
-    assert told.endswith(f"{tmp_path / 'none'} is not there; name that of `rambler run --state`, or make it: "
+    assert told.endswith(f"{tmp_path / 'none'} does not exist; give that of `rambler run --state`, or create it: "
                          f"mkdir -p {tmp_path / 'none'}\n")  # fmt: skip
-    assert "is a file; name that of" in said(capsys, "load", file, "--state", file, code=2)
+    assert "is a file; give that of" in said(capsys, "load", file, "--state", file, code=2)
     said(capsys, "load", file, "--state", tmp_path / "a" / "new", code=0)
     assert len(shown(capsys, tmp_path / "a" / "new")["mission"]) == 2
     store = Store(state)

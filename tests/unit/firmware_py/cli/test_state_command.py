@@ -37,7 +37,7 @@ from support.faulty_disk import CUTS, KINDS, FaultyDisk, sampled
 MISSION, FENCE = PLAN_FILES[PlanKind.MISSION], PLAN_FILES[PlanKind.FENCE]
 KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
 OPEN_NAMES = tuple(name for name in STATE_NAMES if name != SIGNING_FILE)
-DOUBT, COUNTS, REFUSED = "may find it all the same", "counts all the same", "nothing was imported"
+DOUBT, COUNTS, REFUSED = "may find it all the same", "takes effect at the next start", "nothing was imported"
 
 
 def mission(number):
@@ -102,7 +102,7 @@ def test_what_is_exported_is_imported_and_what_it_does_not_hold_is_gone(exported
     assert {**contents(old), ENDINGS_FILE: None} == {**contents(new), ENDINGS_FILE: None}
     kept, _ = from_bytes(contents(old)[ENDINGS_FILE])
     assert (kept.counts, kept.running) == ({"killed": 2}, False)  # the run under way is not that of the other computer
-    assert "signing.key        not in the file, stays as it is" in capsys.readouterr().out
+    assert "signing.key        not in the file, unchanged" in capsys.readouterr().out
     assert not (old / PENDING_IMPORT).exists()
     # Into one that had more: nothing of it is left.
     more = fill(old.parent / "more", {**OLD, FENCE: to_text(Plan.of(PlanKind.FENCE, ())).encode()})
@@ -155,7 +155,7 @@ def test_damage_is_refused_wherever_it_is(exported, old, capsys, tmp_path):
         ({RESUME_FILE: b"{}"}, "resume.record"),
         ({ENDINGS_FILE: b"[]"}, "endings.record"),
         ({SATELLITE_FILE: b"ledger"}, "satellite.record"),
-        ({SIGNING_FILE: b"secret"}, "it is no signing key"),
+        ({SIGNING_FILE: b"secret"}, "not a signing key"),
         ({"../passwd": b""}, "no name of a state"),
     ],
 )
@@ -188,7 +188,7 @@ def test_names_and_parameters_of_another_version_are_told(old, capsys, tmp_path)
     (tmp_path / "other").write_bytes(pack(Export({"sails.state": b"x", PARAMETER_FILE: b"CTL_K1 5\nNEW_ONE 1\n"})))
     assert import_it(tmp_path / "other", old) == 0
     told = capsys.readouterr().err
-    assert "sails.state left out: it is of another version" in told
+    assert "sails.state ignored: written by another version" in told
     assert "kept for another version" in told
     assert contents(old)[PARAMETER_FILE] == b"CTL_K1 5\nNEW_ONE 1\n"
 
@@ -208,13 +208,13 @@ def test_a_damaged_slot_is_told_and_the_other_one_exported(new, tmp_path, capsys
     path = slot_path(new, MISSION, 1)
     path.write_bytes(path.read_bytes().replace(mission(3), mission(4)))
     assert main(["state", "export", str(tmp_path / "out"), "--state", str(new)]) == 1
-    assert "mission.plan.1 is damaged: the other slot is taken" in capsys.readouterr().err
+    assert "mission.plan.1 is damaged: the other slot is used" in capsys.readouterr().err
     assert unpack((tmp_path / "out").read_bytes()).content(MISSION) == mission(2)
 
 
 def test_an_empty_directory_and_a_missing_one_are_no_state(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
-    for name, words in (("empty", "holds no state"), ("none", "is not there")):
+    for name, words in (("empty", "contains no state"), ("none", "does not exist")):
         assert main(["state", "export", str(tmp_path / "out"), "--state", str(tmp_path / name)]) == 2
         assert words in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -42,7 +42,7 @@ def test_without_a_service_it_is_the_users(place):
 
 def test_a_state_that_may_not_be_read_is_not_said_to_have_lost_its_key(tmp_path, monkeypatch):
     monkeypatch.setattr(preflight.os, "access", lambda *_: False)
-    (finding,) = preflight.look_at_state(tmp_path)
+    (finding,) = preflight.check_state(tmp_path)
     assert (finding.level, "(sudo)" in finding.text) == (preflight.Level.FAIL, True)
 
 
@@ -57,7 +57,7 @@ def test_what_may_not_be_read_is_not_said_to_be_gone(tmp_path, monkeypatch, caps
     monkeypatch.chdir(tmp_path)
     assert main([*words, "--state", str(tmp_path)]) == 2
     said = capsys.readouterr()
-    assert "may not be read; run this as user" in said.err
+    assert "permission denied; run this as user" in said.err
     assert (said.err.count("\n"), said.out) == (1, "")
     assert not list(tmp_path.iterdir())
 
@@ -65,7 +65,7 @@ def test_what_may_not_be_read_is_not_said_to_be_gone(tmp_path, monkeypatch, caps
 def test_damage_is_told_once(tmp_path, capsys):
     (tmp_path / "mission.plan.0").write_text("spoilt")
     assert main(["plan", "show", "--state", str(tmp_path)]) == 0
-    assert capsys.readouterr().err.count("no plan is left of it") == 1
+    assert capsys.readouterr().err.count("no plan remains") == 1
 
 
 def test_files_that_somebody_else_has_left_in_a_state_are_found_before_she_sails(tmp_path, monkeypatch):
@@ -74,12 +74,12 @@ def test_files_that_somebody_else_has_left_in_a_state_are_found_before_she_sails
     (tmp_path / "logs/thin").mkdir(parents=True)
     for name in ("parameters.param.0", "resume.state.0", "lost+found", "logs/00000001.BIN", "logs/thin/00000002.BIN"):
         (tmp_path / name).touch()
-    assert "chown" not in str(list(preflight.look_at_state(tmp_path)))
+    assert "chown" not in str(list(preflight.check_state(tmp_path)))
     monkeypatch.setattr(
         Path, "lstat", lambda self: SimpleNamespace(st_uid=1) if self.name in (*theirs, "lost+found") else status(self)
     )
-    finding, *_ = preflight.look_at_state(tmp_path)
+    finding, *_ = preflight.check_state(tmp_path)
     assert finding.level is preflight.Level.FAIL
-    assert f"{tmp_path / 'parameters.param.0'} and 1 more of user" in finding.text
+    assert f"{tmp_path / 'parameters.param.0'} and 1 more owned by user" in finding.text
     theirs.clear()
-    assert "chown" not in str(list(preflight.look_at_state(tmp_path)))
+    assert "chown" not in str(list(preflight.check_state(tmp_path)))

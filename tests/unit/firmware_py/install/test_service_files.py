@@ -13,7 +13,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.cli.example import NAMES
-from firmware_py.cli.run import HOLD_OFF_S, SHUT_DOWN
+from firmware_py.cli.run import RETRY_DELAY_S, SHUT_DOWN
 from firmware_py.core.liveness import DEVICES_S
 from firmware_py.install.service_files import (
     STATE,
@@ -54,7 +54,7 @@ def test_the_unit_never_gives_up_and_leaves_down_what_was_shut_down():
     assert unit["Install"]["WantedBy"] == "multi-user.target"
     # Twice a sign of life may be lost, at the slowest rate of the loop, too.
     assert seconds(service["WatchdogSec"]) > 2.0 * (LIFE_INTERVAL_S + 1.0)
-    assert seconds(service["RestartSec"]) < HOLD_OFF_S
+    assert seconds(service["RestartSec"]) < RETRY_DELAY_S
     assert words(service["ExecStart"])[-5:] == ["run", "/etc/rambler/boat.toml", "--state", str(STATE), "--wait"]
 
 
@@ -108,7 +108,7 @@ def test_the_handbook_says_what_is_so():
     page = " ".join((ROOT / "docs/how-to/installation.md").read_text().split())
     service = parse(unit_text(SERVICE))["Service"]
     assert f"After {service['WatchdogSec']} s without a message" in page
-    assert f"tried again every {HOLD_OFF_S:.0f} s" in page
+    assert f"tried again every {RETRY_DELAY_S:.0f} s" in page
     assert f"| {DEVICES_S:.0f} to " in page
     assert f"{TIMEOUT_S} s, with `--watchdog`" in page
 
@@ -172,7 +172,7 @@ def test_an_example_has_nothing_of_one_boat_in_force(tmp_path, capsys):
             assert re.fullmatch("/dev/serial/by-path/[A-Z]+", device.port)
     assert {path.name for path in tmp_path.iterdir()} == set(NAMES)
     assert main(["example", str(tmp_path)]) == 2
-    assert "is a directory; name a file in it" in capsys.readouterr().err
+    assert "is a directory; give a file name" in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -259,7 +259,7 @@ def test_the_token_of_the_page_is_handed_over_by_systemd():
     [
         (["--view", "0.0.0.0:8046"], "asks for a token"),
         (["--view", "nowhere"], "ADDRESS:PORT"),
-        (["--view-token", "/etc/rambler/view.token"], "give --view, too"),
+        (["--view-token", "/etc/rambler/view.token"], "needs --view"),
         (["--view", "0.0.0.0:8046", "--view-token", "/etc/rambler/none.token"], "make one"),
         (["--state", "/home/pi/state"], "leave --state out"),
         (["--program", "/root/rambler"], "/etc or /opt"),

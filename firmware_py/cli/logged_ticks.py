@@ -1,4 +1,4 @@
-"""The ticks of logs, with the parameters that were in force and whether she was armed."""
+"""Ticks of logs with the parameters in force and the arming state."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from firmware_py.log.dataflash import LogError
 from firmware_py.log.reader import LoggedTick, read_log
 
 
-def ticks_of(paths: Iterable[Path]) -> Iterator[LoggedTick]:
-    """Yield the ticks of logs, one behind the other; LogError names the log."""
+def read_ticks(paths: Iterable[Path]) -> Iterator[LoggedTick]:
+    """Yield the ticks of all logs in order. Raise LogError with the name of the log."""
     for path in paths:
         try:
             yield from read_log(path)
@@ -22,10 +22,11 @@ def ticks_of(paths: Iterable[Path]) -> Iterator[LoggedTick]:
             raise LogError(f"{path}: {error}") from error
 
 
-def in_force(ticks: Iterable[LoggedTick]) -> Iterator[tuple[LoggedTick, ParameterSet, bool]]:
-    """Yield each tick with the parameters in force, and whether she was armed; ValueError for an unreadable checkpoint.
+def with_parameters(ticks: Iterable[LoggedTick]) -> Iterator[tuple[LoggedTick, ParameterSet, bool]]:
+    """Yield each tick with the parameters in force and the arming state.
 
-    What was asked for counts as accepted, but for parameters that this version does not know.
+    Requests count as accepted, except for parameters that this version does not know. Raise ValueError for an
+    unreadable checkpoint.
     """
     parameters, armed = ParameterSet(), False
     for tick in ticks:
@@ -33,7 +34,7 @@ def in_force(ticks: Iterable[LoggedTick]) -> Iterator[tuple[LoggedTick, Paramete
             try:
                 state = state_from_text(tick.checkpoint)[0]
             except ValueError as error:
-                raise ValueError(f"a state in the log cannot be read ({error})") from error
+                raise ValueError(f"a checkpoint in the log cannot be read ({error})") from error
             parameters, armed = state.parameters, state.modes.armed
         for request in tick.inputs.requests:
             if isinstance(request.intent, SetParameter):
