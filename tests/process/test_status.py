@@ -85,7 +85,7 @@ def test_a_boat_under_way_says_how_she_fares_and_is_old_news_when_she_hangs_or_i
     assert stat.S_IMODE(file.stat().st_mode) == 0o640
 
     code, text = until_said(boat, lambda text: "faults        none" in text)
-    assert (code, text.splitlines()[0].split(", said")[0][-7:]) == (0, "running")
+    assert (code, text.splitlines()[0].split(", updated")[0][-7:]) == (0, "running")
     for words in ("compass    nmea", "GUIDED", "station line  last frame", "nothing received", "free_mb"):
         assert words in text, text
 

@@ -34,7 +34,7 @@ MAKERS = {
     "once_stored": (2, "text"),
 }
 _SECOND = {"once_stored": (3, "failure")}  # and another one
-_KEPT = {"note", "obstacle"}  # attributes that keep a text until it is told
+_KEPT = {"note", "start_problem"}  # attributes that keep a text until it is told
 
 
 def told():
