@@ -8,7 +8,7 @@ from firmware_py.common.silence import learn_interval_s, timeout_s
 
 SILENT_AFTER_S = 2.0
 ERROR_KEPT_S = 10.0  # an old error would hide that all is well again
-LONGEST_TEXT = 60
+MAX_TEXT_LENGTH = 60
 NO_HEADING_YET = "it answers, but gives no heading yet"
 
 
@@ -96,4 +96,4 @@ class DeviceMonitor:
 
 def _short(text: str) -> str:
     """Bound a text from the outside, and keep to printable ASCII."""
-    return "".join(letter if " " <= letter <= "~" else "?" for letter in text[:LONGEST_TEXT])
+    return "".join(letter if " " <= letter <= "~" else "?" for letter in text[:MAX_TEXT_LENGTH])

@@ -21,7 +21,7 @@ from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row
 from hil.report import figure_file
 from hil.report.figure_file import entry, key_of, merge, origin
 from hil.ship import scenarios
-from hil.ship.extras_table import ExtrasError
+from hil.ship.disturbance_options import DisturbanceError
 from hil.sim.goals import GoalError, parse_goals
 
 DEFAULT_SEAS = ("tank", "sea", "swell", "weak")
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="OPTION[=NUMBER:...],...",
         action="append",
         default=[],
-        dest="extras",
+        dest="disturbances",
         help="more that each sea does to her, as of rambler-hil run",
     )
     parser.add_argument(
@@ -182,13 +182,13 @@ def as_entries(
 
 def _task(arguments: argparse.Namespace) -> Task:
     names = tuple(arguments.scenarios) or DEFAULT_SEAS
-    if extras := ",".join(arguments.extras):
-        names = tuple(f"{name}+{extras}" for name in names)
+    if disturbances := ",".join(arguments.disturbances):
+        names = tuple(f"{name}+{disturbances}" for name in names)
     try:
         for name in names:
             scenarios.sea_of(name)
         goals = parse_goals(arguments.goal)
-    except (scenarios.UnknownScenarioError, ExtrasError, GoalError) as error:
+    except (scenarios.UnknownScenarioError, DisturbanceError, GoalError) as error:
         raise UsageError(str(error)) from None
     if not 1 <= arguments.seeds <= MOST_SEEDS:
         raise UsageError(f"--seeds {arguments.seeds}: give a whole number from 1 to {MOST_SEEDS}")

@@ -6,7 +6,7 @@ import argparse
 import json
 from dataclasses import asdict
 
-from hil.ship import extras_table
+from hil.ship import disturbance_options
 from hil.ship.scenarios import TABLE
 
 COLUMNS = ("name", "U m/s", "wave s", "wave yaw deg", "bias deg", "drift deg", "current m/s", "what it is")
@@ -35,11 +35,11 @@ def run(arguments: argparse.Namespace) -> int:
         )
         for row in TABLE
     ]
-    mixtures = [f"{row.name} has {text}" for row in TABLE if (text := extras_table.text_of(row.extras))]
+    mixtures = [f"{row.name} has {text}" for row in TABLE if (text := disturbance_options.text_of(row.disturbances))]
     widths = [max(len(row[column]) for row in (COLUMNS, *rows)) for column in range(len(COLUMNS))]
     for row in (COLUMNS, *rows):
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     print("\n" + "\n".join(mixtures))
     print("\nWith any of them, `rambler-hil run SCENARIO --with NAME[=NUMBER:...],...`; off unless given:\n")
-    print(extras_table.listing())
+    print(disturbance_options.listing())
     return 0

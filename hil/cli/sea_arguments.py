@@ -10,7 +10,7 @@ from pathlib import Path
 from firmware_py.vehicle import Vehicle
 from hil.errors import UsageError
 from hil.ship import scenarios
-from hil.ship.extras_table import ExtrasError
+from hil.ship.disturbance_options import DisturbanceError
 from hil.ship.scenarios import Scenario
 from hil.sim.adapters import ADAPTERS
 from hil.sim.device_factory import COMPASSES, SERVOS
@@ -35,7 +35,7 @@ def add_sea_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="OPTION[=NUMBER:...],...",
         action="append",
         default=[],
-        dest="extras",
+        dest="disturbances",
         help="more that the sea does to her, as in float=0.3:0.6,leeway=8,sway; rambler-hil scenarios lists them",
     )
     parser.add_argument("--compass", choices=tuple(COMPASSES), help="default nmea, or the vehicle file's")
@@ -67,8 +67,12 @@ def sea_of(arguments: argparse.Namespace) -> Scenario:
     if arguments.current is not None:
         scenario = _with_current(scenario, arguments.current)
     try:
-        return scenarios.with_extras(scenario, ",".join(arguments.extras)) if arguments.extras else scenario
-    except ExtrasError as error:
+        return (
+            scenarios.with_disturbances(scenario, ",".join(arguments.disturbances))
+            if arguments.disturbances
+            else scenario
+        )
+    except DisturbanceError as error:
         raise UsageError(f"--with: {error}") from None
 
 

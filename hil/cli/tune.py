@@ -18,7 +18,7 @@ from hil.lab.tune.report import Report, as_json, parameter_file, text
 from hil.lab.tune.search import tune
 from hil.lab.tune.trials import Setting, Trials
 from hil.ship import scenarios
-from hil.ship.extras_table import ExtrasError
+from hil.ship.disturbance_options import DisturbanceError
 from hil.sim.vehicle_file import load, model_of, standard_vehicle
 
 EVALUATIONS, FIXED_EVALUATIONS = 60, 400
@@ -69,7 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"seas to be good in, of {names} (default {' '.join(cases.DEFAULT_SCENARIOS)}; "
         f"with --law {len(law.SEAS)} seas and ships)",
     )
-    parser.add_argument("--with", dest="extras", metavar="OPTIONS", help="options of every sea, as `run --with` takes")
+    parser.add_argument(
+        "--with", dest="disturbances", metavar="OPTIONS", help="options of every sea, as `run --with` takes"
+    )
     parser.add_argument(
         "--fixed-gains",
         action="store_true",
@@ -124,7 +126,7 @@ def _run_law(arguments: argparse.Namespace) -> int:
             law.LawTrials(arguments.scenarios, range(begin, begin + count), price)
             for begin, count in ((first, law.SEEDS), (first + FRESH_SEED, law.FRESH_SEEDS))
         )
-    except (scenarios.UnknownScenarioError, ExtrasError) as error:
+    except (scenarios.UnknownScenarioError, DisturbanceError) as error:
         raise UsageError(f"--scenarios: {error}") from None
     found = law.search(trials, fresh, arguments.evaluations or EVALUATIONS, arguments.seed, tell)
     tell("", 1.0)
@@ -156,15 +158,15 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
     parameters, seed, tell = _parameters_of(vehicle), arguments.seed, progress.part_done(sys.stderr, time.monotonic)
     model, names = model_of(vehicle), arguments.scenarios
     try:
-        if any(scenarios.sea_of(name).extras.supply is not None for name in names):
+        if any(scenarios.sea_of(name).disturbances.supply is not None for name in names):
             raise UsageError("--with supply: the trial runs know no power; leave it out")
-        if any(scenarios.sea_of(name).extras.vessels is not None for name in names):
+        if any(scenarios.sea_of(name).disturbances.vessels is not None for name in names):
             raise UsageError("--with vessels: the trial runs know no other ships; leave it out")
         trials, fresh = (
             delivered.Trials(model, parameters, names, range(first, first + count))
             for first, count in ((seed, delivered.SEEDS), (seed + FRESH_SEED, delivered.FRESH_SEEDS))
         )
-    except (scenarios.UnknownScenarioError, ExtrasError) as error:
+    except (scenarios.UnknownScenarioError, DisturbanceError) as error:
         raise UsageError(f"--scenarios: {error}") from None
     except ValueError as error:
         raise UsageError(f"the vehicle file describes no ship that can be tuned: {error}") from None
@@ -279,8 +281,8 @@ def _seas(arguments: argparse.Namespace) -> list[str]:
     names = [name for word in words for name in ([word] if "+" in word else word.split(",")) if name]
     if not names:
         raise UsageError("--scenarios: name at least one; rambler-hil scenarios lists them")
-    if arguments.extras is None:
+    if arguments.disturbances is None:
         return names
     if arguments.fixed_gains:
         raise UsageError("--with: the trial runs of --fixed-gains know no options; leave one of them out")
-    return [f"{name}{',' if '+' in name else '+'}{arguments.extras}" for name in names]
+    return [f"{name}{',' if '+' in name else '+'}{arguments.disturbances}" for name in names]

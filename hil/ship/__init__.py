@@ -1,1 +1,1 @@
-"""The ship in the sea: heading, track, waves, drift, and the shaft of the rudder servo."""
+"""The simulated ship in the sea: heading, track, waves, current, rudder servo, power and other ships."""

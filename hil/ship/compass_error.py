@@ -1,10 +1,9 @@
-"""What a compass as bought makes of the heading: deviation, heel error, lag.
+"""Errors of an uncorrected magnetic compass: deviation, heel error, lag.
 
-    shown = heading - (A + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi) - h cos psi,   then a first-order lag
+    output = heading - (A + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi) - h cos psi,   then a first-order lag
 
-Deviation is positive to the east, so the compass shows less (Handbook of Magnetic Compass Adjustment, NGA 2004).
-It is a function of the compass's own heading there; here of the true one, which differs by products of
-coefficients. h is the heel error on north: it rolls with the waves.
+Deviation is positive to the east, so the compass reads less (Handbook of Magnetic Compass Adjustment, NGA 2004). The
+handbook gives it over the compass heading; here it depends on the true heading, which differs by products of
 """
 
 from __future__ import annotations
@@ -12,37 +11,38 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.angles import radians
-from hil.ship.extras import Compass
+from hil.ship.disturbances import Compass
 from hil.ship.waves import WaveYaw
 
 
-class BoughtCompass:
-    """What is shown, unwrapped, one grid step at a time."""
+class CompassErrors:
+    """The heading output of the compass, unwrapped, one grid step at a time."""
 
-    def __init__(self, how: Compass, step_s: float, roll: WaveYaw) -> None:
-        """Take the coefficients; `roll` is the heel error on north as it rolls with the waves."""
-        self._coefficients = tuple(radians(one) for one in (how.a_deg, how.b_deg, how.c_deg, how.d_deg, how.e_deg))
-        self._lag_s = how.lag_s
-        self._follow = 1.0 if how.lag_s <= 0.0 else -math.expm1(-step_s / how.lag_s)
+    def __init__(self, errors: Compass, step_s: float, roll: WaveYaw) -> None:
+        """Take the coefficients; `roll` is the heel error on north, which varies with the waves."""
+        coefficients_deg = (errors.a_deg, errors.b_deg, errors.c_deg, errors.d_deg, errors.e_deg)
+        self._coefficients = tuple(radians(angle_deg) for angle_deg in coefficients_deg)
+        self._lag_s = errors.lag_s
+        self._lag_gain = 1.0 if errors.lag_s <= 0.0 else -math.expm1(-step_s / errors.lag_s)
         self._step_s = step_s
         self._roll = roll
-        self.roll_share = 1.0  # of the roll, when the waves die
-        self._shown_rad: float | None = None
+        self.roll_share = 1.0  # falls with the waves in a calm
+        self._output_rad: float | None = None
 
     def step(self, heading_rad: float) -> None:
-        """Move on to the next grid step, that ends on a heading."""
+        """Advance one grid step that ends on this heading."""
         self._roll.step()
         sensed_rad = self._sensed_rad(heading_rad, 0.0)
-        if self._shown_rad is None:
-            self._shown_rad = sensed_rad
-        self._shown_rad += self._follow * (sensed_rad - self._shown_rad)
+        if self._output_rad is None:
+            self._output_rad = sensed_rad
+        self._output_rad += self._lag_gain * (sensed_rad - self._output_rad)
 
-    def shown_rad(self, heading_rad: float, offset_s: float) -> float:
-        """Return what it shows offset_s into the present step, with the boat on a heading then."""
+    def output_rad(self, heading_rad: float, offset_s: float) -> float:
+        """Return the output offset_s into the present step, for a true heading at that time."""
         sensed_rad = self._sensed_rad(heading_rad, offset_s)
-        if self._lag_s <= 0.0 or self._shown_rad is None:
+        if self._lag_s <= 0.0 or self._output_rad is None:
             return sensed_rad
-        return self._shown_rad - math.expm1(-offset_s / self._lag_s) * (sensed_rad - self._shown_rad)
+        return self._output_rad - math.expm1(-offset_s / self._lag_s) * (sensed_rad - self._output_rad)
 
     def _sensed_rad(self, heading_rad: float, offset_s: float) -> float:
         a, b, c, d, e = self._coefficients

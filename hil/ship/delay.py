@@ -1,4 +1,4 @@
-"""A pure delay on the grid: what goes in comes out so many steps later."""
+"""A pure delay on the grid of time steps."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections import deque
 
 
 class PureDelay:
-    """Holds values back for a whole number of grid steps; before the first has come through it gives `start`."""
+    """Delay values by a whole number of grid steps; the output is `start` until the first value arrives."""
 
     def __init__(self, delay_s: float, step_s: float, start: float = 0.0) -> None:
-        """Take the delay to the nearest step."""
+        """Round the delay to the nearest step."""
         self._waiting = deque([start] * round(delay_s / step_s))
 
     def step(self, value: float) -> float:
-        """Put in this step's value and take out the one that is due."""
+        """Add the value of this step and return the delayed one."""
         self._waiting.append(value)
         return self._waiting.popleft()

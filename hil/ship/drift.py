@@ -1,4 +1,4 @@
-"""The slow wandering of the rudder angle at which the boat runs straight (first-order Gauss-Markov)."""
+"""Slow variation of the rudder bias (first-order Gauss-Markov process)."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ class RudderDrift:
         self.angle_rad = spread_rad * numbers.draw()
 
     def step(self) -> None:
-        """Move on to the next grid step."""
+        """Advance one grid step."""
         self.angle_rad = self._keep * self.angle_rad + self._add_rad * self._numbers.draw()

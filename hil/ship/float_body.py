@@ -1,13 +1,12 @@
-"""The float on its umbilical: it follows the heading of the glider below.
+"""Float dynamics: the float on its umbilical follows the heading of the glider below it.
 
     d2psi_f/dt2 = w^2 (psi_g - psi_f) - 2 z w dpsi_f/dt
 
-What remains of the two bodies of Li, Pan, Liao et al. (Applied Mathematical Modelling, 2020) when only
-headings count: the umbilical's pull F, at a lever l ahead of the float's centre, gives the moment
-F l sin(psi_g - psi_f), the water damps the turn, and w^2 = F l / I with the moment of inertia I of float and
-entrained water. The back of it on the glider is in the identified K and T. Assumed, for nobody prints
-them: a pull of 10 to 60 N, 0.5 to 1 m of lever, 80 to 200 kg m^2, so w = 0.2 to 0.9 rad/s; and the
-angle small enough for its sine.
+This is the reduction to headings of the two bodies of Li, Pan, Liao et al. (Applied Mathematical Modelling, 2020).
+The umbilical tension F, at a lever l ahead of the float's centre, gives the moment F l sin(psi_g - psi_f); the water
+damps the turn; w^2 = F l / I with the moment of inertia I of float and entrained water. The reaction on the glider
+is part of the identified K and T. Assumed, because no publication gives them: a tension of 10 to 60 N, 0.5 to 1 m
+of lever, 80 to 200 kg m^2, so w = 0.2 to 0.9 rad/s; and an angle small enough to replace its sine.
 """
 
 from __future__ import annotations
@@ -18,17 +17,17 @@ Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 
 class FollowingFloat:
-    """Heading and yaw rate of the float, one grid step at a time; exact for a glider that stands between steps."""
+    """Heading and yaw rate of the float for each grid step; exact if the glider's heading is constant in a step."""
 
     def __init__(self, own_frequency_rad_s: float, damping: float, step_s: float, heading_rad: float = 0.0) -> None:
-        """Lie at rest behind the glider."""
+        """Start at rest with the glider's heading."""
         self._w2, self._damp = own_frequency_rad_s**2, 2.0 * damping * own_frequency_rad_s
         self._transition = transition(own_frequency_rad_s, damping, step_s)
         self.heading_rad = heading_rad
         self.yaw_rate_rad_s = 0.0
 
     def step(self, glider_rad: float) -> None:
-        """Advance one grid step, in whose middle the glider heads glider_rad."""
+        """Advance one grid step; glider_rad is the glider's heading in the middle of the step."""
         (a00, a01), (a10, a11) = self._transition
         behind_rad, rate_rad_s = self.heading_rad - glider_rad, self.yaw_rate_rad_s
         self.heading_rad = glider_rad + a00 * behind_rad + a01 * rate_rad_s
@@ -40,7 +39,7 @@ class FollowingFloat:
 
 
 def transition(own_frequency_rad_s: float, damping: float, step_s: float) -> Matrix:
-    """Return what a step does to angle behind and rate: the exponential of the companion matrix."""
+    """Return the transition matrix of (angle behind the glider, yaw rate) over a step: a matrix exponential."""
     decay_1_s = damping * own_frequency_rad_s
     square = own_frequency_rad_s**2 * (1.0 - damping * damping)
     if square > 0.0:

@@ -1,19 +1,18 @@
-"""The hull in a scenario's sea, on one fixed grid of time.
+"""The hull in a scenario's sea, on a fixed grid of time.
 
-Everything that moves by itself advances on the grid k * GRID_S and is read in between from
-the state at the start of the grid step. So what a device reads at some moment depends on
-that moment alone, never on how the run was cut into calls: a run is the same, bit for bit,
-at any speed and with any traffic on the lines.
+The state advances on the grid k * GRID_S; between grid points values are read from the state at the start of the grid
+step. A reading depends on its time alone, not on how a run is cut into calls. So a run is identical, bit for bit, at
+any speed and with any traffic on the links.
 """
 
 from __future__ import annotations
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
-from hil.ship.compass_error import BoughtCompass
+from hil.ship.compass_error import CompassErrors
 from hil.ship.delay import PureDelay
+from hil.ship.disturbances import Bias, Disturbances, OwnWaves
 from hil.ship.drift import TIME_CONSTANT_S, RudderDrift
-from hil.ship.extras import Bias, Extras, OwnWaves
 from hil.ship.float_body import FollowingFloat
 from hil.ship.gusts import Gusts
 from hil.ship.kt_plant import KtPlant
@@ -23,7 +22,7 @@ from hil.ship.planar import PlanarMotion
 from hil.ship.scenarios import Scenario
 from hil.ship.sideways import Sideways
 from hil.ship.tide import Tide
-from hil.ship.wave_speed import MOST, SpeedInWaves
+from hil.ship.wave_speed import MAX_SPEED_RATIO, SpeedInWaves
 from hil.ship.waves import DAMPING, WaveYaw
 from hil.ship.yaw_noise import YawNoise, largest_rate_rad_s
 
@@ -31,32 +30,34 @@ STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND
 
 
-STEERAGE_M_S = 0.05  # slower than that the similarity of K and T is held, and K alone dies with the way
+STEERAGE_M_S = 0.05  # below it K and T keep their values of this speed, except that K falls to zero with the speed
 
 
 class Hull:
     """Heading, yaw rate, track and wave yaw; `offset` arguments are seconds into the present grid step.
 
-    Of two bodies (the extra `float`) the rudder turns the glider, and the way goes where it points; the
-    compass sits on the float, which the waves yaw.
+    With the disturbance `float` there are two bodies: the rudder turns the glider, which sets the course; the compass
+    is on the float, which the waves yaw.
     """
 
     def __init__(self, scenario: Scenario, model: KtModel, seed: int) -> None:
-        """Lie at the origin heading north, under way at the scenario's speed, the rudder amidships."""
-        extras = scenario.extras
-        self._ship = _ship_of(model, scenario, extras)
+        """Start at the origin heading north, at the scenario's speed, with the rudder amidships."""
+        disturbances = scenario.disturbances
+        self._ship = _ship_of(model, scenario, disturbances)
         self._model = self._ship.at_speed(scenario.speed_m_s)
-        quickest = self._model if extras.wave_speed is None else self._ship.at_speed(MOST * scenario.speed_m_s)
-        noise_rad_s = (
-            0.0 if extras.yaw is None else largest_rate_rad_s(extras.yaw.diffusion_deg2_s, quickest.turning_lag_s)
-        )
-        self._plant = KtPlant(quickest, GRID_S, disturbance_rad_s=noise_rad_s)
-        self._plant.take(self._model)
-        bias = extras.bias or Bias(scenario.drift_deg, TIME_CONSTANT_S)
+        fastest = self._model
+        if disturbances.wave_speed is not None:
+            fastest = self._ship.at_speed(MAX_SPEED_RATIO * scenario.speed_m_s)
+        noise_rad_s = 0.0
+        if (yaw := disturbances.yaw) is not None:
+            noise_rad_s = largest_rate_rad_s(yaw.diffusion_deg2_s, fastest.turning_lag_s)
+        self._plant = KtPlant(fastest, GRID_S, disturbance_rad_s=noise_rad_s)
+        self._plant.set_model(self._model)
+        bias = disturbances.bias or Bias(scenario.drift_deg, TIME_CONSTANT_S)
         numbers = NormalNumbers(generator(seed, Stream.DRIFT))
         self._drift = RudderDrift(radians(bias.sd_deg), GRID_S, numbers, bias.memory_s)
         self._gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))
-        own = extras.own_waves or OwnWaves(scenario.wave_period_s, DAMPING)
+        own = disturbances.own_waves or OwnWaves(scenario.wave_period_s, DAMPING)
         numbers = NormalNumbers(generator(seed, Stream.WAVES))
         self._waves = WaveYaw(radians(scenario.wave_yaw_deg), own.period_s, GRID_S, numbers, own.damping)
         self._orbit = Orbit(
@@ -74,49 +75,49 @@ class Hull:
         self._mean_speed_m_s = self.speed_m_s = scenario.speed_m_s
         self._rudder_rad = 0.0
         self._waves_share = 1.0
-        self._fit_extras(scenario, seed)
+        self._add_disturbances(scenario, seed)
 
-    def _fit_extras(self, scenario: Scenario, seed: int) -> None:
-        """Build what the sea has beside its row; what is None takes no part."""
-        extras = scenario.extras
-        self._delay = None if extras.delay is None else PureDelay(extras.delay.delay_s, GRID_S)
+    def _add_disturbances(self, scenario: Scenario, seed: int) -> None:
+        """Create the models of the disturbances that are present."""
+        disturbances = scenario.disturbances
+        self._delay = None if disturbances.delay is None else PureDelay(disturbances.delay.delay_s, GRID_S)
         self._noise: YawNoise | None = None
-        if extras.yaw is not None:
-            self._noise = YawNoise(extras.yaw.diffusion_deg2_s, GRID_S, NormalNumbers(generator(seed, Stream.YAW)))
+        if (yaw := disturbances.yaw) is not None:
+            self._noise = YawNoise(yaw.diffusion_deg2_s, GRID_S, NormalNumbers(generator(seed, Stream.YAW)))
         self._float: FollowingFloat | None = None
-        if (body := extras.float_body) is not None:
+        if (body := disturbances.float_body) is not None:
             self._float = FollowingFloat(body.own_frequency_rad_s, body.damping, GRID_S)
         self._sideways: Sideways | None = None
-        if extras.leeway is not None or extras.slide is not None:
-            self._sideways = Sideways(extras.leeway, extras.slide, GRID_S)
-        self._crests: ShortCrestedOrbit | None = None
-        if (orbital := extras.orbital) is not None:
-            self._crests = ShortCrestedOrbit(
+        if disturbances.leeway is not None or disturbances.slide is not None:
+            self._sideways = Sideways(disturbances.leeway, disturbances.slide, GRID_S)
+        self._short_crested: ShortCrestedOrbit | None = None
+        if (orbital := disturbances.orbital) is not None:
+            self._short_crested = ShortCrestedOrbit(
                 orbital.velocity_m_s,
                 radians(orbital.spread_deg),
                 scenario.wave_period_s,
                 radians(scenario.waves_toward_deg),
                 GRID_S,
-                # A wave yaw with a period of its own has nothing to do with the orbit.
-                (self._waves, radians(scenario.wave_yaw_deg) if extras.own_waves is None else 0.0),
+                # A wave yaw with its own period is independent of the orbital motion.
+                (self._waves, radians(scenario.wave_yaw_deg) if disturbances.own_waves is None else 0.0),
                 (NormalNumbers(generator(seed, Stream.ORBIT)), NormalNumbers(generator(seed, Stream.ORBIT_ALONE))),
                 orbital.damping,
             )
         self._speed: SpeedInWaves | None = None
-        if extras.wave_speed is not None:
-            self._speed = SpeedInWaves(extras.wave_speed, GRID_S, NormalNumbers(generator(seed, Stream.SPEED)))
-        self._compass: BoughtCompass | None = None
-        if extras.compass is not None:
+        if disturbances.wave_speed is not None:
+            self._speed = SpeedInWaves(disturbances.wave_speed, GRID_S, NormalNumbers(generator(seed, Stream.SPEED)))
+        self._compass: CompassErrors | None = None
+        if disturbances.compass is not None:
             # Without waves there is no roll.
-            heel_rad = radians(extras.compass.heel_deg) if scenario.wave_period_s > 0.0 else 0.0
+            heel_rad = radians(disturbances.compass.heel_deg) if scenario.wave_period_s > 0.0 else 0.0
             roll = WaveYaw(heel_rad, scenario.wave_period_s, GRID_S, NormalNumbers(generator(seed, Stream.ROLL)))
-            self._compass = BoughtCompass(extras.compass, GRID_S, roll)
+            self._compass = CompassErrors(disturbances.compass, GRID_S, roll)
 
     def step(self, rudder_rad: float) -> None:
         """Advance one grid step that ends with the rudder at rudder_rad.
 
-        The plant is driven by the mean of both ends: the rudder moves at a limited slew,
-        so what that leaves out is of the second order in the grid step.
+        The plant is driven by the mean of the rudder at both ends. The slew of the rudder is limited, so the error
+        is of second order in the grid step.
         """
         if self._delay is not None:
             rudder_rad = self._delay.step(rudder_rad)
@@ -136,18 +137,18 @@ class Hull:
         self._rudder_rad = rudder_rad
         if self._float is not None:
             self._float.step(middle_rad)
-        if self._crests is not None:
-            self._crests.step()
+        if self._short_crested is not None:
+            self._short_crested.step()
         if self._speed is not None:
-            self._take_speed(self._speed)
+            self._update_speed(self._speed)
         if self._compass is not None:
             self._compass.step(self.heading_rad(0.0))
 
-    def knock(self, turned_rad: float) -> None:
-        """Be turned at once, by what hits her."""
-        self._plant.heading_rad += turned_rad
+    def add_heading(self, angle_rad: float) -> None:
+        """Turn the hull at once, as a collision does."""
+        self._plant.heading_rad += angle_rad
 
-    def _take_speed(self, speed: SpeedInWaves) -> None:
+    def _update_speed(self, speed: SpeedInWaves) -> None:
         speed.step(self._steps * GRID_S)
         self._waves_share = speed.waves
         if self._compass is not None:
@@ -157,15 +158,15 @@ class Hull:
         if self.speed_m_s < STEERAGE_M_S:
             model = model._replace(turning_ability_1_s=model.turning_ability_1_s * self.speed_m_s / STEERAGE_M_S)
         self._model = model
-        self._plant.take(model)
+        self._plant.set_model(model)
 
     def glider_heading_rad(self, offset_s: float) -> float:
-        """Return where the body with the rudder points, unwrapped; the hull's low heading when there is but one."""
+        """Return the heading of the body with the rudder, unwrapped; with one body the heading without wave yaw."""
         rate_rad_s = self._plant.yaw_rate_rad_s
         return self._plant.heading_rad + offset_s * (rate_rad_s + 0.5 * offset_s * self._yaw_acceleration())
 
     def float_heading_rad(self, offset_s: float) -> float:
-        """Return where the body with the compass points without the yaw of the waves, unwrapped."""
+        """Return the heading of the body with the compass without wave yaw, unwrapped."""
         body = self._float
         if body is None:
             return self.glider_heading_rad(offset_s)
@@ -173,26 +174,26 @@ class Hull:
         return body.heading_rad + offset_s * (body.yaw_rate_rad_s + 0.5 * offset_s * acceleration)
 
     def heading_low_rad(self, offset_s: float) -> float:
-        """Return the hull's heading without the yaw of the waves, unwrapped: where her way goes, leeway apart."""
+        """Return the hull's heading without wave yaw, unwrapped: the direction of its way, except for leeway."""
         return self.glider_heading_rad(offset_s)
 
     def heading_rad(self, offset_s: float) -> float:
-        """Return the heading that a perfect compass shows, unwrapped."""
+        """Return the heading of a perfect compass, unwrapped."""
         if self._float is None and self._speed is None:
             return self.heading_low_rad(offset_s) + self._waves.angle_rad(offset_s)
         return self.float_heading_rad(offset_s) + self._waves_share * self._waves.angle_rad(offset_s)
 
-    def shown_heading_rad(self, offset_s: float) -> float:
-        """Return the heading that the sea's compass shows, unwrapped; perfect unless the sea says otherwise."""
+    def compass_heading_rad(self, offset_s: float) -> float:
+        """Return the heading output of the compass, unwrapped; perfect unless the disturbance `compass` is present."""
         heading_rad = self.heading_rad(offset_s)
-        return heading_rad if self._compass is None else self._compass.shown_rad(heading_rad, offset_s)
+        return heading_rad if self._compass is None else self._compass.output_rad(heading_rad, offset_s)
 
     def yaw_rate_low_rad_s(self, offset_s: float) -> float:
-        """Return the hull's yaw rate without the yaw of the waves."""
+        """Return the hull's yaw rate without wave yaw."""
         return self._plant.yaw_rate_rad_s + offset_s * self._yaw_acceleration()
 
     def yaw_rate_rad_s(self, offset_s: float) -> float:
-        """Return the yaw rate that a perfect gyroscope beside the compass shows."""
+        """Return the output of a perfect gyroscope beside the compass."""
         body = self._float
         if body is None:
             return self.yaw_rate_low_rad_s(offset_s) + self._waves_share * self._waves.rate_rad_s(offset_s)
@@ -209,26 +210,26 @@ class Hull:
         return self._track.north_m + north_m_s * offset_s, self._track.east_m + east_m_s * offset_s
 
     def velocity_in_waves_m_s(self, offset_s: float) -> tuple[float, float]:
-        """Return the velocity over the ground with that of the waves, north and east."""
-        (north_m_s, east_m_s), (more_north_m_s, more_east_m_s) = (
+        """Return the velocity over the ground including the orbital motion of the waves, north and east."""
+        (north_m_s, east_m_s), (wave_north_m_s, wave_east_m_s) = (
             self.velocity_m_s(offset_s),
             self._orbit.velocity_m_s(offset_s)
-            if self._crests is None
-            else self._crests.velocity_m_s(offset_s, self.float_heading_rad(offset_s)),
+            if self._short_crested is None
+            else self._short_crested.velocity_m_s(offset_s, self.float_heading_rad(offset_s)),
         )
         share = self._waves_share
-        return north_m_s + share * more_north_m_s, east_m_s + share * more_east_m_s
+        return north_m_s + share * wave_north_m_s, east_m_s + share * wave_east_m_s
 
     def position_in_waves_m(self, offset_s: float) -> tuple[float, float]:
-        """Return the position north and east of the start as the waves move the boat to and fro."""
-        (north_m, east_m), (more_north_m, more_east_m) = (
+        """Return the position north and east of the start including the orbital motion of the waves."""
+        (north_m, east_m), (wave_north_m, wave_east_m) = (
             self.position_m(offset_s),
             self._orbit.position_m(offset_s)
-            if self._crests is None
-            else self._crests.position_m(offset_s, self.float_heading_rad(offset_s)),
+            if self._short_crested is None
+            else self._short_crested.position_m(offset_s, self.float_heading_rad(offset_s)),
         )
         share = self._waves_share
-        return north_m + share * more_north_m, east_m + share * more_east_m
+        return north_m + share * wave_north_m, east_m + share * wave_east_m
 
     def _yaw_acceleration(self) -> float:
         model = self._model
@@ -242,14 +243,14 @@ class Hull:
         )
 
     def _offset_rad(self) -> float:
-        """The rudder angle that drift and gusts add now."""
+        """Return the rudder-equivalent angle of bias variation and gusts."""
         return self._drift.angle_rad + self._gusts.angle_rad
 
 
-def _ship_of(model: KtModel, scenario: Scenario, extras: Extras) -> KtModel:
-    """Return the ship at the model's own speed: the boat's model, biased, and another where the sea says so."""
+def _ship_of(model: KtModel, scenario: Scenario, disturbances: Disturbances) -> KtModel:
+    """Return the ship's model at the model's reference speed: with the rudder bias and the model mismatch."""
     ship = model._replace(rudder_offset_rad=model.rudder_offset_rad + radians(scenario.bias_deg))
-    if (other := extras.other_ship) is None:
+    if (other := disturbances.other_ship) is None:
         return ship
     return ship._replace(
         turning_ability_1_s=ship.turning_ability_1_s * other.ability,

@@ -8,14 +8,14 @@ from firmware_py.model.kt import KtModel, rk4_step, steady_yaw_rate
 
 LARGEST_STEP_S = 0.05
 STEP_PER_TIME_CONSTANT = 0.2  # fourth-order Runge-Kutta is stable to 2.8 and accurate to 1e-5 here
-LARGEST_RUDDER_RAD = 1.6  # no rudder stands further across; bounds the yaw rate and so the stiffness
-MOST_INNER_STEPS = 10_000
+LARGEST_RUDDER_RAD = 1.6  # larger than any rudder angle; bounds the yaw rate and so the fastest time constant
+MAX_INNER_STEPS = 10_000
 
 
 class KtPlant:
     """Heading and yaw rate of a hull, one grid step at a time.
 
-    Raises ValueError for a model that is not physical or is too stiff for the grid.
+    Raises ValueError for a model that is not physical or has a time constant too short for the grid.
     """
 
     def __init__(
@@ -26,15 +26,15 @@ class KtPlant:
         yaw_rate_rad_s: float = 0.0,
         disturbance_rad_s: float = 0.0,
     ) -> None:
-        """Start from a heading and a yaw rate; step_s is the grid step, a disturbance adds so much yaw rate at most."""
+        """Start from a heading and a yaw rate; step_s is the grid step, disturbance_rad_s bounds a disturbance."""
         self.heading_rad = heading_rad
         self.yaw_rate_rad_s = yaw_rate_rad_s
         self._model = model
         self._inner_steps = inner_steps(model, step_s, yaw_rate_rad_s, disturbance_rad_s)
         self._inner_s = step_s / self._inner_steps
 
-    def take(self, model: KtModel) -> None:
-        """Be another ship from now on; none that is quicker than the one of the start."""
+    def set_model(self, model: KtModel) -> None:
+        """Change the model, to one that is not faster than the initial one."""
         self._model = model
 
     def step(self, rudder_rad: float, drift_rad: float = 0.0) -> None:
@@ -57,19 +57,20 @@ class KtPlant:
 
 
 def inner_steps(model: KtModel, step_s: float, yaw_rate_rad_s: float = 0.0, disturbance_rad_s: float = 0.0) -> int:
-    """Return how many Runge-Kutta steps one grid step takes, or raise ValueError.
+    """Return the number of Runge-Kutta steps in a grid step.
 
-    The yaw rate never exceeds the larger of its start and the steady turn at the largest
-    rudder, plus that of a disturbance, so the fastest time constant, T / (1 + 3 alpha r^2), is known beforehand.
+    The yaw rate never exceeds the larger of its initial value and the steady turn at the largest rudder, plus the
+    disturbance. So the shortest time constant, T / (1 + 3 alpha r^2), is known beforehand. Raises ValueError for a
+    model that is not physical or needs more than MAX_INNER_STEPS.
     """
     numbers = (model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad)
     if not all(math.isfinite(number) for number in numbers) or model.turning_lag_s <= 0.0 or model.norrbin_s2 < 0.0:
-        raise ValueError(f"not a ship: {model}; T must be positive, alpha not negative, and all of them finite")
+        raise ValueError(f"invalid ship model {model}: T must be positive, alpha not negative, and all numbers finite")
     reach_rad = LARGEST_RUDDER_RAD + abs(model.rudder_offset_rad)
     fastest_rad_s = steady_yaw_rate(reach_rad, abs(model.turning_ability_1_s), model.norrbin_s2)
     rate_rad_s = max(abs(yaw_rate_rad_s), fastest_rad_s) + disturbance_rad_s
     constant_s = model.turning_lag_s / (1.0 + 3.0 * model.norrbin_s2 * rate_rad_s * rate_rad_s)
     count = math.ceil(step_s / min(LARGEST_STEP_S, STEP_PER_TIME_CONSTANT * constant_s))
-    if count > MOST_INNER_STEPS:
-        raise ValueError(f"{model} is too stiff: its fastest time constant is {constant_s:.2g} s")
+    if count > MAX_INNER_STEPS:
+        raise ValueError(f"invalid ship model {model}: its shortest time constant, {constant_s:.2g} s, is too short")
     return count

@@ -4,9 +4,8 @@
     dy/dt = U sin(psi) + v cos(psi) + current east
     m22 dv/dt = -m11 U r + Yv v                          T dr/dt + r + alpha r^3 = K (delta - delta0)
 
-The sway does not act back on the turn, so heading and yaw rate are those of the K-T equation
-alone. The simulated ship behind the autopilot slides only where a sea is sailed with `sway`
-(hil.ship.sideways); this module is for turning circles and tracks.
+Sway does not act on the turn, so heading and yaw rate are those of the K-T equation alone. The simulated ship behind
+the autopilot sways only with the disturbance `sway` (hil.ship.sideways); this module is for turning circles and tracks.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class Motion:
 
 
 class Manoeuvre:
-    """A hull that turns, sways and drifts, one step of fixed length at a time.
+    """A hull with turn, sway and current, one step of fixed length at a time.
 
     Without a sway model v stays 0. Raises ValueError for a model that is not physical.
     """
@@ -48,7 +47,7 @@ class Manoeuvre:
         current_m_s: tuple[float, float] = (0.0, 0.0),
         start: Motion | None = None,
     ) -> None:
-        """Take the model at the speed that the boat makes; the current is a velocity north and east."""
+        """Take the model at the boat's speed; the current is a velocity north and east."""
         self.motion = Motion() if start is None else start
         self._model = model
         speed_m_s = model.speed_m_s
@@ -107,7 +106,7 @@ def planar_step(
 ) -> State:
     """Advance (north, east, heading, yaw rate, sway) by one fourth-order Runge-Kutta step.
 
-    Heading and yaw rate do not depend on the others: theirs is that of the simulated ship.
+    Heading and yaw rate do not depend on the other states: they follow the K-T equation of the simulated ship.
     """
     constants = (
         rudder_rad,
@@ -168,7 +167,7 @@ def _along(state: State, rates: State, step_s: float) -> State:
 
 @dataclass(frozen=True, slots=True)
 class SteadyTurn:
-    """A turn that goes on: yaw rate [rad/s], sway [m/s], radius [m] (inf straight ahead).
+    """A steady turn: yaw rate [rad/s], sway [m/s], radius [m] (inf straight ahead).
 
     drift_rad is course minus heading: negative in a turn to starboard, where the bow points into the circle.
     """
@@ -180,7 +179,7 @@ class SteadyTurn:
 
 
 def steady_turn(model: KtModel, rudder_rad: float, sway: SwayModel | None = None) -> SteadyTurn:
-    """Return what a constant rudder ends in.
+    """Return the steady turn at a constant rudder.
 
     Raises ValueError when the sway model has no damping at this speed.
     """
@@ -189,7 +188,7 @@ def steady_turn(model: KtModel, rudder_rad: float, sway: SwayModel | None = None
     if sway is not None:
         damping_kg_s = sway.sway_damping_kg_s(model.speed_m_s)
         if not damping_kg_s < 0.0:
-            raise ValueError("the sway model has no damping, so a steady turn has no end")
+            raise ValueError("the sway model has no damping, so there is no steady turn")
         sway_m_s = sway.surge_mass_kg * model.speed_m_s * rate_rad_s / damping_kg_s
     speed_m_s = math.hypot(model.speed_m_s, sway_m_s)
     radius_m = speed_m_s / abs(rate_rad_s) if rate_rad_s else math.inf

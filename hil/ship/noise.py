@@ -1,4 +1,4 @@
-"""Seeded random numbers, one independent stream for each thing that is random."""
+"""Seeded random numbers: one independent stream for each random process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ BLOCK = 1024
 
 
 class Stream(IntEnum):
-    """Who draws: adding a stream leaves the numbers of the others as they were."""
+    """Numbers of the streams; a new stream does not change the numbers of the others."""
 
     WAVES = 0
     DRIFT = 1

@@ -1,10 +1,10 @@
-"""The motion to and fro that waves give the float, and so the satellite receiver on it.
+"""Wave orbital motion of the float, and so of the GNSS receiver on it.
 
-A sea's crests are short: its waves spread about their mean direction, so the velocity has a part along it
-and one across, independent at a point. The yaw comes of the same waves: a slender float that lies at an angle
-chi to a wave is turned as sin(2 chi), so what turns it is the part along in a quartering sea, the part
-across with the waves ahead, abeam or astern, and a mixture in between; its yaw rate goes with the velocity of the
-water (a float whose turning the water damps).
+The waves of a short-crested sea spread about their mean direction, so the velocity has a component along it and one
+across, independent at a point. The yaw comes from the same waves: a slender float at an angle chi to a wave is turned
+in proportion to sin(2 chi). So the turning component is the one along in a quartering sea, the one across with the
+waves ahead, abeam or astern, and a mixture in between. The yaw rate is proportional to the water velocity, as for a
+float whose turn the water damps.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hil.ship.waves import DAMPING, WaveYaw
 
 
 class Orbit:
-    """The horizontal part of the orbital motion at the surface: along the way that the waves run.
+    """The horizontal orbital motion at the surface, along the direction of the waves.
 
     `velocity_m_s` is its standard deviation; a wave of height H and period T gives pi H / T at its crest.
     """
@@ -25,15 +25,15 @@ class Orbit:
     def __init__(
         self, velocity_m_s: float, period_s: float, toward_rad: float, step_s: float, numbers: NormalNumbers
     ) -> None:
-        """Start in the stationary state; no velocity or no period is a sea without waves."""
+        """Start in the stationary state; without a velocity or a period there are no waves."""
         calm = velocity_m_s <= 0.0 or period_s <= 0.0
-        # Of a narrow band: the displacement is the velocity by the circular frequency.
+        # Narrow band: displacement = velocity / angular frequency.
         spread_m = 0.0 if calm else velocity_m_s * period_s / TWO_PI
         self._process = WaveYaw(spread_m, period_s, step_s, numbers)
         self._north, self._east = math.cos(toward_rad), math.sin(toward_rad)
 
     def step(self) -> None:
-        """Move on to the next grid step."""
+        """Advance one grid step."""
         self._process.step()
 
     def position_m(self, offset_s: float) -> tuple[float, float]:
@@ -48,11 +48,11 @@ class Orbit:
 
 
 class ShortCrestedOrbit:
-    """The horizontal orbital motion of waves that spread about their direction, in step with the yaw of the hull.
+    """The horizontal orbital motion of waves that spread about their direction, correlated with the yaw of the hull.
 
-    `velocity_m_s` is the rms of the velocity vector, `spread_rad` the spread of the waves' directions (wrapped normal:
-    the part across has (1 - exp(-2 spread^2)) / 2 of the energy). `yaw` is the process that yaws the hull, with its
-    standard deviation; without one (0) the motion stands for itself. Both must have the same period.
+    `velocity_m_s` is the rms of the velocity vector, `spread_rad` the spread of the wave directions (wrapped normal:
+    the component across has (1 - exp(-2 spread^2)) / 2 of the energy). `yaw` is the hull's wave yaw process and its
+    standard deviation; with a deviation of 0 the motion is independent. Both must have the same period.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class ShortCrestedOrbit:
         numbers: tuple[NormalNumbers, NormalNumbers],
         damping: float = DAMPING,
     ) -> None:
-        """Start in the stationary state; `numbers` are for the part apart from the yaw and for a sea without yaw."""
+        """Start in the stationary state; `numbers`: for the component independent of the yaw, and for no wave yaw."""
         spread_m = velocity_m_s * period_s / TWO_PI
         across = math.sqrt(0.5 * -math.expm1(-2.0 * spread_rad * spread_rad))
         self._along_m, self._across_m = spread_m * math.sqrt(1.0 - across * across), spread_m * across
@@ -77,7 +77,7 @@ class ShortCrestedOrbit:
         self._rest = WaveYaw(1.0, period_s, step_s, numbers[0], damping)
 
     def step(self) -> None:
-        """Move on to the next grid step; the process of the yaw is moved by its owner."""
+        """Advance one grid step; the owner of the yaw process advances that one."""
         self._rest.step()
         if self._own is not None:
             self._own.step()

@@ -10,12 +10,12 @@ from hil.ship.tide import Tide
 class PlanarMotion:
     """Position north and east [m] of the start, from speed, heading and current.
 
-    `speed_m_s` is the way that she makes along her heading, `sideways_m_s` the one across it, to starboard: what
-    leeway and sway make of it (hil/ship/sideways.py), 0 without.
+    `speed_m_s` is the velocity through the water along the heading, `sideways_m_s` the one across it, to starboard:
+    leeway and sway (hil/ship/sideways.py), otherwise 0.
     """
 
     def __init__(self, speed_m_s: float, tide: Tide) -> None:
-        """Take the speed through the water and the current over the ground."""
+        """Take the speed through the water and the current."""
         self.north_m = 0.0
         self.east_m = 0.0
         self.speed_m_s = speed_m_s

@@ -1,9 +1,9 @@
-"""Panels, battery and loads of a boat: what a charger and a battery monitor measure, and the truth of it.
+"""Panels, battery and loads of a boat: the measurements of a charger and a battery monitor, and their true values.
 
-The sun stands where time and place put it, on panels that lie flat. Of a clear sky comes Haurwitz's irradiance
-(Journal of Meteorology 2, 1945: 1098 sin h exp(-0.057 / sin h) W/m2); clouds come and go with exponential lengths and
-let a part of it through that is drawn for each. The charger gives the battery what the loads leave, until it is full.
-The battery is an open-circuit voltage by its charge behind a resistance.
+The sun's elevation follows from time and place; the panels lie flat. The irradiance of a clear sky is Haurwitz's
+(Journal of Meteorology 2, 1945: 1098 sin h exp(-0.057 / sin h) W/m2). Clouds have exponential lengths and transmit a
+share that is drawn for each. The charger gives the battery the power that the loads leave, until it is full. The
+battery is an open-circuit voltage, a function of its charge, behind a resistance.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.ship.extras import Supply
+from hil.ship.disturbances import Supply
 
 STEP_S = 1.0
 EFFICIENCY = 0.97  # of a charger, by data sheets 0.96 to 0.98
 RESISTANCE_OHM = 0.03
 CLOUD_S = 600.0  # mean length of a cloud
-EDGE_S = 10.0  # in which one comes or goes
-THROUGH = (0.1, 0.6)  # of the irradiance, by what sort of cloud it is
+EDGE_S = 10.0  # time constant of the change between cloud and clear sky
+TRANSMISSION = (0.1, 0.6)  # share of the irradiance that a cloud lets through
 DAY_S = 86_400.0
 _YEAR_S = 365.2422 * DAY_S
 _TILT_RAD = math.radians(23.44)
 _SOLSTICE_S = 10.0 * DAY_S  # before the year's end
-# Four cells of lithium iron phosphate at rest, by charge.
+# Four cells of lithium iron phosphate: open-circuit voltage by state of charge.
 _CHARGES = (0.0, 0.05, 0.1, 0.2, 0.4, 0.7, 0.9, 0.99, 1.0)
 _REST_V = (10.0, 12.0, 12.8, 12.9, 13.1, 13.2, 13.3, 13.5, 13.8)
 _NOMINAL_V = 12.8
@@ -34,7 +34,7 @@ _NOMINAL_V = 12.8
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where and since when the panels lie."""
+    """Position of the panels, and the time at which the run begins."""
 
     latitude_deg: float
     longitude_deg: float
@@ -43,7 +43,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Totals:
-    """What has flowed since the start, in joules and coulombs; `charger_j` is what left the charger."""
+    """Energy and charge since the start, in joules and coulombs; `charger_j` is the output of the charger."""
 
     panel_j: float = 0.0
     charger_j: float = 0.0
@@ -57,7 +57,7 @@ class Totals:
 
 
 class PowerPlant:
-    """Moves on by whole seconds; `servo_j` tells what the servo has taken so far."""
+    """Power model in steps of one second; `servo_j` returns the energy that the servo has used so far."""
 
     def __init__(
         self, supply: Supply, place: Place, chances: np.random.Generator, servo_j: Callable[[], float]
@@ -66,21 +66,21 @@ class PowerPlant:
         self._supply, self._place, self._chances, self._servo_j = supply, place, chances, servo_j
         self._step = 0
         self._servo_before_j = servo_j()
-        self._covered, self._through, self._sky = False, 1.0, 1.0
-        self._until_s = self._drawn_s()
+        self._cloudy, self._transmission, self._sky = False, 1.0, 1.0
+        self._until_s = self._draw_duration_s()
         self.charge = supply.charge
         self.voltage_v = float(np.interp(self.charge, _CHARGES, _REST_V))
         self.panel_v = 0.0
         self.totals = Totals()
 
     def advance_to(self, now_s: float) -> None:
-        """Move on to the last whole second at or before now_s."""
+        """Advance to the last whole second at or before now_s."""
         while (self._step + 1) * STEP_S <= now_s:
             self._step += 1
             self._advance(self._step * STEP_S)
 
     def elevation_rad(self, t_s: float) -> float:
-        """Return how high the sun stands, in mean solar time."""
+        """Return the elevation of the sun, in mean solar time."""
         utc_s = self._place.begin_utc_s + t_s
         year = (utc_s + _SOLSTICE_S) % _YEAR_S / _YEAR_S
         declination_rad = -_TILT_RAD * math.cos(math.tau * year)
@@ -126,22 +126,22 @@ class PowerPlant:
 
     def _change_sky(self, t_s: float) -> None:
         while t_s >= self._until_s:
-            self._covered = not self._covered
-            self._through = float(self._chances.uniform(*THROUGH)) if self._covered else 1.0
-            self._until_s += self._drawn_s()
-        self._sky += (self._through - self._sky) * -math.expm1(-STEP_S / EDGE_S)
+            self._cloudy = not self._cloudy
+            self._transmission = float(self._chances.uniform(*TRANSMISSION)) if self._cloudy else 1.0
+            self._until_s += self._draw_duration_s()
+        self._sky += (self._transmission - self._sky) * -math.expm1(-STEP_S / EDGE_S)
 
-    def _drawn_s(self) -> float:
-        """Return how long the sky stays as it is."""
+    def _draw_duration_s(self) -> float:
+        """Draw the duration of the present sky, cloudy or clear."""
         share = self._supply.clouds
         if share <= 0.0:
             return math.inf
-        mean_s = CLOUD_S if self._covered else CLOUD_S * (1.0 - share) / share
+        mean_s = CLOUD_S if self._cloudy else CLOUD_S * (1.0 - share) / share
         return float(self._chances.exponential(mean_s)) + STEP_S
 
 
 def figures(plant: PowerPlant) -> dict[str, float]:
-    """Return what has flowed so far, in watt-hours, for the figures of a run."""
+    """Return the energies so far in watt-hours, for the figures of a run."""
     totals = plant.totals
     return {
         "panel_wh": totals.panel_j / 3600.0,

@@ -1,9 +1,8 @@
 """Added masses and sway damping of a hull from its main particulars (the paper's eq. 3).
 
-Sources: Zhou Zhaoming et al. (1983), a regression of Motora's charts, for surge; Clarke, Gedling
-and Hine, Trans. RINA 125 (1982), regressions over captive tests of ship models, for sway. Both
-were made for merchant ships. The limits below are the envelope of such hulls; the formulas are
-published without limits of their own, so outside it the numbers are extrapolated, and say so.
+Sources: Zhou Zhaoming et al. (1983), a regression of Motora's charts, for surge; Clarke, Gedling and Hine, Trans. RINA
+125 (1982), regressions over captive tests of ship models, for sway. Both are for merchant ships. ENVELOPE is the range
+of such hulls; the formulas are published without limits, so outside it the results are extrapolated, with a warning.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from dataclasses import dataclass
 
 SEA_WATER_KG_M3 = 1025.0
 
-# quantity -> (least, largest) of merchant hulls
+# quantity -> (minimum, maximum) of merchant hulls
 ENVELOPE = {
     "length / beam": (4.0, 10.0),
     "beam / draft": (2.0, 4.5),
@@ -23,7 +22,7 @@ ENVELOPE = {
 
 @dataclass(frozen=True, slots=True)
 class HullForm:
-    """Main particulars of the float; the mass is all that moves with it (the paper lumps in glider and umbilical).
+    """Main particulars of the float; the mass includes all that moves with it (in the paper glider and umbilical).
 
     Raises ValueError for a number that is not positive and finite, or a block coefficient above 1.
     """
@@ -48,7 +47,7 @@ class HullForm:
 
     @classmethod
     def from_mass(cls, length_m: float, beam_m: float, draft_m: float, mass_kg: float) -> HullForm:
-        """Take the block coefficient from the mass, as a float that carries it all at that draft would have."""
+        """Compute the block coefficient from the mass, for a float that carries all of it at this draft."""
         box_kg = SEA_WATER_KG_M3 * length_m * beam_m * draft_m
         return cls(length_m, beam_m, draft_m, mass_kg, mass_kg / box_kg if box_kg > 0.0 else math.nan)
 
@@ -59,7 +58,7 @@ FLOAT = HullForm.from_mass(3.05, 0.81, 0.23, 200.0)
 
 @dataclass(frozen=True, slots=True)
 class SwayModel:
-    """m11 and m22 [kg], and Yv [kg/s] per speed through the water [kg/m]; warnings in plain words."""
+    """m11 and m22 [kg], Yv [kg/s] per speed through the water [kg/m], and warnings."""
 
     surge_mass_kg: float
     sway_mass_kg: float
@@ -72,9 +71,9 @@ class SwayModel:
 
 
 def sway_model(hull: HullForm, density_kg_m3: float = SEA_WATER_KG_M3) -> SwayModel:
-    """Estimate a hull's masses and damping, with a warning for all that is beyond the regressions.
+    """Estimate a hull's masses and damping, with a warning for each quantity outside the regressions.
 
-    Raises ValueError where the regressions give a hull that cannot be: no sway damping or no mass.
+    Raises ValueError where the regressions give no sway damping or no mass.
     """
     added_surge_kg = surge_added_mass_ratio(hull) * hull.mass_kg
     added_sway_kg = -0.5 * density_kg_m3 * hull.length_m**3 * sway_acceleration_derivative(hull)
@@ -116,15 +115,15 @@ def sway_velocity_derivative(hull: HullForm) -> float:
 
 
 def outside(hull: HullForm) -> tuple[str, ...]:
-    """Say in what the hull is unlike the merchant ships behind the regressions."""
-    found = {
+    """Return a warning for each quantity outside the envelope of merchant ships."""
+    quantities = {
         "length / beam": hull.length_m / hull.beam_m,
         "beam / draft": hull.beam_m / hull.draft_m,
         "block coefficient": hull.block_coefficient,
     }
     return tuple(
-        f"{name} {value:.3g} is outside the {ENVELOPE[name][0]:g} to {ENVELOPE[name][1]:g} of the ships "
+        f"{name} {value:.3g} is outside {ENVELOPE[name][0]:g} to {ENVELOPE[name][1]:g}, the range of the ships "
         f"behind the Zhou and Clarke regressions: sway is extrapolated"
-        for name, value in found.items()
+        for name, value in quantities.items()
         if not ENVELOPE[name][0] <= value <= ENVELOPE[name][1]
     )

@@ -1,28 +1,27 @@
-"""The seas that a run can be made in: one row each."""
+"""The scenarios of simulated runs: one row each."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from hil.ship import extras_table
-from hil.ship.extras import NONE, Extras
+from hil.ship import disturbance_options
+from hil.ship.disturbances import NO_DISTURBANCES, Disturbances
 
 
 class UnknownScenarioError(ValueError):
-    """A scenario name that is not in the table; the text lists those that are."""
+    """A scenario name that is not in the table; the text lists the valid ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One sea; in degrees, because rows are read by people and printed in reports.
+    """One scenario, in degrees because people read the rows and reports print them.
 
-    `speed_m_s` is the ship's speed through the water, `bias_deg` the rudder angle at which
-    the boat runs straight, `drift_deg` the standard deviation of its variation (Gauss-Markov, 100 s).
-    `current_toward_deg` is where the current sets, at the start when there is a tide: `tide_s` is
-    its period (0: none) and `tide_rotary` how it turns (hil/ship/tide.py). `gust_deg` is the
-    strength of gusts, as a rudder angle (hil/ship/gusts.py), `orbital_m_s` how fast the waves carry
-    the receiver to and fro (standard deviation), toward `waves_toward_deg` (hil/ship/orbit.py). `extras`
-    is what else there is to it (hil/ship/extras_table.py).
+    `speed_m_s` is the speed through the water, `bias_deg` the mean rudder bias and `drift_deg` the standard deviation
+    of its variation (Gauss-Markov, 100 s). `current_toward_deg` is the direction that the current flows to, with a
+    tide at the start; `tide_s` is the period of the tide (0: none) and `tide_rotary` its rotation (hil/ship/tide.py).
+    `gust_deg` is the strength of gusts, as a rudder angle (hil/ship/gusts.py). `orbital_m_s` is the standard deviation
+    of the wave orbital velocity, toward `waves_toward_deg` (hil/ship/orbit.py). `disturbances` are further
+    disturbances (hil/ship/disturbance_options.py).
     """
 
     name: str
@@ -39,19 +38,19 @@ class Scenario:
     gust_deg: float = 0.0
     orbital_m_s: float = 0.0
     waves_toward_deg: float = 40.0
-    extras: Extras = NONE
+    disturbances: Disturbances = NO_DISTURBANCES
 
 
 TABLE: tuple[Scenario, ...] = (
     Scenario("calm", "flat water, no disturbance", 0.4, 0.0, 0.0, 0.0, 0.0, 0.0),
     Scenario("tank", "the paper's tank: waves 0.23 m high, 10 m long", 0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
     Scenario("sea", "the paper's sea trial: moderate waves and a cross current", 0.9, 6.0, 4.0, 5.0, 2.0, 0.3),
-    Scenario("swell", "long swell that swings her by 20 deg", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
-    Scenario("weak", "hardly any wave power: slow and sluggish", 0.2, 4.0, 10.0, 3.0, 2.0, 0.0),
-    Scenario("storm", "30 deg of wave yaw, a current faster than she is", 0.5, 7.0, 30.0, 8.0, 4.0, 0.6),
+    Scenario("swell", "long swell with 20 deg of wave yaw", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
+    Scenario("weak", "almost no wave power: slow and sluggish", 0.2, 4.0, 10.0, 3.0, 2.0, 0.0),
+    Scenario("storm", "30 deg of wave yaw, a current faster than the boat", 0.5, 7.0, 30.0, 8.0, 4.0, 0.6),
     Scenario(
         "mission",
-        "a mission area: a stream that turns round every 2 h",
+        "a mission area: a current that turns with a period of 2 h",
         0.5,
         6.0,
         6.0,
@@ -62,47 +61,47 @@ TABLE: tuple[Scenario, ...] = (
         7200.0,
         0.5,
     ),
-    Scenario("gusts", "a short sea and gusts on the beam", 0.6, 4.0, 6.0, 4.0, 2.0, 0.2, gust_deg=10.0),
+    Scenario("gusts", "a short sea with gusts on the beam", 0.6, 4.0, 6.0, 4.0, 2.0, 0.2, gust_deg=10.0),
     Scenario(
-        "surge", "the swell, its waves carry the receiver to and fro", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0, orbital_m_s=0.4
+        "surge", "the swell, with wave orbital motion of the receiver", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0, orbital_m_s=0.4
     ),
-    # What a proof of seamanship sails: several unkindnesses at a time (hil/ship/extras_table.py).
+    # The voyages of docs/explanation/seamanship.md: several disturbances at a time.
     Scenario(
         "ocean-1",
-        "a trade wind sea: two bodies, some leeway, a receiver as bought",
+        "a trade wind sea: float on an umbilical, some leeway, a realistic receiver",
         0.6,
         6.0,
         15.0,
         4.0,
         2.0,
         0.15,
-        extras=extras_table.parse("float=0.5:0.6,leeway=3,receiver"),
+        disturbances=disturbance_options.parse("float=0.5:0.6,leeway=3,receiver"),
     ),
     Scenario(
         "ocean-2",
-        "the swell with its orbital motion, and a compass that nobody has corrected",
+        "the swell with its orbital motion and an uncorrected compass",
         0.7,
         8.0,
         20.0,
         5.0,
         2.0,
         0.0,
-        extras=extras_table.parse("orbital=0.4:12,compass"),
+        disturbances=disturbance_options.parse("orbital=0.4:12,compass"),
     ),
     Scenario(
         "ocean-3",
-        "hardly any waves, for minutes none, in a current as fast as she is",
+        "almost no waves, for minutes none, in a current as fast as the boat",
         0.2,
         4.0,
         10.0,
         3.0,
         2.0,
         0.2,
-        extras=extras_table.parse("float=0.3:0.6,speed=0.3:120:560:160"),
+        disturbances=disturbance_options.parse("float=0.3:0.6,speed=0.3:120:560:160"),
     ),
     Scenario(
         "ocean-4",
-        "a harsh sea and all that there is, in a ship that turns less than she was told",
+        "a harsh sea with most disturbances; the ship turns less than its model says",
         0.5,
         8.0,
         20.0,
@@ -110,7 +109,7 @@ TABLE: tuple[Scenario, ...] = (
         3.0,
         0.3,
         gust_deg=5.0,
-        extras=extras_table.parse(
+        disturbances=disturbance_options.parse(
             "float=0.3:0.6,leeway=5:4:300,sway,orbital=0.4:25,speed=0.25:90,receiver=0.8:0.05:15:1.5:0.08,"
             "compass=1:4:-3:1.5:0.5:3:1,kt=0.8:1.3,delay=0.5"
         ),
@@ -125,7 +124,7 @@ TABLE: tuple[Scenario, ...] = (
         3.0,
         0.0,
         0.1,
-        extras=extras_table.parse(
+        disturbances=disturbance_options.parse(
             "yaw=0.4,waves=2:0.3,bias=8:900,speed=0.1:30,leeway=5,orbital=0.07:60:0.15,receiver=0.2:0:10:4:0.005"
         ),
     ),
@@ -138,7 +137,7 @@ TABLE: tuple[Scenario, ...] = (
         3.0,
         0.0,
         0.15,
-        extras=extras_table.parse(
+        disturbances=disturbance_options.parse(
             "yaw=2,waves=2.5:0.18,bias=10:1500,speed=0.2:30,leeway=-15,orbital=0.14:60:0.15,receiver=0.2:0:10:8:0.005"
         ),
     ),
@@ -151,7 +150,7 @@ TABLE: tuple[Scenario, ...] = (
         3.0,
         0.0,
         0.2,
-        extras=extras_table.parse(
+        disturbances=disturbance_options.parse(
             "yaw=6,waves=3.2:0.25,bias=12:3000,speed=0.3:30,leeway=25,orbital=0.42:60:0.15,receiver=0.2:0:10:12:0.005"
         ),
     ),
@@ -163,34 +162,38 @@ def named(name: str) -> Scenario:
     for row in TABLE:
         if row.name == name:
             return row
-    raise UnknownScenarioError(f"no scenario {name!r}; there are: {', '.join(row.name for row in TABLE)}")
+    raise UnknownScenarioError(f"unknown scenario {name!r}; use one of {', '.join(row.name for row in TABLE)}")
 
 
-def with_extras(scenario: Scenario, text: str) -> Scenario:
-    """Return a sea with options over its own, or raise ExtrasError."""
-    extras = extras_table.parse(text, scenario.extras)
-    if extras.orbital is not None and extras.orbital.velocity_m_s > 0.0 and not scenario.wave_period_s > 0.0:
-        raise extras_table.ExtrasError(f"option orbital: {scenario.name} has no waves")
-    if extras.own_waves is not None and not scenario.wave_yaw_deg > 0.0:
-        raise extras_table.ExtrasError(f"option waves: {scenario.name} has no wave yaw")
-    return replace(scenario, extras=extras)
+def with_disturbances(scenario: Scenario, text: str) -> Scenario:
+    """Return the scenario with options that replace its own, or raise DisturbanceError."""
+    disturbances = disturbance_options.parse(text, scenario.disturbances)
+    if (
+        disturbances.orbital is not None
+        and disturbances.orbital.velocity_m_s > 0.0
+        and not scenario.wave_period_s > 0.0
+    ):
+        raise disturbance_options.DisturbanceError(f"option orbital: scenario {scenario.name} has no waves")
+    if disturbances.own_waves is not None and not scenario.wave_yaw_deg > 0.0:
+        raise disturbance_options.DisturbanceError(f"option waves: scenario {scenario.name} has no wave yaw")
+    return replace(scenario, disturbances=disturbances)
 
 
 def sea_of(text: str) -> Scenario:
-    """Return the sea of "swell" or "swell+float=0.3:0.6,leeway=8"; UnknownScenarioError or ExtrasError."""
+    """Return the scenario of "swell" or "swell+float=0.3:0.6,leeway=8"; UnknownScenarioError or DisturbanceError."""
     name, plus, options = text.partition("+")
-    return with_extras(named(name), options) if plus else named(name)
+    return with_disturbances(named(name), options) if plus else named(name)
 
 
 def rows_of(sea: Scenario) -> list[tuple[str, str]]:
-    """Return what a sea is, in words, for a report."""
+    """Return the description of a scenario, for a report."""
     return [
         ("speed through the water", f"{sea.speed_m_s:g} m/s"),
         ("wave period", f"{sea.wave_period_s:g} s" if sea.wave_period_s else "no waves"),
         ("wave yaw, standard deviation", f"{sea.wave_yaw_deg:g} deg"),
-        ("rudder angle at which she runs straight", f"{sea.bias_deg:g} deg, wandering by {sea.drift_deg:g} deg"),
+        ("rudder bias", f"{sea.bias_deg:g} deg, varying by {sea.drift_deg:g} deg (standard deviation)"),
         ("current", _current(sea)),
-        *extras_table.rows_of(sea.extras),
+        *disturbance_options.rows_of(sea.disturbances),
     ]
 
 
@@ -198,4 +201,4 @@ def _current(sea: Scenario) -> str:
     if not sea.current_m_s:
         return "none"
     steady = f"{sea.current_m_s:g} m/s toward {sea.current_toward_deg:g} deg"
-    return f"{steady}, turning with a tide of {sea.tide_s / 3600.0:g} h" if sea.tide_s else steady
+    return f"{steady}, turning with a tidal period of {sea.tide_s / 3600.0:g} h" if sea.tide_s else steady

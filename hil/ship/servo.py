@@ -11,12 +11,11 @@ DEFAULT_STOP_RAD = 45.0 * RADIANS_PER_DEGREE
 
 
 class ServoShaft:
-    """A shaft that runs to its target at constant speed and stands there.
+    """A shaft that moves to its target at constant speed and stops there.
 
-    Between two events (a target, torque, a jam, `advance`) the motion is exact:
-    advancing in one step or in a thousand gives the same angle. Events happen at
-    the time of the last `advance`, so the world advances the shaft before it lets
-    an emulator speak to it. Positive angles are to starboard.
+    Between two events (a target, torque, a jam, `advance`) the motion is exact: one step and a thousand give the same
+    angle. Events happen at the time of the last `advance`, so the world advances the shaft before an emulator uses
+    it. Positive angles are to starboard.
     """
 
     def __init__(
@@ -45,11 +44,11 @@ class ServoShaft:
         self._jammed = False
 
     def angle_rad(self) -> float:
-        """The true angle at the time of the last advance."""
+        """Return the true angle at the time of the last advance."""
         return self._angle_rad
 
     def rate_rad_s(self) -> float:
-        """How fast the shaft turns right after the last advance."""
+        """Return the shaft's rate right after the last advance."""
         if not self._free_to_move() or self._angle_rad == self._target_rad:
             return 0.0
         return math.copysign(self._slew_rad_s, self._target_rad - self._angle_rad)
@@ -70,35 +69,35 @@ class ServoShaft:
             self._begin_leg()
 
     def jam(self, angle_rad: float | None = None) -> None:
-        """Hold the shaft where it is, or at an angle, whatever the motor does."""
+        """Block the shaft where it is, or at an angle, whatever the motor does."""
         if angle_rad is not None and math.isfinite(angle_rad):
             self._angle_rad = clamp(angle_rad, self._low_rad, self._high_rad)
         self._jammed = True
         self._begin_leg()
 
     def free(self) -> None:
-        """End a jam; the motor, when engaged, goes on to its target."""
+        """End a jam; the motor, when engaged, moves on to its target."""
         self._jammed = False
         self._begin_leg()
 
     def advance(self, now_s: float) -> None:
-        """Bring the shaft to now_s; an earlier time changes nothing."""
+        """Advance the shaft to now_s; an earlier time changes nothing."""
         if not now_s > self._now_s:
             return
         self._now_s = now_s
         if not self._free_to_move():
             return
-        way_rad = self._target_rad - self._start_rad
-        reach_rad = self._slew_rad_s * (now_s - self._start_s)
-        if reach_rad >= abs(way_rad):
+        distance_rad = self._target_rad - self._start_rad
+        travelled_rad = self._slew_rad_s * (now_s - self._start_s)
+        if travelled_rad >= abs(distance_rad):
             self._angle_rad = self._target_rad
         else:
-            self._angle_rad = self._start_rad + math.copysign(reach_rad, way_rad)
+            self._angle_rad = self._start_rad + math.copysign(travelled_rad, distance_rad)
 
     def _free_to_move(self) -> bool:
         return self._torque and not self._jammed
 
     def _begin_leg(self) -> None:
-        """Count the motion from here: one product per leg, so that the steps taken in between cannot add up errors."""
+        """Start the motion from here: one product for each leg, so that errors of intermediate steps do not add up."""
         self._start_rad = self._angle_rad
         self._start_s = self._now_s

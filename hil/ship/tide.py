@@ -1,4 +1,4 @@
-"""The current over the ground: steady, running to and fro, or turning round with the tide."""
+"""The current over the ground: steady, or an ellipse with the tide."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ M2_S = 44_712.0  # the principal lunar tide: 12.42 h
 
 
 class Tide:
-    """A current of `speed_m_s` that sets toward an angle at time 0.
+    """A current of `speed_m_s` that flows toward an angle at time 0.
 
-    With a period it follows an ellipse: `rotary` is its lesser half axis by the greater one,
-    0 for a stream that runs to and fro, 1 for one that turns clockwise at full strength, negative for anticlockwise.
+    With a period it follows an ellipse: `rotary` is the ratio of its minor to its major axis, 0 for a current that
+    reverses, 1 for one that turns clockwise at constant speed, negative for anticlockwise.
     """
 
     def __init__(self, speed_m_s: float, toward_rad: float, period_s: float = 0.0, rotary: float = 0.0) -> None:
@@ -24,7 +24,7 @@ class Tide:
         self._rotary = rotary
 
     def velocity_m_s(self, t_s: float) -> tuple[float, float]:
-        """Return where the water goes, north and east."""
+        """Return the velocity of the water, north and east."""
         if self._period_s <= 0.0:
             return self._north_m_s, self._east_m_s
         phase_rad = TWO_PI * math.fmod(t_s, self._period_s) / self._period_s

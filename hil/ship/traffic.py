@@ -1,7 +1,7 @@
-"""Other ships: where each is at any moment, on a straight line, and the scenes that a boat can be put into.
+"""Other ships: the position of each over time, on a straight track, and the traffic patterns for tests.
 
-A scene is laid for a boat that steers north from the start at the speed of the sea; the times are those of its run.
-What is drawn is drawn from the seed.
+A pattern is placed for a boat that steers north from the start at the scenario's speed; times are those of the run.
+Random values are drawn from the seed.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from numpy.typing import NDArray
 from hil.ship.noise import Stream, generator
 
 OWN_MMSI = 235_000_007  # of the boat's own transponder
-MEETING_S = 1800.0  # when the ship of a scene is nearest
+MEETING_S = 1800.0  # time of the closest approach of a pattern's ship
 FLOOD = 10_000
-MOST_TOLD = 10  # ships, of how near they came
+MAX_REPORTED = 10  # ships in the list of closest approaches
 
 Array = NDArray[np.float64]
 
 
-Station = Literal["A", "B", "mark"]  # what a ship sends with: its class, or it is an aid to navigation
-# What is wrong with what it sends: every other report is of 20 nautical miles away; numbers that cannot be.
+Station = Literal["A", "B", "mark"]  # AIS class of a ship, or an aid to navigation
+# Invalid AIS data: every other position is 20 nautical miles away; impossible numbers.
 Trick = Literal["", "leaps", "absurd"]
 
 
 @dataclass(frozen=True, slots=True)
 class Ship:
-    """A ship that holds course and speed from (north_m, east_m) at 0 s; metres from the boat's start."""
+    """A ship with constant course and speed from (north_m, east_m) at 0 s; metres from the boat's start."""
 
     mmsi: int
     name: str
@@ -44,24 +44,24 @@ class Ship:
     trick: Trick = ""
 
     def position_m(self, t_s: float) -> tuple[float, float]:
-        """Return where it is, north and east of the boat's start."""
+        """Return the position north and east of the boat's start."""
         course_rad = math.radians(self.course_deg)
         way_m = self.speed_m_s * t_s
         return self.north_m + way_m * math.cos(course_rad), self.east_m + way_m * math.sin(course_rad)
 
 
 class Named(Protocol):
-    """What asks for a scene, by its name."""
+    """An object that names a traffic pattern."""
 
     @property
     def scene(self) -> str:
-        """One of SCENES."""
+        """One of PATTERNS."""
 
 
 def meeting(ship: Ship, speed_m_s: float, at_s: float, miss_m: float) -> Ship:
-    """Lay the ship's line so that it passes miss_m to starboard of the boat's place, if she goes on north, at a time.
+    """Return the ship on a track that passes the boat, if that steers north, at at_s and a distance of miss_m.
 
-    To starboard of its own course; what then is nearest is nearest within some seconds of that time.
+    The distance is to starboard of the ship's course. The closest approach is within some seconds of at_s.
     """
     course_rad = math.radians(ship.course_deg)
     way_m = ship.speed_m_s * at_s
@@ -70,7 +70,7 @@ def meeting(ship: Ship, speed_m_s: float, at_s: float, miss_m: float) -> Ship:
     return replace(ship, north_m=north_m, east_m=east_m)
 
 
-Scene = Callable[[float, np.random.Generator], tuple[Ship, ...]]
+Pattern = Callable[[float, np.random.Generator], tuple[Ship, ...]]
 
 
 def crossing(speed_m_s: float, _rng: np.random.Generator) -> tuple[Ship, ...]:
@@ -85,13 +85,13 @@ def head_on(speed_m_s: float, _rng: np.random.Generator) -> tuple[Ship, ...]:
 
 
 def overtaking(speed_m_s: float, _rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A yacht of class B that comes up from astern."""
+    """A yacht of class B that overtakes the boat."""
     yacht = Ship(211_000_003, "OVERTAKER", 0.0, 0.0, 3.5, 3.0, "B")
     return (meeting(yacht, speed_m_s, MEETING_S, 30.0),)
 
 
 def anchored(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A fleet at anchor about her way, one of it on it, and a buoy."""
+    """A fleet at anchor around the boat's track, one ship of it on the track, and a buoy."""
     ships = []
     for number in range(12):
         ahead_m = speed_m_s * MEETING_S * (0.5 + number / 8.0)
@@ -105,7 +105,7 @@ def anchored(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
 
 
 def spoofed(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A real crossing ship among ghosts, one that leaps, and one that sends the boat's own number."""
+    """A real crossing ship among ghosts, one that jumps, and one with the boat's own MMSI."""
     ghosts = []
     for number in range(30):
         mmsi = int(rng.integers(200_000_000, 775_000_000))
@@ -113,21 +113,21 @@ def spoofed(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
         speed, course_deg = float(rng.uniform(0.0, 20.0)), float(rng.uniform(0.0, 360.0))
         ghosts.append(Ship(mmsi, f"GHOST {number + 1}", north_m, east_m, speed, course_deg))
     leaping = Ship(211_000_005, "LEAPER", 9000.0, 9000.0, 5.0, 200.0, trick="leaps")
-    double = Ship(OWN_MMSI, "DOUBLE", 300.0, 0.0, 0.4, 180.0, "B")
-    return (*crossing(speed_m_s, rng), *ghosts, leaping, double)
+    duplicate = Ship(OWN_MMSI, "DOUBLE", 300.0, 0.0, 0.4, 180.0, "B")
+    return (*crossing(speed_m_s, rng), *ghosts, leaping, duplicate)
 
 
 def absurd(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A real crossing ship, and stations that send what cannot be."""
-    liars = tuple(
+    """A real crossing ship, and stations that send impossible numbers."""
+    stations = tuple(
         Ship(211_000_200 + number, f"ABSURD {number + 1}", 500.0, 100.0 * number, 5.0, 180.0, trick="absurd")
         for number in range(6)
     )
-    return (*crossing(speed_m_s, rng), *liars)
+    return (*crossing(speed_m_s, rng), *stations)
 
 
 def flood(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A real crossing ship among ten thousand that are far off; the channels are full."""
+    """A real crossing ship among ten thousand distant ones, which fill the AIS channels."""
     angles, ranges = rng.uniform(0.0, 2.0 * math.pi, FLOOD), rng.uniform(15_000.0, 35_000.0, FLOOD)
     courses, speeds = rng.uniform(0.0, 360.0, FLOOD), rng.uniform(0.0, 10.0, FLOOD)
     far = tuple(
@@ -145,7 +145,7 @@ def flood(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
 
 
 def encounter(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """One ship drawn: any course, 2 to 10 m/s, of either class, that would pass within 400 m."""
+    """One random ship: any course, 2 to 10 m/s, of either class, that would pass within 400 m."""
     ship = Ship(
         211_000_009,
         "RANDOM",
@@ -158,7 +158,7 @@ def encounter(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
     return (meeting(ship, speed_m_s, MEETING_S, float(rng.uniform(-400.0, 400.0))),)
 
 
-SCENES: Mapping[str, Scene] = {
+PATTERNS: Mapping[str, Pattern] = {
     "crossing": crossing,
     "head-on": head_on,
     "overtaking": overtaking,
@@ -170,32 +170,32 @@ SCENES: Mapping[str, Scene] = {
 }
 
 
-def ships_of(asked: Named | None, speed_m_s: float, seed: int) -> tuple[Ship, ...]:
-    """Return the ships of a scene for a boat of this speed; none where none is asked for."""
-    return () if asked is None else SCENES[asked.scene](speed_m_s, generator(seed, Stream.SHIPS))
+def ships_of(named: Named | None, speed_m_s: float, seed: int) -> tuple[Ship, ...]:
+    """Return the ships of a traffic pattern for a boat of this speed; none without a pattern."""
+    return () if named is None else PATTERNS[named.scene](speed_m_s, generator(seed, Stream.SHIPS))
 
 
 class Closest:
-    """How near each ship has come to a boat whose track is given piece by piece."""
+    """The closest approach of each ship to the boat, over pieces of the boat's track."""
 
     def __init__(self, ships: tuple[Ship, ...]) -> None:
-        """Start with nobody near."""
+        """Start without an approach."""
         self._ships = ships
-        self._found = [(math.inf, 0.0)] * len(ships)
+        self._closest = [(math.inf, 0.0)] * len(ships)
 
     def add(self, t_s: Array, north_m: Array, east_m: Array) -> None:
-        """Take a piece of the track."""
+        """Add a piece of the track."""
         for number, ship in enumerate(self._ships):
             course_rad, way_m = math.radians(ship.course_deg), ship.speed_m_s * t_s
             off_north_m = ship.north_m + way_m * math.cos(course_rad) - north_m
             off_east_m = ship.east_m + way_m * math.sin(course_rad) - east_m
             distance_m = np.hypot(off_north_m, off_east_m)
             at = int(distance_m.argmin())
-            self._found[number] = min(self._found[number], (float(distance_m[at]), float(t_s[at])))
+            self._closest[number] = min(self._closest[number], (float(distance_m[at]), float(t_s[at])))
 
     def figures(self) -> list[dict[str, float | str]]:
-        """Return the ships that came nearest, the nearest first."""
-        nearest = sorted(zip(self._found, self._ships, strict=True), key=lambda pair: pair[0])[:MOST_TOLD]
+        """Return the ships with the closest approaches, the closest first."""
+        nearest = sorted(zip(self._closest, self._ships, strict=True), key=lambda pair: pair[0])[:MAX_REPORTED]
         return [
             {"name": ship.name, "mmsi": ship.mmsi, "closest_m": distance_m, "at_s": at_s}
             for (distance_m, at_s), ship in nearest

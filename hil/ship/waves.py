@@ -1,10 +1,10 @@
-"""What waves do to the hull, in yaw or to and fro: a narrow-band second-order process.
+"""Wave-frequency motion of the hull, in yaw or along the waves: a narrow-band second-order process.
 
     d2psi/dt2 + 2 zeta omega dpsi/dt + omega^2 psi = white noise
 
-It is added to what the compass sees; no rudder can touch it. It is advanced with its
-exact discretisation, so its spread and its spectrum do not depend on the grid step. The
-period is that of the peak of the spectrum, which damping moves below omega.
+It is added to the heading of the compass; the rudder has no effect on it. Its discretisation is exact, so spread and
+spectrum do not depend on the grid step. The period is that of the peak of the spectrum, which damping moves below
+omega.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ DAMPING = 0.1
 
 
 class WaveYaw:
-    """Wave-frequency yaw on a fixed grid, read anywhere within the present grid step.
+    """Wave-frequency yaw on a fixed grid, readable at any time within the present grid step.
 
     Between the two ends of a step the angle is the cubic through both angles and rates.
     """
@@ -44,7 +44,7 @@ class WaveYaw:
         self._end = self._next(self._start)
 
     def step(self) -> None:
-        """Move on to the next grid step."""
+        """Advance one grid step."""
         if not self._calm:
             self._start, self._end = self._end, self._next(self._end)
 
@@ -81,7 +81,7 @@ Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 
 def natural_frequency(peak_period_s: float, damping: float) -> float:
-    """Return omega [rad/s] of a process whose spectrum peaks at omega sqrt(1 - 2 zeta^2), the given period."""
+    """Return omega [rad/s] for the period of the spectral peak, which is at omega sqrt(1 - 2 zeta^2)."""
     return 2.0 * math.pi / peak_period_s / math.sqrt(1.0 - 2.0 * damping**2)
 
 
@@ -90,8 +90,7 @@ def discretised(
 ) -> tuple[Matrix, tuple[float, float, float]]:
     """Return the transition matrix of a step and the lower Cholesky factor of its noise.
 
-    The stationary covariance is P = diag(spreads^2); the noise that keeps it so is
-    P - A P A'.
+    The stationary covariance is P = diag(spreads^2); the noise that keeps it is P - A P A'.
     """
     damped_rad_s = omega_rad_s * math.sqrt(1.0 - damping**2)
     decay = math.exp(-damping * omega_rad_s * step_s)

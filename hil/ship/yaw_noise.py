@@ -1,10 +1,10 @@
-"""White disturbance of the yaw acceleration, by which the heading diffuses.
+"""White noise of the yaw acceleration, which makes the heading diffuse.
 
     T dr/dt + r + alpha r^3 = K (delta - delta_0) + sqrt(D) dB/dt
 
-B is a Wiener process and D the diffusion of the heading [deg^2/s]: after a time t that is long against T, the
-heading of a boat with a fixed rudder has the variance D t. On the grid of time it is a jump of the yaw rate at the end
-of each step, sqrt(D h) / T times a standard normal number.
+B is a Wiener process and D the diffusion of the heading [deg^2/s]: over a time t much longer than T, the heading of a
+boat with a fixed rudder has the variance D t. On the grid it is a jump of the yaw rate at the end of each step,
+sqrt(D h) / T times a standard normal number.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 from firmware_py.common.angles import radians
 from hil.ship.noise import NormalNumbers
 
-RATE_SIGMAS = 6.0  # beyond which the yaw rate practically never goes; the steps of the plant are made for it
+RATE_SIGMAS = 6.0  # practical bound of the yaw rate, for which the steps of the plant are chosen
 
 
 class YawNoise:
@@ -36,5 +36,5 @@ def jump_rad(diffusion_deg2_s: float, step_s: float) -> float:
 
 
 def largest_rate_rad_s(diffusion_deg2_s: float, turning_lag_s: float) -> float:
-    """Return the yaw rate that the disturbance alone stays below."""
+    """Return a practical bound of the yaw rate that the noise alone causes."""
     return RATE_SIGMAS * radians(math.sqrt(diffusion_deg2_s / (2.0 * turning_lag_s)))

@@ -20,7 +20,7 @@ from hil.devices.vedirect import Kind as PowerKind
 from hil.devices.vedirect import VeDirectEmulator
 from hil.devices.volz import VolzEmulator
 from hil.errors import UsageError
-from hil.ship.extras import Supply, Vessels
+from hil.ship.disturbances import Supply, Vessels
 from hil.ship.noise import Stream, generator
 from hil.ship.power_plant import Place, PowerPlant
 from hil.ship.traffic import OWN_MMSI
@@ -99,7 +99,7 @@ def _volz(context: DeviceContext) -> Device:
 
 def _gps(context: DeviceContext) -> Device:
     bought: dict[str, Any] = {}
-    if (receiver := context.world.extras.receiver) is not None:
+    if (receiver := context.world.disturbances.receiver) is not None:
         bought = {
             "velocity_noise_m_s": receiver.noise_m_s,
             "latency_s": receiver.latency_s,
@@ -175,7 +175,7 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
 
 def _power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str, Device]:
     """Build what measures the supply: a charger with all loads on it, and a monitor besides where there are two."""
-    supply = world.extras.supply
+    supply = world.disturbances.supply
     entries = {"power": vehicle.power, "power_b": vehicle.power_b}
     named = [name for name, entry in entries.items() if entry is not None]
     if supply is None and not named:
@@ -198,7 +198,7 @@ def _power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str
 
 def _ais(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
     """Build the transponder of a boat that has one, or is among other ships."""
-    vessels = world.extras.vessels
+    vessels = world.disturbances.vessels
     if vessels is None and vehicle.ais is None:
         return {}
     asked = vessels or Vessels()

@@ -28,7 +28,7 @@ PATIENCE_S = 60.0
 READY_PATIENCE_S = 10.0  # then the boat is armed all the same, so that its refusal is told
 READY_S = 0.2  # between questions
 TEXTS_KEPT = 4096
-LONGEST_TEXT = 200
+MAX_TEXT_LENGTH = 200
 
 
 @dataclass(slots=True)
@@ -217,7 +217,7 @@ class GroundStation:
         text = message.text
         if message.chunk_seq and message.id == self._text_id and self.texts:
             # The rest of a long text: the protocol cuts it after every 50 characters.
-            text = (self.texts.pop()[2] + text)[:LONGEST_TEXT]
+            text = (self.texts.pop()[2] + text)[:MAX_TEXT_LENGTH]
         self._text_id = message.id
         self.texts.append((now_s, message.severity, text))
 

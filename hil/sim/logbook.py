@@ -13,7 +13,7 @@ from pathlib import Path
 
 from firmware_py.vehicle import Vehicle
 from hil.errors import HilError, UsageError
-from hil.ship import extras_table
+from hil.ship import disturbance_options
 from hil.ship.scenarios import Scenario, rows_of
 from hil.sim import run_file
 from hil.sim.goals import Goal
@@ -128,13 +128,13 @@ def _world(options: RunOptions, truth: TruthFile, start_utc_s: float) -> World:
 
 def _record(options: RunOptions, start_utc_s: float) -> RunFile:
     scenario, vehicle = options.scenario, options.vehicle
-    names = extras_table.names_of(scenario.extras)
+    names = disturbance_options.names_of(scenario.disturbances)
     return RunFile(
         command=("rambler-hil", *sys.argv[1:]),
         begun=run_file.now_text(),
         title=f"{scenario.name}: {scenario.text}" + (f"; {', '.join(names)}" if names else ""),
         scenario=scenario.name,
-        extras=extras_table.text_of(scenario.extras),
+        extras=disturbance_options.text_of(scenario.disturbances),
         sea=tuple(rows_of(scenario)),
         seed=options.seed,
         seconds=options.seconds,

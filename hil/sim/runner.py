@@ -15,7 +15,7 @@ from hil.devices.emulator import Emulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.vedirect import VeDirectEmulator
 from hil.errors import HilError
-from hil.ship import extras_table
+from hil.ship import disturbance_options
 from hil.ship.noise import Stream, generator
 from hil.ship.power_plant import PowerPlant
 from hil.ship.power_plant import figures as power_figures
@@ -152,8 +152,8 @@ class _Run:
     def _banner(self) -> Banner:
         options = self._options
         compass, servo = options.vehicle.compass.driver, options.vehicle.rudder.driver
-        extras = extras_table.text_of(options.scenario.extras)
-        sea = f"{options.scenario.name} with {extras}" if extras else options.scenario.name
+        options_text = disturbance_options.text_of(options.scenario.disturbances)
+        sea = f"{options.scenario.name} with {options_text}" if options_text else options.scenario.name
         title = f"rambler-hil run {sea}: compass {compass}, servo {servo}, seed {options.seed}"
         return Banner(title, options.seconds, options.links, options.lockstep)
 

@@ -66,7 +66,7 @@ class CommandedShaft:
 
 def columns_beside(scenario: Scenario) -> tuple[str, ...]:
     """Return the columns that rows of this sea have behind the contract's."""
-    return () if scenario.extras.float_body is None else (FLOAT_COLUMN,)
+    return () if scenario.disturbances.float_body is None else (FLOAT_COLUMN,)
 
 
 class World:
@@ -102,7 +102,10 @@ class World:
         self._two_bodies = bool(columns_beside(scenario))
         self.rudder_grip = 1.0  # how much of the rudder angle turns the boat: 0 when its blade is gone
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
-        self.extras, self.ships = scenario.extras, traffic.ships_of(scenario.extras.vessels, scenario.speed_m_s, seed)
+        self.disturbances, self.ships = (
+            scenario.disturbances,
+            traffic.ships_of(scenario.disturbances.vessels, scenario.speed_m_s, seed),
+        )
         self._hull = Hull(scenario, model, seed)
         self._start_utc_s = start_utc_s
         self._goals = list(reversed(goals))
@@ -133,9 +136,9 @@ class World:
         self._now_s = t_s
         self._offset_s = min(max(t_s - self._step / STEPS_PER_SECOND, 0.0), GRID_S)
 
-    def knock(self, turned_rad: float) -> None:
+    def add_heading(self, turned_rad: float) -> None:
         """Turn the hull at once, as a part of what a breaking sea does."""
-        self._hull.knock(turned_rad)
+        self._hull.add_heading(turned_rad)
 
     def rudder_rad(self) -> float:
         """The true angle of the rudder now."""
@@ -153,7 +156,7 @@ class World:
 
     def heading_rad(self) -> float:
         """Heading that the sea's compass in its mounting shows now, its noise and resolution apart."""
-        return self._hull.shown_heading_rad(self._offset_s) - self._mounting.compass_offset_rad
+        return self._hull.compass_heading_rad(self._offset_s) - self._mounting.compass_offset_rad
 
     def yaw_rate_rad_s(self) -> float:
         """Rate of turn now, the yaw of the waves included."""

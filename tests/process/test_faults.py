@@ -13,8 +13,8 @@ from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.faults.table import TABLE, Fault
-from hil.ship.extras import Supply
-from hil.ship.scenarios import with_extras
+from hil.ship.disturbances import Supply
+from hil.ship.scenarios import with_disturbances
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 LOITER, AUTO, GUIDED = 5, 10, 15
@@ -326,7 +326,7 @@ DRILLS = (
     Drill(Fault.KEY_LOST, key_lost, 5.0, told_with_its_cause, key_removed, 3.0, stands_s=1.0),
     Drill(
         Fault.HELM_OSCILLATES, nothing, 300.0, alert_only, nothing, 400.0, stands_s=1.0,
-        options={"goals": TURN, "change": lambda scenario: with_extras(scenario, "kt=1:3,delay=8")},
+        options={"goals": TURN, "change": lambda scenario: with_disturbances(scenario, "kt=1:3,delay=8")},
     ),
     Drill(
         Fault.CURRENT_STRONG, lambda bench: bench.order(SET_MODE, 1.0, float(LOITER)), 1800.0, points_into_it,

@@ -10,7 +10,7 @@ from hil.errors import UsageError
 from hil.lab.campaign.campaign import read_spec
 from hil.lab.campaign.row import rows
 from hil.lab.campaign.spec import KEYS, SpecError
-from hil.ship.extras_table import BY_NAME
+from hil.ship.disturbance_options import BY_NAME
 from support.campaign import COMPILED, read
 from support.paths import ROOT
 

@@ -52,7 +52,7 @@ from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.state_directory import LOG_DIRECTORY, KeyVault
 from firmware_py.system.store import Store
 from hil.devices.vedirect import Kind, VeDirectEmulator
-from hil.ship.extras import Supply
+from hil.ship.disturbances import Supply
 from hil.ship.power_plant import Place, PowerPlant
 from support.line import FakeLine
 from support.plans import START_RAD, placed

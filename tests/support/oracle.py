@@ -165,7 +165,7 @@ def processes(scenario, ship):
     for place, sign in ((DRIFT, -1.0), (MEAN, -1.0), (rudder, 1.0)):
         f[RATE, place] = sign * ship.turning_ability_1_s / ship.turning_lag_s
     f[DRIFT, DRIFT] = -1.0 / TIME_CONSTANT_S
-    if body := scenario.extras.float_body:
+    if body := scenario.disturbances.float_body:
         square = body.own_frequency_rad_s**2
         f[FLOAT, FLOAT_RATE], f[FLOAT_RATE, HEADING], f[FLOAT_RATE, FLOAT] = 1.0, square, -square
         f[FLOAT_RATE, FLOAT_RATE] = -2.0 * body.damping * body.own_frequency_rad_s
@@ -186,11 +186,11 @@ def told_of(scenario, learns, *, knows_drift, wanders=False):
 
     `wanders`: it does not know that they are constants.
     """
-    ship, extras = OCEAN_RAMBLER.at_speed(scenario.speed_m_s), scenario.extras
+    ship, disturbances = OCEAN_RAMBLER.at_speed(scenario.speed_m_s), scenario.disturbances
     transition, by_rudder, noise, omega_rad_s = processes(scenario, ship)
     truth, spreads, toward_rad = np.zeros(STATES), np.zeros(STATES), radians(scenario.current_toward_deg)
     truth[[MEAN, SPEED]] = radians(scenario.bias_deg), scenario.speed_m_s
-    truth[LEEWAY] = radians(extras.leeway.body_deg) if extras.leeway else 0.0
+    truth[LEEWAY] = radians(disturbances.leeway.body_deg) if disturbances.leeway else 0.0
     truth[NORTH], truth[EAST] = (scenario.current_m_s * part(toward_rad) for part in (math.cos, math.sin))
     first, wave_rad = truth.copy(), radians(scenario.wave_yaw_deg)
     for place in learns:
@@ -204,7 +204,7 @@ def told_of(scenario, learns, *, knows_drift, wanders=False):
             noise[place, place] += WANDERING[place] * STEP_S
     if knows_drift:
         noise[: DRIFT + 1] = noise[:, : DRIFT + 1] = covariance[DRIFT, DRIFT] = 0.0
-    body, follow = extras.float_body, ((0.0, 0.0), (0.0, 0.0))
+    body, follow = disturbances.float_body, ((0.0, 0.0), (0.0, 0.0))
     if body is not None:
         follow = float_transition(body.own_frequency_rad_s, body.damping, GRID_S)
     numbers = (ship.turning_ability_1_s, ship.turning_lag_s, ship.norrbin_s2)

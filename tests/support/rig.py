@@ -24,8 +24,8 @@ from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.devices.nmea_gps import Gaps
+from hil.ship.disturbances import NO_DISTURBANCES, Receiver
 from hil.ship.drift import RudderDrift
-from hil.ship.extras import NONE, Receiver
 from hil.ship.gusts import Gusts
 from hil.ship.hull import Hull
 from hil.ship.kt_plant import KtPlant
@@ -50,7 +50,7 @@ class TickHull:
     """hil.ship.hull.Hull on a grid of one tick, of the same parts; test_rig.py holds the two together."""
 
     def __init__(self, scenario, seed):
-        assert scenario.extras == NONE, "the extras of a sea are FineHull's"
+        assert scenario.disturbances == NO_DISTURBANCES, "the disturbances of a sea are FineHull's"
         scaled = OCEAN_RAMBLER.at_speed(scenario.speed_m_s)
         bias_rad = scaled.rudder_offset_rad + radians(scenario.bias_deg)
         self.plant = KtPlant(scaled._replace(rudder_offset_rad=bias_rad), STEP_S)
@@ -83,7 +83,7 @@ class TickHull:
     def heading_rad(self, offset_s):
         return self.plant.heading_rad + self.waves.angle_rad(offset_s)
 
-    def shown_heading_rad(self, offset_s):
+    def compass_heading_rad(self, offset_s):
         return self.heading_rad(offset_s)
 
     def velocity_m_s(self, _offset_s):
@@ -100,7 +100,7 @@ class TickHull:
 
 
 class FineHull(Hull):
-    """The hull itself with all extras, five steps of its grid at a time; the rudder moves evenly in between."""
+    """The hull itself with all disturbances, five steps of its grid at a time; the rudder moves evenly in between."""
 
     def __init__(self, scenario, seed):
         super().__init__(scenario, OCEAN_RAMBLER, seed)
@@ -129,7 +129,7 @@ class Sailing:
         self.rudder_rad = self.target_rad = 0.0
         self.fix_error_m = self.rng.normal(0.0, FIX_NOISE_M, 2)
         self.fix_every = 10  # ticks
-        self.receiver = scenario.extras.receiver or AT_ONCE
+        self.receiver = scenario.disturbances.receiver or AT_ONCE
         self.gaps = Gaps(self.receiver.lost, self.receiver.gap_s, generator(seed, Stream.GAPS))
         self.velocity_m_s = None
         self.late = [()] * round(self.receiver.latency_s / STEP_S)
@@ -151,7 +151,7 @@ class Sailing:
 
     def tick(self, *intents):
         t_s = self.t_s
-        heading_rad = float(self.hull.shown_heading_rad(0.0) + self.noise_rad * self.numbers.draw())
+        heading_rad = float(self.hull.compass_heading_rad(0.0) + self.noise_rad * self.numbers.draw())
         heading_rad = round(heading_rad / self.resolution_rad) * self.resolution_rad % TWO_PI
         shaft_rad = round(self.rudder_rad / COUNT_RAD) * COUNT_RAD
         inputs = Inputs(

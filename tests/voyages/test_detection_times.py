@@ -81,8 +81,8 @@ class StickingHull(rig.FineHull):
 
     held_rad = math.nan
 
-    def shown_heading_rad(self, offset_s):
-        return super().shown_heading_rad(offset_s) if math.isnan(self.held_rad) else self.held_rad
+    def compass_heading_rad(self, offset_s):
+        return super().compass_heading_rad(offset_s) if math.isnan(self.held_rad) else self.held_rad
 
 
 def stuck(sea, seed, *, turning):
@@ -92,7 +92,7 @@ def stuck(sea, seed, *, turning):
     if turning:
         boat.tick(SteerHeading(turn_of(random.Random(1000 + seed))))
         boat.run(5.0)
-    boat.hull.held_rad, boat.noise_rad, since_s = boat.hull.shown_heading_rad(0.0), 0.0, boat.t_s
+    boat.hull.held_rad, boat.noise_rad, since_s = boat.hull.compass_heading_rad(0.0), 0.0, boat.t_s
     boat.run(2.0 * FROZEN_S, until=lambda boat: boat.snapshot.faults >> Fault.COMPASS_FROZEN & 1)
     assert boat.snapshot.faults >> Fault.COMPASS_FROZEN & 1
     return boat.t_s - since_s

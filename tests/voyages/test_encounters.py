@@ -33,7 +33,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from firmware_py.sensors.ais import MOST_REPORTS, AisOptions, AisReceiver
 from hil.devices.ais import AisEmulator
 from hil.ship.kt_plant import KtPlant
-from hil.ship.traffic import OWN_MMSI, SCENES, Ship
+from hil.ship.traffic import OWN_MMSI, PATTERNS, Ship
 from support.line import FakeLine
 from support.plans import START_RAD, item, placed
 
@@ -195,7 +195,7 @@ def attainable(ship, told_s, place_m, sector_deg):
 
 def encountered(seed):
     """Sail an encounter, stepping aside, and check what must hold in each."""
-    (ship,) = SCENES["encounter"](SPEED_M_S, np.random.default_rng(seed))
+    (ship,) = PATTERNS["encounter"](SPEED_M_S, np.random.default_rng(seed))
     boat = Boat((ship,), seed, AIS_ACT=1.0).sail()
     assert boat.snapshot.mission.state is MissionState.COMPLETE, (seed, ship, boat.events)
     assert boat.least_margin_m > 0.0, (seed, ship)
@@ -279,7 +279,7 @@ def test_beside_a_ship_at_anchor_she_keeps_her_station():
 
 
 def test_among_ghosts_leapers_and_her_own_number_the_real_ship_is_told():
-    ships = SCENES["spoofed"](SPEED_M_S, np.random.default_rng(1))
+    ships = PATTERNS["spoofed"](SPEED_M_S, np.random.default_rng(1))
     boat = Boat(ships, 1)
     while boat.t_s < 500.0:
         boat.tick()
@@ -290,7 +290,7 @@ def test_among_ghosts_leapers_and_her_own_number_the_real_ship_is_told():
 
 
 def test_absurd_stations_are_no_ships():
-    ships = SCENES["absurd"](SPEED_M_S, np.random.default_rng(1))
+    ships = PATTERNS["absurd"](SPEED_M_S, np.random.default_rng(1))
     boat = Boat(ships, 1)
     while boat.t_s < 300.0:
         boat.tick()
@@ -301,7 +301,7 @@ def test_absurd_stations_are_no_ships():
 
 def test_in_a_flood_of_ten_thousand_each_tick_has_a_bounded_piece_of_work_and_the_real_ship_is_told():
     """Work is counted, not timed: reports taken in and vessels looked through."""
-    boat = Boat(SCENES["flood"](SPEED_M_S, np.random.default_rng(1)), 1, AIS_NEAR_S=1800.0)
+    boat = Boat(PATTERNS["flood"](SPEED_M_S, np.random.default_rng(1)), 1, AIS_NEAR_S=1800.0)
     while boat.t_s < 100.0:
         boat.tick()
         assert len(boat.state.traffic.vessels) <= MOST_VESSELS

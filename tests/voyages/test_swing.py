@@ -30,7 +30,7 @@ def sailed(name, seed, hours, leg_s=LEG_S):
         error_rad = wrap_pi(goal_rad - hull.heading_low_rad(0.0))
         wanted_rad = clamp(0.8 * error_rad - 6.0 * hull.yaw_rate_low_rad_s(0.0), -radians(30.0), radians(30.0))
         rudder_rad += clamp(wanted_rad - rudder_rad, -radians(3.0), radians(3.0))
-        shown_rad = hull.shown_heading_rad(0.0) + radians(0.3) * noise.draw()
+        shown_rad = hull.compass_heading_rad(0.0) + radians(0.3) * noise.draw()
         shown_rad = round(shown_rad / RESOLUTION_RAD) * RESOLUTION_RAD % TWO_PI
         fixes = ()
         if tick % 10 == 0:
@@ -46,7 +46,7 @@ def sailed(name, seed, hours, leg_s=LEG_S):
 
 def truth_of(name):
     """Return A to E [deg] as a function of what the compass shows; the sea has them by the true heading."""
-    how = rig.sea(name).extras.compass
+    how = rig.sea(name).disturbances.compass
     true_rad = np.linspace(0.0, TWO_PI, 720, endpoint=False)
 
     def parts(heading_rad):

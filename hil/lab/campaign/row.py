@@ -15,7 +15,7 @@ from firmware_py.vehicle import Vehicle
 from hil.lab.campaign.draws import Value, blocks, shares
 from hil.lab.campaign.scores import Scores
 from hil.lab.campaign.spec import Spec
-from hil.ship import extras_table, scenarios
+from hil.ship import disturbance_options, scenarios
 from hil.ship.scenarios import Scenario
 from hil.sim.goals import Goal, parse_goals
 from hil.sim.logbook import RunOptions
@@ -104,13 +104,15 @@ def _row(spec: Spec, index: int, seed: int, values: Mapping[str, Value], drawn: 
 def _scenario(spec: Spec, values: Mapping[str, Value]) -> Scenario:
     scenario = scenarios.sea_of(str(values["scenario"]))
     if spec.options:
-        scenario = scenarios.with_extras(scenario, ",".join(_option(name, values) for name in spec.options))
+        scenario = scenarios.with_disturbances(scenario, ",".join(_option(name, values) for name in spec.options))
     return replace(scenario, speed_m_s=scenario.speed_m_s * float(values.get("ship.speed", 1.0)))
 
 
 def _option(name: str, values: Mapping[str, Value]) -> str:
     """Return an option in the syntax of `--with`, with its defaults."""
-    return extras_table.written(name, {key: values.get(f"with.{name}.{key}") for key in extras_table.numbers(name)})
+    return disturbance_options.written(
+        name, {key: values.get(f"with.{name}.{key}") for key in disturbance_options.numbers(name)}
+    )
 
 
 def _vehicle_and_settings(vehicle: Vehicle, values: Mapping[str, Value]) -> tuple[Vehicle, dict[str, float]]:

@@ -19,7 +19,7 @@ from firmware_py.vehicle import Vehicle
 from hil.errors import UsageError
 from hil.lab.campaign.draws import Draw, DrawError, Value, read_draw
 from hil.lab.campaign.scores import SCORE_NAMES
-from hil.ship import extras_table, scenarios
+from hil.ship import disturbance_options, scenarios
 from hil.sim.device_factory import COMPASSES, SERVOS
 from hil.sim.goals import GoalError, parse_goals
 from hil.sim.vehicle_file import load, standard_vehicle
@@ -209,9 +209,9 @@ class _Reader:
 
     def _option(self, name: str, content: Any) -> str:
         """Read an option: true, its first number, or a table of its numbers by name."""
-        row = extras_table.BY_NAME.get(name)
+        row = disturbance_options.BY_NAME.get(name)
         if row is None:
-            self._problem(f"with.{name[:40]}", f"unknown option; use one of {', '.join(extras_table.BY_NAME)}")
+            self._problem(f"with.{name[:40]}", f"unknown option; use one of {', '.join(disturbance_options.BY_NAME)}")
             return ""
         known = {one.name: one for one in fields(row.record)}
         named = isinstance(content, dict) and bool(content.keys() & known.keys())
@@ -220,7 +220,7 @@ class _Reader:
         for key, value in numbers.items():
             if key in known:
                 self._draw(f"with.{name}.{key}", value, _check_option(known[key]))
-        for key in extras_table.needed(row):
+        for key in disturbance_options.needed(row):
             if key not in numbers:
                 self._problem(f"with.{name}", f"{key} has no default; give a value")
         return name

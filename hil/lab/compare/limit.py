@@ -17,8 +17,8 @@ from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 
 from firmware_py.common.angles import degrees, radians
 from firmware_py.model.kt import KtModel
+from hil.ship.disturbances import NO_DISTURBANCES
 from hil.ship.drift import TIME_CONSTANT_S
-from hil.ship.extras import NONE
 from hil.ship.scenarios import Scenario
 from hil.ship.waves import DAMPING
 from hil.sim.truth import Array
@@ -39,8 +39,8 @@ class Limit:
 
 
 def known_for(scenario: Scenario) -> bool:
-    """Return whether waves, drift and a steady current are all that there is: no gusts, orbital motion, extras."""
-    return not scenario.gust_deg and not scenario.orbital_m_s and scenario.extras == NONE
+    """Return whether the scenario has no more than waves, bias variation and a steady current."""
+    return not scenario.gust_deg and not scenario.orbital_m_s and scenario.disturbances == NO_DISTURBANCES
 
 
 def limits(scenario: Scenario, model: KtModel, *, receiver: bool) -> list[Limit]:

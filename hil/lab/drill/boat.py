@@ -21,7 +21,7 @@ from hil.devices.pty_line import PtyLine
 from hil.devices.spoiled import SpoiledAttitude, SpoiledWhereabouts
 from hil.devices.vedirect import Kind, VeDirectEmulator
 from hil.errors import HilError
-from hil.ship.extras import Supply
+from hil.ship.disturbances import Supply
 from hil.ship.noise import Stream, generator
 from hil.ship.power_plant import Place, PowerPlant
 from hil.ship.scenarios import Scenario

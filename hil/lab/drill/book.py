@@ -41,7 +41,7 @@ from hil.lab.drill.injection import (
     turned_by_wave,
     waiting,
 )
-from hil.ship.scenarios import Scenario, with_extras
+from hil.ship.scenarios import Scenario, with_disturbances
 from hil.sim.ground_station import GUIDED
 
 LOITER, AUTO = 5, 10
@@ -231,7 +231,7 @@ BOOK: tuple[Drill, ...] = (
     Drill(
         "ship slower to turn than its model", "Heading oscillates", "", nothing, nothing, 300.0, 0.0, 1.0,
         moment="turning",
-        sea=lambda scenario: with_extras(scenario, "kt=1:3,delay=8"),
+        sea=lambda scenario: with_disturbances(scenario, "kt=1:3,delay=8"),
     ),
     Drill(
         "mission cleared while it is sailed", "Mission unusable", "Mission problem cleared",

@@ -40,7 +40,7 @@ def turned_by_wave(turned_rad: float, seconds: float) -> Change:
     def change(boat: DrillBoat) -> None:
         steps = round(50.0 * seconds)
         for _ in range(steps):
-            boat.world.knock(turned_rad / steps)
+            boat.world.add_heading(turned_rad / steps)
             boat.run(seconds / steps)
 
     return change

@@ -18,8 +18,8 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 from hil.lab.tune.loop_kernel import Pilot, Seas, Task
 from hil.ship import scenarios
+from hil.ship.disturbances import NO_DISTURBANCES
 from hil.ship.drift import RudderDrift
-from hil.ship.extras import NONE
 from hil.ship.kt_plant import LARGEST_STEP_S, inner_steps
 from hil.ship.noise import NormalNumbers
 from hil.ship.scenarios import Scenario
@@ -63,7 +63,7 @@ def cases_of(names: Sequence[str]) -> tuple[Case, ...]:
     """Return the cases of these scenarios; UnknownScenarioError for a name that is none."""
     seas = [scenarios.named(name) for name in names]
     for sea in seas:
-        if sea.extras != NONE:
+        if sea.disturbances != NO_DISTURBANCES:
             raise scenarios.UnknownScenarioError(f"scenario {sea.name!r} has what the tuner's model leaves out")
     calm = scenarios.named("calm")
     at_speeds = [replace(calm, name=f"calm at {speed:g} m/s", speed_m_s=speed) for speed in SPEEDS_M_S]

@@ -87,7 +87,7 @@ class Score:
 
 
 def cases_of(names: Sequence[str], seeds: Sequence[int]) -> tuple[Case, ...]:
-    """Return the cases of seas like "swell+leeway=8"; UnknownScenarioError or ExtrasError for one that is none."""
+    """Return the cases of seas like "swell+leeway=8"; UnknownScenarioError or DisturbanceError for one that is none."""
     seas = [(name, scenarios.sea_of(name)) for name in names]
     return tuple(Case(sea, name, ship, seed) for (name, sea), ship, seed in product(seas, SHIPS, seeds))
 

@@ -57,7 +57,7 @@ class LawTrials:
     """Seas of some seeds; `results` (seas, seeds, 2) are rms error [deg] and rudder travel [deg/h]."""
 
     def __init__(self, names: Sequence[str], seeds: Sequence[int], price: float = PRICE) -> None:
-        """Draw the seas and sail them as delivered; UnknownScenarioError or ExtrasError for one that is none."""
+        """Draw the seas and sail them as delivered; UnknownScenarioError or DisturbanceError for one that is none."""
         self.names, self.seeds, self.price = tuple(names), tuple(seeds), price
         self.seas = [sea_of(scenarios.sea_of(name), seed, SECONDS) for name in names for seed in seeds]
         with compiling("the closed loop"):

@@ -19,7 +19,7 @@ from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Floats, Ship
 from hil.ship import drift as drifting
 from hil.ship import gusts
 from hil.ship import wave_speed as speeds
-from hil.ship.extras import Bias, Compass, Leeway, OwnWaves, Receiver
+from hil.ship.disturbances import Bias, Compass, Leeway, OwnWaves, Receiver
 from hil.ship.float_body import transition
 from hil.ship.kt_plant import inner_steps
 from hil.ship.manoeuvring import sway_ratios
@@ -57,7 +57,7 @@ def process_of(spread: float, waves: OwnWaves, seed: int, stream: Stream, steps:
 
 def offset_of(scenario: Scenario, seed: int, steps: int) -> Part:
     """Make the rudder angle that drift and gusts add at each grid step."""
-    bias = scenario.extras.bias or Bias(scenario.drift_deg, drifting.TIME_CONSTANT_S)
+    bias = scenario.disturbances.bias or Bias(scenario.drift_deg, drifting.TIME_CONSTANT_S)
     spread_rad, keep = radians(bias.sd_deg), math.exp(-GRID_S / bias.memory_s)
 
     def push(out: Floats) -> None:
@@ -67,7 +67,7 @@ def offset_of(scenario: Scenario, seed: int, steps: int) -> Part:
         source, end = generator(seed, Stream.GUSTS), 0
         while scenario.gust_deg and end <= steps:
             begin = end + round(source.exponential(gusts.PAUSE_S) / GRID_S)
-            end = begin + max(1, round(source.uniform(gusts.SHORTEST_S, gusts.LONGEST_S) / GRID_S))
+            end = begin + max(1, round(source.uniform(gusts.MIN_LENGTH_S, gusts.MAX_LENGTH_S) / GRID_S))
             series.add_gust(begin, end, radians(scenario.gust_deg) * math.sqrt(source.exponential(1.0)), out)
 
     return Part(steps + 1, push)
@@ -75,7 +75,7 @@ def offset_of(scenario: Scenario, seed: int, steps: int) -> Part:
 
 def jumps_of(scenario: Scenario, seed: int, steps: int) -> Part:
     """Make the jump of the yaw rate at the end of each grid step, times the turning lag."""
-    if (yaw := scenario.extras.yaw) is None:
+    if (yaw := scenario.disturbances.yaw) is None:
         return NOTHING
     jump = jump_rad(yaw.diffusion_deg2_s, GRID_S)
     return Part(steps + 1, lambda out: series.wander(jump, 0.0, jump, state_of(generator(seed, Stream.YAW)), out))
@@ -83,11 +83,11 @@ def jumps_of(scenario: Scenario, seed: int, steps: int) -> Part:
 
 def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, Part]:
     """Make the shares of speed and waves at each grid step."""
-    how = scenario.extras.wave_speed
+    how = scenario.disturbances.wave_speed
     if how is None:
         return NOTHING, NOTHING
     keep = math.exp(-GRID_S / how.memory_s)
-    fade, calm_until_s = math.exp(-GRID_S / speeds.DYING_S), how.calm_at_s + how.calm_for_s
+    fade, calm_until_s = math.exp(-GRID_S / speeds.DECAY_S), how.calm_at_s + how.calm_for_s
 
     def die(out: Floats) -> None:
         series.die(fade, how.calm_at_s, calm_until_s, out)
@@ -97,28 +97,30 @@ def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, Part]:
         add, state = how.spread * math.sqrt(1.0 - keep**2), state_of(generator(seed, Stream.SPEED))
         series.wander(how.spread, keep, add, state, groups)
         die(waves)
-        out[:] = waves * np.minimum(np.maximum(1.0 + groups, 0.0), speeds.MOST)
+        out[:] = waves * np.minimum(np.maximum(1.0 + groups, 0.0), speeds.MAX_SPEED_RATIO)
 
     return Part(steps + 1, go), Part(steps + 1, die)
 
 
 def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
     """Return the numbers of the hull, and where its series begin; ValueError for a model that is no ship."""
-    extras = scenario.extras
+    disturbances = scenario.disturbances
     ability, lag = model.turning_ability_1_s, model.turning_lag_s
-    if (other := extras.other_ship) is not None:
+    if (other := disturbances.other_ship) is not None:
         ability, lag = ability * other.ability, lag * other.lag
     bias_rad = model.rudder_offset_rad + radians(scenario.bias_deg)
     ship = model._replace(turning_ability_1_s=ability, turning_lag_s=lag, rudder_offset_rad=bias_rad)
-    quickest = ship.at_speed(scenario.speed_m_s * (speeds.MOST if extras.wave_speed else 1.0))
-    noise_rad_s = largest_rate_rad_s(extras.yaw.diffusion_deg2_s, quickest.turning_lag_s) if extras.yaw else 0.0
+    quickest = ship.at_speed(scenario.speed_m_s * (speeds.MAX_SPEED_RATIO if disturbances.wave_speed else 1.0))
+    noise_rad_s = (
+        largest_rate_rad_s(disturbances.yaw.diffusion_deg2_s, quickest.turning_lag_s) if disturbances.yaw else 0.0
+    )
     inner = inner_steps(quickest, GRID_S, disturbance_rad_s=noise_rad_s)
-    body, leeway = extras.float_body, extras.leeway or Leeway(0.0)
+    body, leeway = disturbances.float_body, disturbances.leeway or Leeway(0.0)
     (f00, f01), (f10, f11) = STILL if body is None else transition(body.own_frequency_rad_s, body.damping, GRID_S)
     drive, damping_1_m = sway_ratios(sway_model(FLOAT), 1.0)
     yaw_rad = radians(scenario.wave_yaw_deg)
     alone = orbits_alone(scenario)
-    compass = extras.compass or Compass(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    compass = disturbances.compass or Compass(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     toward_rad = radians(scenario.current_toward_deg)
     return Ship(
         ability,
@@ -129,7 +131,7 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         scenario.speed_m_s,
         inner,
         GRID_S / inner,
-        extras.wave_speed is not None,
+        disturbances.wave_speed is not None,
         body is not None,
         f00,
         f01,
@@ -137,43 +139,43 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         f11,
         0.0 if body is None else body.own_frequency_rad_s**2,
         0.0 if body is None else 2.0 * body.damping * body.own_frequency_rad_s,
-        extras.leeway is not None or extras.slide is not None,
+        disturbances.leeway is not None or disturbances.slide is not None,
         radians(leeway.body_deg),
         radians(leeway.wind_deg),
         radians(leeway.wind_from_deg),
-        0.0 if extras.slide is None else extras.slide.share,
+        0.0 if disturbances.slide is None else disturbances.slide.share,
         drive,
         damping_1_m,
-        extras.orbital is not None,
+        disturbances.orbital is not None,
         alone,
         1.0 if alone else 1.0 / yaw_rad,
         *_crests_m(scenario),
         radians(scenario.waves_toward_deg),
         scenario.orbital_m_s > 0.0 and scenario.wave_period_s > 0.0,
-        extras.compass is not None,
+        disturbances.compass is not None,
         *_deviation(compass),
         compass.lag_s,
         1.0 if compass.lag_s <= 0.0 else -math.expm1(-GRID_S / compass.lag_s),
-        0 if extras.delay is None else round(extras.delay.delay_s / GRID_S),
+        0 if disturbances.delay is None else round(disturbances.delay.delay_s / GRID_S),
         scenario.current_m_s * math.cos(toward_rad),
         scenario.current_m_s * math.sin(toward_rad),
         scenario.tide_s,
         scenario.tide_rotary,
         yaw_rad > 0.0,
         _heel_rad(scenario) > 0.0,
-        extras.yaw is not None,
+        disturbances.yaw is not None,
         *places,
     )
 
 
 def orbits_alone(scenario: Scenario) -> bool:
     """Return whether the orbital motion has nothing to do with the wave yaw."""
-    return not scenario.wave_yaw_deg > 0.0 or scenario.extras.own_waves is not None
+    return not scenario.wave_yaw_deg > 0.0 or scenario.disturbances.own_waves is not None
 
 
 def _crests_m(scenario: Scenario) -> tuple[float, float]:
     """Return the standard deviations of the receiver's way along and across a short-crested sea."""
-    orbital = scenario.extras.orbital
+    orbital = scenario.disturbances.orbital
     if orbital is None:
         return 0.0, 0.0
     spread_m, spread_rad = orbital.velocity_m_s * scenario.wave_period_s / TWO_PI, radians(orbital.spread_deg)
@@ -187,13 +189,13 @@ def _deviation(compass: Compass) -> tuple[float, float, float, float, float]:
 
 
 def _heel_rad(scenario: Scenario) -> float:
-    compass = scenario.extras.compass
+    compass = scenario.disturbances.compass
     return radians(compass.heel_deg) if compass is not None and scenario.wave_period_s > 0.0 else 0.0
 
 
 def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, ...]:
     """Make what moves by itself at each grid step, in the order of the places of Ship."""
-    period_s, orbital = scenario.wave_period_s, scenario.extras.orbital
+    period_s, orbital = scenario.wave_period_s, scenario.disturbances.orbital
     waves = OwnWaves(period_s, DAMPING)
     crests = OwnWaves(period_s, DAMPING if orbital is None else orbital.damping)
     yaw_rad = radians(scenario.wave_yaw_deg)
@@ -201,7 +203,7 @@ def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, ...]:
     orbit_m = 0.0 if calm else scenario.orbital_m_s * period_s / TWO_PI
     return (
         offset_of(scenario, seed, steps),
-        process_of(yaw_rad, scenario.extras.own_waves or waves, seed, Stream.WAVES, steps),
+        process_of(yaw_rad, scenario.disturbances.own_waves or waves, seed, Stream.WAVES, steps),
         process_of(orbit_m, waves, seed, Stream.ORBIT, steps),
         NO_PROCESS if orbital is None else process_of(1.0, crests, seed, Stream.ORBIT, steps),
         process_of(1.0, crests, seed, Stream.ORBIT_ALONE, steps)
@@ -215,7 +217,7 @@ def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, ...]:
 
 def fixes_of(scenario: Scenario, seed: int, epochs: int, first_s: float, period_s: float) -> Floats:
     """Draw the random numbers of each fix, in the columns of devices.FIX_NUMBERS."""
-    bought = scenario.extras.receiver or PLAIN
+    bought = scenario.disturbances.receiver or PLAIN
     numbers = drawn(generator(seed, Stream.POSITION), 2 + 4 * epochs)
     steps, first_m = numbers[2:].reshape(-1, 4), 0.0 + POSITION_NOISE_M * numbers[:2]
     gaps, fixes = Gaps(bought.lost, bought.gap_s, generator(seed, Stream.GAPS)), np.zeros((epochs, FIX_NUMBERS))
@@ -245,7 +247,7 @@ def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tup
         fill(state_of(generator(seed, Stream.COMPASS)), out)
         out *= COMPASS_NOISE_DEG
 
-    bought = scenario.extras.receiver or PLAIN
+    bought = scenario.disturbances.receiver or PLAIN
     devices = Devices(
         compass_phase_s,
         COMPASS_PERIOD_S / (1.0 + compass_ppm * 1e-6),

@@ -10,7 +10,7 @@ from firmware_py.safety import power_monitor
 from firmware_py.safety.power_monitor import COMPANION, FRESH_S, PowerMonitorState, supply, update
 from firmware_py.sensors.vedirect import VeDirectPower
 from hil.devices.vedirect import Kind, VeDirectEmulator
-from hil.ship.extras import Supply as Plan
+from hil.ship.disturbances import Supply as Plan
 from hil.ship.power_plant import Place, PowerPlant
 from support.line import FakeLine
 

@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
-from firmware_py.sensors.device_monitor import LONGEST_TEXT, SILENT_AFTER_S, DeviceMonitor
+from firmware_py.sensors.device_monitor import MAX_TEXT_LENGTH, SILENT_AFTER_S, DeviceMonitor
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_texts_from_the_outside_are_bounded_and_printable(line, monitor):
     line.unplug()
     texts.append(monitor.health(0.0).text)
     for text in texts:
-        assert len(text) <= LONGEST_TEXT
+        assert len(text) <= MAX_TEXT_LENGTH
         assert text.isascii()
         assert text.isprintable() or not text
 

@@ -12,8 +12,8 @@ import pytest
 from hil.__main__ import main
 from hil.cli import run as command
 from hil.errors import UsageError
-from hil.ship.extras import NONE
-from hil.ship.extras_table import text_of
+from hil.ship.disturbance_options import text_of
+from hil.ship.disturbances import NO_DISTURBANCES
 from hil.sim import run_directory
 from hil.sim.goals import Goal
 from hil.sim.logbook import put_to_sea
@@ -49,8 +49,8 @@ def test_everything_can_be_chosen():
 
 def test_a_sea_is_sailed_with_more():
     found = options("swell", "--with", "float=0.3:0.6,leeway=8", "--with", "sway").scenario
-    assert text_of(found.extras) == "float=0.3:0.6,leeway=8:0:0,sway=1"
-    assert options("swell").scenario.extras == NONE
+    assert text_of(found.disturbances) == "float=0.3:0.6,leeway=8:0:0,sway=1"
+    assert options("swell").scenario.disturbances == NO_DISTURBANCES
 
 
 def test_goals_after_the_end_are_left_out_and_told(capsys):

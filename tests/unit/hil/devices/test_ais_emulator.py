@@ -8,7 +8,7 @@ import pyais
 import pytest
 
 from hil.devices.ais import AisEmulator, interval_s
-from hil.ship.traffic import OWN_MMSI, SCENES, Ship
+from hil.ship.traffic import OWN_MMSI, PATTERNS, Ship
 
 START_DEG = (36.0, 121.0)
 
@@ -120,10 +120,10 @@ def test_the_channels_hold_no_more_than_their_slots():
 
 
 def test_a_leaper_leaps_and_absurd_stations_say_what_cannot_be():
-    leaper = next(ship for ship in SCENES["spoofed"](0.4, np.random.default_rng(1)) if ship.trick == "leaps")
+    leaper = next(ship for ship in PATTERNS["spoofed"](0.4, np.random.default_rng(1)) if ship.trick == "leaps")
     told = [one["lat"] for own, one in read(listen(emulator(leaper, lost=0.0), 60.0)) if not own and "lat" in one]
     assert max(told) - min(told) > 0.3
-    ships = SCENES["absurd"](0.4, np.random.default_rng(1))[1:]
+    ships = PATTERNS["absurd"](0.4, np.random.default_rng(1))[1:]
     data = listen(emulator(*ships, lost=0.0), 200.0)
     kinds = Counter(line[:6] for line in data.split(b"\r\n"))
     assert kinds[b"!AIVDM"] > 50

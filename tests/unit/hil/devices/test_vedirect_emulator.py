@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.devices.vedirect import Kind, VeDirectEmulator
-from hil.ship.extras import Supply
+from hil.ship.disturbances import Supply
 from hil.ship.power_plant import Place, PowerPlant
 
 NOON_UTC_S = 1_782_000_000.0 - 1_782_000_000.0 % 86_400.0 + 43_200.0

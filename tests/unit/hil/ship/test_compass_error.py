@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from firmware_py.common.angles import degrees, radians
-from hil.ship.compass_error import BoughtCompass
-from hil.ship.extras import Compass
+from hil.ship.compass_error import CompassErrors
+from hil.ship.disturbances import Compass
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.waves import WaveYaw
 
@@ -16,7 +16,7 @@ STEP_S = 0.02
 
 def compass(a=0.0, b=0.0, c=0.0, d=0.0, e=0.0, heel=0.0, lag=0.0):
     roll = WaveYaw(radians(heel), 6.0, STEP_S, NormalNumbers(generator(1, Stream.ROLL)))
-    return BoughtCompass(Compass(a, b, c, d, e, heel, lag), STEP_S, roll)
+    return CompassErrors(Compass(a, b, c, d, e, heel, lag), STEP_S, roll)
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def compass(a=0.0, b=0.0, c=0.0, d=0.0, e=0.0, heel=0.0, lag=0.0):
 )
 def test_each_coefficient_is_the_largest_where_it_should_be(coefficients, headings_deg):
     for heading_deg in headings_deg:
-        shown = compass(**{coefficients: 4.0}).shown_rad(radians(heading_deg), 0.0)
+        shown = compass(**{coefficients: 4.0}).output_rad(radians(heading_deg), 0.0)
         assert degrees(shown) == pytest.approx(heading_deg - 4.0)
 
 
@@ -35,17 +35,17 @@ def test_all_five_add_up_on_any_heading():
     for heading_deg in range(0, 360, 7):
         x = radians(heading_deg)
         deviation = 1 + 4 * math.sin(x) - 3 * math.cos(x) + 1.5 * math.sin(2 * x) + 0.5 * math.cos(2 * x)
-        assert degrees(device.shown_rad(x, 0.01)) == pytest.approx(heading_deg - deviation)
+        assert degrees(device.output_rad(x, 0.01)) == pytest.approx(heading_deg - deviation)
 
 
 def test_a_damped_compass_stays_behind_in_a_turn_by_its_lag_and_is_continuous():
     device, rate = compass(lag=2.0), 0.05
     for number in range(2000):
-        end = device.shown_rad(rate * (number + 1) * STEP_S, STEP_S)
+        end = device.output_rad(rate * (number + 1) * STEP_S, STEP_S)
         device.step(rate * (number + 1) * STEP_S)
         # Linear where the exponential bends: an error of the second order in step by lag.
-        assert device.shown_rad(rate * (number + 1) * STEP_S, 0.0) == pytest.approx(end, abs=2e-5)
-    assert rate * 2000 * STEP_S - device.shown_rad(rate * 2000 * STEP_S, 0.0) == pytest.approx(rate * 2.0, rel=0.02)
+        assert device.output_rad(rate * (number + 1) * STEP_S, 0.0) == pytest.approx(end, abs=2e-5)
+    assert rate * 2000 * STEP_S - device.output_rad(rate * 2000 * STEP_S, 0.0) == pytest.approx(rate * 2.0, rel=0.02)
 
 
 def test_the_heel_error_rolls_on_north_and_is_gone_on_east():
@@ -54,6 +54,6 @@ def test_the_heel_error_rolls_on_north_and_is_gone_on_east():
     for row in shown:
         for _ in range(10):
             device.step(0.0)
-        row[:] = device.shown_rad(0.0, 0.0), device.shown_rad(math.pi / 2, 0.0) - math.pi / 2
+        row[:] = device.output_rad(0.0, 0.0), device.output_rad(math.pi / 2, 0.0) - math.pi / 2
     assert degrees(np.std(shown[:, 0])) == pytest.approx(3.0, rel=0.1)
     assert np.max(np.abs(shown[:, 1])) < 1e-12

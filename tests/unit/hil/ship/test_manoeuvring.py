@@ -100,7 +100,7 @@ def test_quick_sway_is_stepped_finely():
 
 
 def test_a_model_that_is_no_ship_is_refused():
-    with pytest.raises(ValueError, match="not a ship"):
+    with pytest.raises(ValueError, match="invalid ship model"):
         Manoeuvre(KtModel(0.049, 0.0, 17.0, 0.0, 0.4), None, 0.1)
     with pytest.raises(ValueError, match="no damping"):
         steady_turn(OCEAN_RAMBLER, RUDDER_RAD, SwayModel(200.0, 400.0, 0.0, ()))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hil.ship.extras import Supply
+from hil.ship.disturbances import Supply
 from hil.ship.power_plant import EFFICIENCY, Place, PowerPlant
 
 DAY_S = 86_400.0

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from hil.__main__ import main
-from hil.ship import extras_table
+from hil.ship import disturbance_options
 from hil.ship.scenarios import TABLE, UnknownScenarioError, named
 
 # speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge,
@@ -55,6 +55,6 @@ def test_the_command_lists_them(capsys):
     text = capsys.readouterr().out
     assert all(name in text for name in ROWS)
     assert "ocean-1 has float=0.5:0.6,leeway=3:0:0,receiver=0.5:0.02:10:1:0.05" in text
-    assert all(row.source in text for row in extras_table.TABLE)
+    assert all(row.source in text for row in disturbance_options.TABLE)
     assert main(["scenarios", "--json"]) == 0
     assert [row["name"] for row in json.loads(capsys.readouterr().out)] == list(ROWS)

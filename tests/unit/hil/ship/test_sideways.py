@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.ship.extras import Slide
+from hil.ship.disturbances import Slide
 from hil.ship.manoeuvring import Manoeuvre, steady_turn
 from hil.ship.regressions import FLOAT, sway_model
 from hil.ship.sideways import Sideways

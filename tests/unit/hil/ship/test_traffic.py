@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hil.ship.extras import Vessels
-from hil.ship.traffic import FLOOD, MEETING_S, OWN_MMSI, SCENES, Closest, Ship, meeting, ships_of
+from hil.ship.disturbances import Vessels
+from hil.ship.traffic import FLOOD, MEETING_S, OWN_MMSI, PATTERNS, Closest, Ship, meeting, ships_of
 
 SPEED_M_S = 0.4
 
@@ -32,7 +32,7 @@ def test_a_miss_is_to_starboard_of_the_ship_s_own_course():
     assert ship.position_m(MEETING_S) == pytest.approx((SPEED_M_S * MEETING_S, 100.0))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", PATTERNS)
 def test_a_scene_is_the_same_for_a_seed(name):
     first, again = (ships_of(Vessels(name), SPEED_M_S, 3) for _ in range(2))
     assert first == again

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hil.ship.extras import WaveSpeed
+from hil.ship.disturbances import WaveSpeed
 from hil.ship.noise import NormalNumbers, Stream, generator
-from hil.ship.wave_speed import DYING_S, MOST, SpeedInWaves
+from hil.ship.wave_speed import DECAY_S, MAX_SPEED_RATIO, SpeedInWaves
 
 
 def shares(how, step_s, count):
@@ -27,13 +27,13 @@ def test_its_spread_and_memory_are_those_given():
 def test_it_is_never_astern_nor_beyond_the_ship_that_the_plant_was_made_for():
     speed = shares(WaveSpeed(0.6, 5.0), 1.0, 20_000)[:, 0]
     assert speed.min() == 0.0
-    assert speed.max() == MOST
+    assert speed.max() == MAX_SPEED_RATIO
 
 
 def test_a_calm_begins_and_ends_when_it_should():
     found = shares(WaveSpeed(0.0, 90.0, 100.0, 200.0), 0.5, 1200)
     time_s = 0.5 * np.arange(1, 1201)
     assert np.all(found[time_s < 100.0] == 1.0)
-    assert found[time_s == 100.0 + DYING_S][0] == pytest.approx(np.exp(-1.0), rel=0.01)
+    assert found[time_s == 100.0 + DECAY_S][0] == pytest.approx(np.exp(-1.0), rel=0.01)
     assert np.argmin(found[:, 1]) == np.flatnonzero(time_s == 299.5)[0]
     assert found[-1, 0] > 0.99

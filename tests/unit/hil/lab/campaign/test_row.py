@@ -35,9 +35,9 @@ def test_ship_factors_change_the_simulated_ship_but_not_the_parameters():
 
 def test_options_replace_those_of_the_scenario():
     row = next(rows(read(scenarios="swell+leeway=3,float", **{"with": {"leeway": 7, "delay": 2}}), 0, 1))
-    assert row.scenario.extras.leeway.body_deg == 7.0
-    assert row.scenario.extras.float_body is not None
-    assert row.scenario.extras.delay.delay_s == 2.0
+    assert row.scenario.disturbances.leeway.body_deg == 7.0
+    assert row.scenario.disturbances.float_body is not None
+    assert row.scenario.disturbances.delay.delay_s == 2.0
 
 
 def test_a_fault_has_drawn_times():
@@ -57,6 +57,6 @@ def test_run_options_contain_all_of_a_row(tmp_path):
 
 
 def test_extremes_of_every_scenario():
-    found = [(row.scenario.name, row.scenario.extras.receiver.lost) for row in extremes(read())]
+    found = [(row.scenario.name, row.scenario.disturbances.receiver.lost) for row in extremes(read())]
     assert found == [("tank", 0.02), ("tank", 1.0), ("swell", 0.02), ("swell", 1.0)]
     assert replace(next(extremes(read())), index=0).index == 0

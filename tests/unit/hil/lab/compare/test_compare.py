@@ -68,7 +68,7 @@ def test_a_turn_is_settled_when_she_first_stays_within_for_100_s():
 
 def test_an_option_that_no_sea_has_is_refused(capsys):
     assert main(["compare", "swell", "--with", "raft"]) == 2
-    assert "there are: float" in capsys.readouterr().err
+    assert "use one of float" in capsys.readouterr().err
 
 
 def test_the_mean_pools_the_squares():

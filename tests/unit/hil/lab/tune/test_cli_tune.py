@@ -39,14 +39,14 @@ def refused(capsys, *words: str) -> str:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--scenarios", "pond"], "no scenario 'pond'"),
+        (["--scenarios", "pond"], "unknown scenario 'pond'"),
         (["--scenarios", ","], "name at least one"),
         (["--price", "-1"], "--price -1.0: give a number from 0"),
         (["--price", "nan"], "give a number"),
         (["--evaluations", "5"], "give a number from 20"),
         (["--fixed-gains", "--evaluations", "20"], "give a number from 150"),
         (["--only-gains"], "give --fixed-gains beside it"),
-        (["--scenarios", "swell+kite=1"], "no option 'kite'"),
+        (["--scenarios", "swell+kite=1"], "unknown option 'kite'"),
         (["--with", "supply"], "the trial runs know no power"),
         (["--with", "leeway=80"], "must be -45 to 45 deg"),
         (["--fixed-gains", "--with", "leeway=8"], "leave one of them out"),
@@ -59,7 +59,7 @@ def refused(capsys, *words: str) -> str:
         (["--vehicle", "no-such.toml"], "no such vehicle file"),
         (["--law", "--vehicle", "boat.toml"], "--vehicle: the law is the same for every vehicle"),
         (["--law", "--fixed-gains"], "leave it or --law out"),
-        (["--law", "--scenarios", "pond"], "no scenario 'pond'"),
+        (["--law", "--scenarios", "pond"], "unknown scenario 'pond'"),
     ],
 )
 def test_bad_usage_is_one_line_with_a_remedy(capsys, words, told):

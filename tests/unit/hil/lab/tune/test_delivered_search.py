@@ -103,7 +103,7 @@ def test_a_setting_that_has_been_sailed_is_not_sailed_again():
 def test_each_sea_is_sailed_by_each_ship_with_each_seed():
     cases = cases_of(["tank", "swell+leeway=8"], (4, 5))
     assert len({(case.text, case.ship, case.seed) for case in cases}) == len(cases) == 12
-    assert cases[-1].scenario.extras.leeway.body_deg == 8.0
+    assert cases[-1].scenario.disturbances.leeway.body_deg == 8.0
     with pytest.raises(UnknownScenarioError):
         cases_of(["pond"], (1,))
 

@@ -33,7 +33,7 @@ def test_the_ship_in_her_sea_is_the_harness_s(text):
     for step in range(int(seconds / GRID_S)):
         offset_s = float(numbers.uniform(0.0, GRID_S))
         ours = ships.shown_heading(state, ship, sea.series, step, offset_s)
-        assert ours == hull.shown_heading_rad(offset_s)
+        assert ours == hull.compass_heading_rad(offset_s)
         assert ships.velocity(state, ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
         assert ships.position(state, ship, sea.series, step, offset_s) == hull.position_in_waves_m(offset_s)
         rudder = min(max(rudder + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
@@ -44,7 +44,7 @@ def test_the_ship_in_her_sea_is_the_harness_s(text):
 
 
 def test_a_ship_that_is_none_is_refused():
-    with pytest.raises(ValueError, match="not a ship"):
+    with pytest.raises(ValueError, match="invalid ship model"):
         drawn(sea_of("tank"), 1, 10.0, OCEAN_RAMBLER._replace(turning_lag_s=-1.0))
 
 

@@ -8,77 +8,81 @@ import pytest
 
 from firmware_py.common.angles import degrees, radians
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.ship.extras import NONE, Extras, FloatBody, Leeway, OtherShip, Slide
-from hil.ship.extras_table import TABLE, ExtrasError, listing, parse, rows_of, text_of
+from hil.ship.disturbance_options import TABLE, DisturbanceError, listing, parse, rows_of, text_of
+from hil.ship.disturbances import NO_DISTURBANCES, Disturbances, FloatBody, Leeway, OtherShip, Slide
 from hil.ship.hull import STEPS_PER_SECOND, Hull
 from hil.ship.scenarios import TABLE as SEAS
-from hil.ship.scenarios import named, sea_of, with_extras
-from hil.ship.wave_speed import MOST
+from hil.ship.scenarios import named, sea_of, with_disturbances
+from hil.ship.wave_speed import MAX_SPEED_RATIO
 
 EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3,yaw,waves,bias"
 
 
 def test_a_list_is_read_and_printed_so_that_it_reads_the_same():
     found = parse("float=0.3:0.7, leeway=8,sway")
-    assert found == Extras(float_body=FloatBody(0.3, 0.7), leeway=Leeway(8.0), slide=Slide(1.0))
+    assert found == Disturbances(float_body=FloatBody(0.3, 0.7), leeway=Leeway(8.0), slide=Slide(1.0))
     assert text_of(found) == "float=0.3:0.7,leeway=8:0:0,sway=1"
     assert text_of(parse("vessels=flood")) == "vessels=flood:0.1:40"
     assert parse("kt=3").other_ship == OtherShip(3.0, 1.0)
-    for text in (EVERYTHING, "float=0.123456789", *(text_of(sea.extras) for sea in SEAS if sea.extras != NONE)):
+    for text in (
+        EVERYTHING,
+        "float=0.123456789",
+        *(text_of(sea.disturbances) for sea in SEAS if sea.disturbances != NO_DISTURBANCES),
+    ):
         assert parse(text_of(parse(text))) == parse(text)
-    assert text_of(NONE) == ""
+    assert text_of(NO_DISTURBANCES) == ""
 
 
 def test_an_option_of_a_mixture_is_replaced_and_the_others_stay():
-    found = with_extras(named("ocean-1"), "leeway=0").extras
+    found = with_disturbances(named("ocean-1"), "leeway=0").disturbances
     assert found.leeway == Leeway(0.0)
-    assert found.float_body == named("ocean-1").extras.float_body
-    assert sea_of("swell+sway").extras == Extras(slide=Slide())
+    assert found.float_body == named("ocean-1").disturbances.float_body
+    assert sea_of("swell+sway").disturbances == Disturbances(slide=Slide())
 
 
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "no option ''"),
-        ("raft", "there are: float, leeway"),
+        ("", "unknown option ''"),
+        ("raft", "use one of float, leeway"),
         ("float=", "own frequency '' must be"),
-        ("float=0.3:0.6:1", r"3 numbers; write float\[=OWN"),
+        ("float=0.3:0.6:1", r"3 numbers are too many; write float\[=OWN"),
         ("float=nan", "must be 0.05 to 3 rad/s"),
         ("float=inf", "must be 0.05 to 3 rad/s"),
         ("float=-1", "must be"),
         ("leeway=46", "must be -45 to 45 deg"),
         ("leeway=1e999", "must be"),
         ("receiver=0.5:1.01", "must be 0 to 1"),
-        ("kt", "lacking; write kt=ABILITY"),
-        ("delay", "lacking"),
-        ("vessels=regatta", "no scene 'regatta'; there are crossing, head-on, overtaking"),
+        ("kt", "ability is missing; write kt=ABILITY"),
+        ("delay", "delay is missing"),
+        ("vessels=regatta", "unknown scene 'regatta'; use one of crossing, head-on, overtaking"),
         ("vessels=flood:2", "lost '2' must be 0 to 1 share"),
         ("sway,sway", "twice"),
-        ("sway,", "no option ''"),
-        ("=", "no option ''"),
+        ("sway,", "unknown option ''"),
+        ("=", "unknown option ''"),
         ("sway=\x00", "must be"),
         ("x" * 600, "600 characters"),
     ],
 )
 def test_what_cannot_be_read_is_one_line_that_says_what_there_is(text, complaint):
-    with pytest.raises(ExtrasError, match=complaint) as caught:
+    with pytest.raises(DisturbanceError, match=complaint) as caught:
         parse(text)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 200
 
 
 def test_orbital_motion_needs_waves():
-    with pytest.raises(ExtrasError, match="calm has no waves"):
+    with pytest.raises(DisturbanceError, match="calm has no waves"):
         sea_of("calm+orbital")
 
 
 def test_a_period_of_the_wave_yaw_needs_wave_yaw():
-    with pytest.raises(ExtrasError, match="calm has no wave yaw"):
+    with pytest.raises(DisturbanceError, match="calm has no wave yaw"):
         sea_of("calm+waves")
 
 
 def test_the_table_has_every_extra_with_text_range_and_source():
-    assert [row.field for row in TABLE] == [one.name for one in fields(Extras)]
+    assert [row.field for row in TABLE] == [one.name for one in fields(Disturbances)]
     text = listing()
     for row in TABLE:
         assert row.text in text
@@ -171,13 +175,13 @@ def test_a_quick_ship_in_quick_groups_stays_a_ship():
     text = "storm+speed=0.6:5,kt=10:0.1,float,leeway=45,sway=5,orbital=3:60:0.65,yaw=50,waves=0.5:0.65,bias=20:10"
     hull, rows = sailed(text, 60.0, rudder_deg=45.0)
     assert np.all(np.isfinite(rows))
-    assert hull.speed_m_s <= MOST * 0.5
+    assert hull.speed_m_s <= MAX_SPEED_RATIO * 0.5
 
 
 @pytest.mark.parametrize("name", ["swell", "ocean-1", "ocean-4", "offshore"])
 def test_a_seed_is_the_same_voyage_twice(name):
     hulls = [sailed(name, 20.0, seed=seed)[0] for seed in (3, 3, 4)]
-    seen = [(hull.shown_heading_rad(0.01), *hull.position_in_waves_m(0.01)) for hull in hulls]
+    seen = [(hull.compass_heading_rad(0.01), *hull.position_in_waves_m(0.01)) for hull in hulls]
     assert seen[0] == seen[1] != seen[2]
 
 

@@ -1,7 +1,8 @@
-"""The disturbances that any sea can be sailed with: one record each, absent by default.
+"""Disturbances that can be added to any scenario: one record each, absent by default.
 
-They compose: a hull is built of those that are there (hil/ship/hull.py), and what is absent leaves a
-run as it is to the last bit. `hil/ship/extras_table.py` says what each is, reads and prints them.
+The hull (hil/ship/hull.py) is built from those that are present; an absent one leaves a run unchanged to the last
+bit. `hil/ship/disturbance_options.py` describes, reads and prints them. The fields of a record are the keys that a
+campaign draws.
 """
 
 from __future__ import annotations
@@ -9,24 +10,24 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from hil.ship.traffic import SCENES
+from hil.ship.traffic import PATTERNS
 from hil.ship.waves import DAMPING
 
 
 def number(unit: str, low: float, high: float, default: float | None = None) -> Any:
-    """Return the field of a number of an option; without a default it has to be given."""
+    """Return a dataclass field for a number of an option; without a default the number is required."""
     metadata = {"unit": unit, "low": low, "high": high}
     return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
 
 
 def word(choices: tuple[str, ...], default: str) -> Any:
-    """Return the field of a name of an option, one of several."""
+    """Return a dataclass field for a name of an option, one of several."""
     return field(default=default, metadata={"choices": choices})
 
 
 @dataclass(frozen=True, slots=True)
 class FloatBody:
-    """A float that follows the glider: frequency of its own, and the damping ratio."""
+    """A float that follows the glider: natural frequency and damping ratio."""
 
     own_frequency_rad_s: float = number("rad/s", 0.05, 3.0, 0.4)
     damping: float = number("-", 0.05, 3.0, 0.6)
@@ -34,7 +35,7 @@ class FloatBody:
 
 @dataclass(frozen=True, slots=True)
 class Leeway:
-    """Angles of the way through the water to starboard of the heading: of the body, and by a wind on the beam."""
+    """Leeway angles, positive to starboard: constant, and the largest one from a wind on the beam."""
 
     body_deg: float = number("deg", -45.0, 45.0, 5.0)
     wind_deg: float = number("deg", 0.0, 45.0, 0.0)
@@ -43,7 +44,7 @@ class Leeway:
 
 @dataclass(frozen=True, slots=True)
 class Slide:
-    """How much of the sway of the regressions she has in her turns."""
+    """Sway in turns, as a share of the sway that the regressions give."""
 
     share: float = number("-", 0.0, 5.0, 1.0)
 
@@ -59,7 +60,7 @@ class Orbital:
 
 @dataclass(frozen=True, slots=True)
 class WaveSpeed:
-    """Speed by the wave groups, as a share of the mean, and the calm that begins at a time."""
+    """Speed that varies with the wave groups (spread as a share of the mean), and a calm of limited duration."""
 
     spread: float = number("-", 0.0, 0.6, 0.25)
     memory_s: float = number("s", 5.0, 3600.0, 90.0)
@@ -69,7 +70,7 @@ class WaveSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Receiver:
-    """A receiver as bought: how late it tells, how much of the time it has no fix, and its velocity."""
+    """A GNSS receiver: latency, share of time without a fix, mean gap, velocity filter and velocity noise."""
 
     latency_s: float = number("s", 0.0, 5.0, 0.5)
     lost: float = number("share", 0.0, 1.0, 0.02)
@@ -80,7 +81,7 @@ class Receiver:
 
 @dataclass(frozen=True, slots=True)
 class Compass:
-    """A compass as bought: the five coefficients, the rms of its heel error on north, the lag of its damping."""
+    """An uncorrected compass: five deviation coefficients, rms heel error on north, damping lag."""
 
     a_deg: float = number("deg", -30.0, 30.0, 1.0)
     b_deg: float = number("deg", -30.0, 30.0, 4.0)
@@ -93,7 +94,7 @@ class Compass:
 
 @dataclass(frozen=True, slots=True)
 class OtherShip:
-    """What the ship's K and T are of those that the boat is told."""
+    """Model mismatch: ratios of the ship's K and T to those in the vehicle file."""
 
     ability: float = number("-", 0.1, 10.0)
     lag: float = number("-", 0.1, 10.0, 1.0)
@@ -101,14 +102,14 @@ class OtherShip:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """How long the rudder takes until it turns the boat."""
+    """Delay from the rudder angle to the yaw response."""
 
     delay_s: float = number("s", 0.0, 30.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Supply:
-    """Panels, battery and steady load of the boat: peak power, share of clouds, capacity, load, charge at the start."""
+    """Panels, battery and steady load: peak power, share of clouds, capacity, load, state of charge at the start."""
 
     panel_w: float = number("W", 0.0, 5000.0, 60.0)
     clouds: float = number("share", 0.0, 1.0, 0.4)
@@ -119,23 +120,23 @@ class Supply:
 
 @dataclass(frozen=True, slots=True)
 class Vessels:
-    """Other ships: the scene, the share of what they send that is lost, and how far they are heard."""
+    """Other ships: the traffic pattern, the share of AIS messages that is lost, and the reception range."""
 
-    scene: str = word(tuple(SCENES), "crossing")
+    scene: str = word(tuple(PATTERNS), "crossing")
     lost: float = number("share", 0.0, 1.0, 0.1)
     range_km: float = number("km", 0.1, 200.0, 40.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Yaw:
-    """White disturbance of the yaw acceleration: the diffusion of the heading."""
+    """White noise of the yaw acceleration, given as the diffusion of the heading."""
 
     diffusion_deg2_s: float = number("deg^2/s", 0.0, 50.0, 2.0)
 
 
 @dataclass(frozen=True, slots=True)
 class OwnWaves:
-    """Wave yaw with a period of its own, and its damping."""
+    """Wave yaw with another period than the waves that move the receiver, and its damping."""
 
     period_s: float = number("s", 0.5, 30.0, 2.5)
     damping: float = number("-", 0.02, 0.65, 0.18)
@@ -143,15 +144,15 @@ class OwnWaves:
 
 @dataclass(frozen=True, slots=True)
 class Bias:
-    """Standard deviation and memory of the rudder bias."""
+    """Standard deviation and time constant of the rudder bias."""
 
     sd_deg: float = number("deg", 0.0, 20.0, 10.0)
     memory_s: float = number("s", 10.0, 36000.0, 1000.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Extras:
-    """What a sea is sailed with; None is without."""
+class Disturbances:
+    """The disturbances of a scenario; None where absent."""
 
     float_body: FloatBody | None = None
     leeway: Leeway | None = None
@@ -169,4 +170,4 @@ class Extras:
     bias: Bias | None = None
 
 
-NONE = Extras()
+NO_DISTURBANCES = Disturbances()
