@@ -14,7 +14,7 @@ from functools import cache
 from typing import Any
 
 from firmware_py.common.parameter_row import Kind, Parameter
-from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameter_table import GROUPS, TABLE
 from firmware_py.link.files.area import Parts, mavlink_crc32
 from firmware_py.link.telemetry.context_fields import boot_ms
 from firmware_py.link.telemetry.identity import Version
@@ -25,37 +25,6 @@ ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 _PARAMETER_TYPE = 1  # COMP_METADATA_TYPE_PARAMETER
 _URI = f"mftp://{DIRECTORY}/"
 _TYPES = {Kind.INTEGER: "Int32", Kind.REAL: "Float"}
-# What ground stations call the parameters that begin alike.
-_GROUPS: Mapping[str, str] = {
-    "AIS": "Navigation",
-    "ARMING": "Start",
-    "BAT": "Energy",
-    "BOOT": "Start",
-    "CLK": "Clock",
-    "CMP": "Compass",
-    "CMPB": "Compass",
-    "COG": "Compass",
-    "CRUISE": "Navigation",
-    "CTL": "Controller",
-    "EST": "Estimator",
-    "FENCE": "Fence",
-    "FS": "Failsafe",
-    "LNK": "Link",
-    "LOG": "Log",
-    "LOIT": "Navigation",
-    "LOOP": "Loop",
-    "MAN": "Manual",
-    "MDL": "Model",
-    "NAV": "Navigation",
-    "POS": "Position",
-    "PWR": "Energy",
-    "RALLY": "Navigation",
-    "RUD": "Rudder",
-    "SBD": "Link",
-    "STAT": "Statistics",
-    "STK": "Manual",
-    "WP": "Navigation",
-}
 # The stations' small decoders know this check and no other. Dictionary and effort are small for this computer's sake,
 # which does it at each start: the most effort would save 300 bytes.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 2, "dict_size": 1 << 16}]
@@ -132,7 +101,7 @@ def _parameter(row: Parameter, autopilot: int) -> dict[str, Any]:
         "default": _number(row, row.default),
         "min": _number(row, row.minimum),
         "max": _number(row, row.maximum),
-        "group": _GROUPS.get(row.name.split("_")[0], "Other"),
+        "group": GROUPS.get(row.name.split("_")[0], "Other"),
         "category": "Standard",
     }
     if row.unit:
