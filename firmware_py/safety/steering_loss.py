@@ -68,6 +68,9 @@ LEARNED_S: Final = 1800.0
 GUSTS_SQUARE_S: Final = radians(6.0) ** 2  # white part of the disturbance in a second, at least
 DIFFUSION_PART: Final = 0.5  # of the learned diffusion: a part of it is the wander that is learned here
 NOISE_SHARE: Final = 0.7  # of the heading's standard deviation, from block to block
+# A turn of so many standard deviations beyond any rudder: a breaking sea turned the boat.
+FULL_RUDDER_RAD: Final = radians(45.0)
+KNOCK_SIGMAS: Final = 3.0
 ENOUGH: Final = 7.0  # of a log-likelihood ratio; 6.8 were reached in 38 days of turns in eleven seas
 AGAIN: Final = 20.0  # for a recovery: a disturbance without a rudder looks like one
 
@@ -171,6 +174,9 @@ def update(
     variance = heading + noise
     by_heading, by_disturbance = heading / variance, covariance / variance
     rudders_rad = (rudder_rad, *state.rudders_rad[:-1])
+    by_any_rudder_rad = by_rudder * FULL_RUDDER_RAD
+    if turned_rad * turned_rad > KNOCK_SIGMAS * KNOCK_SIGMAS * (variance + by_any_rudder_rad * by_any_rudder_rad):
+        return interrupted(state)
     near_s = min(state.near_s + step_s, LEARNED_S) if near else state.near_s
     disturbance_variance = disturbance - by_disturbance * covariance
     side = 0.0 if by_hand else math.copysign(1.0, error_rad)

@@ -71,6 +71,19 @@ def test_a_late_weak_or_opposite_response_is_a_response(answers, lags, late):
         assert boat.hold(60.0, radians(5.0 + side * 25.0), side) is None
 
 
+@pytest.mark.parametrize("blocks", [1, 2])
+@pytest.mark.parametrize("turned_deg", [-90.0, 60.0])
+def test_a_boat_that_a_breaking_sea_turns_has_steering(turned_deg, blocks):
+    boat = Boat()
+    assert boat.hold(120.0, radians(5.0), 0.0) is None
+    assert boat.hold(10.0, radians(28.5), 1.0) is None
+    for _ in range(blocks):
+        boat.block(radians(28.5), 1.0, radians(turned_deg) / blocks)
+    assert boat.hold(120.0, radians(-28.5), -1.0) is None
+    boat.answers = 0.0
+    assert boat.hold(60.0, radians(-28.5), -1.0) is not None
+
+
 def test_each_response_predicts_its_boat_and_needs_half_of_its_least_part():
     parts = ((1.0, 0.6, (0, 2, 4, 6)), (0.5, 0.5, (0, 4)), (-1.0, -0.6, (0, 4)))
     kinds = [(part, least, lags, late) for part, least, lates in parts for lags in (1.0, 3.0) for late in lates]
