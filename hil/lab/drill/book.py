@@ -106,12 +106,12 @@ BOOK: tuple[Drill, ...] = (
         ("Heading from", "Heading estimate", "No valid heading"),
     ),
     Drill(
-        "turned_by_wave round by a sea", "Compass heading jumped", "Compass heading plausible again",
+        "turned by a breaking wave", "Compass heading jumped", "Compass heading plausible again",
         turned_by_wave(radians(90.0), 1.5), nothing, 4.0, 12.0, 4.0, on_course,
         ("Heading from", "Heading estimate", "No valid heading"),
     ),
     Drill(
-        "turned_by_wave round by a sea without a receiver", "Compass heading jumped", "Compass heading plausible again",
+        "turned by a breaking wave without a receiver", "Compass heading jumped", "Compass heading plausible again",
         together(put("receiver.fix", False), turned_by_wave(radians(-90.0), 1.5)), put("receiver.fix", True),
         4.0, 12.0, 4.0, on_course, ("Heading", "No valid heading", "GPS position lost"),
     ),
