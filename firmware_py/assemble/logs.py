@@ -10,7 +10,7 @@ from firmware_py import version_text
 from firmware_py.common.interfaces import Clock, Position
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.link.files.root import FileRoot
+from firmware_py.link.files.tree import FileRoot
 from firmware_py.log.disk import LocalDisk, last_written_s, log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.sensors.receiver_time import DatedPosition

@@ -17,7 +17,7 @@ from firmware_py.link.wire.open_transport import NMEA
 from firmware_py.loop import LoopParts
 
 if TYPE_CHECKING:
-    from firmware_py.link.nmea.output import NmeaOutput
+    from firmware_py.link.nmea import NmeaOutput
 
 
 def open_talkers(
@@ -30,7 +30,7 @@ def open_talkers(
     wanted = [url for url in urls if url.startswith(NMEA)]
     if not wanted:
         return []
-    from firmware_py.link.nmea.output import open_output  # noqa: PLC0415 - who has none pays nothing
+    from firmware_py.link.nmea import open_output  # noqa: PLC0415 - who has none pays nothing
 
     talkers = []
     for url in wanted:
@@ -48,7 +48,7 @@ def feed_talkers(talkers: Sequence[NmeaOutput], parts: LoopParts) -> None:
     """Have each tick told to the outputs; what goes wrong there is told and is no concern of the loop."""
     if not talkers:
         return
-    from firmware_py.link.nmea.sentences import Scene  # noqa: PLC0415 - it is there by now
+    from firmware_py.link.nmea import Scene  # noqa: PLC0415 - it is there by now
 
     show_status = parts.show_status
 

@@ -43,7 +43,7 @@ from firmware_py.system.store import Store
 from firmware_py.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    from firmware_py.link.nmea.output import NmeaOutput
+    from firmware_py.link.nmea import NmeaOutput
 
 
 def base_parameters(vehicle: Vehicle) -> ParameterSet:

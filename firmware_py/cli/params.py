@@ -14,7 +14,7 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import LONGEST_NAME, format_file, format_value, near, parse_file
 from firmware_py.faults import page as faults
 from firmware_py.files.reading import read_text
-from firmware_py.link.parameters.metadata import parameter_json
+from firmware_py.link.parameters.files import parameter_json
 from firmware_py.vehicle import MOST_BYTES
 
 FINDING = 1  # exit code: errors in the file

@@ -24,7 +24,7 @@ from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.guidance import loiter_placement
 from firmware_py.guidance.tasks import TaskSettings
 from firmware_py.link.access import Gate, invites_anybody
-from firmware_py.link.nmea.output import open_output
+from firmware_py.link.nmea import open_output
 from firmware_py.link.signing import KeyState, Signing, find_key
 from firmware_py.link.wire.open_transport import NMEA, open_transport
 from firmware_py.link.wire.transport import MessageTransport, Satellite

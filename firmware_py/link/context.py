@@ -15,10 +15,10 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home, Snapshot
 from firmware_py.faults.table import Fault
-from firmware_py.link.parameters.metadata import Metadata, declared_kind
+from firmware_py.link.parameters.files import Metadata, declared_kind
 from firmware_py.link.peers import Peer
 from firmware_py.link.telemetry import identity
-from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.fields import TelemetryContext
 from firmware_py.link.telemetry.identity import COMPONENT, Version
 from firmware_py.link.telemetry.statustext import text_messages
 from firmware_py.link.wire.dialect import Message, mavlink, text_of

@@ -14,24 +14,21 @@ from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.access import RADIO_STATUS, Admitted, Gate, Standing, invites_anybody, reads_only
 from firmware_py.link.commands.requests import request_data_stream
 from firmware_py.link.commands.server import CommandServer
+from firmware_py.link.commands.steering import ManualControl, Setpoints
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
-from firmware_py.link.files.root import PACKED_PARAMETERS, FileRoot, tree_of
 from firmware_py.link.files.server import FileServer
+from firmware_py.link.files.tree import PACKED_PARAMETERS, FileRoot, tree_of
 from firmware_py.link.logs import LogServer
-from firmware_py.link.manual_control import ManualControl
 from firmware_py.link.mission.plan_file import PlanFiles
 from firmware_py.link.mission.server import MissionServer
-from firmware_py.link.parameters.extended import ExtendedParameters
-from firmware_py.link.parameters.server import ParameterServer
+from firmware_py.link.parameters.server import ExtendedParameters, ParameterServer
 from firmware_py.link.peers import DuplicateSystemId, Peer, Peers
 from firmware_py.link.routing import Router
-from firmware_py.link.satellite.reports import SatelliteReports
 from firmware_py.link.services import Companion, KeySetup, Shell, Timesync, deny, note_radio_status
-from firmware_py.link.setpoints import Setpoints
 from firmware_py.link.signing import NO_VAULT, LinkSealer, Signing
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.telemetry.publisher import TelemetryPublisher
+from firmware_py.link.telemetry.publisher import SatelliteReports, TelemetryPublisher
 from firmware_py.link.telemetry.statustext import RecentWarnings
 from firmware_py.link.telemetry.table import ROWS_OF
 from firmware_py.link.wire.dialect import Message

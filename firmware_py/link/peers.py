@@ -11,7 +11,7 @@ from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.access import Admitted, Gate, Standing
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.telemetry.context_fields import UINT32_MAX, boot_ms
+from firmware_py.link.telemetry.fields import UINT32_MAX, boot_ms
 from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.wire.dialect import Message, mavlink

@@ -14,7 +14,7 @@ from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.peers import Peer
 from firmware_py.link.signing import Signing
-from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX
+from firmware_py.link.telemetry.fields import INT16_MAX, UINT16_MAX
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 

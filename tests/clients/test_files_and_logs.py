@@ -15,7 +15,7 @@ import pytest
 from firmware_py.cli.params import _qgc_file
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import format_file, parse_file
-from firmware_py.link.parameters.metadata import parameter_json
+from firmware_py.link.parameters.files import parameter_json
 from support.paths import log_bytes
 
 CLIENT = Path(__file__).with_name("mavsdk_files_client.py")

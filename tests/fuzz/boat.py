@@ -28,7 +28,7 @@ from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.link import context
 from firmware_py.link.endpoint import NO_STORAGE, Endpoint
-from firmware_py.link.files.root import FileRoot
+from firmware_py.link.files.tree import FileRoot
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import checksum

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.files.root import FileRoot
+from firmware_py.link.files.tree import FileRoot
 from firmware_py.link.telemetry.identity import Version
 from support.link import FakeRequestHandler, MemoryTransport
 

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.link import endpoint as endpoint_module
-from firmware_py.link.files.root import FileRoot
+from firmware_py.link.files.tree import FileRoot
 from support.ftp import FtpStation
 from support.link import Rig, of_type
 

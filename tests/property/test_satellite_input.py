@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.link.satellite.keyed import KEPT_NUMBERS, Window
+from firmware_py.link.satellite.messages import KEPT_NUMBERS, Window
 from firmware_py.link.satellite.modem import Modem
 from firmware_py.link.satellite.record import Record, from_bytes, to_bytes
 from support.satellite import KEY, SatelliteBoat, set_mode

@@ -6,10 +6,10 @@ from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHom
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import PlanKind, homes
 from firmware_py.common.records import Severity
-from firmware_py.link.commands.server import NEITHER, CommandCall
+from firmware_py.link.commands.server import NEITHER, CommandCall, CommandRow
+from firmware_py.link.commands.steering import GLOBAL_FRAMES, home_of
 from firmware_py.link.context import LinkContext, within
-from firmware_py.link.positions import GLOBAL_FRAMES, home_of
-from firmware_py.link.telemetry.context_fields import UINT16_MAX
+from firmware_py.link.telemetry.fields import UINT16_MAX
 from firmware_py.plans.items import ROWS, Command
 
 _PRESENT = -1.0  # the current item
@@ -101,3 +101,23 @@ def change_speed(context: LinkContext, call: CommandCall) -> Answer:
             return call.denied(f"param{meaning.number} is {value:g}; allowed: {meaning.allowed()}")
     context.send_text_limited(call.peer, Severity.NOTICE, "Speed is for planning: her own is the sea's", call.now_s)
     return Answer(Verdict.ACCEPTED)
+
+
+COMMANDS = (
+    CommandRow(178, "DO_CHANGE_SPEED", change_speed, "nothing, and says so: her speed is the sea's"),
+    CommandRow(179, "DO_SET_HOME", set_home, "home is where she is (param1 = 1), or param5 to param7 (0)"),
+    CommandRow(193, "DO_PAUSE_CONTINUE", pause_or_continue, "halt the mission (param1 = 0), go on with it (1)"),
+    CommandRow(207, "DO_FENCE_ENABLE", enable_fence, "heed the fence (param1 = 1) or not (0), the whole of it"),
+    CommandRow(
+        224,
+        "DO_SET_MISSION_CURRENT",
+        set_mission_item,
+        "go on with item param1 (-1: the current one); param2 = 1 begins the mission anew",
+    ),
+    CommandRow(
+        300,
+        "MISSION_START",
+        start_mission,
+        "enter AUTO and go on, at item param1 unless it is 0; a complete mission begins anew",
+    ),
+)

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.intents import Answer, Verdict
-from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandCall
+from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandCall, CommandRow
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.peers import Peer
 from firmware_py.link.telemetry import identity
-from firmware_py.link.telemetry.context_fields import INT32_MAX, UINT16_MAX
+from firmware_py.link.telemetry.fields import INT32_MAX, UINT16_MAX
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import Message, mavlink
 
@@ -120,3 +120,37 @@ def request_data_stream(peer: Peer, message: Message, now_s: float) -> None:
     """Set the rates of a group of messages, in the old way that MAVProxy still uses."""
     wanted = message.start_stop == 1
     peer.streams.set_stream(message.req_stream_id, float(message.req_message_rate) if wanted else 0.0, now_s)
+
+
+COMMANDS = (
+    CommandRow(410, "GET_HOME_POSITION", home_position, "send HOME_POSITION", repeatable=True),
+    CommandRow(510, "GET_MESSAGE_INTERVAL", get_message_interval, "send MESSAGE_INTERVAL", repeatable=True),
+    CommandRow(
+        511,
+        "SET_MESSAGE_INTERVAL",
+        set_message_interval,
+        "send message param1 each param2 us on this link; -1 off, 0 default",
+        repeatable=True,
+    ),
+    CommandRow(
+        512,
+        "REQUEST_MESSAGE",
+        request_message,
+        "send message param1 once; param2: the index of AVAILABLE_MODES, the message that MESSAGE_INTERVAL tells of",
+        repeatable=True,
+    ),
+    CommandRow(519, "REQUEST_PROTOCOL_VERSION", protocol_version, "send PROTOCOL_VERSION", repeatable=True),
+    CommandRow(
+        520,
+        "REQUEST_AUTOPILOT_CAPABILITIES",
+        capabilities,
+        "send AUTOPILOT_VERSION",
+        repeatable=True,
+    ),
+    CommandRow(
+        2600,
+        "CONTROL_HIGH_LATENCY",
+        control_high_latency,
+        "HIGH_LATENCY2 on the satellite links (param1 = 1) or silence (0)",
+    ),
+)

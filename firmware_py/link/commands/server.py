@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import struct
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 
 import msgspec
@@ -10,10 +12,9 @@ from msgspec.structs import replace
 
 from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.records import Severity
-from firmware_py.link.commands.memory import CommandMemory, CommandRecord
-from firmware_py.link.commands.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, PendingCommand
 from firmware_py.link.context import Handler, LinkContext
-from firmware_py.link.peers import Correspondent, Peer, correspondent
+from firmware_py.link.latest import keep_latest
+from firmware_py.link.peers import DOUBLED_S, Correspondent, Peer, Sender, correspondent
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
 
@@ -23,6 +24,21 @@ NEITHER = "param1 is neither 0 nor 1"
 _MOST_PENDING = 8
 _KEEP_TIMEOUT_S = 15.0  # longer than a write may have to wait for the ones before
 _UNKEPT = 1  # result_param2 of what is done and may be forgotten by a restart
+
+RETRY_S = 5.0  # a confirmation within this belongs to the earlier command
+SATELLITE_RETRY_S = 600.0  # where an acknowledgement takes two minutes
+OVERTAKEN_S = 2.0  # what comes with an older sequence number within this was overtaken on the way, or doubled
+RELATIVE_RETRY_S = 30.0  # so long QGroundControl and others go on to repeat what was not acknowledged
+REPEAT_S = 1.0  # MAVSDK repeats an unanswered COMMAND_INT after half a second
+REMEMBERED = 32
+_LATEST = 4  # of each command: a double of an earlier one may come behind its contrary
+_NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
+
+IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
+_LATE = Answer(Verdict.FAILED, "not done in time")
+UNKNOWN_PROGRESS = 255
+FIRST_WORD_S = 0.3  # what is done by then needs no word in between
+WORD_S = 1.0
 
 
 class CommandCall(msgspec.Struct, frozen=True):
@@ -58,6 +74,88 @@ class CommandCall(msgspec.Struct, frozen=True):
     def sender(self) -> tuple[int, int]:
         """System and component of who sent it."""
         return self.message.get_srcSystem(), self.message.get_srcComponent()
+
+
+def _unknown() -> int:
+    return UNKNOWN_PROGRESS
+
+
+class PendingCommand:
+    """Returned by a command's action in place of an answer; whoever works on it calls `finish`, once."""
+
+    def __init__(
+        self,
+        *,
+        timeout_s: float,
+        percent: Callable[[], int] = _unknown,
+        cancel: Callable[[], None] | None = None,
+        poll: Callable[[], Answer | None] | None = None,
+        late: Answer = _LATE,
+    ) -> None:
+        """Take how long it may take, who knows the progress (0 to 100), who can call it off, who knows the end.
+
+        `late` is the answer when it takes longer; its text goes behind the command's name.
+        """
+        self._timeout_s = timeout_s
+        self._cancel = cancel
+        self._poll = poll
+        self._answer: Answer | None = None
+        self._done: Callable[[Answer], None] | None = None
+        self._begun_s = self._word_s = 0.0
+        self.percent = percent
+        self.late = late
+
+    def begin(self, now_s: float, done: Callable[[Answer], None]) -> None:
+        """Say who is to be told of the end, at once if it has come already."""
+        self._begun_s, self._word_s = now_s, now_s + FIRST_WORD_S
+        if self._answer is None:
+            self._done = done
+        else:
+            done(self._answer)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has its answer."""
+        return self._answer is not None
+
+    def finish(self, answer: Answer) -> None:
+        """End it; only the first end counts."""
+        if self._answer is None:
+            self._answer = answer
+            # Who is told knows this command: kept, the two would hold each other until the next collection, and a
+            # flood of commands would fill the memory with them.
+            done, self._done = self._done, None
+            if done is not None:
+                done(answer)
+
+    def cancel(self) -> bool:
+        """CommandCall it off; False when that cannot be done any more."""
+        if self._cancel is None or self._answer is not None:
+            return False
+        self.give_up()
+        return True
+
+    def give_up(self) -> None:
+        """CommandCall it off if that can be done, and take no notice of how it ends."""
+        if self._cancel is not None:
+            self._cancel()
+        self._done = None
+
+    def check_end(self) -> None:
+        """End it when whoever knows the end says so."""
+        if self._poll is not None and self._answer is None and (answer := self._poll()) is not None:
+            self.finish(answer)
+
+    def progress_due(self, now_s: float) -> bool:
+        """Return whether it is time for a word on the progress, and count it as said."""
+        if now_s < self._word_s:
+            return False
+        self._word_s = now_s + WORD_S
+        return True
+
+    def timed_out(self, now_s: float) -> bool:
+        """Return whether it has taken too long."""
+        return now_s - self._begun_s > self._timeout_s
 
 
 CommandAction = Callable[[LinkContext, CommandCall], Answer | PendingCommand]
@@ -231,3 +329,114 @@ class CommandServer:
 
 def _name(row: CommandRow | None) -> str:
     return "" if row is None else row.name
+
+
+class CommandRecord(msgspec.Struct, frozen=True):
+    """A command as it came: when, with which sequence number, what it asked, and who; and its result."""
+
+    t_s: float
+    sequence: int
+    asked: bytes
+    in_whole_numbers: bool  # COMMAND_INT
+    station: Correspondent
+    result: int = _NO_RESULT
+
+
+class CommandMemory:
+    """The latest few of each command of each station, bounded.
+
+    A relative command done twice turns the boat twice. So those are remembered by the sender's numbers alone: the same
+    order by another way is one, even before `Ways` has found that the two ways are one station's.
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing done."""
+        self._done: OrderedDict[tuple[Correspondent | Sender, int], tuple[CommandRecord, ...]] = OrderedDict()
+
+    def __len__(self) -> int:
+        """Return how many commands are remembered."""
+        return len(self._done)
+
+    def find_original(
+        self, command: int, now: CommandRecord, *, confirmed: bool, relative: bool
+    ) -> CommandRecord | None:
+        """Return the one that this is a retry or a double of, None when it is new."""
+        latest, *earlier = self._done.get(_key(now.station, command, relative=relative), (None,))
+        if latest is None:
+            return None
+        if relative:
+            for record in (latest, *earlier):
+                if _same(record, now) and _is_repeated(record, now, confirmed=confirmed):
+                    return record
+        if not _same(latest, now):
+            return _doubled(now, latest, earlier)
+        age_s = now.t_s - latest.t_s
+        if confirmed:
+            return latest if age_s < (SATELLITE_RETRY_S if now.station.peer.quiet else RETRY_S) else None
+        behind = (latest.sequence - now.sequence) & 0xFF
+        if behind < 128 and age_s < OVERTAKEN_S:
+            return latest
+        return latest if relative and now.in_whole_numbers and age_s < REPEAT_S else None
+
+    def remember(self, command: int, done: CommandRecord, *, relative: bool = False) -> None:
+        """Remember a command, before those of its kind."""
+        key = _key(done.station, command, relative=relative)
+        keep_latest(self._done, key, (done, *self._done.get(key, ()))[:_LATEST], REMEMBERED)
+
+    def set_result(
+        self, station: Correspondent, command: int, sequence: int, result: int, *, relative: bool = False
+    ) -> None:
+        """Note the result of the command that came with a sequence number, if it is remembered."""
+        key = _key(station, command, relative=relative)
+        records = list(self._done.get(key, ()))
+        for number, record in enumerate(records):
+            if record.sequence == sequence:
+                records[number] = replace(record, result=result)
+                self._done[key] = tuple(records)
+                return
+
+
+def _key(station: Correspondent, command: int, *, relative: bool) -> tuple[Correspondent | Sender, int]:
+    return station.sender if relative else station, command
+
+
+def _is_repeated(record: CommandRecord, now: CommandRecord, *, confirmed: bool) -> bool:
+    """Whether a relative command was executed before: sent again with a confirmation, or a duplicate frame."""
+    age_s = now.t_s - record.t_s
+    way = now.station.peer.way
+    if confirmed:
+        return age_s < (SATELLITE_RETRY_S if now.station.peer.quiet else RELATIVE_RETRY_S)
+    # A program that was started again counts from 0 again, and comes by a new way.
+    there = way is not record.station.peer.way and way.since_s < record.t_s + OVERTAKEN_S
+    return there and record.sequence == now.sequence and age_s < DOUBLED_S
+
+
+def _same(one: CommandRecord, other: CommandRecord) -> bool:
+    return one.asked == other.asked and one.in_whole_numbers is other.in_whole_numbers
+
+
+def _doubled(now: CommandRecord, latest: CommandRecord, earlier: list[CommandRecord]) -> CommandRecord | None:
+    """Return the one before the latest of which this is the very frame, which a line has held back and doubled."""
+    if now.sequence == latest.sequence:  # a sender that does not count
+        return None
+    return next(
+        (
+            record
+            for record in earlier
+            if record.sequence == now.sequence and _same(record, now) and now.t_s - record.t_s < OVERTAKEN_S
+        ),
+        None,
+    )
+
+
+def once_stored(context: LinkContext, call: CommandCall, text: str, failure: str) -> PendingCommand:
+    """Be done once the disk has answered: until then nobody can say whether it will be stored."""
+    pending = PendingCommand(timeout_s=math.inf)
+
+    def stored(well: bool) -> None:  # noqa: FBT001 - the request handler's callback
+        if well:
+            context.send_text(call.peer, Severity.NOTICE, text)
+        pending.finish(Answer(Verdict.ACCEPTED) if well else Answer(Verdict.FAILED, f"{call.name}: {failure}"))
+
+    context.request_handler.when_stored(stored)
+    return pending

@@ -7,10 +7,10 @@ import math
 from firmware_py.common.intents import Answer, Arm, Restart, SetMode, Verdict
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Severity
-from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandAction, CommandCall
+from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandAction, CommandCall, CommandRow
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry import identity
-from firmware_py.link.telemetry.context_fields import INT32_MAX, UINT32_MAX
+from firmware_py.link.telemetry.fields import INT32_MAX, UINT32_MAX
 from firmware_py.link.wire.dialect import mavlink
 
 _FORCE = 21196  # MAVLink's number for arming or disarming whatever the checks say
@@ -97,3 +97,20 @@ def send_banner(context: LinkContext, call: CommandCall) -> Answer:
     commit = f" (git {version.commit})" if version.commit else ""
     context.send_text_limited(call.peer, Severity.INFO, f"Rambler {number}{commit}", call.now_s)
     return ACCEPTED
+
+
+COMMANDS = (
+    CommandRow(17, "NAV_LOITER_UNLIM", loiter, "enter LOITER where she is; with a place: refused"),
+    CommandRow(20, "NAV_RETURN_TO_LAUNCH", return_to_launch, "enter RTL"),
+    CommandRow(176, "DO_SET_MODE", set_mode, "enter the custom mode param2"),
+    CommandRow(
+        246,
+        "PREFLIGHT_REBOOT_SHUTDOWN",
+        restart,
+        "disarmed, or forced by param6 = 20190226: start the autopilot anew (param1 = 1), end it (2)",
+    ),
+    CommandRow(262, "DO_SET_STANDARD_MODE", set_standard_mode, "enter AUTO (param1 = 6) or RTL (5)"),
+    CommandRow(400, "COMPONENT_ARM_DISARM", arm_disarm, "arm (param1 = 1) or disarm (0); param2 = 21196 forces"),
+    CommandRow(401, "RUN_PREARM_CHECKS", run_prearm_checks, "say what forbids arming", repeatable=True),
+    CommandRow(42428, "DO_SEND_BANNER", send_banner, "say the version", repeatable=True),
+)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_py.link.context import Handler, LinkContext
-from firmware_py.link.files.answers import FILE_TRANSFER, PENDING, Answers, FileAction, FileCall
 from firmware_py.link.files.payload import (
     PAYLOAD,
     Error,
@@ -22,10 +21,18 @@ from firmware_py.link.files.payload import (
     parse_request,
     refusal_of,
 )
-from firmware_py.link.files.reading import ReadingRequests
-from firmware_py.link.files.sessions import FileSession, FileSessions, OpenFile
+from firmware_py.link.files.requests import ReadingRequests, WritingRequests
+from firmware_py.link.files.sessions import (
+    FILE_TRANSFER,
+    PENDING,
+    Answers,
+    FileAction,
+    FileCall,
+    FileSession,
+    FileSessions,
+    OpenFile,
+)
 from firmware_py.link.files.tree import Tree
-from firmware_py.link.files.writing import WritingRequests
 from firmware_py.link.peers import Peer, correspondent
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.worker import Worker

@@ -1,19 +1,26 @@
-"""All files that ground stations see, by path: areas of the disk, and files that exist in memory only."""
+"""All files that ground stations see, by path: directories of the disk, and files in memory."""
 
 from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
 
 import msgspec
 
+from firmware_py.common.interfaces import RequestHandler
+from firmware_py.common.parameters import format_file
 from firmware_py.link.files.area import DEEPEST, LONGEST_NAME, Area, Entry, Parts
 from firmware_py.link.files.payload import Error, Refusal
+from firmware_py.link.parameters.files import Metadata, pack
 
 Query = Mapping[str, str]  # what stands behind a question mark
 # The content of a file in memory, at the moment that it is opened. Called on the worker's thread, because 2000 items
 # take longer than the loop has to spare: it may look at nothing but what is replaced as a whole.
 Generate = Callable[[Query], bytes]
+
+PACKED_PARAMETERS: Parts = ("@PARAM", "param.pck")
 
 
 class Origin(msgspec.Struct, frozen=True):
@@ -81,3 +88,44 @@ def parse_path(raw: bytes) -> tuple[Parts, Query]:
         raise Refusal(Error.FAIL_ERRNO, errno.ENAMETOOLONG)
     pairs = (pair.partition("=") for pair in asked.split("&") if pair)
     return parts, {name: value for name, _, value in pairs}
+
+
+def _no_logs() -> Mapping[int, Path]:
+    return {}
+
+
+class FileRoot(msgspec.Struct, frozen=True):
+    """The parts of the disk that ground stations may see.
+
+    `catalogue` finds the logs by number, the newest highest; with `logging` that one is being written. `uploads`
+    is the one directory that may be written to. `background`: the disk is waited for on a thread of its own.
+    """
+
+    catalogue: Callable[[], Mapping[int, Path]] = _no_logs
+    logs: Path | None = None
+    uploads: Path | None = None
+    logging: bool = False
+    background: bool = False
+
+
+def tree_of(
+    storage: FileRoot,
+    metadata: Metadata,
+    request_handler: RequestHandler,
+    more: Mapping[Parts, Generate],
+    sinks: Mapping[Parts, Sink],
+) -> Tree:
+    """Return all that file transfer shows; `more` is made when it is read, `sinks` put an upload in force."""
+    areas = {}
+    if storage.logs is not None:
+        areas["logs"] = Area(storage.logs, writable=False)
+    if storage.uploads is not None:
+        areas["uploads"] = Area(storage.uploads, writable=True)
+    made: dict[Parts, Generate] = {path: partial(_same, content) for path, content in metadata.files.items()}
+    made[PACKED_PARAMETERS] = lambda query: pack(request_handler.parameters(), query, metadata.autopilot)
+    made["parameters.param",] = lambda _: format_file(dict(request_handler.parameters().items())).encode()
+    return Tree(areas, {**made, **more}, sinks)
+
+
+def _same(content: bytes, _: object) -> bytes:
+    return content

@@ -1,14 +1,16 @@
-"""Plan items on the wire: home as item 0 of a mission, sequence numbers, degrees and integers."""
+"""Plan items on the wire: home as item 0 of a mission, sequence numbers, degrees and integers; duplicate messages."""
 
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
-from firmware_py.link.peers import Peer, Sender
-from firmware_py.link.telemetry.context_fields import scaled_degrees
+from firmware_py.link.latest import keep_latest
+from firmware_py.link.peers import Correspondent, Peer, Sender
+from firmware_py.link.telemetry.fields import scaled_degrees
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.plans.items import Command, has_place
@@ -23,6 +25,9 @@ _ACK = mavlink.mavlink_map[47]
 _INT32 = 1 << 31
 _FRAMES_OF_HOME = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _AT_HOME = 1000  # 1e-7 deg: some 11 m
+
+_DOUBLED_S = 10.0  # what a line doubles comes within this; who asks again does so with another number
+_REMEMBERED = 16
 
 
 def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:
@@ -101,3 +106,21 @@ def item_message(
 def acknowledge(context: LinkContext, peer: Peer, to: Sender, kind: int, result: PlanResult, identity: int = 0) -> None:
     """Send a MISSION_ACK; `identity` is the opaque id of a plan that was taken."""
     context.send(peer, _ACK(*to, int(result), kind, identity), Priority.URGENT)
+
+
+class Marks:
+    """The number of the frame by which each station has asked last, of each message and each type of plan; bounded."""
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._latest: OrderedDict[tuple[Correspondent, int, int], tuple[tuple[int, int], float]] = OrderedDict()
+
+    def is_double(self, station: Correspondent, message: Message, now_s: float) -> bool:
+        """Return whether a message is the latest of its kind once more; note it when it is not."""
+        key = (station, type(message).id, message.mission_type)
+        mark = (getattr(message, "count", 0), message.get_seq())
+        before, seen_s = self._latest.get(key, (None, 0.0))
+        if mark == before and now_s - seen_s < _DOUBLED_S:
+            return True
+        keep_latest(self._latest, key, (mark, now_s), _REMEMBERED)
+        return False

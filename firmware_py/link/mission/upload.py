@@ -18,9 +18,9 @@ from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.items import (
     NAMES,
+    Marks,
     acknowledge,
     is_waypoint_for_home,
     item_of,

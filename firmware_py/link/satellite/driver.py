@@ -10,9 +10,9 @@ import msgspec
 
 from firmware_py.common.link_status import session_ending
 from firmware_py.common.records import Event, Severity
-from firmware_py.link.satellite.budget import Kind, Ledger, Limits
-from firmware_py.link.satellite.messages import Bundle, MessageQueue
+from firmware_py.link.satellite.messages import Bundle, Kind, MessageQueue
 from firmware_py.link.satellite.modem import Modem, Session
+from firmware_py.link.satellite.record import Ledger, Limits
 
 # After each failure a random time up to this, after more the last of them. Source: Ground Control, Adaptive Retry.
 _RETRY_S = (5.0, 5.0, 30.0, 30.0)

@@ -1,16 +1,158 @@
-"""What waits to be sent by satellite, and how several frames share a message."""
+"""Frames in messages by satellite: their shortest form, the keyed form of commands, and the queue."""
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from enum import IntEnum
+from hmac import compare_digest
 
 import msgspec
+from msgspec.structs import replace
 
-from firmware_py.link.satellite.budget import Kind
 from firmware_py.link.satellite.modem import LONGEST_OUT
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.frames import checksum
+
+
+class Kind(IntEnum):
+    """What goes first."""
+
+    EVENT = 0  # faults, and another mode
+    REPORT = 1
+    ANSWER = 2
+    MAILBOX = 3  # nothing is sent: a look for what waits ashore
+
+
+HEAD_BYTES = TEXT_PLACE = 10
+HIGH_LATENCY2, STATUSTEXT, COMMAND_ACK = 235, 253, 77
+# Payloads of MAVLink 1, which has no extension fields and a header that is four bytes shorter: HIGH_LATENCY2 then is 50
+# bytes, and so one credit, where MAVLink 2 makes it 54 and two.
+_MAVLINK1_BYTES: Mapping[int, int] = {HIGH_LATENCY2: 42, COMMAND_ACK: 3}
+# Severity and so much of a text, that it makes one credit.
+_TEXT_BYTES = 1 + 37
+_CHUNK = 53  # place of the number of the part of a long text
+# Of HIGH_LATENCY2, on the wire: custom_mode, failure_flags, and custom2, whose first bit says that she is armed.
+_MODE, _FAILURES, _BITS = slice(12, 14), slice(22, 24), 41
+
+MARK = 0xB5
+CODE_BYTES = 8
+KEPT_NUMBERS = 128
+UNITS_HZ = 100.0
+EPOCH_S = 1_420_070_400  # 2015-01-01 UTC
+_CONTEXT = b"sbd short form 1"
+_NUMBER = slice(1, 6)
+_HEAD_BYTES = 10
 
 _DEPTHS: Mapping[Kind, int] = {Kind.EVENT: 16, Kind.REPORT: 24, Kind.ANSWER: 16}
+
+
+def frames_of(data: bytes) -> Iterator[bytes]:
+    """Return the frames of MAVLink 2 that were put together, without their signatures."""
+    start = 0
+    while start < len(data):
+        end = start + HEAD_BYTES + data[start + 1] + 2
+        yield data[start:end]
+        start = end + (13 if data[start + 2] & 1 else 0)
+
+
+def is_text(frame: bytes) -> bool:
+    """Return whether a frame of MAVLink 2 is a text for the operator."""
+    return _number(frame) == STATUSTEXT
+
+
+def shortest(frame: bytes) -> bytes | None:
+    """Return an unsigned frame in the form that costs least; None for what is not worth it.
+
+    Signatures are left away: the boat's own messages would cost a credit more each.
+    """
+    number, payload = _number(frame), frame[HEAD_BYTES:-2]
+    if is_text(frame):
+        if any(payload[_CHUNK:]):
+            return None  # the rest of a text whose beginning was sent
+        payload = payload[:_TEXT_BYTES]
+    seed = bytes((mavlink.mavlink_map[number].crc_extra,))
+    size = _MAVLINK1_BYTES.get(number)
+    payload = payload.rstrip(b"\0") or b"\0"
+    body = bytes((len(payload), 0, 0)) + frame[4:HEAD_BYTES] + payload
+    if size is not None and size + 8 <= len(payload) + 12:
+        body = bytes((size, *frame[4:7], number)) + payload[:size].ljust(size, b"\0")
+        return b"\xfe" + body + checksum(body, seed).to_bytes(2, "little")
+    return b"\xfd" + body + checksum(body, seed).to_bytes(2, "little")
+
+
+class Importance:
+    """Tells reports from events: one with another mode, arming or failures than the one before is an event."""
+
+    def __init__(self) -> None:
+        """Begin with nothing sent."""
+        self._state: bytes | None = None
+
+    def kind_of(self, frame: bytes) -> Kind:
+        """Return what an unsigned frame of MAVLink 2 is."""
+        number = _number(frame)
+        if is_text(frame):
+            return Kind.EVENT
+        if number != HIGH_LATENCY2:
+            return Kind.ANSWER
+        payload = frame[HEAD_BYTES:-2].ljust(42, b"\0")
+        before, self._state = self._state, payload[_MODE] + payload[_FAILURES] + bytes((payload[_BITS] & 1,))
+        return Kind.REPORT if before in (None, self._state) else Kind.EVENT
+
+
+def _number(frame: bytes) -> int:
+    return int.from_bytes(frame[7:10], "little")
+
+
+class Keyed(msgspec.Struct, frozen=True):
+    """A frame of the short form whose code holds; `frame` is the same as MAVLink 2."""
+
+    number: int
+    frame: bytes
+
+    def age_s(self, utc_s: float) -> float:
+        """Return how long ago it was written."""
+        return utc_s - EPOCH_S - self.number / UNITS_HZ
+
+
+def open_keyed(message: bytes, imei: str, code: Callable[[bytes], bytes | None]) -> Keyed | str:
+    """Return the frame of a message in the short form, or why it is none; `code` makes an HMAC, None without a key."""
+    if len(message) < _HEAD_BYTES + CODE_BYTES:
+        return "cut short"
+    covered, told = message[:-CODE_BYTES], message[-CODE_BYTES:]
+    right = code(_CONTEXT + imei.encode() + covered)
+    if right is None:
+        return "there is no key"
+    if not compare_digest(right[:CODE_BYTES], told):
+        return "false code"
+    system, component, payload = covered[6], covered[7], covered[_HEAD_BYTES:] or b"\0"
+    number = int.from_bytes(covered[8:10], "little")
+    kind = mavlink.mavlink_map.get(number)
+    if kind is None or len(payload) > kind.unpacker.size:
+        return "unknown message"
+    body = bytes((len(payload), 0, 0, 0, system, component)) + number.to_bytes(3, "little") + payload
+    checked = checksum(body, bytes((kind.crc_extra,)))
+    return Keyed(int.from_bytes(covered[_NUMBER], "little"), b"\xfd" + body + checked.to_bytes(2, "little"))
+
+
+class Window(msgspec.Struct, frozen=True):
+    """The latest numbers that have counted, in order, and `floor`: up to there none counts any more."""
+
+    floor: int = 0
+    used: tuple[int, ...] = ()
+
+    def admits(self, number: int) -> bool:
+        """Return whether a number has not counted yet."""
+        return number > self.floor and number not in self.used
+
+    def with_number(self, number: int) -> Window:
+        """Return it after a number has counted."""
+        place = bisect_left(self.used, number)
+        used = (*self.used[:place], number, *self.used[place:])
+        if len(used) <= KEPT_NUMBERS:
+            return replace(self, used=used)
+        return Window(max(self.floor, used[0]), used[1:])
 
 
 class Bundle(msgspec.Struct, frozen=True):

@@ -1,20 +1,85 @@
-"""What a satellite link keeps over restarts: what was spent, and which messages have counted."""
+"""Credits of a satellite link, and what it stores over restarts."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from datetime import date
 from typing import Final
 
 import msgspec
-from msgspec.structs import astuple
+from msgspec.structs import astuple, replace
 
 from firmware_py.common import record_codec
-from firmware_py.link.satellite.budget import Ledger
-from firmware_py.link.satellite.keyed import Window
+from firmware_py.link.satellite.messages import Kind, Window
+
+_DAY_S = 86400.0
+_EPOCH_DAY = date(1970, 1, 1).toordinal()
+_LATEST_S = 1e11  # what shows more is not a clock
 
 KEPT_MESSAGES = 32
 _VERSION: Final = 1
 MOST_COUNT: Final = 1 << 40  # the numbers of messages have 5 bytes
 LAST_DAY: Final = 1_000_000  # since 1970: in the calendar of Python
+
+
+# The part of a budget that each kind may use up, so that what is urgent finds something left late in the day, and that
+# commands still come when nothing more is sent.
+_SHARES: Mapping[Kind, float] = {Kind.EVENT: 0.95, Kind.REPORT: 0.9, Kind.ANSWER: 0.7, Kind.MAILBOX: 1.0}
+
+
+class Limits(msgspec.Struct, frozen=True):
+    """Credits for a day and a month of UTC, 0 for no limit, and how many bytes one credit carries."""
+
+    day: int
+    month: int
+    credit_bytes: int
+
+    def cost(self, size_bytes: int) -> int:
+        """Return the credits of a message; looking for one costs as much as the shortest."""
+        return max(1, math.ceil(size_bytes / self.credit_bytes))
+
+
+class Ledger(msgspec.Struct, frozen=True):
+    """Credits of this day and this month (both counted from 1970), and since the record began."""
+
+    day: int = 0
+    month: int = 0
+    day_used: int = 0
+    month_used: int = 0
+    total: int = 0
+
+    def at(self, utc_s: float, under_way: int = 0) -> Ledger:
+        """Return it on the day that it is: a later one begins with what is `under_way`, an earlier one takes all along.
+
+        So a clock that is set back does not give anything away.
+        """
+        day = int(utc_s // _DAY_S) if math.isfinite(utc_s) and 0.0 <= utc_s < _LATEST_S else self.day
+        date_ = date.fromordinal(_EPOCH_DAY + day)
+        months = (date_.year - 1970) * 12 + date_.month - 1
+        if (day, months) == (self.day, self.month):
+            return self
+        return replace(
+            self,
+            day=day,
+            month=months,
+            day_used=min(self.day_used, under_way) if day > self.day else self.day_used,
+            month_used=min(self.month_used, under_way) if months > self.month else self.month_used,
+        )
+
+    def charged(self, credits_: int) -> Ledger:
+        """Return it with credits spent, or given back (negative)."""
+        return replace(
+            self,
+            day_used=max(0, self.day_used + credits_),
+            month_used=max(0, self.month_used + credits_),
+            total=max(0, self.total + credits_),
+        )
+
+    def room(self, limits: Limits, kind: Kind) -> float:
+        """Return how many credits may be spent now on a message of a kind."""
+        pairs = ((limits.day, self.day_used), (limits.month, self.month_used))
+        return min((math.floor(limit * _SHARES[kind]) - used if limit else math.inf) for limit, used in pairs)
 
 
 class Record(msgspec.Struct, frozen=True):

@@ -15,11 +15,10 @@ from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.satellite import framing
-from firmware_py.link.satellite.budget import Ledger, Limits
+from firmware_py.link.satellite import messages
 from firmware_py.link.satellite.driver import SatelliteDriver, Settings
-from firmware_py.link.satellite.keyed import EPOCH_S, MARK, UNITS_HZ, Keyed, Window, open_keyed
-from firmware_py.link.satellite.record import KEPT_MESSAGES, Record, from_bytes, to_bytes
+from firmware_py.link.satellite.messages import EPOCH_S, MARK, UNITS_HZ, Keyed, Window, open_keyed
+from firmware_py.link.satellite.record import KEPT_MESSAGES, Ledger, Limits, Record, from_bytes, to_bytes
 from firmware_py.link.wire.frames import Splitter
 from firmware_py.link.wire.transport import Address
 from firmware_py.link.wire.urls import LinkClass, LinkUrl
@@ -61,7 +60,7 @@ class SbdTransport:
         self._parameters: Callable[[], ParameterSet] = ParameterSet
         self._code: Callable[[bytes], bytes | None] = lambda _covered: None
         self._vouch: Callable[[bytes], None] = lambda _frame: None
-        self._importance = framing.Importance()
+        self._importance = messages.Importance()
         self._texts = TokenBucket(_TEXTS, _TEXTS_HZ)
         self._told_s: dict[bytes, float] = {}
         self._ready: list[tuple[bytes, bool]] = []  # frames that count, and whether the key vouches for them
@@ -101,11 +100,11 @@ class SbdTransport:
 
     def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - it has one only
         """Queue frames for the next session; True, since what it has no room for is counted there."""
-        for frame in framing.frames_of(data):
-            kind, shortest = self._importance.kind_of(frame), framing.shortest(frame)
+        for frame in messages.frames_of(data):
+            kind, shortest = self._importance.kind_of(frame), messages.shortest(frame)
             if shortest is None:
                 continue
-            if framing.is_text(frame) and not self._may_tell(shortest):
+            if messages.is_text(frame) and not self._may_tell(shortest):
                 self._driver.queue.dropped[kind] += 1
             else:
                 self._driver.queue.offer(kind, shortest)
@@ -113,7 +112,7 @@ class SbdTransport:
 
     def _may_tell(self, text: bytes) -> bool:
         """Return whether a text is worth its price: not again soon, and not more than now and then."""
-        same, now_s = text[framing.TEXT_PLACE : -2], self._now_s
+        same, now_s = text[messages.TEXT_PLACE : -2], self._now_s
         told_s = self._told_s.get(same)
         if (told_s is not None and now_s - told_s < _SAME_TEXT_S) or not self._texts.spend_one(now_s):
             return False

@@ -12,7 +12,7 @@ from firmware_py.common.mode_table import BaseMode, Mode, ModeProperties, Standa
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.faults.table import TABLE as FAULTS
-from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.fields import TelemetryContext
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.reports import Estimate, Water
-from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.fields import TelemetryContext
 
 Value = Callable[[TelemetryContext], float | None]
 

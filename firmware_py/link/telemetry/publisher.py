@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from firmware_py.common.reports import Snapshot
-from firmware_py.link.context import LinkContext
+from firmware_py.common.token_bucket import TokenBucket
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peers import Peers
-from firmware_py.link.telemetry import estimates, motion
-from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry import motion
+from firmware_py.link.telemetry.fields import TelemetryContext
+from firmware_py.link.telemetry.streams import HIGH_LATENCY
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.frames import Packed
 from firmware_py.link.wire.outbox import Priority
 
 _HEARTBEAT, _HOME_POSITION, _CURRENT_MODE = 0, 242, 436
 (_BEAT,) = ROWS_OF[_HEARTBEAT]
+
+_CHANGES, _CHANGES_HZ = 6, 1.0 / 1800.0  # told at once, and in the long run: who changes to and fro costs no more
+_NEVER_S = 1e9
+_MINUTE_S = 60.0
 
 
 class TelemetryPublisher:
@@ -38,7 +46,7 @@ class TelemetryPublisher:
         if telemetry is not None:
             self._context.home_report_due = False
             self._context.send_all(motion.home_position(telemetry))
-            self._context.send_all(estimates.gps_global_origin(telemetry))
+            self._context.send_all(motion.gps_global_origin(telemetry))
             for peer in peers:
                 peer.streams.postpone(_HOME_POSITION, now_s)
 
@@ -72,3 +80,34 @@ class TelemetryPublisher:
     def _pack(self, row: int, telemetry: TelemetryContext) -> Packed | None:
         message = TABLE[row].build(telemetry)
         return None if message is None else self._context.codec.pack(message)
+
+
+class SatelliteReports:
+    """Makes HIGH_LATENCY2 due on links by messages."""
+
+    def __init__(self, context: LinkContext) -> None:
+        """Take what knows the state and the peers."""
+        self._context = context
+        self._changes = TokenBucket(_CHANGES, _CHANGES_HZ)
+        self._told: tuple[int, bool] | None = None
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return that nothing is handled here."""
+        return {}
+
+    def update(self, now_s: float) -> None:
+        """Make a report due when she does something else, and keep the interval that is wanted."""
+        peers = [peer for peer in self._context.peers if peer.by_message]
+        snapshot = self._context.snapshot
+        if not peers or snapshot is None:
+            return
+        interval_s = self._context.request_handler.parameters()["SBD_REPORT_MIN"] * _MINUTE_S or _NEVER_S
+        state = (int(snapshot.mode), snapshot.armed)
+        changed = state != self._told and (self._told is None or self._changes.spend_one(now_s))
+        for peer in peers:
+            if peer.streams.interval_us(HIGH_LATENCY) != round(interval_s * 1e6):
+                peer.streams.set_high_latency(interval_s, now_s)
+            if changed:
+                peer.streams.make_due(HIGH_LATENCY, now_s)
+        if changed:
+            self._told = state

@@ -12,17 +12,13 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from firmware_py.link.telemetry import (
-    compass_swing,
-    estimates,
-    high_latency,
     identity,
-    mission_status,
     motion,
     named_values,
     status,
     vessels,
 )
-from firmware_py.link.telemetry.context_fields import TelemetryContext, boot_ms, single
+from firmware_py.link.telemetry.fields import TelemetryContext, boot_ms, single
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 
@@ -66,24 +62,24 @@ TABLE: tuple[TelemetryRow, ...] = (
     TelemetryRow(2, "SYSTEM_TIME", status.system_time, 1.0, 0.1, _EXTRA3),
     TelemetryRow(24, "GPS_RAW_INT", motion.gps_raw_int, 2.0, 0.5, _STATUS),
     TelemetryRow(30, "ATTITUDE", motion.attitude, 10.0, 2.0, _EXTRA1),
-    TelemetryRow(31, "ATTITUDE_QUATERNION", estimates.attitude_quaternion, 0.0, 0.0, None),
-    TelemetryRow(32, "LOCAL_POSITION_NED", estimates.local_position_ned, 2.0, 0.0, _POSITION),
+    TelemetryRow(31, "ATTITUDE_QUATERNION", motion.attitude_quaternion, 0.0, 0.0, None),
+    TelemetryRow(32, "LOCAL_POSITION_NED", motion.local_position_ned, 2.0, 0.0, _POSITION),
     TelemetryRow(33, "GLOBAL_POSITION_INT", motion.global_position_int, 4.0, 1.0, _POSITION),
     TelemetryRow(36, "SERVO_OUTPUT_RAW", motion.servo_output_raw, 4.0, 1.0, _RC),
-    TelemetryRow(42, "MISSION_CURRENT", mission_status.mission_current, 1.0, 0.5, _STATUS),
-    TelemetryRow(49, "GPS_GLOBAL_ORIGIN", estimates.gps_global_origin, 0.0, 0.0, None),
+    TelemetryRow(42, "MISSION_CURRENT", status.mission_current, 1.0, 0.5, _STATUS),
+    TelemetryRow(49, "GPS_GLOBAL_ORIGIN", motion.gps_global_origin, 0.0, 0.0, None),
     TelemetryRow(62, "NAV_CONTROLLER_OUTPUT", motion.nav_controller_output, 2.0, 1.0, _STATUS),
     TelemetryRow(65, "RC_CHANNELS", status.rc_channels, 2.0, 0.5, _RC),
     TelemetryRow(74, "VFR_HUD", motion.vfr_hud, 4.0, 1.0, _EXTRA2),
     TelemetryRow(83, "ATTITUDE_TARGET", motion.attitude_target, 2.0, 0.5, _EXTRA1),
-    TelemetryRow(87, "POSITION_TARGET_GLOBAL_INT", estimates.position_target, 2.0, 0.2, _POSITION),
+    TelemetryRow(87, "POSITION_TARGET_GLOBAL_INT", motion.position_target, 2.0, 0.2, _POSITION),
     TelemetryRow(147, "BATTERY_STATUS", status.battery_status, 1.0, 0.2, _EXTRA3),
     TelemetryRow(162, "FENCE_STATUS", status.fence_status, 0.5, 0.1, _STATUS),
-    TelemetryRow(191, "MAG_CAL_PROGRESS", compass_swing.mag_cal_progress, 0.2, 0.05, None),
-    TelemetryRow(192, "MAG_CAL_REPORT", compass_swing.mag_cal_report, 0.2, 0.05, None),
-    TelemetryRow(193, "EKF_STATUS_REPORT", estimates.ekf_status_report, 1.0, 0.2, _EXTRA3),
-    TelemetryRow(230, "ESTIMATOR_STATUS", estimates.estimator_status, 1.0, 0.2, _EXTRA3),
-    TelemetryRow(235, "HIGH_LATENCY2", high_latency.high_latency2, 0.0, 0.0, None),
+    TelemetryRow(191, "MAG_CAL_PROGRESS", status.mag_cal_progress, 0.2, 0.05, None),
+    TelemetryRow(192, "MAG_CAL_REPORT", status.mag_cal_report, 0.2, 0.05, None),
+    TelemetryRow(193, "EKF_STATUS_REPORT", motion.ekf_status_report, 1.0, 0.2, _EXTRA3),
+    TelemetryRow(230, "ESTIMATOR_STATUS", motion.estimator_status, 1.0, 0.2, _EXTRA3),
+    TelemetryRow(235, "HIGH_LATENCY2", status.high_latency2, 0.0, 0.0, None),
     TelemetryRow(242, "HOME_POSITION", motion.home_position, 0.2, 0.02, None),
     TelemetryRow(245, "EXTENDED_SYS_STATE", status.extended_sys_state, 0.2, 0.02, None),
     TelemetryRow(301, "AIS_VESSEL", vessels.ais_vessel, 4.0, 0.2, _EXTRA3),

@@ -6,14 +6,7 @@ import math
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.vessels import CALL_SIGN_LETTERS, NAME_LETTERS, Vessel, VesselIdentity
-from firmware_py.link.telemetry.context_fields import (
-    INT32_MAX,
-    UINT8_MAX,
-    UINT16_MAX,
-    TelemetryContext,
-    scaled_degrees,
-    whole,
-)
+from firmware_py.link.telemetry.fields import INT32_MAX, UINT8_MAX, UINT16_MAX, TelemetryContext, scaled_degrees, whole
 from firmware_py.link.telemetry.motion import heading_centidegrees
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 

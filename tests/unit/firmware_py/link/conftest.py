@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.link.files.root import FileRoot
+from firmware_py.link.files.tree import FileRoot
 from firmware_py.log.disk import log_files
 from support.ftp import FtpStation
 from support.link import SNAPSHOT, Rig, of_type

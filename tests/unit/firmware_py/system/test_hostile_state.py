@@ -9,8 +9,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.common.plan import PlanKind
-from firmware_py.link.satellite.budget import Ledger
-from firmware_py.link.satellite.record import Record
+from firmware_py.link.satellite.record import Ledger, Record
 from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
 from firmware_py.link.satellite.record import to_bytes as satellite_to_bytes
 from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_bytes, to_bytes

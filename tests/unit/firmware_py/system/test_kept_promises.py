@@ -31,7 +31,7 @@ from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
 from firmware_py.link.satellite import record as satellite
-from firmware_py.link.satellite.keyed import Window
+from firmware_py.link.satellite.messages import Window
 from firmware_py.system import endings
 from firmware_py.system.endings import ENDINGS_FILE
 from firmware_py.system.slots import SlotWriter, stored_content

@@ -8,8 +8,8 @@ import pytest
 
 from firmware_py.common import record_codec
 from firmware_py.link.satellite import record as satellite
-from firmware_py.link.satellite.budget import Ledger
-from firmware_py.link.satellite.keyed import Window
+from firmware_py.link.satellite.messages import Window
+from firmware_py.link.satellite.record import Ledger
 from firmware_py.system import endings
 from firmware_py.system.endings import Ending, Endings
 

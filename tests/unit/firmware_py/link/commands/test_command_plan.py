@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.reports import Home, MissionReport, MissionState
-from firmware_py.link.positions import home_of, position_goal
+from firmware_py.link.commands.steering import home_of, position_goal
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 PLAN = Plan.of(PlanKind.MISSION, [PlanItem(16, 6, x=index, y=1) for index in range(5)])

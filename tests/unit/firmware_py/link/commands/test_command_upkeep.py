@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, BenchRudder, ForgetParameters, SetParameter, Verdict
 from firmware_py.common.records import Calibration, CalibrationState, RudderFeedback
-from firmware_py.link.commands.pending import PendingCommand
+from firmware_py.link.commands.server import PendingCommand
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
 BENCH = {"armed": False, "servo": RudderFeedback(0.0, 0.1)}

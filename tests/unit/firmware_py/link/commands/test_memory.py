@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from firmware_py.link.commands.memory import (
+from firmware_py.link.commands.server import (
     OVERTAKEN_S,
     RELATIVE_RETRY_S,
     REMEMBERED,

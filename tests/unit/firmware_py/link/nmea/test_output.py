@@ -6,8 +6,7 @@ from contextlib import closing
 
 import pytest
 
-from firmware_py.link.nmea.output import open_output
-from firmware_py.link.nmea.sentences import Scene
+from firmware_py.link.nmea import Scene, open_output
 from firmware_py.link.wire.urls import LinkError
 from support.line import FakeLine
 from support.link import SNAPSHOT

@@ -11,7 +11,7 @@ from pynmeagps import NMEAReader
 
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, MissionReport, MissionState, Navigation, Water
-from firmware_py.link.nmea.sentences import LONGEST, TABLE, Scene, sentences
+from firmware_py.link.nmea import LONGEST, TABLE, Scene, sentences
 from support.link import SNAPSHOT
 
 UTC_S = 1_793_491_201.25  # 2026-11-01 00:00:01.25

@@ -8,7 +8,7 @@ import pytest
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.files.area import mavlink_crc32
-from firmware_py.link.parameters.metadata import Metadata, parameter_files, parameter_json
+from firmware_py.link.parameters.files import Metadata, parameter_files, parameter_json
 from firmware_py.link.telemetry.identity import Version
 from support.paths import DATA
 

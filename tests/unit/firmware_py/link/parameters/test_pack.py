@@ -7,7 +7,7 @@ import pytest
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.link.parameters.pack import pack, unpack
+from firmware_py.link.parameters.files import pack, unpack
 
 param_ftp = pytest.importorskip("MAVProxy.modules.lib.param_ftp")
 CHANGED = ParameterSet().replaced("CTL_K1", 33.25).replaced("LOOP_RATE_HZ", 20)

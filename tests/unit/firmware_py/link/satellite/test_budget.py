@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from firmware_py.link.satellite.budget import Kind, Ledger, Limits
+from firmware_py.link.satellite.messages import Kind
+from firmware_py.link.satellite.record import Ledger, Limits
 from support.satellite import START_UTC_S
 
 LIMITS = Limits(day=10, month=20, credit_bytes=50)

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import SetMode
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Event, Severity
-from firmware_py.link.satellite.budget import Kind
+from firmware_py.link.satellite.messages import Kind
 from support.link import MemoryVault
 from support.satellite import KEY, SatelliteBoat, set_mode
 

@@ -5,8 +5,9 @@ from collections import deque
 import pytest
 
 from firmware_py.common.records import Severity
-from firmware_py.link.satellite.budget import Kind, Ledger, Limits
 from firmware_py.link.satellite.driver import SatelliteDriver, Settings
+from firmware_py.link.satellite.messages import Kind
+from firmware_py.link.satellite.record import Ledger, Limits
 
 IMEI = b"300234010753370"
 MESSAGE = b"\xfdhers\nand more"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, DeadReckonedPosition, Estimate, Home, Navigation
-from firmware_py.link.telemetry.estimates import quaternion
+from firmware_py.link.telemetry.motion import quaternion
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
 ESTIMATE = Estimate(

@@ -22,7 +22,7 @@ from firmware_py.common.reports import (
     Water,
 )
 from firmware_py.faults.table import Fault
-from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.fields import TelemetryContext
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Codec, stamp

@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.common.vessels import Traffic, Vessel, VesselIdentity, VesselKind, VesselPosition
 from firmware_py.link.telemetry import vessels
-from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.fields import TelemetryContext
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Codec, stamp
 

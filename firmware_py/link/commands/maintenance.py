@@ -1,0 +1,273 @@
+"""Commands of the workshop: rudder on the bench, its centre, alignment and swing of the compass, storage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from firmware_py.common.angles import degrees, radians, wrap_pi
+from firmware_py.common.intents import Answer, BenchRudder, ForgetParameters, Request, SetParameter, Verdict
+from firmware_py.common.interfaces import Calibrator
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.records import CalibrationState, Severity
+from firmware_py.link.commands.server import ACCEPTED, CommandCall, CommandRow, PendingCommand, once_stored
+from firmware_py.link.context import LinkContext, within
+from firmware_py.link.telemetry.status import report_of
+
+BENCH_S = 10.0  # a rudder on the bench goes back amidships unless it is told again
+
+_CENTRE_US, _FULL_US = 1500.0, 500.0
+_RUDDER_SERVO = 1.0
+_TRIM = 2.0  # param4 of PREFLIGHT_CALIBRATION: the present position is neutral
+_READ, _WRITE, _RESET = 0.0, 1.0, 2.0
+_ARMED = Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: armed")
+_NOT_CALIBRATED_HERE = (
+    "there are the rudder's centre (param4 = 2) and the compass (param2 = 1, or DO_START_MAG_CAL under way); "
+    "FIXED_MAG_CAL_YAW aligns any compass to a known heading"
+)
+CIRCLE_TIMEOUT_S = 900.0
+
+_DEVIATION_NAMES = tuple(f"CMP_DEV_{letter}" for letter in "ABCDE")
+
+
+def set_servo(context: LinkContext, call: CommandCall) -> Answer:
+    """Hold the rudder somewhere for a while, on the bench: servo 1, 1000 to 2000 us as in SERVO_OUTPUT_RAW."""
+    servo, pulse_us = call.parameters[:2]
+    if servo != _RUDDER_SERVO:
+        return call.denied("there is servo 1, the rudder, only")
+    if not within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US):
+        return call.denied("the pulse is not within 1000 to 2000 us")
+    return context.request(call.message, BenchRudder((pulse_us - _CENTRE_US) / _FULL_US, BENCH_S), call.now_s)
+
+
+def calibrate(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
+    """Take the rudder as it stands for amidships (param4 = 2), or calibrate the compass (param2 = 1).
+
+    A compass that can does so by itself, disarmed; else a swing under way is begun. The rest is refused with what to do
+    instead.
+    """
+    asked = (*call.parameters, call.x, call.y, call.z)
+    wanted = {number: value for number, value in enumerate(asked, start=1) if value and not math.isnan(value)}
+    if not wanted:
+        return ACCEPTED
+    if wanted == {2: 1.0}:
+        compass = context.suppliers.calibrator
+        return begin_swing(context) if compass is None else _calibrate_compass(context, call, compass)
+    if wanted != {4: _TRIM}:
+        return Answer(Verdict.UNSUPPORTED, f"{call.name}: {_NOT_CALIBRATED_HERE}")
+    boat = context.snapshot
+    if boat is None or boat.armed:
+        return _ARMED
+    shaft_rad = boat.servo.shaft_rad if boat.servo is not None and boat.rudder_ok else None
+    if shaft_rad is None or not math.isfinite(shaft_rad):
+        return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: the rudder servo gives no angle")
+    answer = _set_parameter(context, call, "RUD_CENTRE_DEG", degrees(wrap_pi(shaft_rad)))
+    if isinstance(answer, PendingCommand):
+        # Off the bench: from the new centre the old deflection is another place.
+        context.request(call.message, BenchRudder(0.0, 0.0), call.now_s)
+    return answer
+
+
+def _calibrate_compass(context: LinkContext, call: CommandCall, compass: Calibrator) -> Answer | PendingCommand:
+    """Have the compass sample while the boat is turned slowly through a full circle; it may be cancelled."""
+    if context.snapshot is None or context.snapshot.armed:
+        return _ARMED
+    if not compass.calibrate(call.now_s):
+        return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: the compass is not there or at it already")
+
+    def ended() -> Answer | None:
+        now = compass.calibration()
+        if now.state is CalibrationState.RUNNING:
+            return None
+        if now.state is not CalibrationState.DONE:
+            return Answer(Verdict.FAILED, now.text or "Compass calibration was broken off")
+        context.send_text(call.peer, Severity.NOTICE, now.text)
+        return ACCEPTED
+
+    context.send_text(call.peer, Severity.NOTICE, "Compass calibration: turn her slowly through a full circle")
+    return PendingCommand(
+        timeout_s=CIRCLE_TIMEOUT_S,
+        percent=lambda: compass.calibration().percent,
+        cancel=compass.call_off,
+        poll=ended,
+    )
+
+
+def align_compass(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
+    """Mount the compass so that its heading now is the one that is known: from true north, in degrees."""
+    yaw_deg, compasses = call.parameters[:2]
+    if not within(yaw_deg, -360.0, 360.0):
+        return call.denied("the yaw is not within -360 to 360 deg")
+    if compasses not in (0.0, 1.0) and not math.isnan(compasses):
+        return call.denied("there is one compass, mask 0 or 1")
+    boat = context.snapshot
+    if boat is None or boat.armed:
+        return _ARMED
+    if boat.heading_rad is None or not boat.heading_ok:
+        return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: no valid heading")
+    offset_rad = radians(context.request_handler.parameters()["CMP_OFFSET_DEG"])
+    aligned_rad = wrap_pi(offset_rad + radians(yaw_deg) - boat.heading_rad)
+    return _set_parameter(context, call, "CMP_OFFSET_DEG", degrees(aligned_rad))
+
+
+def _set_parameter(context: LinkContext, call: CommandCall, name: str, value: float) -> Answer | PendingCommand:
+    """Set a parameter, and be done once it is on disk."""
+    answer = context.request(call.message, SetParameter(name, value), call.now_s)
+    if answer.verdict is not Verdict.ACCEPTED:
+        return answer
+    text = f"{name} is now {context.request_handler.parameters()[name]:.2f}"
+    return once_stored(context, call, text, f"{name} is in force but could not be stored")
+
+
+def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
+    """Read or write what is stored, which is always what is in force; or (param1 = 2) forget what links have set."""
+    parameters, plans = call.parameters[:2]
+    if parameters not in (_READ, _WRITE, _RESET):
+        return call.denied("param1 is neither 0 (read), 1 (write) nor 2 (reset)")
+    if plans not in (_READ, _WRITE) and not math.isnan(plans) and plans != -1.0:
+        return Answer(Verdict.UNSUPPORTED, f"{call.name}: plans are cleared by MISSION_CLEAR_ALL")
+    if parameters == _RESET:
+        answer = context.request(call.message, ForgetParameters(), call.now_s)
+        if answer.verdict is not Verdict.ACCEPTED:
+            return answer
+        text = "Parameters are those of the vehicle file from the next start on"
+        return once_stored(context, call, text, "this could not be stored; they stay as they are")
+    if parameters == _READ:
+        return ACCEPTED
+    return once_stored(context, call, "All is stored", "not all could be stored; it is tried again by itself")
+
+
+def start_swing(context: LinkContext, call: CommandCall) -> Answer:
+    """Begin to look on while she sails; refused where she could sail for days without anything to be seen."""
+    if (denial := _mask_denial(call)) is not None:
+        return denial
+    return begin_swing(context)
+
+
+def begin_swing(context: LinkContext) -> Answer:
+    """Begin a swing, or say what it lacks."""
+    swing, boat = context.request_handler.compass_swing, context.snapshot
+    if boat is None or not boat.armed:
+        return _swing_refused("disarmed")
+    if not boat.heading_ok:
+        return _swing_refused("no valid heading")
+    if not boat.position_ok:
+        return _swing_refused("no position")
+    if swing.report.state is not CalibrationState.NONE:
+        return _swing_refused("one is under way, cancel it first")
+    swing.begin(context.request_handler.parameters())
+    text = "Compass swing: sail courses all round, a quarter of an hour each; nothing is set until you accept"
+    context.send_text_all(Severity.NOTICE, text)
+    return ACCEPTED
+
+
+def accept_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
+    """Make the parameters what is proposed."""
+    if (denial := _mask_denial(call)) is not None:
+        return denial
+    swing = context.request_handler.compass_swing
+    report = None if swing is None else swing.report
+    if swing is None or report is None or report.state is not CalibrationState.DONE:
+        percent = 0 if report is None else report.percent
+        return Answer(
+            Verdict.TEMPORARILY_REJECTED, f"Compass swing: nothing to accept, {percent} percent of it is done"
+        )
+    values = {name: round(degrees(value), 2) for name, value in zip(_DEVIATION_NAMES, report.found_rad, strict=True)}
+    answer = _set_deviation(context, call, values, "is in force", undo=True)
+    if isinstance(answer, PendingCommand):
+        context.send_all(report_of(report, saved=True))
+    return answer
+
+
+def cancel_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
+    """End a swing, drop its proposal, or take back the one that was accepted last.
+
+    Accepted when there is nothing to be cancelled, too: QGroundControl asks so whether this is known here.
+    """
+    if (denial := _mask_denial(call)) is not None:
+        return denial
+    swing = context.request_handler.compass_swing
+    if swing.former is not None:
+        return _set_deviation(context, call, swing.former, "is taken back", undo=False)
+    if swing.report.state is not CalibrationState.NONE:
+        swing.end()
+        context.send_text_all(Severity.NOTICE, "Compass swing: cancelled, nothing was set")
+    return ACCEPTED
+
+
+def _set_deviation(
+    context: LinkContext, call: CommandCall, values: Mapping[str, float], what: str, *, undo: bool
+) -> Answer | PendingCommand:
+    """Set all five or none, and end the swing; `undo`: what they were is kept, to go back to."""
+    parameters = before = context.request_handler.parameters()
+    try:
+        for name, value in values.items():
+            parameters = parameters.replaced(name, value)
+    except ParameterError as error:
+        return Answer(Verdict.DENIED, str(error))
+    requests = [Request(call.now_s, SetParameter(name, value), *call.sender) for name, value in values.items()]
+    answer = context.request_handler.decide_together(requests)
+    if answer.verdict is not Verdict.ACCEPTED:
+        return answer
+    context.request_handler.compass_swing.end({name: before[name] for name in values} if undo else None)
+    shown = " ".join(f"{name[-1]} {value:.2f}" for name, value in values.items())
+    text = f"Compass swing: {shown} deg {what}"
+    return once_stored(context, call, text, "the deviation is in force but could not be stored")
+
+
+def _mask_denial(call: CommandCall) -> Answer | None:
+    mask = call.parameters[0]
+    return None if mask in (0.0, 1.0) or math.isnan(mask) else call.denied("there is one compass, mask 0 or 1")
+
+
+def _swing_refused(why: str) -> Answer:
+    return Answer(Verdict.TEMPORARILY_REJECTED, f"Compass swing refused: {why}")
+
+
+COMMANDS = (
+    CommandRow(
+        183,
+        "DO_SET_SERVO",
+        set_servo,
+        "disarmed, on the bench: rudder (servo 1) to param2 (us) for 10 s",
+    ),
+    CommandRow(
+        241,
+        "PREFLIGHT_CALIBRATION",
+        calibrate,
+        "disarmed: param4 = 2 takes the rudder as it stands for amidships (`RUD_CENTRE_DEG`); param2 = 1 has a PNI "
+        "compass calibrate itself while she is turned through a circle (IN_PROGRESS, COMMAND_CANCEL); with any other "
+        "it is DO_START_MAG_CAL",
+    ),
+    CommandRow(
+        245,
+        "PREFLIGHT_STORAGE",
+        storage,
+        "param1 = 2, disarmed: from the next start on the vehicle file's parameters; 0 and 1: they are always stored",
+    ),
+    CommandRow(
+        42006,
+        "FIXED_MAG_CAL_YAW",
+        align_compass,
+        "disarmed: she heads param1 (deg true) now; sets `CMP_OFFSET_DEG`",
+    ),
+    CommandRow(
+        42424,
+        "DO_START_MAG_CAL",
+        start_swing,
+        "armed, under way: look on for the deviation of compass A; MAG_CAL_PROGRESS, MAG_CAL_REPORT and a text tell "
+        "how far it is; nothing is saved by itself (param3), retry and delays are ignored",
+    ),
+    CommandRow(
+        42425,
+        "DO_ACCEPT_MAG_CAL",
+        accept_swing,
+        "take what a swing of the compass proposes (`CMP_DEV_A` to `CMP_DEV_E`)",
+    ),
+    CommandRow(
+        42426,
+        "DO_CANCEL_MAG_CAL",
+        cancel_swing,
+        "end a swing and drop its proposal; after it was accepted: put back what it replaced",
+    ),
+)

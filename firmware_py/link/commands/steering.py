@@ -1,0 +1,374 @@
+"""Inputs that steer: commands and setpoint messages with a heading or a position, and the operator's stick."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Mapping
+
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.common.intents import Answer, ManualRudder, SetHome, SteerHeading, SteerPosition, Verdict
+from firmware_py.common.mode_table import MODES, BaseMode
+from firmware_py.common.records import Severity
+from firmware_py.link.commands.server import OVERTAKEN_S, CommandCall, CommandRow
+from firmware_py.link.context import Handler, LinkContext, within
+from firmware_py.link.latest import keep_latest
+from firmware_py.link.mission.items import acknowledge
+from firmware_py.link.peers import Peer, Sender, sender_of
+from firmware_py.link.telemetry.fields import INT16_MAX, UINT16_MAX
+from firmware_py.link.wire.dialect import Message, mavlink
+from firmware_py.plans.items import Command
+from firmware_py.plans.problem import PlanResult
+
+# 0 deg N 0 deg E stands for unset fields, nine times out of ten: no goal and no home; in a mission, where she is.
+
+# MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain. A boat has no altitude.
+GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
+
+_HIGHEST_M = 10_000.0
+_FARTHEST_M = 100_000.0  # the flat-earth offset is no good beyond
+
+_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+_COURSE_OVER_GROUND, _HEADING = 0.0, 1.0  # HEADING_TYPE
+_HOW_RELATIVE = "param{} says neither absolute (0) nor relative (1)"
+
+Goal = SteerHeading | SteerPosition | str  # a goal, or why it is none
+
+# POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK: a set bit says that the field is to be ignored.
+_IGNORE_POSITION = 0b0000_0000_0000_0011
+_IGNORE_VELOCITY = 0b0000_0000_0001_1000
+_IGNORE_YAW = 0b0000_0100_0000_0000
+_IGNORE_ATTITUDE = 0b1000_0000
+
+# MAV_FRAME
+_LOCAL_NED, _LOCAL_OFFSET_NED = 1, 7
+_BODY_FRAMES = frozenset({8, 9, 12})  # BODY_NED, BODY_OFFSET_NED, BODY_FRD: offsets ahead and to starboard
+_RELATIVE_FRAMES = _BODY_FRAMES | {_LOCAL_OFFSET_NED}
+_LOCAL_FRAMES = _BODY_FRAMES | {_LOCAL_NED, _LOCAL_OFFSET_NED}
+
+GUIDED = 2  # `current` of such an item
+_UNIT_TOLERANCE = 0.01
+_REMEMBERED = 128  # relative goals: two stations may send 20 a second each
+_SLOWEST_M_S = 1e-3
+_FASTEST_M_S = 1e3
+
+_FULL_STICK = 1000
+_CENTRE_US, _FULL_US = 1500, 500
+_RELEASE, _IGNORE = 0, UINT16_MAX
+_OTHER_CHANNELS = tuple(f"chan{number}_raw" for number in range(2, 9))
+_CHANNEL_1 = "channel 1 is the rudder in MANUAL, the heading in STEERING"
+
+
+def position_goal(latitude_deg: float, longitude_deg: float, *, change_mode: bool = False) -> SteerPosition | str:
+    """Return the goal, or why it is none."""
+    if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
+        return "the position is not on this planet"
+    if latitude_deg == 0.0 and longitude_deg == 0.0:
+        return "0, 0 is no place to go to"
+    return SteerPosition(radians(latitude_deg), radians(longitude_deg), change_mode=change_mode)
+
+
+def home_of(latitude_deg: float, longitude_deg: float, altitude_m: float) -> SetHome | str:
+    """Return the request to set home there, or why it is none; an altitude that is not given (NaN) is 0."""
+    if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
+        return "the position is not on this planet"
+    if latitude_deg == 0.0 and longitude_deg == 0.0:
+        return "0, 0 is no home"
+    if math.isnan(altitude_m):
+        altitude_m = 0.0
+    if not within(altitude_m, -_HIGHEST_M, _HIGHEST_M):
+        return "the altitude is out of range"
+    return SetHome(radians(latitude_deg), radians(longitude_deg), altitude_m)
+
+
+def offset_goal(latitude_rad: float, longitude_rad: float, north_m: float, east_m: float) -> SteerPosition | str:
+    """Return the goal that lies north and east of a position, or why it is none."""
+    if not within(north_m, -_FARTHEST_M, _FARTHEST_M) or not within(east_m, -_FARTHEST_M, _FARTHEST_M):
+        return f"the position is not within {_FARTHEST_M / 1e3:.0f} km"
+    goal = Place(latitude_rad, longitude_rad).at_local_offset(north_m, east_m)
+    if goal is None:
+        return "local positions end at the poles"
+    return SteerPosition(goal.latitude_rad, goal.longitude_rad)
+
+
+def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
+    """Steer to an angle: absolute, or relative to the present heading with the direction in param3.
+
+    A negative relative angle without a direction means to port. The rate of turn
+    (param2) is not ours to choose and is ignored.
+    """
+    angle_deg, _, direction, relative = call.parameters
+    if relative not in (0.0, 1.0):
+        return call.denied(_HOW_RELATIVE.format(4))
+    if direction not in (-1.0, 0.0, 1.0):
+        return call.denied("the direction is not -1, 0 or 1")
+    lowest_deg = -360.0 if relative and not direction else 0.0
+    if not within(angle_deg, lowest_deg, 360.0):
+        return call.denied("the angle is not within 0 to 360 deg")
+    turn = int(direction)
+    turn_deg = -angle_deg if relative and turn < 0 else angle_deg
+    goal = SteerHeading(radians(turn_deg), relative=relative == 1.0, turn=turn)
+    return context.request(call.message, goal, call.now_s)
+
+
+def change_heading(context: LinkContext, call: CommandCall) -> Answer:
+    """Steer to a heading or to a course over ground."""
+    kind, angle_deg = call.parameters[:2]
+    if kind not in (_COURSE_OVER_GROUND, _HEADING):
+        return call.denied("the type is neither course over ground (0) nor heading (1)")
+    if not within(angle_deg, 0.0, 360.0):
+        return call.denied("the angle is not within 0 to 360 deg")
+    goal = SteerHeading(radians(angle_deg), over_ground=kind == _COURSE_OVER_GROUND)
+    return context.request(call.message, goal, call.now_s)
+
+
+def set_yaw_speed(context: LinkContext, call: CommandCall) -> Answer:
+    """Steer to an angle, absolute or (param3 = 1) from the present heading; a wave glider's speed is the sea's."""
+    angle_deg, _, relative, _ = call.parameters
+    if relative not in (0.0, 1.0):
+        return call.denied(_HOW_RELATIVE.format(3))
+    if not within(angle_deg, -360.0, 360.0):
+        return call.denied("the angle is not within -360 to 360 deg")
+    return context.request(call.message, SteerHeading(radians(angle_deg), relative=relative == 1.0), call.now_s)
+
+
+def reposition(context: LinkContext, call: CommandCall) -> Answer:
+    """Go to a position; speed, radius and yaw are ignored."""
+    flags = call.parameters[1]
+    if not within(flags, 0, 0xFFFF):
+        return call.denied("the flags are not a number")
+    if call.frame is not None and call.frame not in GLOBAL_FRAMES:
+        return call.denied(f"frame {call.frame} is not a global one")
+    goal = position_goal(*call.place_deg, change_mode=bool(int(flags) & _CHANGE_MODE))
+    return call.denied(goal) if isinstance(goal, str) else context.request(call.message, goal, call.now_s)
+
+
+class Setpoints:
+    """SET_ATTITUDE_TARGET, SET_POSITION_TARGET_GLOBAL_INT and _LOCAL_NED, SET_HOME_POSITION: none is acknowledged."""
+
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask and to answer through."""
+        self._context = context
+        self._relative: OrderedDict[tuple[Sender, int], tuple[bytes, float]] = OrderedDict()
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return the messages handled here."""
+        return {82: self._attitude, 84: self._local, 86: self._global, 243: self._home}
+
+    def _attitude(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Steer the heading of the attitude."""
+        ignored = message.type_mask & _IGNORE_ATTITUDE
+        goal = "the attitude is masked out" if ignored else attitude_goal(message.q)
+        self._context.request_or_warn(peer, message, goal, now_s)
+
+    def _global(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Go to the position, or steer where velocity or yaw point."""
+        mask = message.type_mask
+        goal: Goal
+        if message.coordinate_frame not in GLOBAL_FRAMES:
+            goal = f"frame {message.coordinate_frame} is not a global one"
+        elif not mask & _IGNORE_POSITION:
+            goal = position_goal(message.lat_int * 1e-7, message.lon_int * 1e-7)
+        else:
+            goal = direction_goal(message, 0.0)
+        self._context.request_or_warn(peer, message, goal, now_s)
+
+    def _local(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Go to the position, from home or from her, or steer where velocity or yaw point."""
+        goal: Goal
+        if message.coordinate_frame in _RELATIVE_FRAMES and self._is_repeated(message, now_s):
+            return
+        turned_rad = self._frame_heading_rad(message.coordinate_frame)
+        if isinstance(turned_rad, str):
+            goal = turned_rad
+        elif not message.type_mask & _IGNORE_POSITION:
+            goal = self._local_position(message, turned_rad)
+        else:
+            goal = direction_goal(message, turned_rad)
+        self._context.request_or_warn(peer, message, goal, now_s)
+
+    def _home(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Set home to a position."""
+        home = home_of(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        self._context.request_or_warn(peer, message, home, now_s)
+
+    def _is_repeated(self, message: Message, now_s: float) -> bool:
+        """Whether a goal relative to the boat came before, perhaps over another link; remember it."""
+        key, frame = (sender_of(message), message.get_seq()), bytes(message.get_msgbuf())
+        before, seen_s = self._relative.get(key, (b"", 0.0))
+        if frame == before and now_s - seen_s < OVERTAKEN_S:
+            return True
+        keep_latest(self._relative, key, (frame, now_s), _REMEMBERED)
+        return False
+
+    def _frame_heading_rad(self, frame: int) -> float | str:
+        """Return where a frame's x axis points, or why the frame cannot be used."""
+        if frame not in _LOCAL_FRAMES:
+            return f"frame {frame} is not a local one"
+        if frame not in _BODY_FRAMES:
+            return 0.0
+        boat = self._context.snapshot
+        if boat is None or boat.heading_rad is None or not boat.heading_ok:
+            return "there is no heading to count from"
+        return boat.heading_rad
+
+    def _local_position(self, message: Message, turned_rad: float) -> Goal:
+        boat = self._context.snapshot
+        home = self._context.home
+        if message.coordinate_frame == _LOCAL_NED:
+            if home is None:
+                return "there is no home to count from"
+            return offset_goal(home.latitude_rad, home.longitude_rad, message.x, message.y)
+        fix = boat.position if boat is not None and boat.position_ok else None
+        if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
+            return "there is no position to count from"
+        north_m = message.x * math.cos(turned_rad) - message.y * math.sin(turned_rad)
+        east_m = message.x * math.sin(turned_rad) + message.y * math.cos(turned_rad)
+        return offset_goal(fix.latitude_rad, fix.longitude_rad, north_m, east_m)
+
+
+def attitude_goal(q: list[float]) -> Goal:
+    """Return the heading of a quaternion (w, x, y, z), or why it has none."""
+    w, x, y, z = q
+    # Not finite when any part is not; checked by range first, so that no square overflows.
+    if not all(within(part, -1.1, 1.1) for part in q) or abs(math.hypot(w, x, y, z) - 1.0) > _UNIT_TOLERANCE:
+        return "the quaternion is not a unit one"
+    sine, cosine = 2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)
+    if math.hypot(sine, cosine) < _UNIT_TOLERANCE:
+        return "an attitude that points up or down has no heading"
+    return SteerHeading(wrap_two_pi(math.atan2(sine, cosine)))
+
+
+def direction_goal(message: Message, turned_rad: float) -> Goal:
+    """Return the goal in the velocity, else in the yaw, of a position target; `turned_rad` is its frame's heading."""
+    mask = message.type_mask
+    if not mask & _IGNORE_VELOCITY:
+        north, east = message.vx, message.vy
+        finite = within(north, -_FASTEST_M_S, _FASTEST_M_S) and within(east, -_FASTEST_M_S, _FASTEST_M_S)
+        if not finite or math.hypot(north, east) < _SLOWEST_M_S:
+            return "the velocity has no direction"
+        return SteerHeading(wrap_two_pi(math.atan2(east, north) + turned_rad), over_ground=True)
+    if not mask & _IGNORE_YAW:
+        if not within(message.yaw, -2.0 * math.pi, 2.0 * math.pi):
+            return "the yaw is not within a turn"
+        return SteerHeading(wrap_two_pi(message.yaw + turned_rad))
+    return "position, velocity and yaw are all masked out"
+
+
+def go_to_waypoint(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
+    """Go to the place of a waypoint, and acknowledge it once the next start would."""
+    result, text = _request_waypoint(context, message, now_s)
+
+    def answer(kept: bool) -> None:  # noqa: FBT001 - the request handler's callback
+        acknowledge(context, peer, sender_of(message), message.mission_type, result)
+        if not kept:
+            lost = "guided waypoint: taken, but it could not be stored; a restart may forget it"
+            context.send_text_limited(peer, Severity.ERROR, lost, context.now_s)
+        peer.outbox.flush(context.now_s)
+
+    if result is PlanResult.ACCEPTED:
+        context.request_handler.when_orders_stored(answer)
+        return
+    acknowledge(context, peer, sender_of(message), message.mission_type, result)
+    if text:
+        context.send_text_limited(peer, Severity.WARNING, text, now_s)
+
+
+def _request_waypoint(context: LinkContext, message: Message, now_s: float) -> tuple[PlanResult, str]:
+    if message.command != Command.WAYPOINT:
+        return PlanResult.UNSUPPORTED, ""
+    if message.frame not in GLOBAL_FRAMES:
+        return PlanResult.UNSUPPORTED_FRAME, ""
+    scale = 1.0 if type(message).id == mavlink.MAVLINK_MSG_ID_MISSION_ITEM else 1e-7
+    goal = position_goal(message.x * scale, message.y * scale)
+    if isinstance(goal, str):
+        return PlanResult.INVALID, f"guided waypoint: {goal}"
+    answer = context.request(message, goal, now_s)
+    if answer.verdict is not Verdict.ACCEPTED:
+        return PlanResult.DENIED, answer.text or "guided waypoint refused"
+    return PlanResult.ACCEPTED, ""
+
+
+class ManualControl:
+    """Turns stick messages into rudder deflections."""
+
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask and to answer through."""
+        self._context = context
+        self._idle = ""  # why the override does nothing, as it was told last
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return the messages handled here."""
+        return {69: self._stick, 70: self._override}
+
+    def _stick(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Take the roll axis y, or the yaw axis r where y is said to be invalid."""
+        axis = message.r if message.y == INT16_MAX else message.y
+        if axis == INT16_MAX:
+            return
+        valid = within(axis, -_FULL_STICK, _FULL_STICK)
+        intent = ManualRudder(axis / _FULL_STICK) if valid else "the stick is not within -1000 to 1000"
+        self._context.request_or_warn(peer, message, intent, now_s)
+
+    def _override(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Take channel 1: 1000 to 2000 us, 0 releases it; that an override does nothing is told once."""
+        pulse_us, held = message.chan1_raw, message.chan1_raw not in (_RELEASE, _IGNORE)
+        if held and not within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US):
+            self._context.request_or_warn(peer, message, "channel 1 is not within 1000 to 2000", now_s)
+            return
+        self._tell_idle(peer, message, now_s)
+        if pulse_us == _IGNORE:
+            return
+        self._context.override_us = (now_s, pulse_us) if held else None
+        deflection = (pulse_us - _CENTRE_US) / _FULL_US if held else None
+        self._context.request_or_warn(peer, message, ManualRudder(deflection), now_s)
+
+    def _tell_idle(self, peer: Peer, message: Message, now_s: float) -> None:
+        idle = self._idle_override(message)
+        if idle and idle != self._idle:
+            self._context.send_text_limited(peer, Severity.NOTICE, idle, now_s)
+        self._idle = idle
+
+    def _idle_override(self, message: Message) -> str:
+        """Say why an override does nothing; empty when it does something, or only releases."""
+        boat = self._context.snapshot
+        if message.chan1_raw not in (_RELEASE, _IGNORE):
+            if boat is not None and not boat.armed:
+                return "RC override does nothing: disarmed"
+            if boat is not None and not MODES[boat.mode].base_mode & BaseMode.MANUAL_INPUT:
+                return f"RC override does nothing in {boat.mode.name}: {_CHANNEL_1}"
+            return ""
+        if any(getattr(message, name) not in (_RELEASE, _IGNORE) for name in _OTHER_CHANNELS):
+            return f"RC override does nothing: {_CHANNEL_1}"
+        return ""
+
+
+COMMANDS = (
+    CommandRow(
+        115,
+        "CONDITION_YAW",
+        condition_yaw,
+        "heading param1 (deg), absolute or (param4 = 1) relative to her heading, by starboard or port (param3)",
+        relative=True,
+    ),
+    CommandRow(
+        192,
+        "DO_REPOSITION",
+        reposition,
+        "go to param5, param6; flag 1 in param2 enters GUIDED; speed, radius and yaw are ignored",
+    ),
+    CommandRow(
+        213,
+        "NAV_SET_YAW_SPEED",
+        set_yaw_speed,
+        "heading param1 (deg), absolute or (param3 = 1) relative to her heading; speed is ignored",
+        relative=True,
+    ),
+    CommandRow(
+        43002,
+        "GUIDED_CHANGE_HEADING",
+        change_heading,
+        "heading (param1 = 1) or course over ground (0) param2 (deg)",
+    ),
+)
