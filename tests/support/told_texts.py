@@ -25,6 +25,7 @@ MAKERS = {
     "Calibration": (2, "text"),
     "say": (0, "text"),
     "_say": (0, "text"),
+    "_report": (0, "text"),
     "tell": (0, "text"),
     "State": (99, "greeting"),
     "replace": (99, "greeting"),

@@ -65,7 +65,7 @@ def test_what_a_page_would_not_heed_is_refused(capsys, words, told):
 def test_a_name_is_explained(capsys, name):
     assert main(["params", name]) == 0
     assert capsys.readouterr().out == (
-        "RUD_LIMIT_DEG: Largest rudder angle to either side.\ndefault   30 deg\nallowed   1 to 60 deg\n"
+        "RUD_LIMIT_DEG: Maximum rudder angle to either side.\ndefault   30 deg\nallowed   1 to 60 deg\n"
     )
 
 
