@@ -1,4 +1,4 @@
-"""Settings of the handbook, which `make docs` builds from the pages that a code-hosting site shows, too."""
+"""Sphinx configuration of the manual. `make docs` builds it from the same pages that a code-hosting site shows."""
 
 import re
 import sys

@@ -1,6 +1,6 @@
 """Write the generated parts of the Markdown pages, or check that they are up to date.
 
-A generated part stands between two HTML comments, which Markdown viewers do not show:
+A generated part is between two HTML comments, which Markdown viewers do not show:
 
     <!-- figure: NAME -->12.3 ms<!-- end -->     a measured value of docs/figures.json, within a sentence or a table
     <!-- table: bench PREFIX -->                 a table of all figures PREFIX_*; also `reproduce`, `sources`,
@@ -8,10 +8,10 @@ A generated part stands between two HTML comments, which Markdown viewers do not
     <!-- help: rambler run -->                   the help of a command
     <!-- output: rambler plan items -->          the Markdown that a command prints
     <!-- code: PATH -->                          a file
-    <!-- code: PATH NAME -->                     one function, class, method or assignment of it
+    <!-- code: PATH NAME -->                     one function, class, method or assignment
     <!-- code: PATH /FIRST/ /LAST/ -->           from the first line that begins with FIRST to one that begins with LAST
 
-All but the first stand on a line of their own, and so does their end. The pages below params/ are generated as a whole.
+All but the first are on a line of their own, and so is their end. The pages below params/ are generated as a whole.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def number(value: float | str) -> str:
     return ".".join(filter(None, (whole.replace(",", "\u202f"), part.rstrip("0"))))
 
 
-def shown(entry: Entry) -> str:
+def figure_text(entry: Entry) -> str:
     """Return a figure with its unit; a short unit stays on the line of the number."""
     unit = entry["unit"]
     return f"{number(entry['value'])}{' ' if ' ' in unit else NO_BREAK}{unit}".rstrip()
@@ -82,7 +82,7 @@ def bench_table(entries: list[Entry]) -> str:
     rows = [
         (
             entry.get("name", ""),
-            shown(entry),
+            figure_text(entry),
             "" if entry.get("bare") is None else f"{number(entry['bare'])} {entry['unit']}",
             "" if entry.get("ratio") is None else number(entry["ratio"]),
             entry.get("aim", "").replace("<=", "≤").replace(">=", "≥") + verdicts[entry.get("met")],
@@ -95,8 +95,10 @@ def bench_table(entries: list[Entry]) -> str:
 
 
 def paper_table(entries: list[Entry]) -> str:
-    """Return the table of the paper's values beside ours."""
-    return table(("quantity", "the paper", "Rambler"), [(one["name"], one["others"], shown(one)) for one in entries])
+    """Return the table of the values of the paper and of Rambler."""
+    return table(
+        ("quantity", "the paper", "Rambler"), [(one["name"], one["others"], figure_text(one)) for one in entries]
+    )
 
 
 def source_table(entries: Mapping[str, Entry]) -> str:
@@ -111,7 +113,7 @@ def source_table(entries: Mapping[str, Entry]) -> str:
 
 def driver_table() -> str:
     """Return the table of drivers and their options."""
-    return table(("section", "driver", "device", "option", "what it says", "default", "allowed"), list(_driver_rows()))
+    return table(("section", "driver", "device", "option", "meaning", "default", "allowed"), list(_driver_rows()))
 
 
 def _driver_rows() -> Iterator[tuple[str, ...]]:
@@ -141,7 +143,7 @@ def _allowed(meaning: OptionMeaning) -> str:
 
 
 def sentence_table() -> str:
-    """Return the table of NMEA 0183 sentences: what is decoded of each, and what uses it."""
+    """Return the table of NMEA 0183 sentences with their decoded values and users."""
     users = {
         "`[compass]`": {*nmea_compass.HEADING_SENTENCES, *nmea_compass.SIDE_SENTENCES},
         "`[position]`": {*nmea_position.FIX_SENTENCES, *nmea_position.TIME_AND_COURSE},
@@ -161,7 +163,7 @@ def sentence_table() -> str:
 
 
 def transducer_table() -> str:
-    """Return the table of XDR's transducers by type, unit and name."""
+    """Return the table of the transducers of XDR by type, unit and name."""
     rows = []
     for value, quantity in QUANTITIES.items():
         units = " ".join(unit for kind, unit in UNITS if kind == quantity.kind)
@@ -181,7 +183,7 @@ def table(titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 @cache
 def printed_by(command: str) -> str:
-    """Return what a command line prints; ValueError when it prints nothing."""
+    """Return the output of a command line; ValueError for one without output."""
     program, *words = command.split()
     main = importlib.import_module(PROGRAMS[program]).main
     text = io.StringIO()
@@ -189,12 +191,12 @@ def printed_by(command: str) -> str:
     with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
         main(words)
     if not text.getvalue():
-        raise ValueError(f"{command} prints nothing")
+        raise ValueError(f"{command}: no output")
     return text.getvalue()
 
 
 def excerpt(what: str) -> str:
-    """Return a fenced block with a file, or with the part of it that is named."""
+    """Return a fenced block with a file or a named part of it."""
     path, _, part = what.partition(" ")
     lines = (ROOT / path).read_text(encoding="utf-8").splitlines()
     if found := re.fullmatch(r"/(.*)/ /(.*)/", part):
@@ -221,7 +223,7 @@ def fenced(text: str, language: str) -> str:
 
 
 class Pages:
-    """Makes the generated parts from one set of figures."""
+    """Make the generated parts from one set of figures."""
 
     def __init__(self, figures: Mapping[str, Entry]) -> None:
         """Take the entries of docs/figures.json by their names."""
@@ -234,9 +236,9 @@ class Pages:
         }
 
     def filled(self, text: str) -> str:
-        """Return a page with its generated parts made again; ValueError for a part that cannot be made."""
+        """Return a page with new generated parts; ValueError for a part that cannot be made."""
         if wrong := re.search(r"^ *<!-- figure:.*", text, re.MULTILINE):
-            raise ValueError(f"Markdown takes a line that begins with a comment for HTML: {wrong[0]}")
+            raise ValueError(f"a figure begins a line, which Markdown takes for HTML: {wrong[0]}")
         filled, figures = FIGURE.subn(self._figure, text)
         filled, blocks = BLOCK.subn(self._block, filled)
         if figures + blocks != len(MARKER.findall(text)):
@@ -244,7 +246,7 @@ class Pages:
         return filled
 
     def _figure(self, found: re.Match[str]) -> str:
-        return f"<!-- figure: {found[1]} -->{shown(self._figures[found[1]])}<!-- end -->"
+        return f"<!-- figure: {found[1]} -->{figure_text(self._figures[found[1]])}<!-- end -->"
 
     def _block(self, found: re.Match[str]) -> str:
         indent, kind, what = found.groups()
@@ -263,7 +265,7 @@ class Pages:
 
 
 def expected() -> Iterator[tuple[Path, str]]:
-    """Yield each page with its text as it must be."""
+    """Yield each page with its up-to-date text."""
     pages = Pages(json.loads((ROOT / "docs/figures.json").read_text(encoding="utf-8")))
     for name, command in WHOLE.items():
         yield ROOT / name, printed_by(command)
@@ -277,7 +279,7 @@ def expected() -> Iterator[tuple[Path, str]]:
 
 
 def main() -> int:
-    """Write the pages, or show how they differ from what they must be."""
+    """Write the pages, or print the differences."""
     parser = argparse.ArgumentParser(description="write the generated parts of the Markdown pages")
     parser.add_argument("--check", action="store_true", help="write nothing, exit with 1 if a page is out of date")
     check = parser.parse_args().check

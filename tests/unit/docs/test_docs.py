@@ -13,7 +13,7 @@ from firmware_py.common.parameter_table import TABLE
 from support.paths import ROOT
 
 DOCS = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
-FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+FRONT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
 PAGES = [*FRONT, *DOCS]
 HOSTED = [*PAGES, ROOT / "CHANGELOG.md", *sorted((ROOT / "params").glob("*.md"))]
 PROGRAMS = {"rambler": "firmware_py.__main__", "rambler-hil": "hil.__main__"}
@@ -83,9 +83,9 @@ def commands_in(text):
 def wrong_with(program, words):
     """Say what a command line names that its program does not know; empty when all is there."""
     commands = importlib.import_module(PROGRAMS[program]).COMMANDS
-    if not words:
+    if not words or words == ["--version"]:
         return ""
-    if words[0] not in commands and words[0] != "--version":
+    if words[0] not in commands:
         return f"{program} {words[0]}"
     two = words[0] in ("key", "plan", "service", "state") and len(words) > 1 and not words[1].startswith("-")
     depth = 2 if two else 1

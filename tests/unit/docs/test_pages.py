@@ -62,7 +62,7 @@ def test_an_unknown_figure_is_an_error(filled):
     "text", ["<!-- figure: a --><!-- end --> is it.", "Text <!-- figure: a -->", "Text <!-- help: rambler -->"]
 )
 def test_a_part_that_a_viewer_would_show_wrongly_or_that_has_no_end_is_an_error(filled, text):
-    with pytest.raises(ValueError, match=r"comment for HTML|has no end"):
+    with pytest.raises(ValueError, match=r"takes for HTML|has no end"):
         filled(text, a={"value": 1.0, "unit": ""})
 
 
