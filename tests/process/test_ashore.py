@@ -121,7 +121,7 @@ def parameters_in_log(directory):
 
 
 @needs_readable_checkout
-def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, vehicle, tmp_path, capsys):
+def test_the_autopilot_starts_without_a_writable_state_directory(place, vehicle, tmp_path, capsys):
     state = place / "state"
     filled(state)
     how = ["-c", AS_NOBODY]
@@ -145,7 +145,7 @@ def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, ve
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may write what belongs to others")
-def test_root_leaves_the_state_of_another_user_alone(place, vehicle):
+def test_root_does_not_write_the_state_of_another_user(place, vehicle):
     """What root wrote there, parameters among it, the service's next start could not read."""
     state = place / "state"
     filled(state)
@@ -158,7 +158,7 @@ def test_root_leaves_the_state_of_another_user_alone(place, vehicle):
 
 
 @needs_readable_checkout
-def test_what_can_not_even_be_read_is_told_and_the_vehicle_file_counts(place, vehicle, tmp_path):
+def test_an_unreadable_state_is_reported_and_the_vehicle_file_applies(place, vehicle, tmp_path):
     state = place / "state"
     filled(state)
     state.chmod(0o700)
@@ -170,7 +170,7 @@ def test_what_can_not_even_be_read_is_told_and_the_vehicle_file_counts(place, ve
         program.expect("Storage error: logs")
 
 
-def test_a_directory_that_comes_late_is_taken_up_and_keeps_what_it_holds(place, vehicle, tmp_path):
+def test_a_state_directory_that_appears_late_is_used_with_its_content(place, vehicle, tmp_path):
     filled(place / "medium")
     (place / "mount").touch()  # a path through a file: what root may not do either
     line = refused(vehicle, "--state", place / "mount" / "state")

@@ -60,7 +60,7 @@ def heard(program, file, seconds=3):
     return {line["device"]: line for line in map(json.loads, listener.text().splitlines())}
 
 
-def test_a_board_is_read_and_steered_by_whoever_comes(program, tmp_path):
+def test_any_program_can_read_and_steer_the_board(program, tmp_path):
     board = program("board", *BENCH, "board", str(tmp_path / "board"), "gusts", "--goal", "0:30")
     board.expect("Ctrl-C ends it")
     devices = heard(program, str(tmp_path / "board" / "vehicle.toml"))
@@ -148,7 +148,7 @@ def test_an_autopilot_at_the_far_ends_of_the_wires_is_given_goals(program, tmp_p
 @pytest.mark.proof
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("servo_baud", [57600, 9600])
-def test_over_wires_she_keeps_her_heading_as_in_the_box(servo_baud, program, tmp_path):
+def test_heading_keeping_over_wires_equals_that_over_ptys(servo_baud, program, tmp_path):
     """`pytest -m proof tests/process/test_board.py`: ten minutes of sea over bridged ptys with pacing and echo."""
     words = ["sea", "--goal", "0:0", "--seconds", "600"]
     wired = sailed_over_wires(program, tmp_path, servo_baud, words)["goals"][0]["rms_error_deg"]

@@ -77,7 +77,7 @@ def test_the_cables_of_servo_and_compass_out_and_in_and_the_end_amidships(bench)
 
 
 @pytest.mark.parametrize("compass", ["mti", pytest.param("pni", marks=pytest.mark.proof)])
-def test_the_compass_s_power_cut_and_back(moor, compass):
+def test_compass_power_cut_and_restored(moor, compass):
     bench = moor(compass, "dynamixel").start()
     bench.until_written("Mode GUIDED")
     bench.run(1.5)
@@ -105,7 +105,7 @@ def test_a_noisy_line_costs_samples_and_nothing_else(bench):
     assert all(heading_deg < 40.0 or heading_deg > 350.0 for heading_deg in headings_deg)
 
 
-def test_a_compass_that_says_the_impossible_is_not_believed(moor):
+def test_an_impossible_heading_is_not_used(moor):
     bodies = b"HEHDT,400.0,T", b"HEHDT,nan,T"
     sentences = [b"$%s*%02X\r\n" % (body, functools.reduce(operator.xor, body)) for body in bodies]
     bench = moor("nmea", "volz").start()

@@ -95,7 +95,7 @@ def parts(out):
 
 
 @pytest.mark.proof
-def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path):
+def test_a_campaign_with_a_killed_worker_and_a_restart_gives_equal_results(tmp_path):
     whole = finished_campaign(COMPILED, tmp_path / "whole", "--workers", "1")
     out = tmp_path / "killed"
     campaign = started(COMPILED, out, "--workers", "1")
@@ -113,7 +113,7 @@ def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path
 
 
 @pytest.mark.proof
-def test_a_campaign_that_is_told_to_end_says_how_to_go_on(tmp_path):
+def test_a_terminated_campaign_names_the_command_that_resumes_it(tmp_path):
     old_name = COMPILED.replace('"compiled"', '"twin"')
     campaign = started(old_name, tmp_path / "out", "--workers", "1")
     until(lambda: parts(tmp_path / "out") >= 1)
@@ -128,7 +128,7 @@ def test_a_campaign_that_is_told_to_end_says_how_to_go_on(tmp_path):
 
 
 @pytest.mark.proof
-def test_the_autopilot_sails_a_campaign_to_the_same_bits_again_and_any_run_alone(tmp_path):
+def test_a_repeated_campaign_and_a_single_run_of_it_are_bit_identical(tmp_path):
     out, run = tmp_path / "first", tmp_path / "run"
     first = finished_campaign(FIRMWARE, out, "--workers", "1")
     assert finished_campaign(FIRMWARE, tmp_path / "second", "--workers", "2") == first
@@ -168,7 +168,7 @@ def cluster():
 
 
 @pytest.mark.proof
-def test_a_dask_cluster_comes_to_the_same_whoever_of_it_is_killed(tmp_path):
+def test_a_dask_cluster_with_killed_processes_gives_equal_results(tmp_path):
     whole = finished_campaign(COMPILED, tmp_path / "whole", "--workers", "1")
     with cluster() as (_, address):
         assert finished_campaign(COMPILED, tmp_path / "cluster", "--scheduler", address) == whole

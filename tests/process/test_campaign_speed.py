@@ -49,7 +49,7 @@ def sailed(directory, text, workers, *words):
 
 
 @pytest.mark.parametrize(("name", "text", "runs"), [("autopilot", FIRMWARE, 200), ("twin", COMPILED, 4096)])
-def test_the_same_comes_of_one_worker_and_of_two(tmp_path, name, text, runs):
+def test_one_and_two_workers_give_equal_results(tmp_path, name, text, runs):
     alone, one = sailed(tmp_path, text.format(runs=runs), 1)
     beside, two = sailed(tmp_path, text.format(runs=runs), 2)
     assert one == two

@@ -20,7 +20,7 @@ def by_subject(told):
     return {row["subject"]: row for row in told["findings"]}
 
 
-def test_devices_that_speak_pass_and_one_that_speaks_another_language_is_told_from_a_silent_one(make_boat):
+def test_a_device_with_another_protocol_is_distinguished_from_a_silent_one(make_boat):
     boat = make_boat(speed=None)
     boat.time.begin(boat.board, None)
     code, told = check(boat, "--json")

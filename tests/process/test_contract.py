@@ -103,7 +103,7 @@ def test_every_file_column_and_key_is_there(tmp_path):
     assert missing(json.loads(CONTRACT.read_text())["outputs"], outputs(tmp_path)) == {}
 
 
-def test_what_is_gone_is_listed():
+def test_missing_names_are_listed():
     assert missing({"a": ["x", "y"], "b": {"c": ["z"]}, "d": []}, {"a": ["y"]}) == {"a": ["x"], "b": {"c": ["z"]}}
 
 

@@ -111,7 +111,7 @@ def installed(tree):
     return tree.run(service)
 
 
-def test_the_handbook_reaches_a_service_that_lives_on(tree, boat):
+def test_the_steps_of_the_manual_give_a_service_that_restarts(tree, boat):
     print(installed(tree))
     assert tree.run("systemctl is-enabled rambler").strip() == "enabled"
     assert boat.told(HEARTBEAT).autopilot is not None
@@ -145,7 +145,7 @@ def page_at(address):
         return b""
 
 
-def test_an_update_tells_of_its_unit_which_is_then_taken_up_with_the_page_beside_it(tree, boat):
+def test_an_update_reports_a_changed_unit_and_its_command_installs_it(tree, boat):
     """The unit that is there is made that of another version: it is kept until the command that is told is given."""
     installed(tree)
     before = pid_of(tree)

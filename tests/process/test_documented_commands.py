@@ -171,7 +171,7 @@ def test_the_commands_of_a_page_run(place, some, monkeypatch, capsys):
         assert code in right, (name, line, said)
 
 
-def test_every_block_that_is_not_run_says_why():
+def test_every_command_block_that_is_not_run_has_a_reason():
     found = list(blocks())
     assert len(found) > 40
     assert [name for name, reason, _ in found if reason is not None and len(reason) < 15] == []

@@ -109,7 +109,7 @@ def restarted(boat):
 @pytest.mark.parametrize(
     "kind", ["closed", *(pytest.param(kind, marks=pytest.mark.proof) for kind in ("stuck", "full", "broken"))]
 )
-def test_whoever_reads_what_she_says_or_does_not_she_sails_restarts_and_ends_well(make_boat, launch, request, kind):
+def test_a_blocked_or_broken_output_does_not_affect_run_restart_and_end(make_boat, launch, request, kind):
     if kind in ("broken", "stuck"):
         launch(request.getfixturevalue(kind))
     else:
@@ -127,7 +127,7 @@ def test_whoever_reads_what_she_says_or_does_not_she_sails_restarts_and_ends_wel
     boat.finish()
 
 
-def test_an_error_inside_ends_her_with_the_rudder_safe_though_nobody_reads_of_it(make_boat, launch, stuck):
+def test_an_internal_error_centres_the_rudder_although_the_output_is_blocked(make_boat, launch, stuck):
     launch(stuck, python=["-c", CRASH])
     boat = make_boat()
     turned(boat)
@@ -136,7 +136,7 @@ def test_an_error_inside_ends_her_with_the_rudder_safe_though_nobody_reads_of_it
     assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
 
 
-def test_signals_that_mean_nothing_do_not_end_or_halt_her(make_boat):
+def test_ignored_signals_neither_end_nor_halt_the_autopilot(make_boat):
     boat = make_boat()
     boat.start()
     boat.under_way(GUIDED)
@@ -157,7 +157,7 @@ def test_signals_that_mean_nothing_do_not_end_or_halt_her(make_boat):
     boat.finish()
 
 
-def test_the_last_tick_says_what_has_ended_her_and_a_killed_one_has_no_such_line(make_boat):
+def test_the_last_tick_has_the_reason_of_the_end_unless_killed(make_boat):
     text = "SIGTERM: she ends, the rudder goes amidships"
     boat = make_boat()
     boat.start()
@@ -173,7 +173,7 @@ def test_the_last_tick_says_what_has_ended_her_and_a_killed_one_has_no_such_line
 
 
 @pytest.mark.parametrize(("servo", "numbers"), [("dynamixel", [signal.SIGTERM]), ("volz", [signal.SIGQUIT] * 2)])
-def test_she_ends_when_the_rudder_is_amidships_not_when_the_time_is_up(make_boat, servo, numbers):
+def test_the_end_waits_until_the_rudder_is_centred_and_no_longer(make_boat, servo, numbers):
     boat = in_the_turn(make_boat(goals=TURN, servo=servo))
     over_deg = abs(boat.rudder_deg())
     for number in numbers:
@@ -184,7 +184,7 @@ def test_she_ends_when_the_rudder_is_amidships_not_when_the_time_is_up(make_boat
     assert took_s < over_deg / SLEW_DEG_S + 0.35  # two readings a tenth of a second apart
 
 
-def test_a_servo_that_does_not_answer_is_given_two_seconds(make_boat):
+def test_the_end_waits_two_seconds_for_a_silent_servo(make_boat):
     boat = in_the_turn(make_boat(goals=TURN))
     boat.lines["rudder"].unplug()
     boat.process.terminate()
@@ -193,7 +193,7 @@ def test_a_servo_that_does_not_answer_is_given_two_seconds(make_boat):
     assert 1.9 < took_s < 2.3
 
 
-def test_told_to_end_while_she_starts_anew_she_does_so_in_good_order(make_boat):
+def test_a_signal_during_a_restart_ends_it_in_good_order(make_boat):
     boat = make_boat()
     boat.start()
     boat.under_way(GUIDED)
@@ -212,7 +212,7 @@ def turned(boat):
     assert boat.rudder_deg() > 20.0
 
 
-def test_told_to_end_before_she_has_begun_she_makes_the_rudder_safe_first(make_boat, monkeypatch):
+def test_a_signal_before_the_first_tick_centres_the_rudder_first(make_boat, monkeypatch):
     boat = make_boat()
     turned(boat)
     accept = boat.time.begin
@@ -232,7 +232,7 @@ def test_told_to_end_before_she_has_begun_she_makes_the_rudder_safe_first(make_b
 
 
 @pytest.mark.parametrize("name", ["TERM", pytest.param("INT", marks=pytest.mark.proof)])
-def test_told_to_end_while_she_is_still_being_loaded_she_makes_the_rudder_safe_first(make_boat, launch, name):
+def test_a_signal_while_the_program_is_loaded_centres_the_rudder_first(make_boat, launch, name):
     launch(python=["-c", EARLY.format(name=name)])
     boat = make_boat()
     turned(boat)

@@ -199,7 +199,7 @@ def key_lost(bench):
     bench.start()
 
 
-def told_with_its_cause(bench, _t0_s):
+def reported_with_its_cause(bench, _t0_s):
     assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in bench.words()
 
 
@@ -323,7 +323,7 @@ DRILLS = (
         lambda bench: setattr(bench.world, "rudder_grip", 1.0), 400.0, start_s=10.0, stands_s=1.0,
         options={"goals": TURN},
     ),
-    Drill(Fault.KEY_LOST, key_lost, 5.0, told_with_its_cause, key_removed, 3.0, stands_s=1.0),
+    Drill(Fault.KEY_LOST, key_lost, 5.0, reported_with_its_cause, key_removed, 3.0, stands_s=1.0),
     Drill(
         Fault.HELM_OSCILLATES, nothing, 300.0, alert_only, nothing, 400.0, stands_s=1.0,
         options={"goals": TURN, "change": lambda scenario: with_disturbances(scenario, "kt=1:3,delay=8")},
@@ -392,7 +392,7 @@ PROOFS = {
     [pytest.param(drill, marks=pytest.mark.proof) if drill.fault in PROOFS else drill for drill in DRILLS],
     ids=lambda drill: drill.fault.name,
 )
-def test_a_fault_is_told_acted_on_and_over_again(fault_bench, drill, tmp_path):
+def test_a_fault_is_reported_acted_on_and_cleared(fault_bench, drill, tmp_path):
     row = TABLE[drill.fault]
     bench = prepared(fault_bench, drill, tmp_path)
     t0_s = 0.0 if drill.broken is nothing else bench.now_s
@@ -409,7 +409,7 @@ def test_a_fault_is_told_acted_on_and_over_again(fault_bench, drill, tmp_path):
     drill.after(bench)
 
 
-def test_a_clock_stepped_by_a_year_in_a_turn_is_told_and_moves_nothing_in_the_loop(fault_bench):
+def test_a_clock_step_of_a_year_is_reported_and_does_not_affect_control(fault_bench):
     row, trails = TABLE[Fault.CLOCK_STEPPED], []
     for name, step_s in (("plain", 0.0), ("stepped", 365.0 * 86400.0)):
         bench = fault_bench(name=name, goals=TURN, scenario="sea")
@@ -445,7 +445,7 @@ def test_the_rudder_never_stays_far_over_without_a_heading(fault_bench, compass)
     assert abs(bench.rudder_deg()) > 1.0
 
 
-def test_a_run_full_of_faults_is_recomputed_bit_for_bit(fault_bench):
+def test_a_run_with_many_faults_replays_bit_for_bit(fault_bench):
     bench = fault_bench(goals=TURN, settings={"FS_GCS_S": 5, "FS_GCS_ACT": 3, "FS_RESUME": 1})
     bench.under_way(GUIDED)
     bench.run(13.0 - bench.now_s)
@@ -483,7 +483,7 @@ def test_the_servo_rests_while_the_command_stands_and_engages_before_it_moves(fa
     assert not any("power" in text or "jammed" in text for text in bench.texts_since(0.0))
 
 
-def test_the_other_servo_keeps_steering_when_it_is_asked_to_rest(fault_bench):
+def test_the_other_servo_keeps_steering_when_rest_is_set(fault_bench):
     bench = fault_bench(scenario="calm", servo="volz", goals="0:0,20:60", settings={"RUD_REST_S": 3})
     bench.under_way(GUIDED)
     bench.run(25.0 - bench.now_s)
@@ -511,7 +511,7 @@ def test_a_jam_at_20_degrees_is_seen_on_the_other_servo_too(fault_bench, compass
         pytest.param(1.0, 3600.0, 4.0, marks=[pytest.mark.proof, pytest.mark.timeout(900)]),
     ],
 )
-def test_a_slow_compass_steers_her_without_a_fault_and_its_loss_is_found(fault_bench, rate_hz, seconds, found_s):
+def test_a_slow_compass_raises_no_fault_and_its_loss_is_detected(fault_bench, rate_hz, seconds, found_s):
     bench = fault_bench(compass_rate_hz=rate_hz)
     bench.under_way(GUIDED)
     bench.run(seconds)

@@ -133,7 +133,7 @@ class Serial:
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("rate_hz", [10, 50])
 @pytest.mark.parametrize("make", [Udp, Tcp, Serial])
-def test_a_flood_does_not_move_the_loop(make, rate_hz, tmp_path, figures):
+def test_a_flood_does_not_delay_the_loop(make, rate_hz, tmp_path, figures):
     link = make()
     with ExitStack() as closing, Sea(tmp_path / "sea", rate_hz, links=(link.url,)) as sea:
         line = link.line(closing)
@@ -184,7 +184,7 @@ def test_a_flood_does_not_move_the_loop(make, rate_hz, tmp_path, figures):
 
 @pytest.mark.proof
 @pytest.mark.timeout(600)
-def test_floods_of_every_link_and_of_the_disk_together_do_not_move_the_loop(tmp_path, figures):
+def test_floods_of_every_link_and_of_the_disk_do_not_delay_the_loop(tmp_path, figures):
     links, sinks = [Udp(), Tcp(), Serial()], [Udp(), Tcp(), Serial()]
     windows = {"quiet": [], "flooded": []}
     bare_s, taken, busy = [], [], None

@@ -76,7 +76,7 @@ def watched(make_boat, tmp_path):
         one.close()
 
 
-def test_it_is_disarmed_at_an_end_in_good_order_and_not_before(watched):
+def test_the_watchdog_is_disarmed_only_at_an_orderly_end(watched):
     watched.sail(INTERVAL_S + LATE_S)
     assert set(watched.signs()) == set(SIGN)
     watched.program.send_signal(signal.SIGTERM)
@@ -89,7 +89,7 @@ def test_it_is_disarmed_at_an_end_in_good_order_and_not_before(watched):
 
 @pytest.mark.proof
 @pytest.mark.parametrize("how", ["stopped", "killed", "tick"])
-def test_whatever_hangs_it_hears_no_more_and_is_armed_still(watched, how):
+def test_a_hang_of_any_kind_leaves_the_watchdog_armed_and_unfed(watched, how):
     """`pytest -m proof tests/process/test_hardware_watchdog.py -s`: it stands still, is gone, or computes for ever."""
     watched.sail(UNDER_WAY_S)
     times_s = [t_s for t_s, _ in watched.said]

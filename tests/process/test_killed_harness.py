@@ -73,7 +73,7 @@ def runs(pid):
         (("drill", "--jobs", "2"), signal.SIGTERM),
     ],
 )
-def test_workers_do_not_outlive_who_has_begun_them(words, number, tmp_path):
+def test_workers_end_with_the_process_that_started_them(words, number, tmp_path):
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     command = [sys.executable, "-m", "hil", *words]
     harness = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)

@@ -288,7 +288,7 @@ def voyage(make_boat):
 
 
 @pytest.mark.parametrize("kills", [pytest.param(FEW, id="few"), pytest.param(MANY, id="many", marks=pytest.mark.proof)])
-def test_killed_at_any_moment_she_comes_up_with_all_that_was_acknowledged(voyage, kills):
+def test_after_a_kill_at_any_moment_all_acknowledged_requests_are_in_force(voyage, kills):
     begun_s = time.monotonic()
     for _ in range(kills):
         voyage.start()

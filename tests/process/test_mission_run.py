@@ -19,7 +19,7 @@ AUTO = 10
 
 
 @pytest.mark.proof
-def test_killed_in_the_middle_it_goes_on_with_the_mission(make_boat):
+def test_a_mission_resumes_after_a_kill(make_boat):
     boat = make_boat(
         scenario=scenarios.Scenario("stream", "", 1.0, 6.0, 3.0, 2.0, 0.0, 0.2, 120.0),
         settings={"BOOT_RESUME": 2, "LOIT_RADIUS": 40.0, "WP_RADIUS": 15.0},
@@ -46,7 +46,7 @@ def test_killed_in_the_middle_it_goes_on_with_the_mission(make_boat):
 
 
 @pytest.mark.proof
-def test_killed_on_a_mission_she_steers_at_once_and_sails_on(make_boat):
+def test_after_a_kill_on_a_mission_the_autopilot_steers_at_once(make_boat):
     boat = make_boat(
         settings={"BOOT_RESUME": 2, "WP_RADIUS": 5.0},
         goals="",
@@ -93,7 +93,7 @@ EVERY_KIND = [
 
 
 @pytest.mark.proof
-def test_a_mission_with_every_kind_of_item_is_sailed_to_its_end(tmp_path):
+def test_a_mission_with_every_kind_of_item_is_completed(tmp_path):
     plans = {PlanKind.MISSION: EVERY_KIND, PlanKind.FENCE: FENCED[:4]}
     words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans)]
     words += ["--set", "LOIT_RADIUS=60", "FENCE_ENABLE=1"]

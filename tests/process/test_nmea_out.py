@@ -36,7 +36,7 @@ def boat(tmp_path, plotter):
     hil.program.close()
 
 
-def test_two_libraries_and_gpsd_read_what_she_says(boat, plotter):
+def test_two_libraries_and_gpsd_read_the_nmea_output(boat, plotter):
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as listener:
         listener.bind(("127.0.0.1", boat.ports[0]))
         listener.settimeout(PATIENCE_S)

@@ -28,13 +28,13 @@ LEAST_TICKS = 600  # a minute of a run agrees in all decisions: fewer would show
 PATIENCE_S = 1500.0
 
 
-def said_by(*words):
+def output_of(*words):
     return subprocess.run(list(map(str, words)), check=False, capture_output=True, text=True, timeout=PATIENCE_S)
 
 
 def in_tree(*arguments, **environment):
     settings = [f"{name}={value}" for name, value in environment.items()]
-    return said_by("chroot", TREE, "/usr/bin/env", *settings, "/usr/bin/python3", *arguments)
+    return output_of("chroot", TREE, "/usr/bin/env", *settings, "/usr/bin/python3", *arguments)
 
 
 def why_not():

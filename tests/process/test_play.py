@@ -15,7 +15,7 @@ from support.program import Program, unused_ports
 from support.station import Station
 
 
-def test_who_plays_steers_as_he_likes_and_ends_it_when_he_likes(tmp_path):
+def test_a_station_steers_and_ends_a_run_with_play(tmp_path):
     (port,) = unused_ports(["udpin"])
     out = tmp_path / "out"
     words = ["run", "calm", "--play", "--speed", "20", "--link", f"udpout:127.0.0.1:{port}", "--out", str(out)]
@@ -39,7 +39,7 @@ def test_who_plays_steers_as_he_likes_and_ends_it_when_he_likes(tmp_path):
 
 
 @pytest.mark.proof
-def test_who_plays_may_shut_her_down_and_has_the_figures(tmp_path):
+def test_a_shutdown_by_the_station_ends_a_run_with_its_figures(tmp_path):
     (port,) = unused_ports(["udpin"])
     out = tmp_path / "out"
     words = ["run", "calm", "--play", "--speed", "real", "--link", f"udpout:127.0.0.1:{port}", "--out", str(out)]

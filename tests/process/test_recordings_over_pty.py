@@ -102,7 +102,7 @@ def expected_headings(rows):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_the_headings_of_a_recording_and_nothing_else(play, recording, name):
+def test_the_driver_gives_exactly_the_headings_of_a_recording(play, recording, name):
     data, rows = recording(name)
     compass, samples, now_s = play(data, lambda line: NmeaCompass(line, NmeaCompassOptions()))
     expected = expected_headings(rows)
@@ -119,7 +119,7 @@ def test_the_headings_of_a_recording_and_nothing_else(play, recording, name):
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if name.startswith("pynmeagps")] or FILES)
-def test_whatever_came_before_the_next_good_heading_is_taken(play, recording, name):
+def test_a_valid_heading_after_any_garbage_is_read(play, recording, name):
     data, _ = recording(name)
     _, samples, _ = play(data + b"$HEHDT,341.8,T*21\r\n", lambda line: NmeaCompass(line, NmeaCompassOptions()))
     assert math.degrees(samples[-1].heading_rad) == pytest.approx(341.8)

@@ -32,7 +32,7 @@ TANK_RUNS = [
 
 
 @pytest.mark.parametrize(("seed", "compass", "servo"), TANK_RUNS)
-def test_she_holds_her_heading_in_the_tank(tmp_path, seed, compass, servo):
+def test_heading_keeping_in_the_tank(tmp_path, seed, compass, servo):
     words = [
         "run",
         "tank",
@@ -73,9 +73,7 @@ def test_she_holds_her_heading_in_the_tank(tmp_path, seed, compass, servo):
 @pytest.mark.parametrize(
     ("compass", "servo"), [("pni", "volz"), pytest.param("nmea", "dynamixel", marks=pytest.mark.proof)]
 )
-def test_two_runs_of_a_seed_are_the_same_to_the_last_byte_however_fast_and_another_seed_is_not(
-    tmp_path, compass, servo
-):
+def test_two_runs_with_a_seed_are_identical_at_any_speed_and_another_seed_differs(tmp_path, compass, servo):
     """In the sea with the most disturbances; ten readers of its page change nothing, and the run replays."""
     truths = []
     for name, seed, speed in (("a", "1", "max"), ("b", "1", "4"), ("c", "2", "max")):
@@ -111,7 +109,7 @@ def assert_ten_readers_see_it_all(port):
 @pytest.mark.parametrize(
     ("compass", "servo"), [("pni", "dynamixel"), pytest.param("nmea", "volz", marks=pytest.mark.proof)]
 )
-def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, servo):
+def test_a_run_in_real_time_turns_and_measures_lateness(tmp_path, compass, servo):
     words = ["run", "tank", "--speed", "real", "--seconds", "12", "--goal", "0:60"]
     began_s = time.time()
     code, said, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
@@ -129,7 +127,7 @@ def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, 
     assert len(fixes) > 5
 
 
-def test_an_autopilot_that_cannot_start_is_told_with_its_own_words_and_replaces_no_run(tmp_path):
+def test_a_failed_start_shows_the_error_of_the_autopilot_and_replaces_no_run(tmp_path):
     for name in ("run.json", "vehicle.toml", "firmware.log"):
         (tmp_path / name).write_text("earlier")
     code, said, errors = rambler_hil("run", "calm", "--speed", "max", "--link", "udp:nowhere", "--out", str(tmp_path))
@@ -165,7 +163,7 @@ def reported(out):
     return json.loads((out / "summary.json").read_text())
 
 
-def test_a_run_whose_autopilot_is_killed_leaves_its_page(tmp_path):
+def test_a_run_with_a_killed_autopilot_writes_its_page(tmp_path):
     process = start_rambler_hil("run", "tank", "--seconds", "100000", "--speed", "15", "--out", str(tmp_path / "out"))
     pid = wait_for(lambda: next(iter(pids_of(tmp_path / "out" / "vehicle.toml")), None))
     wait_for(lambda: (tmp_path / "out" / "truth.csv").stat().st_size > 1 << 12)
@@ -206,7 +204,7 @@ def pids_of(vehicle):
 @pytest.mark.parametrize(
     ("speed", "number"), [pytest.param("max", signal.SIGINT, marks=pytest.mark.proof), ("real", signal.SIGTERM)]
 )
-def test_an_interrupted_run_leaves_its_truth_its_page_and_nothing_else(tmp_path, number, speed):
+def test_an_interrupted_run_leaves_only_its_truth_and_page(tmp_path, number, speed):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     process = start_rambler_hil(
@@ -238,7 +236,7 @@ def command_lines() -> list[bytes]:
     return found
 
 
-def test_an_autopilot_whose_time_stands_still_takes_no_processor_from_others(make_boat):
+def test_a_waiting_autopilot_in_lockstep_uses_no_processor_time(make_boat):
     boat = make_boat().start()
     boat.run(2.0)
     tasks = Path(f"/proc/{boat.process._process.pid}/task").iterdir()

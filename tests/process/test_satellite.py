@@ -28,7 +28,7 @@ def programs():
         program.close()
 
 
-def test_a_station_sees_her_report_and_orders_a_mode_by_satellite(tmp_path, programs, request):
+def test_a_station_receives_reports_and_sets_a_mode_by_satellite(tmp_path, programs, request):
     key, state, post = tmp_path / "key.txt", tmp_path / "state", tmp_path / "post"
     key.write_text("a passphrase\n")
     state.mkdir()

@@ -23,7 +23,7 @@ MUST = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "w
 
 
 @pytest.mark.parametrize(("name", "limits"), [("sea", (1.9, 3000.0))])
-def test_the_waves_move_the_rudder_little(name, limits):
+def test_waves_move_the_rudder_little(name, limits):
     """One short run of the compiled loop: the limits leave room for chance, the proof below leaves none.
 
     Before the first turn the speed is not known: the model is at 0.5 m/s where the boat makes 0.9.

@@ -17,7 +17,7 @@ from support.program import Program
 RATE_HZ = 100  # 6000 such frames add up to a little less than a minute
 
 
-def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
+def test_an_external_autopilot_sails_and_is_scored_like_rambler(tmp_path):
     out = tmp_path / "out"
     words = ["serve-json", "tank", "--port", "0", "--seconds", "60", "--goal", "0:20", "--out", str(out)]
     with (
@@ -51,7 +51,7 @@ def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
 
 
 @pytest.mark.proof
-def test_a_ship_that_nobody_steered_has_a_page_and_is_replaced_with_a_word(tmp_path):
+def test_a_ship_without_an_autopilot_has_a_page_and_is_replaced_with_a_notice(tmp_path):
     out = tmp_path / "out"
     words = [sys.executable, "-m", "hil", "serve-json", "tank", "--port", "0", "--out", str(out)]
     for replaced in (False, True):

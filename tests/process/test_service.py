@@ -65,19 +65,19 @@ def sail_and_disturb(make_service, what, times):
     return spread(f"{what.__name__}: first rudder frame after the start", back_s)
 
 
-def test_killed_she_is_back_under_way_with_mode_goal_and_item(make_service):
+def test_after_a_kill_the_service_resumes_mode_goal_and_item(make_service):
     sail_and_disturb(make_service, kill, 1)
 
 
 @pytest.mark.proof
-def test_frozen_she_is_found_and_back_under_way(make_service):
+def test_a_frozen_autopilot_is_detected_and_restarted(make_service):
     sail_and_disturb(make_service, freeze, 1)
 
 
 @pytest.mark.proof
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize(("what", "times"), [(kill, KILLS), (freeze, FREEZES)], ids=["kills", "freezes"])
-def test_back_under_way_within_two_seconds_of_each_restart(make_service, what, times):
+def test_each_restart_steers_within_two_seconds(make_service, what, times):
     begun_s = time.monotonic()
     back_s = sail_and_disturb(make_service, what, times)
     print(f"in {time.monotonic() - begun_s:.0f} s, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
@@ -86,7 +86,7 @@ def test_back_under_way_within_two_seconds_of_each_restart(make_service, what, t
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("part", ["tick", *(pytest.param(part, marks=pytest.mark.proof) for part in HANGS[1:])])
-def test_what_hangs_is_found_and_mended_by_a_restart(make_service, tmp_path, part):
+def test_a_hang_is_detected_and_ended_by_a_restart(make_service, tmp_path, part):
     hang_and_restart(make_service, tmp_path, part)
 
 
@@ -96,14 +96,14 @@ def have_something_stored(service):
         service.station.send(*service.station.command(SET_CURRENT, number))
 
 
-def await_text(station, text):
+def wait_for_text(station, text):
     """Wait for a text, and go on asking for something: one who says nothing is told nothing."""
     station.ask(station.command(REQUEST, HEARTBEAT), lambda one: one if getattr(one, "text", "") == text else None)
 
 
 @pytest.mark.proof
 @pytest.mark.timeout(300)
-def test_a_disk_that_waits_in_the_kernel_is_told_and_she_steers_on(make_service, tmp_path):
+def test_a_disk_blocked_in_the_kernel_is_reported_and_control_continues(make_service, tmp_path):
     """`pytest -m proof tests/process/test_service.py -k kernel -s`: a restart would not end the thread either."""
     (hangs := tmp_path / "hangs").mkdir()
     os.mkfifo(hangs / "pipe")
@@ -113,13 +113,13 @@ def test_a_disk_that_waits_in_the_kernel_is_told_and_she_steers_on(make_service,
         (hangs / "disk").touch()
         done_s = time.monotonic()
         have_something_stored(service)
-        await_text(service.station, FAILS)
+        wait_for_text(service.station, FAILS)
         told_s = time.monotonic()
         frames = len(service.goals.times_s)
         time.sleep(10.0)
         assert len(service.goals.times_s) > frames + 50
         os.close(os.open(hangs / "pipe", os.O_WRONLY))
-        await_text(service.station, WORKS)
+        wait_for_text(service.station, WORKS)
         assert len(service.manager.runs) == 1
         service.assert_as_before()
     longest_s = max(after - before for before, after in pairwise(service.goals.times_s) if after > done_s)
@@ -155,7 +155,7 @@ def hang_and_restart(make_service, tmp_path, part):
     return last
 
 
-def test_the_stand_in_reads_the_unit_as_it_is():
+def test_the_simulated_systemd_reads_the_unit_file():
     assert seconds("200ms") == 0.2
     assert seconds("5") == 5.0
     assert ACCEPTED == 0

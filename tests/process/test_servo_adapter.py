@@ -89,7 +89,7 @@ def now_and_then_late(seed):
 @pytest.mark.parametrize(
     "held_s", [now_and_then_late(1), now_and_then_late(2), lambda: 0.12], ids=["late", "late too", "always late"]
 )
-def test_answers_that_are_late_are_no_fault(bench_of, held_s, echo):
+def test_late_answers_are_no_fault(bench_of, held_s, echo):
     bench = bench_of(held_s, echo)
     bench.ticks([0.0] * 40)
     assert bench.states[-1] is DeviceState.RUNNING
@@ -106,7 +106,7 @@ def test_answers_that_are_late_are_no_fault(bench_of, held_s, echo):
 
 @pytest.mark.parametrize(("held_s", "within"), [(lambda: 0.0, 1), (now_and_then_late(3), 8)], ids=["prompt", "late"])
 @pytest.mark.parametrize("ticks", [20, 22, 24])
-def test_a_watchdog_that_trips_while_the_autopilot_stands_still_is_cleared_at_once(bench_of, held_s, within, ticks):
+def test_a_tripped_watchdog_is_cleared_at_once(bench_of, held_s, within, ticks):
     bench = bench_of(held_s)
     bench.ticks([0.0] * ticks)
     bench.ticks([0.4])

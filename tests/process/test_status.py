@@ -31,10 +31,10 @@ def status_of(boat, *words):
 
 def until(boat, wanted):
     """Let time go on until her status is one that is wanted."""
-    return until_said(boat, lambda status: status["status"] == wanted, "--json")
+    return until_output(boat, lambda status: status["status"] == wanted, "--json")
 
 
-def until_said(boat, is_wanted, *words):
+def until_output(boat, is_wanted, *words):
     """Let time go on until the command says what is wanted."""
     for _ in range(30):
         code, said = status_of(boat, *words)
@@ -50,7 +50,7 @@ def boat(make_boat):
     return make_boat(goals="0:25", speed=None)
 
 
-def test_a_boat_under_way_says_how_she_fares_and_is_old_news_when_she_hangs_or_is_killed(boat):
+def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
     assert status_of(boat, "--json")[1]["status"] == "absent"
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as nobody:
         nobody.bind(("127.0.0.1", 0))
@@ -84,7 +84,7 @@ def test_a_boat_under_way_says_how_she_fares_and_is_old_news_when_she_hangs_or_i
     file = next(path for path in (directory / file_name(boat.state) for directory in DIRECTORIES) if path.exists())
     assert stat.S_IMODE(file.stat().st_mode) == 0o640
 
-    code, text = until_said(boat, lambda text: "faults        none" in text)
+    code, text = until_output(boat, lambda text: "faults        none" in text)
     assert (code, text.splitlines()[0].split(", updated")[0][-7:]) == (0, "running")
     for words in ("compass    nmea", "GUIDED", "station line  last frame", "nothing received", "free_mb"):
         assert words in text, text
@@ -109,7 +109,7 @@ def test_a_boat_under_way_says_how_she_fares_and_is_old_news_when_she_hangs_or_i
     assert "stale" in status_of(boat)[1].splitlines()[0]
 
 
-def test_one_that_has_ended_in_good_order_is_absent(boat):
+def test_after_an_orderly_end_the_status_is_absent(boat):
     boat.start()
     until(boat, "running")
     boat.finish()

@@ -23,7 +23,7 @@ SECONDS = 200
 
 @pytest.mark.proof
 @pytest.mark.parametrize(("scenario", "tau_s"), [("tank", 1.5), ("swell", 8.0)])
-def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenario, tau_s):
+def test_a_trial_run_equals_that_of_the_autopilot_in_the_same_waves(tmp_path, scenario, tau_s):
     """Not bit for bit: the compass draws other noise, and its samples come at a phase of their own."""
     sea = scenarios.named(scenario)
     parameters = ParameterSet().replaced("EST_TAU_S", tau_s)
@@ -57,7 +57,7 @@ def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenari
 
 
 @pytest.mark.proof
-def test_the_paper_s_chain_is_reproduced(tmp_path, figures):
+def test_the_chain_of_the_paper_is_reproduced(tmp_path, figures):
     code, said, errors = rambler_hil("reproduce", "--out", tmp_path)
     assert code == 0, errors  # progress, if it takes long
     found = json.loads((tmp_path / "reproduce.json").read_text())

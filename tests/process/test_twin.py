@@ -95,7 +95,7 @@ OTHER = {"CTL_PRICE": 2.0, "MDL_K": 0.04, "MDL_T_S": 5.0, "RUD_SLEW_DEG_S": 20.0
 
 
 @pytest.mark.parametrize(("name", "told"), [("coast", OTHER), pytest.param("ocean-4", {}, marks=pytest.mark.proof)])
-def test_the_twin_sails_every_mixture_as_the_autopilot_does(tmp_path, name, told):
+def test_the_compiled_loop_equals_the_autopilot_in_mixed_seas(tmp_path, name, told):
     assert compared(tmp_path, name, 1, *SHORT, **told) == (1.0, 0)
 
 
@@ -131,7 +131,7 @@ def test_interpreted_and_compiled_loop_agree_in_every_scenario(text):
 @pytest.mark.parametrize(
     ("name", "mean_s", "most_s"), [("sea", 46.0, 58.0), ("swell", 58.0, 110.0), ("tank", 48.0, 50.0)]
 )
-def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
+def test_the_first_turn_ends_in_time(name, mean_s, most_s):
     found, told, given = [], voyage.told(), parse_goals("0:60")
     boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(given)
     for seed in (11, 1, 2, 3, 4, 5):
@@ -145,7 +145,7 @@ def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("text", [*EVERY, *MORE])
 @pytest.mark.parametrize("seed", range(1, SEEDS + 1))
-def test_the_twin_sails_the_whole_task_as_the_autopilot_does(tmp_path, text, seed):
+def test_the_compiled_loop_equals_the_autopilot_over_the_whole_task(tmp_path, text, seed):
     gain_reduction, differs = compared(tmp_path, text, seed, *TASK)
     assert differs == 0
     assert text in RECORDED or (gain_reduction > 1.0) == (text in SOFTENED)

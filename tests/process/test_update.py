@@ -42,7 +42,7 @@ def ended_everywhere(tmp_path, kind, code=0, every=1):
     ("kind", "how", "every"),
     [("kill", "killed", 6), ("full", "refused", 1), pytest.param("kill", "killed", 1, marks=pytest.mark.proof)],
 )
-def test_wherever_it_is_ended_she_steers_and_the_next_update_goes_through(tmp_path, kind, how, every):
+def test_an_update_that_ends_anywhere_leaves_a_boat_that_steers_and_updates(tmp_path, kind, how, every):
     told = ended_everywhere(tmp_path, kind, every=every)
     assert len(told) > {"kill": 100, "full": 15}[kind] / every, "the steps are found"
     for one in told[:-1]:
@@ -57,7 +57,7 @@ def test_wherever_it_is_ended_she_steers_and_the_next_update_goes_through(tmp_pa
 
 
 @pytest.mark.parametrize("every", [16, pytest.param(1, marks=pytest.mark.proof)])
-def test_one_that_does_not_start_is_taken_back_wherever_its_update_was_ended(tmp_path, every):
+def test_a_version_that_does_not_start_is_rolled_back(tmp_path, every):
     told = ended_everywhere(tmp_path, "kill", code=1, every=every)
     for one in told:
         assert one["starts"] in (["steers old"] * 4, [""] * 3 + ["steers old"]), one
@@ -169,7 +169,7 @@ def updated_boat(make_service, whole_bundle, tmp_path):
 
 @pytest.mark.proof
 @pytest.mark.timeout(3600)
-def test_real_bundles_forward_back_and_one_that_dies(updated_boat, whole_bundle, tmp_path):
+def test_real_bundles_forward_and_back_and_one_that_fails(updated_boat, whole_bundle, tmp_path):
     boat, ours = updated_boat, version_of_checkout()
     better = other_version(tmp_path, whole_bundle, "97.0.0", same)
     code, said = boat.update(better)

@@ -12,7 +12,7 @@ from support.harness import rambler_hil, replays, start_rambler_hil
 WORDS = ("run", "tank", "--speed", "max", "--seconds", "40", "--goal", "0:0", "--with", "vessels=crossing:0")
 
 
-def test_a_crossing_ship_is_told_stepped_aside_for_and_replayed(tmp_path):
+def test_a_crossing_ship_is_reported_avoided_and_replayed(tmp_path):
     settings = ("--set", "AIS_ACT=1", "--set", "AIS_NEAR_S=2400")
     code, _, errors = rambler_hil(*WORDS, *settings, "--out", str(tmp_path))
     assert (code, errors) == (0, "")
@@ -31,7 +31,7 @@ def test_a_crossing_ship_is_told_stepped_aside_for_and_replayed(tmp_path):
 
 @pytest.mark.proof
 @pytest.mark.timeout(600)
-def test_ten_thousand_ships_move_no_tick(tmp_path):
+def test_ten_thousand_ships_delay_no_tick(tmp_path):
     """In real time, as much as a line of 38400 baud carries: `pytest -m proof tests/process/test_vessels.py -s`.
 
     Beside the boat sails another one among six ships: what the machine does to one, it does to the other.

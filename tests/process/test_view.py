@@ -137,7 +137,7 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
     assert browser.complaints == []
 
 
-def test_the_page_of_logs_and_days_is_drawn_whatever_is_level_in_it(tmp_path, browser):
+def test_the_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
     logs = tmp_path / "logs"
     (logs / "thin").mkdir(parents=True)
     shutil.copy(REPLAY / "tank_pni_volz.BIN", logs / "00000001.BIN")
@@ -187,7 +187,7 @@ LOST = {
 CARD = "document.querySelector('#now-{}').parentNode"
 
 
-def test_values_past_their_time_out_are_grey_with_their_age_and_faults_are_acknowledged_by_the_viewer(browser):
+def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(browser):
     found = [FoundStatus(Freshness.RUNNING, GOOD, 0.0)]
     history = History()
     feed = Feed(history, lambda: found[0], dict, {"POSITION_LOST": "look at the antenna"})
@@ -254,7 +254,7 @@ def test_values_past_their_time_out_are_grey_with_their_age_and_faults_are_ackno
 
 
 @pytest.mark.proof
-def test_browsers_come_back_to_a_service_that_was_started_anew_and_to_one_that_had_no_room(browser):
+def test_browsers_reconnect_to_a_restarted_and_to_a_full_service(browser):
     banner = "document.querySelector('.banner')"
     server, hub = serve()
     port = server.server_address[1]
@@ -277,7 +277,7 @@ def test_browsers_come_back_to_a_service_that_was_started_anew_and_to_one_that_h
 
 
 @pytest.mark.parametrize("listen", ["nowhere", "127.0.0.1:99999", "0.0.0.0:0"])
-def test_a_page_that_cannot_be_is_told_and_there_is_no_run(tmp_path, capsys, listen):
+def test_an_impossible_page_address_is_refused_before_the_run(tmp_path, capsys, listen):
     code = main(["run", "calm", "--goal", "0:0", "--view", listen, "--out", str(tmp_path / "run")])
     said = capsys.readouterr()
     assert (code, said.out, len(said.err.splitlines())) == (2, "", 1)
@@ -286,7 +286,7 @@ def test_a_page_that_cannot_be_is_told_and_there_is_no_run(tmp_path, capsys, lis
 
 
 @pytest.mark.proof
-def test_ten_readers_move_no_tick(tmp_path):
+def test_ten_readers_delay_no_tick(tmp_path):
     """In real time; on a quiet machine: pytest -m proof tests/process/test_view.py -s."""
     late_us = {}
     for readers in (0, 10):
