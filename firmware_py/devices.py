@@ -1,4 +1,4 @@
-"""The one registry of drivers: what a vehicle file may name in `driver`, and what stands behind the name."""
+"""Registry of drivers by their names in vehicle files."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ DeviceT = TypeVar("DeviceT")
 
 @dataclass(frozen=True, slots=True)
 class Code(Generic[DeviceT]):
-    """The code of a driver: the record of its options (common.options), and what makes it from a line and that record.
+    """Code of a driver: its option record (common.options), and a factory that takes a line and that record.
 
-    `calibrator` gives what calibrates the device made, None when nothing does;
-    `capture` is what `rambler decode` reads of it.
+    `calibrator` returns the calibrator of a device, None if it has none; `capture` is the format for `rambler decode`.
     """
 
     options: type[Any]
@@ -28,9 +27,9 @@ class Code(Generic[DeviceT]):
 
 @dataclass(frozen=True, slots=True)
 class Driver(Generic[DeviceT]):
-    """A driver by what it drives; its code is imported when it is asked for, since a boat has few of all devices.
+    """A driver; its code is imported on use, because a boat has few of all devices.
 
-    One that `writes` needs a serial port; the others also read from the network.
+    A driver that `writes` needs a serial port; the others can also read from the network.
     """
 
     device: str
@@ -39,12 +38,12 @@ class Driver(Generic[DeviceT]):
 
     @property
     def options(self) -> type[Any]:
-        """The record of its options."""
+        """The option record."""
         return self.code().options
 
     @property
     def make(self) -> Callable[[ByteLine, Any], DeviceT]:
-        """What makes it from a line and such a record."""
+        """The factory, which takes a line and an option record."""
         return self.code().make
 
 
@@ -109,12 +108,12 @@ def _ais() -> Code[Vessels]:
 
 
 COMPASSES: Mapping[str, Driver[Compass]] = {
-    "nmea": Driver("any that speaks NMEA 0183 (HDT, HDG, HDM, THS, PASHR, ROT, XDR)", _nmea_compass),
+    "nmea": Driver("NMEA 0183 compasses (HDT, HDG, HDM, THS, PASHR, ROT, XDR)", _nmea_compass),
     "pni_tcm": Driver("PNI TCM, Prime and TRAX", _pni, writes=True),
     "mti": Driver("Xsens (Movella) MTi", _mti, writes=True),
 }
 POSITIONS: Mapping[str, Driver[Position]] = {
-    "nmea": Driver("any that speaks NMEA 0183 (RMC, GGA, GNS, GLL, VTG, ZDA)", _nmea_position),
+    "nmea": Driver("NMEA 0183 receivers (RMC, GGA, GNS, GLL, VTG, ZDA)", _nmea_position),
     "ubx": Driver("u-blox receivers that send NAV-PVT", _ubx),
 }
 RUDDERS: Mapping[str, Driver[Rudder]] = {
@@ -122,13 +121,13 @@ RUDDERS: Mapping[str, Driver[Rudder]] = {
     "volz": Driver("Volz DA", _volz, writes=True),
 }
 POWERS: Mapping[str, Driver[Power]] = {
-    "vedirect": Driver("Victron chargers and battery monitors that speak VE.Direct (MPPT, SmartShunt, BMV)", _vedirect),
+    "vedirect": Driver("Victron chargers and battery monitors with VE.Direct (MPPT, SmartShunt, BMV)", _vedirect),
 }
 AIS: Mapping[str, Driver[Vessels]] = {
-    "nmea": Driver("receivers and transponders of AIS (VDM, VDO), also among the sentences of other devices", _ais),
+    "nmea": Driver("AIS receivers and transponders (VDM, VDO), also mixed with sentences of other devices", _ais),
 }
 
-# The drivers that each section of a vehicle file may name.
+# Drivers of each section of a vehicle file.
 SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
     "compass": COMPASSES,
     "compass_b": COMPASSES,
@@ -139,7 +138,7 @@ SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
     "ais": AIS,
 }
 
-# By the names of `rambler decode`, the driver whose captures are read so.
+# Drivers by capture formats of `rambler decode`.
 CAPTURE_FORMATS: Mapping[str, Driver[Any]] = {
     "nmea": COMPASSES["nmea"],
     "pni": COMPASSES["pni_tcm"],
@@ -150,14 +149,14 @@ CAPTURE_FORMATS: Mapping[str, Driver[Any]] = {
 
 
 def calibrator_of(name: str, compass: Compass) -> Calibrator | None:
-    """Return what calibrates a compass that the driver of this name has made, None when nothing does."""
+    """Return the calibrator of a compass of this driver, None if it has none."""
     calibrator = COMPASSES[name].code().calibrator
     return None if calibrator is None else calibrator(compass)
 
 
 def decode(name: str, data: bytes) -> Iterator[Result]:
-    """Yield one result (sensors.decode) for each message of a capture; ValueError for a format that there is not."""
+    """Yield a result (sensors.decode) for each message of a capture; ValueError for an unknown format."""
     if name not in CAPTURE_FORMATS:
-        raise ValueError(f"no kind of capture: {name[:20]!r}; there are {', '.join(CAPTURE_FORMATS)}")
+        raise ValueError(f"unknown capture format {name[:20]!r}; use one of {', '.join(CAPTURE_FORMATS)}")
     capture = CAPTURE_FORMATS[name].code().capture
     return iter(()) if capture is None else capture.decode(data)

@@ -1,4 +1,4 @@
-"""The fixed-rate loop: wait, poll, step, actuate, record, publish; the link is served in the slack."""
+"""The fixed-rate loop: wait, poll, step, actuate, record, publish; the link is served in between."""
 
 from __future__ import annotations
 
@@ -26,34 +26,33 @@ from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.store import Store
 from firmware_py.system.watchdogs import Watchdogs, waits_in_kernel
 
-# Before a deadline the link is left alone for this long, or for this part of a short period.
+# The link is not served within this time before a deadline, or within this fraction of a short period.
 GUARD_S = 0.003
-GUARD_PART = 0.15
-# A link that has had this part of a period, or of the one before, is left alone earlier. Virtual machines, and boards
-# that are hot, become ten times slower for some milliseconds at any moment: a call that is under way must be at its end
-# by the tick even then.
-MUCH_PART = 0.1
+GUARD_FRACTION = 0.15
+# A link that uses more than this fraction of a period, or of the one before, has a longer guard time. Virtual machines
+# and overheated boards may become ten times slower for some milliseconds: a running call must end before the tick even
+# then.
+LINK_BUSY_FRACTION = 0.1
 BUSY_GUARD_S = 0.012
-BUSY_GUARD_PART = 0.5
-# The link gets at most this part of a period. Linux takes the processor from a real-time
-# process for 50 ms in every second that it would use to more than 95 %: a flood must not
-# bring it there.
-LINK_PART = 0.75
-# The compass that the ticks are locked to comes a little before its deadline: the tick begins with it, so that a
-# processor that is awake need not be woken again. Not earlier than this, or than this part of a short period.
-EARLY_S = 2.0 * LOCK_MARGIN_S
-EARLY_PART = 0.2
+BUSY_GUARD_FRACTION = 0.5
+# Maximum share of the link in a period. Linux suspends a real-time process for 50 ms in each second in which it would
+# use more than 95 % of the processor; a flood of messages must not cause that.
+MAX_LINK_FRACTION = 0.75
+# The sample of the compass that the ticks are locked to arrives shortly before the deadline and starts the tick, which
+# saves another wake-up of the processor. It starts at most this time early, or this fraction of a short period.
+MAX_EARLY_S = 2.0 * LOCK_MARGIN_S
+MAX_EARLY_FRACTION = 0.2
 COLLECT_INTERVAL_S = 60.0
-LIFE_INTERVAL_S = 1.0  # and with the first tick; whoever watches over her waits for several
+WATCHDOG_INTERVAL_S = 1.0  # the watchdogs time out after several of it
 SAFE_TIMEOUT_S = 2.0
 SAFE_INTERVAL_S = 0.1
 SAFE_ANGLE_RAD = 0.02
-SAFE_READINGS = 2  # in a row: a rudder that is on its way to the other side is amidships for a moment, too
+MIN_SAFE_READINGS = 2  # consecutive, because a rudder that moves to the other side passes the centre
 
 
 @dataclass(slots=True)
 class LoopParts:
-    """Everything the loop drives, wired by assemble."""
+    """Parts of the loop, wired by assemble."""
 
     clock: Clock
     autopilot: Autopilot
@@ -64,38 +63,38 @@ class LoopParts:
     recorder: Recorder | None
     store: Store
     lines: Sequence[SerialPort | NetworkLine]
-    show_event: Callable[[Event], None]
+    print_event: Callable[[Event], None]
     fault_barrier: FaultBarrier
     clock_setter: ClockSetter | None = None
-    notices: list[Event] = field(default_factory=list)  # of what is found on disk: told with the next tick
-    take_signals: Callable[[], tuple[Event, ...]] = tuple  # what is to be told of the process's signals
+    notices: list[Event] = field(default_factory=list)  # events of the next tick
+    signal_events: Callable[[], tuple[Event, ...]] = tuple  # events of process signals
     compass_b: Compass | None = None
     power: tuple[Power, ...] = ()
-    vessels: Vessels | None = None  # read behind all that steers; they are in no hurry
+    vessels: Vessels | None = None  # read after the rudder command is sent
     health: HealthMonitor = field(default_factory=HealthMonitor)
-    show_status: Callable[[Output, float], None] = lambda _output, _now_s: None  # to who looks on; never raises
+    show_status: Callable[[Output, float], None] = lambda _output, _now_s: None  # status reports; never raises
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
     liveness: Liveness = field(default_factory=Liveness)
-    prompt_ticks: bool = False  # whether a tick begins with the compass: where time goes by, and waking takes some
-    heard: tuple[HeadingSample, ...] = ()  # what the compass has said that the tick begins with
-    samples: int = 0  # taken from all devices since the start
-    life_due_s: float = -math.inf
-    prompt: tuple[Device, ...] = field(init=False)  # whose bytes are taken as they arrive: the time is that of a sample
-    devices: tuple[Device, ...] = field(init=False)  # these, and those of which each tick takes what has come
-    reporting: tuple[Device, ...] = field(init=False)  # all
+    tick_on_compass: bool = False  # whether a compass sample may start a tick; not in lockstep
+    early_headings: tuple[HeadingSample, ...] = ()  # of the compass that has started the tick
+    samples: int = 0  # number from all devices since the start
+    watchdog_due_s: float = -math.inf
+    prompt_devices: tuple[Device, ...] = field(init=False)  # read as bytes arrive, for exact time stamps
+    devices: tuple[Device, ...] = field(init=False)  # read at least once a tick
+    all_devices: tuple[Device, ...] = field(init=False)  # all
 
     def __post_init__(self) -> None:
-        """List the devices once."""
+        """Group the devices."""
         present = (self.compass, self.compass_b, self.position)
-        self.prompt = tuple(device for device in present if device is not None)
-        self.devices = (*self.prompt, self.rudder, *self.power)
-        self.reporting = self.devices if self.vessels is None else (*self.devices, self.vessels)
+        self.prompt_devices = tuple(device for device in present if device is not None)
+        self.devices = (*self.prompt_devices, self.rudder, *self.power)
+        self.all_devices = self.devices if self.vessels is None else (*self.devices, self.vessels)
 
 
 def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
-    """Turn the loop until stopped or asked to restart; whatever ends it, the rudder is made safe first.
+    """Run the loop until it is stopped or a restart is requested; at any end, the rudder is centred first.
 
-    The tick after a stop is still done: its log, and who hears her, shall know an end in good order from a power cut.
+    One more tick follows a stop, so that log and ground stations can distinguish a regular end from a power cut.
     """
     clock = parts.clock
     tick_timer = TickTimer(clock.now_s(), parts.autopilot.parameters()["LOOP_RATE_HZ"])
@@ -111,13 +110,13 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
             tick = Tick(index, min(now_s, due_s), max(0.0, now_s - due_s), skipped, tick_timer.rate_hz)
             newest = _tick(parts, tick, last=ended)
             now_s = clock.now_s()
-            _show_life(parts, now_s)
+            _serve_watchdogs(parts, now_s)
             parameters = parameters_in_force(parts.autopilot.state)
             tick_timer.set_rate(parameters["LOOP_RATE_HZ"])
             if newest is not None and parameters["LOOP_LOCK"]:
                 tick_timer.lock(newest.t_s)
             if now_s >= collect_s:
-                # The frozen start-up heap is exempt, so this looks at little.
+                # Fast, because the start-up heap is frozen.
                 gc.collect()
                 now_s = clock.now_s()
                 collect_s = now_s + COLLECT_INTERVAL_S
@@ -129,16 +128,15 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
 
 
 def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
-    """Do one tick, the rudder before all that can wait; return the newest heading sample, if any.
+    """Run one tick, with the rudder command before all that can wait; return the newest heading sample, if any.
 
-    The last one takes up no port that was away: where that is a pty of a harness that ended first, its number may be
-    another's by now, who would find it in use.
+    The last tick does not reopen ports: a pty of a harness that has ended may belong to another process by now.
     """
     clock, now_s = parts.clock, tick.t_s + tick.late_s
-    for device in parts.devices[1:] if parts.heard else parts.devices:
+    for device in parts.devices[1:] if parts.early_headings else parts.devices:
         device.receive(now_s)
-    headings = (*parts.heard, *parts.compass.poll())
-    parts.heard = ()
+    headings = (*parts.early_headings, *parts.compass.poll())
+    parts.early_headings = ()
     before = parts.autopilot.state
     others = tuple(parts.compass_b.poll()) if parts.compass_b is not None else ()
     inputs = Inputs(
@@ -153,7 +151,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
     )
     output = parts.autopilot.step(inputs)
     parts.rudder.command(output.command, now_s)
-    events = (*parts.notices, *parts.take_signals(), *parts.fault_barrier.take_events())
+    events = (*parts.notices, *parts.signal_events(), *parts.fault_barrier.take_events())
     parts.notices.clear()
     if parts.clock_setter is not None:
         policy = int(parts.autopilot.state.parameters["CLK_SET"])
@@ -168,32 +166,32 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
     if parts.vessels is not None:
         parts.vessels.receive(now_s)
     for event in output.events:
-        parts.show_event(event)
+        parts.print_event(event)
     for line in () if last else parts.lines:
         if text := line.reopen(now_s):
             parts.notices.append(Event(Severity.WARNING, text))
     parts.samples += len(inputs.headings) + len(inputs.positions) + len(inputs.rudder)
-    parts.health.update(parts.reporting, (parts.store, parts.recorder), clock, parts.link, now_s)
+    parts.health.update(parts.all_devices, (parts.store, parts.recorder), clock, parts.link, now_s)
     parts.autopilot.save_resume(now_s, clock.utc_s())
     parts.show_status(output, now_s)
     return headings[-1] if headings else None
 
 
-def _show_life(parts: LoopParts, now_s: float) -> None:
-    """Tell the watchdogs that all that the tick does is done; StuckError when a part beside it is stuck.
+def _serve_watchdogs(parts: LoopParts, now_s: float) -> None:
+    """Serve the watchdogs; raise StuckError if a part is stuck.
 
-    A thread that waits for the disk inside the kernel cannot be ended either: that is a fault of the storage, and she
-    steers on.
+    A thread that waits for the disk in the kernel cannot be ended by a restart: it is reported as a storage fault, and
+    steering continues.
     """
     watchdogs = parts.watchdogs
-    if not watchdogs.awaited or now_s < parts.life_due_s:
+    if not watchdogs.awaited or now_s < parts.watchdog_due_s:
         return
-    parts.life_due_s = now_s + LIFE_INTERVAL_S
+    parts.watchdog_due_s = now_s + WATCHDOG_INTERVAL_S
     stuck = parts.liveness.update(_progress(parts), now_s)
     hanging = tuple(part for part in stuck if part.thread is not None and waits_in_kernel(part.thread))
     for part in stuck:
         if part not in hanging:
-            done = "has ended" if not part.alive else f"nothing done for {part.patience_s:.0f} s"
+            done = "has ended" if not part.alive else f"no progress for {part.patience_s:.0f} s"
             raise StuckError(f"{part.name}: {done}")
     parts.health.hanging = ", ".join(part.name for part in hanging)
     modes = parts.autopilot.state.modes
@@ -201,7 +199,7 @@ def _show_life(parts: LoopParts, now_s: float) -> None:
 
 
 def _progress(parts: LoopParts) -> list[Progress]:
-    """Return what has been done by all that a watchdog vouches for."""
+    """Return the progress of all supervised parts."""
     lines = parts.lines
     devices = devices_progress(
         parts.samples,
@@ -213,77 +211,77 @@ def _progress(parts: LoopParts) -> list[Progress]:
     return [*devices, *workers, *(parts.recorder.progress() if parts.recorder is not None else ())]
 
 
-def _serve_until_deadline(parts: LoopParts, tick_timer: TickTimer, link_busy: bool) -> bool:  # noqa: FBT001 - its own answer of before
-    """Sleep until the deadline, or the compass just before; meanwhile take bytes and serve the link in the slack.
+def _serve_until_deadline(parts: LoopParts, tick_timer: TickTimer, link_busy: bool) -> bool:  # noqa: FBT001 - its own last result
+    """Wait for the deadline, or for the compass shortly before it; meanwhile read devices and serve the link.
 
-    Takes and returns whether the link had much to do, in the period before and in this one.
+    Takes and returns whether the link was busy, in the last period and in this one.
     """
     clock, link, deadline_s = parts.clock, parts.link, tick_timer.deadline_s
     period_s = 1.0 / tick_timer.rate_hz
-    guard_s, busy_guard_s = min(GUARD_S, GUARD_PART * period_s), min(BUSY_GUARD_S, BUSY_GUARD_PART * period_s)
-    locked = parts.prompt_ticks and parts.autopilot.state.parameters["LOOP_LOCK"]
-    begin_s = deadline_s - min(EARLY_S, EARLY_PART * period_s) if locked else deadline_s
+    guard_s, busy_guard_s = min(GUARD_S, GUARD_FRACTION * period_s), min(BUSY_GUARD_S, BUSY_GUARD_FRACTION * period_s)
+    locked = parts.tick_on_compass and parts.autopilot.state.parameters["LOOP_LOCK"]
+    begin_s = deadline_s - min(MAX_EARLY_S, MAX_EARLY_FRACTION * period_s) if locked else deadline_s
     link_s = 0.0
-    store_fd, device_fds = parts.store.fileno(), _awaited(parts)
+    store_fd, device_fds = parts.store.fileno(), _prompt_descriptors(parts)
     others = [*link.descriptors(), store_fd]
     while (now_s := clock.now_s()) < deadline_s:
-        slack_end_s = deadline_s - (busy_guard_s if link_busy or link_s >= MUCH_PART * period_s else guard_s)
-        in_slack = now_s < slack_end_s and link_s < LINK_PART * period_s
+        slack_end_s = deadline_s - (busy_guard_s if link_busy or link_s >= LINK_BUSY_FRACTION * period_s else guard_s)
+        in_slack = now_s < slack_end_s and link_s < MAX_LINK_FRACTION * period_s
         waiting = in_slack and link.busy
-        awaited = [*device_fds, *others] if in_slack else [*device_fds]
-        ready = clock.wait(now_s if waiting else deadline_s, awaited)
+        descriptors = [*device_fds, *others] if in_slack else [*device_fds]
+        ready = clock.wait(now_s if waiting else deadline_s, descriptors)
         if not ready and not waiting:
             continue
         now_s = clock.now_s()
-        speaking = [device_fds[fd] for fd in ready if fd in device_fds]
+        readable = [device_fds[fd] for fd in ready if fd in device_fds]
         link_ready = [fd for fd in ready if fd not in device_fds and fd != store_fd]
-        for device in speaking:
+        for device in readable:
             device.receive(now_s)
-        if now_s >= begin_s and parts.compass in speaking and (heard := tuple(parts.compass.poll())):
-            parts.heard = heard
+        if now_s >= begin_s and parts.compass in readable and (early_headings := tuple(parts.compass.poll())):
+            parts.early_headings = early_headings
             break
-        if parts.rudder in speaking or any(device.fileno() < 0 for device in speaking):
-            device_fds = _awaited(parts)
-        # What wakes the link within the guard time waits for the tick.
+        if parts.rudder in readable or any(device.fileno() < 0 for device in readable):
+            device_fds = _prompt_descriptors(parts)
+        # Data of the link within the guard time wait until after the tick.
         if now_s >= slack_end_s:
             continue
         if store_fd in ready:
-            parts.fault_barrier.call(now_s, parts.store.service)  # its callbacks are the link's
+            parts.fault_barrier.call(now_s, parts.store.service)  # its callbacks belong to the link
         if link_ready or waiting:
             parts.fault_barrier.call(now_s, partial(link.service, now_s, link_ready))
             link_s += clock.now_s() - now_s
-        if len(ready) > len(speaking) or waiting:  # the link has done something, and may have closed a connection
+        if len(ready) > len(readable) or waiting:  # the link may have closed a connection
             others = [*link.descriptors(), store_fd]
-    return link_s >= MUCH_PART * period_s
+    return link_s >= LINK_BUSY_FRACTION * period_s
 
 
-def _awaited(parts: LoopParts) -> dict[int, Device]:
-    """Return by their descriptors the devices that are heard before the tick; the rudder if it is to be told more."""
-    heard = (*parts.prompt, parts.rudder) if parts.rudder.needs_prompt_io() else parts.prompt
-    awaited = {device.fileno(): device for device in heard}
-    awaited.pop(-1, None)
-    return awaited
+def _prompt_descriptors(parts: LoopParts) -> dict[int, Device]:
+    """Return the devices to read before the tick by descriptor; the rudder only while it needs prompt I/O."""
+    early_headings = (*parts.prompt_devices, parts.rudder) if parts.rudder.needs_prompt_io() else parts.prompt_devices
+    descriptors = {device.fileno(): device for device in early_headings}
+    descriptors.pop(-1, None)
+    return descriptors
 
 
 def make_safe(parts: LoopParts) -> None:
-    """Bring the rudder amidships and wait, within bounds, until it stands there."""
+    """Centre the rudder and wait until it is there, at most SAFE_TIMEOUT_S."""
     clock, rudder = parts.clock, parts.rudder
     parts.watchdogs.notify_alive(clock.now_s())  # this may take a while
     linkage = settings_of(parts.autopilot.state.parameters).rudder.linkage
     command = RudderCommand(linkage.to_shaft(0.0), torque_on=True)
-    rudder.poll()  # what was measured before
+    rudder.poll()  # discard old feedback
     next_s = clock.now_s()
     end_s = next_s + SAFE_TIMEOUT_S
     amidships = 0
-    while amidships < SAFE_READINGS and (now_s := clock.now_s()) < end_s:
+    while amidships < MIN_SAFE_READINGS and (now_s := clock.now_s()) < end_s:
         if now_s >= next_s:
             rudder.command(command, now_s)
             next_s = now_s + SAFE_INTERVAL_S
-        # The servo is asked for its angle when it has taken the command, so its answers must not wait.
+        # The angle is requested after the reply to the command, so that replies must be read at once.
         descriptor = rudder.fileno()
         clock.wait(next_s, [] if descriptor < 0 else [descriptor])
         rudder.receive(clock.now_s())
         for feedback in rudder.poll():
             if feedback.shaft_rad is not None:
-                there = abs(linkage.to_rudder(feedback.shaft_rad)) < SAFE_ANGLE_RAD
-                amidships = amidships + 1 if there else 0
+                is_centred = abs(linkage.to_rudder(feedback.shaft_rad)) < SAFE_ANGLE_RAD
+                amidships = amidships + 1 if is_centred else 0

@@ -1,4 +1,4 @@
-"""The mode state machine: pure, and the only judge of modes, arming and goals."""
+"""The mode state machine: pure functions that decide on modes, arming and goals."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from firmware_py.model.crab import heading_for_course
 _HEADING_MODES = " or ".join(sorted(mode.name for mode, row in MODES.items() if row.heading_goals))
 _POSITION_MODES = " or ".join(sorted(mode.name for mode, row in MODES.items() if row.position_goals))
 ACCEPTED = Answer(Verdict.ACCEPTED)
-# A turn "the long way" to a goal that lies this close on the other side is no turn.
+# No turn the long way to a goal closer than this on the other side.
 ALREADY_THERE_RAD = 0.1
-LONGEST_BENCH_S = 60.0
+MAX_BENCH_S = 60.0
 
 
 class HeadingGoal(msgspec.Struct, frozen=True, tag=True):
-    """A heading or, over ground, a course; `turn` +-1 while the boat is to turn the long way."""
+    """A heading or, over ground, a course; `turn` is +-1 during a turn the long way."""
 
     heading_rad: float
     over_ground: bool = False
@@ -51,9 +51,9 @@ class PositionGoal(msgspec.Struct, frozen=True, tag=True):
 
 
 class ModeState(msgspec.Struct, frozen=True):
-    """Mode, arming, goal, stick, and where the rudder is held on the bench until when.
+    """Mode, arming, goal, stick, and bench rudder deflection with its end.
 
-    `by_failsafe`: a failsafe has chosen the mode, and nobody has ordered anything since.
+    `by_failsafe`: a failsafe has chosen the mode, and there was no command since.
     """
 
     mode: Mode = Mode.HOLD
@@ -67,30 +67,30 @@ class ModeState(msgspec.Struct, frozen=True):
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> ModeState:
-        """The state that BOOT_MODE and BOOT_ARM ask for."""
+        """Return the state by BOOT_MODE and BOOT_ARM."""
         return cls(Mode(int(parameters["BOOT_MODE"])), armed=bool(parameters["BOOT_ARM"]))
 
 
 class Situation(msgspec.Struct, frozen=True):
-    """What a decision may depend on besides the mode state."""
+    """Inputs of decisions besides the mode state."""
 
     heading_rad: float | None  # None without a valid heading
     water: Water | None
     position_ok: bool
     rudder_ok: bool
-    mission_ok: bool = False  # there is one
-    home_ok: bool = False  # there is home or a rally point
-    dead_reckoning_sd_m: float | None = None  # of the place where it is reckoned on for want of fixes
+    mission_ok: bool = False  # a mission is loaded
+    home_ok: bool = False  # home is set, or a rally point loaded
+    dead_reckoning_sd_m: float | None = None  # position error while dead reckoning is used
     fence_breached: bool = False
-    fault: str = ""  # what of the faults that are set forbids arming
+    fault: str = ""  # text of an active fault that prevents arming
 
     @property
     def place_known(self) -> bool:
-        """Whether there is a place to steer by, of a fix or reckoned."""
+        """Whether a position is known, by a fix or by dead reckoning."""
         return self.position_ok or self.dead_reckoning_sd_m is not None
 
 
-# How the lack of what a mode needs is told.
+# Texts of missing requirements.
 _LACKING: Mapping[Need, str] = {
     Need.HEADING: "no valid heading",
     Need.POSITION: "no position",
@@ -106,7 +106,7 @@ _MET: Mapping[Need, Callable[[Situation], bool]] = {
 
 
 def obstacle_to(mode: Mode, situation: Situation) -> str:
-    """Say in a few words what forbids entering a mode; empty when nothing does."""
+    """Return the reason why a mode cannot be entered, empty if it can."""
     return next((_LACKING[need] for need in MODES[mode].needs if not _MET[need](situation)), "")
 
 
@@ -117,7 +117,7 @@ def enter(state: ModeState, mode: Mode, situation: Situation) -> tuple[ModeState
     if obstacle := obstacle_to(mode, situation):
         return state, Answer(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: {obstacle}")
     if MODES[mode].heading_goals and situation.heading_rad is not None:
-        # The boat goes on as it heads: a goal from an earlier time must not turn it by surprise.
+        # Keep the present heading: an old goal must not turn the boat unexpectedly.
         return replace(state, mode=mode, goal=HeadingGoal(situation.heading_rad)), ACCEPTED
     return replace(state, mode=mode, goal=None), ACCEPTED
 
@@ -132,7 +132,7 @@ def _set_mode(state: ModeState, intent: SetMode, situation: Situation, _t_s: flo
 
 
 def arming_obstacle(situation: Situation) -> str:
-    """Say in a few words what forbids arming; empty when nothing does."""
+    """Return the reason why arming is refused, empty if it is possible."""
     if situation.heading_rad is None:
         return "no valid heading"
     if not situation.rudder_ok:
@@ -174,7 +174,7 @@ def _steer_heading(
 
 
 def _forced_turn(goal: HeadingGoal, turn: int, situation: Situation) -> int:
-    """Return the turn that must be forced because the shorter way is the other one."""
+    """Return the direction to force, 0 if the shorter way is in this direction."""
     if turn == 0 or situation.heading_rad is None:
         return 0
     sign = 1 if turn > 0 else -1
@@ -183,14 +183,14 @@ def _forced_turn(goal: HeadingGoal, turn: int, situation: Situation) -> int:
 
 
 def heading_to_steer(goal: HeadingGoal, water: Water | None) -> float:
-    """Return the heading that makes the goal good; a course is steered as a heading while no current is known."""
+    """Return the heading for a goal; a course is steered as a heading while no current is known."""
     if not goal.over_ground or water is None:
         return goal.heading_rad
     return heading_in_water(goal.heading_rad, water)
 
 
 def heading_in_water(course_rad: float, water: Water) -> float:
-    """Return the heading that makes a course over ground good in the water as it is estimated."""
+    """Return the heading for a course over ground in the estimated current."""
     return heading_for_course(
         course_rad, water.speed_m_s, water.current_north_m_s, water.current_east_m_s, water.leeway_rad
     )
@@ -221,7 +221,7 @@ def _set_stick(state: ModeState, intent: ManualRudder, _situation: Situation, t_
 
 def _set_bench(state: ModeState, intent: BenchRudder, situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
     # Written so that NaN fails the comparison.
-    if not (abs(intent.deflection) <= 1.0 and 0.0 <= intent.seconds <= LONGEST_BENCH_S):
+    if not (abs(intent.deflection) <= 1.0 and 0.0 <= intent.seconds <= MAX_BENCH_S):
         return state, Answer(Verdict.DENIED, "Bench rudder is out of range")
     if state.armed:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: armed")
@@ -257,7 +257,7 @@ _HANDLERS: Mapping[type[Intent], Callable[..., tuple[ModeState, Answer]]] = {
 
 
 def decide(state: ModeState, intent: Intent, situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
-    """Judge an intent that arrived at t_s; a refusal leaves the state as it was."""
+    """Apply an intent that arrived at t_s; a refusal leaves the state unchanged."""
     handler = _HANDLERS.get(type(intent))
     if handler is None:
         return state, Answer(Verdict.UNSUPPORTED, f"{type(intent).__name__} is not supported yet")
@@ -265,14 +265,14 @@ def decide(state: ModeState, intent: Intent, situation: Situation, t_s: float) -
 
 
 def live_bench(state: ModeState, now_s: float) -> float | None:
-    """Return where the rudder is held on the bench, None when it is not."""
-    # The upper bound: a state of another process has another clock.
-    live = now_s < state.bench_until_s <= now_s + LONGEST_BENCH_S
+    """Return the rudder deflection on the bench, None if it is not moved there."""
+    # The upper bound excludes a state of another process, which has another clock.
+    live = now_s < state.bench_until_s <= now_s + MAX_BENCH_S
     return state.bench if live and not state.armed else None
 
 
 def live_stick(state: ModeState, now_s: float, timeout_s: float) -> float | None:
-    """Return the stick's deflection unless it is released or too old."""
+    """Return the deflection of the stick, None if it is released or too old."""
     if state.stick is None or now_s - state.stick_t_s > timeout_s:
         return None
     return state.stick

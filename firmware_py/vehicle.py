@@ -1,4 +1,4 @@
-"""The vehicle file: which devices hang on which ports, the hull, parameters of this boat."""
+"""The vehicle file: devices with their ports, hull, and parameters of a boat."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import msgspec
 from firmware_py.common.options import MISSING_TEXT, check, option, record_from
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.common.parameters import MOST_PROBLEMS, index_of, parse_file
+from firmware_py.common.parameters import MAX_PROBLEMS, index_of, parse_file
 from firmware_py.devices import SECTIONS
 from firmware_py.files.reading import read_text
 
@@ -23,16 +23,16 @@ RecordT = TypeVar("RecordT")
 
 
 class VehicleError(ValueError):
-    """The vehicle file is wrong; the text names file, place and remedy, in a line for each thing that is wrong."""
+    """The vehicle file is invalid; the text has a line with file, place and remedy for each problem."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Connection:
-    """What every device section has, whatever its driver."""
+    """Keys of every device section."""
 
-    driver: str = option("what the device speaks")
-    port: str = option("the serial port that it hangs on")
-    baud: int = option("bits a second", minimum=300, maximum=12_000_000)
+    driver: str = option("protocol of the device")
+    port: str = option("serial port of the device")
+    baud: int = option("bits per second", minimum=300, maximum=12_000_000)
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -40,7 +40,7 @@ class _Connection:
 
 
 class DeviceEntry(msgspec.Struct, frozen=True):
-    """The section of a device, or of a second one; `options` is the record of the driver's own (devices.Driver)."""
+    """Section of a device; `options` is the option record of its driver (devices.Driver)."""
 
     driver: str
     port: str
@@ -50,7 +50,7 @@ class DeviceEntry(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Hull:
-    """[hull]: main particulars of the float, for the tools on the bench."""
+    """Section [hull]: main particulars of the float, for the bench tools."""
 
     length_m: float | None = option("length", default=None, minimum=0.1, maximum=1000.0)
     beam_m: float | None = option("beam", default=None, minimum=0.01, maximum=200.0)
@@ -64,7 +64,7 @@ class Hull:
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """A vehicle file, checked; the position's port may be the compass's, that of AIS either's."""
+    """A checked vehicle file; compass, position and AIS may share a port."""
 
     name: str
     compass: DeviceEntry
@@ -79,9 +79,9 @@ class Vehicle(msgspec.Struct, frozen=True):
     ais: DeviceEntry | None = None
 
 
-MOST_BYTES = 1 << 20  # of a vehicle or parameter file
-NETWORK, _NO_BAUD = ("udp:", "tcp:"), 38400  # how ports on a network begin, which have no rate
-_MOST_CHARACTERS, _MOST_BITS = 60, 4096  # told of a name; of a whole number: Python refuses to write much longer ones
+MAX_BYTES = 1 << 20  # of a vehicle or parameter file
+NETWORK, _NO_BAUD = ("udp:", "tcp:"), 38400  # prefixes of network ports; placeholder for their rate
+_MAX_CHARACTERS, _MAX_BITS = 60, 4096  # of a name in a text; of an integer, because Python limits their conversion
 _OPTIONAL = ("position", "compass_b", "power", "power_b", "ais")  # devices
 _SECTIONS = ("vehicle", "compass", "rudder", *_OPTIONAL, "link", "hull", "parameters")
 _CONNECTION = tuple(row.name for row in fields(_Connection))
@@ -90,15 +90,15 @@ _CONNECTION = tuple(row.name for row in fields(_Connection))
 def load(path: Path) -> Vehicle:
     """Read and check a vehicle file, or raise VehicleError."""
     try:
-        data = tomllib.loads(read_text(path, MOST_BYTES))
+        data = tomllib.loads(read_text(path, MAX_BYTES))
     except FileNotFoundError:
-        raise VehicleError(f"{path}: no such vehicle file; rambler example FILE writes one to begin with") from None
+        raise VehicleError(f"{path}: no such vehicle file; create one with rambler example FILE") from None
     except OSError as error:
         raise VehicleError(f"{path}: cannot be read: {error.strerror}; name a vehicle file") from None
     except tomllib.TOMLDecodeError as error:
         raise VehicleError(f"{path}: not valid TOML: {error}") from None
-    except ValueError:  # Python's own limit of digits
-        raise VehicleError(f"{path}: not valid TOML: a number of too many digits") from None
+    except ValueError:  # Python's limit of digits
+        raise VehicleError(f"{path}: not valid TOML: a number has too many digits") from None
     except RecursionError:
         raise VehicleError(f"{path}: nested too deeply; write sections of names and values") from None
     _check_values(data, path)
@@ -106,7 +106,7 @@ def load(path: Path) -> Vehicle:
 
 
 def _check_values(data: Mapping[str, Any], path: Path) -> None:
-    """Refuse values that no section takes and that would break a message about them: VehicleError."""
+    """Raise VehicleError for values that no section accepts and no message can hold."""
     waiting: list[tuple[str, Any]] = list(data.items())
     while waiting:
         name, value = waiting.pop()
@@ -114,14 +114,16 @@ def _check_values(data: Mapping[str, Any], path: Path) -> None:
             waiting += value.items()
         elif isinstance(value, list):
             waiting += ((name, item) for item in value)
-        elif isinstance(value, int) and value.bit_length() > _MOST_BITS:
-            raise VehicleError(f"{path}: {name[:_MOST_CHARACTERS]!r} is a number of too many digits")
+        elif isinstance(value, int) and value.bit_length() > _MAX_BITS:
+            raise VehicleError(f"{path}: {name[:_MAX_CHARACTERS]!r} has too many digits")
         elif isinstance(value, str) and not value.isprintable():
-            raise VehicleError(f"{path}: {name[:_MOST_CHARACTERS]!r} holds what cannot be printed: {value[:30]!r}")
+            raise VehicleError(
+                f"{path}: {name[:_MAX_CHARACTERS]!r} holds characters that cannot be printed: {value[:30]!r}"
+            )
 
 
 def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
-    """Check the content of a vehicle file read from path; VehicleError tells all that is wrong with it."""
+    """Check the content of a vehicle file; raise VehicleError with all problems."""
     optional = [name for name in _OPTIONAL if name in data]
     _, values = _all_read(
         {
@@ -138,9 +140,10 @@ def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
 
 
 def _all_read(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEXT) -> tuple[Any, dict[str, Any]]:
-    """Return the value of the first, a check, and the named values of the others; VehicleError with all that is wrong.
+    """Return the value of the first read, a check of names, and the values of the others by name.
 
-    What is `missing` is not told beside a name that is not known: it may be the one that was meant.
+    Raises VehicleError with all problems. If a name is unknown, `missing` keys are not reported, because a name may be
+    misspelled.
     """
     values: dict[str, Any] = {}
     problems: dict[str, list[str]] = {}
@@ -150,7 +153,7 @@ def _all_read(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEX
         except VehicleError as error:
             problems[name] = str(error).splitlines()
     first = next(iter(reads))
-    lines = [line for found in problems.values() for line in found if first not in problems or missing not in line]
+    lines = [line for texts in problems.values() for line in texts if first not in problems or missing not in line]
     _refuse(lines)
     return values.pop(first), values
 
@@ -180,39 +183,39 @@ def _section(data: Mapping[str, Any], name: str, path: Path) -> Mapping[str, Any
 
 
 def _refuse(problems: Iterable[str]) -> None:
-    """Raise VehicleError with the problems, as many as are told of one file; nothing when there is none."""
-    if lines := list(islice(problems, MOST_PROBLEMS)):
+    """Raise VehicleError with the problems, at most MAX_PROBLEMS; do nothing if there are none."""
+    if lines := list(islice(problems, MAX_PROBLEMS)):
         raise VehicleError("\n".join(lines))
 
 
 def _only_known(section: Mapping[str, Any], known: tuple[str, ...], place: str) -> None:
     hint = f"; known: {', '.join(known)}"
-    unknown = [key[:_MOST_CHARACTERS] for key in section if key not in known]
-    _refuse(f"{place} {key!r} is not known{_meant(key, known) or hint}" for key in unknown)
+    unknown = [key[:_MAX_CHARACTERS] for key in section if key not in known]
+    _refuse(f"{place} {key!r} is not known{_suggestion(key, known) or hint}" for key in unknown)
 
 
-def _meant(key: str, known: tuple[str, ...]) -> str:
-    import difflib  # noqa: PLC0415 - only a word that is wrong needs it
+def _suggestion(key: str, known: tuple[str, ...]) -> str:
+    import difflib  # noqa: PLC0415 - only for an unknown word
 
     return "".join(f"; did you mean {near!r}?" for near in difflib.get_close_matches(key, known, 1))
 
 
 def _entry(data: Mapping[str, Any], name: str, path: Path) -> DeviceEntry:
     if name not in data:
-        raise VehicleError(f"{path}: section [{name}] is missing; it names driver, port and baud of the {name}")
+        raise VehicleError(f"{path}: section [{name}] is missing; it needs driver, port and baud of the {name}")
     return read_device(name, _section(data, name, path), f"{path}: [{name}]")
 
 
 def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntry:
-    """Check the device section of this name: what every device has, and what its driver reads.
+    """Check the device section with this name: the common keys, and those of its driver.
 
-    Raises VehicleError, whose text begins with the place.
+    Raises VehicleError with a text that begins with `place`.
     """
     drivers, driver = SECTIONS[name], section.get("driver")
     if driver is None:
-        raise VehicleError(f"{place} driver is missing; there are {', '.join(drivers)}")
+        raise VehicleError(f"{place} driver is missing; use one of {', '.join(drivers)}")
     if not isinstance(driver, str) or driver not in drivers:
-        raise VehicleError(f"{place} driver {str(driver)[:60]!r} is not known; there are {', '.join(drivers)}")
+        raise VehicleError(f"{place} driver {str(driver)[:60]!r} is not known; use one of {', '.join(drivers)}")
     kind = drivers[driver].options
     own = {key: value for key, value in section.items() if key not in _CONNECTION}
     names = tuple(row.name for row in fields(kind))
@@ -232,11 +235,11 @@ def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntr
 
 
 def _only_read(values: Mapping[str, Any], driver: str, options: tuple[str, ...], place: str) -> None:
-    """Refuse an option that the driver does not read: whoever wrote it believes that it does something."""
+    """Raise VehicleError for options that the driver does not read."""
     own = ", ".join(options) or "no option of its own"
     reason, known = f"is not read by driver {driver}, which has {own}", (*_CONNECTION, *options)
-    unknown = [key[:_MOST_CHARACTERS] for key in values if key not in options]
-    _refuse(f"{place} {key!r} {reason}{_meant(key, known)}" for key in unknown)
+    unknown = [key[:_MAX_CHARACTERS] for key in values if key not in options]
+    _refuse(f"{place} {key!r} {reason}{_suggestion(key, known)}" for key in unknown)
 
 
 def _hull(data: Mapping[str, Any], path: Path) -> Hull:
@@ -275,7 +278,7 @@ def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
     if "file" in section:
         file = path.parent / _text(section["file"], f"{path}: [parameters] file")
         try:
-            values.update(parse_file(read_text(file, MOST_BYTES), str(file)))
+            values.update(parse_file(read_text(file, MAX_BYTES), str(file)))
         except OSError as error:
             problems.append(f"{path}: [parameters] file {file} cannot be read: {error.strerror}")
         except ParameterError as error:

@@ -61,11 +61,11 @@ def show_status(
     reporter = StatusReporter(sources, StatusFile(state_directory), console.line)
     opened.callback(reporter.close)
 
-    def look_on(output: Output, now_s: float) -> None:
+    def after_tick(output: Output, now_s: float) -> None:
         trial.update(output, now_s)
         reporter.update(output, now_s)
 
-    parts.show_status = look_on
+    parts.show_status = after_tick
 
 
 def _versions(commit: str) -> dict[str, str]:

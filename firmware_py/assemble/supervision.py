@@ -71,7 +71,7 @@ class Supervision:
         self._watchdogs.stop(anew=anew)
         self._keep(replace(self._endings, running=False, is_young=False))
 
-    def end_badly(self, why: str) -> None:
+    def end_with_error(self, why: str) -> None:
         """Say why the run ends although nobody has asked for it, so that it is started anew."""
         self._watcher.record_reason(why)
         self._keep(replace(self._endings, failed=True))

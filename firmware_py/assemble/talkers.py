@@ -52,7 +52,7 @@ def feed_talkers(talkers: Sequence[NmeaOutput], parts: LoopParts) -> None:
 
     show_status = parts.show_status
 
-    def look_on(output: Output, now_s: float) -> None:
+    def after_tick(output: Output, now_s: float) -> None:
         def scene() -> Scene:
             return Scene(output.snapshot, parts.clock.utc_s(), declination_rad(parts.autopilot.state))
 
@@ -60,7 +60,7 @@ def feed_talkers(talkers: Sequence[NmeaOutput], parts: LoopParts) -> None:
             parts.fault_barrier.call(now_s, partial(talker.publish, scene, now_s))
         show_status(output, now_s)
 
-    parts.show_status = look_on
+    parts.show_status = after_tick
 
 
 def declination_rad(state: State) -> float:

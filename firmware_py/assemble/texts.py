@@ -10,7 +10,7 @@ _LOOK = "compare parameters, plans and mode with what you want; the disk may be 
 TEXTS: Mapping[str, tuple[str, str]] = {
     "Resumed <mode>, <age>": (
         "after a restart she goes on with mode, goal and mission as they were (`BOOT_RESUME`)",
-        "nothing; `paused`: the mission waits for you; `not whole`: see what else was told",
+        "nothing; `paused`: the mission waits for you; `incomplete`: see what else was told",
     ),
     "Not resumed: <age> old": (
         "what she did before the restart is older than `BOOT_RESUME_H`, so she waits for orders",

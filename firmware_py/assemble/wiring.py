@@ -142,11 +142,11 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         recorder=recorder,
         store=store,
         lines=lines,
-        show_event=_printer(console, clock),
+        print_event=_printer(console, clock),
         fault_barrier=FaultBarrier(console.line),
         clock_setter=clock_setter,
         notices=notices,
-        prompt_ticks=options.lockstep is None,
+        tick_on_compass=options.lockstep is None,
     )
     if options.lockstep is None or options.status:  # else nobody looks: time is not what a clock on the wall shows
         links = links_of(endpoint, talkers)

@@ -11,14 +11,14 @@ from firmware_py.cli import parameter_page
 from firmware_py.cli.errors import print_error
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
-from firmware_py.common.parameters import LONGEST_NAME, format_file, format_value, near, parse_file
+from firmware_py.common.parameters import MAX_NAME_LENGTH, format_file, format_value, near, parse_file
 from firmware_py.faults import page as faults
 from firmware_py.files.reading import read_text
 from firmware_py.link.parameters.files import parameter_json
-from firmware_py.vehicle import MOST_BYTES
+from firmware_py.vehicle import MAX_BYTES
 
 FINDING = 1  # exit code: errors in the file
-_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_]{{0,{2 * LONGEST_NAME}}}")  # a file name has a dot or a slash
+_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_]{{0,{2 * MAX_NAME_LENGTH}}}")  # a file name has a dot or a slash
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     values: dict[str, float] = {}
     if arguments.file is not None:
         try:
-            values = parse_file(read_text(arguments.file, MOST_BYTES), str(arguments.file))
+            values = parse_file(read_text(arguments.file, MAX_BYTES), str(arguments.file))
         except FileNotFoundError as error:
             if arguments.save is None and _NAME.fullmatch(str(arguments.file)):
                 return _explain(str(arguments.file))

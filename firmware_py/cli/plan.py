@@ -18,7 +18,7 @@ from firmware_py.plans.fence import Breach, breaches
 from firmware_py.plans.items import ROWS, Command, has_place, markdown
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
-from firmware_py.plans.read_file import MOST_BYTES, read_plan_file
+from firmware_py.plans.read_file import MAX_BYTES, read_plan_file
 from firmware_py.plans.text_files import write_text
 from firmware_py.system.directory_lock import StoreError
 from firmware_py.system.slots import examine
@@ -77,7 +77,7 @@ def _items(_arguments: argparse.Namespace) -> None:
 def _read_plans(path: Path, *, home: bool) -> tuple[Plan, ...]:
     """Read a plan file up to the size limit."""
     try:
-        content = read_regular(path, MOST_BYTES)
+        content = read_regular(path, MAX_BYTES)
     except OSError as error:
         raise PlanFileError(f"{path}: {error.strerror}; give a readable file") from None
     return read_plan_file(content, str(path), home=home, note=_note)
@@ -159,7 +159,7 @@ def _warn_of_fence(arguments: argparse.Namespace, source: Path, before: Plans, p
     outside = [breach for breach in breaches(before) if breach is not None]
     for breach in outside:
         first = int(breach.kind is PlanKind.MISSION and not arguments.no_home)
-        _note(f"{source}: warning: {breach.shown(first)}")
+        _note(f"{source}: warning: {breach.message(first)}")
     return outside
 
 

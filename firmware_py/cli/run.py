@@ -158,14 +158,14 @@ def _delay_exit(why: str, signals: Signals) -> None:
 
 
 def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, real_time: bool) -> int:
-    assembly.parts.take_signals = signals.take_events
+    assembly.parts.signal_events = signals.take_events
     # After all threads have started: the others run at lower priority, the files thread at ordinary priority.
     for refusal in realtime.prepare(ordinary=(FILES_THREAD,), real_time=real_time):
         assembly.console.line(refusal)
     try:
         run_loop(assembly.parts, lambda: signals.stopping)
     except StuckError as error:
-        supervision.end_badly(str(error))
+        supervision.end_with_error(str(error))
         assembly.console.line(f"rambler run: {error}; rudder safe, restarting")
         _leave(assembly)
     except ClockError as error:
@@ -174,7 +174,7 @@ def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, re
     except Exception as error:  # noqa: BLE001 - the rudder is safe; the traceback must not wait for a blocked reader
         for line in traceback.format_exc().splitlines():
             assembly.console.line(line)
-        supervision.end_badly(f"{type(error).__name__}: {error}")
+        supervision.end_with_error(f"{type(error).__name__}: {error}")
         return 1
     else:
         restart = assembly.parts.autopilot.restart

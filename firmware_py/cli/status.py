@@ -137,7 +137,7 @@ def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
-    blocked = f"  sending blocked: {link['hindrance']}" if link.get("hindrance") else ""
+    blocked = f"  sending blocked: {link['blocked_reason']}" if link.get("hindrance") else ""
     yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  no peers") + blocked
     if (satellite := link.get("satellite")) is not None:
         yield from _satellite_lines(satellite)
@@ -152,7 +152,7 @@ def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
 def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
     """Yield the state of a satellite modem, its sessions and their cost."""
     age = "none yet" if satellite["session_age_s"] is None else f"last {_duration(satellite['session_age_s'])} ago"
-    blocked = f", blocked: {satellite['hindrance']}" if satellite["hindrance"] else ""
+    blocked = f", blocked: {satellite['blocked_reason']}" if satellite["hindrance"] else ""
     signal = "unknown" if satellite["signal"] is None else f"{satellite['signal']} of 5"
     yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames queued"
     yield (

@@ -1,4 +1,4 @@
-"""Absent values at the border of the numeric core: NaN there, None in the records of a tick."""
+"""Absent values at the border of the numeric core: NaN inside, None in the records of a tick."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import math
 
 
 def or_nan(value: float | None) -> float:
-    """Return NaN for a value that is absent."""
+    """Return the value, or NaN for None."""
     return math.nan if value is None else value

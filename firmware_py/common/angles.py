@@ -1,4 +1,4 @@
-"""Angle wrapping and unit conversion, and nowhere else."""
+"""Angle wrapping and conversion of units."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ def wrap_pi(angle_rad: float) -> float:
     result_rad = (angle_rad + PI) % TWO_PI - PI
     if result_rad < PI:
         return result_rad
-    # The sum above may round up to a whole turn, and subtracting pi from a
-    # value just below one must not reach +pi.
+    # Rounding in the sum must not produce +pi.
     return -PI if result_rad >= PI else math.nan
 
 
@@ -47,7 +46,7 @@ def compass_degrees(angle_rad: float) -> float:
 
 
 def clamp(value: float, low: float, high: float) -> float:
-    """Limit a value to [low, high]; NaN stays NaN, where min and max would make a limit of it."""
+    """Limit a value to [low, high]; NaN stays NaN, unlike with min and max."""
     if value < low:
         return low
     return high if value > high else value

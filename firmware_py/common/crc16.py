@@ -1,7 +1,6 @@
-"""CRC-16 checksums by fastcrc, and without it in Python: for a computer that no package of it is built for.
+"""CRC-16 checksums by fastcrc, or in Python on computers for which fastcrc is not available.
 
-Names and parameters are those of the catalogue of CRC algorithms (reveng): polynomial, start value, and whether the
-bits are taken the lowest first.
+Names and parameters follow the catalogue of CRC algorithms (reveng): polynomial, start value, reflection.
 """
 
 from __future__ import annotations
@@ -11,8 +10,8 @@ from collections.abc import Callable
 Checksum = Callable[[bytes], int]
 
 
-def in_python(polynomial: int, start: int, *, reflected: bool) -> Checksum:
-    """Return a checksum by a table of bytes; it takes 30 times as long as that of fastcrc."""
+def table_checksum(polynomial: int, start: int, *, reflected: bool) -> Checksum:
+    """Return a table-driven checksum function; it takes 30 times as long as fastcrc."""
     table = [_entry(polynomial, byte, reflected=reflected) for byte in range(256)]
 
     def of_reflected(data: bytes) -> int:
@@ -31,7 +30,7 @@ def in_python(polynomial: int, start: int, *, reflected: bool) -> Checksum:
 
 
 def _entry(polynomial: int, byte: int, *, reflected: bool) -> int:
-    """Return the remainder of one byte; a reflected polynomial is given with its bits reversed."""
+    """Return the table entry of a byte; a reflected polynomial has its bits reversed."""
     value = byte if reflected else byte << 8
     for _ in range(8):
         if reflected:
@@ -46,7 +45,7 @@ try:
 except ImportError:
     _fast = None  # type: ignore[assignment]
 
-cms: Checksum = in_python(0x8005, 0xFFFF, reflected=False) if _fast is None else _fast.cms
-umts: Checksum = in_python(0x8005, 0x0000, reflected=False) if _fast is None else _fast.umts
-xmodem: Checksum = in_python(0x1021, 0x0000, reflected=False) if _fast is None else _fast.xmodem
-mcrf4xx: Checksum = in_python(0x8408, 0xFFFF, reflected=True) if _fast is None else _fast.mcrf4xx
+cms: Checksum = table_checksum(0x8005, 0xFFFF, reflected=False) if _fast is None else _fast.cms
+umts: Checksum = table_checksum(0x8005, 0x0000, reflected=False) if _fast is None else _fast.umts
+xmodem: Checksum = table_checksum(0x1021, 0x0000, reflected=False) if _fast is None else _fast.xmodem
+mcrf4xx: Checksum = table_checksum(0x8408, 0xFFFF, reflected=True) if _fast is None else _fast.mcrf4xx

@@ -1,10 +1,8 @@
-"""The one earth of the firmware: a sphere, and on it distances, bearings, lines and offsets.
+"""Distances, bearings, lines and offsets on a spherical earth.
 
-Great circles are exact on the sphere from metres to half the globe; the sphere's error against the
-ellipsoid is at most 0.6 % of a distance. Offsets on a plane are for places near each other, and each
-has its own: on the plane that touches here (`offset_m`), with the meridians of half way
-(`nearby_offset_m`, cheap, for every fix), and the local frame of MAVLink (`local_offset_m` and
-`at_local_offset`, which undo each other).
+Great circles are exact on the sphere; its error against the ellipsoid is at most 0.6 % of a distance. Three planes
+serve for places near each other: the tangential plane (`offset_m`), the mid-latitude approximation (`nearby_offset_m`,
+fast), and the local frame of MAVLink (`local_offset_m` and its inverse `at_local_offset`).
 """
 
 from __future__ import annotations
@@ -17,10 +15,10 @@ from firmware_py.common.angles import clamp, wrap_two_pi
 
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 Vector = tuple[float, float, float]
-LEAST_SHRINK = 1e-3  # of a circle of latitude against the equator: 6 km from a pole
+MIN_COS_LATITUDE = 1e-3  # 6 km from a pole
 UNSET_RAD = 1e-6  # 6 m
 HIGHEST_LATITUDE_RAD = math.radians(89.9)
-SHORTEST_LINE = 1e-9  # in radii of the earth: a line of 6 mm has no direction
+SHORTEST_LINE = 1e-9  # earth radii; a line of 6 mm has no direction
 
 
 class Place(msgspec.Struct, frozen=True):
@@ -30,7 +28,7 @@ class Place(msgspec.Struct, frozen=True):
     longitude_rad: float
 
     def offset_m(self, other: Place) -> tuple[float, float]:
-        """Return how far north and east another place lies, on the plane that touches here."""
+        """Return the north and east offset [m] of another place on the tangential plane."""
         distance_m, bearing_rad = self.distance_and_bearing(other)
         return distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad)
 
@@ -55,7 +53,7 @@ class Place(msgspec.Struct, frozen=True):
         return distance_m, wrap_two_pi(bearing_rad)
 
     def nearby_offset_m(self, other: Place) -> tuple[float, float]:
-        """Return how far north and east another place lies, the meridians taken half way; good for some kilometres."""
+        """Return the north and east offset [m] of a place within some kilometres, by the mid-latitude."""
         east_rad = math.remainder(other.longitude_rad - self.longitude_rad, 2.0 * math.pi)
         return (
             EARTH_RADIUS_M * (other.latitude_rad - self.latitude_rad),
@@ -63,7 +61,7 @@ class Place(msgspec.Struct, frozen=True):
         )
 
     def local_offset_m(self, other: Place) -> tuple[float, float]:
-        """Return how far north and east another place lies in the local frame of here, as `at_local_offset` counts."""
+        """Return the north and east offset [m] of another place in the local frame of MAVLink."""
         east_rad = math.remainder(other.longitude_rad - self.longitude_rad, 2.0 * math.pi)
         return (
             (other.latitude_rad - self.latitude_rad) * EARTH_RADIUS_M,
@@ -71,31 +69,31 @@ class Place(msgspec.Struct, frozen=True):
         )
 
     def at_local_offset(self, north_m: float, east_m: float) -> Place | None:
-        """Return the place north and east of here in the local frame of here; None where that ends, at the poles."""
+        """Return the place at an offset in the local frame of MAVLink; None beyond a pole."""
         latitude_rad = self.latitude_rad + north_m / EARTH_RADIUS_M
         shrink = math.cos(self.latitude_rad)
-        if not (abs(latitude_rad) < math.pi / 2.0 and shrink > LEAST_SHRINK):
+        if not (abs(latitude_rad) < math.pi / 2.0 and shrink > MIN_COS_LATITUDE):
             return None
         longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
         return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
 
     def at_offset(self, north_m: float, east_m: float) -> Place:
-        """Return the place that lies north and east of here; good for some kilometres."""
+        """Return the place at an offset of up to some kilometres."""
         latitude_rad = clamp(self.latitude_rad + north_m / EARTH_RADIUS_M, -0.5 * math.pi, 0.5 * math.pi)
         shrink = max(math.cos(latitude_rad), 1e-6)
         longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
         return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
 
 
-def can_be(latitude_rad: float, longitude_rad: float) -> bool:
-    """Return whether a boat can be there; 0 N 0 E is what a receiver gives that does not know. False for NaN."""
+def is_possible_position(latitude_rad: float, longitude_rad: float) -> bool:
+    """Return whether a position is possible; False for NaN and for 0 N 0 E, which means unknown."""
     if abs(latitude_rad) < UNSET_RAD and abs(longitude_rad) < UNSET_RAD:
         return False
     return abs(latitude_rad) <= HIGHEST_LATITUDE_RAD and abs(longitude_rad) <= math.pi
 
 
 class Track(msgspec.Struct, frozen=True):
-    """Where the boat is on a line: off it (positive to starboard), how far still to go, and the line's course here."""
+    """Position relative to a line: cross-track error (positive to starboard), distance to go, course of the line."""
 
     cross_track_m: float
     remaining_m: float  # negative beyond the end
@@ -120,7 +118,7 @@ def _dot(a: Vector, b: Vector) -> float:
 
 
 def track(start: Place, end: Place, here: Place) -> Track | None:
-    """Return where the boat is on the great circle from start to end; None when the two are one place or opposite."""
+    """Return the position relative to the great circle from start to end; None if these coincide or are antipodal."""
     a, b, p = _vector(start), _vector(end), _vector(here)
     normal = _cross(a, b)
     length = math.sqrt(_dot(normal, normal))
@@ -142,7 +140,7 @@ def track(start: Place, end: Place, here: Place) -> Track | None:
 
 
 def _course(at: Vector, along: Vector) -> float:
-    """Return the course of a tangent vector at a place."""
+    """Return the course of a tangent vector."""
     shrink = math.hypot(at[0], at[1])
     east = (-at[1] / shrink, at[0] / shrink, 0.0) if shrink > SHORTEST_LINE else (0.0, 1.0, 0.0)
     return wrap_two_pi(math.atan2(_dot(along, east), _dot(along, _cross(at, east))))

@@ -1,6 +1,6 @@
-"""What may be asked of the autopilot, by whom, and how it is answered.
+"""Requests to the autopilot, and its answers.
 
-An accepted request is an input of the next tick, so that a log recomputes what came of it.
+An accepted request is an input of the next tick, so that the replay of a log reproduces its effect.
 """
 
 from __future__ import annotations
@@ -13,23 +13,22 @@ from firmware_py.common.plan import Plan
 
 
 class SetMode(msgspec.Struct, frozen=True, tag=True):
-    """Ask for a control mode by its custom_mode number."""
+    """Set a control mode by its custom_mode number."""
 
     mode: int
 
 
 class Arm(msgspec.Struct, frozen=True, tag=True):
-    """Ask to arm or disarm; `force` skips the pre-arm checks."""
+    """Arm or disarm; `force` skips the pre-arm checks."""
 
     armed: bool
     force: bool = False
 
 
 class SteerHeading(msgspec.Struct, frozen=True, tag=True):
-    """Ask for a heading, clockwise from true north.
+    """Steer a heading, clockwise from true north.
 
-    `relative`: counted from the heading that the boat has, whatever its goal. `over_ground`: the angle is a course
-    over ground. `turn` > 0 asks to turn to
+    `relative`: relative to the present heading. `over_ground`: the angle is a course over ground. `turn` > 0 turns to
     starboard, < 0 to port, 0 the shorter way. `change_mode` enters GUIDED first.
     """
 
@@ -41,7 +40,7 @@ class SteerHeading(msgspec.Struct, frozen=True, tag=True):
 
 
 class SteerPosition(msgspec.Struct, frozen=True, tag=True):
-    """Ask to go to a position; `change_mode` enters GUIDED first."""
+    """Go to a position; `change_mode` enters GUIDED first."""
 
     latitude_rad: float
     longitude_rad: float
@@ -62,26 +61,26 @@ class SetParameter(msgspec.Struct, frozen=True, tag=True):
 
 
 class ReplacePlan(msgspec.Struct, frozen=True, tag=True):
-    """Put a whole plan in force, in place of the one of its kind."""
+    """Replace the plan of a kind."""
 
     plan: Plan
 
 
 class SetMissionItem(msgspec.Struct, frozen=True, tag=True):
-    """Go on with another item of the mission; `restart` also forgets jumps made and a completed mission."""
+    """Continue with another item of the mission; `restart` also resets its jump counts."""
 
     index: int
     restart: bool = False
 
 
 class PauseMission(msgspec.Struct, frozen=True, tag=True):
-    """Halt the mission where the boat is (a watch circle), or go on with it."""
+    """Pause the mission at the present position (loiter circle), or resume it."""
 
     paused: bool
 
 
 class SetHome(msgspec.Struct, frozen=True, tag=True):
-    """Set home; without a position, to where the boat is."""
+    """Set home; without a position, to the present one."""
 
     latitude_rad: float | None = None
     longitude_rad: float | None = None
@@ -89,27 +88,27 @@ class SetHome(msgspec.Struct, frozen=True, tag=True):
 
 
 class EnableFence(msgspec.Struct, frozen=True, tag=True):
-    """Heed the fence or not."""
+    """Enable or disable the fence."""
 
     enabled: bool
 
 
 class BenchRudder(msgspec.Struct, frozen=True, tag=True):
-    """Move the rudder on the bench, while disarmed: -1 full port to +1 full starboard, for a while."""
+    """Move the rudder on the bench, while disarmed: -1 full port to +1 full starboard, for `seconds`."""
 
     deflection: float
     seconds: float
 
 
 class Restart(msgspec.Struct, frozen=True, tag=True):
-    """Make the rudder safe and start the autopilot anew, or (`shutdown`) end it; `force` does so while armed, too."""
+    """Centre the rudder and restart the autopilot, or end it (`shutdown`); `force`: also while armed."""
 
     shutdown: bool = False
     force: bool = False
 
 
 class ReportBattery(msgspec.Struct, frozen=True, tag=True):
-    """What another component of the boat has measured of the battery; a current into it is positive."""
+    """Battery measurements of another component of the boat; positive currents charge the battery."""
 
     voltage_v: float | None = None
     current_a: float | None = None
@@ -118,7 +117,7 @@ class ReportBattery(msgspec.Struct, frozen=True, tag=True):
 
 
 class ForgetParameters(msgspec.Struct, frozen=True, tag=True):
-    """Forget, from the next start on, every parameter that was set over a link: the vehicle file's values come back."""
+    """Delete all parameters set over a link; the values of the vehicle file apply from the next start."""
 
 
 Intent = (
@@ -141,7 +140,7 @@ Intent = (
 
 
 class Request(msgspec.Struct, frozen=True):
-    """An intent, when it arrived and who sent it (MAVLink system and component)."""
+    """An intent with arrival time and sender (MAVLink system and component)."""
 
     t_s: float
     intent: Intent
@@ -150,7 +149,7 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class Verdict(IntEnum):
-    """The answer to a request, numbered as MAVLink's MAV_RESULT."""
+    """Result of a request, numbered as MAVLink's MAV_RESULT."""
 
     ACCEPTED = 0
     TEMPORARILY_REJECTED = 1
@@ -160,7 +159,7 @@ class Verdict(IntEnum):
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """A verdict and, unless accepted, its reason in one short line."""
+    """A verdict with its reason in one short line, empty if accepted."""
 
     verdict: Verdict
     text: str = ""

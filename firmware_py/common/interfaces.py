@@ -1,7 +1,6 @@
-"""What the loop asks of the world: the Protocols that drivers, links and the clock fulfil.
+"""Protocols of drivers, links and clock, as the loop uses them.
 
-All of them are non-blocking and none raises inside a tick: a fault becomes a
-`DeviceHealth` record.
+All methods are non-blocking and do not raise during a tick: a fault is reported as a `DeviceHealth` record.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from firmware_py.common.vessels import VesselReport
 
 
 class ByteLine(Protocol):
-    """A serial line that may vanish and come back."""
+    """A serial line that may disappear and return."""
 
     @property
     def name(self) -> str:
@@ -38,37 +37,37 @@ class ByteLine(Protocol):
 
     @property
     def baud(self) -> int:
-        """Bits a second."""
+        """Bits per second."""
 
     @property
     def openings(self) -> int:
-        """How often the line has been opened; a driver that sees it change starts its device again."""
+        """Number of times the line was opened; a driver restarts its device when it changes."""
 
     @property
     def connected(self) -> bool:
         """Whether the line is open now."""
 
     def fileno(self) -> int:
-        """The descriptor to wait on, or -1 while the line is away."""
+        """The descriptor to wait on, or -1 while the line is closed."""
 
     def read(self) -> bytes:
-        """All bytes that are there, at most 4096; empty when there are none or the line is away."""
+        """The available bytes, at most 4096; empty if there are none or the line is closed."""
 
     def write(self, data: bytes) -> bool:
-        """Hand all of data to the line, or none of it (False: away or its buffer is full)."""
+        """Write all of data, or nothing and return False (line closed or buffer full)."""
 
 
 class Device(Protocol):
-    """What every driver has."""
+    """Common methods of all drivers."""
 
     def fileno(self) -> int:
-        """The descriptor whose bytes `receive` wants, or -1."""
+        """The descriptor that `receive` reads, or -1."""
 
     def receive(self, now_s: float) -> None:
-        """Read what has arrived and decode it, stamped now_s; bounded work."""
+        """Read and decode the available bytes, with time stamp now_s; bounded work."""
 
     def health(self, now_s: float) -> DeviceHealth:
-        """The state of the device and its counters at now_s."""
+        """State and counters of the device at now_s."""
 
 
 class Compass(Device, Protocol):
@@ -79,32 +78,32 @@ class Compass(Device, Protocol):
 
 
 class Calibrator(Protocol):
-    """A compass that can calibrate itself while it is turned; it gives no headings meanwhile."""
+    """A compass with a calibration of its own, during which it gives no headings."""
 
     def calibrate(self, now_s: float) -> bool:
-        """Begin; False when it is under way or the compass is not there."""
+        """Start; False if it is running or the compass is missing."""
 
     def calibration(self) -> Calibration:
-        """How far it is, or how the last one ended."""
+        """Progress, or result of the last calibration."""
 
-    def call_off(self) -> None:
-        """End it without a result."""
+    def cancel(self) -> None:
+        """Cancel the calibration."""
 
 
 class CompassSwing(Protocol):
-    """Looks on while she sails, and finds the deviation of compass A; nothing is set by it."""
+    """Estimates the deviation of compass A under way; it sets no parameter."""
 
-    former: Mapping[str, float] | None  # parameters as they were before a proposal was accepted, to go back to
+    former: Mapping[str, float] | None  # parameters before a proposal was accepted, to restore them
 
     @property
     def report(self) -> SwingReport:
-        """How far it is, and what is proposed."""
+        """Progress and proposal."""
 
     def begin(self, parameters: ParameterSet) -> None:
-        """Begin anew."""
+        """Start a swing."""
 
     def end(self, former: Mapping[str, float] | None = None) -> None:
-        """End it, and forget what was found; `former`: what its acceptance has replaced."""
+        """End the swing and discard its result; `former`: parameters replaced by accepting it."""
 
 
 class Position(Device, Protocol):
@@ -122,7 +121,7 @@ class Power(Device, Protocol):
 
 
 class Vessels(Device, Protocol):
-    """A receiver of what other vessels say of themselves."""
+    """An AIS receiver."""
 
     def poll(self) -> Sequence[VesselReport]:
         """The reports since the last poll, a bounded number, positions first."""
@@ -132,10 +131,10 @@ class Rudder(Device, Protocol):
     """A rudder servo."""
 
     def command(self, command: RudderCommand, now_s: float) -> None:
-        """Send the command and ask for the state, in one bounded exchange."""
+        """Send the command and request the state, in one bounded exchange."""
 
     def needs_prompt_io(self) -> bool:
-        """Whether its bytes must be taken as they come; else the next tick is soon enough."""
+        """Return whether bytes must be read at once, before the next tick."""
 
     def poll(self) -> Sequence[RudderFeedback]:
         """The feedback since the last poll, oldest first."""
@@ -148,114 +147,114 @@ class Clock(Protocol):
         """Seconds on the monotonic clock since the process started."""
 
     def utc_s(self) -> float:
-        """Seconds since 1970-01-01 UTC, as far as the machine knows."""
+        """Seconds since 1970-01-01 UTC by the clock of the computer."""
 
     def wait(self, deadline_s: float, descriptors: Sequence[int]) -> Sequence[int]:
-        """Sleep until the deadline or until a descriptor is readable; return those that are."""
+        """Sleep until the deadline or until a descriptor is readable; return the readable ones."""
 
 
 class RequestHandler(Protocol):
-    """The side of the loop that the link talks to, on the loop's own thread."""
+    """Interface of the autopilot to the link, on the thread of the loop."""
 
     @property
     def compass_swing(self) -> CompassSwing:
-        """What finds the compass's deviation under way."""
+        """The compass swing."""
 
     def decide(self, request: Request) -> Answer:
-        """Judge a request at once; when accepted it is in force, and an input of the next tick."""
+        """Answer a request at once; if accepted, it takes effect with the next tick."""
 
     def decide_together(self, requests: Sequence[Request]) -> Answer:
-        """Judge requests one after the other: all are accepted, or none and the answer is that to the first refused."""
+        """Answer requests in order; either all are accepted, or none and the first refusal is returned."""
 
     def parameters(self) -> ParameterSet:
-        """The values in force, accepted requests included."""
+        """The present values, including accepted requests."""
 
     def plans(self) -> Plans:
-        """The plans in force, accepted requests included."""
+        """The present plans, including accepted requests."""
 
     def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
-        """Put the plan of a ReplacePlan request in force once it is on disk; the old one stands until then.
+        """Activate the plan of a ReplacePlan request once it is on disk; the old one stays active until then.
 
-        `done` is called once, on the loop's thread, at once for a refusal.
+        `done` is called once, on the loop's thread; at once if the plan is refused.
         """
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once the parameters accepted are on disk (True) or cannot be (False)."""
+        """Call back on the loop's thread when accepted parameters are on disk (True) or cannot be stored (False)."""
 
     def when_orders_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once the next start would go on with what was accepted so far (True).
+        """Call back on the loop's thread when a restart would resume all accepted commands (True).
 
-        False when that cannot be stored. At once where nothing is to be gone on with (BOOT_RESUME 0).
+        False if they cannot be stored. Called at once without BOOT_RESUME.
         """
 
 
 class StateWriter(Protocol):
-    """Keeps over restarts what was accepted, in the background."""
+    """Stores accepted changes over restarts, in the background."""
 
     def save_parameters(self, changed: Mapping[str, float]) -> None:
-        """Keep parameters that were set."""
+        """Store changed parameters."""
 
     def clear_parameters(self) -> None:
         """Forget all parameters that were set, or none when this cannot be stored."""
 
     def save_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
-        """Keep a plan in place of the one of its kind, which stays when this cannot be stored; `done` says which."""
+        """Replace the stored plan of a kind; `done` is called with False if that fails and the old one remains."""
 
     def save_resume(self, record: bytes) -> None:
-        """Keep a resume record in place of the last one."""
+        """Replace the stored resume record."""
 
     def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once the parameters are on disk (True) or cannot be (False).
+        """Call back on the loop's thread when the parameters are on disk (True) or cannot be stored (False).
 
         The resume record, which some of them change, too.
         """
 
     def when_resume_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once the resume record is on disk (True) or cannot be (False)."""
+        """Call back on the loop's thread when the resume record is on disk (True) or cannot be stored (False)."""
 
 
 class Vault(Protocol):
-    """Where a secret is kept over restarts."""
+    """Store of a secret over restarts."""
 
     def load(self) -> Stored:
-        """Return what was saved last."""
+        """Return the last saved content."""
 
     def save(self, content: bytes, *, both_slots: bool = False) -> None:
-        """Keep this instead, in the background; `both_slots`: so that nothing is left of what was kept before."""
+        """Replace the content in the background; `both_slots`: overwrite both slots to erase the old content."""
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""
+        """Call back on the loop's thread when the content is on disk (True) or cannot be stored (False)."""
 
 
 class Link(Protocol):
-    """The ground stations' side: reads in the slack between ticks, publishes after each tick."""
+    """The link to ground stations: receives between ticks, sends after each tick."""
 
     @property
     def busy(self) -> bool:
-        """Whether something already read still waits for `service`."""
+        """Whether received data wait for `service`."""
 
     @property
     def station_s(self) -> float | None:
-        """When a ground station was last heard, None when none has been."""
+        """Time of the last message from a ground station, None before the first."""
 
     @property
     def key_problem(self) -> str:
-        """How the signing key was lost; empty when it was not."""
+        """Problem with the signing key, empty if there is none."""
 
     def descriptors(self) -> Sequence[int]:
-        """The descriptors whose readability `service` wants."""
+        """The descriptors that `service` reads."""
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
-        """Read and answer a bounded piece of what has arrived; called again while there is time."""
+        """Read and answer a bounded part of the received data; called again while there is time."""
 
     def publish(self, output: Output, now_s: float) -> None:
-        """Take the output of a tick, send what is due, bounded."""
+        """Send the messages that are due after a tick; bounded work."""
 
     def status(self, now_s: float) -> Sequence[LinkStatus]:
-        """Return who is on each link, and how it fares."""
+        """Return the status of each link and its peers."""
 
     def progress(self) -> Sequence[Progress]:
-        """What its threads have done."""
+        """Progress of its threads."""
 
 
 class Recorder(Protocol):
@@ -264,15 +263,15 @@ class Recorder(Protocol):
     def offer(self, inputs: Inputs, output: Output, before: Callable[[], str]) -> None:
         """Queue a tick without blocking, or drop and count it.
 
-        `before` gives the state before this tick as text; it is called only when the
-        log needs a checkpoint (a new file, or the first tick after a drop).
+        `before` returns the state before this tick as text; it is called only if the log needs a checkpoint (in a new
+        file, or after a dropped tick).
         """
 
     def health(self, now_s: float) -> DeviceHealth:
-        """Whether the log is being written; `rejected` counts the ticks dropped."""
+        """State of the log; `rejected` counts dropped ticks."""
 
     def progress(self) -> Sequence[Progress]:
-        """What its thread has done."""
+        """Progress of its thread."""
 
     def close(self) -> None:
-        """Write what is queued and close the file."""
+        """Write the queued ticks and close the file."""

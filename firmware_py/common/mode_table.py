@@ -1,6 +1,6 @@
-"""The one table of modes: state machine, guidance, failsafes, parameters and link all read it; pure data.
+"""Table of modes, read by state machine, guidance, failsafes, parameters and link.
 
-The state machine is modes.py; what a mode that steers does is guidance/guidance.py.
+The state machine is modes.py; the tasks of the modes are in guidance/guidance.py.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Mode(IntEnum):
 
 
 class Need(IntEnum):
-    """What a mode may need to be entered."""
+    """Requirement for entering a mode."""
 
     HEADING = 0
     POSITION = 1
@@ -33,15 +33,15 @@ class Need(IntEnum):
 
 
 class RudderBy(IntEnum):
-    """What moves the rudder while armed."""
+    """Source of rudder commands while armed."""
 
-    NOTHING = 0  # it stays amidships
+    NOTHING = 0  # rudder amidships
     STICK = 1
-    HEADING = 2  # the controller steers a heading
+    HEADING = 2  # heading controller
 
 
 class BaseMode(IntFlag):
-    """The bits of MAVLink's base_mode that tell of the mode."""
+    """Mode bits of MAVLink's base_mode."""
 
     NONE = 0
     AUTO = 4
@@ -51,7 +51,7 @@ class BaseMode(IntFlag):
 
 
 class StandardMode(IntEnum):
-    """The modes of MAV_STANDARD_MODE that the boat has; most are defined for aircraft alone."""
+    """Supported modes of MAV_STANDARD_MODE; most others are for aircraft only."""
 
     NONE = 0
     SAFE_RECOVERY = 5
@@ -61,11 +61,10 @@ class StandardMode(IntEnum):
 class ModeProperties(msgspec.Struct, frozen=True, kw_only=True):
     """One mode.
 
-    `title` is its name in the lists of ground stations. `heading_goals` and `position_goals`:
-    which goals it takes. `follows_task`: guidance carries out a task of its own, and without a
-    position the heading wanted last stands. `failsafe` is its value in the parameters FS_..._ACT
-    (0: no failsafe enters it), `failsafe_effect` what that does beside the name, and `fallback`
-    the mode that a failsafe tries where this one is impossible.
+    `title` is its name in ground stations. `heading_goals` and `position_goals`: the goals that it accepts.
+    `follows_task`: guidance follows a task; without a position the last heading is kept. `failsafe` is its value in the
+    parameters FS_..._ACT (0: not available), `failsafe_effect` its description there, and `fallback` the mode that a
+    failsafe enters if this one is impossible.
     """
 
     title: str
@@ -135,13 +134,13 @@ MODES: Mapping[Mode, ModeProperties] = {
     ),
 }
 
-# The modes that failsafes enter, by their value in FS_..._ACT.
+# Modes of failsafes by their value in FS_..._ACT.
 FAILSAFE_MODES: Mapping[int, Mode] = {
     row.failsafe: mode for mode, row in sorted(MODES.items(), key=lambda item: item[1].failsafe) if row.failsafe
 }
 
 
 def failsafe_ladder(mode: Mode) -> tuple[Mode, ...]:
-    """Return the modes that a failsafe tries, best first, when it is to enter a mode."""
+    """Return the modes that a failsafe tries in order, beginning with `mode`."""
     fallback = MODES[mode].fallback
     return (mode,) if fallback is None else (mode, *failsafe_ladder(fallback))

@@ -1,4 +1,4 @@
-"""Records of options whose fields tell their range and meaning: for the checks of a file, and for its reference."""
+"""Option records whose fields carry range and description, for checks of a file and for the reference pages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _KEY = "option"
 
 
 class OptionMeaning(msgspec.Struct, frozen=True):
-    """What an option is for and what it may be; a text or a list without `choices` may be any."""
+    """Description and range of an option; a text or a list without `choices` is not restricted."""
 
     text: str
     minimum: float = -math.inf
@@ -32,17 +32,17 @@ def option(
     maximum: float = math.inf,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """Declare a field of an options record; without a default it must be given."""
+    """Declare a field of an options record; without a default it is mandatory."""
     return field(default=default, metadata={_KEY: OptionMeaning(text, minimum, maximum, choices)})
 
 
 def meanings(kind: type[Any]) -> dict[str, OptionMeaning]:
-    """Return the options of a record in their order, by name."""
+    """Return the options of a record by name, in order."""
     return {row.name: _meaning(row) for row in fields(kind)}
 
 
 def check(record: Any) -> None:
-    """Raise ValueError, a line for each option of a record that is out of its range, naming it."""
+    """Raise ValueError with a line for each option that is out of range."""
     types = get_type_hints(type(record))
     problems = (_problem(getattr(record, row.name), row, types[row.name]) for row in fields(record))
     if wrong := [problem for problem in problems if problem]:
@@ -50,12 +50,12 @@ def check(record: Any) -> None:
 
 
 def _problem(value: Any, row: Field[Any], kind: Any) -> str:
-    """Say what is wrong with the value of an option; empty when nothing is."""
+    """Return the problem with the value of an option, empty if there is none."""
     meaning = _meaning(row)
     if isinstance(value, tuple):
         unknown = [item for item in value if meaning.choices and item not in meaning.choices]
         return (
-            f"{row.name}: {unknown[0][:30]!r} is not known; there are {', '.join(meaning.choices)}" if unknown else ""
+            f"{row.name}: {unknown[0][:30]!r} is not known; use one of {', '.join(meaning.choices)}" if unknown else ""
         )
     if kind is int and not isinstance(value, int):
         return f"{row.name}: {value} is not a whole number"
@@ -67,7 +67,7 @@ def _problem(value: Any, row: Field[Any], kind: Any) -> str:
 def record_from(kind: type[RecordT], values: Mapping[str, Any]) -> RecordT:
     """Build an options record from the values of a file, whose names must be options of it.
 
-    Raises ValueError, a line for each option that is missing, of another type or out of range, naming it.
+    Raises ValueError with a line for each option that is missing, of the wrong type or out of range.
     """
     rows = {row.name: row for row in fields(kind)}  # type: ignore[arg-type]
     problems = [f"{name}{MISSING_TEXT}" for name, row in rows.items() if name not in values and row.default is MISSING]
@@ -98,7 +98,7 @@ def _text(value: Any, row: Field[Any]) -> str:
 
 def _flag(value: Any, row: Field[Any]) -> bool:
     if not isinstance(value, bool):
-        raise ValueError(f"{row.name}: expected true or false")  # noqa: TRY004 - one family for all that is wrong
+        raise ValueError(f"{row.name}: expected true or false")  # noqa: TRY004 - ValueError for all problems
     return value
 
 

@@ -1,8 +1,7 @@
-"""What a row of the table of parameters is made of; parameter_table.py holds the rows.
+"""Row of the parameter table (parameter_table.py).
 
-Names are at most 16 characters (MAVLink). REAL values are kept rounded to single
-precision, so that what a ground station reads back is exactly what the loop uses and
-what the store keeps.
+Names have at most 16 characters (MAVLink). REAL values are rounded to single precision, so that ground stations, loop
+and store use exactly the same values.
 """
 
 from __future__ import annotations
@@ -16,11 +15,11 @@ import msgspec
 
 
 class ParameterError(ValueError):
-    """A parameter name or value is refused; the text says why and what is allowed, in a line for each."""
+    """A parameter name or value is refused; the text has a line with reason and allowed values for each."""
 
 
 class Kind(IntEnum):
-    """How a value travels, numbered as MAVLink's MAV_PARAM_TYPE (INT32, REAL32)."""
+    """Type of a parameter, numbered as MAVLink's MAV_PARAM_TYPE (INT32, REAL32)."""
 
     INTEGER = 6
     REAL = 9
@@ -38,30 +37,30 @@ class Parameter(msgspec.Struct, frozen=True):
     text: str
     choices: Mapping[int, str] | None = None
     reboot: bool = False  # takes effect at the next start
-    read_only: bool = False  # counted or measured here; nobody else may set it
+    read_only: bool = False  # counted or measured by the autopilot
 
     def check(self, value: float) -> float:
-        """Return the value as it is kept, or raise ParameterError."""
+        """Return the value as it is stored, or raise ParameterError."""
         allowed = self.allowed_values()
         if not math.isfinite(value):
             raise ParameterError(f"{self.name}: {value} is not a number; allowed: {allowed}")
-        kept = value
+        stored = value
         if self.kind is Kind.INTEGER:
             if value != math.floor(value):
                 raise ParameterError(f"{self.name}: {value:g} is not a whole number; allowed: {allowed}")
         elif abs(value) <= SINGLE_MAX:
-            kept = to_single(value)
+            stored = to_single(value)
         low, high = (self.minimum, self.maximum)
         if self.kind is Kind.REAL:
             low, high = to_single(low), to_single(high)
-        if not low <= kept <= high:
+        if not low <= stored <= high:
             raise ParameterError(f"{self.name}: {value:g} is out of range; allowed: {allowed}")
-        if self.choices is not None and int(kept) not in self.choices:
+        if self.choices is not None and int(stored) not in self.choices:
             raise ParameterError(f"{self.name}: {value:g} is not one of its values; allowed: {allowed}")
-        return kept
+        return stored
 
     def allowed_values(self) -> str:
-        """Say what is allowed, for messages."""
+        """Return the allowed values, for messages."""
         if self.choices is not None:
             return ", ".join(f"{number} ({text})" for number, text in self.choices.items())
         return f"{self.minimum:g} to {self.maximum:g} {self.unit}".rstrip()
@@ -93,11 +92,11 @@ def choice(name: str, default: int, choices: Mapping[int, str], text: str, *, re
 
 
 def count(name: str, text: str) -> Parameter:
-    """Return a row that the autopilot counts itself and nobody else sets."""
-    # Far within what a single counts exactly.
+    """Return a read-only row of a counter."""
+    # The maximum is exact in single precision.
     return Parameter(name, 0.0, 0, 1_000_000, "", Kind.INTEGER, text, None, reboot=False, read_only=True)
 
 
 def constant(name: str, value: int, meaning: str, text: str) -> Parameter:
-    """Return a row that is there to be read alone."""
+    """Return a read-only row with one value."""
     return Parameter(name, value, value, value, "", Kind.INTEGER, text, {value: meaning}, reboot=False, read_only=True)

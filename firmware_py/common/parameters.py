@@ -1,4 +1,4 @@
-"""Sets of parameter values, and the files that ground stations keep them in."""
+"""Sets of parameter values, and parameter files of ground stations."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from firmware_py.common.parameter_row import SINGLE_MAX, ParameterError, to_single
 from firmware_py.common.parameter_table import INDEX, TABLE
 
-LONGEST_NAME = 16
-MOST_PROBLEMS = 20  # told of one file
+MAX_NAME_LENGTH = 16
+MAX_PROBLEMS = 20  # reported for one file
 _WORDS: Mapping[str, frozenset[str]] = {name: frozenset(name.split("_")) for name in INDEX}
 
 
@@ -19,7 +19,7 @@ class ParameterSet:
     __slots__ = ("_hash", "_values")
 
     def __init__(self, values: Iterable[float] | None = None) -> None:
-        """Take one checked value a row, in the table's order; the defaults without any."""
+        """Create a set from checked values in the order of the table, or with the defaults."""
         self._values = tuple(row.default for row in TABLE) if values is None else tuple(values)
         if len(self._values) != len(TABLE):
             raise ParameterError(f"{len(self._values)} values for {len(TABLE)} parameters")
@@ -49,10 +49,10 @@ class ParameterSet:
     def replaced(self, name: str, value: float) -> ParameterSet:
         """Return a set with one value changed, or raise ParameterError."""
         index = index_of(name)
-        kept = TABLE[index].check(value)
-        if kept == self._values[index]:
+        checked = TABLE[index].check(value)
+        if checked == self._values[index]:
             return self
-        return ParameterSet((*self._values[:index], kept, *self._values[index + 1 :]))
+        return ParameterSet((*self._values[:index], checked, *self._values[index + 1 :]))
 
 
 def index_of(name: str) -> int:
@@ -64,11 +64,11 @@ def index_of(name: str) -> int:
 
 
 def near(name: str) -> tuple[str, ...]:
-    """Return the three names of the table that are most like a wrong one: by whole words, then by how they begin."""
-    wanted = name[:LONGEST_NAME].upper()
-    words = frozenset(wanted.split("_"))
-    likeness = {row: (-len(words & _WORDS[row]), -_common_prefix(row, wanted), row) for row in INDEX}
-    return tuple(sorted(INDEX, key=likeness.__getitem__)[:3])
+    """Return the three most similar names of the table: by common words, then by common prefix."""
+    upper = name[:MAX_NAME_LENGTH].upper()
+    words = frozenset(upper.split("_"))
+    similarity = {row: (-len(words & _WORDS[row]), -_common_prefix(row, upper), row) for row in INDEX}
+    return tuple(sorted(INDEX, key=similarity.__getitem__)[:3])
 
 
 def _common_prefix(first: str, second: str) -> int:
@@ -85,7 +85,7 @@ def parse_file(text: str, source: str) -> dict[str, float]:
 
     Accepts MAVProxy's and Mission Planner's `NAME VALUE` or `NAME,VALUE` and
     QGroundControl's `SYSTEM COMPONENT NAME VALUE TYPE`; `#` starts a comment. Raises
-    ParameterError, a line for each line of the file that is wrong, naming source and line.
+    ParameterError with source, line number and reason for each invalid line.
     """
     values: dict[str, float] = {}
     problems: list[str] = []
@@ -98,8 +98,8 @@ def parse_file(text: str, source: str) -> dict[str, float]:
             values[name] = TABLE[index_of(name)].check(value)
         except ParameterError as error:
             problems.append(f"{source}:{number}: {error}")
-            if len(problems) == MOST_PROBLEMS:
-                problems.append(f"{source}: not looked at behind line {number}")
+            if len(problems) == MAX_PROBLEMS:
+                problems.append(f"{source}: not checked after line {number}")
                 break
     if problems:
         raise ParameterError("\n".join(problems))
@@ -122,7 +122,7 @@ def format_value(value: float) -> str:
         return str(int(value))
     for digits in range(1, 10):
         text = f"{value:.{digits}g}"
-        # Few digits of the largest singles round up beyond them.
+        # The largest singles may be rounded up beyond the range.
         if abs(float(text)) <= SINGLE_MAX and to_single(float(text)) == value:
             return text
     return repr(value)

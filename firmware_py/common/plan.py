@@ -1,10 +1,8 @@
 """Plans: a mission, a fence or the rally points, as immutable lists of items.
 
-An item carries the numbers of MAVLink (MAV_CMD, MAV_FRAME, degrees times 1e7), because plans
-come from ground stations and go back to them to the last bit; what an item means in the
-units of the boat is the business of guidance. Items are counted from 0; the home that
-ArduPilot's ground stations expect as item 0 of a mission is put there by the link alone, and whatever
-a person reads counts as those do (`homes`).
+Items hold the numbers of MAVLink (MAV_CMD, MAV_FRAME, degrees times 1e7), because ground stations must get them back
+unchanged; guidance converts them. Items are counted from 0. The link adds the home that ArduPilot's ground stations
+expect as item 0 of a mission; all texts count like the ground stations (`first_item_number`).
 """
 
 from __future__ import annotations
@@ -24,14 +22,14 @@ from msgspec.structs import replace
 
 from firmware_py.common.angles import radians
 from firmware_py.common.geodesy import Place
-from firmware_py.common.reading_notes import Spot, shown
+from firmware_py.common.reading_notes import Location, abbreviated
 
-MOST_ITEMS = 2000
+MAX_PLAN_ITEMS = 2000
 _ITEM = struct.Struct("<BHB4fiif")
 
 
 class PlanKind(IntEnum):
-    """Which plan, numbered as MAVLink's MAV_MISSION_TYPE."""
+    """Kind of plan, numbered as MAVLink's MAV_MISSION_TYPE."""
 
     MISSION = 0
     FENCE = 1
@@ -41,10 +39,10 @@ class PlanKind(IntEnum):
 _ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA, of LNK_IDENTITY
 
 
-def homes(identity: int, kind: PlanKind) -> int:
-    """Return the number of a plan's first item as people and ground stations count.
+def first_item_number(identity: int, kind: PlanKind) -> int:
+    """Return the number of the first item of a plan for operators and ground stations.
 
-    ArduPilot's stations expect home as item 0 of a mission. `identity` is that of LNK_IDENTITY.
+    It is 1 for missions with ArduPilot's ground stations, where item 0 is home. `identity` is LNK_IDENTITY.
     """
     return int(identity == _ARDUPILOT and kind is PlanKind.MISSION)
 
@@ -62,19 +60,19 @@ class PlanItem(msgspec.Struct, frozen=True):
 
 
 def place_of(item: PlanItem) -> Place | None:
-    """Return the place of an item, None for 'where the boat is' and for what is on no globe."""
+    """Return the place of an item, None for the present position (0, 0) and for impossible places."""
     if (item.x == 0 and item.y == 0) or abs(item.x) > 900_000_000 or abs(item.y) > 1_800_000_000:
         return None
     return Place(radians(item.x * 1e-7), radians(item.y * 1e-7))
 
 
 def number(value: float, low: float, high: float) -> float:
-    """Return a parameter within its bounds; an absent one (NaN) is 0 within them."""
+    """Return a parameter limited to its range; NaN counts as 0."""
     return min(max(0.0 if math.isnan(value) else value, low), high)
 
 
 def _normalise_nan(item: PlanItem) -> PlanItem:
-    """Forget sign and payload of a NaN, which text does not carry and nobody means."""
+    """Remove sign and payload of NaN values, which text formats do not preserve."""
     if not math.isnan(sum(item.params) + item.z):
         return item
     first, second, third, fourth, z = [math.nan if math.isnan(value) else value for value in (*item.params, item.z)]
@@ -99,37 +97,37 @@ def _unpack(data: bytes) -> tuple[PlanItem, ...]:
 
 
 class Plan:
-    """A whole plan, immutable. `identity` is what MAVLink calls its opaque id: a checksum over the items, 0 for none.
+    """An immutable plan; `identity` is the opaque id of MAVLink: a checksum of the items, 0 for an empty plan.
 
-    Plans are compared by identity: items may hold NaN, which is not equal to itself. It is no Struct because it is
-    encoded packed, with its checksum (`as_plain`).
+    Plans are compared by identity, because items may hold NaN. It is not a Struct because it is encoded packed, with
+    its checksum (`as_plain`).
     """
 
     __slots__ = ("identity", "items", "kind")
 
     def __init__(self, kind: PlanKind, items: tuple[PlanItem, ...] = (), identity: int = 0) -> None:
-        """Take items as they are; `of` rounds them and computes their identity."""
+        """Create a plan from rounded items; `of` rounds items and computes the identity."""
         self.kind: Final = kind
         self.items: Final = items
         self.identity: Final = identity
 
     @classmethod
     def of(cls, kind: PlanKind, items: Iterable[PlanItem]) -> Plan:
-        """Make a plan of items, rounded to what they can carry; struct.error for numbers that no item can."""
+        """Create a plan of items, rounded to their MAVLink precision; struct.error for numbers out of range."""
         packed = _pack(_normalise_nan(item) for item in items)
-        # The checksum of a plan that is there is never 0.
+        # The checksum 0 is reserved for an empty plan.
         return cls(kind, _unpack(packed), (zlib.crc32(packed) or 1) if packed else 0)
 
     def __eq__(self, other: object) -> bool:
-        """Compare kind, number and checksum of the items."""
+        """Compare kind, number of items and checksum."""
         return isinstance(other, Plan) and self._key() == other._key()
 
     def __hash__(self) -> int:
-        """Hash what is compared."""
+        """Hash the compared values."""
         return hash(self._key())
 
     def __repr__(self) -> str:
-        """Show all that it holds."""
+        """Return the full content."""
         return f"Plan({self.kind!r}, {self.items!r}, {self.identity})"
 
     def _key(self) -> tuple[PlanKind, int, int]:
@@ -153,7 +151,7 @@ class Plans(msgspec.Struct, frozen=True):
 
 
 def as_plain(plan: Plan) -> dict[str, Any]:
-    """Return a plan as plain values, its items packed: two thousand records would take as long as a tick lasts."""
+    """Return a plan as plain values with packed items, because 2000 records would take as long as a tick."""
     items = base64.b64encode(_pack(plan.items)).decode()
     return {"kind": int(plan.kind), "identity": plan.identity, "items": items}
 
@@ -161,13 +159,13 @@ def as_plain(plan: Plan) -> dict[str, Any]:
 def from_plain(data: Any) -> Plan:
     """Return the plan that `as_plain` gave; ValueError for anything else, or when the checksum is wrong."""
     if not isinstance(data, dict) or not isinstance(data.get("items"), str) or not data.keys() >= _FIELDS:
-        raise ValueError("this is no plan")
+        raise ValueError("not a plan")
     if type(data["kind"]) is not int or type(data["identity"]) is not int:
         raise ValueError("the kind of the plan is not a number")
     try:
         items = _unpack(base64.b64decode(data["items"], validate=True))
     except (binascii.Error, struct.error):
-        raise ValueError("the items of the plan are broken") from None
+        raise ValueError("the items of the plan are damaged") from None
     plan = Plan.of(PlanKind(data["kind"]), items)
     if plan.identity != data["identity"]:
         raise ValueError("the checksum of the plan is wrong")
@@ -178,32 +176,32 @@ _FIELDS: Final = frozenset(("kind", "identity", "items"))
 _VERSION: Final = 1
 
 
-def drop_unknown(data: Any, spot: Spot) -> None:
-    """Remove from the plain values of a plan what is not known here, and report it."""
+def drop_unknown(data: Any, location: Location) -> None:
+    """Remove and report unknown fields of the plain values of a plan."""
     for name in sorted(data.keys() - _FIELDS) if isinstance(data, dict) else ():
-        spot.note(f"field {shown(name)} is not known here, ignored")
+        location.note(f"field {abbreviated(name)} is not known here, ignored")
         del data[name]
 
 
 def to_text(plan: Plan) -> str:
-    """Return a plan as one line of text, as it is stored."""
+    """Return a plan as one line of text for the store."""
     stored = {"version": _VERSION, "plan": as_plain(plan), "$": "_Stored"}  # earlier versions need "$"
     return json.dumps(stored, separators=(",", ":"))
 
 
 def from_text(text: str) -> tuple[Plan, tuple[str, ...]]:
-    """Return a stored plan, and notes on what was ignored; ValueError for anything else, or a wrong checksum."""
+    """Return a stored plan and notes on ignored parts; ValueError for invalid text or a wrong checksum."""
     try:
         stored = json.loads(text)
     except RecursionError:
         raise ValueError("the text is nested too deeply") from None
     if not isinstance(stored, dict) or "plan" not in stored:
-        raise ValueError("this is no plan")
-    spot = Spot("plan", {})
+        raise ValueError("not a plan")
+    location = Location("plan", {})
     version = stored.get("version", _VERSION)
     if type(version) is not int or version > _VERSION:
-        spot.add(f"written by a later version ({shown(version)}, here {_VERSION}), read by name")
+        location.add(f"written by a later version ({abbreviated(version)}, here {_VERSION}), read by name")
     for name in sorted(stored.keys() - {"version", "plan", "$"}):
-        spot.add(f"field {shown(name)} is not known here, ignored")
-    drop_unknown(stored["plan"], spot)
-    return from_plain(stored["plan"]), tuple(spot.notes)
+        location.add(f"field {abbreviated(name)} is not known here, ignored")
+    drop_unknown(stored["plan"], location)
+    return from_plain(stored["plan"]), tuple(location.notes)

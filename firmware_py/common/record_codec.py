@@ -8,8 +8,8 @@ read in the shape of the default.
 
 Encoded records outlive the version that wrote them:
 
-* A field that is missing takes its default.
-* A field that is not known is ignored and reported with its path.
+* A missing field takes its default.
+* An unknown field is ignored and reported with its path.
 * A field whose value cannot be used is ignored and reported; its default applies. Where it has no default, the record
   that holds it is ignored in the same way. ValueError says why the outermost record cannot be read.
 * A field that was renamed is found under its former name (`FORMER_NAMES`). A renamed class of a union keeps its former
@@ -31,20 +31,23 @@ from typing import Any, Final, TypeVar
 import msgspec
 import numpy as np
 
-from firmware_py.common.reading_notes import Spot, shown
+from firmware_py.common.reading_notes import Location, abbreviated
 
 RecordT = TypeVar("RecordT")
 
 VERSION: Final = "version"  # beside the fields of the outermost record
 EARLY_TAG: Final = "$"  # the name of the class, in texts of early development versions
-MOST_REPAIRS: Final = 100
-MOST_CHARACTERS: Final = 120  # of a reason
+MAX_REPAIRS: Final = 100
+MAX_REASON_LENGTH: Final = 120  # of a reason
 
 # By the name of the class: the former name of a field and its name of today.
 FORMER_NAMES: dict[str, dict[str, str]] = {
+    "AsideState": {"going_on": "unchanged", "told": "is_refusal_reported"},
     "ConvergenceState": {"told": "not_converging"},
+    "DeviceReports": {"power_told_s": "power_reported_s"},
     "HalfCycle": {"turned": "is_turn"},
-    "LastPlace": {"reckoning": "dead_reckoning"},
+    "LastPosition": {"reckoning": "dead_reckoning"},
+    "LoiterPlacement": {"asked_margin_m": "requested_margin_m", "found": "is_final"},
     "OscillationState": {
         "softened_s": "reduced_s",
         "softness": "gain_reduction",
@@ -59,6 +62,13 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
     "SteeringLossState": {"missing": "lost", "other_variance": "disturbance_variance"},
     "SteeringMonitorState": {"answer": "loss", "wrong_way": "reversal"},
     "SupervisorState": {"coming_round": "convergence"},
+    "TrafficState": {
+        "looked_s": "checked_s",
+        "receiver_told_s": "receiver_reported_s",
+        "told_s": "reported_s",
+        "turned_away": "rejected",
+    },
+    "Trial": {"part": "ratio"},
     "TaskFollowerState": {"berth": "loiter_placement"},
 }
 
@@ -69,14 +79,14 @@ _TO_JSON = json.JSONEncoder(separators=(",", ":")).encode
 
 
 class Hooks(msgspec.Struct, frozen=True):
-    """How classes that msgspec does not know are encoded and decoded; both raise ValueError for what they refuse.
+    """Encoder and decoder of classes that msgspec does not know; both raise ValueError for invalid values.
 
-    `prepare` changes the plain values of a class in place before they are decoded, and may note something.
+    `prepare` changes the plain values of a class in place before they are decoded, and may add notes.
     """
 
     encode: Callable[[Any], Any] | None = None
     decode: Callable[[type, Any], Any] | None = None
-    prepare: Mapping[type, Callable[[Any, Spot], None]] = {}
+    prepare: Mapping[type, Callable[[Any, Location], None]] = {}
 
 
 NO_HOOKS: Final = Hooks()
@@ -88,13 +98,13 @@ def encode(record: msgspec.Struct, version: int, hooks: Hooks = NO_HOOKS) -> byt
 
 
 def decode(kind: type[RecordT], data: bytes, version: int, hooks: Hooks = NO_HOOKS) -> tuple[RecordT, tuple[str, ...]]:
-    """Return the record that `encode` wrote, and notes on what was ignored; ValueError says why there is none."""
+    """Return the record written by `encode`, and notes on ignored parts; ValueError if it cannot be read."""
     if data.startswith(b"{"):
         raise ValueError(_EARLY)
     try:
         plain = msgspec.msgpack.decode(data)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-        raise ValueError(f"this is no encoded record ({error})") from None
+        raise ValueError(f"not an encoded record ({error})") from None
     return from_plain(kind, plain, version, hooks)
 
 
@@ -104,7 +114,7 @@ def to_text(record: msgspec.Struct, version: int, hooks: Hooks = NO_HOOKS) -> st
 
 
 def from_text(kind: type[RecordT], text: str, version: int, hooks: Hooks = NO_HOOKS) -> tuple[RecordT, tuple[str, ...]]:
-    """Return the record that `to_text` wrote, and notes on what was ignored; ValueError says why there is none."""
+    """Return the record written by `to_text`, and notes on ignored parts; ValueError if it cannot be read."""
     try:
         plain = json.loads(text)
     except RecursionError:
@@ -125,11 +135,11 @@ def to_plain(
         raise TypeError(f"{type(record).__name__}: a field cannot be named {VERSION!r}")
     encode_other = partial(_encode_other, hooks.encode)
     plain = msgspec.to_builtins(record, builtin_types=kept, enc_hook=encode_other)
-    return {VERSION: version, **_name_record(type(record), plain, Spot("", {}), hooks)}
+    return {VERSION: version, **_name_record(type(record), plain, Location("", {}), hooks)}
 
 
 def _encode_other(hook: Callable[[Any], Any] | None, value: Any) -> Any:
-    """Return plain values for what msgspec does not know: an array or float of numpy, or what the hook knows."""
+    """Return plain values for an array or float of numpy, or by the hook for other classes."""
     if isinstance(value, (np.ndarray, np.floating)):
         return value.tolist()
     if hook is None:
@@ -138,7 +148,7 @@ def _encode_other(hook: Callable[[Any], Any] | None, value: Any) -> Any:
 
 
 def _decode_other(hook: Callable[[type, Any], Any] | None, kind: type, value: Any) -> Any:
-    """Return a value of a class that msgspec does not know: an array, which is one already, or what the hook knows."""
+    """Return an array unchanged, and values of other classes by the hook."""
     if hook is None or isinstance(value, np.ndarray):
         return value
     return hook(kind, value)
@@ -147,88 +157,88 @@ def _decode_other(hook: Callable[[type, Any], Any] | None, kind: type, value: An
 def from_plain(
     kind: type[RecordT], plain: Any, version: int, hooks: Hooks = NO_HOOKS
 ) -> tuple[RecordT, tuple[str, ...]]:
-    """Return the record that dictionaries, lists, texts and numbers describe, and notes; they are changed in place."""
-    spot = Spot(kind.__name__, {})
+    """Return the record described by plain values, which are changed in place, and notes on ignored parts."""
+    location = Location(kind.__name__, {})
     if not isinstance(plain, dict):
-        raise ValueError(f"expected a record of {kind.__name__}, found {shown(plain)}")  # noqa: TRY004 -- bad data
-    _check_version(plain, version, spot)
-    plain = _visit_record(kind, plain, spot, hooks)
+        raise ValueError(f"expected a record of {kind.__name__}, found {abbreviated(plain)}")  # noqa: TRY004 -- bad data
+    _check_version(plain, version, location)
+    plain = _visit_record(kind, plain, location, hooks)
     decode_other = partial(_decode_other, hooks.decode)
-    for _ in range(MOST_REPAIRS):
+    for _ in range(MAX_REPAIRS):
         try:
-            return msgspec.convert(plain, kind, dec_hook=decode_other), tuple(spot.notes)
+            return msgspec.convert(plain, kind, dec_hook=decode_other), tuple(location.notes)
         except msgspec.ValidationError as error:
-            _drop_unusable(plain, error, spot)
-    raise ValueError(f"{kind.__name__}: more than {MOST_REPAIRS} values cannot be used")
+            _drop_unusable(plain, error, location)
+    raise ValueError(f"{kind.__name__}: more than {MAX_REPAIRS} values cannot be used")
 
 
 _EARLY: Final = "written as text by an early development version, which this version cannot read"
 
 
-def _check_version(plain: dict[str, Any], version: int, spot: Spot) -> None:
+def _check_version(plain: dict[str, Any], version: int, location: Location) -> None:
     found = plain.pop(VERSION, None)
     if EARLY_TAG in plain:
         raise ValueError(_EARLY)
     if type(found) is not int or found < 1:
-        raise ValueError(f"{spot.path}: no version number")
+        raise ValueError(f"{location.path}: no version number")
     if found > version:
-        spot.note(f"written by a later version ({shown(found)}, here {version}), read by name")
+        location.note(f"written by a later version ({abbreviated(found)}, here {version}), read by name")
 
 
-def _drop_unusable(plain: dict[str, Any], error: msgspec.ValidationError, spot: Spot) -> None:
-    """Remove the field that msgspec refuses, and report it; ValueError when it is the outermost record."""
+def _drop_unusable(plain: dict[str, Any], error: msgspec.ValidationError, location: Location) -> None:
+    """Remove and report the field that msgspec refuses; ValueError if it is the outermost record."""
     located = _LOCATED.fullmatch(str(error))
     reason, path = (str(error), "") if located is None else located.groups()
-    reason = ascii(reason)[1:-1][:MOST_CHARACTERS]
-    held: list[tuple[Any, str, int]] = []  # each field on the way: its record, its name, where it ends in the path
+    reason = ascii(reason)[1:-1][:MAX_REASON_LENGTH]
+    holders: list[tuple[Any, str, int]] = []  # each field of the path: its record, its name, its end in the path
     value: Any = plain
     for part in _PART.finditer(path):
         if part[1] is not None:
-            held.append((value, part[1], part.end()))
+            holders.append((value, part[1], part.end()))
             value = value.get(part[1])
         elif part[2] == "...":
-            break  # one of the values of a mapping, which one is not said
+            break  # an unnamed value of a mapping
         else:
             value = value[int(part[2])]
-    if len(held) > 1 and reason.startswith(_UNKNOWN_CLASS):
-        held.pop()  # the tag of a union: the class is not known
-    if not held:
-        raise ValueError("; ".join((f"{spot.path}: {reason}", *list(spot.notes)[-1:])))
-    holder, name, end = held[-1]
-    spot.add(f"{spot.path}{path[:end]}: {reason}, ignored")
+    if len(holders) > 1 and reason.startswith(_UNKNOWN_CLASS):
+        holders.pop()  # the tag of a union: the class is unknown
+    if not holders:
+        raise ValueError("; ".join((f"{location.path}: {reason}", *list(location.notes)[-1:])))
+    holder, name, end = holders[-1]
+    location.add(f"{location.path}{path[:end]}: {reason}, ignored")
     holder.pop(name, None)
 
 
-Visit = Callable[[Any, Spot, Hooks], Any]
+Visit = Callable[[Any, Location, Hooks], Any]
 
 
-def _visit_record(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
-    """Rename the fields of a record that had other names, drop those not known, and prepare the values."""
+def _visit_record(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any:
+    """Rename former fields of a record, drop unknown ones, and prepare the values."""
     if not isinstance(value, dict):
-        return value  # which msgspec reports
+        return value  # msgspec reports it
     _rename(kind, value)
     if (prepare := hooks.prepare.get(kind)) is not None:
-        prepare(value, spot)
+        prepare(value, location)
     visits = _field_visits(kind)
-    _drop_unknown(value, visits.keys() | {kind.__struct_config__.tag_field}, spot)
+    _drop_unknown(value, visits.keys() | {kind.__struct_config__.tag_field}, location)
     for name, deeper in visits.items():
         if deeper is not None and name in value:
-            value[name] = deeper(value[name], spot.below(name), hooks)
+            value[name] = deeper(value[name], location.below(name), hooks)
     return value
 
 
-def _visit_named(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
-    """Return the values of a NamedTuple in their order, as msgspec expects them; null is a default."""
+def _visit_named(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any:
+    """Return the values of a NamedTuple in order, as msgspec expects them; null means the default."""
     if value is None:
         value = {}
     if not isinstance(value, dict):
-        spot.note(f"expected fields by name, found {shown(value)}, ignored")
+        location.note(f"expected fields by name, found {abbreviated(value)}, ignored")
         return None
     _rename(kind, value)
-    _drop_unknown(value, kind._fields, spot)
+    _drop_unknown(value, kind._fields, location)
     values, hints = [], typing.get_type_hints(kind)
     for name, deeper in _field_visits(kind).items():
-        found, at = value.get(name), spot.below(name)
+        found, at = value.get(name), location.below(name)
         if deeper is not None:
             found = deeper(found, at, hooks)
         if found is not None:
@@ -237,14 +247,14 @@ def _visit_named(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
                     found = _array(found, default)
                 msgspec.convert(found, hints[name])
             except msgspec.ValidationError as error:
-                at.note(f"{ascii(str(error))[1:-1][:MOST_CHARACTERS]}, ignored")
+                at.note(f"{ascii(str(error))[1:-1][:MAX_REASON_LENGTH]}, ignored")
                 found = None
         values.append(kind._field_defaults[name] if found is None else found)
     return values
 
 
 def _array(value: Any, default: Any) -> Any:
-    """Return lists of floats as an array; msgspec.ValidationError when they have not the shape of the default."""
+    """Return lists of floats as an array; msgspec.ValidationError if the shape differs from the default."""
     hint: Any = float
     for length in reversed(default.shape):
         hint = types.GenericAlias(tuple, (hint,) * length)
@@ -257,31 +267,31 @@ def _rename(kind: Any, plain: dict[str, Any]) -> None:
             plain[name] = plain.pop(former)
 
 
-def _drop_unknown(plain: dict[str, Any], known: Collection[str], spot: Spot) -> None:
+def _drop_unknown(plain: dict[str, Any], known: Collection[str], location: Location) -> None:
     for name in [name for name in plain if name not in known]:
-        spot.note(f"field {shown(name)} is not known here, ignored")
+        location.note(f"field {abbreviated(name)} is not known here, ignored")
         del plain[name]
 
 
-def _name_record(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
-    """Give the values of the NamedTuples in an encoded record their names."""
+def _name_record(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any:
+    """Convert the NamedTuples in an encoded record to dictionaries by name."""
     for name, deeper in _field_visits(kind, naming=True).items():
         if deeper is not None:
-            value[name] = deeper(value[name], spot, hooks)
+            value[name] = deeper(value[name], location, hooks)
     return value
 
 
-def _name_values(kind: Any, value: Any, spot: Spot, hooks: Hooks) -> Any:
+def _name_values(kind: Any, value: Any, location: Location, hooks: Hooks) -> Any:
     visits = _field_visits(kind, naming=True).items()
     return {
-        name: part if deeper is None else deeper(part, spot, hooks)
+        name: part if deeper is None else deeper(part, location, hooks)
         for (name, deeper), part in zip(visits, value, strict=True)
     }
 
 
-def _visit_other(kind: type, value: Any, spot: Spot, hooks: Hooks) -> Any:
+def _visit_other(kind: type, value: Any, location: Location, hooks: Hooks) -> Any:
     if value is not None and (prepare := hooks.prepare.get(kind)) is not None:
-        prepare(value, spot)
+        prepare(value, location)
     return value
 
 
@@ -294,13 +304,13 @@ def _field_visits(kind: Any, *, naming: bool = False) -> dict[str, Visit | None]
 
 
 def _visit_of(hint: Any, *, naming: bool) -> Visit | None:
-    """Return what visits the records in a value of this annotation; None where there are none.
+    """Return the visitor of the records in a value of this annotation, None if there are none.
 
-    `naming`: after msgspec has encoded it, otherwise before msgspec decodes it. Raises TypeError for a class whose
-    fields msgspec would write without their names.
+    `naming`: for values encoded by msgspec, otherwise for values to be decoded. Raises TypeError for a class whose
+    fields msgspec would write without names.
     """
     if isinstance(hint, type):
-        if issubclass(hint, msgspec.Struct):  # looks no deeper yet: a record may hold one of its own class
+        if issubclass(hint, msgspec.Struct):  # resolved later: a record may hold one of its own class
             return partial(_name_record if naming else _visit_record, hint)
         if names := getattr(hint, "_fields", None):
             if getattr(hint, "_field_defaults", {}).keys() != set(names):
@@ -327,36 +337,36 @@ def _visit_of(hint: Any, *, naming: bool) -> Visit | None:
 
 
 def _union_visit(options: Sequence[Any], *, naming: bool) -> Visit | None:
-    """Return what visits a value of several classes: records of more than one are told apart by their tags."""
+    """Return the visitor of a union; records of several classes are distinguished by their tags."""
     records = [option for option in options if isinstance(option, type) and issubclass(option, msgspec.Struct)]
     if len(records) < 2:
         one = next((one for option in options if (one := _visit_of(option, naming=naming)) is not None), None)
-        return one and (lambda value, spot, hooks: value if value is None else one(value, spot, hooks))
+        return one and (lambda value, location, hooks: value if value is None else one(value, location, hooks))
     tag_field = records[0].__struct_config__.tag_field
     by_tag = {record.__struct_config__.tag: _visit_of(record, naming=naming) for record in records}
 
-    def visit(value: Any, spot: Spot, hooks: Hooks) -> Any:
+    def visit(value: Any, location: Location, hooks: Hooks) -> Any:
         tag = value.get(tag_field) if isinstance(value, dict) else None
         one = by_tag.get(tag) if isinstance(tag, str) else None
-        return value if one is None else one(value, spot, hooks)
+        return value if one is None else one(value, location, hooks)
 
     return visit
 
 
 def _items_visit(each: Sequence[Visit | None], *, repeated: bool) -> Visit:
-    def visit(value: Any, spot: Spot, hooks: Hooks) -> Any:
+    def visit(value: Any, location: Location, hooks: Hooks) -> Any:
         if not isinstance(value, (list, tuple)):
             return value
         visits = cycle(each) if repeated else chain(each, cycle((None,)))
-        return [item if one is None else one(item, spot, hooks) for item, one in zip(value, visits, strict=False)]
+        return [item if one is None else one(item, location, hooks) for item, one in zip(value, visits, strict=False)]
 
     return visit
 
 
 def _values_visit(one: Visit) -> Visit:
-    def visit(value: Any, spot: Spot, hooks: Hooks) -> Any:
+    def visit(value: Any, location: Location, hooks: Hooks) -> Any:
         if not isinstance(value, dict):
             return value
-        return {name: one(item, spot, hooks) for name, item in value.items()}
+        return {name: one(item, location, hooks) for name, item in value.items()}
 
     return visit

@@ -1,8 +1,7 @@
-"""The frozen records that cross a boundary between two parts of the autopilot.
+"""Frozen records exchanged between the parts of the autopilot.
 
-Conventions: SI units and radians; headings clockwise from true north unless a
-reference says otherwise; positive rudder turns the boat to starboard; `t_s` is on the
-monotonic clock of the process; an absent value is None, never a magic number.
+Conventions: SI units and radians; headings clockwise from true north unless a reference says otherwise; positive rudder
+turns the boat to starboard; `t_s` is on the monotonic clock of the process; an absent value is None.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from firmware_py.common.vessels import VesselReport
 
 
 class NorthReference(IntEnum):
-    """What a compass heading is counted from."""
+    """Reference of a compass heading."""
 
     TRUE = 0
     MAGNETIC = 1
@@ -34,30 +33,30 @@ class FixType(IntEnum):
 
 
 class DeviceRole(IntEnum):
-    """Which device a health record speaks of."""
+    """Device of a health record."""
 
     COMPASS = 0
     POSITION = 1
     RUDDER = 2
     STORAGE = 3
-    LINK = 4  # the ground stations: RUNNING while one is heard
-    CLOCK = 5  # the computer's clock against the loop's: FAULTY when it has just jumped
+    LINK = 4  # ground stations: RUNNING while one is connected
+    CLOCK = 5  # the computer's clock: FAULTY after a jump against the loop's clock
     COMPASS_B = 6
-    KEY = 7  # of signed frames: FAULTY when it was lost
+    KEY = 7  # of signed frames: FAULTY if it was lost
     POWER = 8
     POWER_B = 9
     AIS = 10
 
 
 class DeviceState(IntEnum):
-    """What a driver knows of its device."""
+    """State of a device, as known by its driver."""
 
-    ABSENT = 0  # the port cannot be opened, or has vanished
-    STARTING = 1  # the port is open, the device has not answered yet
+    ABSENT = 0  # the port cannot be opened, or has disappeared
+    STARTING = 1  # the port is open, the device has not responded yet
     RUNNING = 2
-    SILENT = 3  # the port is open, the device has stopped answering
-    FAULTY = 4  # the device answers and reports an error of its own
-    FULL = 5  # a storage that works and has no room
+    SILENT = 3  # the port is open, the device has stopped responding
+    FAULTY = 4  # the device reports an error
+    FULL = 5  # storage without free space
 
 
 class Severity(IntEnum):
@@ -74,11 +73,11 @@ class Severity(IntEnum):
 
 
 class Tick(msgspec.Struct, frozen=True):
-    """One turn of the fixed-rate loop.
+    """One tick of the fixed-rate loop.
 
-    `t_s` is the deadline the tick was due at, or when the compass just before had it begin,
-    and the time that every computation of the tick uses; `late_s` is how much later it began;
-    `skipped` counts the deadlines that passed unserved just before it; `rate_hz` is the nominal rate.
+    `t_s` is the deadline of the tick, or the time of the compass sample shortly before it that started the tick. All
+    computations use this time. `late_s` is the delay of the actual start, `skipped` the number of deadlines missed just
+    before, `rate_hz` the nominal rate.
     """
 
     index: int
@@ -89,10 +88,10 @@ class Tick(msgspec.Struct, frozen=True):
 
 
 class HeadingSample(msgspec.Struct, frozen=True):
-    """One heading from a compass, stamped when its last byte arrived."""
+    """A heading from a compass, with the time at which its last byte arrived."""
 
     t_s: float
-    heading_rad: float  # [0, 2 pi), as the device gives it, from `reference`
+    heading_rad: float  # [0, 2 pi), relative to `reference`
     reference: NorthReference
     variation_rad: float | None = None  # east positive, as added by the device; the deviation if that is magnetic
     yaw_rate_rad_s: float | None = None
@@ -103,7 +102,7 @@ class HeadingSample(msgspec.Struct, frozen=True):
 
 
 class PositionSample(msgspec.Struct, frozen=True):
-    """One position fix, or the statement that there is none (`fix` NONE)."""
+    """A position fix, or the report that there is none (`fix` NONE)."""
 
     t_s: float
     fix: FixType
@@ -114,32 +113,28 @@ class PositionSample(msgspec.Struct, frozen=True):
     course_over_ground_rad: float | None = None
     satellites: int | None = None
     hdop: float | None = None
-    utc_s: float | None = None  # seconds since 1970-01-01 UTC, when the device states it
+    utc_s: float | None = None  # seconds since 1970-01-01 UTC, if the device sends it
 
 
 class RudderFeedback(msgspec.Struct, frozen=True):
-    """What the rudder servo says of itself, in the frame of its own shaft.
-
-    The latest value of each quantity; None while the servo has not given it. The
-    loop converts `shaft_rad` to a rudder angle (centre, direction).
-    """
+    """Feedback of the rudder servo, in the frame of its shaft: the latest value of each quantity, None if unknown."""
 
     t_s: float
     shaft_rad: float | None = None
     temperature_c: float | None = None
     voltage_v: float | None = None
     current_a: float | None = None
-    hardware_error: int = 0  # the device's own error bits, 0 = none
+    hardware_error: int = 0  # error bits of the device, 0 = none
     torque_on: bool | None = None
-    restarts: int = 0  # how often the servo was found to have come up anew by itself
+    restarts: int = 0  # number of detected restarts of the servo
 
 
 class PowerSample(msgspec.Struct, frozen=True):
-    """What a monitor of the battery or a charger has measured, None for what it does not measure.
+    """Measurements of a battery monitor or a charger, None for values that it does not measure.
 
-    `current_a` flows into the battery, all loads that the device sees taken off. `charge` is the state of
-    charge, 0 to 1. `solar_w` is what the panels give: who measures that is a charger. `load_a` goes out of a charger's
-    load output. `source` is 0 for the device of [power], 1 for that of [power_b], 2 for another MAVLink component.
+    `current_a` is the net current into the battery. `charge` is the state of charge, 0 to 1. `solar_w` is the power of
+    the panels (chargers only), `load_a` the current of the load output. `source` is 0 for the device of [power], 1 for
+    [power_b], 2 for another MAVLink component.
     """
 
     t_s: float
@@ -153,27 +148,27 @@ class PowerSample(msgspec.Struct, frozen=True):
 
 
 class DeviceHealth(msgspec.Struct, frozen=True):
-    """State of a device and its counters since start; given to the loop on change."""
+    """State of a device and its counters since the start; reported on change."""
 
     t_s: float
     role: DeviceRole
     state: DeviceState
     accepted: int  # good messages
     rejected: int  # checksum, range or framing errors
-    text: str = ""  # one short line when there is something to say
+    text: str = ""  # one short line, or empty
 
 
 class CalibrationState(IntEnum):
-    """How far the calibration of a device is."""
+    """State of a calibration."""
 
-    NONE = 0  # never begun, or called off
+    NONE = 0  # never started, or cancelled
     RUNNING = 1
     DONE = 2
     FAILED = 3
 
 
 class Calibration(msgspec.Struct, frozen=True):
-    """A calibration that a device makes by itself; the text says how it ended."""
+    """A calibration by the device itself; the text is its result."""
 
     state: CalibrationState = CalibrationState.NONE
     percent: int = 0
@@ -184,7 +179,7 @@ class Calibration(msgspec.Struct, frozen=True):
 
 
 class Inputs(msgspec.Struct, frozen=True):
-    """Everything that one tick computes from."""
+    """All inputs of a tick."""
 
     tick: Tick
     headings: tuple[HeadingSample, ...] = ()
@@ -200,19 +195,18 @@ class Inputs(msgspec.Struct, frozen=True):
 
 
 class RudderCommand(msgspec.Struct, frozen=True):
-    """What the servo is told: the angle of its shaft, and whether it may pull."""
+    """Command to the servo: shaft angle, and whether it applies torque."""
 
     shaft_rad: float
     torque_on: bool
 
 
 class RudderStatus(msgspec.Struct, frozen=True):
-    """What a tick knows of the rudder, in the rudder's own frame; made once, before anything looks at the rudder.
+    """Rudder status of a tick, in the frame of the rudder.
 
-    `command_rad` is what the servo was last told. `angle_rad` is the angle measured last, or the one
-    commanded while the servo gives none (`measured` tells). `is_new`: the servo has answered since the
-    last tick; `feedback_s` is when it last did, None before it has. `torque_on`, `current_a` and
-    `power_w` are those of that answer, None where it does not say.
+    `command_rad` is the last command. `angle_rad` is the last measured angle (`measured`), otherwise the command.
+    `is_new`: there was feedback since the last tick. `feedback_s` is the time of the last feedback, None before the
+    first. `torque_on`, `current_a` and `power_w` belong to that feedback, None if unknown.
     """
 
     t_s: float
@@ -227,7 +221,7 @@ class RudderStatus(msgspec.Struct, frozen=True):
 
 
 class Stored(msgspec.Struct, frozen=True):
-    """The newest whole version of a name on disk, None when there is none, and what is wrong there, else empty."""
+    """Content of the newest valid slot of a file, None if there is none, and its damage, empty if there is none."""
 
     content: bytes | None = None
     damage: str = ""

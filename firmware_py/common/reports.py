@@ -1,7 +1,4 @@
-"""What a tick tells of the boat: frozen records for the log, the link and those who steer by them.
-
-Conventions as in records.py.
-"""
+"""Results of a tick: frozen records for the log, the link and the controller. Conventions as in records.py."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from firmware_py.common.vessels import Traffic
 
 
 class MissionState(IntEnum):
-    """How far the mission is, numbered as MAVLink's MISSION_STATE."""
+    """State of the mission, numbered as MAVLink's MISSION_STATE."""
 
     NO_MISSION = 1
     NOT_STARTED = 2
@@ -25,7 +22,7 @@ class MissionState(IntEnum):
 
 
 class Home(msgspec.Struct, frozen=True):
-    """Where the boat returns to, and the origin of local coordinates."""
+    """Home: the destination of RTL and the origin of local coordinates."""
 
     latitude_rad: float
     longitude_rad: float
@@ -33,10 +30,10 @@ class Home(msgspec.Struct, frozen=True):
 
 
 class MissionReport(msgspec.Struct, frozen=True):
-    """The mission as the operator follows it: `index` counts from 0, None without a current item.
+    """Progress of the mission; `index` counts from 0, None without a current item.
 
-    The operator counts from `first`, the number of the first item (plan.homes). `reached` are the items that were
-    reached in this very tick; `identities` are the checksums of mission, fence and rally points (plan.Plan.identity).
+    The operator counts from `first` (plan.first_item_number). `reached` are the items reached in this tick;
+    `identities` are the checksums of mission, fence and rally points (plan.Plan.identity).
     """
 
     state: MissionState = MissionState.NO_MISSION
@@ -48,10 +45,10 @@ class MissionReport(msgspec.Struct, frozen=True):
 
 
 class Water(msgspec.Struct, frozen=True):
-    """Speed through the water, the current over the ground and the leeway, with standard deviations.
+    """Speed through the water, current and leeway, with standard deviations.
 
-    The way through the water lies `leeway_rad` to starboard of the heading. `current_sd_m_s` is that of the worse
-    known direction. `too_strong`: the current is stronger than the boat, so that it cannot hold a place against it.
+    `leeway_rad` is positive to starboard of the heading. `current_sd_m_s` belongs to the less certain direction.
+    `too_strong`: the current exceeds the speed of the boat, so that it cannot hold a place.
     """
 
     speed_m_s: float
@@ -65,20 +62,20 @@ class Water(msgspec.Struct, frozen=True):
 
 
 class Activity(IntEnum):
-    """What guidance has the boat do."""
+    """Present activity of guidance."""
 
-    NOTHING = 0  # no goal of guidance: rudder by hand or amidships
+    NOTHING = 0  # rudder by hand or amidships
     HEADING = 1  # a heading or a course
     LINE = 2  # along a line to a place
-    STATION = 3  # a watch circle around a place
-    CIRCLE = 4  # round a place
+    STATION = 3  # station keeping in a loiter circle
+    CIRCLE = 4  # circling a place
 
 
 class Navigation(msgspec.Struct, frozen=True):
-    """Where guidance takes the boat: the place, the circle around it and how far off the line the boat is.
+    """Target of guidance: place, radius around it, and cross-track error, positive to starboard of the line.
 
-    `cross_track_m` is positive to starboard of the line. `fence_margin_m` is the distance to a
-    breach of the fence, negative in breach, None while the fence is not heeded or not known.
+    `fence_margin_m` is the distance to a breach of the fence, negative in breach, None while the fence is disabled or
+    the margin unknown.
     """
 
     activity: Activity = Activity.NOTHING
@@ -92,12 +89,11 @@ class Navigation(msgspec.Struct, frozen=True):
 
 
 class Estimate(msgspec.Struct, frozen=True):
-    """Estimated motion with standard deviations, and the learned noise levels; headings are without the wave yaw.
+    """Estimated motion with standard deviations, and the learned noise levels; headings are without wave yaw.
 
-    `source` is what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3.
-    `bias_rad` is the rudder angle at which the boat runs straight. `innovation_rad` is the difference of the last
-    heading from the expected one, `innovation_square` the mean square of such differences by their variance, and
-    `prediction_square` that of predictions over half a minute: 1 for a consistent filter.
+    `source` of the heading: compass A 0, compass B 1, course over ground 2, none 3. `bias_rad` is the rudder bias.
+    `innovation_square` is the mean square of the innovations, normalised by their variance; `prediction_square` the
+    same for predictions over half a minute. Both are 1 for a consistent filter.
     """
 
     source: int
@@ -125,9 +121,9 @@ class Estimate(msgspec.Struct, frozen=True):
 
 
 class Energy(msgspec.Struct, frozen=True):
-    """What steering has cost since start, the rudder's travel and reversals in about the last hour, the servo's power.
+    """Cost of steering since the start, rudder travel and reversals in about the last hour, and servo power.
 
-    `energy_j` and `power_w` are those that the servo tells of; `resting`: its torque is released.
+    `energy_j` and `power_w` are measured by the servo; `resting`: its torque is released.
     """
 
     travel_rad: float = 0.0
@@ -140,16 +136,16 @@ class Energy(msgspec.Struct, frozen=True):
 
 
 class Flow(msgspec.Struct, frozen=True):
-    """Energy that has flowed one way since start, and for how long of that time it was measured."""
+    """Energy in one direction since the start, and the duration of its measurement."""
 
     energy_j: float = 0.0
     measured_s: float = 0.0
 
 
 class Power(msgspec.Struct, frozen=True):
-    """Battery, panels and loads as they are measured, None for what nobody measures, and what has flowed.
+    """Battery, panels and loads; None for values that are not measured. Positive currents charge the battery.
 
-    A current into the battery is positive; `charge` is 0 to 1.
+    `charge` is the state of charge, 0 to 1.
     """
 
     voltage_v: float | None = None
@@ -165,9 +161,9 @@ class Power(msgspec.Struct, frozen=True):
 
 
 class DeadReckonedPosition(msgspec.Struct, frozen=True):
-    """Where she is reckoned to be for want of fixes, her velocity over ground, how uncertain that is, since the last.
+    """Position and velocity by dead reckoning, and the time since the last fix.
 
-    `sd_m`: standard deviation along the axis where it is largest.
+    `sd_m` is the standard deviation along the axis where it is largest.
     """
 
     latitude_rad: float
@@ -179,12 +175,11 @@ class DeadReckonedPosition(msgspec.Struct, frozen=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True):
-    """The state of the boat after a tick, for the log and the link.
+    """State of the boat after a tick, for the log and the link.
 
-    `heading_rad` and `yaw_rate_rad_s` are those of the body with the compass; `heading_error_rad` counts from the
-    estimate's, the glider's, which is steered by. `rudder_rad` is measured, `rudder_command_rad` is commanded, both in
-    the frame of the rudder. `heading_ok` and `position_ok` say that the values are fresh.
-    `distance_m` is None without a position goal.
+    `heading_rad` and `yaw_rate_rad_s` are those of the body with the compass; `heading_error_rad` refers to the
+    estimated heading of the glider. `rudder_rad` is measured, `rudder_command_rad` commanded, both in the frame of the
+    rudder. `heading_ok` and `position_ok`: the values are fresh. `distance_m` is None without a position goal.
     """
 
     t_s: float
@@ -212,21 +207,21 @@ class Snapshot(msgspec.Struct, frozen=True):
     late_s: float
     home: Home | None = None
     mission: MissionReport = MissionReport()
-    prearm_refusal: str = ""  # why arming would be refused; empty: it would be accepted
+    prearm_refusal: str = ""  # reason why arming would be refused; empty: it would be accepted
     estimate: Estimate | None = None
     water: Water | None = None
     navigation: Navigation = Navigation()
     energy: Energy | None = None
-    gain_reduction: float = 1.0  # by what factor the helm is softer than as delivered
-    power: Power | None = None  # of battery and panels, where somebody measures them
-    saving: int = 0  # how far she saves power (safety.power_saving.Saving)
-    traffic: Traffic | None = None  # other vessels, once one was heard
-    dead_reckoned: DeadReckonedPosition | None = None  # in the place of a position, while she is steered by it
-    heading_age_s: float | None = None  # of the last heading that was taken in; None while none has come
+    gain_reduction: float = 1.0  # factor by which the proportional gain is reduced
+    power: Power | None = None  # of battery and panels, if measured
+    saving: int = 0  # level of power saving (safety.power_saving.Saving)
+    traffic: Traffic | None = None  # other vessels, None before the first AIS report
+    dead_reckoned: DeadReckonedPosition | None = None  # replaces the position while it is used
+    heading_age_s: float | None = None  # of the last heading used; None before the first
 
 
 class Output(msgspec.Struct, frozen=True):
-    """What one tick decides."""
+    """Result of a tick."""
 
     command: RudderCommand
     snapshot: Snapshot
@@ -234,11 +229,11 @@ class Output(msgspec.Struct, frozen=True):
 
 
 class SwingReport(msgspec.Struct, frozen=True):
-    """A swing of the compass under way: nothing, RUNNING while there is too little for a proposal, DONE with one.
+    """Progress of a compass swing: NONE, RUNNING while there is no proposal yet, or DONE.
 
-    `percent`: of what a proposal needs. `sectors`: bit n is set when she has sailed in that twelfth of the circle. The
-    coefficients are A to E, in force and as found; `sd_rad` is that of the found curve where it is worst known,
-    `off_rad` how far the one in force is from it at most, the residuals by what minutes differ with either (rms).
+    `percent` of the data that a proposal needs. `sectors`: bit n is set when that twelfth of the circle has data. The
+    coefficients are A to E, present and estimated. `sd_rad` is the largest standard deviation of the estimated curve,
+    `off_rad` the largest difference between both curves; the residuals are the rms error of minutes with either.
     """
 
     state: CalibrationState = CalibrationState.NONE

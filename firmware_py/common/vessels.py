@@ -1,6 +1,6 @@
-"""What is known of other vessels: the records that AIS gives, and what the table makes of them.
+"""Records of other vessels: AIS reports, and the table of vessels.
 
-Conventions as in records.py. Everything here was sent by somebody else: it has been range-checked, not believed.
+Conventions as in records.py. All values come from other senders: they are checked for range, but may be wrong.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ NAME_LETTERS = 20
 CALL_SIGN_LETTERS = 7
 STATUS_UNKNOWN = 15
 STATUS_DISTRESS = 14  # an active AIS-SART, man overboard device or EPIRB
-BESIDE_S = 60.0  # so long at the boat's place, and a heading changes nothing
-DISTRESS_DEVICES = frozenset((970, 972, 974))  # the first three digits of their numbers (ITU-R M.585)
+BESIDE_S = 60.0  # a vessel at the place of the boat for this time cannot be avoided by another heading
+DISTRESS_DEVICES = frozenset((970, 972, 974))  # first three digits of the number (ITU-R M.585)
 
 
 class VesselKind(IntEnum):
-    """What sends: by the messages that it sends, not by its number."""
+    """Kind of sender, by its message types."""
 
     CLASS_A = 0
     CLASS_B = 1
@@ -27,10 +27,10 @@ class VesselKind(IntEnum):
 
 
 class VesselPosition(msgspec.Struct, frozen=True):
-    """Where a vessel says that it is, and how it moves; `t_s` is when this was received.
+    """Reported position and motion of a vessel; `t_s` is the time of reception.
 
-    Course and speed are over ground. `status` is the navigational status of ITU-R M.1371, 15 for not told.
-    `turn_rad_s` is positive to starboard, None where it is not told, or only its sign. `accurate`: within 10 m.
+    Course and speed are over ground. `status` is the navigational status of ITU-R M.1371, 15 if unknown. `turn_rad_s`
+    is positive to starboard, None if unknown or only its sign is known. `accurate`: within 10 m.
     """
 
     t_s: float
@@ -47,10 +47,10 @@ class VesselPosition(msgspec.Struct, frozen=True):
 
 
 class VesselIdentity(msgspec.Struct, frozen=True):
-    """What a vessel says of itself; empty, 0 or None for what it does not say.
+    """Reported identity of a vessel; empty, 0 or None if not reported.
 
-    `dimensions_m` are the distances from the antenna to bow, stern, port and starboard side. `ship_type` is that of
-    ITU-R M.1371, of a mark its own.
+    `dimensions_m` are the distances from the antenna to bow, stern, port and starboard side. `ship_type` follows ITU-R
+    M.1371, for an aid to navigation its type.
     """
 
     t_s: float
@@ -65,12 +65,12 @@ VesselReport = VesselPosition | VesselIdentity
 
 
 def is_distress_number(mmsi: int) -> bool:
-    """Whether a number is that of an AIS-SART, a man overboard device or an EPIRB."""
+    """Return whether the number belongs to an AIS-SART, a man overboard device or an EPIRB."""
     return mmsi // 1_000_000 in DISTRESS_DEVICES
 
 
 def merged(before: VesselIdentity, after: VesselIdentity) -> VesselIdentity:
-    """Return what a vessel has said of itself in two messages, the later one where both tell the same."""
+    """Merge the identities of two messages; the later one takes precedence."""
     return VesselIdentity(
         after.t_s,
         after.mmsi,
@@ -82,14 +82,14 @@ def merged(before: VesselIdentity, after: VesselIdentity) -> VesselIdentity:
 
 
 class Vessel(msgspec.Struct, frozen=True):
-    """A vessel of the table: the last believed position, what is known of it, and what was found at the last look.
+    """A vessel of the table: last accepted position, identity, and results of the last check.
 
-    `doubted` is a position that it cannot have come to, told `doubts` times in a row. `distance_m` and `bearing_rad`
-    are of where it is by now if it has gone on. `cpa_m` is how near it comes within twice AIS_NEAR_S, `cpa_in_s` when;
-    None while the boat does not know where she is. `near_s`: since when it is told of as near, None while it is not.
-    `beside_s` and `beside_rad`: since when this vessel is always at the very place of the boat, and where it was then
-    (latitude, longitude). `own`: it has gone a way with the boat since, so it is the boat's own echo.
-    `reported_s`: when a distress beacon was last reported; `bearing_reported`: with bearing and distance.
+    `doubted` is an impossible position, reported `doubts` times in a row. `distance_m` and `bearing_rad` belong to the
+    extrapolated position. `cpa_m` is the closest approach within twice AIS_NEAR_S, `cpa_in_s` its time; None while the
+    own position is unknown. `near_s`: time since which it counts as near, None if it does not. `beside_s` and
+    `beside_rad`: time since which it stays at the place of the boat, and its place then (latitude, longitude). `own`:
+    it has moved with the boat since, so it is its own echo. `reported_s`: time of the last report of a distress beacon;
+    `bearing_reported`: with bearing and distance.
     """
 
     position: VesselPosition
@@ -113,32 +113,32 @@ class Vessel(msgspec.Struct, frozen=True):
         return self.position.status == STATUS_DISTRESS or is_distress_number(self.position.mmsi)
 
     @property
-    def warned_of(self) -> bool:
+    def is_other_vessel(self) -> bool:
         """Whether it is another vessel."""
         return not (self.own or self.distress)
 
     @property
-    def avoided(self) -> bool:
-        """Whether it is another vessel that is not at the boat's place all the time."""
+    def is_avoidable(self) -> bool:
+        """Whether it is another vessel that is not at the place of the boat all the time."""
         beside = self.beside_s is not None and self.position.t_s - self.beside_s >= BESIDE_S
-        return self.warned_of and not beside
+        return self.is_other_vessel and not beside
 
     @property
     def mmsi(self) -> int:
-        """The number that the vessel sends."""
+        """The number of the vessel."""
         return self.position.mmsi
 
     @property
     def title(self) -> str:
-        """The name, or the number where none is known."""
+        """The name, or the number if the name is unknown."""
         if self.distress:
             return f"Distress beacon {self.position.mmsi:09d}"
         return (self.identity.name if self.identity is not None else "") or f"MMSI {self.position.mmsi:09d}"
 
 
 class Traffic(msgspec.Struct, frozen=True):
-    """The vessels known; the heading steered to step aside, None on her own way; how many there was no room for."""
+    """Known vessels, avoidance heading (None without avoidance), and number of vessels rejected by the full table."""
 
     vessels: tuple[Vessel, ...] = ()
     aside_rad: float | None = None
-    turned_away: int = 0
+    rejected: int = 0

@@ -1,1 +1,1 @@
-"""The tick: state, step, requests; pure."""
+"""The tick: state, step and requests; pure functions."""

@@ -1,4 +1,4 @@
-"""Judges requests: pure, at once when they come and again, with the same answer, in the next tick."""
+"""Applies requests: a pure function, called when they arrive and again, with the same answer, in the next tick."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from firmware_py.safety.supervisor import OVERRULING
 
 
 def accept(state: State, request: Request) -> tuple[State, Answer]:
-    """Judge one request; a refusal leaves the state as it was. After an order the mode is the operator's."""
+    """Apply one request; a refusal leaves the state unchanged. An accepted command overrules a failsafe."""
     accepted, answer = _judge(state, request)
     if accepted.modes.by_failsafe and answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, OVERRULING):
         accepted = replace(accepted, modes=replace(accepted.modes, by_failsafe=False))
@@ -61,7 +61,7 @@ def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[Sta
     except ParameterError as error:
         return state, Answer(Verdict.DENIED, str(error))
     if intent.name == "FENCE_ENABLE":
-        # The parameter has the last word from now on.
+        # A changed parameter replaces earlier fence commands.
         state = replace(state, guidance=replace(state.guidance, fence_enabled=None))
     return replace(state, parameters=parameters), ACCEPTED
 
@@ -69,7 +69,7 @@ def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[Sta
 def _replace_plan(state: State, intent: ReplacePlan, _t_s: float) -> tuple[State, Answer]:
     if problem := problem_of(intent.plan):
         first = first_item(state) if intent.plan.kind is PlanKind.MISSION else 0
-        return state, Answer(Verdict.DENIED, problem.shown(first))
+        return state, Answer(Verdict.DENIED, problem.message(first))
     return replace(state, plans=state.plans.replaced(intent.plan)), ACCEPTED
 
 
@@ -78,12 +78,12 @@ def _set_home(state: State, intent: SetHome, t_s: float) -> tuple[State, Answer]
     if latitude_rad is None or longitude_rad is None:
         fix = state.position.fix if situation_at(state, t_s).position_ok else None
         if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
-            return state, Answer(Verdict.TEMPORARILY_REJECTED, "Home not set: no position")
+            return state, Answer(Verdict.TEMPORARILY_REJECTED, "Home refused: no position")
         home = Home(fix.latitude_rad, fix.longitude_rad, fix.altitude_m or 0.0)
         return replace(state, home=home), ACCEPTED
     # Written so that NaN fails the comparison.
     if not (abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and abs(intent.altitude_m) <= 1e5):
-        return state, Answer(Verdict.DENIED, "Home is out of range")
+        return state, Answer(Verdict.DENIED, "Home refused: position out of range")
     return replace(state, home=Home(latitude_rad, longitude_rad, intent.altitude_m)), ACCEPTED
 
 
@@ -93,7 +93,7 @@ def _set_mission_item(state: State, intent: SetMissionItem, _t_s: float) -> tupl
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no mission")
     if not 0 <= intent.index < count:
         first = first_item(state)
-        text = f"The mission has items {first} to {first + count - 1}, not {first + intent.index}"
+        text = f"Item {first + intent.index} refused: mission has items {first} to {first + count - 1}"
         return state, Answer(Verdict.DENIED, text)
     progress = mission_progress.for_plan(state.guidance.mission, state.plans.mission.identity)
     progress = mission_progress.at_item(progress, intent.index, restart=intent.restart)
@@ -102,24 +102,26 @@ def _set_mission_item(state: State, intent: SetMissionItem, _t_s: float) -> tupl
 
 def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[State, Answer]:
     if state.modes.mode is not Mode.AUTO:
-        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"No mission is under way in {state.modes.mode.name}")
+        return state, Answer(
+            Verdict.TEMPORARILY_REJECTED, f"Pause refused in {state.modes.mode.name}: only AUTO has a mission"
+        )
     progress = mission_progress.for_plan(state.guidance.mission, state.plans.mission.identity)
     if intent.paused:
         progress = mission_progress.pause(progress)
     else:
-        progress = mission_progress.go_on(progress, steps_of(state.plans.mission))
+        progress = mission_progress.resume_mission(progress, steps_of(state.plans.mission))
     return replace(state, guidance=replace(state.guidance, mission=progress)), ACCEPTED
 
 
 def _set_mode(state: State, intent: SetMode, t_s: float) -> tuple[State, Answer]:
-    """Enter a mode; who asks for AUTO wants the mission to go on, or to begin anew."""
+    """Enter a mode; AUTO resumes a halted mission and restarts a complete one."""
     modes, answer = decide(state.modes, intent, situation_at(state, t_s), t_s)
     if answer.verdict is not Verdict.ACCEPTED:
         return state, answer
     before, guidance = state.guidance.mission, state.guidance
     if modes.mode is Mode.AUTO:
         progress = mission_progress.for_plan(before, state.plans.mission.identity)
-        progress = mission_progress.go_on(progress, steps_of(state.plans.mission))
+        progress = mission_progress.resume_mission(progress, steps_of(state.plans.mission))
         if progress.complete and not progress.unusable:
             progress = mission_progress.enter(progress)
         guidance = guidance if progress is before else replace(guidance, mission=progress)
@@ -132,7 +134,7 @@ def _enable_fence(state: State, intent: EnableFence, _t_s: float) -> tuple[State
     return replace(state, guidance=replace(state.guidance, fence_enabled=intent.enabled)), ACCEPTED
 
 
-# What a battery of a boat can be, as PowerSample has it.
+# Valid ranges of a battery, in the units of PowerSample.
 _BATTERY = {
     "voltage_v": (0.0, 1000.0),
     "current_a": (-5000.0, 5000.0),
@@ -146,12 +148,12 @@ def _report_battery(state: State, intent: ReportBattery, t_s: float) -> tuple[St
     for name, (low, high) in _BATTERY.items():
         # Written so that NaN fails the comparison.
         if values[name] is not None and not low <= values[name] <= high:
-            return state, Answer(Verdict.DENIED, "Battery report is out of range")
+            return state, Answer(Verdict.DENIED, "Battery report refused: value out of range")
     sample = PowerSample(t_s, power_monitor.COMPANION, **values)
     return replace(state, power=power_monitor.update(state.power, (sample,))), ACCEPTED
 
 
-# What is judged on the whole state; the rest is a matter of modes.
+# Requests that need the whole state; the others are decided by modes.py.
 _JUDGES: Mapping[type, Callable[..., tuple[State, Answer]]] = {
     SetParameter: _set_parameter,
     ReplacePlan: _replace_plan,

@@ -1,4 +1,4 @@
-"""The autopilot between the ticks: it answers requests at once and hands them to the next step."""
+"""The autopilot between ticks: answers requests at once and passes them to the next step."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from firmware_py.core.resume_keeper import ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 
-# More requests than this between two ticks are turned away.
+# Further requests between two ticks are refused.
 PENDING_LIMIT: Final = 256
-# More acknowledgements than this do not wait for the disk: one that hangs must not fill the memory.
+# Further acknowledgements do not wait for the disk, so that a hanging disk cannot fill the memory.
 AWAITED_LIMIT: Final = 256
 _ACCEPTED: Final = Answer(Verdict.ACCEPTED)
 
 
 class Autopilot:
-    """Holds the state between ticks, judges requests at once and hands them to the next step.
+    """State between ticks, and the pending requests.
 
-    `decide` computes ahead with the same pure function that the next step will use, so
-    that an answer need not wait for the tick and still cannot differ from what is done.
+    `decide` applies a request to a copy of the state with the function that the next step will use. The answer need not
+    wait for the tick and cannot differ from its result.
     """
 
     def __init__(self, state: State, keeper: StateWriter, begun: Moment | None = None) -> None:
-        """Start from a state; `keeper` takes what must outlive a restart, `begun` is when the time was 0."""
+        """Start from a state; `keeper` stores data over restarts, `begun` is the moment at which `now_s` was 0."""
         self._state = state
         self._ahead = state
         self._pending: list[Request] = []
         self._keeper = keeper
         self._parameters = ParameterKeeper(keeper)
         self._resume = ResumeKeeper(begun or Moment(0.0))
-        self._unkept: list[Callable[[bool], None]] = []  # who waits for a record that has not been handed over
-        self._awaited = 0  # calls that wait for a record, handed over or not
+        self._waiting: list[Callable[[bool], None]] = []  # callbacks for a record not passed to the store yet
+        self._awaited = 0  # all callbacks that wait for a record
         self._now_s = 0.0
-        self._utc_offset_s: float | None = None  # None until the loop has told the time
-        self.compass_swing = CompassSwing()  # is given the ticks by the loop, once they are done
-        self.restart: Restart | None = None  # accepted in a tick: the loop ends behind it
+        self._utc_offset_s: float | None = None  # None before the first tick
+        self.compass_swing = CompassSwing()  # updated by the loop after each tick
+        self.restart: Restart | None = None  # if set, the loop ends after this tick
 
     @property
     def state(self) -> State:
@@ -54,13 +54,13 @@ class Autopilot:
         return self._state
 
     def decide(self, request: Request) -> Answer:
-        """Judge a request at once; when accepted it is an input of the next tick."""
+        """Answer a request at once; if accepted, it is an input of the next tick."""
         return self.decide_together((request,))
 
     def decide_together(self, requests: Sequence[Request]) -> Answer:
-        """Judge requests one after the other; all are accepted, or none and the answer is that to the first refused."""
+        """Answer requests in order; either all are accepted, or none and the first refusal is returned."""
         if len(self._pending) + len(requests) > PENDING_LIMIT:
-            return Answer(Verdict.TEMPORARILY_REJECTED, "Too many requests")
+            return Answer(Verdict.TEMPORARILY_REJECTED, "Too many requests: try again")
         ahead, answer = self._ahead, _ACCEPTED
         for request in requests:
             ahead, answer = accept(ahead, request)
@@ -72,7 +72,7 @@ class Autopilot:
         return answer
 
     def _take(self, request: Request) -> None:
-        """Hand an accepted request to the next tick, and to the disk what must outlive a restart."""
+        """Pass an accepted request to the next tick, and its parameters to the store."""
         self._now_s = max(self._now_s, request.t_s)
         self._pending.append(request)
         if isinstance(request.intent, SetParameter):
@@ -82,7 +82,7 @@ class Autopilot:
             self._parameters.forget()
 
     def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
-        """Put a plan in force once it is on disk; the old one stands until then."""
+        """Activate a plan once it is on disk; the old one stays active until then."""
         intent = request.intent
         if not isinstance(intent, ReplacePlan):
             raise TypeError(f"{type(intent).__name__} is not a plan")
@@ -93,12 +93,12 @@ class Autopilot:
 
         def finish(stored: bool) -> None:  # noqa: FBT001 - the store's callback
             if not stored:
-                done(Answer(Verdict.FAILED, "the plan could not be stored; the old one stands"))
+                done(Answer(Verdict.FAILED, "plan not stored; the old one stays active"))
                 return
-            # On disk, so nothing may turn it away any more, not even a full queue.
+            # It is on disk, so it must be accepted now, even with a full queue.
             self._ahead, answer = accept(self._ahead, request)
             self._pending.append(request)
-            # The place in the old mission is none in the new one.
+            # The item number of the old mission is invalid in the new one.
             self.when_orders_stored(lambda _stored: done(answer))
 
         self._keeper.save_plan(intent.plan, finish)
@@ -112,12 +112,12 @@ class Autopilot:
         return self._ahead.plans
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back once the parameters accepted so far are on disk, or cannot be."""
-        self._keep()  # the fence may be heeded otherwise, or the record kept from now on
+        """Call back when all accepted parameters are on disk (True) or cannot be stored (False)."""
+        self._keep()  # FENCE_ENABLE and BOOT_RESUME change the resume record
         self._parameters.when_stored(call, self._now_s)
 
     def when_orders_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back once the next start would go on with what was accepted so far, or could not; at once if not to."""
+        """Call back when the resume record with all accepted commands is on disk (True) or cannot be stored (False)."""
         if not self._ahead.parameters["BOOT_RESUME"]:
             call(True)
             return
@@ -125,16 +125,16 @@ class Autopilot:
             call(False)
             return
 
-        def told(stored: bool) -> None:  # noqa: FBT001 - the store's callback
+        def finish(stored: bool) -> None:  # noqa: FBT001 - the store's callback
             self._awaited -= 1
             call(stored)
 
         self._awaited += 1
-        self._unkept.append(told)
+        self._waiting.append(finish)
         self._keep()
 
     def take_requests(self) -> tuple[Request, ...]:
-        """Hand over the requests since the last tick."""
+        """Return and remove the requests since the last tick."""
         requests = tuple(self._pending)
         self._pending.clear()
         return requests
@@ -149,7 +149,7 @@ class Autopilot:
         return output
 
     def save_resume(self, now_s: float, utc_s: float, *, last: bool = False) -> None:
-        """Keep parameters and what the boat is doing for the next start, when changed; `last`: however little."""
+        """Store changed parameters and the resume record; `last`: all changes, the process ends."""
         self._now_s, self._utc_offset_s = now_s, utc_s - now_s
         self._parameters.update(now_s, last=last)
         self._keep(last=last)
@@ -158,10 +158,10 @@ class Autopilot:
         if self._utc_offset_s is None:
             return
         utc_s = self._now_s + self._utc_offset_s
-        record = self._resume.update(self._ahead, self._now_s, utc_s, awaited=bool(self._unkept), last=last)
+        record = self._resume.update(self._ahead, self._now_s, utc_s, is_awaited=bool(self._waiting), last=last)
         if record is not None:
             self._keeper.save_resume(record)
         if self._resume.is_current:
-            unkept, self._unkept = self._unkept, []
-            for call in unkept:
+            waiting, self._waiting = self._waiting, []
+            for call in waiting:
                 self._keeper.when_resume_stored(call)

@@ -1,4 +1,4 @@
-"""The swing of the compass that an operator has asked for: looks on at the ticks, and keeps what it has found."""
+"""Compass swing on request of an operator: estimates the deviation of compass A from the ticks."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ NOTHING = SwingReport()
 
 
 class CompassSwing:
-    """Swings while it is running, and goes on when there is a proposal: it becomes the better. Does not steer."""
+    """A compass swing; it continues after the first proposal, which improves with time. It does not steer."""
 
     def __init__(self) -> None:
-        """Begin without one."""
+        """Create an idle swing."""
         self._swinging: Swinging | None = None
         self._report = NOTHING
-        self.former: Mapping[str, float] | None = None  # what an accepted proposal has replaced
+        self.former: Mapping[str, float] | None = None  # parameters replaced by an accepted proposal
 
     @property
     def running(self) -> bool:
-        """Whether it wants the ticks."""
+        """Whether a swing is active."""
         return self._swinging is not None
 
     @property
     def report(self) -> SwingReport:
-        """How far it is, and what is proposed."""
+        """Progress and proposal."""
         return self._report
 
     def begin(self, parameters: ParameterSet) -> None:
-        """Begin anew, with the parameters in force."""
-        # Imported here: who never swings her compass need not load it at the start.
+        """Start a swing with the present parameters."""
+        # Imported here because most runs do not need it.
         from firmware_py.estimate.swinging import Swinging  # noqa: PLC0415
 
         self._swinging = Swinging(parameters)
@@ -45,11 +45,11 @@ class CompassSwing:
         self.former = None
 
     def end(self, former: Mapping[str, float] | None = None) -> None:
-        """End it, and forget what was found; `former`: what its acceptance has replaced."""
+        """End the swing and discard its result; `former`: parameters that were replaced by accepting it."""
         self._swinging, self._report, self.former = None, NOTHING, former
 
     def take(self, inputs: Inputs, parameters: ParameterSet) -> Iterator[Event]:
-        """Take a tick in, once it is decided; yield that there is a proposal."""
+        """Process the inputs of a finished tick; yield an event when there is a proposal."""
         swinging = self._swinging
         if swinging is None:
             return
@@ -60,7 +60,7 @@ class CompassSwing:
             return
         before, self._report = self._report.state, swinging.report()
         if self._report.state is CalibrationState.DONE and before is not CalibrationState.DONE:
-            yield Event(Severity.NOTICE, f"Compass swing: {_proposal(self._report)}; DO_ACCEPT_MAG_CAL takes it")
+            yield Event(Severity.NOTICE, f"Compass swing: {_proposal(self._report)}; accept with DO_ACCEPT_MAG_CAL")
 
 
 def _proposal(report: SwingReport) -> str:
@@ -69,4 +69,4 @@ def _proposal(report: SwingReport) -> str:
     sd_deg, off_deg = degrees(report.sd_rad or 0.0), degrees(report.off_rad or 0.0)
     rest = (report.residual_before_rad, report.residual_after_rad)
     left = "" if None in rest else f", residual {degrees(rest[0] or 0.0):.1f} to {degrees(rest[1] or 0.0):.1f}"
-    return f"{coefficients} deg, sd {sd_deg:.1f}, now {off_deg:.1f} off{left}"
+    return f"{coefficients} deg, sd {sd_deg:.1f}, error now {off_deg:.1f}{left}"

@@ -1,4 +1,4 @@
-"""What the devices have last reported of themselves, and how far apart what they say comes."""
+"""Last health reports of the devices, and intervals of their samples."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from msgspec.structs import replace
 
 from firmware_py.common.absence import or_nan
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Event, Inputs, Severity
-from firmware_py.common.silence import learn_interval_s
+from firmware_py.common.sample_timeout import learn_interval_s
 from firmware_py.core.freshness import FreshnessSettings
 
 Times = tuple[float | None, float | None]
-TELL_AGAIN_S: Final = 600.0  # what a charger reports against itself
+REPEAT_INTERVAL_S: Final = 600.0  # between reports of the same charger error
 _POWER: Final = (DeviceRole.POWER, DeviceRole.POWER_B)
 
 
 class DeviceReports(msgspec.Struct, frozen=True):
-    """The newest health of storage, clock, stations, signing key and servo, and when sensors and servo last spoke.
+    """Last health of storage, clock, links, signing key and servo; times and intervals of the samples.
 
-    `compass_s` and `compass_interval_s` are of compass A and B; an interval is None until a second sample has come.
-    `power_told_s` is when what power monitor A and B report against themselves was told last.
+    `compass_s` and `compass_interval_s` are of compass A and B; an interval is None until the second sample.
+    `power_reported_s` is the time of the last reported error of power monitors A and B.
     """
 
     storage: DeviceHealth | None = None
@@ -36,11 +36,11 @@ class DeviceReports(msgspec.Struct, frozen=True):
     rudder_interval_s: float | None = None
     key: DeviceHealth | None = None
     rudder: DeviceHealth | None = None
-    power_told_s: Times = (None, None)
+    power_reported_s: Times = (None, None)
 
 
 def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) -> DeviceReports:
-    """Take the reports and samples of a tick in."""
+    """Update with the reports and samples of a tick."""
     if not (inputs.headings or inputs.positions or inputs.rudder or inputs.devices):
         return state
     storage, clock, link, key, rudder = state.storage, state.clock, state.link, state.key, state.rudder
@@ -54,15 +54,19 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
     a_interval_s, b_interval_s = state.compass_interval_s
     for sample in inputs.headings:
         if sample.source == 0:
-            a_s, a_interval_s = _spoken(a_s, a_interval_s, sample.t_s, settings.heading_timeout_s)
+            a_s, a_interval_s = _sample_times(a_s, a_interval_s, sample.t_s, settings.heading_timeout_s)
         else:
-            b_s, b_interval_s = _spoken(b_s, b_interval_s, sample.t_s, settings.heading_timeout_s)
+            b_s, b_interval_s = _sample_times(b_s, b_interval_s, sample.t_s, settings.heading_timeout_s)
     position_s, position_interval_s = state.position_s, state.position_interval_s
     for fix in inputs.positions:
-        position_s, position_interval_s = _spoken(position_s, position_interval_s, fix.t_s, settings.position_timeout_s)
+        position_s, position_interval_s = _sample_times(
+            position_s, position_interval_s, fix.t_s, settings.position_timeout_s
+        )
     rudder_s, rudder_interval_s = state.rudder_s, state.rudder_interval_s
     for feedback in inputs.rudder:
-        rudder_s, rudder_interval_s = _spoken(rudder_s, rudder_interval_s, feedback.t_s, settings.rudder_timeout_s)
+        rudder_s, rudder_interval_s = _sample_times(
+            rudder_s, rudder_interval_s, feedback.t_s, settings.rudder_timeout_s
+        )
     return DeviceReports(
         storage,
         clock,
@@ -75,29 +79,29 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
         rudder_interval_s,
         key,
         rudder,
-        state.power_told_s,
+        state.power_reported_s,
     )
 
 
-def tell_power(
+def report_power(
     state: DeviceReports, devices: Sequence[DeviceHealth], now_s: float
 ) -> tuple[DeviceReports, tuple[Event, ...]]:
-    """Return what chargers report against themselves, each told now and then: its status has all of it."""
+    """Return events for faulty power monitors, each at most once in REPEAT_INTERVAL_S."""
     if not devices:
         return state, ()
-    told_s, events = list(state.power_told_s), []
+    reported_s, events = list(state.power_reported_s), []
     for device in devices:
         if device.role in _POWER and device.state is DeviceState.FAULTY:
             number = _POWER.index(device.role)
-            before_s = told_s[number]
-            if before_s is None or now_s - before_s >= TELL_AGAIN_S:
-                told_s[number] = now_s
+            before_s = reported_s[number]
+            if before_s is None or now_s - before_s >= REPEAT_INTERVAL_S:
+                reported_s[number] = now_s
                 events.append(Event(Severity.WARNING, f"Power monitor: {device.text}"))
-    return (replace(state, power_told_s=(told_s[0], told_s[1])) if events else state), tuple(events)
+    return (replace(state, power_reported_s=(reported_s[0], reported_s[1])) if events else state), tuple(events)
 
 
-def _spoken(
+def _sample_times(
     last_s: float | None, interval_s: float | None, t_s: float, shortest_s: float
 ) -> tuple[float, float | None]:
-    """Return time and interval after a sample of t_s."""
+    """Return the time and interval after a sample at t_s."""
     return t_s, interval_s if last_s is None else learn_interval_s(or_nan(interval_s), t_s - last_s, shortest_s)

@@ -1,4 +1,4 @@
-"""The estimates of a tick, in their order: rudder, position, heading with the water, home."""
+"""Estimates of a tick, in this order: rudder, position, heading and water, home."""
 
 from __future__ import annotations
 
@@ -10,49 +10,49 @@ from msgspec.structs import replace
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus, Severity
 from firmware_py.common.reports import Home
-from firmware_py.core import device_reports, last_place, rudder, tick_timing
+from firmware_py.core import device_reports, last_position, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
 from firmware_py.estimate import dead_reckoning, heading_estimator, place_and_velocity, position, water
 from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.sources import Source
 from firmware_py.modes import PositionGoal
 
-MOVED_SHARE: Final = 0.5  # of the error of the first place: what is nearer to it was derived from it
+MOVED_FRACTION: Final = 0.5  # of the error of the first position: places within it were derived from it
 
 
 def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, RudderStatus, tuple[Event, ...]]:
-    """Take samples, feedback, device reports and the tick itself in; return what is known of the rudder, too."""
+    """Update all estimates with the inputs of a tick; return state, rudder status and events."""
     now_s = inputs.tick.t_s
     rudder_state, rudder_status = rudder.update(settings.rudder, state.rudder, inputs)
-    # As known before this tick: a gap must not excuse itself.
+    # From before this tick, so that a gap does not extend its own timeout.
     timeouts = heading_timeouts_of(settings, state.devices)
     heading, in_use = state.heading_estimator.heading, Source(state.heading_estimator.tick.sources.in_use)
     heading_rad = heading.heading_rad if heading.fresh(now_s, timeouts.of(in_use)) else None
-    place = _carried_on(state, now_s, heading_rad, timeouts.position_s)
+    place = _predicted_position(state, now_s, heading_rad, timeouts.position_s)
     agreement = state.agreement
     credible: list[PositionSample] = []
-    told: list[Event] = []
+    events: list[Event] = []
     for sample in inputs.positions:
         if state.modes.armed and place_and_velocity.hangs(agreement, sample):
             agreement, odd = place_and_velocity.update(agreement, sample, afloat=True)
-            told += odd
+            events += odd
             continue
         before = place
         place, good = position.update(place, sample, settings.position.jump_s)
         if good:
             credible.append(sample)
             if (leap_m := position.leap_m(before, sample)) is not None:
-                told.append(Event(Severity.WARNING, f"Position believed where it jumped to: {leap_m:.0f} m off"))
+                events.append(Event(Severity.WARNING, f"GPS jump accepted: position moved by {leap_m:.0f} m"))
             elif state.modes.armed:
-                told += _found_again(before, sample)
+                events += _fix_events(before, sample)
             agreement, odd = place_and_velocity.update(agreement, sample, afloat=state.modes.armed)
-            told += odd
+            events += odd
             if state.home is None:
                 state = replace(state, home=_home_at(place.begun))
             elif (wrong := position.withdrawn(before, place)) is not None:
-                state, found = _taken_again(state, wrong, sample)
-                told += found
-    heading_state, events = heading_estimator.update(
+                state, correction_events = _corrected_first_position(state, wrong, sample)
+                events += correction_events
+    heading_state, heading_events = heading_estimator.update(
         settings.heading_estimator,
         state.heading_estimator,
         inputs.headings,
@@ -61,7 +61,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         timeouts,
         now_s,
     )
-    devices, device_events = device_reports.tell_power(
+    devices, device_events = device_reports.report_power(
         device_reports.update(settings.freshness, state.devices, inputs), inputs.devices, now_s
     )
     state = replace(
@@ -73,22 +73,22 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         position=place,
         agreement=agreement,
     )
-    return state, rudder_status, (*told, *events, *device_events)
+    return state, rudder_status, (*events, *heading_events, *device_events)
 
 
 def _rudder_of_estimate_rad(rudder: RudderStatus) -> float:
-    """Return the rudder angle that the estimate takes; NaN for a servo without torque and without a measured angle."""
+    """Return the rudder angle for the estimator; NaN if it is neither measured nor held by torque."""
     return math.nan if not rudder.measured and rudder.torque_on is False else rudder.angle_rad
 
 
-def _carried_on(state: State, now_s: float, heading_rad: float | None, silent_s: float) -> PositionState:
-    """Return the place carried on to now, reckoned by the last known water when fixes are missing for silent_s."""
+def _predicted_position(state: State, now_s: float, heading_rad: float | None, timeout_s: float) -> PositionState:
+    """Return the position predicted to now, by dead reckoning if fixes are missing for timeout_s."""
     place, known = state.position, state.heading_estimator.water
     if place.fix is None and place.dead_reckoning is None:
         return place
     if state.timing.started_s is None and place.dead_reckoning is not None:
-        place = last_place.counted_from(place, now_s)
-    if place.fix is not None and place.dead_reckoning is None and now_s - place.fix.t_s > silent_s:
+        place = last_position.at_first_tick(place, now_s)
+    if place.fix is not None and place.dead_reckoning is None and now_s - place.fix.t_s > timeout_s:
         place = replace(place, dead_reckoning=dead_reckoning.begin(known, now_s))
     if place.dead_reckoning is None:
         velocity_m_s = water.over_ground_m_s(known, math.nan if heading_rad is None else heading_rad)
@@ -100,27 +100,29 @@ def _carried_on(state: State, now_s: float, heading_rad: float | None, silent_s:
     return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)
 
 
-def _found_again(before: PositionState, fix: PositionSample) -> tuple[Event, ...]:
-    """Return what is told when a fix ends a reckoning that was more than a gap."""
+def _fix_events(before: PositionState, fix: PositionSample) -> tuple[Event, ...]:
+    """Return the event when a fix ends dead reckoning that was longer than a gap."""
     unfixed_s = position.unfixed_s(before) + fix.t_s - before.t_s
     if before.dead_reckoning is None or unfixed_s <= position.LONGEST_GAP_S:
         return ()
     minutes, off_m = unfixed_s / 60.0, position.off_m(before, fix)
-    return (Event(Severity.NOTICE, f"Reckoned for {minutes:.0f} min: she was {off_m:.0f} m off"),)
+    return (Event(Severity.NOTICE, f"GPS recovered after {minutes:.0f} min: position error {off_m:.0f} m"),)
 
 
-def _taken_again(state: State, wrong: PositionSample, right: PositionSample) -> tuple[State, tuple[Event, ...]]:
-    """Return the state without what was derived from a first place that has proved wrong, and what is reported.
+def _corrected_first_position(
+    state: State, wrong: PositionSample, right: PositionSample
+) -> tuple[State, tuple[Event, ...]]:
+    """Return the state corrected for a wrong first position, and the event.
 
-    Home and the goal move along if they lie near the wrong place. Water and tasks of the modes, as the loiter point,
-    are taken again at the place of now; so is the margin to the fence, as after each move.
+    Home and goal move along if they lie near the wrong position. Water, tasks (as the loiter point) and fence margin
+    are reset to the present position.
     """
     first, place = position.place_of(wrong), position.place_of(right)
     off_m, _ = first.distance_and_bearing(place)
 
     def moved(latitude_rad: float, longitude_rad: float) -> Place | None:
         other = Place(latitude_rad, longitude_rad)
-        near = first.distance_and_bearing(other)[0] < MOVED_SHARE * off_m
+        near = first.distance_and_bearing(other)[0] < MOVED_FRACTION * off_m
         return place.at_offset(*first.offset_m(other)) if near else None
 
     home, modes, goal = state.home, state.modes, state.modes.goal
@@ -133,10 +135,10 @@ def _taken_again(state: State, wrong: PositionSample, right: PositionSample) -> 
         state,
         home=home,
         modes=modes,
-        guidance=replace(state.guidance, mode=None),  # it enters the mode again
+        guidance=replace(state.guidance, mode=None),  # restarts the mode
         heading_estimator=heading_estimator.expecting(state.heading_estimator, expected),
     )
-    text = f"First position was {1e-3 * off_m:.1f} km off: home and tasks move"
+    text = f"First GPS position wrong by {1e-3 * off_m:.1f} km: home and tasks moved"
     return state, (Event(Severity.WARNING, text),)
 
 

@@ -1,4 +1,4 @@
-"""What the faults look at in a tick, from the state; the table of faults judges it."""
+"""Inputs of the fault conditions, taken from the state."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState
 from firmware_py.safety import power_monitor
 
-FIRST_FIX_S: Final = 180.0  # one that was switched on with the boat may have to hear all satellites anew
+FIRST_FIX_S: Final = 180.0  # cold start of a receiver
 
 
 def fault_input(
     settings: Settings, state: State, freshness: Freshness, timeouts: HeadingTimeouts, now_s: float
 ) -> FaultInput:
-    """Return what the conditions of the faults look at, after the state has taken the inputs of the tick in."""
+    """Return the inputs of the fault conditions from the state, after its update with the inputs of the tick."""
     servo, position, devices = state.rudder.feedback, state.position, state.devices
     compasses, rudder_monitor = state.heading_estimator.tick.sources, state.supervisor.rudder_monitor
     frozen, jumping = frozen_or_jumping(settings.heading_estimator.tick.frozen_s, compasses, timeouts.compass_s, now_s)
@@ -43,7 +43,7 @@ def fault_input(
         compass_jumping=jumping,
         compasses_disagree=sources.disagree(compasses),
         position_old=freshness.position is Age.OLD
-        and (position.fix is not None or _misses_fixes(state.modes, state.timing, now_s)),
+        and (position.fix is not None or _lacks_first_fix(state.modes, state.timing, now_s)),
         position_held_back=(
             position.suspect is not None and position.fix is not None and position.suspect.t_s > position.fix.t_s
         ),
@@ -82,8 +82,8 @@ def fault_input(
     )
 
 
-def _misses_fixes(modes: ModeState, timing: TickTiming, now_s: float) -> bool:
-    """Whether she is to go by places and no fix has come since the start, for longer than a receiver looks for one."""
+def _lacks_first_fix(modes: ModeState, timing: TickTiming, now_s: float) -> bool:
+    """Return whether the mode needs positions and no fix has come within FIRST_FIX_S since the start."""
     started_s = timing.started_s
     if not modes.armed or started_s is None or Need.POSITION not in MODES[modes.mode].needs:
         return False
@@ -93,9 +93,9 @@ def _misses_fixes(modes: ModeState, timing: TickTiming, now_s: float) -> bool:
 def frozen_or_jumping(
     frozen_s: float, state: SourceState, timeouts_s: tuple[float, float], now_s: float
 ) -> tuple[bool, bool]:
-    """Return whether a compass is frozen, and whether one jumps, which a frozen one does not.
+    """Return whether a compass is frozen, and whether another one jumps.
 
-    One that has differed from the other from the start, or slowly came to differ, does not jump: they disagree.
+    A compass that differs from the other one from the start, or drifts away slowly, does not jump: they disagree.
     """
     frozen, jumping, disagree = False, False, sources.disagree(state)
     for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True):

@@ -1,4 +1,4 @@
-"""How old what is steered by is: judged once, before the fault conditions, and by nobody else."""
+"""Age of the values that the autopilot steers by: judged once a tick, before the fault conditions."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from firmware_py.common.parameters import ParameterSet
 
 
 class Age(IntEnum):
-    """How old the newest value of a kind is."""
+    """Age of the last value of a kind."""
 
-    AWAITED = 0  # none has come yet, and the start is not long ago
+    AWAITED = 0  # none yet, and the timeout since the start has not passed
     FRESH = 1
-    OLD = 2  # the newest one, or the start while none has come, is longer ago than its timeout
+    OLD = 2  # the timeout since the last value, or since the start, has passed
 
 
 class FreshnessSettings(msgspec.Struct, frozen=True):
-    """How old heading, position and the servo's feedback may be where they come often enough (common/silence.py)."""
+    """Minimum timeouts of heading, position and servo feedback (common/sample_timeout.py)."""
 
     heading_timeout_s: float
     position_timeout_s: float
@@ -35,7 +35,7 @@ class FreshnessSettings(msgspec.Struct, frozen=True):
 
 
 class Freshness(msgspec.Struct, frozen=True):
-    """The age of heading, position and the servo's feedback in a tick."""
+    """Ages of heading, position and servo feedback in a tick."""
 
     heading: Age
     position: Age
@@ -43,7 +43,7 @@ class Freshness(msgspec.Struct, frozen=True):
 
 
 def age_of(t_s: float | None, started_s: float | None, now_s: float, timeout_s: float) -> Age:
-    """Return the age of what came at t_s; what has never come counts from the start."""
+    """Return the age of a value received at t_s (None: never; the start counts)."""
     if t_s is not None:
         return Age.FRESH if now_s - t_s <= timeout_s else Age.OLD
     return Age.OLD if started_s is not None and now_s - started_s > timeout_s else Age.AWAITED

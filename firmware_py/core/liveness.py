@@ -1,7 +1,7 @@
-"""Judges whether the autopilot still does its work: a watchdog is told only while nothing of it is stuck.
+"""Detects parts of the autopilot that are stuck; the watchdogs are served only while there are none.
 
-That a tick has been computed and the rudder commanded shows in that somebody asks here at the end of it. What a
-restart cannot mend is no reason for one: a device that has never spoken, a disk that answers with errors.
+It is called at the end of each tick. Problems that a restart cannot solve do not count: a device that has never sent
+anything, or a disk that reports errors.
 """
 
 from __future__ import annotations
@@ -10,24 +10,24 @@ from collections.abc import Iterable, Sequence
 
 from firmware_py.common.records import Progress
 
-# All devices at once: one that is silent is a fault with a row of its own, all of them are rather a wedged bus or port.
+# All devices together: one silent device is a fault of its own, all of them suggest a blocked bus or port.
 SAMPLES, ACTUATION = "samples", "actuation"
 DEVICES_S = 30.0
 
 
 class StuckError(RuntimeError):
-    """A part of the autopilot does nothing any more; the text names it. The process is to be started anew."""
+    """A part of the autopilot is stuck (named in the text); the process must be restarted."""
 
 
 class Liveness:
-    """Remembers how much each part had done, and when that last changed."""
+    """Progress of each part, and the time of its last change."""
 
     def __init__(self) -> None:
-        """Start with nothing seen."""
-        self._seen: dict[str, tuple[int, float]] = {}  # by name: done, and since when it is owed
+        """Start without progress."""
+        self._seen: dict[str, tuple[int, float]] = {}  # by name: work done, time of the last change
 
     def update(self, parts: Iterable[Progress], now_s: float) -> tuple[Progress, ...]:
-        """Take what each part has done by now; return those that are stuck."""
+        """Update with the progress of the parts; return the parts that are stuck."""
         return tuple(part for part in parts if self._is_stuck(part, now_s))
 
     def _is_stuck(self, part: Progress, now_s: float) -> bool:
@@ -43,9 +43,9 @@ class Liveness:
 def devices_progress(
     taken: int, sent_bytes: int, connected: Sequence[bool], *, rudder_connected: bool
 ) -> list[Progress]:
-    """Return what has come from all devices [samples] and what has gone out to the ports [bytes] since the start.
+    """Return the progress of the sensors [samples] and of the ports [bytes sent] since the start.
 
-    Nothing is owed by devices that have never spoken, nor while no port is open: there a restart would change nothing.
+    Devices that have never sent anything and closed ports have no work: a restart would not help.
     """
     return [
         Progress(SAMPLES, taken > 0 and any(connected), taken, DEVICES_S),

@@ -1,4 +1,4 @@
-"""When parameters that were set are written: at once, and where a stream comes seldom enough for a flash card."""
+"""Writes changed parameters: at once, but rate-limited for a stream of changes to protect the flash card."""
 
 from __future__ import annotations
 
@@ -8,39 +8,39 @@ from typing import Final
 from firmware_py.common.interfaces import StateWriter
 from firmware_py.common.token_bucket import TokenBucket
 
-BURST, RATE_HZ = 1000.0, 0.5  # writes: so many at once, and in a second in the long run
-AWAITED_LIMIT: Final = 256  # answers that wait for a write; more are told that it cannot be said
+BURST, RATE_HZ = 1000.0, 0.5  # limit of writes
+AWAITED_LIMIT: Final = 256  # callbacks that wait for a write; more are called with False
 
 
 class ParameterKeeper:
-    """Gathers what was set and hands it over whole; whoever waits for a write is handed over with it."""
+    """Collects changed parameters and passes them to the store together with the waiting callbacks."""
 
     def __init__(self, keeper: StateWriter) -> None:
-        """Take what keeps parameters."""
+        """Create it with the store of parameters."""
         self._keeper = keeper
-        self._changed: dict[str, float] = {}  # set, and not handed over
-        self._unkept: list[Callable[[bool], None]] = []  # who waits for that
+        self._changed: dict[str, float] = {}  # not passed to the store yet
+        self._waiting: list[Callable[[bool], None]] = []
         self._bucket = TokenBucket(BURST, RATE_HZ)
 
     def change(self, name: str, value: float) -> None:
-        """Take a value that was set: it is handed over when somebody waits for it, or with the tick."""
+        """Register a changed value; it is passed on with the next tick, or when a callback waits for it."""
         self._changed[name] = value
 
     def forget(self) -> None:
-        """Have all forgotten that was ever set, or none when that cannot be stored."""
+        """Delete all stored parameters, or none if that fails."""
         self._hand_over()
         self._keeper.clear_parameters()
 
     def when_stored(self, call: Callable[[bool], None], now_s: float) -> None:
-        """Call back once what was set so far is on disk, or cannot be."""
-        if len(self._unkept) >= AWAITED_LIMIT:
+        """Call back when all changes so far are on disk (True) or cannot be stored (False)."""
+        if len(self._waiting) >= AWAITED_LIMIT:
             call(False)
             return
-        self._unkept.append(call)
+        self._waiting.append(call)
         self.update(now_s)
 
     def update(self, now_s: float, *, last: bool = False) -> None:
-        """Hand over what has changed, if there is a write to spare; `last`: nothing comes after it."""
+        """Pass changes on if the rate limit allows; `last`: in any case."""
         if self._changed and not last and not self._bucket.spend_one(now_s):
             return
         self._hand_over()
@@ -49,6 +49,6 @@ class ParameterKeeper:
         changed, self._changed = self._changed, {}
         if changed:
             self._keeper.save_parameters(changed)
-        unkept, self._unkept = self._unkept, []
-        for call in unkept:
+        waiting, self._waiting = self._waiting, []
+        for call in waiting:
             self._keeper.when_parameters_stored(call)

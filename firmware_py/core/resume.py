@@ -1,7 +1,7 @@
-"""What of the state outlives a restart: mode, goal, mission and where the boat was about to go.
+"""The part of the state that survives a restart: mode, goal, mission and task.
 
-The moment when it was written tells how old it is. Everything else in it is a duration: the clock of a process begins
-anew.
+The record holds the time of its writing, from which its age follows. All other times in it are durations, because the
+clock of a process starts at 0.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from msgspec.structs import fields, replace
 from firmware_py.common import record_codec
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.reports import Home
-from firmware_py.core import last_place
-from firmware_py.core.last_place import LastPlace
+from firmware_py.core import last_position
+from firmware_py.core.last_position import LastPosition
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import VERSION
 from firmware_py.estimate import heading_estimator, water
 from firmware_py.faults.table import TABLE
-from firmware_py.guidance.guidance import GuidanceState, take_changes
+from firmware_py.guidance.guidance import GuidanceState, apply_changes
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission_progress import MissionProgress, is_halted
 from firmware_py.guidance.orbit import OrbitState
@@ -29,28 +29,25 @@ from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import Task
 from firmware_py.modes import ModeState
 
-# Finer changes are not seen.
+# Values are rounded to these steps, so that small changes do not cause a write.
 ELAPSED_STEP_S, TURNED_STEP_RAD, CURRENT_STEP_M_S = 30.0, 0.2, 0.1
 NOTHING, ALL_BUT_ARMING, ALL = 0, 1, 2  # BOOT_RESUME
 
 
 class Moment(msgspec.Struct, frozen=True):
-    """A moment by the computer's clocks: the calendar, which may be wrong, and the monotonic one of its run `boot`.
-
-    An empty `boot` is one that nobody knows.
-    """
+    """A time by the calendar clock, which may be wrong, and by the monotonic clock of `boot` (empty: unknown)."""
 
     utc_s: float
     boot: str = ""
     machine_s: float = 0.0
 
     def at(self, t_s: float, utc_s: float) -> Moment:
-        """Return the moment t_s after this one, when the calendar says utc_s."""
+        """Return the moment t_s later, at which the calendar clock shows utc_s."""
         return Moment(utc_s, self.boot, self.machine_s + t_s)
 
 
 class Resume(msgspec.Struct, frozen=True):
-    """What is kept; the first three say when, as a `Moment` does."""
+    """The stored record; `utc_s`, `boot` and `machine_s` are the `Moment` of its writing."""
 
     utc_s: float
     modes: ModeState
@@ -62,18 +59,18 @@ class Resume(msgspec.Struct, frozen=True):
     fence_enabled: bool | None = None
     home: Home | None = None
     water: tuple[float, float, float] | None = None  # current north and east, speed; None: as at start
-    place: LastPlace | None = None
+    place: LastPosition | None = None
     boot: str = ""
     machine_s: float = 0.0
 
 
 def resume_of(state: State, now: Moment) -> Resume:
-    """Return what is to be kept of a state."""
-    # As the next tick will take it up: an order is on disk before that.
-    nav = take_changes(state.guidance, state.modes, state.plans)
+    """Return the record of a state."""
+    # As the next tick will apply it: a command is stored before that.
+    nav = apply_changes(state.guidance, state.modes, state.plans)
     return Resume(
         now.utc_s,
-        replace(_lasting_modes(state), stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
+        replace(_modes_to_store(state), stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
         replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_STEP_S), idle_items=0),
         nav.task,
         nav.follower.arrived,
@@ -82,14 +79,14 @@ def resume_of(state: State, now: Moment) -> Resume:
         nav.fence_enabled,
         state.home,
         _expected_water(state),
-        last_place.of_state(state.position, state.heading_estimator.water),
+        last_position.of_state(state.position, state.heading_estimator.water),
         now.boot,
         now.machine_s,
     )
 
 
-def _lasting_modes(state: State) -> ModeState:
-    """Return mode and goal: those before a failsafe after which she goes on in any case."""
+def _modes_to_store(state: State) -> ModeState:
+    """Return mode and goal; during a failsafe that always resumes, those before it."""
     supervisor = state.supervisor
     fault, before = supervisor.failsafe.fault, supervisor.goes_on_with(resume=bool(state.parameters["FS_RESUME"]))
     if fault is None or before is None or not TABLE[fault].always_resumes:
@@ -108,69 +105,66 @@ def _rounded(value: float, step: float) -> float:
 
 
 def to_bytes(resume: Resume) -> bytes:
-    """Return the record as it is stored."""
+    """Return the encoded record."""
     return record_codec.encode(resume, VERSION)
 
 
 def from_bytes(data: bytes) -> tuple[Resume, tuple[str, ...]]:
-    """Return a stored record, and notes on what was ignored.
-
-    ValueError for one that lacks what it needs, or has numbers that no state can hold.
-    """
+    """Return a stored record and notes on ignored parts; ValueError if it is incomplete or holds invalid numbers."""
     resume, notes = record_codec.decode(Resume, data, VERSION)
-    line = resume.line  # of which only the start is taken, and a count
-    if not _finite(replace(resume, line=None)) or (line is not None and not _finite(line.start)):
-        raise ValueError("a number of it is not one")
+    line = resume.line  # only start and tries are used
+    if not _is_finite(replace(resume, line=None)) or (line is not None and not _is_finite(line.start)):
+        raise ValueError("it holds a number that is not finite")
     return resume, notes
 
 
 def _line_at_start(line: LineState | None) -> LineState | None:
-    """Return what is kept of following a line: the rest is of the run before."""
+    """Return the stored part of line following: start and tries."""
     return None if line is None else LineState(line.start, tries=line.tries)
 
 
-def _finite(value: Any) -> bool:
-    """Whether every number of a record is one, at any depth."""
+def _is_finite(value: Any) -> bool:
+    """Return whether all numbers of a record are finite, at any depth."""
     if isinstance(value, msgspec.Struct):
-        return all(_finite(getattr(value, field.name)) for field in fields(value))
+        return all(_is_finite(getattr(value, field.name)) for field in fields(value))
     if isinstance(value, tuple):
-        return all(map(_finite, value))
+        return all(map(_is_finite, value))
     return not isinstance(value, float) or math.isfinite(value)
 
 
 def _within_boot_s(resume: Resume, now: Moment) -> float | None:
-    """Return how long ago the record was written, None when the computer has not run on since."""
+    """Return the age of the record, None if the computer has rebooted since."""
     is_same = now.boot and resume.boot == now.boot and resume.machine_s <= now.machine_s
     return now.machine_s - resume.machine_s if is_same else None
 
 
 def _by_calendar_s(resume: Resume, now: Moment) -> float | None:
-    """Return how long ago the record was written, None when the calendar clock cannot have been right."""
+    """Return the age of the record by the calendar clock, None if that cannot be right."""
     age_s = now.utc_s - resume.utc_s
     return age_s if 0.0 <= age_s < 3.2e8 else None
 
 
 def restore(state: State, data: bytes, now: Moment) -> tuple[State, tuple[str, ...]]:
-    """Return the state at start that goes on with what was kept, and notes on what was ignored.
+    """Return the start state resumed from a stored record, and notes on ignored parts, which the greeting mentions.
 
-    The greeting of the state says when something was ignored. ValueError for data that are no record.
+    Raises ValueError for data that are no record.
     """
     level = int(state.parameters["BOOT_RESUME"])
     if level == NOTHING:
         return state, ()
     resume, notes = from_bytes(data)
-    away_s = _within_boot_s(resume, now)
-    age_s = _by_calendar_s(resume, now) if away_s is None else away_s
+    elapsed_s = _within_boot_s(resume, now)
+    age_s = _by_calendar_s(resume, now) if elapsed_s is None else elapsed_s
     if age_s is not None and age_s > 3600.0 * state.parameters["BOOT_RESUME_H"]:
         return replace(state, greeting=f"Not resumed: {_age_text(age_s)} old"), notes
     if resume.place is not None:
         try:
-            state = replace(state, position=last_place.restored(resume.place, away_s))
+            state = replace(state, position=last_position.restored(resume.place, elapsed_s))
         except ValueError as error:
-            notes += (f"Resume.place left out: {error}",)
+            notes += (f"Resume.place ignored: {error}",)
             resume = replace(resume, place=None)
     armed = resume.modes.armed if level == ALL else state.modes.armed
-    expected = resume.water if resume.place is None else last_place.water_of(resume.place)
+    expected = resume.water if resume.place is None else last_position.water_of(resume.place)
     follower = TaskFollowerState(resume.task, resume.arrived, _line_at_start(resume.line), orbit=resume.orbit)
     nav = GuidanceState(
         resume.modes.mode,
@@ -192,7 +186,7 @@ def restore(state: State, data: bytes, now: Moment) -> tuple[State, tuple[str, .
         heading_estimator=state.heading_estimator
         if expected is None
         else heading_estimator.expecting(state.heading_estimator, expected),
-        greeting=greeting + (", not whole" if notes else ""),
+        greeting=greeting + (", incomplete" if notes else ""),
     )
     return state, notes
 

@@ -1,7 +1,7 @@
-"""When the resume record is written: at once for what was asked for or decided, and seldom enough for a flash card.
+"""Decides when the resume record is written: at once after commands, but rate-limited to protect the flash card.
 
-Each write comes out of a bucket. Streams of goals leave most of it to goals that are acknowledged, and those leave
-the rest to orders: a stream that goes on for months costs a write in ten seconds, and no operator waits for one.
+A token bucket limits the writes. Streams of goals leave most tokens to acknowledged goals, and those leave the rest to
+commands: a stream over months causes a write in ten seconds, and no operator waits for a write.
 """
 
 from __future__ import annotations
@@ -14,47 +14,47 @@ from typing import Final
 from msgspec.structs import replace
 
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.core import last_place
+from firmware_py.core import last_position
 from firmware_py.core.resume import NOTHING, Moment, Resume, resume_of, to_bytes
 from firmware_py.core.state import State
 
 FINE_INTERVAL_S: Final = 30.0
-REFRESH_S: Final = 600.0  # the record is not to be older
-BURST, RATE_HZ = 1000.0, 0.1  # writes: so many at once, and in a second in the long run
+REFRESH_S: Final = 600.0  # maximum age of the record
+BURST, RATE_HZ = 1000.0, 0.1  # limit of writes
 
 
 class Difference(IntEnum):
-    """How a record differs from the one kept last, the lesser first."""
+    """Difference of a record from the stored one, in ascending order."""
 
     NONE = 0
-    FINE = 1  # what changes by itself all the time
-    GOAL = 2  # what a companion computer or a stick may change many times a second
-    ORDER = 3  # mode, arming, place in the mission, fence
+    FINE = 1  # values that change continuously
+    GOAL = 2  # goals, which a companion computer or a stick may change many times a second
+    ORDER = 3  # mode, arming, mission item, fence
 
 
-# A write needs so many in the bucket: streams leave some for goals that are acknowledged, and those for orders.
-_LEAST: Final[Mapping[Difference, float]] = {Difference.FINE: 900.0, Difference.GOAL: 900.0, Difference.ORDER: 1.0}
-_LEAST_FOR_ACKNOWLEDGED_GOAL: Final = 100.0
+# Minimum number of tokens in the bucket for a write.
+_MIN_TOKENS: Final[Mapping[Difference, float]] = {Difference.FINE: 900.0, Difference.GOAL: 900.0, Difference.ORDER: 1.0}
+_MIN_TOKENS_ACKNOWLEDGED_GOAL: Final = 100.0
 
 
-def difference_between(record: Resume, kept: Resume | None) -> Difference:
-    """Return how a record differs from the one that is kept, None when there is none."""
-    if kept is not None and _is_fresh(kept, record):
-        record = replace(record, utc_s=kept.utc_s, machine_s=kept.machine_s, place=kept.place)
-    if record == kept:
+def difference_between(record: Resume, stored: Resume | None) -> Difference:
+    """Return the difference of a record from the stored one (None: there is none)."""
+    if stored is not None and _is_fresh(stored, record):
+        record = replace(record, utc_s=stored.utc_s, machine_s=stored.machine_s, place=stored.place)
+    if record == stored:
         return Difference.NONE
-    if kept is None or _orders(record) != _orders(kept):
+    if stored is None or _orders(record) != _orders(stored):
         return Difference.ORDER
-    return Difference.FINE if _without_fine(record) == _without_fine(kept) else Difference.GOAL
+    return Difference.FINE if _without_fine(record) == _without_fine(stored) else Difference.GOAL
 
 
-def _is_fresh(kept: Resume, record: Resume) -> bool:
-    """Whether moment and place of the record that is kept need not be those of now; a clock that was set makes old."""
-    if kept.place is None or record.place is None:
-        good_for_s = REFRESH_S if kept.place is record.place else 0.0
+def _is_fresh(stored: Resume, record: Resume) -> bool:
+    """Return whether time and position of the stored record are still good enough; not after a clock change."""
+    if stored.place is None or record.place is None:
+        valid_for_s = REFRESH_S if stored.place is record.place else 0.0
     else:
-        good_for_s = last_place.good_for_s(kept.place, REFRESH_S)
-    return max(abs(record.utc_s - kept.utc_s), record.machine_s - kept.machine_s) < good_for_s
+        valid_for_s = last_position.valid_for_s(stored.place, REFRESH_S)
+    return max(abs(record.utc_s - stored.utc_s), record.machine_s - stored.machine_s) < valid_for_s
 
 
 def _orders(record: Resume) -> tuple[object, ...]:
@@ -74,53 +74,53 @@ def _without_fine(record: Resume) -> Resume:
     )
 
 
-def _same(parts: tuple[object, ...], others: tuple[object, ...]) -> bool:
+def _are_identical(parts: tuple[object, ...], others: tuple[object, ...]) -> bool:
     return len(parts) == len(others) and all(part is other for part, other in zip(parts, others, strict=True))
 
 
 class ResumeKeeper:
-    """Decides when the record is written anew, by what was written last and how much was of late."""
+    """Decides when the record is written, by the last record and the recent number of writes."""
 
     def __init__(self, begun: Moment) -> None:
-        """Start with nothing written; `begun` is when the time was 0, of which the calendar is of no matter."""
+        """Start without a record; `begun` is the moment at which `now_s` was 0."""
         self._begun = begun
-        self._kept: Resume | None = None
-        self._seen: tuple[object, ...] = ()  # what the state looked at last was made of, but for what is fine
+        self._stored: Resume | None = None
+        self._seen: tuple[object, ...] = ()  # parts of the last state, without fine values
         self._fine_due_s = -math.inf
         self._bucket = TokenBucket(BURST, RATE_HZ)
-        self.is_current = True  # but for fine changes; or nothing is to be kept
+        self.is_current = True  # except for fine changes
 
     def update(
-        self, state: State, now_s: float, utc_s: float, *, awaited: bool = False, last: bool = False
+        self, state: State, now_s: float, utc_s: float, *, is_awaited: bool = False, last: bool = False
     ) -> bytes | None:
-        """Return the record to be stored now, None while there is nothing to store or no write to spare.
+        """Return the record to be stored now; None if it has not changed or the rate limit forbids it.
 
-        `awaited`: an acknowledgement waits for it. `last`: nothing comes after it.
+        `is_awaited`: an acknowledgement waits for it. `last`: the process ends.
         """
         if state.parameters["BOOT_RESUME"] == NOTHING:
-            # What lies on disk ages from now on.
-            self._kept, self._seen, self.is_current = None, (), True
+            # The record on disk is no longer updated.
+            self._stored, self._seen, self.is_current = None, (), True
             return None
         before, self._seen = self._seen, (state.modes, state.guidance, state.plans, state.home)
-        if self.is_current and not last and now_s < self._fine_due_s and _same(self._seen, before):
+        if self.is_current and not last and now_s < self._fine_due_s and _are_identical(self._seen, before):
             return None  # most ticks
         record = resume_of(state, self._begun.at(now_s, utc_s))
-        difference = difference_between(record, self._kept)
-        if last and record != self._kept:
-            difference = max(difference, Difference.FINE)  # the place to the last metre, and when
-        may_write = last or self._may_write(difference, now_s, awaited=awaited)
+        difference = difference_between(record, self._stored)
+        if last and record != self._stored:
+            difference = max(difference, Difference.FINE)  # exact position and time
+        may_write = last or self._may_write(difference, now_s, is_awaited=is_awaited)
         if now_s >= self._fine_due_s:
             self._fine_due_s = now_s + FINE_INTERVAL_S
         self.is_current = difference <= Difference.FINE
         if difference is Difference.NONE or not may_write:
             return None
         self._bucket.spend(1.0)
-        self._kept, self.is_current = record, True
+        self._stored, self.is_current = record, True
         self._fine_due_s = now_s + FINE_INTERVAL_S
         return to_bytes(record)
 
-    def _may_write(self, difference: Difference, now_s: float, *, awaited: bool) -> bool:
+    def _may_write(self, difference: Difference, now_s: float, *, is_awaited: bool) -> bool:
         if difference is Difference.NONE or (difference is Difference.FINE and now_s < self._fine_due_s):
             return False
-        goal = awaited and difference is Difference.GOAL
-        return self._bucket.level(now_s) >= (_LEAST_FOR_ACKNOWLEDGED_GOAL if goal else _LEAST[difference])
+        goal = is_awaited and difference is Difference.GOAL
+        return self._bucket.level(now_s) >= (_MIN_TOKENS_ACKNOWLEDGED_GOAL if goal else _MIN_TOKENS[difference])

@@ -1,4 +1,4 @@
-"""The rudder between the ticks: what it was told, what its servo has answered, and what both mean in its own frame."""
+"""Rudder state: last command, servo feedback, and their conversion to rudder angles."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Inputs, RudderFeedback, RudderStatus
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 
-MOST_SHAFT_RAD: Final = 2.0 * math.pi  # either way; no rudder's shaft turns farther, whatever a driver says
+MAX_SHAFT_RAD: Final = 2.0 * math.pi  # larger feedback is invalid
 
 
 class RudderSettings(msgspec.Struct, frozen=True):
-    """How the servo moves the rudder, and how far and how fast it may go.
+    """Linkage between servo and rudder, and limits of angle and rate.
 
-    `hold_s` is how long the rudder stays where it is without a heading; `released_disarmed`: its torque
-    is released while the boat is disarmed.
+    `hold_s` is the time for which the rudder is held without a heading; `released_disarmed`: the servo has no torque
+    while disarmed.
     """
 
     linkage: Linkage
@@ -38,7 +38,7 @@ class RudderSettings(msgspec.Struct, frozen=True):
 
 
 class RudderState(msgspec.Struct, frozen=True):
-    """The rudder angle commanded last, the servo's newest feedback, and when it was last seen to have come up anew."""
+    """Last commanded rudder angle, last servo feedback, and time of the last detected servo restart."""
 
     command_rad: float = 0.0
     feedback: RudderFeedback | None = None
@@ -47,12 +47,12 @@ class RudderState(msgspec.Struct, frozen=True):
 
     @property
     def feedback_s(self) -> float | None:
-        """When the servo last answered, None before it has."""
+        """Time of the last feedback, None before the first."""
         return None if self.feedback is None else self.feedback.t_s
 
 
 def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tuple[RudderState, RudderStatus]:
-    """Take the feedback of a tick in; return what the tick knows of the rudder, too."""
+    """Update with the feedback of a tick; return state and rudder status."""
     now_s = inputs.tick.t_s
     if inputs.rudder:
         newest = inputs.rudder[-1]
@@ -66,7 +66,7 @@ def _status(linkage: Linkage, state: RudderState, now_s: float, *, is_new: bool)
     if feedback is None:
         return RudderStatus(now_s, state.command_rad, state.command_rad)
     shaft_rad, power_w = feedback.shaft_rad, None
-    measured = shaft_rad is not None and abs(shaft_rad) <= MOST_SHAFT_RAD
+    measured = shaft_rad is not None and abs(shaft_rad) <= MAX_SHAFT_RAD
     if feedback.voltage_v is not None and feedback.current_a is not None:
         power_w = feedback.voltage_v * abs(feedback.current_a)
     return RudderStatus(

@@ -1,4 +1,4 @@
-"""The rudder angle that mode and faults ask for, before any limit."""
+"""Rudder angle demanded by mode and faults, before any limit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from firmware_py.modes import live_bench, live_stick
 def rudder_demand(
     settings: Settings, state: State, target: SteeringTarget, gain_reduction: float, now_s: float, step_s: float
 ) -> tuple[float, LawState]:
-    """Return the demand and the heading controller's state, IDLE while it does not steer."""
+    """Return the demand and the state of the heading controller, IDLE while it does not steer."""
     modes, command_rad = state.modes, state.rudder.command_rad
     limit_rad = settings.rudder.limits.limit_rad
     if (deflection := live_bench(modes, now_s)) is not None:
@@ -28,7 +28,7 @@ def rudder_demand(
         stick = live_stick(modes, now_s, settings.guidance.stick_timeout_s)
         return (0.0 if stick is None else stick * limit_rad), IDLE
     if target.error_rad is not None:
-        given = HeadingControllerInput(
+        controller_input = HeadingControllerInput(
             error_rad=target.error_rad,
             yaw_rate_rad_s=state.heading_estimator.heading.yaw_rate_rad_s,
             estimate=heading_estimate(settings.heading_estimator, state.heading_estimator),
@@ -36,7 +36,7 @@ def rudder_demand(
             step_s=step_s,
             gain_reduction=gain_reduction,
         )
-        controller, demand_rad = heading_controller.update(settings.controller, state.controller, given)
+        controller, demand_rad = heading_controller.update(settings.controller, state.controller, controller_input)
         return demand_rad, controller
     lost_s = state.fault_latch.since_s[Fault.COMPASS_LOST]
     held = lost_s is None or now_s - lost_s <= settings.rudder.hold_s

@@ -1,4 +1,4 @@
-"""The state of the boat after a tick, put together for the log and the link."""
+"""Snapshot of the boat after a tick, for the log and the link."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def snapshot_of(
     target: SteeringTarget,
     inputs: Inputs,
 ) -> Snapshot:
-    """Return the snapshot of a tick that has been computed."""
+    """Return the snapshot of a finished tick."""
     heading, heading_ok = state.heading_estimator.heading, situation.heading_rad is not None
     task = state.guidance.status
     return Snapshot(

@@ -1,6 +1,6 @@
-"""What the autopilot remembers from tick to tick, and what its parameters mean to its parts.
+"""State of the autopilot between ticks, and its settings.
 
-Each part owns one record of `State` and one of `Settings`, of the same name, and nobody else writes it.
+Each module owns and writes one record of `State` and one of `Settings`, of the same name.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import msgspec
 
 from firmware_py.common.absence import or_nan
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import PlanKind, Plans, homes
+from firmware_py.common.plan import PlanKind, Plans, first_item_number
 from firmware_py.common.reports import Home
-from firmware_py.common.silence import timeout_s
+from firmware_py.common.sample_timeout import timeout_s
 from firmware_py.control.heading_controller import HeadingControllerSettings
 from firmware_py.control.law import IDLE, LawState
 from firmware_py.core.device_reports import DeviceReports
@@ -40,7 +40,7 @@ from firmware_py.safety.torque_release import TorqueReleaseSettings, TorqueRelea
 
 
 class Settings(msgspec.Struct, frozen=True):
-    """The parameters in the units and groups that the parts compute with."""
+    """Parameters in SI units, grouped by module."""
 
     heading_estimator: HeadingEstimatorSettings
     position: PositionSettings
@@ -58,7 +58,7 @@ class Settings(msgspec.Struct, frozen=True):
 
 @functools.lru_cache(maxsize=4)
 def settings_of(parameters: ParameterSet) -> Settings:
-    """Convert the parameters, once for each set of values."""
+    """Return the settings for a set of parameters; cached."""
     return Settings(
         heading_estimator=HeadingEstimatorSettings.of(parameters),
         position=PositionSettings.of(parameters),
@@ -76,10 +76,9 @@ def settings_of(parameters: ParameterSet) -> Settings:
 
 
 class State(msgspec.Struct, frozen=True):
-    """All that the autopilot remembers from tick to tick.
+    """State of the autopilot between ticks.
 
-    `home` is set by requests, the first fix and the mission; `greeting` is what the first tick
-    says beside the mode.
+    `home` is set by requests, the first fix and the mission. `greeting` is a message of the first tick.
     """
 
     parameters: ParameterSet = ParameterSet()
@@ -115,7 +114,7 @@ class State(msgspec.Struct, frozen=True):
 
 
 def parameters_in_force(state: State) -> ParameterSet:
-    """Return the parameters that hold now: those that were set, but for what she saves on."""
+    """Return the parameters in force: the set values, modified by power saving."""
     faults = state.fault_latch.active
     if not faults:
         return state.parameters
@@ -123,7 +122,7 @@ def parameters_in_force(state: State) -> ParameterSet:
 
 
 def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTimeouts:
-    """Return after what silence each compass and the course over ground are lost, by how often they come."""
+    """Return the timeouts of the compasses and of the course over ground, by their sample intervals."""
     limits = settings.freshness
     a_interval_s, b_interval_s = devices.compass_interval_s
     return HeadingTimeouts(
@@ -136,7 +135,7 @@ def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTi
 
 
 def freshness_of(settings: Settings, state: State, timeouts: HeadingTimeouts, now_s: float) -> Freshness:
-    """Judge how old heading, position and the servo's feedback are at now_s."""
+    """Return the ages of heading, position and servo feedback at now_s."""
     started_s = state.timing.started_s
     rudder_timeout_s = timeout_s(or_nan(state.devices.rudder_interval_s), settings.freshness.rudder_timeout_s)
     heading, fix = state.heading_estimator, state.position.fix
@@ -149,7 +148,7 @@ def freshness_of(settings: Settings, state: State, timeouts: HeadingTimeouts, no
 
 
 def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situation:
-    """Return what a decision may depend on."""
+    """Return the inputs of decisions on modes and goals."""
     heading = state.heading_estimator.heading
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     return Situation(
@@ -157,7 +156,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
         water=heading_estimator.water_report(state.heading_estimator),
         position_ok=freshness.position is Age.FRESH,
         dead_reckoning_sd_m=_dead_reckoning_sd_m(settings, state, freshness),
-        # A released servo of some makes gives no angle, but it answers.
+        # Any feedback counts: some servos report no angle without torque.
         rudder_ok=freshness.rudder is Age.FRESH,
         mission_ok=bool(state.plans.mission.items),
         home_ok=state.home is not None or bool(state.plans.rally.items),
@@ -167,7 +166,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
 
 
 def _dead_reckoning_sd_m(settings: Settings, state: State, freshness: Freshness) -> float | None:
-    """Return how uncertain the place is while she is under way and it is reckoned on for want of fixes."""
+    """Return the position error under dead reckoning; None if it is not used."""
     place = state.position
     if freshness.position is not Age.OLD or place.dead_reckoning is None or not state.modes.armed:
         return None
@@ -177,18 +176,18 @@ def _dead_reckoning_sd_m(settings: Settings, state: State, freshness: Freshness)
 
 
 def situation_at(state: State, now_s: float) -> Situation:
-    """Return what a decision between two ticks may depend on."""
+    """Return the inputs of decisions between two ticks."""
     settings = settings_of(parameters_in_force(state))
     timeouts = heading_timeouts_of(settings, state.devices)
     return situation_of(settings, state, freshness_of(settings, state, timeouts, now_s))
 
 
 def first_item(state: State) -> int:
-    """Return the number of a mission's first item as the operator counts."""
-    return homes(int(state.parameters["LNK_IDENTITY"]), PlanKind.MISSION)
+    """Return the number of the first mission item as the operator counts."""
+    return first_item_number(int(state.parameters["LNK_IDENTITY"]), PlanKind.MISSION)
 
 
 def fence_enabled(settings: Settings, state: State) -> bool:
-    """Whether the fence is heeded: as was asked last, else as the parameter says."""
+    """Return whether the fence is enabled: by the last command, else by the parameter."""
     enabled = state.guidance.fence_enabled
     return settings.fence_enabled if enabled is None else enabled

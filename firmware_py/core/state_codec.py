@@ -1,8 +1,7 @@
-"""The state between ticks as text and back, bit for bit: the checkpoints of the log.
+"""Encode and decode the state between ticks as text, bit for bit: the checkpoints of the log.
 
-Faults stand by name, so that one fault more or less changes nothing for the others: a fault that is new was never set,
-one that is not known is ignored and reported. Parameters stand by name, too: one that is missing, or whose value is not
-allowed any more, has its default. For all else, and for how a field is renamed, see common/record_codec.py.
+Faults and parameters are written by name. A new fault was never set; an unknown one is ignored and reported. A
+parameter that is missing or no longer valid takes its default. Other fields, and renaming: common/record_codec.py.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan
-from firmware_py.common.reading_notes import Spot, number, shown
+from firmware_py.common.reading_notes import Location, abbreviated, number
 from firmware_py.common.record_codec import Hooks
 from firmware_py.core.state import State
 from firmware_py.faults.latch import LatchState
@@ -38,78 +37,78 @@ def state_to_text(state: State) -> str:
 
 
 def state_from_text(text: str) -> tuple[State, tuple[str, ...]]:
-    """Return the state that a text holds, and notes on what was ignored; ValueError for text that is no state."""
+    """Return the state and notes on ignored parts; ValueError if the text is not a state."""
     return record_codec.from_text(State, text, VERSION, HOOKS)
 
 
 def _name_times(plain: dict[str, Any], *fields: str) -> None:
-    """Replace times by the number of the fault with times by its name."""
+    """Replace a list of times by a dictionary by fault name."""
     for field in fields:
         times = plain[field]
         plain[field] = {fault.name: times[fault] for fault in Fault if times[fault] is not None}
 
 
 def _name_bits(plain: dict[str, Any], *fields: str) -> None:
-    """Replace bits by the number of the fault with a list of names."""
+    """Replace a bit field by a list of fault names."""
     for field in fields:
         bits = plain[field]
         plain[field] = [fault.name for fault in Fault if bits >> fault & 1]
 
 
-def _known(names: Iterable[Any], spot: Spot) -> list[Fault]:
-    """Return the faults of these names, and report those that are not known."""
+def _known(names: Iterable[Any], location: Location) -> list[Fault]:
+    """Return the faults with these names; report unknown names."""
     faults = []
     for name in names:
         if isinstance(name, str) and name in Fault.__members__:
             faults.append(Fault[name])
         else:
-            spot.note(f"fault {shown(name)} is not known here, ignored")
+            location.note(f"fault {abbreviated(name)} is not known here, ignored")
     return faults
 
 
-def _number_times(plain: dict[str, Any], spot: Spot, *fields: str) -> None:
+def _number_times(plain: dict[str, Any], location: Location, *fields: str) -> None:
     for field in fields:
         named = plain.get(field)
         if isinstance(named, dict):
             times: list[Any] = [None] * len(Fault)
-            for fault in _known(named, spot.below(field)):
+            for fault in _known(named, location.below(field)):
                 times[fault] = named[fault.name]
             plain[field] = times
         elif field in plain:
-            plain[field] = None  # which is refused when it is decoded
+            plain[field] = None  # refused by the decoder
 
 
-def _number_bits(plain: dict[str, Any], spot: Spot, *fields: str) -> None:
+def _number_bits(plain: dict[str, Any], location: Location, *fields: str) -> None:
     for field in fields:
         names = plain.get(field)
         if isinstance(names, list):
-            plain[field] = sum(1 << fault for fault in set(_known(names, spot.below(field))))
+            plain[field] = sum(1 << fault for fault in set(_known(names, location.below(field))))
         elif field in plain:
-            plain[field] = None  # which is refused when it is decoded
+            plain[field] = None  # refused by the decoder
 
 
-def _prepare_latch(plain: dict[str, Any], spot: Spot) -> None:
-    _number_times(plain, spot, "since_s", "stood_s")
-    _number_bits(plain, spot, "active")
+def _prepare_latch(plain: dict[str, Any], location: Location) -> None:
+    _number_times(plain, location, "since_s", "stood_s")
+    _number_bits(plain, location, "active")
 
 
-def _prepare_failsafe(plain: dict[str, Any], spot: Spot) -> None:
-    _number_bits(plain, spot, "active", "calling")
+def _prepare_failsafe(plain: dict[str, Any], location: Location) -> None:
+    _number_bits(plain, location, "active", "calling")
     if (name := plain.get("fault")) is not None:
-        plain["fault"] = next(iter(_known([name], spot.below("fault"))), None)
+        plain["fault"] = next(iter(_known([name], location.below("fault"))), None)
 
 
-def _prepare_parameters(plain: Any, spot: Spot) -> None:
-    """Remove parameters that are not known, or whose value is not allowed, and report them."""
+def _prepare_parameters(plain: Any, location: Location) -> None:
+    """Remove and report parameters that are unknown or invalid."""
     for name, value in list(plain.items()) if isinstance(plain, dict) else ():
         if name not in INDEX:
-            spot.note(f"parameter {shown(name)} is not known here, ignored")
+            location.note(f"parameter {abbreviated(name)} is not known here, ignored")
             del plain[name]
             continue
         try:
             plain[name] = TABLE[INDEX[name]].check(number(value))
         except ValueError as error:
-            spot.note(f"{'' if isinstance(error, ParameterError) else f'{name}: '}{error}; its default is taken")
+            location.note(f"{'' if isinstance(error, ParameterError) else f'{name}: '}{error}; its default is taken")
             del plain[name]
 
 
@@ -125,7 +124,7 @@ def _decode(kind: type, plain: Any) -> Any:
     if kind is Plan:
         return plan.from_plain(plain)
     if not isinstance(plain, dict):
-        raise ValueError(f"expected parameters by name, found {shown(plain)}")  # noqa: TRY004 -- bad data
+        raise ValueError(f"expected parameters by name, found {abbreviated(plain)}")  # noqa: TRY004 -- bad data
     return ParameterSet([plain.get(row.name, row.default) for row in TABLE])  # checked before
 
 

@@ -1,7 +1,7 @@
-"""One tick as a pure function: estimate, faults, failsafe, guidance, control, limit, torque.
+"""One tick as a pure function: estimate, faults, failsafe, guidance, control, rudder limits, torque.
 
-`step(state, inputs)` reads no clock and does no input or output, so the loop, the tests
-and the replay of a log compute the same rudder, bit for bit.
+`step(state, inputs)` reads no clock and does no I/O, so that the loop, the tests and the replay of a log compute the
+same rudder command, bit for bit.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
 
 
 def _accept_requests(state: State, requests: Sequence[Request]) -> tuple[State, bool]:
-    """Accept the requests of a tick; return whether one of them ends a failsafe that has acted."""
+    """Apply the requests of a tick; return whether one of them overrules an active failsafe."""
     overruled = False
     for request in requests:
         state, answer = accept(state, request)
@@ -115,7 +115,7 @@ def _accept_requests(state: State, requests: Sequence[Request]) -> tuple[State, 
 
 
 def _monitor_rudder(settings: Settings, state: State, rudder: RudderStatus, step_s: float) -> State:
-    """Judge the rudder and meter what it costs."""
+    """Update the rudder monitor and the energy meter."""
     held = _rudder_held(settings, state, rudder.t_s)
     engaged = held and not state.torque_release.released and rudder.torque_on is not False
     return replace(
@@ -126,11 +126,11 @@ def _monitor_rudder(settings: Settings, state: State, rudder: RudderStatus, step
 
 
 def _guide(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> State:
-    """Carry mode, goal and mission on by a tick."""
+    """Advance guidance by a tick."""
     heading_rad, motion = situation.heading_rad, None
     if situation.place_known and situation.water is not None:
         place = Place(state.position.latitude_rad, state.position.longitude_rad)
-        # Where a heading is lost the last one, carried on, tells better how the boat moves than none.
+        # After a loss of the heading, the predicted heading is still the best estimate of the motion.
         heading_rad = state.heading_estimator.heading.heading_rad
         motion = guidance.vessel_motion(place, heading_rad, situation.water, situation.dead_reckoning_sd_m or 0.0)
     guidance_input = GuidanceInput(
@@ -153,17 +153,17 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
 def _judge_steering(
     settings: Settings, state: State, rudder: RudderStatus, target: SteeringTarget, situation: Situation
 ) -> SupervisorState:
-    """Update the monitors of steering, limit cycle and convergence of the heading.
+    """Update the monitors of steering, limit cycle and heading convergence.
 
-    While the boat is disarmed or the servo is silent, the rudder shows nothing. A limit cycle is possible in a mode in
-    which the heading controller steers.
+    The steering monitor needs an armed boat and a servo that responds. A limit cycle is possible only in modes in which
+    the heading controller steers.
     """
     armed, estimator = state.modes.armed, state.heading_estimator
     tick, water_state = estimator.tick, estimator.water
     started, heading_sd_rad = heading_filter.has_started(tick.filter), heading_tick.heading_sd(tick)
     speed_m_s = water.model_speed(water_state)
     diffusion_rad2_s, trim_rad = heading_tick.learned_disturbance(tick)
-    shown = SteeringInput(
+    steering = SteeringInput(
         rudder_rad=rudder.angle_rad,
         heading_rad=or_nan(situation.heading_rad if armed and situation.rudder_ok else None),
         heading_sd_rad=heading_sd_rad,
@@ -173,9 +173,9 @@ def _judge_steering(
         diffusion_rad2_s=diffusion_rad2_s,
         trim_rad=trim_rad,
     )
-    steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
-    seen = OscillationInput(
-        or_nan(target.error_rad if steered and started else None),
+    controlled = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
+    oscillation = OscillationInput(
+        or_nan(target.error_rad if controlled and started else None),
         or_nan(target.heading_rad),
         heading_sd_rad,
         rudder_rad=state.rudder.command_rad,
@@ -184,7 +184,7 @@ def _judge_steering(
         wave_period_s=math.exp(tick.filter.levels.wave_period),
         delay_log_ratio=tick.delay.log_ratio,
     )
-    return supervisor.judge_steering(settings.supervisor, state.supervisor, shown, seen, rudder.t_s)
+    return supervisor.judge_steering(settings.supervisor, state.supervisor, steering, oscillation, rudder.t_s)
 
 
 def _steer(
@@ -196,7 +196,7 @@ def _steer(
     target: SteeringTarget,
     step_s: float,
 ) -> tuple[State, RudderCommand]:
-    """Turn what guidance asks for into what the servo is told; the supervisor has the last word."""
+    """Compute the servo command from the target; the supervisor can override it."""
     now_s = rudder.t_s
     gain_reduction = supervised.oscillation.gain_reduction
     demand_rad, controller = rudder_demand(settings, state, target, gain_reduction, now_s, step_s)
@@ -223,12 +223,12 @@ def _steer(
 
 
 def _rudder_held(settings: Settings, state: State, now_s: float) -> bool:
-    """Whether the rudder is to be held or moved, and not left without torque because the boat is disarmed."""
+    """Return whether the servo needs torque: armed, not released while disarmed, or moved on the bench."""
     return state.modes.armed or not settings.rudder.released_disarmed or live_bench(state.modes, now_s) is not None
 
 
 def _change_events(before: State, after: State) -> tuple[Event, ...]:
-    """Return the events of mode, arming, start, and a heading that does not converge."""
+    """Return the events of mode, arming, start, and heading convergence."""
     first = before.timing.started_s is None
     events: list[Event] = []
     if first or before.modes.mode is not after.modes.mode:
@@ -238,5 +238,5 @@ def _change_events(before: State, after: State) -> tuple[Event, ...]:
     if before.modes.armed is not after.modes.armed:
         events.append(Event(Severity.NOTICE, "Armed" if after.modes.armed else "Disarmed"))
     if after.supervisor.convergence.not_converging and not before.supervisor.convergence.not_converging:
-        events.append(Event(Severity.WARNING, "Rudder hard over for 5 min: she does not come round"))
+        events.append(Event(Severity.WARNING, "Rudder at limit 5 min: heading not converging"))
     return tuple(events)

@@ -1,4 +1,4 @@
-"""When the autopilot began, when its last tick was due, and how many were skipped."""
+"""Timing of the ticks: start, last tick, and skipped ticks."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import msgspec
 
 from firmware_py.common.records import Tick
 
-LONGEST_STEP_S = 1.0
+MAX_STEP_S = 1.0
 
 
 class TickTiming(msgspec.Struct, frozen=True):
-    """When the first and the newest tick were due, how many were skipped, and when that last happened."""
+    """Times of the first and the last tick, number of skipped ticks, and time of the last skip."""
 
     started_s: float | None = None
     t_s: float = 0.0
@@ -18,8 +18,8 @@ class TickTiming(msgspec.Struct, frozen=True):
     skipped_t_s: float | None = None
 
     def step_s(self, now_s: float) -> float:
-        """Return how long it is since the last tick, 0 before the first, at most LONGEST_STEP_S."""
-        return min(max(0.0, now_s - self.t_s), LONGEST_STEP_S) if self.started_s is not None else 0.0
+        """Return the time since the last tick, 0 before the first, at most MAX_STEP_S."""
+        return min(max(0.0, now_s - self.t_s), MAX_STEP_S) if self.started_s is not None else 0.0
 
 
 def update(state: TickTiming, tick: Tick) -> TickTiming:

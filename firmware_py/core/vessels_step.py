@@ -1,4 +1,4 @@
-"""Other vessels in a tick: what is heard of them, who comes near, and stepping aside for it."""
+"""Other vessels in a tick: AIS reports, approaching vessels, and avoidance."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from firmware_py.modes import Situation, heading_in_water
 def watch_vessels(
     settings: Settings, state: State, inputs: Inputs, freshness: Freshness
 ) -> tuple[State, tuple[Event, ...]]:
-    """Take what vessels have sent in and judge who comes near; nothing to do, and done, where no AIS is aboard."""
+    """Enter AIS reports and check for approaching vessels; no computation without AIS."""
     if not (inputs.vessels or inputs.devices or state.traffic.vessels):
         return state, ()
     now_s = inputs.tick.t_s
-    told, events = traffic.receiver_events(state.traffic, inputs.devices, now_s)
-    if inputs.vessels or told.vessels:
+    traffic_state, events = traffic.receiver_events(state.traffic, inputs.devices, now_s)
+    if inputs.vessels or traffic_state.vessels:
         own = None
         if state.position.fix is not None and freshness.position is Age.FRESH:
             place = Place(state.position.latitude_rad, state.position.longitude_rad)
@@ -39,37 +39,37 @@ def watch_vessels(
             heading_rad = estimator.heading.heading_rad if freshness.heading is Age.FRESH else None
             velocity_m_s = water.over_ground_m_s(estimator.water, or_nan(heading_rad))
             own = OwnMotion(place, velocity_m_s, *_own_ways_m_s(state))
-        told, more = traffic.update(settings.traffic, told, inputs.vessels, own, now_s)
+        traffic_state, more = traffic.update(settings.traffic, traffic_state, inputs.vessels, own, now_s)
         events = (*events, *more)
-    return (state if told is state.traffic else replace(state, traffic=told)), events
+    return (state if traffic_state is state.traffic else replace(state, traffic=traffic_state)), events
 
 
 def avoid_vessels(
     settings: Settings, state: State, target: SteeringTarget, situation: Situation, now_s: float
 ) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
-    """Return the heading to steer while a vessel comes near, the very target while she goes her own way."""
+    """Return the avoidance heading while a vessel is near, else the target unchanged."""
     modes, known = state.modes, situation.water
     if not (settings.aside.enabled and state.traffic.near and modes.armed and MODES[modes.mode].follows_task):
         return _own_way(state, target)
     heading_rad = situation.heading_rad
     if target.heading_rad is None or heading_rad is None or not situation.position_ok or known is None:
         return _own_way(state, target)
-    if known.too_strong:  # she needs all her way to hold her own
+    if known.too_strong:  # the boat cannot make way against the current
         return _own_way(state, target)
     followed = _followed_line(state.guidance)
-    given = AsideInput(
+    aside_input = AsideInput(
         t_s=now_s,
-        wanted_rad=target.heading_rad,
+        unchanged_rad=target.heading_rad,
         motion=guidance.vessel_motion(
             Place(state.position.latitude_rad, state.position.longitude_rad), heading_rad, known
         ),
-        vessels=tuple(vessel for vessel in state.traffic.vessels if vessel.avoided),
+        vessels=tuple(vessel for vessel in state.traffic.vessels if vessel.is_avoidable),
         fence=state.plans.fence if fence_enabled(settings, state) else None,
         goal=modes.goal,
         task=state.guidance.task,
         line=None if followed is None else LineAhead(*followed, heading_in_water(followed[1], known)),
     )
-    aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, given)
+    aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, aside_input)
     state = replace(state, aside=aside)
     if aside.heading_rad is None:
         return state, target, events
@@ -77,7 +77,7 @@ def avoid_vessels(
 
 
 def _followed_line(state: GuidanceState) -> tuple[float, float] | None:
-    """Return how far to starboard [m] she is of the line that she follows, and where that leads by its start [rad]."""
+    """Return the cross-track error [m], positive to starboard, and the course of the line at its start [rad]."""
     line, status = state.follower.line, state.status
     if status.cross_track_m is None or line is None or status.target is None:
         return None
@@ -85,7 +85,7 @@ def _followed_line(state: GuidanceState) -> tuple[float, float] | None:
 
 
 def _own_ways_m_s(state: State) -> tuple[Velocity, ...]:
-    """Return how she would move over ground on her own way and, off a line, back to it; none while she is on it."""
+    """Return the velocities on the unchanged course and, off a line, back to it; empty without avoidance."""
     known, way_rad = state.heading_estimator.water, state.aside.way_rad
     followed, target = _followed_line(state.guidance), state.guidance.status.heading_target
     if way_rad is None:
@@ -106,9 +106,9 @@ def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarge
 
 
 def report(state: State) -> Traffic | None:
-    """Return the table of vessels for those who look on, None while none was ever heard."""
+    """Return the table of vessels for reports, None before the first AIS report."""
     known = state.traffic
-    if known.looked_s is None:
+    if known.checked_s is None:
         return None
     others = tuple(vessel for vessel in known.vessels if not vessel.own)
-    return Traffic(others, state.aside.heading_rad, known.turned_away)
+    return Traffic(others, state.aside.heading_rad, known.rejected)

@@ -38,7 +38,7 @@ def begin(water: WaterState, begun_s: float) -> DeadReckoning:
     return DeadReckoning(dead_reckoning, begun_s)
 
 
-def gone_on(state: DeadReckoning, away_s: float | None) -> tuple[DeadReckoning, Velocity]:
+def advanced(state: DeadReckoning, away_s: float | None) -> tuple[DeadReckoning, Velocity]:
     """Return the reckoning after a time without one, and how far the current carried the boat in it, in metres.
 
     The heading in it is not known. Nor is its length if `away_s` is None: then the boat may be anywhere.

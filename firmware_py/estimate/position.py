@@ -11,7 +11,7 @@ import math
 import msgspec
 from msgspec.structs import replace
 
-from firmware_py.common.geodesy import Place, can_be
+from firmware_py.common.geodesy import Place, is_possible_position
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate.dead_reckoning import DeadReckoning
@@ -57,7 +57,7 @@ def on_earth(sample: PositionSample) -> bool:
     latitude_rad, longitude_rad = sample.latitude_rad, sample.longitude_rad
     if latitude_rad is None or longitude_rad is None or sample.fix is FixType.NONE:
         return False
-    return can_be(latitude_rad, longitude_rad) and math.isfinite(sample.t_s)
+    return is_possible_position(latitude_rad, longitude_rad) and math.isfinite(sample.t_s)
 
 
 def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:

@@ -1,1 +1,1 @@
-"""From a goal to the heading to steer."""
+"""Guidance: computes the heading to steer from mode, goal and mission."""

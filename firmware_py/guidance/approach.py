@@ -1,4 +1,4 @@
-"""How near another vessel comes if both go on as they do: closest point of approach, on a plane, in closed form."""
+"""Closest point of approach to another vessel at constant velocities, in closed form on a plane."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Velocity = tuple[float, float]  # north and east, m/s
 
 
 class Relative(msgspec.Struct, frozen=True):
-    """Where a vessel is seen from the boat, and its velocity over ground; metres and m/s north and east."""
+    """Position of a vessel relative to the boat, and its velocity over ground, north and east."""
 
     north_m: float
     east_m: float
@@ -21,7 +21,7 @@ class Relative(msgspec.Struct, frozen=True):
     east_m_s: float
 
     def nearest(self, own_m_s: Velocity, within_s: float) -> tuple[float, float]:
-        """Return how near the two come within a time from now, and when, for a velocity of the boat."""
+        """Return the smallest distance [m] within `within_s` from now, and its time [s], for a velocity of the boat."""
         north_m_s, east_m_s = self.north_m_s - own_m_s[0], self.east_m_s - own_m_s[1]
         square = north_m_s * north_m_s + east_m_s * east_m_s
         when_s = 0.0
@@ -32,7 +32,7 @@ class Relative(msgspec.Struct, frozen=True):
 
 
 def relative(own: Place, position: VesselPosition, now_s: float) -> Relative:
-    """Return where a vessel is by now if it has gone on since its position, seen from the boat."""
+    """Return the relative position of a vessel now, extrapolated from its last report."""
     north_m, east_m = own.nearby_offset_m(Place(position.latitude_rad, position.longitude_rad))
     north_m_s, east_m_s = velocity(position)
     age_s = now_s - position.t_s
@@ -40,7 +40,7 @@ def relative(own: Place, position: VesselPosition, now_s: float) -> Relative:
 
 
 def velocity(position: VesselPosition) -> Velocity:
-    """Return a vessel's velocity over ground, none where speed or course is not told."""
+    """Return a vessel's velocity over ground; zero if speed or course is unknown."""
     if position.speed_m_s is None or position.course_rad is None:
         return 0.0, 0.0
     return position.speed_m_s * math.cos(position.course_rad), position.speed_m_s * math.sin(position.course_rad)

@@ -1,7 +1,6 @@
-"""The guidance of a tick: from mode, goal and plans to the heading to steer.
+"""Guidance of a tick: selects the task by mode, goal and plans and follows it.
 
-Only puts together what modes and guidance compute; core/step calls it. Tasks are carried out
-twice a second and at each fix: in between the last answer stands.
+Called by core/step. Tasks are updated twice a second and at each fix; in between, the last result stays in force.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
 
-INTERVAL_S = 0.5
-LONGEST_STEP_S = 5.0
+UPDATE_INTERVAL_S = 0.5
+MAX_STEP_S = 5.0
 
 
 class GuidanceSettings(msgspec.Struct, frozen=True):
-    """How tasks are carried out, where RTL may go, and how the stick turns a goal."""
+    """Settings of tasks, of RTL destinations, and of the stick that turns a heading goal."""
 
     tasks: TaskSettings
     rally_includes_home: bool
@@ -51,7 +50,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True):
 
 
 class GuidanceState(msgspec.Struct, frozen=True):
-    """What guidance remembers: mode and arming that it knows of, mission, task, and what came of it."""
+    """State of guidance: last mode and arming, mission progress, task and its status."""
 
     mode: Mode | None = None
     armed: bool = False
@@ -62,13 +61,13 @@ class GuidanceState(msgspec.Struct, frozen=True):
     reached: tuple[int, ...] = ()
     updated_s: float | None = None
     fence: FenceState = FenceState()
-    fence_enabled: bool | None = None  # None: as FENCE_ENABLE says
+    fence_enabled: bool | None = None  # None: FENCE_ENABLE applies
 
 
 class GuidanceInput(msgspec.Struct, frozen=True):
-    """What guidance looks at in a tick; `heading_rad` is None without a heading, `motion` without a position.
+    """Inputs of a tick; `heading_rad` is None without a heading, `motion` without a position.
 
-    `fence_enabled` is what FENCE_ENABLE says, where nobody has asked otherwise since.
+    `fence_enabled` is FENCE_ENABLE; a later command overrides it.
     """
 
     t_s: float
@@ -83,14 +82,14 @@ class GuidanceInput(msgspec.Struct, frozen=True):
 
 
 class GuidanceOutput(msgspec.Struct, frozen=True):
-    """The state after a tick, and home where the mission sets it."""
+    """State after a tick, and the new home if the mission sets one."""
 
     state: GuidanceState
     home: Home | None = None
 
 
 def vessel_motion(place: Place, heading_rad: float, water: Water, spread_m: float = 0.0) -> VesselMotion:
-    """Return how the boat moves, for guidance; spread_m as there."""
+    """Return the motion of the boat; `spread_m` as in VesselMotion."""
     return VesselMotion(
         place=place,
         heading_rad=heading_rad,
@@ -103,24 +102,24 @@ def vessel_motion(place: Place, heading_rad: float, water: Water, spread_m: floa
     )
 
 
-def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> GuidanceOutput:
-    """Carry mode, goal and mission on by a tick."""
-    modes, motion = given.modes, given.motion
-    before, state = state, take_changes(state, modes, given.plans)
-    is_new = state is not before or given.new_fix
-    if not is_new and state.updated_s is not None and given.t_s - state.updated_s < INTERVAL_S:
+def update(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> GuidanceOutput:
+    """Advance guidance by a tick."""
+    modes, motion = inputs.modes, inputs.motion
+    before, state = state, apply_changes(state, modes, inputs.plans)
+    is_new = state is not before or inputs.new_fix
+    if not is_new and state.updated_s is not None and inputs.t_s - state.updated_s < UPDATE_INTERVAL_S:
         return GuidanceOutput(state)
-    step_s = 0.0 if state.updated_s is None else min(max(0.0, given.t_s - state.updated_s), LONGEST_STEP_S)
-    state = replace(state, updated_s=given.t_s)
+    step_s = 0.0 if state.updated_s is None else min(max(0.0, inputs.t_s - state.updated_s), MAX_STEP_S)
+    state = replace(state, updated_s=inputs.t_s)
     if motion is not None:
-        state = replace(state, fence=fence.update(state.fence, given.plans.fence, motion.place))
+        state = replace(state, fence=fence.update(state.fence, inputs.plans.fence, motion.place))
     if modes.mode is Mode.AUTO:
-        return _update_mission(settings, state, given, step_s)
-    return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given), given, step_s))
+        return _update_mission(settings, state, inputs, step_s)
+    return GuidanceOutput(_follow_task(settings, state, _task(settings, state, inputs), inputs, step_s))
 
 
-def take_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> GuidanceState:
-    """Return the state for the mode, arming and mission that are in force; the very same while nothing changes."""
+def apply_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> GuidanceState:
+    """Return the state for the present mode, arming and mission; the same object if nothing has changed."""
     if (modes.mode, modes.armed) != (state.mode, state.armed):
         state = _enter_mode(state, modes)
     before = state.mission
@@ -133,7 +132,7 @@ def take_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> Guidan
 
 
 def _enter_mode(state: GuidanceState, modes: ModeState) -> GuidanceState:
-    """Begin anew in a mode; AUTO goes on with its item, from where the boat is."""
+    """Return the initial state in a mode; AUTO continues its item from the present position."""
     progress = state.mission
     if modes.mode is Mode.AUTO and modes.armed:
         progress = mission_progress.enter(progress)
@@ -147,46 +146,45 @@ def _enter_mode(state: GuidanceState, modes: ModeState) -> GuidanceState:
     )
 
 
-def _carry_out(
-    settings: GuidanceSettings, state: GuidanceState, task: Task | None, given: GuidanceInput, step_s: float
+def _follow_task(
+    settings: GuidanceSettings, state: GuidanceState, task: Task | None, inputs: GuidanceInput, step_s: float
 ) -> GuidanceState:
-    heeded = given.fence_enabled if state.fence_enabled is None else state.fence_enabled
+    fence_enabled = inputs.fence_enabled if state.fence_enabled is None else state.fence_enabled
     follower, status = task_follower.update(
-        settings.tasks, state.follower, task, given.motion, step_s, given.plans.fence if heeded else None
+        settings.tasks, state.follower, task, inputs.motion, step_s, inputs.plans.fence if fence_enabled else None
     )
     if status is None:
-        return state  # without a position what was wanted last stands
+        return state  # without a position, the last target stays in force
     return replace(state, task=task, follower=follower, status=status)
 
 
-def _task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> Task | None:
-    """Return the task of a mode other than AUTO; None where it has none."""
-    task = _TASKS.get(given.modes.mode)
-    return None if task is None else task(settings, state, given)
+def _task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
+    """Return the task of a mode other than AUTO, or None."""
+    task = _TASKS.get(inputs.modes.mode)
+    return None if task is None else task(settings, state, inputs)
 
 
-def _guided_task(settings: GuidanceSettings, _state: GuidanceState, given: GuidanceInput) -> Task | None:
-    goal, radii = given.modes.goal, settings.tasks
+def _guided_task(settings: GuidanceSettings, _state: GuidanceState, inputs: GuidanceInput) -> Task | None:
+    goal, radii = inputs.modes.goal, settings.tasks
     if not isinstance(goal, PositionGoal):
         return None
     place = Place(goal.latitude_rad, goal.longitude_rad)
     return GoTo(place, None, radii.acceptance_radius_m, radii.station_radius_m)
 
 
-def _loiter_task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> Task | None:
-    """LOITER chooses its place once."""
+def _loiter_task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
+    """Return the task of LOITER, whose centre is chosen once."""
     if isinstance(state.task, HoldStation):
         return HoldStation(state.task.centre, settings.tasks.station_radius_m)
-    return None if given.motion is None else HoldStation(given.motion.place, settings.tasks.station_radius_m)
+    return None if inputs.motion is None else HoldStation(inputs.motion.place, settings.tasks.station_radius_m)
 
 
-def _rtl_task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> Task | None:
-    """RTL chooses its place once, and anew where that is none any more: home was set, or stood where she never was."""
-    return _return_task(settings, given, state.task) or state.task
+def _rtl_task(settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput) -> Task | None:
+    """Return the task of RTL; its destination is chosen once, and again if home or the rally points change."""
+    return _return_task(settings, inputs, state.task) or state.task
 
 
-# What a mode does that follows a task of its own; AUTO takes its tasks from the mission. A task that needs where the
-# boat is to be chosen is None without a position; one that needs it to be carried out stands still (task_follower).
+# Tasks of the modes other than AUTO. A task is None if a position is needed to choose it and none is known.
 _TASKS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput], Task | None]] = {
     Mode.GUIDED: _guided_task,
     Mode.LOITER: _loiter_task,
@@ -194,47 +192,47 @@ _TASKS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput],
 }
 
 
-def _return_task(settings: GuidanceSettings, given: GuidanceInput, chosen: Task | None) -> GoTo | None:
+def _return_task(settings: GuidanceSettings, inputs: GuidanceInput, chosen: Task | None) -> GoTo | None:
     with_home, radii = settings.rally_includes_home, settings.tasks
-    if isinstance(chosen, GoTo) and chosen.place in places(given.home, given.plans.rally, with_home=with_home):
+    if isinstance(chosen, GoTo) and chosen.place in places(inputs.home, inputs.plans.rally, with_home=with_home):
         return GoTo(chosen.place, None, radii.acceptance_radius_m, radii.station_radius_m)
-    if given.motion is None:
+    if inputs.motion is None:
         return None
-    return return_task(radii, given.motion, given.home, given.plans.rally, with_home=with_home)
+    return return_task(radii, inputs.motion, inputs.home, inputs.plans.rally, with_home=with_home)
 
 
 def _update_mission(
-    settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, step_s: float
+    settings: GuidanceSettings, state: GuidanceState, inputs: GuidanceInput, step_s: float
 ) -> GuidanceOutput:
-    """Carry the mission on; disarmed the boat is where it is, and so is the mission."""
-    if not given.modes.armed:
+    """Advance the mission; it stands still while disarmed."""
+    if not inputs.modes.armed:
         return GuidanceOutput(state)
-    motion = given.motion
+    motion = inputs.motion
     mission_input = MissionInput(
         settings=settings.tasks,
-        steps=steps_of(given.plans.mission),
-        heading_rad=given.heading_rad,
+        steps=steps_of(inputs.plans.mission),
+        heading_rad=inputs.heading_rad,
         place=None if motion is None else motion.place,
         spread_m=0.0 if motion is None else motion.spread_m,
         follower=state.follower,
         step_s=step_s,
-        utc_s=given.utc_s,
-        return_task=lambda chosen: _return_task(settings, given, chosen),
+        utc_s=inputs.utc_s,
+        return_task=lambda chosen: _return_task(settings, inputs, chosen),
     )
     output = mission.update(state.mission, mission_input)
     progress, home = output.progress, None
     if output.home is not None:
-        altitude_m = 0.0 if given.home is None else given.home.altitude_m
+        altitude_m = 0.0 if inputs.home is None else inputs.home.altitude_m
         home = Home(output.home.latitude_rad, output.home.longitude_rad, altitude_m)
     fence_enabled = state.fence_enabled if output.fence_enabled is None else output.fence_enabled
     state = replace(state, mission=progress, reached=output.reached, fence_enabled=fence_enabled)
     task = progress.pause_task if progress.paused else progress.task
-    if task is not None:  # None where it is not known yet where to stay: what was wanted last stands
-        state = _carry_out(settings, state, task, given, step_s)
+    if task is not None:  # None while no position is known: the last target stays in force
+        state = _follow_task(settings, state, task, inputs, step_s)
     return GuidanceOutput(state, home)
 
 
 def fence_margin_m(state: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:
-    """Return the margin of a fence that is heeded and known."""
+    """Return the margin of the fence, None if it is disabled or not computed yet."""
     known = state.fence.identity == plans.fence.identity and state.fence.place is not None
     return state.fence.margin_m if enabled and plans.fence.items and known else None

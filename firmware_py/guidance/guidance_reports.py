@@ -1,4 +1,4 @@
-"""What is told of guidance: events to the operator, and where it takes the boat to the log and the link."""
+"""Reports of guidance: events to the operator, and records for the log and the link."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Activity, MissionReport, Navigation
 from firmware_py.guidance import loiter_placement, mission_progress
 from firmware_py.guidance.guidance import GuidanceState, fence_margin_m
+from firmware_py.guidance.loiter_placement import LoiterPlacement
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import GoTo, Orbit, TaskSettings
@@ -15,21 +16,21 @@ from firmware_py.modes import ModeState
 
 
 def fence_events(before: GuidanceState, after: GuidanceState, plans: Plans) -> tuple[Event, ...]:
-    """Return what is told when a command or an item of the mission has the fence heeded or not."""
+    """Return the events when a command or a mission item enables or disables the fence."""
     if after.fence_enabled is None or after.fence_enabled is before.fence_enabled:
         return ()
     if after.fence_enabled and not plans.fence.items:
-        return (Event(Severity.WARNING, "No fence to heed: send one"),)
-    return (Event(Severity.NOTICE, "Fence heeded" if after.fence_enabled else "Fence not heeded"),)
+        return (Event(Severity.WARNING, "Fence enabled, but none is loaded: send one"),)
+    return (Event(Severity.NOTICE, "Fence enabled" if after.fence_enabled else "Fence disabled"),)
 
 
 def mission_events(before: MissionProgress, after: MissionProgress, first: int) -> tuple[Event, ...]:
-    """Return what is told of the mission after a tick, the requests of which may have changed it, too.
+    """Return the events of the mission after a tick and its requests.
 
-    `first` is the number of the first item as the operator counts (plan.homes).
+    `first` is the number of the first item as the operator counts (plan.first_item_number).
     """
     if after.complete and not before.complete:
-        # That it cannot be sailed is a fault of its own.
+        # An unusable mission is reported by its own fault.
         return () if after.unusable else (Event(Severity.NOTICE, "Mission complete: keeping station"),)
     events: list[Event] = []
     if after.waiting and not before.waiting:
@@ -37,57 +38,58 @@ def mission_events(before: MissionProgress, after: MissionProgress, first: int) 
     if after.paused and not before.paused:
         events.append(Event(Severity.NOTICE, "Mission paused: keeping station"))
     if mission_progress.is_halted(before) and not mission_progress.is_halted(after):
-        events.append(Event(Severity.NOTICE, "Mission goes on"))
+        events.append(Event(Severity.NOTICE, "Mission resumed"))
     if after.begun and not after.waiting and (after.index != before.index or not before.begun):
         events.append(Event(Severity.INFO, f"Mission: item {first + after.index}"))
     return tuple(events)
 
 
 def dead_reckoning_events(before: TaskFollowerState, after: TaskFollowerState, *, begins: bool) -> tuple[Event, ...]:
-    """Return what is told when a lost position is reckoned on, and where she waits for a fix."""
-    events = [Event(Severity.NOTICE, "Goes on by reckoning from the last fix")] if begins else []
+    """Return the events when dead reckoning begins, and when the boat waits for a fix."""
+    events = [Event(Severity.NOTICE, "GPS lost: dead reckoning")] if begins else []
     if after.halt is not None and after.halt != before.halt:
-        there = isinstance(after.task, GoTo) and after.task.place == after.halt
+        at_destination = isinstance(after.task, GoTo) and after.task.place == after.halt
         text = (
-            "Reckoned to be there: waits for a fix to say so"
-            if there
-            else "Reckoned too coarsely: waits here for a fix"
+            "Probably at the waypoint (no GPS); waiting for a fix"
+            if at_destination
+            else "Position too uncertain; holding here until GPS returns"
         )
         events.append(Event(Severity.WARNING, text))
     return tuple(events)
 
 
 def circle_events(settings: TaskSettings, before: GuidanceState, after: GuidanceState) -> tuple[Event, ...]:
-    """Return what is told of a circle that is not what was asked for: as she begins to keep it, and as it is moved."""
+    """Return the events when a circle differs from the requested one, or is too small."""
     events: list[Event] = []
     radius_m, min_radius_m = after.status.radius_m or 0.0, loiter_placement.min_radius_m(settings)
-    began = (after.status.activity, radius_m) != (before.status.activity, before.status.radius_m)
-    if after.status.activity is Activity.STATION and began and radius_m < min_radius_m:
-        text = f"Watch circle of {radius_m:.0f} m: in a current she holds no less than {min_radius_m:.0f} m"
+    has_changed = (after.status.activity, radius_m) != (before.status.activity, before.status.radius_m)
+    if after.status.activity is Activity.STATION and has_changed and radius_m < min_radius_m:
+        text = f"Loiter radius {radius_m:.0f} m: below {min_radius_m:.0f} m the boat may drift out"
         events.append(Event(Severity.NOTICE, text))
     task = after.task
     if isinstance(task, Orbit) and task != before.task and radius_m > task.radius_m:
-        text = f"Circle of {task.radius_m:.0f} m: too tight, she goes round at {radius_m:.0f} m"
+        text = f"Circle radius {task.radius_m:.0f} m too small: circling at {radius_m:.0f} m"
         events.append(Event(Severity.NOTICE, text))
-    found, known = after.follower.loiter_placement, before.follower.loiter_placement
-    if found is not None and found.found and found is not known:
-        events += _placement_events(settings, found)
+    placement = after.follower.loiter_placement
+    if placement is not None and placement.is_final and placement is not before.follower.loiter_placement:
+        events += _placement_events(settings, placement)
     return tuple(events)
 
 
-def _placement_events(settings: TaskSettings, found: loiter_placement.LoiterPlacement) -> list[Event]:
-    moved_m, _ = found.task.centre.distance_and_bearing(found.circle.centre)
+def _placement_events(settings: TaskSettings, placement: LoiterPlacement) -> list[Event]:
+    task, circle = placement.task, placement.circle
     events: list[Event] = []
-    if found.circle != found.task:
-        text = f"Fence is near: watch circle of {found.circle.radius_m:.0f} m, moved {moved_m:.0f} m inward"
+    if circle != task:
+        moved_m, _ = task.centre.distance_and_bearing(circle.centre)
+        text = f"Fence near: loiter radius {circle.radius_m:.0f} m, moved {moved_m:.0f} m inward"
         events.append(Event(Severity.NOTICE, text))
-    if found.margin_m < found.circle.radius_m + loiter_placement.overshoot_m(settings):
-        events.append(Event(Severity.WARNING, "Fence leaves no room for her watch circle: she may swing over it"))
+    if placement.margin_m < circle.radius_m + loiter_placement.overshoot_m(settings):
+        events.append(Event(Severity.WARNING, "Fence too close to the loiter circle: breach possible"))
     return events
 
 
 def report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Navigation:
-    """Return where guidance takes the boat, for the log and the link."""
+    """Return the navigation record for the log and the link."""
     status = state.status
     return Navigation(
         activity=status.activity,
@@ -102,7 +104,7 @@ def report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Naviga
 
 
 def mission_report(state: GuidanceState, plans: Plans, modes: ModeState, first: int) -> MissionReport:
-    """Return the mission as the operator follows it, who counts its items from `first` (plan.homes)."""
+    """Return the mission record; the operator counts items from `first` (plan.first_item_number)."""
     count = len(plans.mission.items)
     progress = mission_progress.for_plan(state.mission, plans.mission.identity)
     return MissionReport(

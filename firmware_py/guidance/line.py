@@ -1,9 +1,8 @@
-"""Following a line by integral line of sight, and knowing when its end is reached.
+"""Line following by integral line of sight, and detection of arrival.
 
-The course over ground is that of the line, turned towards a point on it that lies the
-look-ahead further on; a slow integral takes up what the estimated current leaves over
-(Lekkas and Fossen, IEEE Trans. Control Syst. Technol. 22(6), 2014; Caharija et al. 2016).
-The current itself is met by the crab angle, where the course becomes a heading.
+The course over ground points at the line, one look-ahead distance further on. A slow integral removes the error that
+the estimated current leaves (Lekkas and Fossen, IEEE Trans. Control Syst. Technol. 22(6), 2014; Caharija et al. 2016).
+The current itself is compensated by the crab angle when the course is converted to a heading.
 """
 
 from __future__ import annotations
@@ -16,20 +15,20 @@ from firmware_py.common.angles import clamp, wrap_two_pi
 from firmware_py.common.geodesy import Place, Track, track
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
-LONGEST_LOOK_M = 500.0
-# The integral works with this part of the speed (sigma in the literature), critically damped at four times it.
-INTEGRAL_PART = 0.1
-INTEGRAL_ZONE = 0.3  # of the look-ahead, to either side of the line
-LARGEST_PULL = 0.5  # of the look-ahead: what the integral may pull sideways
-# A place passed this many turning radii off counts as reached: turning again would bring the boat no closer.
-PASSED_RADII = 2.0
+MAX_LOOK_AHEAD_M = 500.0
+# Integral gain as a fraction of the speed (sigma in the literature); critical damping needs four times it.
+INTEGRAL_SPEED_FRACTION = 0.1
+INTEGRAL_ZONE = 0.3  # cross-track error below which the integral is active, in look-ahead distances
+MAX_INTEGRAL_OFFSET = 0.5  # in look-ahead distances
+# A waypoint that is passed within this many turning radii is reached: another turn would not come closer.
+PASSING_RADII = 2.0
 RECEDING_M = 5.0
-MOST_TRIES = 3
-FARTHEST_PASSED_M = 1000.0
+MAX_TRIES = 3
+MAX_PASSED_DISTANCE_M = 1000.0
 
 
 class LineState(msgspec.Struct, frozen=True):
-    """Where the line begins, the integral of line of sight, and how the approach of its end goes."""
+    """Start of the line, integral of the line of sight, and progress of the approach to its end."""
 
     start: Place
     integral_s: float = 0.0
@@ -38,7 +37,7 @@ class LineState(msgspec.Struct, frozen=True):
 
 
 class LineStatus(msgspec.Struct, frozen=True):
-    """The course over ground to steer, how far off the line the boat is (None: too short for one), and its arrival."""
+    """Course over ground to steer, cross-track error (None: the line is too short), and arrival."""
 
     course_rad: float
     cross_track_m: float | None
@@ -48,7 +47,7 @@ class LineStatus(msgspec.Struct, frozen=True):
 def update(
     settings: TaskSettings, state: LineState, task: GoTo, motion: VesselMotion, step_s: float
 ) -> tuple[LineState, LineStatus]:
-    """Follow the line for step_s and judge whether its end is reached."""
+    """Follow the line for step_s and decide whether its end is reached."""
     on_line = track(state.start, task.place, motion.place)
     state, course_rad = _follow(settings, state, task, motion, on_line, step_s)
     state, arrived = _approach(settings, state, task, motion, on_line)
@@ -63,35 +62,34 @@ def _follow(
         _, bearing_rad = motion.place.distance_and_bearing(task.place)
         return state, bearing_rad
     look_m = look_ahead_m(settings, motion)
-    pull_m_s = INTEGRAL_PART * motion.speed_m_s
-    aim_m = on_line.cross_track_m + pull_m_s * state.integral_s
+    integral_m_s = INTEGRAL_SPEED_FRACTION * motion.speed_m_s
+    aim_m = on_line.cross_track_m + integral_m_s * state.integral_s
     integral_s = state.integral_s
     if abs(on_line.cross_track_m) <= INTEGRAL_ZONE * look_m:
-        # Further off the way back onto the line is no error to be learned.
+        # Farther off, the error is the way back to the line, not an effect of the current.
         integral_s += step_s * look_m * on_line.cross_track_m / (look_m * look_m + aim_m * aim_m)
-    bound_s = LARGEST_PULL * look_m / max(pull_m_s, 1e-3)
+    bound_s = MAX_INTEGRAL_OFFSET * look_m / max(integral_m_s, 1e-3)
     integral_s = clamp(integral_s, -bound_s, bound_s)
     course_rad = wrap_two_pi(on_line.course_rad - math.atan2(aim_m, look_m))
     return LineState(state.start, integral_s, state.closest_m, state.tries), course_rad
 
 
 def look_ahead_m(settings: TaskSettings, motion: VesselMotion) -> float:
-    """Return the look-ahead, from two turning radii up."""
+    """Return the look-ahead distance, at least two turning radii."""
     shortest_m = 2.0 * settings.turning_radius_m
-    return clamp(settings.look_ahead_s * motion.speed_m_s, shortest_m, max(shortest_m, LONGEST_LOOK_M))
+    return clamp(settings.look_ahead_s * motion.speed_m_s, shortest_m, max(shortest_m, MAX_LOOK_AHEAD_M))
 
 
 def _approach(
     settings: TaskSettings, state: LineState, task: GoTo, motion: VesselMotion, on_line: Track | None
 ) -> tuple[LineState, bool]:
-    """Judge whether the end of the line is reached.
+    """Decide whether the end of the line is reached.
 
-    It is within its radius; or when the boat passes abeam of it, or moves away from it again, no
-    further off than it could come by turning; a boat that has only begun to turn for it moves away, too, and has
-    not come near yet, and one that points at it and moves away is set back by the current and has not passed it.
-    Passed further off, the boat sails for it anew from where it is, a few times: then passing is enough, so that no
-    place holds it for ever. Where a stronger current sweeps her past there is nothing to be counted; nor is there
-    while the place is reckoned, and less certain than the radius.
+    It is reached within its radius, or when the boat passes it or moves away from it at a distance that another turn
+    would not reduce. Two cases do not count as moving away: the turn towards the waypoint at the start, and a boat that
+    heads for it and is set back by the current. If the waypoint is passed farther off, the boat tries again from its
+    position, up to MAX_TRIES times; then passing it is enough. Passes in a current that is too strong, or while the
+    position error exceeds the radius, are not counted.
     """
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
     passed = on_line is not None and on_line.remaining_m <= 0.0
@@ -110,22 +108,22 @@ def _approach(
     if receding or (passed and distance_m <= reach_m):
         return state, True
     if passed and motion.too_strong:
-        return LineState(motion.place, 0.0, math.inf, state.tries), False  # swept past; its turning brings her back
+        return LineState(motion.place, 0.0, math.inf, state.tries), False  # the turn of the tide brings it back
     if passed:
-        if state.tries >= MOST_TRIES and distance_m <= FARTHEST_PASSED_M:
+        if state.tries >= MAX_TRIES and distance_m <= MAX_PASSED_DISTANCE_M:
             return state, True
-        return LineState(motion.place, 0.0, math.inf, min(state.tries + 1, MOST_TRIES)), False
+        return LineState(motion.place, 0.0, math.inf, min(state.tries + 1, MAX_TRIES)), False
     return LineState(state.start, state.integral_s, closest_m, state.tries), False
 
 
 def _closes(motion: VesselMotion, bearing_rad: float) -> bool:
-    """Return whether the boat's way over ground leads nearer to what lies on that bearing."""
+    """Return whether the velocity over ground has a component towards that bearing."""
     north_m_s = motion.speed_m_s * math.cos(motion.way_rad) + motion.current_north_m_s
     east_m_s = motion.speed_m_s * math.sin(motion.way_rad) + motion.current_east_m_s
     return north_m_s * math.cos(bearing_rad) + east_m_s * math.sin(bearing_rad) > 0.0
 
 
 def _passable_m(settings: TaskSettings, motion: VesselMotion) -> float:
-    """Return how near a boat comes at worst that turns for a place: the turning circle, drawn out by the current."""
+    """Return the largest distance at which a turn cannot come closer: the turning circle, stretched by the current."""
     drift = math.hypot(motion.current_north_m_s, motion.current_east_m_s) / max(motion.speed_m_s, 0.05)
-    return PASSED_RADII * settings.turning_radius_m * (1.0 + min(drift, 1.0))
+    return PASSING_RADII * settings.turning_radius_m * (1.0 + min(drift, 1.0))

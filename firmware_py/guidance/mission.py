@@ -1,6 +1,6 @@
-"""Sails a mission: which item is under way, what task it gives, and when it is done.
+"""Mission execution: the current item, its task, and when it is done.
 
-A mission ends in keeping station, never in drifting.
+A mission ends with station keeping, never with drifting.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from firmware_py.plans.items import Command
 
 __all__ = ["MissionInput", "MissionOutput", "update"]
 
-ITEMS_PER_STEP: Final = 16  # that may be done with at once; the rest in the next step
-IDLE_ITEMS: Final = 100  # done with at once, beyond those there are: then the jumps lead nowhere
+MAX_ITEMS_PER_STEP: Final = 16  # items that take no time; the rest follows in the next step
+MAX_IDLE_ITEMS: Final = 100  # consecutive items without duration, beyond the length of the mission: an endless loop
 
 
 class MissionOutput(msgspec.Struct, frozen=True):
-    """The mission after a step, and the items that were reached; `home` and `fence_enabled` where an item sets them."""
+    """Progress after a step, the items reached in it, and `home` and `fence_enabled` if an item sets them."""
 
     progress: MissionProgress
     reached: tuple[int, ...] = ()
@@ -32,54 +32,54 @@ class MissionOutput(msgspec.Struct, frozen=True):
     fence_enabled: bool | None = None
 
 
-def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
-    """Go through the items that are done with; `progress.task` is then what the boat is to do.
+def update(progress: MissionProgress, inputs: MissionInput) -> MissionOutput:
+    """Advance over the items that are done; `progress.task` is then the task of the boat.
 
-    Without a position it goes on as far as nothing asks where the boat is.
+    Without a position the mission advances until an item needs one.
     """
     if progress.paused:
-        centre = given.place if progress.pause_task is None else progress.pause_task.centre
-        pause_task = None if centre is None else HoldStation(centre, given.settings.station_radius_m)
+        centre = inputs.place if progress.pause_task is None else progress.pause_task.centre
+        pause_task = None if centre is None else HoldStation(centre, inputs.settings.station_radius_m)
         return MissionOutput(replace(progress, pause_task=pause_task))
     reached: list[int] = []
     home: Place | None = None
     fence_enabled: bool | None = None
-    for _ in range(ITEMS_PER_STEP):
+    for _ in range(MAX_ITEMS_PER_STEP):
         if progress.complete or progress.waiting:
             break
-        if progress.index >= len(given.steps) or _leads_nowhere(progress, given):
-            progress = _end(progress, given)
+        if progress.index >= len(inputs.steps) or _is_endless(progress, inputs):
+            progress = _end(progress, inputs)
             break
-        step = given.steps[progress.index]
+        step = inputs.steps[progress.index]
         row = TABLE.get(step.command)
-        if not progress.begun or (row is not None and row.chosen_anew):
-            home_here = step.place or (given.place if given.spread_m == 0.0 else None)  # reckoned is not good enough
-            begun = _begin(progress, step, given)
-            if begun is None or (step.command is Command.SET_HOME and home_here is None):
+        if not progress.begun or (row is not None and row.restarts_each_step):
+            new_home = step.place or (inputs.place if inputs.spread_m == 0.0 else None)  # only with a fix
+            begun = _begin(progress, step, inputs)
+            if begun is None or (step.command is Command.SET_HOME and new_home is None):
                 break
             progress = begun
             if step.command is Command.SET_HOME:
-                home = home_here
+                home = new_home
             elif step.command is Command.FENCE_ENABLE:
                 fence_enabled = step.enabled
-        progress = _run_time(progress, step, given)
-        if not _is_done(progress, step, given):
+        progress = _run_time(progress, step, inputs)
+        if not _is_done(progress, step, inputs):
             progress = replace(progress, idle_items=0)
             break
         reached.append(progress.index)
         progress = after_item(progress, step) if step.autocontinue else replace(progress, waiting=True)
     if progress.task is None:
-        # No item has given one yet: the boat stays, and does not drift.
-        progress = replace(progress, task=station_task(progress, given))
+        # No item has set a task yet: keep station.
+        progress = replace(progress, task=station_task(progress, inputs))
     return MissionOutput(progress, tuple(reached), home, fence_enabled)
 
 
-def _begin(progress: MissionProgress, step: MissionStep, given: MissionInput) -> MissionProgress | None:
-    """Give the item's task; an item without one leaves the boat doing what it does; None: it cannot begin yet."""
+def _begin(progress: MissionProgress, step: MissionStep, inputs: MissionInput) -> MissionProgress | None:
+    """Return the progress with the task of the item, unchanged if it has none; None if it cannot begin yet."""
     row = TABLE.get(step.command)
     if row is None:
         return replace(progress, begun=True)
-    beginning = row.begin(progress, step, given)
+    beginning = row.begin(progress, step, inputs)
     if beginning is None:
         return None
     task, line_start = beginning
@@ -87,38 +87,38 @@ def _begin(progress: MissionProgress, step: MissionStep, given: MissionInput) ->
     return replace(progress, begun=True, task=task, line_start=line_start, orbits=orbits)
 
 
-def _run_time(progress: MissionProgress, step: MissionStep, given: MissionInput) -> MissionProgress:
-    """Let the item's time run; that from an arrival stands still while it is not known whether the boat is there."""
+def _run_time(progress: MissionProgress, step: MissionStep, inputs: MissionInput) -> MissionProgress:
+    """Advance the timer of the item; one that starts at the arrival stops while the arrival is uncertain."""
     row = TABLE.get(step.command)
-    if row is None or not (row.timed_from_beginning or (_is_there(progress, given) and has_arrived(progress, given))):
+    if row is None or not (row.timed_from_beginning or (_is_there(progress, inputs) and has_arrived(progress, inputs))):
         return progress
-    progress = replace(progress, elapsed_s=progress.elapsed_s + given.step_s)
-    if step.time_of_day_s is None or given.utc_s is None:
+    progress = replace(progress, elapsed_s=progress.elapsed_s + inputs.step_s)
+    if step.time_of_day_s is None or inputs.utc_s is None:
         return progress
-    return replace(progress, until_utc_s=moment_of(step.time_of_day_s, given.utc_s, progress))
+    return replace(progress, until_utc_s=moment_of(step.time_of_day_s, inputs.utc_s, progress))
 
 
-def _is_there(progress: MissionProgress, given: MissionInput) -> bool:
+def _is_there(progress: MissionProgress, inputs: MissionInput) -> bool:
     task = progress.task
-    return given.place is not None and (not isinstance(task, GoTo) or given.spread_m <= task.station_radius_m)
+    return inputs.place is not None and (not isinstance(task, GoTo) or inputs.spread_m <= task.station_radius_m)
 
 
-def _is_done(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:
+def _is_done(progress: MissionProgress, step: MissionStep, inputs: MissionInput) -> bool:
     row = TABLE.get(step.command)
-    return row is None or row.is_done(progress, step, given)
+    return row is None or row.is_done(progress, step, inputs)
 
 
-def _leads_nowhere(progress: MissionProgress, given: MissionInput) -> bool:
-    return progress.idle_items > len(given.steps) + IDLE_ITEMS
+def _is_endless(progress: MissionProgress, inputs: MissionInput) -> bool:
+    return progress.idle_items > len(inputs.steps) + MAX_IDLE_ITEMS
 
 
-def _end(progress: MissionProgress, given: MissionInput) -> MissionProgress:
-    """End the mission where it led; one that leads nowhere is unusable."""
-    task = station_task(progress, given)
+def _end(progress: MissionProgress, inputs: MissionInput) -> MissionProgress:
+    """Return the completed mission at its last place; one with an endless loop is unusable."""
+    task = station_task(progress, inputs)
     if task is None:
-        return progress  # without a position what was wanted last stands
-    last = max(0, len(given.steps) - 1)
-    unusable = not given.steps or _leads_nowhere(progress, given)
+        return progress  # no position: the last target stays in force
+    last = max(0, len(inputs.steps) - 1)
+    unusable = not inputs.steps or _is_endless(progress, inputs)
     return replace(
         progress,
         index=min(progress.index, last),

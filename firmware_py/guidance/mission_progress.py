@@ -1,4 +1,4 @@
-"""How far a mission is: all of it that must outlive a restart of the autopilot, with no moment but in UTC."""
+"""Progress of a mission. It survives a restart of the autopilot, so all times in it are UTC or durations."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from firmware_py.plans.items import Command
 
 
 class MissionProgress(msgspec.Struct, frozen=True):
-    """How far the mission with checksum `identity` is; `index` counts from 0.
+    """Progress of the mission with checksum `identity`; `index` counts from 0.
 
-    `begun`: the item at index has its task. `elapsed_s` runs from the item's beginning, or
-    from the arrival where it counts from there; `until_utc_s` is the time of day that it waits
-    for. `idle_items` counts the items done with since one last took time: many more than there are
-    means a mission that leads nowhere.
+    `begun`: the item at `index` has its task. `elapsed_s` counts from the beginning of the item or from the arrival,
+    by command. `until_utc_s` is the time that it waits for. `idle_items` counts consecutive items without duration, to
+    detect an endless loop.
     """
 
     identity: int = 0
@@ -40,17 +39,17 @@ class MissionProgress(msgspec.Struct, frozen=True):
 
 
 def for_plan(progress: MissionProgress, identity: int) -> MissionProgress:
-    """Return the progress for the mission in force: a new mission begins at its first item."""
+    """Return the progress for the loaded mission: a new mission begins at its first item."""
     if progress.identity == identity:
         return progress
     return MissionProgress(identity=identity, paused=progress.paused, pause_task=progress.pause_task)
 
 
 def enter(progress: MissionProgress) -> MissionProgress:
-    """Return the progress at the beginning of AUTO: on with the present item, anew after a complete mission.
+    """Return the progress on entering AUTO: the present item continues, a complete mission restarts.
 
-    A mission that is halted stays so, because a restart, an arming or the end of a failsafe may lead here; that an
-    operator asks for AUTO is another thing (`go_on`).
+    A halted mission stays halted, because a restart, arming or the end of a failsafe may enter AUTO. When an operator
+    selects AUTO, `resume_mission` is called.
     """
     if progress.complete or progress.unusable:
         progress = MissionProgress(identity=progress.identity)
@@ -59,7 +58,7 @@ def enter(progress: MissionProgress) -> MissionProgress:
 
 
 def at_item(progress: MissionProgress, index: int, *, restart: bool) -> MissionProgress:
-    """Return the progress with another item under way."""
+    """Return the progress at another item."""
     return replace(
         progress,
         index=index,
@@ -76,7 +75,7 @@ def at_item(progress: MissionProgress, index: int, *, restart: bool) -> MissionP
 
 
 def after_item(progress: MissionProgress, step: MissionStep) -> MissionProgress:
-    """Return the progress at the item that follows one that is done: the next one, or where a jump leads."""
+    """Return the progress at the following item: the next one, or the target of a jump."""
     index, jumps, idle_items = progress.index + 1, progress.jumps, progress.idle_items + 1
     if step.command is Command.JUMP:
         made = dict(jumps).get(progress.index, 0)
@@ -84,7 +83,7 @@ def after_item(progress: MissionProgress, step: MissionStep) -> MissionProgress:
             jumps = (*(pair for pair in jumps if pair[0] != progress.index), (progress.index, made + 1))
             index = step.target
             if step.times >= 0:
-                idle_items = 0  # a time less: whatever it goes round over, it comes to an end
+                idle_items = 0  # a limited jump: the loop ends
     return replace(
         progress,
         index=index,
@@ -98,12 +97,12 @@ def after_item(progress: MissionProgress, step: MissionStep) -> MissionProgress:
 
 
 def pause(progress: MissionProgress) -> MissionProgress:
-    """Return the progress halted."""
+    """Return the paused progress."""
     return replace(progress, paused=True, pause_task=None)
 
 
-def go_on(progress: MissionProgress, steps: tuple[MissionStep, ...]) -> MissionProgress:
-    """Return the progress going on, also from an item without autocontinue that is done; the same if nothing halts."""
+def resume_mission(progress: MissionProgress, steps: tuple[MissionStep, ...]) -> MissionProgress:
+    """Return the resumed progress, also after an item without autocontinue; unchanged if it is not halted."""
     if not is_halted(progress):
         return progress
     if progress.waiting and progress.index < len(steps):
@@ -112,7 +111,7 @@ def go_on(progress: MissionProgress, steps: tuple[MissionStep, ...]) -> MissionP
 
 
 def is_halted(progress: MissionProgress) -> bool:
-    """Return whether the mission waits to be told to go on: by a request, or after an item without autocontinue."""
+    """Return whether the mission is paused by a request or after an item without autocontinue."""
     return progress.paused or progress.waiting
 
 

@@ -1,30 +1,29 @@
-"""Mission items in the units of the boat: the one place where MAVLink's numbers are converted.
+"""Conversion of MAVLink mission items to SI units.
 
-What an item means for a boat that cannot stop:
+Meaning of the items for a boat that cannot stop:
 
 | item | the boat |
 | --- | --- |
-| NAV_WAYPOINT | sails the line from the last place to it; with a hold time (param1) keeps station there so long |
-| NAV_LOITER_UNLIM | goes there and keeps station until another item is asked for (param3: radius) |
+| NAV_WAYPOINT | follows the line from the last waypoint; with a hold time (param1) keeps station there for that time |
+| NAV_LOITER_UNLIM | goes there and keeps station until another item is set (param3: radius) |
 | NAV_LOITER_TIME | goes there and keeps station for param1 seconds from the arrival (param3: radius) |
-| NAV_LOITER_TURNS | goes round it param1 times (param3: radius, negative: anticlockwise) |
-| NAV_RETURN_TO_LAUNCH | goes home or to the best rally point; where home is set meanwhile, to that |
-| NAV_DELAY | goes on with what it does for param1 seconds, or until a time of day (UTC): with a heading after a heading item, otherwise keeping station |
+| NAV_LOITER_TURNS | circles the place param1 times (param3: radius, negative: anticlockwise) |
+| NAV_RETURN_TO_LAUNCH | goes home or to the best rally point; to a new home if it is changed |
+| NAV_DELAY | continues for param1 seconds, or until a time of day (UTC): on a heading after a heading item, otherwise keeping station |
 | CONDITION_DELAY | as NAV_DELAY for param1 seconds; the items after it wait |
-| CONDITION_DISTANCE | sails to the place of the next waypoint or loiter item; the items before that one wait until it is within param1 metres |
-| CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; the item ends when it is within 5 deg of that, or after 10 min. A NAV_DELAY after it holds that heading; the speed is the sea's |
-| DO_JUMP | goes on with item param1 (an index here, the link's is one more), param2 times, -1: always |
-| DO_JUMP_TAG | goes on with the first JUMP_TAG of tag param1, param2 times, -1: always |
-| DO_FENCE_ENABLE | heeds the fence from now on (param1 = 1) or not (0), whatever mode follows |
-| DO_CHANGE_SPEED | nothing: a speed for planning |
-| DO_SET_HOME | sets home, to where it is (param1 = 1) or to the place |
+| CONDITION_DISTANCE | goes to the next waypoint or loiter item; the items before that one wait until it is within param1 metres |
+| CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; ends within 5 deg of it, or after 10 min. A following NAV_DELAY holds that heading; the speed is ignored |
+| DO_JUMP | continues with item param1 (an index here, one more on the link), param2 times, -1: always |
+| DO_JUMP_TAG | continues with the first JUMP_TAG of tag param1, param2 times, -1: always |
+| DO_FENCE_ENABLE | enables (param1 = 1) or disables (0) the fence, in all modes |
+| DO_CHANGE_SPEED | no effect: a speed for planning |
+| DO_SET_HOME | sets home to the present position (param1 = 1) or to the given place |
 
-Relative angles count from the heading that the boat has when the item begins. An item without autocontinue halts the
-mission when it is done: the boat goes on with what she does there, and the mission is paused until it is told to go on
-(DO_PAUSE_CONTINUE, MISSION_START or AUTO asked for again, another item set). Headings and delays on a heading need no
-position; what does waits for one.
+Relative angles count from the heading at the beginning of the item. An item without autocontinue pauses the mission
+when it is done: its task continues until DO_PAUSE_CONTINUE, MISSION_START, AUTO or another item is commanded. Headings
+and delays on a heading need no position; other items wait for one.
 
-Without a place (0, 0) a waypoint or loiter item means where the boat is.
+A waypoint or loiter item at (0, 0) means the present position.
 """  # noqa: E501 - a table
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from msgspec.structs import replace
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, number, place_of
-from firmware_py.plans.items import FARTHEST_M, LONGEST_S, MOST_TURNS, Command
+from firmware_py.plans.items import MAX_DISTANCE_M, MAX_DURATION_S, MAX_TURNS, Command
 from firmware_py.plans.sequence import next_places, tags_of
 
 LARGEST_RADIUS_M = 100_000.0
@@ -47,11 +46,11 @@ SECONDS_PER_DAY = 86_400
 
 
 class MissionStep(msgspec.Struct, frozen=True):
-    """One item in the units of the boat; what an item does not have stands at its default."""
+    """A mission item in SI units; fields that a command does not use keep their defaults."""
 
-    command: Command | None  # None: an item that is passed over
+    command: Command | None  # None: the item is skipped
     place: Place | None = None
-    radius_m: float | None = None  # None: the parameter's
+    radius_m: float | None = None  # None: the parameter applies
     seconds: float = 0.0
     time_of_day_s: float | None = None
     turns: float = 0.0
@@ -67,7 +66,7 @@ class MissionStep(msgspec.Struct, frozen=True):
 
 @functools.lru_cache(maxsize=4)
 def steps_of(mission: Plan) -> tuple[MissionStep, ...]:
-    """Convert a mission, once; what refers to another item is resolved."""
+    """Convert a mission and resolve references between items; cached."""
     items, tags = mission.items, tags_of(mission.items)
     return tuple(_resolved(items, tags, *pair) for pair in zip(items, next_places(items), strict=True))
 
@@ -82,7 +81,7 @@ def _resolved(items: Sequence[PlanItem], tags: Mapping[int, int], item: PlanItem
 
 
 def step_of(item: PlanItem) -> MissionStep:
-    """Convert an item; whatever numbers it holds, those of the step are finite and in range."""
+    """Convert an item; all numbers of the step are finite and in range, whatever the item holds."""
     reader = _READERS.get(item.command)
     if reader is None:
         return MissionStep(None, autocontinue=item.autocontinue)
@@ -99,7 +98,7 @@ def _waypoint(item: PlanItem) -> MissionStep:
         Command.WAYPOINT,
         place_of(item),
         _radius(radius),
-        number(hold, 0.0, LONGEST_S),
+        number(hold, 0.0, MAX_DURATION_S),
         autocontinue=item.autocontinue,
     )
 
@@ -110,8 +109,8 @@ def _loiter(item: PlanItem) -> MissionStep:
         Command(item.command),
         place_of(item),
         _radius(radius),
-        number(amount, 0.0, LONGEST_S),
-        turns=number(amount, 0.0, MOST_TURNS),
+        number(amount, 0.0, MAX_DURATION_S),
+        turns=number(amount, 0.0, MAX_TURNS),
         clockwise=not radius < 0.0,
         autocontinue=item.autocontinue,
     )
@@ -125,7 +124,7 @@ def _delay(item: PlanItem) -> MissionStep:
         time_of_day_s = clock_s % SECONDS_PER_DAY
     return MissionStep(
         Command.DELAY,
-        seconds=number(seconds, 0.0, LONGEST_S),
+        seconds=number(seconds, 0.0, MAX_DURATION_S),
         time_of_day_s=time_of_day_s,
         autocontinue=item.autocontinue,
     )
@@ -166,12 +165,12 @@ def _jump_to_tag(item: PlanItem) -> MissionStep:
 
 
 def _distance(item: PlanItem) -> MissionStep:
-    distance_m = number(item.params[0], 0.0, FARTHEST_M)
+    distance_m = number(item.params[0], 0.0, MAX_DISTANCE_M)
     return MissionStep(Command.CONDITION_DISTANCE, distance_m=distance_m, autocontinue=item.autocontinue)
 
 
 def _condition_delay(item: PlanItem) -> MissionStep:
-    seconds = number(item.params[0], 0.0, LONGEST_S)
+    seconds = number(item.params[0], 0.0, MAX_DURATION_S)
     return MissionStep(Command.CONDITION_DELAY, seconds=seconds, autocontinue=item.autocontinue)
 
 

@@ -1,4 +1,4 @@
-"""Going round a place: a field of courses that leads onto the circle, and the angle gone round."""
+"""Circling a place: a vector field that leads onto the circle, and the angle travelled."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import msgspec
 from firmware_py.common.angles import wrap_pi, wrap_two_pi
 from firmware_py.guidance.tasks import Orbit, TaskSettings, VesselMotion
 
-LEAD_S = 8.0  # the boat lags behind a course that turns all the time
-SMALLEST_RADII = 1.5  # of the turning circle: what the boat can go round at all, with some rudder to spare
-NEAR_PART = 0.5  # of the radius: as near the circle the angle counts
+LEAD_S = 8.0  # compensates the lag behind a course that turns steadily
+MIN_ORBIT_RADII = 1.5  # turning radii; leaves some rudder in reserve
+ON_CIRCLE_FRACTION = 0.5  # of the radius: maximum distance from the circle at which the angle counts
 
 
 class OrbitState(msgspec.Struct, frozen=True):
-    """The bearing from the centre at the last step, and the angle gone round since."""
+    """Bearing from the centre at the last step, and the angle travelled since the start."""
 
     bearing_rad: float | None = None
     turned_rad: float = 0.0
 
 
 def radius_m(settings: TaskSettings, task: Orbit) -> float:
-    """Return the radius that is sailed: that of the task, or the smallest that the boat can make."""
-    return max(task.radius_m, SMALLEST_RADII * settings.turning_radius_m)
+    """Return the radius of the task, or the smallest that the boat can follow."""
+    return max(task.radius_m, MIN_ORBIT_RADII * settings.turning_radius_m)
 
 
 def update(settings: TaskSettings, state: OrbitState, task: Orbit, motion: VesselMotion) -> tuple[OrbitState, float]:
@@ -33,7 +33,7 @@ def update(settings: TaskSettings, state: OrbitState, task: Orbit, motion: Vesse
     side = 1.0 if task.clockwise else -1.0
     outside_m = distance_m - circle_m
     turned_rad = state.turned_rad
-    counts = motion.spread_m <= circle_m and abs(outside_m) <= NEAR_PART * circle_m
+    counts = motion.spread_m <= circle_m and abs(outside_m) <= ON_CIRCLE_FRACTION * circle_m
     if state.bearing_rad is not None and counts:
         turned_rad += side * wrap_pi(bearing_rad - state.bearing_rad)
     lead_rad = LEAD_S * motion.speed_m_s / circle_m

@@ -1,4 +1,4 @@
-"""Where RTL goes: home or the rally point that the boat reaches first in the present current."""
+"""Destination of RTL: home, or the rally point that the boat reaches first in the present current."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _rally_places(rally: Plan) -> tuple[Place, ...]:
 
 
 def places(home: Home | None, rally: Plan, *, with_home: bool) -> list[Place]:
-    """Return where RTL may go: home counts beside the rally points when `with_home`, and when there are none."""
+    """Return the possible destinations; home is one of them with `with_home`, or without rally points."""
     found = list(_rally_places(rally))
     if home is not None and (with_home or not found):
         found.append(Place(home.latitude_rad, home.longitude_rad))
@@ -30,7 +30,7 @@ def places(home: Home | None, rally: Plan, *, with_home: bool) -> list[Place]:
 
 
 def return_place(motion: VesselMotion, home: Home | None, rally: Plan, *, with_home: bool) -> Place | None:
-    """Return the place that the boat reaches first, the nearest when it reaches none, None when there is none."""
+    """Return the destination that the boat reaches first, the nearest if it can reach none, or None."""
     return min(places(home, rally, with_home=with_home), key=lambda place: _time_to(motion, place), default=None)
 
 
@@ -45,6 +45,6 @@ def _time_to(motion: VesselMotion, place: Place) -> tuple[bool, float]:
 def return_task(
     settings: TaskSettings, motion: VesselMotion, home: Home | None, rally: Plan, *, with_home: bool
 ) -> GoTo | None:
-    """Return the task that takes the boat there, None without a place to go to."""
+    """Return the task for RTL, None without a destination."""
     place = return_place(motion, home, rally, with_home=with_home)
     return None if place is None else GoTo(place, None, settings.acceptance_radius_m, settings.station_radius_m)

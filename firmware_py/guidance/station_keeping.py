@@ -1,9 +1,8 @@
-"""Keeping station in a watch circle: quiet legs inside, turned in time, straight back from outside.
+"""Station keeping in a loiter circle: straight legs inside, straight back from outside.
 
-The boat cannot stop, so inside it holds one heading after the other, each as long as it stays
-within the circle: that takes the fewest turns, and in a current it is the heading into
-it. Before a leg leads out, counting the way that the turn itself takes, the next
-heading is the one that promises the longest stay.
+The boat cannot stop. Inside the circle it holds each heading as long as it stays inside, which needs the fewest turns;
+in a current this is the heading against it. Before a leg leads out, including the distance of the turn, the next
+heading is the one that stays inside longest.
 """
 
 from __future__ import annotations
@@ -17,22 +16,22 @@ from firmware_py.guidance.tasks import HeadingTarget, HoldStation, TaskSettings,
 from firmware_py.model.crab import against_current, heading_for_course
 
 HEADINGS = 36
-MARGIN_PART, MARGIN_M, LARGEST_MARGIN = 0.1, 6.0, 0.25  # of the radius, at least, at most of the radius
-TURN_PART = 0.7  # of the rate that full rudder gives: the rudder is eased towards the end of a turn
-FORESIGHT_S = 10.0
-TURNED_RAD = 0.35  # as near to its heading the boat is on a leg, no longer turning to it
-LONGEST_STAY_S = 7200.0
-TURN_PRICE_S_RAD = 30.0  # seconds of stay that a radian of turning must bring
+MARGIN_FRACTION, MIN_MARGIN_M, MAX_MARGIN_FRACTION = 0.1, 6.0, 0.25  # of the radius
+TURN_RATE_FRACTION = 0.7  # of the rate at full rudder: the rudder decreases towards the end of a turn
+PREDICTION_S = 10.0
+ON_LEG_RAD = 0.35  # a larger heading error: the boat is still turning
+MAX_STAY_S = 7200.0
+TURN_COST_S_RAD = 30.0  # minimum gain of time inside per radian of turning
 
 
 class StationKeepingState(msgspec.Struct, frozen=True):
-    """The heading of the present leg; None on the way back from outside."""
+    """Course through the water of the present leg; None on the way back from outside."""
 
     way_rad: float | None = None
 
 
 class _Turn(msgspec.Struct, frozen=True):
-    """A turn at once to a heading: where it ends, how far out it leads, how long it takes."""
+    """A turn to a heading: its end position, largest distance from the centre, and duration."""
 
     north_m: float
     east_m: float
@@ -43,7 +42,7 @@ class _Turn(msgspec.Struct, frozen=True):
 def update(
     settings: TaskSettings, state: StationKeepingState, task: HoldStation, motion: VesselMotion, distance_m: float
 ) -> tuple[StationKeepingState, HeadingTarget]:
-    """Return the state and what to steer, distance_m from the centre."""
+    """Return the state and the target at distance_m from the centre."""
     if distance_m > task.radius_m:
         if motion.too_strong:
             return StationKeepingState(), HeadingTarget(
@@ -53,7 +52,9 @@ def update(
         _, bearing_rad = motion.place.distance_and_bearing(task.centre)
         return StationKeepingState(), HeadingTarget(bearing_rad, over_ground=True)
     north_m, east_m = task.centre.offset_m(motion.place)
-    limit_m = task.radius_m - min(max(MARGIN_M, MARGIN_PART * task.radius_m), LARGEST_MARGIN * task.radius_m)
+    limit_m = task.radius_m - min(
+        max(MIN_MARGIN_M, MARGIN_FRACTION * task.radius_m), MAX_MARGIN_FRACTION * task.radius_m
+    )
     way_rad = state.way_rad
     if way_rad is None or _must_end(settings, motion, way_rad, north_m, east_m, limit_m):
         way_rad = _next_leg(settings, motion, north_m, east_m, limit_m)
@@ -63,13 +64,13 @@ def update(
 def _must_end(
     settings: TaskSettings, motion: VesselMotion, way_rad: float, north_m: float, east_m: float, limit_m: float
 ) -> bool:
-    """Whether the leg must end now for a turn back to stay within the limit."""
-    if abs(wrap_pi(way_rad - motion.way_rad)) > TURNED_RAD:
-        return False  # still turning to it
+    """Return whether the leg must end now so that a turn back stays within the limit."""
+    if abs(wrap_pi(way_rad - motion.way_rad)) > ON_LEG_RAD:
+        return False  # still turning
     v_north, v_east = _over_ground(motion, way_rad)
     if north_m * v_north + east_m * v_east <= 0.0:
-        return False  # the boat comes nearer
-    north_m, east_m = north_m + FORESIGHT_S * v_north, east_m + FORESIGHT_S * v_east
+        return False  # the distance decreases
+    north_m, east_m = north_m + PREDICTION_S * v_north, east_m + PREDICTION_S * v_east
     back_rad = heading_for_course(
         math.atan2(-east_m, -north_m), motion.speed_m_s, motion.current_north_m_s, motion.current_east_m_s
     )
@@ -77,15 +78,15 @@ def _must_end(
 
 
 def _next_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east_m: float, limit_m: float) -> float:
-    """Return the heading that keeps the boat inside the longest, or leads least far out when none does."""
+    """Return the heading with the longest time inside, or the smallest distance outside if none stays inside."""
     best_rad, best = motion.way_rad, (-math.inf, -math.inf)
     for index in range(HEADINGS):
         way_rad = wrap_two_pi(motion.way_rad + index * TWO_PI / HEADINGS)
         turn = _turn(settings, motion, way_rad, north_m, east_m)
-        price_s = TURN_PRICE_S_RAD * abs(wrap_pi(way_rad - motion.way_rad))
+        cost_s = TURN_COST_S_RAD * abs(wrap_pi(way_rad - motion.way_rad))
         stay_s = _stay_s(turn, _over_ground(motion, way_rad), limit_m)
-        # First of all inside; then a long stay.
-        value = (min(0.0, limit_m - turn.farthest_m), turn.seconds + stay_s - price_s)
+        # First criterion: stay inside; second: long stay.
+        value = (min(0.0, limit_m - turn.farthest_m), turn.seconds + stay_s - cost_s)
         if value > best:
             best_rad, best = way_rad, value
     return best_rad
@@ -99,9 +100,9 @@ def _over_ground(motion: VesselMotion, way_rad: float) -> tuple[float, float]:
 
 
 def _turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: float, east_m: float) -> _Turn:
-    """Return the turn from here to a heading, along an arc through the water that drifts with it."""
+    """Return the turn from here to a heading, along an arc that drifts with the current."""
     angle_rad = wrap_pi(to_rad - motion.way_rad)
-    radius_m = settings.turning_radius_m / TURN_PART
+    radius_m = settings.turning_radius_m / TURN_RATE_FRACTION
     rate_rad_s = max(motion.speed_m_s, 0.05) / radius_m
     side_m = math.copysign(radius_m, angle_rad)
     farthest_m, end_north_m, end_east_m, seconds = math.hypot(north_m, east_m), north_m, east_m, 0.0
@@ -119,7 +120,7 @@ def _turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: 
 
 
 def _stay_s(turn: _Turn, velocity_m_s: tuple[float, float], limit_m: float) -> float:
-    """Return how long a straight track from the end of a turn stays within the limit."""
+    """Return the time for which a straight track from the end of a turn stays within the limit."""
     v_north, v_east = velocity_m_s
     square = v_north * v_north + v_east * v_east
     spare = limit_m * limit_m - turn.north_m * turn.north_m - turn.east_m * turn.east_m
@@ -127,5 +128,5 @@ def _stay_s(turn: _Turn, velocity_m_s: tuple[float, float], limit_m: float) -> f
         return 0.0
     along = turn.north_m * v_north + turn.east_m * v_east
     if square < 1e-6:
-        return LONGEST_STAY_S
-    return min(LONGEST_STAY_S, (math.sqrt(along * along + square * spare) - along) / square)
+        return MAX_STAY_S
+    return min(MAX_STAY_S, (math.sqrt(along * along + square * spare) - along) / square)

@@ -1,4 +1,4 @@
-"""From mode, goal and task to the heading to steer, and how a heading goal comes about and changes."""
+"""Heading to steer by mode, goal and task, and updates of the heading goal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from firmware_py.modes import (
 
 
 class SteeringTarget(msgspec.Struct, frozen=True):
-    """What guidance asks for: the heading to steer and the error that the controller sees."""
+    """Target of the controller: the heading to steer and the heading error."""
 
     heading_rad: float | None = None
     error_rad: float | None = None
@@ -32,7 +32,7 @@ class SteeringTarget(msgspec.Struct, frozen=True):
 def update_goal(
     settings: GuidanceSettings, modes: ModeState, situation: Situation, now_s: float, step_s: float
 ) -> ModeState:
-    """Give a goal to a mode that has none yet, turn it by the stick, end a turn the long way."""
+    """Set the goal of a mode that has none, turn it by the stick, and end a turn the long way."""
     if not MODES[modes.mode].heading_goals or situation.heading_rad is None:
         return modes
     goal = modes.goal
@@ -51,7 +51,7 @@ def update_goal(
 
 
 def steering_target(modes: ModeState, status: TaskStatus, situation: Situation) -> SteeringTarget:
-    """Return the heading to steer, by the goal of the mode or by the task, and the error that is left."""
+    """Return the heading to steer, by the goal of the mode or by the task, and the heading error."""
     goal, turn = modes.goal, 0
     if isinstance(goal, HeadingGoal):
         steer_rad, turn = heading_to_steer(goal, situation.water), goal.turn
@@ -63,6 +63,6 @@ def steering_target(modes: ModeState, status: TaskStatus, situation: Situation) 
         steer_rad = target.angle_rad
     if situation.heading_rad is None:
         return SteeringTarget(steer_rad, None)
-    # On a turn the long way the error stays at half a turn until the shorter way is the right one.
+    # On a turn the long way the error stays at 180 deg until the remaining angle is smaller.
     error_rad = turn * math.pi if turn else wrap_pi(steer_rad - situation.heading_rad)
     return SteeringTarget(steer_rad, error_rad)

@@ -1,10 +1,10 @@
-"""Stepping aside for vessels that come near: the heading that opens the distance most, and back when they are past.
+"""Vessel avoidance: steers the heading with the largest distance to approaching vessels until they have passed.
 
-The boat makes 0.4 m/s: in the 25 minutes that a ship is seen ahead she can get 600 m off its line, at the last moment
-nothing. No rule of the road is known here. Every half a minute headings within a sector about the way she would go are
-tried, one a tick, each for how near any vessel would come if all go on so; one that would bring her near the fence is
-none. What is tried is that of the K-T model's ideal: she is on the heading at once. Her way along a line is that over
-ground: on the heading that makes it good in the water as it is known.
+The boat makes 0.4 m/s: in the 25 minutes after a ship is detected it can move 600 m away from its track, at the last
+moment nothing. Rules of the road are not applied. Every 30 s, headings within a sector around the unchanged course are
+tried, one a tick: each is rated by the closest approach of all vessels at constant velocity, and rejected if it leads
+near the fence. The boat is assumed to be on the new heading at once. When it follows a line, the unchanged course is
+the heading that makes the line good in the estimated current.
 """
 
 from __future__ import annotations
@@ -27,19 +27,20 @@ from firmware_py.guidance.traffic import TrafficSettings
 from firmware_py.modes import HeadingGoal, PositionGoal
 from firmware_py.plans import fence
 
-TRY_EVERY_S = 30.0
-STEPS = 6  # headings tried to either side
-WORTH = 0.06  # of what is near: by so much the distance must open for another heading
-AMPLE = 2.0  # times what is near: more is not sought
-SAME_RAD = 1e-6
-FENCE_M = 30.0  # that is kept from the fence
-LEGS = 4  # that a way is cut into, to be held against the fence
+ROUND_INTERVAL_S = 30.0
+HEADINGS_PER_SIDE = 6
+# Ratios of the closest approach to the distance that counts as near.
+MIN_GAIN = 0.06  # minimum improvement for another heading
+SUFFICIENT_RATIO = 2.0  # no larger ratio is sought
+HEADING_TOLERANCE_RAD = 1e-6
+FENCE_CLEARANCE_M = 30.0
+FENCE_CHECK_LEGS = 4  # sections of a track that are checked against the fence
 
 Goal = HeadingGoal | PositionGoal
 
 
 class AsideSettings(msgspec.Struct, frozen=True):
-    """Whether she steps aside, and how far to either side of her way."""
+    """Whether avoidance is enabled, and the largest deviation to either side."""
 
     enabled: bool
     sector_rad: float
@@ -51,21 +52,21 @@ class AsideSettings(msgspec.Struct, frozen=True):
 
 
 class Trial(msgspec.Struct, frozen=True):
-    """What a heading comes to: how near the nearest vessel comes, as a distance and in parts of what is near.
+    """Result of a heading: closest approach of the nearest vessel, and its ratio to the distance that counts as near.
 
-    A vessel that a heading keeps as far off as it is now does not count beside others: no heading does better.
+    A vessel that a heading does not bring nearer than it is now only counts if there is no other.
     """
 
     heading_rad: float
     cpa_m: float
-    part: float
+    ratio: float
 
 
 class AsideState(msgspec.Struct, frozen=True):
-    """The heading steered aside, None while she goes her way; the trials under way, and what they are made about.
+    """The avoidance heading (None: unchanged course), and the present round of trials.
 
-    `way_rad` is the heading that the sector lies about, of her way when the round began. `told`: that there is no
-    better heading has been said.
+    `way_rad` is the centre of the sector, the unchanged course at the start of the round. `is_refusal_reported`: "no
+    better heading" has been reported.
     """
 
     heading_rad: float | None = None
@@ -75,12 +76,12 @@ class AsideState(msgspec.Struct, frozen=True):
     tried_s: float | None = None
     next_trial: int | None = None  # None between two rounds
     best: Trial | None = None
-    going_on: Trial | None = None
-    told: bool = False
+    unchanged: Trial | None = None
+    is_refusal_reported: bool = False
 
 
 class LineAhead(msgspec.Struct, frozen=True):
-    """How far to starboard of a line she is, where that leads over ground, and the heading that makes it good."""
+    """The followed line: cross-track error to starboard, course over ground, and the heading that makes it good."""
 
     cross_track_m: float
     course_rad: float
@@ -88,13 +89,13 @@ class LineAhead(msgspec.Struct, frozen=True):
 
 
 class AsideInput(msgspec.Struct, frozen=True):
-    """What stepping aside looks at; `wanted_rad` is the heading that she would steer, `fence` None while none holds.
+    """Inputs of avoidance; `unchanged_rad` is the heading without avoidance, `fence` is None if it is disabled.
 
-    Where she follows no line her way is the heading that she would steer.
+    Without a line, the unchanged course is this heading.
     """
 
     t_s: float
-    wanted_rad: float
+    unchanged_rad: float
     motion: VesselMotion
     vessels: Sequence[Vessel]
     fence: Plan | None
@@ -107,44 +108,48 @@ IDLE = AsideState()
 
 
 def update(
-    settings: AsideSettings, traffic: TrafficSettings, state: AsideState, given: AsideInput
+    settings: AsideSettings, traffic: TrafficSettings, state: AsideState, inputs: AsideInput
 ) -> tuple[AsideState, tuple[Event, ...]]:
-    """Try the next heading; at the end of a round take the best one, or go back on her way."""
-    way_rad, along_rad = given.wanted_rad, given.wanted_rad
-    if given.line is not None:
-        way_rad, along_rad = given.line.course_rad, given.line.along_rad
-    if (given.goal, given.task) != (state.goal, state.task):
-        # Another way: tried at once, but a goal that changes ten times a second must not begin a round each time.
-        state = replace(state, way_rad=way_rad, goal=given.goal, task=given.task, tried_s=None)
+    """Try the next heading; at the end of a round select the best one or the unchanged course."""
+    way_rad, along_rad = inputs.unchanged_rad, inputs.unchanged_rad
+    if inputs.line is not None:
+        way_rad, along_rad = inputs.line.course_rad, inputs.line.along_rad
+    if (inputs.goal, inputs.task) != (state.goal, state.task):
+        # A new goal starts a round at once, but not during a round: a goal may change at each tick.
+        state = replace(state, way_rad=way_rad, goal=inputs.goal, task=inputs.task, tried_s=None)
     if state.next_trial is None:
-        if state.tried_s is not None and 0.0 <= given.t_s - state.tried_s < TRY_EVERY_S:
+        if state.tried_s is not None and 0.0 <= inputs.t_s - state.tried_s < ROUND_INTERVAL_S:
             return state, ()
-        return replace(state, way_rad=way_rad, tried_s=given.t_s, next_trial=0, best=None), ()
+        return replace(state, way_rad=way_rad, tried_s=inputs.t_s, next_trial=0, best=None), ()
     headings = _headings(settings, state, along_rad)
     if state.next_trial < len(headings):
-        trial = _trial(traffic, given, headings[state.next_trial])
-        better = _better(state.best, trial, along_rad) and _clear_of_fence(given, trial.heading_rad)
+        trial = _trial(traffic, inputs, headings[state.next_trial])
+        better = _better(state.best, trial, along_rad) and _clear_of_fence(inputs, trial.heading_rad)
         best = trial if better else state.best
         return replace(state, next_trial=state.next_trial + 1, best=best), ()
-    # By where all are now: who is past is further away with each trial, whatever the heading.
-    best = None if state.best is None else _trial(traffic, given, state.best.heading_rad)
-    going_on = _going_on(traffic, given)
-    return _choose(replace(state, next_trial=None, best=best, going_on=going_on), going_on)
+    # Rated again at the present positions: the distance to a passed vessel grows during the round.
+    best = None if state.best is None else _trial(traffic, inputs, state.best.heading_rad)
+    unchanged = _unchanged(traffic, inputs)
+    return _choose(replace(state, next_trial=None, best=best, unchanged=unchanged), unchanged)
 
 
 def end(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
-    """Return to her way: nobody comes near any more, or somebody else steers."""
-    events = () if state.heading_rad is None else (Event(Severity.NOTICE, "Goes her own way again"),)
+    """End avoidance: no vessel is near, or another mode steers."""
+    events = () if state.heading_rad is None else (Event(Severity.NOTICE, "Avoidance ended: back on course"),)
     return IDLE, events
 
 
 def _headings(settings: AsideSettings, state: AsideState, along_rad: float) -> tuple[float, ...]:
-    """Return the headings of a round, from near her way outward.
+    """Return the headings of a round, from the unchanged course outward.
 
-    Before them the one that is steered aside and then that along her way, which leaves her as far off it as she is.
+    The present avoidance heading and the heading parallel to the unchanged course come first.
     """
     way_rad, sector_rad = state.way_rad or 0.0, settings.sector_rad
-    fan = [wrap_two_pi(way_rad + side * step * sector_rad / STEPS) for step in range(1, STEPS + 1) for side in (1, -1)]
+    fan = [
+        wrap_two_pi(way_rad + side * step * sector_rad / HEADINGS_PER_SIDE)
+        for step in range(1, HEADINGS_PER_SIDE + 1)
+        for side in (1, -1)
+    ]
     if state.heading_rad is None:
         return tuple(fan)
     within = (state.heading_rad,) if abs(wrap_pi(state.heading_rad - way_rad)) <= sector_rad + 1e-9 else ()
@@ -152,71 +157,75 @@ def _headings(settings: AsideSettings, state: AsideState, along_rad: float) -> t
 
 
 def _better(best: Trial | None, trial: Trial, along_rad: float) -> bool:
-    """Whether a heading is better than the best of the round so far.
+    """Return whether a heading is better than the best of the round so far.
 
-    The first that is ample, from her way outward, is taken: for what lies still a few degrees may do. So is one nearer
-    her way than the heading steered, and to the same side, as soon as it is ample: else she runs on to the side.
+    The first sufficient heading from the unchanged course outward is taken, because a few degrees may do for a vessel
+    at anchor. A sufficient heading closer to the unchanged course on the same side replaces the present one, so that
+    the boat does not run off to the side.
     """
     if best is None:
         return True
-    if best.part < AMPLE:
-        return trial.part > best.part + WORTH
+    if best.ratio < SUFFICIENT_RATIO:
+        return trial.ratio > best.ratio + MIN_GAIN
     off_rad, best_off_rad = wrap_pi(trial.heading_rad - along_rad), wrap_pi(best.heading_rad - along_rad)
-    inward = off_rad * best_off_rad >= 0.0 and abs(off_rad) < abs(best_off_rad) - SAME_RAD
-    return inward and trial.part > AMPLE + WORTH
+    inward = off_rad * best_off_rad >= 0.0 and abs(off_rad) < abs(best_off_rad) - HEADING_TOLERANCE_RAD
+    return inward and trial.ratio > SUFFICIENT_RATIO + MIN_GAIN
 
 
-def _choose(state: AsideState, going_on: Trial) -> tuple[AsideState, tuple[Event, ...]]:
-    """Take the best heading of a round if it is worth it, beside what comes of going on."""
+def _choose(state: AsideState, unchanged: Trial) -> tuple[AsideState, tuple[Event, ...]]:
+    """Select the best heading of a round if it is sufficiently better than the unchanged course."""
     best, before_rad = state.best, state.heading_rad
-    if going_on.part >= AMPLE or best is None or best.part < going_on.part + WORTH:
+    if unchanged.ratio >= SUFFICIENT_RATIO or best is None or best.ratio < unchanged.ratio + MIN_GAIN:
         state = replace(state, heading_rad=None)
         if before_rad is not None:
-            return replace(state, told=False), (Event(Severity.NOTICE, "Goes her own way again"),)
-        if state.told or going_on.part >= 1.0:
+            return replace(state, is_refusal_reported=False), (
+                Event(Severity.NOTICE, "Avoidance ended: back on course"),
+            )
+        if state.is_refusal_reported or unchanged.ratio >= 1.0:
             return state, ()
-        return replace(state, told=True), (Event(Severity.WARNING, "Cannot step aside: no heading is better"),)
-    state = replace(state, heading_rad=best.heading_rad, told=False)
+        return replace(state, is_refusal_reported=True), (
+            Event(Severity.WARNING, "Avoidance: no better heading, course kept"),
+        )
+    state = replace(state, heading_rad=best.heading_rad, is_refusal_reported=False)
     if before_rad is not None:
         return state, ()
-    text = (
-        f"Steps aside to {compass_degrees(best.heading_rad):.0f} deg: {going_on.cpa_m:.0f} m become {best.cpa_m:.0f} m"
-    )
+    heading_deg = compass_degrees(best.heading_rad)
+    text = f"Avoidance: heading {heading_deg:.0f} deg, closest {best.cpa_m:.0f} m instead of {unchanged.cpa_m:.0f} m"
     return state, (Event(Severity.NOTICE, text),)
 
 
 # ------------------------------------------------------------------------------ trials
 
 
-def _going_on(traffic: TrafficSettings, given: AsideInput) -> Trial:
-    """Return the worst of what comes of going her own way: as she would steer now, along it, and back on her line."""
-    trials = [_trial(traffic, given, given.wanted_rad)]
-    if given.line is not None:
-        off_m, course_rad = given.line.cross_track_m, given.line.course_rad
-        foot = given.motion.place.at_offset(off_m * math.sin(course_rad), -off_m * math.cos(course_rad))
-        trials += [_trial(traffic, given, given.line.along_rad, place) for place in (given.motion.place, foot)]
-    return min(trials, key=lambda trial: trial.part)
+def _unchanged(traffic: TrafficSettings, inputs: AsideInput) -> Trial:
+    """Return the worst trial of the unchanged course: the present heading, along the line, and from the line."""
+    trials = [_trial(traffic, inputs, inputs.unchanged_rad)]
+    if inputs.line is not None:
+        off_m, course_rad = inputs.line.cross_track_m, inputs.line.course_rad
+        foot = inputs.motion.place.at_offset(off_m * math.sin(course_rad), -off_m * math.cos(course_rad))
+        trials += [_trial(traffic, inputs, inputs.line.along_rad, place) for place in (inputs.motion.place, foot)]
+    return min(trials, key=lambda trial: trial.ratio)
 
 
-def _trial(traffic: TrafficSettings, given: AsideInput, heading_rad: float, place: Place | None = None) -> Trial:
-    """Predict the closest approach of all vessels on a heading, from the place of the boat or from another one."""
-    own_m_s = _velocity(given.motion, heading_rad)
+def _trial(traffic: TrafficSettings, inputs: AsideInput, heading_rad: float, place: Place | None = None) -> Trial:
+    """Predict the closest approach of all vessels on a heading, from the present position or from `place`."""
+    own_m_s = _velocity(inputs.motion, heading_rad)
     counted = uncounted = (math.inf, math.inf)
-    for vessel in given.vessels:
+    for vessel in inputs.vessels:
         limit_m = traffic.limit_m(vessel.position)
-        seen = relative(given.motion.place, vessel.position, given.t_s)
-        here = min(AMPLE, math.hypot(seen.north_m, seen.east_m) / limit_m)
+        seen = relative(inputs.motion.place, vessel.position, inputs.t_s)
+        here = min(SUFFICIENT_RATIO, math.hypot(seen.north_m, seen.east_m) / limit_m)
         if place is not None:
-            seen = relative(place, vessel.position, given.t_s)
+            seen = relative(place, vessel.position, inputs.t_s)
         near_m, _ = seen.nearest(own_m_s, traffic.horizon_s)
         share = near_m / limit_m
-        if here - share < WORTH:
+        if here - share < MIN_GAIN:
             uncounted = min(uncounted, (share, near_m))
         else:
             counted = min(counted, (share, near_m))
     if counted[1] < math.inf:
         return Trial(heading_rad, counted[1], counted[0])
-    return Trial(heading_rad, uncounted[1], max(AMPLE, uncounted[0]))
+    return Trial(heading_rad, uncounted[1], max(SUFFICIENT_RATIO, uncounted[0]))
 
 
 def _velocity(motion: VesselMotion, heading_rad: float) -> Velocity:
@@ -227,22 +236,22 @@ def _velocity(motion: VesselMotion, heading_rad: float) -> Velocity:
     )
 
 
-def _clear_of_fence(given: AsideInput, heading_rad: float) -> bool:
-    """Whether the way on a heading stays clear of the fence, for as long as the last vessel that is near comes nearer.
+def _clear_of_fence(inputs: AsideInput, heading_rad: float) -> bool:
+    """Return whether the track on a heading stays clear of the fence until the last near vessel has passed.
 
-    Between two places a leg apart the margin is at least half of what their margins leave over the leg.
+    Between two places one leg apart, the margin is at least half of (sum of both margins - leg).
     """
-    if given.fence is None:
+    if inputs.fence is None:
         return True
-    coming_s = [vessel.cpa_in_s or 0.0 for vessel in given.vessels if vessel.near_s is not None]
-    ahead_s = max(coming_s, default=0.0) + 2.0 * TRY_EVERY_S
-    north_m_s, east_m_s = _velocity(given.motion, heading_rad)
-    leg_m = math.hypot(north_m_s, east_m_s) * ahead_s / LEGS
-    before_m = fence.margin_m(given.fence, given.motion.place)
-    for leg in range(1, LEGS + 1):
-        part_s = ahead_s * leg / LEGS
-        margin_m = fence.margin_m(given.fence, given.motion.place.at_offset(north_m_s * part_s, east_m_s * part_s))
-        if 0.5 * (before_m + margin_m - leg_m) < FENCE_M:
+    coming_s = [vessel.cpa_in_s or 0.0 for vessel in inputs.vessels if vessel.near_s is not None]
+    ahead_s = max(coming_s, default=0.0) + 2.0 * ROUND_INTERVAL_S
+    north_m_s, east_m_s = _velocity(inputs.motion, heading_rad)
+    leg_m = math.hypot(north_m_s, east_m_s) * ahead_s / FENCE_CHECK_LEGS
+    before_m = fence.margin_m(inputs.fence, inputs.motion.place)
+    for leg in range(1, FENCE_CHECK_LEGS + 1):
+        part_s = ahead_s * leg / FENCE_CHECK_LEGS
+        margin_m = fence.margin_m(inputs.fence, inputs.motion.place.at_offset(north_m_s * part_s, east_m_s * part_s))
+        if 0.5 * (before_m + margin_m - leg_m) < FENCE_CLEARANCE_M:
             return False
         before_m = margin_m
     return True

@@ -1,8 +1,8 @@
-"""Carries a task out: line, watch circle or circle, one step after the other.
+"""Follows a task step by step: line, loiter circle or orbit.
 
-By a place that is reckoned nothing counts as arrived once that is less certain than the radius to be arrived within:
-at the place she keeps station, and waits for a fix. Less certain than POS_RECKON_M she does not sail on either, and
-keeps station where she is reckoned to be.
+Under dead reckoning, a place counts as reached only while the position error is below the acceptance radius. Otherwise
+the boat keeps station there and waits for a fix. If the error exceeds POS_RECKON_M on the way, it keeps station at the
+estimated position.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from firmware_py.guidance.tasks import (
 
 
 class TaskFollowerState(msgspec.Struct, frozen=True):
-    """How far the task has come: `arrived` at its place once, turns made round it, where she waits for a fix.
+    """Progress of the task; `arrived`: its place was reached once; `halt`: where the boat waits for a fix.
 
-    `loiter_placement`: where her watch circle lies, once she keeps station within a fence.
+    `loiter_placement`: placement of the loiter circle within a fence.
     """
 
     task: Task | None = None
@@ -46,7 +46,7 @@ class TaskFollowerState(msgspec.Struct, frozen=True):
 
 
 class TaskStatus(msgspec.Struct, frozen=True):
-    """What came of a step, for the controller and for those who look on."""
+    """Result of a step, for the controller and for reports."""
 
     heading_target: HeadingTarget | None = None
     activity: Activity = Activity.NOTHING
@@ -65,9 +65,9 @@ def update(
     step_s: float,
     fence: Plan | None = None,
 ) -> tuple[TaskFollowerState, TaskStatus | None]:
-    """Carry a task out for step_s; a new one begins from where the boat is. `fence` is the one that is heeded.
+    """Follow a task for step_s; a new task starts at the present position. `fence` is None if it is disabled.
 
-    The status is None, and the state as it was, for a task that needs a position while there is none.
+    If the task needs a position and none is known, the status is None and the state unchanged.
     """
     before = state
     if task != state.task:
@@ -122,7 +122,7 @@ def _hold_station(
     settings: TaskSettings, state: TaskFollowerState, task: HoldStation, motion: VesselMotion, fence: Plan | None
 ) -> tuple[TaskFollowerState, TaskStatus]:
     place = loiter_placement.update(settings, state.loiter_placement, task, fence)
-    if place is not None and place.found:
+    if place is not None and place.is_final:
         task = place.circle
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
     station, target = station_keeping.update(settings, state.station, task, motion, distance_m)
@@ -137,7 +137,7 @@ def _orbit(
     orbit_state, course_rad = orbit.update(settings, state.orbit, task, motion)
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
     radius_m = orbit.radius_m(settings, task)
-    on_circle = abs(distance_m - radius_m) <= orbit.NEAR_PART * radius_m and motion.spread_m <= radius_m
+    on_circle = abs(distance_m - radius_m) <= orbit.ON_CIRCLE_FRACTION * radius_m and motion.spread_m <= radius_m
     state = replace(state, orbit=orbit_state, arrived=state.arrived or on_circle)
     return state, TaskStatus(
         HeadingTarget(course_rad, over_ground=True),

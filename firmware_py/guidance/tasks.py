@@ -1,4 +1,4 @@
-"""What the boat may be given to do, and how guidance answers; plain records."""
+"""Tasks of the boat, and the records that guidance exchanges with them."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class GoTo(msgspec.Struct, frozen=True, tag=True):
 
 
 class HoldStation(msgspec.Struct, frozen=True, tag=True):
-    """Keep station within a watch circle."""
+    """Keep station within a loiter circle."""
 
     centre: Place
     radius_m: float
 
 
 class Orbit(msgspec.Struct, frozen=True, tag=True):
-    """Go round a place; `number` tells one task from the next like it, because turns are counted anew."""
+    """Circle a place; `number` distinguishes identical tasks in sequence, because each counts its own turns."""
 
     centre: Place
     radius_m: float
@@ -44,10 +44,10 @@ Task = HoldHeading | GoTo | HoldStation | Orbit
 
 
 class VesselMotion(msgspec.Struct, frozen=True):
-    """Where the boat is and how it moves: `heading_rad` and the water's motion as estimated.
+    """Estimated position and motion of the boat.
 
-    `speed_m_s` is through the water, `leeway_rad` to starboard of the heading; the current sets north and east.
-    `too_strong`: it is stronger than the boat. `spread_m`: how uncertain a reckoned place is, 0 for a fix's.
+    `speed_m_s` is through the water; `leeway_rad` is positive to starboard of the heading. `too_strong`: the current
+    exceeds the speed. `spread_m` is the position error under dead reckoning, 0 with a fix.
     """
 
     place: Place
@@ -61,25 +61,25 @@ class VesselMotion(msgspec.Struct, frozen=True):
 
     @property
     def way_rad(self) -> float:
-        """Where the boat goes through the water."""
+        """The course through the water."""
         return wrap_two_pi(self.heading_rad + self.leeway_rad)
 
 
 class HeadingTarget(msgspec.Struct, frozen=True):
-    """What to steer: a heading, or a course over ground."""
+    """Target of the controller: a heading, or a course over ground."""
 
     angle_rad: float
     over_ground: bool
 
 
 class TaskSettings(msgspec.Struct, frozen=True):
-    """Radii, look-ahead, how tight the boat turns, and up to how uncertain a reckoned place she goes on by it."""
+    """Radii, look-ahead, turning radius, and the maximum position error under dead reckoning."""
 
     acceptance_radius_m: float
     station_radius_m: float
     look_ahead_s: float
-    turning_radius_m: float  # at full rudder; by similarity the same at any speed
-    dead_reckoning_limit_m: float = 0.0  # 0: not at all
+    turning_radius_m: float  # at full rudder; independent of speed
+    dead_reckoning_limit_m: float = 0.0  # 0: no dead reckoning
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> TaskSettings:

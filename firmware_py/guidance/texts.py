@@ -7,37 +7,37 @@ from collections.abc import Mapping
 _NOTHING = "nothing"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
-    "<vessel> comes to <number> m in <number> min, from <number> deg": (
-        "so near it comes if both go on as they do (`AIS_NEAR_M`, `AIS_STILL_M`); the bearing is of where it is now",
-        "watch it; call it, if somebody can; `AIS_ACT` 1 has her step aside",
+    "<vessel>: closest <number> m in <number> min, bearing <number> deg": (
+        "closest approach at constant velocities (`AIS_NEAR_M`, `AIS_STILL_M`); the bearing is the present one",
+        "watch it; call it by radio if possible; with `AIS_ACT` 1 the boat avoids it",
     ),
-    "Steps aside to <number> deg: <number> m become <number> m": (
-        "she steers the heading that opens the distance most (`AIS_ACT`)",
-        "nothing; a mode in which you steer yourself ends it",
+    "Avoidance: heading <number> deg, closest <number> m instead of <number> m": (
+        "the boat steers the heading with the largest distance to the vessel (`AIS_ACT`)",
+        "nothing; a manually steered mode ends it",
     ),
-    "Cannot step aside: no heading is better": (
-        "within `AIS_SECTOR_DEG`, and inside the fence, every other heading brings the vessel as near",
-        "look whether another way is open: she goes on as she did",
+    "Avoidance: no better heading, course kept": (
+        "within `AIS_SECTOR_DEG` and inside the fence, no heading increases the distance to the vessel",
+        "check whether another course is free",
     ),
-    "Goes her own way again": ("the vessel is past, or wide enough away", _NOTHING),
+    "Avoidance ended: back on course": ("the vessel has passed, or is far enough away", _NOTHING),
     "Distress beacon <number>: <number> m, bearing <number> deg": (
-        "a man overboard device, an AIS-SART or an EPIRB calls, or a vessel of status 14; repeated every ten minutes",
+        "a man overboard device, an AIS-SART, an EPIRB or a vessel with status 14 sends; repeated every ten minutes",
         "report position and number to the rescue coordination centre; the boat does not avoid it as a vessel",
     ),
     "Distress beacon <number>: at <latitude>, <longitude>": (
-        "the same, while the boat does not know its own position",
+        "a distress beacon, while the position of the boat is unknown",
         "report position and number to the rescue coordination centre",
     ),
     "Distress beacon <number>: no position yet": (
-        "the beacon has switched on and has no fix; its position follows within minutes",
+        "the beacon is switched on and has no fix; its position follows within minutes",
         "report the number to the rescue coordination centre",
     ),
-    "<vessel> is always where the boat is: its own echo": (
-        "the boat's own transponder heard by a receiver (VDM); it is no vessel to avoid",
-        "nothing; `own_mmsi` in the vehicle file keeps it out at once",
+    "<vessel>: own echo, ignored": (
+        "the receiver hears the transponder of the boat itself (VDM)",
+        "nothing; `own_mmsi` in the vehicle file excludes it at once",
     ),
-    "AIS: <what is wrong>": (
-        "it is away, or messages are refused, or more came than she reads; told once in ten minutes",
-        "if it goes on: cable and baud rate; `rambler status` counts. Who sends her own number errs, or deceives",
+    "AIS: <problem>": (
+        "receiver missing, messages refused, or too many messages; reported once in ten minutes",
+        "if it continues: check cable and baud rate; `rambler status` counts the messages",
     ),
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, first_item_number
 from firmware_py.log.ardupilot_formats import FENCE, ITEM, RALLY
 from firmware_py.log.message_rows import microseconds
 from firmware_py.plans.items import Command, has_place
@@ -26,7 +26,7 @@ def plan_bytes(t_s: float, plan: Plan, identity: int) -> bytes:
     """Return the messages of a plan, none for an empty one; `identity` (LNK_IDENTITY) sets the item numbers."""
     time_us = microseconds(t_s)
     if plan.kind is PlanKind.MISSION:
-        return b"".join(_mission(time_us, plan, homes(identity, plan.kind)))
+        return b"".join(_mission(time_us, plan, first_item_number(identity, plan.kind)))
     total = len(plan.items)
     if plan.kind is PlanKind.FENCE:
         return b"".join(_fence_item(time_us, total, number, item) for number, item in enumerate(plan.items))

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import msgspec
 
-from firmware_py.common.reading_notes import Spot
+from firmware_py.common.reading_notes import Location
 from firmware_py.log.dataflash import TEXT_BYTES, Buffer, Format, MessageType
 
 
@@ -145,7 +145,7 @@ class RowReader:
 
     def __init__(self, row: Row, file_format: Format, notes: dict[str, None]) -> None:
         """Find the columns of the row in the file by label; add missing ones to `notes`."""
-        self._spot = Spot(f"message {file_format.name}", notes)
+        self._spot = Location(f"message {file_format.name}", notes)
         self._make, self._noted, self._defaulted = row.make, row.noted, row.defaulted
         self._unpack = file_format.unpack
         self._pieces: list[bytes] = []
@@ -223,12 +223,12 @@ class RowReader:
         return text
 
 
-def _index_of(column: Column, file_format: Format, spot: Spot) -> int | None:
+def _index_of(column: Column, file_format: Format, location: Location) -> int | None:
     """Return the index of a column in the file, None without one of this label and kind."""
     if column.label not in file_format.labels:
         return None
     index = file_format.labels.index(column.label)
     value = file_format.values[index]
     if value != column.value:
-        spot.note(f"column {column.label} is stored as {value!r}, here as {column.value!r}")
+        location.note(f"column {column.label} is stored as {value!r}, here as {column.value!r}")
     return index if _is_convertible(value, column.value) else None

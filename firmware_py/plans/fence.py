@@ -15,12 +15,12 @@ from collections.abc import Iterator
 import msgspec
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans, number, place_of
-from firmware_py.plans.items import FARTHEST_M, Command
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans, number, place_of
+from firmware_py.plans.items import MAX_DISTANCE_M, Command
 
-LOOKS = 500  # at the fence for one way, at the most
-NEAREST_LOOK_M = 1.0
-ON_THE_LINE_M = 0.1  # outside by less is on the fence
+MAX_CHECKS = 500  # at the fence for one way, at the most
+MIN_STEP_M = 1.0
+TOLERANCE_M = 0.1  # outside by less is on the fence
 _DESTINATIONS = frozenset(
     {Command.WAYPOINT, Command.LOITER_UNLIMITED, Command.LOITER_TURNS, Command.LOITER_TIME}
     | {Command.FENCE_RETURN, Command.RALLY_POINT}
@@ -47,17 +47,17 @@ class Fence(msgspec.Struct, frozen=True):
 
 
 class Breach(msgspec.Struct, frozen=True):
-    """An item of a plan that lies outside the fence by so much, or (`way`) to which the straight way leaves it."""
+    """An item of a plan that lies outside the fence by so much, or (`is_way`) to which the straight way leaves it."""
 
     kind: PlanKind
     index: int
     distance_m: float
-    way: bool
+    is_way: bool
 
-    def shown(self, first: int) -> str:
+    def message(self, first: int) -> str:
         """Return it in words; `first` is the number of the plan's first item."""
         item, distance = f"{_NAMES[self.kind]} {self.index + first}", f"{max(self.distance_m, 1.0):.0f} m"
-        if self.way:
+        if self.is_way:
             return f"Way to {item.lower()} leaves the fence by {distance}"
         return f"{item} is {distance} outside the fence"
 
@@ -73,14 +73,14 @@ def fence_of(plan: Plan) -> Fence | None:
     while items:
         command = items[0].command
         if command in (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX):
-            count = round(number(items[0].params[0], 1.0, MOST_ITEMS))
+            count = round(number(items[0].params[0], 1.0, MAX_PLAN_ITEMS))
             corners = tuple(_point(anchor, item) for item in items[:count] if item.command == command)
             if len(corners) >= 3:
                 areas.append(Area(corners, 0.0, command == Command.INCLUDED_VERTEX, _group(items[0])))
             items = items[count:]
             continue
         if command in (Command.INCLUDED_CIRCLE, Command.EXCLUDED_CIRCLE):
-            radius_m = number(items[0].params[0], 0.0, FARTHEST_M)
+            radius_m = number(items[0].params[0], 0.0, MAX_DISTANCE_M)
             areas.append(
                 Area((_point(anchor, items[0]),), radius_m, command == Command.INCLUDED_CIRCLE, _group(items[0]))
             )
@@ -105,18 +105,18 @@ def margin_m(plan: Plan, place: Place) -> float:
     """Return the distance to a breach, negative in breach; FARTHEST_M where no area bounds the boat."""
     fence = fence_of(plan)
     if fence is None:
-        return FARTHEST_M
+        return MAX_DISTANCE_M
     return _margin_m(fence, fence.anchor.offset_m(place))
 
 
 def _margin_m(fence: Fence, here: Point) -> float:
     inside: dict[int, float] = {}
-    margin = FARTHEST_M
+    margin = MAX_DISTANCE_M
     for area in fence.areas:
         # Positive within the area.
         depth_m = _depth_m(area, here)
         if area.inclusion:
-            inside[area.group] = min(inside.get(area.group, FARTHEST_M), depth_m)
+            inside[area.group] = min(inside.get(area.group, MAX_DISTANCE_M), depth_m)
         else:
             margin = min(margin, -depth_m)
     return min(margin, max(inside.values())) if inside else margin
@@ -143,18 +143,18 @@ def breaches(plans: Plans) -> Iterator[Breach | None]:
                 continue
             here = fence.anchor.offset_m(place)
             # Only a circle with turns stays where it was laid; the others are moved inward.
-            turned_m = number(abs(item.params[2]), 0.0, FARTHEST_M) if item.command == Command.LOITER_TURNS else 0.0
+            turned_m = number(abs(item.params[2]), 0.0, MAX_DISTANCE_M) if item.command == Command.LOITER_TURNS else 0.0
             yield None
             worst_m = _margin_m(fence, here) - turned_m
-            way = False
-            if before is not None and worst_m >= -ON_THE_LINE_M:
-                way = True
+            is_way = False
+            if before is not None and worst_m >= -TOLERANCE_M:
+                is_way = True
                 for margin_m in _margins_on_way(fence, before, here):
                     worst_m = min(worst_m, margin_m)
                     yield None
-            if worst_m < -ON_THE_LINE_M:
-                yield Breach(plan.kind, index, -worst_m, way)
-            before = here if plan.kind is PlanKind.MISSION and (way or worst_m >= -ON_THE_LINE_M) else None
+            if worst_m < -TOLERANCE_M:
+                yield Breach(plan.kind, index, -worst_m, is_way)
+            before = here if plan.kind is PlanKind.MISSION and (is_way or worst_m >= -TOLERANCE_M) else None
 
 
 def _margins_on_way(fence: Fence, start: Point, end: Point) -> Iterator[float]:
@@ -165,7 +165,7 @@ def _margins_on_way(fence: Fence, start: Point, end: Point) -> Iterator[float]:
         part = at_m / length_m
         margin_m = _margin_m(fence, (start[0] + part * (end[0] - start[0]), start[1] + part * (end[1] - start[1])))
         yield margin_m
-        at_m += max(margin_m, length_m / LOOKS, NEAREST_LOOK_M)
+        at_m += max(margin_m, length_m / MAX_CHECKS, MIN_STEP_M)
 
 
 def _depth_m(area: Area, here: Point) -> float:

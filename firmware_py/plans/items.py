@@ -18,13 +18,13 @@ from enum import IntEnum
 
 import msgspec
 
-from firmware_py.common.plan import MOST_ITEMS, PlanKind
+from firmware_py.common.plan import MAX_PLAN_ITEMS, PlanKind
 
-LONGEST_S = 1e8  # three years
-FARTHEST_M = 1e7
-MOST_TURNS = 10_000.0
-MOST_JUMPS = 32_767.0
-FASTEST_M_S = 100.0
+MAX_DURATION_S = 1e8  # three years
+MAX_DISTANCE_M = 1e7
+MAX_TURNS = 10_000.0
+MAX_JUMPS = 32_767.0
+MAX_SPEED_M_S = 100.0
 
 
 class Command(IntEnum):
@@ -90,7 +90,12 @@ class ItemRow(msgspec.Struct, frozen=True):
 
 def _radius(text: str) -> Meaning:
     return Meaning(
-        3, f"{text}; 0: as the parameters say; negative: anticlockwise", -FARTHEST_M, FARTHEST_M, "m", unset=True
+        3,
+        f"{text}; 0: as the parameters say; negative: anticlockwise",
+        -MAX_DISTANCE_M,
+        MAX_DISTANCE_M,
+        "m",
+        unset=True,
     )
 
 
@@ -98,9 +103,9 @@ _ANGLE = "degrees clockwise from north, or (relative) from her heading, to starb
 _RELATIVE = "0: absolute, 1: relative"
 _GROUP = Meaning(2, "inclusion group: she is inside all areas of one", 0.0, 255.0, whole=True, unset=True)
 _TAG = Meaning(1, "tag", 0.0, 65535.0, whole=True)
-_TIMES = Meaning(2, "so many times, -1: always", -1.0, MOST_JUMPS, whole=True)
-_VERTICES = Meaning(1, "vertices of this polygon, the same in each of them", 3.0, float(MOST_ITEMS), whole=True)
-_CIRCLE = Meaning(1, "radius", 1.0, FARTHEST_M, "m")
+_TIMES = Meaning(2, "so many times, -1: always", -1.0, MAX_JUMPS, whole=True)
+_VERTICES = Meaning(1, "vertices of this polygon, the same in each of them", 3.0, float(MAX_PLAN_ITEMS), whole=True)
+_CIRCLE = Meaning(1, "radius", 1.0, MAX_DISTANCE_M, "m")
 
 _MISSION, _FENCE, _RALLY = PlanKind.MISSION, PlanKind.FENCE, PlanKind.RALLY
 
@@ -112,8 +117,8 @@ TABLE: tuple[ItemRow, ...] = (
         place=True,
         lasts=True,
         meanings=(
-            Meaning(1, "keeps station there for so long", 0.0, LONGEST_S, "s", unset=True),
-            Meaning(2, "reached within; 0: as the parameters say", 0.0, FARTHEST_M, "m", unset=True),
+            Meaning(1, "keeps station there for so long", 0.0, MAX_DURATION_S, "s", unset=True),
+            Meaning(2, "reached within; 0: as the parameters say", 0.0, MAX_DISTANCE_M, "m", unset=True),
         ),
     ),
     ItemRow(
@@ -130,7 +135,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=True,
-        meanings=(Meaning(1, "turns", 0.0, MOST_TURNS), _radius("goes round at")),
+        meanings=(Meaning(1, "turns", 0.0, MAX_TURNS), _radius("goes round at")),
     ),
     ItemRow(
         Command.LOITER_TIME,
@@ -138,7 +143,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=True,
-        meanings=(Meaning(1, "keeps station so long from her arrival", 0.0, LONGEST_S, "s"), _radius("within")),
+        meanings=(Meaning(1, "keeps station so long from her arrival", 0.0, MAX_DURATION_S, "s"), _radius("within")),
     ),
     ItemRow(Command.RETURN, "NAV_RETURN_TO_LAUNCH", _MISSION, place=False, lasts=True),
     ItemRow(
@@ -148,7 +153,7 @@ TABLE: tuple[ItemRow, ...] = (
         place=False,
         lasts=True,
         meanings=(
-            Meaning(1, "so long; -1: until the time of day (UTC) in the others", -1.0, LONGEST_S, "s"),
+            Meaning(1, "so long; -1: until the time of day (UTC) in the others", -1.0, MAX_DURATION_S, "s"),
             Meaning(2, "hour; needed with -1", -1.0, 23.0, "h", whole=True, unset=True),
             Meaning(3, "minute; -1: 0", -1.0, 59.0, "min", whole=True, unset=True),
             Meaning(4, "second; -1: 0", -1.0, 59.0, "s", whole=True, unset=True),
@@ -160,7 +165,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=False,
         lasts=True,
-        meanings=(Meaning(1, "so long", 0.0, LONGEST_S, "s"),),
+        meanings=(Meaning(1, "so long", 0.0, MAX_DURATION_S, "s"),),
     ),
     ItemRow(
         Command.CONDITION_DISTANCE,
@@ -168,7 +173,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=False,
         lasts=True,
-        meanings=(Meaning(1, "until she is so near to the next place", 0.0, FARTHEST_M, "m"),),
+        meanings=(Meaning(1, "until she is so near to the next place", 0.0, MAX_DISTANCE_M, "m"),),
     ),
     ItemRow(
         Command.YAW,
@@ -189,7 +194,7 @@ TABLE: tuple[ItemRow, ...] = (
         place=False,
         lasts=False,
         meanings=(
-            Meaning(1, "goes on with this item, numbered as the station does", 0.0, MOST_ITEMS - 1.0, whole=True),
+            Meaning(1, "goes on with this item, numbered as the station does", 0.0, MAX_PLAN_ITEMS - 1.0, whole=True),
             _TIMES,
         ),
     ),
@@ -210,7 +215,7 @@ TABLE: tuple[ItemRow, ...] = (
         lasts=False,
         meanings=(
             Meaning(1, "0: through the water, 1: over the ground", 0.0, 1.0, whole=True),
-            Meaning(2, "speed for planning; -1: no change, -2: back to her own", -2.0, FASTEST_M_S, "m/s"),
+            Meaning(2, "speed for planning; -1: no change, -2: back to her own", -2.0, MAX_SPEED_M_S, "m/s"),
         ),
     ),
     ItemRow(

@@ -15,8 +15,8 @@ from firmware_py.plans.problem import PlanProblem, PlanResult
 
 _VERTICES = (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX)
 _FULL_CIRCLE = 3_600_000_000
-_MOST_PAIRS = 20_000  # of edges that are compared, about 10 ms
-_FEWEST = 3
+_MAX_EDGE_PAIRS = 20_000  # of edges that are compared, about 10 ms
+_MIN_EDGES = 3
 
 Point = tuple[int, int]
 Edge = tuple[Point, Point]
@@ -46,7 +46,7 @@ def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
     returns = [index for index, item in enumerate(items) if item.command == Command.FENCE_RETURN]
     if len(returns) > 1:
         return PlanProblem(returns[1], PlanResult.INVALID, "a second fence return point")
-    pairs_left = _MOST_PAIRS
+    pairs_left = _MAX_EDGE_PAIRS
     index = 0
     while index < len(items):
         item = items[index]
@@ -63,7 +63,7 @@ def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
             text = f"the polygon ends after {len(vertices)} of {count} vertices"
             return PlanProblem(len(items) - 1, PlanResult.INVALID_PARAM1, text)
         edges = _edges(vertices)
-        if len(edges) < _FEWEST:
+        if len(edges) < _MIN_EDGES:
             return PlanProblem(index, PlanResult.INVALID, "the polygon has fewer than 3 different vertices")
         crossing, pairs_left = _crossing(edges, pairs_left)
         if pairs_left < 0:
@@ -117,7 +117,7 @@ def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
 def _is_line(edges: Sequence[Edge]) -> bool:
     """Return whether no vertex is farther than a unit from the line of the first and the one farthest from it."""
     ways = [(x - edges[0][0][0], y - edges[0][0][1]) for (x, y), _ in edges]
-    dx, dy = max(ways, key=lambda way: way[0] ** 2 + way[1] ** 2)
+    dx, dy = max(ways, key=lambda is_way: is_way[0] ** 2 + is_way[1] ** 2)
     return all((dx * y - dy * x) ** 2 <= dx * dx + dy * dy for x, y in ways)
 
 

@@ -35,6 +35,6 @@ class PlanProblem(msgspec.Struct, frozen=True):
     result: PlanResult
     text: str
 
-    def shown(self, first: int) -> str:
-        """Return the words with the number of the item, by that of the plan's first one (`homes`)."""
+    def message(self, first: int) -> str:
+        """Return the words with the number of the item, by that of the plan's first one (`first_item_number`)."""
         return self.text if self.index is None else f"item {self.index + first}: {self.text}"

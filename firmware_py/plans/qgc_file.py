@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans
 from firmware_py.plans.items import Command, has_place
 from firmware_py.plans.numbers import PlanFileError, located, make_item, scale_place, shorten
 from firmware_py.plans.polygons import polygons_of
@@ -97,8 +97,8 @@ def _list(data: Mapping[str, Any], key: str) -> list[Any]:
     value = data.get(key)
     if not isinstance(value, list):
         raise PlanFileError(f"{key}: expected a list, found {shorten(value)}")
-    if len(value) > MOST_ITEMS:
-        raise PlanFileError(f"{key}: {len(value)} entries; at most {MOST_ITEMS} are kept")
+    if len(value) > MAX_PLAN_ITEMS:
+        raise PlanFileError(f"{key}: {len(value)} entries; at most {MAX_PLAN_ITEMS} are kept")
     return value
 
 
@@ -140,8 +140,8 @@ def _mission(section: Any) -> Plan:
     entries: list[tuple[int, Any]] = []
     for number, entry in enumerate(_list(_known(section, 2, _MISSION_KEYS), "items"), start=1):
         entries += [(number, each) for each in _numbered(_unfolded, entry, number)]
-    if len(entries) > MOST_ITEMS:
-        raise PlanFileError(f"items: {len(entries)} with those of surveys; at most {MOST_ITEMS} are kept")
+    if len(entries) > MAX_PLAN_ITEMS:
+        raise PlanFileError(f"items: {len(entries)} with those of surveys; at most {MAX_PLAN_ITEMS} are kept")
     jump_ids = [
         _numbered(partial(_jump_id, index=index), entry, number) for index, (number, entry) in enumerate(entries)
     ]

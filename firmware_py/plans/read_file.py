@@ -14,7 +14,7 @@ from firmware_py.plans.qgc_file import read_plan
 from firmware_py.plans.text_files import read_text
 from firmware_py.plans.validation import problem_of
 
-MOST_BYTES = 8 << 20
+MAX_BYTES = 8 << 20
 
 
 def read_plan_file(
@@ -24,8 +24,8 @@ def read_plan_file(
 
     Camera items of a mission are passed over; `note` takes the line that says so.
     """
-    if len(content) > MOST_BYTES:
-        raise PlanFileError(f"{source}: larger than {MOST_BYTES >> 20} MiB; this is no plan file")
+    if len(content) > MAX_BYTES:
+        raise PlanFileError(f"{source}: larger than {MAX_BYTES >> 20} MiB; this is no plan file")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -41,7 +41,7 @@ def read_plan_file(
             counted = "home is item 0" if first else "items are counted from 0"
             if problem.index is not None:
                 problem = replace(problem, index=kept[problem.index])
-            raise PlanFileError(f"{source}: {kind}: {problem.shown(first)}; mend it ({counted})")
+            raise PlanFileError(f"{source}: {kind}: {problem.message(first)}; mend it ({counted})")
         if passed_over := sorted({item.command for item in each.items} & CAMERA if plan is not each else ()):
             if not plan.items:
                 raise PlanFileError(f"{source}: mission: it has nothing but commands for a camera; add waypoints")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plans.items import MISSION_FRAME, PLACE_FRAMES, ROWS, Command, ItemRow
 from firmware_py.plans.polygons import polygons_problem
 from firmware_py.plans.problem import PlanProblem, PlanResult
@@ -15,7 +15,7 @@ __all__ = ["PlanProblem", "PlanResult", "item_problem", "problem_of"]
 _LATITUDE_MAX, _LONGITUDE_MAX = 900_000_000, 1_800_000_000
 _BY_NUMBER = {number: PlanResult(5 + number) for number in (1, 2, 3, 4)}  # INVALID_PARAM1 and on
 _TIME_OF_DAY = -1.0
-_REMEMBERED = 4
+_CACHE_SIZE = 4
 
 _recent: list[tuple[Plan, PlanProblem | None]] = []
 
@@ -28,13 +28,13 @@ def problem_of(plan: Plan) -> PlanProblem | None:
             return problem
     problem = _first_problem(plan)
     _recent.insert(0, (plan, problem))
-    del _recent[_REMEMBERED:]
+    del _recent[_CACHE_SIZE:]
     return problem
 
 
 def _first_problem(plan: Plan) -> PlanProblem | None:
-    if len(plan.items) > MOST_ITEMS:
-        return PlanProblem(None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MOST_ITEMS} are kept")
+    if len(plan.items) > MAX_PLAN_ITEMS:
+        return PlanProblem(None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MAX_PLAN_ITEMS} are kept")
     for index, item in enumerate(plan.items):
         if problem := item_problem(plan.kind, index, item):
             return problem

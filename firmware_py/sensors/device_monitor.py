@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
-from firmware_py.common.silence import learn_interval_s, timeout_s
+from firmware_py.common.sample_timeout import learn_interval_s, timeout_s
 
 SILENT_AFTER_S = 2.0
 ERROR_KEPT_S = 10.0  # an old error would hide that all is well again
@@ -16,7 +16,7 @@ class DeviceMonitor:
     """Judges a device by what its driver reports: it is RUNNING while something good is fresh."""
 
     def __init__(self, line: ByteLine, role: DeviceRole, silent_after_s: float = SILENT_AFTER_S) -> None:
-        """Watch the device of this role on this line; one that speaks seldom is silent later (common/silence.py)."""
+        """Watch the device of this role on this line; a slow one times out later (common/sample_timeout.py)."""
         self._silent_after_s = silent_after_s
         self._line = line
         self._role = role

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from firmware_py.common.angles import radians, wrap_two_pi
-from firmware_py.common.geodesy import can_be
+from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import option
 from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
@@ -158,7 +158,7 @@ class NmeaPosition:
         reason = "its time stands still: no fix" if self._time_stands(epoch) else ""
         if fix is FixType.NONE or "lat_deg" not in values or "lon_deg" not in values:
             reason = reason or "no fix"
-        elif not can_be(radians(values["lat_deg"]), radians(values["lon_deg"])):
+        elif not is_possible_position(radians(values["lat_deg"]), radians(values["lon_deg"])):
             reason = reason or "its place cannot be: no fix"
         if reason:
             self._monitor.note(reason)

@@ -139,7 +139,7 @@ class PniCompass:
         """How far it is, or how the last one ended."""
         return self._last_calibration
 
-    def call_off(self) -> None:
+    def cancel(self) -> None:
         """End it without a result."""
         if self._calibration is not None:
             self._line.write(pni.encode(Frame.STOP_CAL))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
 
-from firmware_py.common.calendar import mended_utc_s
+from firmware_py.common.calendar import corrected_utc_s
 from firmware_py.common.interfaces import Position
 from firmware_py.common.records import DeviceHealth, PositionSample
 
@@ -48,7 +48,7 @@ class DatedPosition:
         stated_s = fix.utc_s
         if stated_s is None:
             return fix
-        utc_s = mended_utc_s(stated_s, self._clock_utc_s(), self._last_s)
+        utc_s = corrected_utc_s(stated_s, self._clock_utc_s(), self._last_s)
         self._judge("" if utc_s == stated_s else "refused" if utc_s is None else "mended", stated_s, utc_s)
         return fix if utc_s == stated_s else replace(fix, utc_s=utc_s)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
-from firmware_py.common.geodesy import can_be
+from firmware_py.common.geodesy import is_possible_position
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
 from firmware_py.sensors import ubx_protocol as ubx
@@ -83,7 +83,9 @@ class UbxPosition:
         if solution.accuracy_m is not None and solution.accuracy_m > POOREST_M:
             self._monitor.note(f"no fix: it may be {solution.accuracy_m:.0f} m off")
             solution = ubx.NavPvt(FixType.NONE, solution.satellites)
-        elif solution.lat_deg is not None and not can_be(radians(solution.lat_deg), radians(solution.lon_deg or 0.0)):
+        elif solution.lat_deg is not None and not is_possible_position(
+            radians(solution.lat_deg), radians(solution.lon_deg or 0.0)
+        ):
             self._monitor.note("its place cannot be: no fix")
             solution = ubx.NavPvt(FixType.NONE, solution.satellites)
         else:

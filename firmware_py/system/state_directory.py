@@ -296,5 +296,5 @@ def checked_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
     if plan.kind is not kind:
         raise ValueError(f"it is a {plan.kind.name.lower()}")
     if problem := problem_of(plan):
-        raise ValueError(problem.shown(int(kind is PlanKind.MISSION)))  # home is item 0
+        raise ValueError(problem.message(int(kind is PlanKind.MISSION)))  # home is item 0
     return plan, notes

@@ -151,7 +151,7 @@ def _traffic(snapshot: Snapshot) -> Values:
     seen.sort(key=lambda vessel: (not vessel.distress, vessel.near_s is None, vessel.distance_m))
     return {
         "vessels": len(traffic.vessels),
-        "no_room_for": traffic.turned_away,
+        "no_room_for": traffic.rejected,
         "aside_deg": rounded(traffic.aside_rad, 0, compass_degrees),
         "nearest": [_vessel(vessel, snapshot.t_s) for vessel in seen[:MAX_VESSELS_LISTED]],
     }

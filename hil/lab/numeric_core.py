@@ -23,7 +23,7 @@ from typing import Any, Final, TypeVar
 
 from numba.extending import register_jitable
 
-from firmware_py.common import angles, silence
+from firmware_py.common import angles, sample_timeout
 from firmware_py.control import law, rudder_limit
 from firmware_py.control.law import Gains, LawConstants, LawSettings
 from firmware_py.estimate import (
@@ -54,18 +54,18 @@ from firmware_py.safety import (
 __all__ = [
     "ERROR_MODEL", "MODULES", "Gains", "HeadingSettings", "LawConstants", "LawSettings", "Motion", "NoiseLevels",
     "angles", "convergence", "delay_test", "fixed_gain", "functions_of", "heading_estimate", "heading_filter",
-    "heading_model", "heading_tick", "inner", "kt", "law", "oscillation", "prediction_check", "rudder_limit", "silence",
-    "sources", "stay", "steering_loss", "steering_monitor", "steering_reversal", "turn_order", "water", "water_filter",
-    "water_results",
+    "heading_model", "heading_tick", "inner", "kt", "law", "oscillation", "prediction_check", "rudder_limit",
+    "sample_timeout", "sources", "stay", "steering_loss", "steering_monitor", "steering_reversal", "turn_order",
+    "water", "water_filter", "water_results",
 ]  # fmt: skip
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 ERROR_MODEL: Final = "numpy"
 MODULES: Final = (
-    angles, silence, kt, heading_estimate, fixed_gain, stay, sources, heading_model, heading_filter, prediction_check,
-    delay_test, water_filter, water_results, water, heading_tick, law, rudder_limit, oscillation, convergence,
-    turn_order, steering_loss, steering_reversal, steering_monitor,
+    angles, sample_timeout, kt, heading_estimate, fixed_gain, stay, sources, heading_model, heading_filter,
+    prediction_check, delay_test, water_filter, water_results, water, heading_tick, law, rudder_limit, oscillation,
+    convergence, turn_order, steering_loss, steering_reversal, steering_monitor,
 )  # fmt: skip
 
 

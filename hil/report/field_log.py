@@ -19,7 +19,7 @@ import numpy as np
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.common.plan import Plan, PlanKind, homes
+from firmware_py.common.plan import Plan, PlanKind, first_item_number
 from firmware_py.common.reports import Activity
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.open_file import open_buffer
@@ -146,7 +146,9 @@ def _made(got: Gathered) -> FieldLog:
         plans=got.orders.plans,
         home=got.orders.home or first,
         origin=first,
-        first_item=homes(int(got.settings.get("LNK_IDENTITY", _DEFAULTS["LNK_IDENTITY"])), PlanKind.MISSION),
+        first_item=first_item_number(
+            int(got.settings.get("LNK_IDENTITY", _DEFAULTS["LNK_IDENTITY"])), PlanKind.MISSION
+        ),
     )
 
 

@@ -58,7 +58,7 @@ def check_name(directory: Path) -> None:
         str(directory.absolute()).encode()
     except UnicodeEncodeError:
         raise UsageError(
-            f"directory {directory.absolute()}: its name is no text in this locale; give another, or LC_ALL=C.UTF-8"
+            f"directory {directory.absolute()}: not representable in this locale; use another name, or LC_ALL=C.UTF-8"
         ) from None
 
 

@@ -93,7 +93,7 @@ KNOWN = (
     r"AP: Mode 1 is not known; there are MANUAL 0, STEERING 3, HOLD 4, LOITER 5, AUTO 10, RTL 11, GUIDED 15",
     r"AP: New mission: items 1 to 3", r"AP: New (?:fence: 4|rally points: 2) items", r"AP: Mission: item [123]",
     r"AP: Mission complete: keeping station", r"AP: DO_SET_MISSION_CURRENT: the mission has no such item",
-    r"AP: Fence (?:not )?heeded", r"AP: (?:Mission|Fence|Rally points) cleared", r"AP: PreArm: all good",
+    r"AP: Fence (?:enabled|disabled)", r"AP: (?:Mission|Fence|Rally points) cleared", r"AP: PreArm: all good",
     r"AP: Compass swing: sail courses all round, a quarter of an hour each; nothing is set until you accept",
     r"AP: Compass swing: nothing to accept, \d+ percent of it is done",
     r"AP: Compass swing: cancelled, nothing was set",

@@ -167,7 +167,7 @@ def drive(section, name, data):
         if section == "rudder":
             device.command(RudderCommand((len(body) - 32) / 32.0, torque_on=not kind & CALIBRATE), now_s)
         elif kind & CALIBRATE and calibrator is not None:
-            (calibrator.calibrate(now_s) and line.full) or not line.full or calibrator.call_off()
+            (calibrator.calibrate(now_s) and line.full) or not line.full or calibrator.cancel()
         device.receive(now_s)
         for sample in device.poll():
             check_sample(sample, now_s)

@@ -17,7 +17,7 @@ from firmware_py.cli.state import _RECORDS as RECORDS
 from firmware_py.cli.state import _check_contents as check_contents
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
-from firmware_py.common.parameters import MOST_PROBLEMS, ParameterSet, format_file, parse_file
+from firmware_py.common.parameters import MAX_PROBLEMS, ParameterSet, format_file, parse_file
 from firmware_py.common.plan import PlanKind
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
@@ -323,9 +323,9 @@ URL_WORDS = tuple(
 TARGETS = {
     "plan_file": Target(plan_file, (PlanFileError,), (*QGC_WORDS, *JSON_WORDS)),
     "stored_plans": Target(stored_plans, (), JSON_WORDS),
-    "parameter_file": Target(parameter_file, (ParameterError,), NAMES, lines=MOST_PROBLEMS + 1),
+    "parameter_file": Target(parameter_file, (ParameterError,), NAMES, lines=MAX_PROBLEMS + 1),
     "stored_parameters": Target(stored_parameters, (), NAMES),
-    "vehicle_file": Target(vehicle_file, (VehicleError, LinkError), (*TOML_WORDS, *NAMES), lines=MOST_PROBLEMS + 1),
+    "vehicle_file": Target(vehicle_file, (VehicleError, LinkError), (*TOML_WORDS, *NAMES), lines=MAX_PROBLEMS + 1),
     "link_url": Target(link_url, (LinkError,), URL_WORDS, 256),
     "resume_file": Target(resume_file, (), MSGPACK_WORDS),
     "checkpoint": Target(checkpoint, (ValueError,), JSON_WORDS, 16_384),

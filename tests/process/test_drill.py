@@ -57,7 +57,7 @@ MUTATIONS = (
         "HeadingTarget(-status.course_rad, over",
         "outside the fence",
     ),
-    ("loop.py", "    amidships = 0\n", "    amidships = SAFE_READINGS\n", "ended and started"),
+    ("loop.py", "    amidships = 0\n", "    amidships = MIN_SAFE_READINGS\n", "ended and started"),
     ("estimate/sources.py", "if is_usable(b,", "if False and is_usable(b,", "first of two compasses"),
     ("faults/latch.py", ">= row.debounce_s)", ">= 0.0)", "troubles of a second"),
     ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),

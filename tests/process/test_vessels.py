@@ -17,9 +17,9 @@ def test_a_crossing_ship_is_reported_avoided_and_replayed(tmp_path):
     code, _, errors = rambler_hil(*WORDS, *settings, "--out", str(tmp_path))
     assert (code, errors) == (0, "")
     said = (tmp_path / "firmware.log").read_text()
-    assert " comes to " in said
+    assert ": closest " in said
     assert "Vessel approaching" in said
-    assert "Steps aside to" in said
+    assert "Avoidance: heading" in said
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["with"] == "vessels=crossing:0:40"
     (ship,) = summary["vessels"]

@@ -13,7 +13,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
-from firmware_py.common.reading_notes import MOST_NOTES
+from firmware_py.common.reading_notes import MAX_NOTES
 from firmware_py.core.resume import Moment, restore, resume_of, to_bytes
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
@@ -84,7 +84,7 @@ def read(kind, data):
     except ValueError as error:
         assert len(str(error)) < 1000  # noqa: PT017 -- both ways are right
         return None, ()
-    assert len(notes) <= MOST_NOTES + 1
+    assert len(notes) <= MAX_NOTES + 1
     assert all(note and "\n" not in note for note in notes)
     return record, notes
 

@@ -386,7 +386,7 @@ class Months:
             except PowerCutError:
                 pass
             except CrashError as error:
-                self._supervision.end_badly(str(error))
+                self._supervision.end_with_error(str(error))
                 parts.recorder.close()
             else:
                 self._supervision.end(anew=False)
@@ -469,7 +469,7 @@ class Months:
             recorder=recorder,
             store=store,
             lines=(),
-            show_event=lambda event: say(event.text),
+            print_event=lambda event: say(event.text),
             fault_barrier=FaultBarrier(say),
         )
         endings = read_endings(store, None, clock.utc_s(), parts.notices)

@@ -28,7 +28,7 @@ from firmware_py.common.reports import MissionState
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.table import Fault
-from firmware_py.guidance.traffic import MOST_VESSELS
+from firmware_py.guidance.traffic import MAX_VESSELS
 from firmware_py.model.kt import OCEAN_RAMBLER
 from firmware_py.sensors.ais import MOST_REPORTS, AisOptions, AisReceiver
 from hil.devices.ais import AisEmulator
@@ -201,12 +201,12 @@ def encountered(seed):
     assert boat.least_margin_m > 0.0, (seed, ship)
     assert not boat.said("Fence breached")
     assert not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
-    assert len(boat.said(" comes to ")) == 1, (seed, ship, boat.events)
-    (told_s,) = boat.said(" comes to ")
+    assert len(boat.said(": closest ")) == 1, (seed, ship, boat.events)
+    (told_s,) = boat.said(": closest ")
     plain_m, at_s = on_her_way(ship)
     sector_deg = boat.state.parameters["AIS_SECTOR_DEG"]
     best_m = attainable(ship, told_s, boat.places_m[told_s], sector_deg)
-    stepped, refused = bool(boat.said("Steps aside")), bool(boat.said("Cannot step aside"))
+    stepped, refused = bool(boat.said("Avoidance: heading")), bool(boat.said("Avoidance: no better heading"))
     heard_s = at_s - boat.heard_s
     return Outcome(
         seed, ship, plain_m, best_m, boat.closest[0][0], at_s - told_s, heard_s, stepped, refused, boat.least_margin_m
@@ -262,8 +262,8 @@ def test_round_a_ship_at_anchor_on_her_line_she_goes_and_tells_it_once(place_m, 
     ship = Ship(211000001, "ANCHORED", *place_m, at_anchor=True)
     boat = Boat((ship,), 1, current_m_s, AIS_ACT=1.0).sail()
     assert boat.snapshot.mission.state is MissionState.COMPLETE, boat.events
-    assert len(boat.said(" comes to ")) == 1, boat.events
-    assert len(boat.said("Steps aside")) == 1, boat.events
+    assert len(boat.said(": closest ")) == 1, boat.events
+    assert len(boat.said("Avoidance: heading")) == 1, boat.events
     assert boat.closest[0][0] > 100.0
     assert boat.least_margin_m > 200.0  # twice as far off as is near is ample: she runs on to the side no further
 
@@ -274,7 +274,7 @@ def test_beside_a_ship_at_anchor_she_keeps_her_station():
     boat.under_way(Mode.LOITER)
     while boat.t_s < 1800.0:
         boat.tick()
-    assert boat.said("Steps aside")
+    assert boat.said("Avoidance: heading")
     assert boat.farthest_m < 200.0, boat.events
 
 
@@ -286,7 +286,7 @@ def test_among_ghosts_leapers_and_her_own_number_the_real_ship_is_told():
     assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")
     assert not boat.said("DOUBLE")
     assert boat.said(f"AIS: another ship sends her number {OWN_MMSI:09d}")
-    assert len(boat.said(" comes to ")) <= 30
+    assert len(boat.said(": closest ")) <= 30
 
 
 def test_absurd_stations_are_no_ships():
@@ -304,8 +304,8 @@ def test_in_a_flood_of_ten_thousand_each_tick_has_a_bounded_piece_of_work_and_th
     boat = Boat(PATTERNS["flood"](SPEED_M_S, np.random.default_rng(1)), 1, AIS_NEAR_S=1800.0)
     while boat.t_s < 100.0:
         boat.tick()
-        assert len(boat.state.traffic.vessels) <= MOST_VESSELS
+        assert len(boat.state.traffic.vessels) <= MAX_VESSELS
         assert boat.reports <= MOST_REPORTS
     assert boat.transponder.unsent > 50_000
-    assert boat.state.traffic.turned_away > 1000
+    assert boat.state.traffic.rejected > 1000
     assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")

@@ -148,7 +148,7 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     assert not boat.said("where it jumped to")
     boat.jump_m = (200.0, 0.0)
     boat.run(60.0)
-    (told_s,) = boat.said("Position believed where it jumped to: ")
+    (told_s,) = boat.said("GPS jump accepted: position moved by ")
     assert boat.snapshot.position_ok
     assert boat.said("GPS position recovered")[-1] >= told_s  # it is not the old place that is back
 
@@ -190,7 +190,7 @@ def test_a_mission_that_waits_goes_on_when_it_is_told_to(intent, index):
     boat.tick(intent)
     boat.run(1.0)
     assert (boat.snapshot.mission.state, boat.snapshot.mission.index) == (MissionState.ACTIVE, index)
-    assert boat.said("Mission goes on")
+    assert boat.said("Mission resumed")
 
 
 @pytest.mark.parametrize("intent", [PauseMission(paused=False), SetMode(Mode.AUTO)])
@@ -207,7 +207,7 @@ def test_a_pause_is_told_and_ends_when_the_operator_asks_for_the_mission(intent)
     boat.tick(intent)
     boat.run(1.0)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
-    assert boat.said("Mission goes on")
+    assert boat.said("Mission resumed")
 
 
 @pytest.mark.parametrize("pause", [(), (PauseMission(paused=True),)])
@@ -253,10 +253,10 @@ def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_
     assert boat.snapshot.mission.index == 0
     every, boat.fix_every = boat.fix_every, 10**9
     boat.run(420.0)
-    assert boat.said("GPS position lost") == boat.said("Goes on by reckoning from the last fix")
+    assert boat.said("GPS position lost") == boat.said("GPS lost: dead reckoning")
     assert not boat.snapshot.position_ok
     assert boat.snapshot.mission.index == 1  # the first was near, and certain enough
-    assert boat.said("Reckoned to be there: waits for a fix to say so")
+    assert boat.said("Probably at the waypoint (no GPS); waiting for a fix")
     text = state_to_text(boat.state)
     read, notes = state_from_text(text)
     assert (state_to_text(read), notes) == (text, ())  # states with NaN in them are never equal
@@ -265,7 +265,7 @@ def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_
     boat.fix_every = every
     rudders_rad = [boat.tick().snapshot.rudder_command_rad for _ in range(100)]
     assert max(abs(a - b) for a, b in itertools.pairwise(rudders_rad)) <= math.radians(3.0) + 1e-9
-    assert boat.said("Reckoned for 7 min: she was ")
+    assert boat.said("GPS recovered after 7 min: position error ")
     assert boat.snapshot.dead_reckoned is None
     boat.run(120.0, until=lambda boat: boat.snapshot.mission.index == 2)
     assert boat.snapshot.mission.index == 2

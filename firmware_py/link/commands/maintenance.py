@@ -88,7 +88,7 @@ def _calibrate_compass(context: LinkContext, call: CommandCall, compass: Calibra
     return PendingCommand(
         timeout_s=CIRCLE_TIMEOUT_S,
         percent=lambda: compass.calibration().percent,
-        cancel=compass.call_off,
+        cancel=compass.cancel,
         poll=ended,
     )
 

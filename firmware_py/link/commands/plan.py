@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.plan import PlanKind, homes
+from firmware_py.common.plan import PlanKind, first_item_number
 from firmware_py.common.records import Severity
 from firmware_py.link.commands.server import NEITHER, CommandCall, CommandRow
 from firmware_py.link.commands.steering import GLOBAL_FRAMES, home_of
@@ -42,7 +42,7 @@ def start_mission(context: LinkContext, call: CommandCall) -> Answer:
     if not _count(context):
         return call.denied("there is no mission")
     index = _item(context, first)
-    last_items = (0.0, float(_count(context) - 1 + homes(context.autopilot, PlanKind.MISSION)))
+    last_items = (0.0, float(_count(context) - 1 + first_item_number(context.autopilot, PlanKind.MISSION)))
     if index is None or not within(last, 0, UINT16_MAX) or last not in last_items:
         return call.denied(f"{first:g} to {last:g} are not a first item of the mission and its last")
     answer = context.request(call.message, SetMode(int(Mode.AUTO)), call.now_s)
@@ -77,7 +77,7 @@ def _item(context: LinkContext, number: float) -> int | None:
     if not within(number, 0, UINT16_MAX) or number != int(number):
         return None
     # Home, where it is item 0, stands for the first.
-    index = max(0, int(number) - homes(context.autopilot, PlanKind.MISSION))
+    index = max(0, int(number) - first_item_number(context.autopilot, PlanKind.MISSION))
     return index if index < _count(context) else None
 
 

@@ -19,7 +19,7 @@ from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE
 from firmware_py.files.packed import SUFFIX, PackedFile, PlainFile
 from firmware_py.link.files.payload import Error, Refusal
 
-LONGEST_NAME = 64
+MAX_NAME_LENGTH = 64
 DEEPEST = 4
 FILE_BYTES = 1 << 20  # the largest file that is taken
 AREA_BYTES = 16 << 20

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 
-from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, first_item_number
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
 from firmware_py.link.latest import keep_latest
@@ -60,7 +60,7 @@ def _whole(value: float, *, scaled: bool) -> int | None:
 
 def news_of(plan: Plan, autopilot: int) -> str:
     """Say which plan there is now; a mission by its numbers, since stations differ in whether home counts as one."""
-    first, count = homes(autopilot, plan.kind), len(plan.items)
+    first, count = first_item_number(autopilot, plan.kind), len(plan.items)
     extent = f"items {first} to {first + count - 1}" if first and count else f"{count} items"
     return f"New {NAMES[plan.kind]}: {extent}"
 

@@ -13,7 +13,7 @@ from functools import partial
 from msgspec.structs import replace
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, first_item_number
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
@@ -56,8 +56,8 @@ def unpack(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProble
         return _fault(f"holds a plan of kind {number} instead of {int(kind)}")
     if options or first:
         return _fault("only whole plans are taken")
-    if count > MOST_ITEMS + home_count:
-        return PlanProblem(None, PlanResult.NO_SPACE, f"{count} items; at most {MOST_ITEMS} are kept")
+    if count > MAX_PLAN_ITEMS + home_count:
+        return PlanProblem(None, PlanResult.NO_SPACE, f"{count} items; at most {MAX_PLAN_ITEMS} are kept")
     if len(content) != _HEAD.size + count * _ITEM.unpacker.size:
         return _fault(f"{len(content)} bytes do not hold {count} items")
     items: list[PlanItem] = []
@@ -99,19 +99,19 @@ class PlanFiles:
     def _maker(self, kind: PlanKind) -> Generate:
         def make(_: Query) -> bytes:
             plan = self._context.request_handler.plans().of(kind)
-            return pack(plan, self._context.home, homes(self._context.autopilot, kind))
+            return pack(plan, self._context.home, first_item_number(self._context.autopilot, kind))
 
         return make
 
     def _sink(self, kind: PlanKind) -> Sink:
         def put_in_force(content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
-            home_count = homes(self._context.autopilot, kind)
+            home_count = first_item_number(self._context.autopilot, kind)
 
             def judged(plan: Plan | PlanProblem | Exception) -> None:
                 if isinstance(plan, Plan):
                     self._replace(plan, origin, done)
                 elif isinstance(plan, PlanProblem):
-                    done(plan.shown(home_count))
+                    done(plan.message(home_count))
                 else:
                     done(f"{type(plan).__name__}: {plan}")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, SetMissionItem, Verdict
-from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, homes
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, first_item_number
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.link.commands.steering import GUIDED, go_to_waypoint
@@ -72,7 +72,7 @@ class MissionServer:
 
     def report_progress(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
         """Tell what was reached, and hasten the rest when something has changed."""
-        home_count = homes(self._context.autopilot, PlanKind.MISSION)
+        home_count = first_item_number(self._context.autopilot, PlanKind.MISSION)
         for index in snapshot.mission.reached:
             self._context.send_all(_REACHED(index + home_count))
         if before is None or before.mission != snapshot.mission:
@@ -107,7 +107,7 @@ class MissionServer:
 
         It is on disk by then, unless a tick has told it before.
         """
-        index = max(0, message.seq - homes(self._context.autopilot, PlanKind.MISSION))
+        index = max(0, message.seq - first_item_number(self._context.autopilot, PlanKind.MISSION))
         answer = self._context.request(message, SetMissionItem(index), now_s)
         if answer.verdict is Verdict.ACCEPTED:
             self._context.request_handler.when_orders_stored(partial(self._current_set, peer, message.seq))
@@ -216,7 +216,7 @@ class PlanDownloads:
         reader = correspondent(peer, message)
         plan = self._context.request_handler.plans().of(kind)
         keep_latest(self._readings, (reader, kind), PlanDownload(plan, now_s), _REMEMBERED)
-        count = _wire_count(plan, homes(self._context.autopilot, kind))
+        count = _wire_count(plan, first_item_number(self._context.autopilot, kind))
         self._context.send(peer, _COUNT(*reader.sender, count, int(kind), plan.identity))
 
     def send_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
@@ -228,7 +228,7 @@ class PlanDownloads:
     def send_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_PARTIAL_LIST with the items themselves; -1 is the end of the list."""
         plan = self._plan(correspondent(peer, message), kind, now_s)
-        count = _wire_count(plan, homes(self._context.autopilot, kind))
+        count = _wire_count(plan, first_item_number(self._context.autopilot, kind))
         first, last = message.start_index, message.end_index if message.end_index != -1 else count - 1
         if not 0 <= first <= last < count:
             acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
@@ -251,7 +251,7 @@ class PlanDownloads:
         return reading.plan
 
     def _send(self, peer: Peer, message: Message, kind: PlanKind, plan: Plan, sequence: int, *, whole: bool) -> bool:
-        home_count = homes(self._context.autopilot, kind)
+        home_count = first_item_number(self._context.autopilot, kind)
         # Home is there without a mission, too: DroneKit asks for it whatever the count, and waits for it.
         if not 0 <= sequence < max(_wire_count(plan, home_count), home_count):
             return False
@@ -307,6 +307,6 @@ class FenceWarning:
             return
         first, *others = self._found
         self._found = []
-        text = first.shown(homes(self._context.autopilot, first.kind))
+        text = first.message(first_item_number(self._context.autopilot, first.kind))
         more = f", and {len(others)} more" if others else ""
         self._context.send_text_all(Severity.WARNING, f"{text}{more}")

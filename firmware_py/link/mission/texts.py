@@ -29,7 +29,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "<plan> not taken: <why>": ("the plan was refused as a whole; why is a row of this page", _MEND),
     "it was refused": ("the plan was not taken", _AGAIN),
     "Item <number> was refused": ("she goes on with the item that she was at", "name an item that there is"),
-    "the plan could not be stored; the old one stands": ("the disk did not take it", "see STORAGE_FAILING"),
+    "plan not stored; the old one stays active": ("the disk did not take it", "see STORAGE_FAILING"),
     "the plan has been changed meanwhile": ("somebody else has sent one while yours came", "look at it, send again"),
     "there are no such items to be written anew": ("a part of a plan was sent for items that there are not", _AGAIN),
     "the station fell silent at item <number>": ("an upload has not gone on for seconds", _AGAIN),

@@ -14,7 +14,7 @@ import msgspec
 from msgspec.structs import replace
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, first_item_number
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
 from firmware_py.link.latest import keep_latest
@@ -91,13 +91,13 @@ class PlanUploads:
 
     def begin(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take a MISSION_COUNT: begin an upload, or begin it again."""
-        home_count = homes(self._context.autopilot, kind)
+        home_count = first_item_number(self._context.autopilot, kind)
         owner = correspondent(peer, message)
         if self._counts.is_double(owner, message, now_s) or not self.may_change(peer, message, kind, now_s):
             return
         self._forget(owner, kind)
-        if message.count > MOST_ITEMS + home_count:
-            text = f"{message.count} items; at most {MOST_ITEMS} are kept"
+        if message.count > MAX_PLAN_ITEMS + home_count:
+            text = f"{message.count} items; at most {MAX_PLAN_ITEMS} are kept"
             self._refuse(owner, PlanProblem(None, PlanResult.NO_SPACE, text), kind, now_s)
             return
         self._start(owner, kind, (0, message.count), None, now_s)
@@ -109,7 +109,7 @@ class PlanUploads:
         owner = correspondent(peer, message)
         self._forget(owner, kind)
         base = self._context.request_handler.plans().of(kind)
-        last = len(base.items) + homes(self._context.autopilot, kind) - 1
+        last = len(base.items) + first_item_number(self._context.autopilot, kind) - 1
         first, end = message.start_index, min(message.end_index, last) + 1
         if not base.items or not 0 <= first < end:
             fault = PlanProblem(None, PlanResult.INVALID_SEQUENCE, "there are no such items to be written anew")
@@ -187,7 +187,7 @@ class PlanUploads:
         self, owner: Correspondent, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float
     ) -> None:
         timeouts = timeouts_of(owner.peer.transport)
-        home_count = homes(self._context.autopilot, kind)
+        home_count = first_item_number(self._context.autopilot, kind)
         upload = PlanUpload(kind, owner, *span, home_count, base, timeouts, RetryTimer(timeouts), now_s)
         self._active[kind] = upload
         self._request_next(upload, now_s)
@@ -258,7 +258,7 @@ class PlanUploads:
         self, to: Correspondent, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None
     ) -> None:
         acknowledge(self._context, to.peer, to.sender, int(kind) if shown is None else shown, fault.result)
-        why = fault.shown(homes(self._context.autopilot, kind))
+        why = fault.message(first_item_number(self._context.autopilot, kind))
         self._context.send_text_limited(
             to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {why}", now_s
         )

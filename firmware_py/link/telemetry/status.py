@@ -7,7 +7,7 @@ import math
 from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.calendar import LAST_UTC_S
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.plan import PlanKind, homes
+from firmware_py.common.plan import PlanKind, first_item_number
 from firmware_py.common.records import CalibrationState
 from firmware_py.common.reports import SwingReport
 from firmware_py.faults.table import Fault
@@ -185,7 +185,7 @@ def mission_current(context: TelemetryContext) -> Message:
     """Return MISSION_CURRENT: item, total without home, state, and the opaque ids of the three plans."""
     boat = context.snapshot
     report = boat.mission
-    sequence = 0 if report.index is None else report.index + homes(context.autopilot, PlanKind.MISSION)
+    sequence = 0 if report.index is None else report.index + first_item_number(context.autopilot, PlanKind.MISSION)
     mode = _IN_MISSION_MODE if boat.mode is Mode.AUTO else _SUSPENDED
     total = whole(report.count or None, 0, UINT16_MAX - 1, UINT16_MAX)
     return _CURRENT(whole(sequence, 0, UINT16_MAX, 0), total, int(report.state), mode, *report.identities)
@@ -267,7 +267,7 @@ def high_latency2(context: TelemetryContext) -> Message:
 def _item_number(context: TelemetryContext) -> float | None:
     """Return the current item as ground stations number it."""
     index = context.snapshot.mission.index
-    return None if index is None else index + homes(context.autopilot, PlanKind.MISSION)
+    return None if index is None else index + first_item_number(context.autopilot, PlanKind.MISSION)
 
 
 def _half_degrees(angle_rad: float | None) -> int:

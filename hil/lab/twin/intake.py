@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from hil.lab.numeric_core import heading_filter, heading_tick, inner, silence, sources, water
+from hil.lab.numeric_core import heading_filter, heading_tick, inner, sample_timeout, sources, water
 from hil.lab.twin.autopilot import Autopilot, Intake, Seen
 from hil.lab.twin.devices import LATITUDE_RAD, LONGITUDE_RAD, LOST, SAID_RAD, THERE_S
 from hil.lab.twin.plant import Plant
@@ -25,15 +25,15 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
     model = water.model_at_speed(boat.heading.model, before.water)
     heading_s, interval_s = before.heading_s, before.heading_interval_s
     # As known before this tick: a gap must not excuse itself.
-    lost_after_s = silence.timeout_s(interval_s, boat.compass_timeout_s)
-    fix_lost_after_s = silence.timeout_s(before.fix_interval_s, boat.position_timeout_s)
+    lost_after_s = sample_timeout.timeout_s(interval_s, boat.compass_timeout_s)
+    fix_lost_after_s = sample_timeout.timeout_s(before.fix_interval_s, boat.position_timeout_s)
     timeouts_s = (lost_after_s, lost_after_s)
     s = heading_tick.begin_tick(s, now_s, now_s - me.steered_s, timeouts_s)
     me.newest_s, headings = np.nan, 0
     while headings < at.heading_count and at.headings[headings, THERE_S] <= now_s:
         t_s, said_rad = at.headings[headings, THERE_S], at.headings[headings, SAID_RAD]
         s = heading_tick.add_sample(s, model, sources.TrueHeadingSample(t_s, said_rad, said_rad, 0))
-        interval_s = silence.learn_interval_s(interval_s, t_s - heading_s, boat.compass_timeout_s)
+        interval_s = sample_timeout.learn_interval_s(interval_s, t_s - heading_s, boat.compass_timeout_s)
         me.newest_s = heading_s = t_s
         headings += 1
     s = heading_tick.select(s, boat.heading, model, now_s, timeouts_s, before.water, fix_lost_after_s)
@@ -45,7 +45,7 @@ def update(a: Autopilot, at: Plant, before: Intake, now_s: float) -> tuple[Intak
     fix_s, fix_interval_s = before.fix_s, before.fix_interval_s
     for fix in range(fixes):
         t_s = at.fixes[fix, THERE_S]
-        fix_interval_s = silence.learn_interval_s(fix_interval_s, t_s - fix_s, boat.position_timeout_s)
+        fix_interval_s = sample_timeout.learn_interval_s(fix_interval_s, t_s - fix_s, boat.position_timeout_s)
         fix_s = t_s
         if at.fixes[fix, LOST] == 0.0:
             latitude_rad, longitude_rad = at.fixes[fix, LATITUDE_RAD], at.fixes[fix, LONGITUDE_RAD]

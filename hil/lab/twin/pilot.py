@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
-from hil.lab.numeric_core import inner, law, oscillation, rudder_limit, silence, steering_monitor
+from hil.lab.numeric_core import inner, law, oscillation, rudder_limit, sample_timeout, steering_monitor
 from hil.lab.twin.autopilot import Autopilot, Helm, Seen, Task
 
 ARMED_S, GUARD_S = 0.28, 0.003  # when the operator has armed and set the mode; before a tick the link waits
@@ -53,7 +53,7 @@ def steer(a: Autopilot, helm: Helm, seen: Seen, now_s: float) -> Helm:
     me, boat, known = a.state, a.boat, seen.estimate
     step_s = 0.0 if math.isnan(me.before_s) else min(max(0.0, now_s - me.before_s), LONGEST_STEP_S)
     armed = is_armed(now_s)
-    lost_after_s = silence.timeout_s(seen.heading_interval_s, boat.compass_timeout_s)
+    lost_after_s = sample_timeout.timeout_s(seen.heading_interval_s, boat.compass_timeout_s)
     steered = armed and now_s - me.sample_s <= lost_after_s and not math.isnan(me.goal_rad)
     me.error_rad = wrap_pi(me.goal_rad - me.heading_rad) if steered else np.nan
     me.heading_sd_rad = seen.heading_sd_rad

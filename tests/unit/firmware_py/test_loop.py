@@ -37,7 +37,7 @@ from firmware_py.core.autopilot import PENDING_LIMIT, Autopilot
 from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.core.state import State
 from firmware_py.faults.table import Fault
-from firmware_py.loop import LINK_PART, SAFE_INTERVAL_S, LoopParts, make_safe, run
+from firmware_py.loop import MAX_LINK_FRACTION, SAFE_INTERVAL_S, LoopParts, make_safe, run
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, RESUME_FILE, StateDirectory
@@ -240,7 +240,7 @@ def boat():
         recorder=FakeRecorder(),
         store=store,
         lines=[],
-        show_event=lambda _event: None,
+        print_event=lambda _event: None,
         fault_barrier=FaultBarrier(pytest.fail),  # no test but that of it makes mistakes
     )
 
@@ -415,7 +415,7 @@ def test_the_ticks_drift_to_just_after_the_compass(boat):
 
 
 @pytest.mark.parametrize(
-    ("prompt", "locked", "said_s", "whole", "begun_s"),
+    ("on_compass", "locked", "said_s", "whole", "begun_s"),
     [
         (True, 1, 0.098, True, 0.098),
         (True, 1, 0.098, False, 0.1),  # only the beginning of a sentence has come
@@ -424,8 +424,8 @@ def test_the_ticks_drift_to_just_after_the_compass(boat):
         (False, 1, 0.098, True, 0.1),  # where time stands still there is nothing to save
     ],
 )
-def test_a_tick_begins_with_the_sample_that_it_is_locked_to(boat, prompt, locked, said_s, whole, begun_s):
-    boat.prompt_ticks = prompt
+def test_a_tick_begins_with_the_sample_that_it_is_locked_to(boat, on_compass, locked, said_s, whole, begun_s):
+    boat.tick_on_compass = on_compass
     boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", locked)))
     receive = boat.compass.receive
     boat.compass.receive = lambda now_s: receive(now_s) if now_s == said_s and whole else None
@@ -465,7 +465,7 @@ def test_a_flood_gets_part_of_the_time_and_the_tick_is_punctual(boat):
     boat.link.on_service = on_service
     turn(boat, 1.0)
     served = sum(1 for entry in boat.link.log if entry[0] == "service")
-    assert served == pytest.approx(1000 * LINK_PART, rel=0.1)
+    assert served == pytest.approx(1000 * MAX_LINK_FRACTION, rel=0.1)
     assert all(inputs.tick.late_s < 1e-9 for inputs, _, _ in boat.recorder.ticks)
 
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.common.options import meanings
-from firmware_py.common.parameters import MOST_PROBLEMS
+from firmware_py.common.parameters import MAX_PROBLEMS
 from firmware_py.devices import SECTIONS
 from firmware_py.link.wire.urls import parse_url
 from firmware_py.vehicle import DeviceEntry, VehicleError, load
@@ -68,15 +68,19 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
     [
         ("[compass]", "[compas]", r"'compas' is not known; did you mean 'compass'"),
         ("[rudder]", "[hull2]", "is not known"),
-        ('driver = "nmea"', 'driver = "nmae"', r"\[compass\] driver 'nmae' is not known; there are nmea, pni_tcm, mti"),
+        (
+            'driver = "nmea"',
+            'driver = "nmae"',
+            r"\[compass\] driver 'nmae' is not known; use one of nmea, pni_tcm, mti",
+        ),
         ("baud = 4800", "baud = 4800.5", r"\[compass\] baud: 4800.5 is not a whole number"),
         ("baud = 4800", "baud = 1", "out of range; allowed: 300 to"),
         ("baud = 4800", 'baud = "4800"', "expected a number"),
         ("baud = 4800", "", r"\[compass\] baud is missing"),
         ("baud = 4800", "boud = 4800", "did you mean 'baud'"),
-        ('driver = "nmea"', "", r"\[compass\] driver is missing; there are nmea, pni_tcm, mti"),
-        ('driver = "nmea"', "driver = 5", r"\[compass\] driver '5' is not known; there are nmea"),
-        ('["HDT"]', '["HDX"]', r"\[compass\] sentences: 'HDX' is not known; there are HDG, HDT, HDM"),
+        ('driver = "nmea"', "", r"\[compass\] driver is missing; use one of nmea, pni_tcm, mti"),
+        ('driver = "nmea"', "driver = 5", r"\[compass\] driver '5' is not known; use one of nmea"),
+        ('["HDT"]', '["HDX"]', r"\[compass\] sentences: 'HDX' is not known; use one of HDG, HDT, HDM"),
         ('["HDT"]', '"HDT"', r"\[compass\] sentences: expected a list of texts"),
         ("id = 3", "id = 300", r"\[rudder\] id: 300 is out of range; allowed: 1 to 30"),
         ("id = 3", "id = 0", r"\[rudder\] id: 0 is out of range; allowed: 1 to 30"),
@@ -89,8 +93,8 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
         ("CTL_K1 = 41", "CTL_K1 = 1" + "0" * 400, "CTL_K1: expected a number"),
         ("baud = 4800", "baud = 1" + "0" * 400, r"\[compass\] baud: expected a number from 300"),
         ("CTL_K1 = 41", 'file = "none.param"', "cannot be read"),
-        ("CTL_K1 = 41", 'file = "a\\u0000"', "'file' holds what cannot be printed: 'a.x00'"),
-        ("CTL_K1 = 41", 'file = "\\u0010"', "'file' holds what cannot be printed"),
+        ("CTL_K1 = 41", 'file = "a\\u0000"', "'file' holds characters that cannot be printed: 'a.x00'"),
+        ("CTL_K1 = 41", 'file = "\\u0010"', "'file' holds characters that cannot be printed"),
         ("CTL_K1 = 41", "CTL_K1 = 1" + "0" * 5000, "not valid TOML"),
         ("CTL_K1 = 41", "CTL_K1 = " + "[" * 3000, "nested too deeply"),
         ("CTL_K1 = 41", "C" * 5000 + " = 41", r"unknown parameter 'C{30}'; near it"),
@@ -211,4 +215,4 @@ def test_a_file_full_of_errors_is_told_in_a_few_lines(write):
     text = GOOD + "".join(f"NONE_{number} = 1\n" for number in range(2000))
     with pytest.raises(VehicleError) as caught:
         load(write(text))
-    assert len(str(caught.value).splitlines()) == MOST_PROBLEMS
+    assert len(str(caught.value).splitlines()) == MAX_PROBLEMS

@@ -85,7 +85,7 @@ def test_what_is_said_ahead_of_the_first_tick_is_not_shown_again_in_it(vehicle, 
         assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
         _supervise(assembly, arguments)
         for event in assembly.parts.notices:
-            assembly.parts.show_event(event)
+            assembly.parts.print_event(event)
         assembly.close()
     told = "Started again: cut off (the first time)"
     assert capfd.readouterr().err.count(told) == 1
@@ -98,7 +98,7 @@ def begun(directory, vehicle, how, after_s=1.0):
     supervision = _supervise(assembly, argparse.Namespace(watchdog=None, wait=True))
     assembly.parts.show_status(None, assembly.parts.clock.now_s() + after_s)
     if how == "fails":
-        supervision.end_badly("ValueError: math domain error")
+        supervision.end_with_error("ValueError: math domain error")
     elif how == "ends":
         supervision.end(anew=False)
     values = assembly.parts.autopilot.parameters()
@@ -180,7 +180,7 @@ def test_a_thread_that_cannot_be_had_is_one_line_and_leaves_nothing_held(number,
         assert main(["run", str(tmp_path / "boat.toml"), "--state", str(tmp_path / "state"), "--wait"]) == 2
     assert len(started) == number + 1
     (line,) = capfd.readouterr().err.splitlines()
-    assert "no new thread" in line
+    assert "cannot start a thread" in line
     assert not any(thread.is_alive() for thread in started)
     assert len(list(Path("/proc/self/fd").iterdir())) == before
     Store(tmp_path / "state").close()

@@ -155,7 +155,7 @@ def test_a_full_standard_output_is_no_fault_of_the_directory(keyed, capsys, monk
     with Path("/dev/full").open("wb", buffering=0) as full:
         monkeypatch.setattr("sys.stdout", io.TextIOWrapper(full, write_through=True))
         assert main(["key", "show-state", "--state", str(keyed)]) == 2
-    assert capsys.readouterr().err.startswith("rambler: no room is left on a disk")
+    assert capsys.readouterr().err.startswith("rambler: a disk is full (see df)")
 
 
 def test_a_lost_key_is_told_with_its_cause_and_can_be_removed(keyed, capsys):

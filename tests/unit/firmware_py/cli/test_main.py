@@ -180,7 +180,7 @@ def test_an_example_that_finds_no_room_is_told_and_nothing_is_left_of_it(tmp_pat
     done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (
         2,
-        f"rambler: {tmp_path / 'boat.toml'}: File too large; give another path\n",
+        f"rambler: {tmp_path / 'boat.toml'}: File too large; use another path\n",
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -212,7 +212,7 @@ def test_a_name_that_is_no_utf_8_is_refused_in_a_line(words, tmp_path, monkeypat
     assert hil_main([*words, name]) == 2
     said = capsys.readouterr()
     assert (said.out, said.err.count("\n")) == ("", 1)
-    assert "is no text in this locale; give another, or LC_ALL=C.UTF-8\n" in said.err
+    assert "not representable in this locale; use another name, or LC_ALL=C.UTF-8\n" in said.err
     assert not [path for path in tmp_path.iterdir() if path.is_dir()]
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.common.parameters import MOST_PROBLEMS, parse_file
+from firmware_py.common.parameters import MAX_PROBLEMS, parse_file
 
 SETTINGS = [row for row in TABLE if not row.read_only]
 
@@ -120,5 +120,5 @@ def test_of_a_file_that_is_none_not_more_is_told_than_anybody_reads(capsys, tmp_
     given.write_text("nothing of the kind\n" * 10_000)
     assert main(["params", str(given)]) == 1
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == MOST_PROBLEMS + 1
-    assert "not looked at behind line 20" in lines[-1]
+    assert len(lines) == MAX_PROBLEMS + 1
+    assert "not checked after line 20" in lines[-1]

@@ -22,6 +22,7 @@ PUT_TOGETHER = (
     "resume.record.1 is missing: the other slot is used, perhaps an older version",
     "params.parm.0 cannot be read (Permission denied)",
     "state directory state: import.pending is damaged",
+    "Import not used: import.pending is damaged",
     "state directory state: busy; choose another with --state",
     "Port /dev/ttyS1: changed by another program, restored; open in gpsd (process 812)",
     "Port /dev/ttyS1: also open in gpsd (process 812); end that",

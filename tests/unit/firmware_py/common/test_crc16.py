@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.common.crc16 import in_python
+from firmware_py.common.crc16 import table_checksum
 
 ALGORITHMS = {
     "cms": (0x8005, 0xFFFF, False),
@@ -19,7 +19,7 @@ ALGORITHMS = {
 @given(data=st.binary(max_size=300))
 def test_in_python_as_by_fastcrc(name, data):
     polynomial, start, reflected = ALGORITHMS[name]
-    assert in_python(polynomial, start, reflected=reflected)(data) == getattr(fastcrc.crc16, name)(data)
+    assert table_checksum(polynomial, start, reflected=reflected)(data) == getattr(fastcrc.crc16, name)(data)
 
 
 @pytest.mark.parametrize(
@@ -27,4 +27,4 @@ def test_in_python_as_by_fastcrc(name, data):
 )
 def test_the_check_values_of_the_catalogue(name, check):
     polynomial, start, reflected = ALGORITHMS[name]
-    assert in_python(polynomial, start, reflected=reflected)(b"123456789") == check
+    assert table_checksum(polynomial, start, reflected=reflected)(b"123456789") == check

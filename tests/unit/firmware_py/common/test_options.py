@@ -47,7 +47,7 @@ def test_values_of_a_file_are_read_by_the_types_of_the_record():
         ({"socket": "x", "number": 10**400}, "number: expected a number from 1 to 9"),
         ({"socket": "x", "dimmed": 1}, "dimmed: expected true or false"),
         ({"socket": "x", "colours": "red"}, "colours: expected a list of texts"),
-        ({"socket": "x", "colours": ["red", "blue"]}, "colours: 'blue' is not known; there are red, green"),
+        ({"socket": "x", "colours": ["red", "blue"]}, "colours: 'blue' is not known; use one of red, green"),
         ({"socket": "x", "height_m": 31}, "height_m: 31 is out of range; allowed: 0 to 30"),
     ],
 )

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common import record_codec
-from firmware_py.common.reading_notes import MOST_NOTES
-from firmware_py.common.record_codec import MOST_REPAIRS, Hooks, decode, encode, from_text, to_text
+from firmware_py.common.reading_notes import MAX_NOTES
+from firmware_py.common.record_codec import MAX_REPAIRS, Hooks, decode, encode, from_text, to_text
 
 
 class Colour(IntEnum):
@@ -69,9 +69,9 @@ def depth_from_plain(_kind, plain):
     return Depth(plain["fathoms"])
 
 
-def drop_unit(plain, spot):
+def drop_unit(plain, location):
     if isinstance(plain, dict) and plain.pop("unit", None):
-        spot.note("the unit is not known here, ignored")
+        location.note("the unit is not known here, ignored")
 
 
 HOOKS = Hooks(depth_to_plain, depth_from_plain, {Depth: drop_unit})
@@ -213,14 +213,14 @@ def test_a_record_that_lacks_what_it_needs_is_refused():
 
 @given(st.binary().filter(lambda data: not data.startswith(b"{")))
 def test_other_bytes_are_refused(data):
-    with pytest.raises(ValueError, match=r"this is no encoded record|expected a record of Boat|no version number"):
+    with pytest.raises(ValueError, match=r"not an encoded record|expected a record of Boat|no version number"):
         decode(Boat, data, 1)
 
 
 def test_a_record_cut_short_is_refused():
     data = encode(BOAT, 1, HOOKS)
     for end in range(len(data)):
-        with pytest.raises(ValueError, match="this is no encoded record"):
+        with pytest.raises(ValueError, match="not an encoded record"):
             decode(Boat, data[:end], 1)
 
 
@@ -316,11 +316,11 @@ def test_a_reason_is_printable_and_short():
 
 
 def test_notes_and_repairs_are_bounded():
-    _, notes = read(lambda plain: plain.update({f"field_{number}": 1 for number in range(2 * MOST_NOTES)}))
-    assert len(notes) == MOST_NOTES + 1
+    _, notes = read(lambda plain: plain.update({f"field_{number}": 1 for number in range(2 * MAX_NOTES)}))
+    assert len(notes) == MAX_NOTES + 1
     tenders = {"version": 1}
     inner = tenders
-    for _ in range(MOST_REPAIRS + 1):
+    for _ in range(MAX_REPAIRS + 1):
         inner["speed_m_s"] = "fast"
         inner["tender"] = inner = {}
     with pytest.raises(ValueError, match="more than 100 values cannot be used"):

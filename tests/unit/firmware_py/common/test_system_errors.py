@@ -17,20 +17,23 @@ def caused(error, cause):
 @pytest.mark.parametrize(
     ("error", "told"),
     [
-        (MemoryError(), "too little memory"),
-        (OSError(errno.ENOMEM, "x"), "too little memory"),
+        (MemoryError(), "out of memory"),
+        (OSError(errno.ENOMEM, "x"), "out of memory"),
         (OSError(errno.EMFILE, "x", "/some/path"), "too many open files"),
         (OSError(errno.ENFILE, "x"), "too many open files"),
-        (BlockingIOError(errno.EAGAIN, "fork"), "no new thread or process"),
-        (RuntimeError("can't start new thread"), "no new thread or process"),
-        (ImportError("libx.so: failed to map segment from shared object"), "too little memory"),
+        (BlockingIOError(errno.EAGAIN, "fork"), "cannot start a thread or process"),
+        (RuntimeError("can't start new thread"), "cannot start a thread or process"),
+        (ImportError("libx.so: failed to map segment from shared object"), "out of memory"),
         (ImportError("libx.so: cannot open shared object file: Too many open files"), "too many open files"),
-        (caused(ImportError("a page\nof advice"), ImportError("libx.so: failed to map segment")), "too little memory"),
-        (OSError(errno.ENOSPC, "No space left on device"), "no room is left on a disk"),
-        (OSError(errno.ENOSPC, "No space left on device", "aaa"), "aaa: No space left on device; give another path"),
+        (caused(ImportError("a page\nof advice"), ImportError("libx.so: failed to map segment")), "out of memory"),
+        (OSError(errno.ENOSPC, "No space left on device"), "a disk is full (see df)"),
+        (OSError(errno.ENOSPC, "No space left on device", "aaa"), "aaa: No space left on device; use another path"),
         (FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']"), "No usable temporary dir"),
-        (UnicodeEncodeError("utf-8", "in B\udcf8t/", 4, 5, "surrogates not allowed"), "a name in 'in B\\udcf8' is no"),
-        (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long; give another path"),
+        (
+            UnicodeEncodeError("utf-8", "in B\udcf8t/", 4, 5, "surrogates not allowed"),
+            "name 'in B\\udcf8': not representable",
+        ),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long; use another path"),
     ],
 )
 def test_what_the_computer_lacks_is_one_line_with_a_remedy(error, told):
@@ -53,5 +56,5 @@ def test_a_working_directory_that_was_removed_is_told_as_that(tmp_path, monkeypa
     (tmp_path / "gone").rmdir()
     with pytest.raises(FileNotFoundError) as raised:
         Path("a").absolute()
-    text = "the directory that this was called in is there no more; call it in another"
+    text = "the working directory no longer exists; change to another one"
     assert system_error_text(raised.value) == text

@@ -37,7 +37,7 @@ def test_a_proposal_is_told_once_with_what_it_is_worth():
     assert report.residual_after_rad < 0.2 * report.residual_before_rad
     (event,) = events
     assert event.text.startswith("Compass swing: A ")
-    assert event.text.endswith("; DO_ACCEPT_MAG_CAL takes it")
+    assert event.text.endswith("; accept with DO_ACCEPT_MAG_CAL")
     assert percents.index(100) > 0
     assert max(percents[: percents.index(100)]) <= 99
 

@@ -13,7 +13,7 @@ from support import rig
 from support.plans import item, placed
 
 WRONG_S, WRONG_M = 20.0, (30_000.0, -4_000.0)
-TEXT = "First position was "
+TEXT = "First GPS position wrong by "
 
 
 def boat_at_a_wrong_place(mode, *intents, **parameters):

@@ -105,7 +105,7 @@ def test_what_changes_all_the_time_is_written_now_and_then(change):
 def test_with_nothing_to_resume_nothing_is_written_and_afterwards_all_of_it():
     keep = Keeping()
     for t_s in range(10):
-        assert not keep(float(t_s), with_goal(at_sea(0), t_s), awaited=True)
+        assert not keep(float(t_s), with_goal(at_sea(0), t_s), is_awaited=True)
         assert keep.keeper.is_current
     assert keep(10.0, at_sea())
     assert not keep(11.0, at_sea(0))
@@ -113,11 +113,11 @@ def test_with_nothing_to_resume_nothing_is_written_and_afterwards_all_of_it():
 
 
 @pytest.mark.parametrize("make", [with_goal, with_mode], ids=["goals", "modes"])
-@pytest.mark.parametrize("awaited", [False, True], ids=["setpoints", "acknowledged"])
-def test_a_stream_costs_no_more_than_the_bound(make, awaited):
+@pytest.mark.parametrize("is_awaited", [False, True], ids=["setpoints", "acknowledged"])
+def test_a_stream_costs_no_more_than_the_bound(make, is_awaited):
     keep = Keeping()
     for tick in range(int(HOURS_S) // 4):
-        keep(4.0 * tick, make(at_sea(), tick), awaited=awaited)
+        keep(4.0 * tick, make(at_sea(), tick), is_awaited=is_awaited)
     assert RATE_HZ * HOURS_S - 1 <= keep.writes <= BURST + RATE_HZ * HOURS_S
 
 
@@ -126,7 +126,7 @@ def test_however_mixed_the_bound_holds_and_what_waits_is_written_in_the_end():
     for tick in range(6_000):
         t_s += numbers.choice((0.0, 0.1, 1.0))
         state = numbers.choice((with_goal, with_mode, *[lambda state, _number: state] * 2))(state, tick)
-        keep(t_s, state, awaited=numbers.random() < 0.3)
+        keep(t_s, state, is_awaited=numbers.random() < 0.3)
     assert keep.writes <= BURST + RATE_HZ * t_s
     if not keep.keeper.is_current:
         assert keep(t_s + 1.0 / RATE_HZ * BURST, state)
@@ -139,10 +139,10 @@ def test_a_stream_of_setpoints_leaves_writes_for_acknowledged_goals_and_those_fo
     streamed = keep.writes
     assert not keep(0.0, with_goal(state, 9999))
     assert not keep.keeper.is_current
-    assert keep(0.0, with_goal(state, 9999), awaited=True)
+    assert keep(0.0, with_goal(state, 9999), is_awaited=True)
     for tick in range(2000):
-        keep(0.0, with_goal(state, tick), awaited=True)
-    assert not keep(0.0, with_goal(state, 9999), awaited=True)
+        keep(0.0, with_goal(state, tick), is_awaited=True)
+    assert not keep(0.0, with_goal(state, 9999), is_awaited=True)
     assert keep.writes > 5 * streamed
     assert keep(0.0, with_mode(state, 1))
     assert keep.keeper.is_current

@@ -331,7 +331,7 @@ def test_a_boat_wakes_as_she_was_after_an_update(change):
     assert state.guidance.task == whole.guidance.task is not None
     lost = change is add_fields
     assert bool(notes) == lost
-    assert state.greeting == "Resumed AUTO, 60 s old" + (", not whole" if lost else "")
+    assert state.greeting == "Resumed AUTO, 60 s old" + (", incomplete" if lost else "")
 
 
 def test_a_renamed_field_of_a_resume_record_is_found(monkeypatch):

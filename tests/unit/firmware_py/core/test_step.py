@@ -486,7 +486,9 @@ def test_home_without_a_whole_place_is_where_the_boat_is(place):
     assert (home.latitude_rad, home.longitude_rad) == pytest.approx((0.4, 0.1), abs=1e-6)
 
 
-@pytest.mark.parametrize(("fence", "said"), [((), "No fence to heed: send one"), ((5003,), "Fence heeded")])
+@pytest.mark.parametrize(
+    ("fence", "said"), [((), "Fence enabled, but none is loaded: send one"), ((5003,), "Fence enabled")]
+)
 def test_an_item_that_wants_the_fence_heeded_says_when_there_is_none(fence, said):
     boat = Boat()
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
@@ -499,7 +501,7 @@ def test_an_item_that_wants_the_fence_heeded_says_when_there_is_none(fence, said
     assert [text for text in of_fence if "reach" not in text] == [said]
 
 
-def homes(*fixes, orders=()):
+def first_item_number(*fixes, orders=()):
     """Return home after each fix (time, latitude, longitude); orders (time, intent) come with the fix of their time."""
     state, found = State.at_start(ParameterSet().replaced("POS_JUMP_S", 60.0)), []
     for index, (t_s, latitude_rad, longitude_rad) in enumerate(fixes):
@@ -514,7 +516,7 @@ WRONG, RIGHT = (0.0, 0.1), (0.5, 0.2)
 
 
 def test_home_goes_along_when_the_receiver_s_first_place_proves_wrong():
-    found = homes(*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
+    found = first_item_number(*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
     assert found[0] == found[50] == Home(*WRONG, 3.0)
     assert found[-1] == Home(*RIGHT, 3.0)
 
@@ -522,7 +524,7 @@ def test_home_goes_along_when_the_receiver_s_first_place_proves_wrong():
 @pytest.mark.parametrize(("wrong_s", "home"), [(1700, RIGHT), (1900, WRONG)])
 def test_a_first_place_may_prove_wrong_for_half_an_hour(wrong_s, home):
     fixes = ((1e4 + t, *(WRONG if t < wrong_s else RIGHT)) for t in range(0, wrong_s + 200, 10))
-    assert homes(*fixes)[-1] == Home(*home, 3.0)
+    assert first_item_number(*fixes)[-1] == Home(*home, 3.0)
 
 
 def test_home_that_was_set_before_the_first_fix_stays():
@@ -535,7 +537,9 @@ def test_home_that_was_set_before_the_first_fix_stays():
 
 def test_home_stays_when_the_receiver_goes_wrong_under_way():
     right, wrong = range(0, 1900, 10), range(1900, 2000)
-    found = homes(*((float(t), *RIGHT) for t in right), *((float(t), *WRONG) for t in wrong), (2000.0, *RIGHT))
+    found = first_item_number(
+        *((float(t), *RIGHT) for t in right), *((float(t), *WRONG) for t in wrong), (2000.0, *RIGHT)
+    )
     assert set(found) == {Home(*RIGHT, 3.0)}
 
 
@@ -557,7 +561,7 @@ def test_without_fixes_she_reckons_on_under_way_and_stays_on_the_hook(armed, lea
 def test_home_that_was_set_stays_when_the_first_place_proves_wrong():
     told = ((10.0, SetHome(0.4, 0.1, 0.0)),)
     fixes = (*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
-    assert homes(*fixes, orders=told)[-1] == Home(0.4, 0.1, 0.0)
+    assert first_item_number(*fixes, orders=told)[-1] == Home(0.4, 0.1, 0.0)
 
 
 def test_she_who_returns_to_where_she_never_was_turns_for_home_when_that_is_known():
@@ -664,7 +668,7 @@ def test_a_heading_that_does_not_converge_is_reported_once():
         for _ in range(10):
             boat.heading_rad, boat.rate_rad_s = 0.5, 0.0
             boat.tick()
-    assert boat.events.count("Rudder hard over for 5 min: she does not come round") == 1
+    assert boat.events.count("Rudder at limit 5 min: heading not converging") == 1
 
 
 def test_a_read_only_parameter_is_refused():
@@ -717,8 +721,8 @@ def test_a_restart_with_an_empty_battery_does_not_forget_what_she_was_doing():
     boat.tick(SteerHeading(1.0))
     boat.charge = 0.05
     assert boat.pass_time(40.0).snapshot.mode is Mode.STEERING
-    kept = resume_of(boat.state, Moment(1.8e9))
-    assert (kept.modes.mode, kept.modes.goal, kept.modes.armed) == (
+    stored = resume_of(boat.state, Moment(1.8e9))
+    assert (stored.modes.mode, stored.modes.goal, stored.modes.armed) == (
         Mode.GUIDED,
         boat.state.supervisor.interrupted.goal,
         True,
@@ -741,8 +745,8 @@ def test_a_hold_that_no_one_ordered_is_not_the_operator_s_before_and_after_a_res
         ).modes.by_failsafe  # what is acknowledged is on disk before the next tick
         boat.tick(SetMode(Mode.HOLD))
     if restarted:
-        kept = to_bytes(resume_of(boat.state, Moment(1.8e9)))
-        boat.state, notes = restore(State.at_start(boat.state.parameters), kept, Moment(1.8e9))
+        stored = to_bytes(resume_of(boat.state, Moment(1.8e9)))
+        boat.state, notes = restore(State.at_start(boat.state.parameters), stored, Moment(1.8e9))
         assert notes == ()
     boat.charge = 0.05
     assert boat.pass_time(40.0).snapshot.mode is (Mode.HOLD if ordered else Mode.STEERING)

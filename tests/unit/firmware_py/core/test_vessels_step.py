@@ -38,24 +38,24 @@ def under_way(**parameters):
 
 def test_she_tells_steps_aside_and_goes_her_way_again():
     boat = under_way(AIS_ACT=1).run(30.0)
-    (aside,) = boat.said("Steps aside to")
-    (told,) = boat.said("ANNA comes to")
+    (aside,) = boat.said("Avoidance: heading")
+    (told,) = boat.said("ANNA: closest")
     assert told <= aside <= told + 3.0
     assert boat.said("Vessel approaching") == [told]
     assert boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert 40.0 <= math.degrees(boat.snapshot.goal_heading_rad) <= 60.001
     boat.run(290.0, until=lambda boat: not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1)
     boat.run(10.0)
-    assert boat.said("Goes her own way again")
+    assert boat.said("Avoidance ended: back on course")
     assert not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
-    assert len(boat.said("ANNA comes to")) == 1
+    assert len(boat.said("ANNA: closest")) == 1
 
 
 def test_as_delivered_she_only_tells():
     boat = under_way().run(30.0)
-    assert boat.said("ANNA comes to")
-    assert not boat.said("Steps aside")
+    assert boat.said("ANNA: closest")
+    assert not boat.said("Avoidance: heading")
     assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
     assert boat.snapshot.traffic.vessels[0].title == "ANNA"
 
@@ -65,8 +65,8 @@ def test_where_a_hand_steers_or_nobody_she_steps_aside_for_nobody(mode):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_ACT=1)
     boat.heard = heard(1300.0, -30.0)
     boat.under_way(mode).run(20.0)
-    assert boat.said("ANNA comes to")
-    assert not boat.said("Steps aside")
+    assert boat.said("ANNA: closest")
+    assert not boat.said("Avoidance: heading")
 
 
 def test_from_a_checkpoint_in_the_midst_of_it_the_same_rudder_is_computed():
@@ -79,7 +79,7 @@ def test_from_a_checkpoint_in_the_midst_of_it_the_same_rudder_is_computed():
     for inputs, command in zip(boat.inputs, commands, strict=True):
         state, output = step(state, inputs)
         assert output.command == command
-    assert boat.said("Steps aside to")
+    assert boat.said("Avoidance: heading")
 
 
 def test_without_ais_nothing_is_known_and_nothing_done():

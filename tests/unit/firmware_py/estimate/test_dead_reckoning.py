@@ -70,9 +70,9 @@ def test_disarmed_the_place_stays_and_grows_as_uncertain_as_if_the_boat_had_sail
 
 
 def test_a_time_without_reckoning_moves_the_place_by_the_current():
-    state, moved_m = dead_reckoning.gone_on(BEGUN, 20.0)
+    state, moved_m = dead_reckoning.advanced(BEGUN, 20.0)
     assert moved_m == pytest.approx((2.0, -1.0))
     assert (state.begun_s, state.water.blind_m) == (80.0, pytest.approx(20.0 * math.hypot(0.5, 0.03)))
-    anywhere, moved_m = dead_reckoning.gone_on(BEGUN, None)
+    anywhere, moved_m = dead_reckoning.advanced(BEGUN, None)
     assert moved_m == (0.0, 0.0)
     assert dead_reckoning.spread_m(anywhere, 40.0) >= dead_reckoning.ANYWHERE_M

@@ -8,7 +8,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.guidance.fence import FenceState, update
 from firmware_py.plans.fence import fence_of, margin_m
-from firmware_py.plans.items import FARTHEST_M
+from firmware_py.plans.items import MAX_DISTANCE_M
 
 CENTRE = Place(0.6, 2.0)
 
@@ -70,7 +70,7 @@ def test_all_of_one_group_or_all_of_another():
 
 
 def test_nothing_bounds_her_without_a_fence_or_with_half_a_polygon():
-    assert margin_m(fence(), CENTRE) == FARTHEST_M
+    assert margin_m(fence(), CENTRE) == MAX_DISTANCE_M
     assert fence_of(fence(*square(5001, 500.0)[:2])) is None
 
 

@@ -8,7 +8,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.guidance import guidance
-from firmware_py.guidance.guidance import INTERVAL_S, LONGEST_STEP_S, GuidanceInput, GuidanceSettings, GuidanceState
+from firmware_py.guidance.guidance import MAX_STEP_S, UPDATE_INTERVAL_S, GuidanceInput, GuidanceSettings, GuidanceState
 from firmware_py.guidance.tasks import VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
 from support.plans import FENCED, item, mission, placed
@@ -25,11 +25,11 @@ def looked_at(t_s, modes=GUIDED, plans=Plans(), *, new_fix=False, motion=MOTION)
     return GuidanceInput(t_s, 0.0, motion, new_fix, modes, plans, None, None)
 
 
-def updated(times_s, state=GuidanceState(), fixes=(), **given):  # noqa: B008 - frozen
+def updated(times_s, state=GuidanceState(), fixes=(), **inputs):  # noqa: B008 - frozen
     """Return at which of the times it was carried out, and the state after them."""
     when_s = []
     for t_s in times_s:
-        state = guidance.update(SETTINGS, state, looked_at(t_s, new_fix=t_s in fixes, **given)).state
+        state = guidance.update(SETTINGS, state, looked_at(t_s, new_fix=t_s in fixes, **inputs)).state
         if state.updated_s == t_s:
             when_s.append(t_s)
     return when_s, state
@@ -37,8 +37,8 @@ def updated(times_s, state=GuidanceState(), fixes=(), **given):  # noqa: B008 - 
 
 def test_it_is_carried_out_twice_a_second_and_at_each_fix():
     ticks_s = [100.0 + tick / 16.0 for tick in range(33)]
-    assert updated(ticks_s)[0] == [100.0, 100.0 + INTERVAL_S, 101.0, 101.5, 102.0]
-    assert INTERVAL_S == 0.5
+    assert updated(ticks_s)[0] == [100.0, 100.0 + UPDATE_INTERVAL_S, 101.0, 101.5, 102.0]
+    assert UPDATE_INTERVAL_S == 0.5
     assert updated(ticks_s, fixes=(100.25, 101.0625))[0] == [100.0, 100.25, 100.75, 101.0625, 101.5625]
 
 
@@ -61,20 +61,20 @@ def test_between_two_times_the_very_state_stands():
     assert guidance.update(SETTINGS, state, looked_at(100.25)).state is state
 
 
-@pytest.mark.parametrize(("pause_s", "counted_s"), [(0.75, 0.75), (3600.0, LONGEST_STEP_S), (-50.0, 0.0)])
+@pytest.mark.parametrize(("pause_s", "counted_s"), [(0.75, 0.75), (3600.0, MAX_STEP_S), (-50.0, 0.0)])
 def test_a_wait_counts_the_time_that_it_was_carried_out_for(pause_s, counted_s):
-    given = {"modes": AUTO, "plans": mission(item(DELAY, None, None, 1000.0), item(WAYPOINT, 100.0, 0.0))}
-    _, state = updated([100.0, 100.5], **given)
+    inputs = {"modes": AUTO, "plans": mission(item(DELAY, None, None, 1000.0), item(WAYPOINT, 100.0, 0.0))}
+    _, state = updated([100.0, 100.5], **inputs)
     before_s = state.mission.elapsed_s
-    _, state = updated([100.5 + pause_s], state, fixes=(100.5 + pause_s,), **given)
+    _, state = updated([100.5 + pause_s], state, fixes=(100.5 + pause_s,), **inputs)
     assert state.mission.elapsed_s == pytest.approx(before_s + counted_s)
 
 
 def test_disarmed_the_mission_stands_and_armed_it_begins():
-    given = {"plans": mission(item(WAYPOINT, 100.0, 0.0))}
-    _, state = updated([100.0, 101.0], modes=replace(AUTO, armed=False), **given)
+    inputs = {"plans": mission(item(WAYPOINT, 100.0, 0.0))}
+    _, state = updated([100.0, 101.0], modes=replace(AUTO, armed=False), **inputs)
     assert not state.mission.started
-    _, state = updated([102.0], state, modes=AUTO, **given)
+    _, state = updated([102.0], state, modes=AUTO, **inputs)
     assert (state.mission.started, state.mission.begun) == (True, True)
 
 

@@ -27,10 +27,10 @@ SAILS = MissionProgress(identity=1, index=2, started=True, begun=True)
         (SAILS, replace(SAILS, waiting=True), ["Mission paused after item 3: no autocontinue"]),
         (replace(SAILS, index=1), replace(SAILS, waiting=True), ["Mission paused after item 3: no autocontinue"]),
         (replace(SAILS, waiting=True), replace(SAILS, waiting=True), []),
-        (replace(SAILS, waiting=True), replace(SAILS, index=3), ["Mission goes on", "Mission: item 4"]),
+        (replace(SAILS, waiting=True), replace(SAILS, index=3), ["Mission resumed", "Mission: item 4"]),
         (SAILS, replace(SAILS, paused=True), ["Mission paused: keeping station"]),
         (replace(SAILS, paused=True), replace(SAILS, paused=True), []),
-        (replace(SAILS, paused=True), SAILS, ["Mission goes on"]),
+        (replace(SAILS, paused=True), SAILS, ["Mission resumed"]),
         (replace(SAILS, paused=True), replace(SAILS, waiting=True), ["Mission paused after item 3: no autocontinue"]),
         (SAILS, replace(SAILS, index=3, complete=True), ["Mission complete: keeping station"]),
         (SAILS, replace(SAILS, complete=True, unusable=True), []),
@@ -51,12 +51,12 @@ FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCED))
 @pytest.mark.parametrize(
     ("before", "after", "plans", "told"),
     [
-        (None, True, FENCE, [(Severity.NOTICE, "Fence heeded")]),
-        (True, False, FENCE, [(Severity.NOTICE, "Fence not heeded")]),
+        (None, True, FENCE, [(Severity.NOTICE, "Fence enabled")]),
+        (True, False, FENCE, [(Severity.NOTICE, "Fence disabled")]),
         (True, True, FENCE, []),
         (True, None, FENCE, []),
-        (None, True, Plans(), [(Severity.WARNING, "No fence to heed: send one")]),
-        (None, False, Plans(), [(Severity.NOTICE, "Fence not heeded")]),
+        (None, True, Plans(), [(Severity.WARNING, "Fence enabled, but none is loaded: send one")]),
+        (None, False, Plans(), [(Severity.NOTICE, "Fence disabled")]),
     ],
 )
 def test_what_is_told_of_a_fence(before, after, plans, told):

@@ -49,14 +49,14 @@ def test_the_integral_grows_by_the_law_of_integral_line_of_sight(origin, tight):
     off_m, before_s = 8.0, 200.0
     motion = VesselMotion(origin.at_offset(100.0, off_m), 0.0, 0.4, 0.0, 0.0)
     state, status = line.update(tight, LineState(origin, before_s), go(origin, 1000.0, 0.0), motion, 2.0)
-    look_m, aim_m = look_ahead_m(tight, motion), off_m + line.INTEGRAL_PART * 0.4 * before_s
+    look_m, aim_m = look_ahead_m(tight, motion), off_m + line.INTEGRAL_SPEED_FRACTION * 0.4 * before_s
     assert state.integral_s - before_s == pytest.approx(2.0 * look_m * off_m / (look_m**2 + aim_m**2), rel=1e-3)
     assert status.course_rad == pytest.approx(2.0 * math.pi - math.atan2(aim_m, look_m), rel=1e-3)
 
 
 @pytest.mark.parametrize(("current_m_s", "circles"), [(0.0, 1.0), (0.1, 1.25), (0.4, 2.0), (2.0, 2.0)])
 def test_what_a_current_sets_her_past_counts_as_passed(origin, tight, current_m_s, circles):
-    reach_m = circles * line.PASSED_RADII * tight.turning_radius_m
+    reach_m = circles * line.PASSING_RADII * tight.turning_radius_m
     for off_m, arrived in ((0.98 * reach_m, True), (1.02 * reach_m, False)):
         motion = VesselMotion(origin.at_offset(501.0, off_m), 0.0, 0.4, current_m_s, 0.0)
         _, status = line.update(tight, LineState(origin), go(origin, 500.0, 0.0, acceptance_radius_m=1.0), motion, 1.0)
@@ -69,7 +69,7 @@ def test_the_look_ahead_grows_with_speed_within_bounds(origin, tight):
 
     assert at(0.05) == pytest.approx(2 * 15.6)
     assert at(1.0) == 60.0
-    assert at(50.0) == line.LONGEST_LOOK_M
+    assert at(50.0) == line.MAX_LOOK_AHEAD_M
 
 
 @pytest.mark.parametrize("distance_m", [3.0, 18.0, 70.0])
@@ -143,7 +143,7 @@ def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
     assert (state.start, state.tries) == (here, 1)
 
 
-@pytest.mark.parametrize(("too_strong", "passes"), [(False, line.MOST_TRIES), (True, 20)])
+@pytest.mark.parametrize(("too_strong", "passes"), [(False, line.MAX_TRIES), (True, 20)])
 def test_passing_far_off_counts_in_the_end_but_not_where_a_stronger_current_sweeps_her_past(
     origin, tight, too_strong, passes
 ):
@@ -152,7 +152,7 @@ def test_passing_far_off_counts_in_the_end_but_not_where_a_stronger_current_swee
         beyond = VesselMotion(origin.at_offset(510.0, 300.0), 0.0, 0.4, 0.5, 0.0, too_strong)
         state, status = line.update(tight, LineState(origin, tries=state.tries), task, beyond, 1.0)
         arrived.append(status.arrived)
-        assert state.tries == (0 if too_strong else min(number + 1, line.MOST_TRIES))
+        assert state.tries == (0 if too_strong else min(number + 1, line.MAX_TRIES))
     assert arrived == [False] * passes + [not too_strong]
 
 
@@ -170,7 +170,7 @@ def test_whatever_comes_the_course_is_an_angle(motion, start, to, acceptance_rad
     state, status = line.update(limits, LineState(start, integral_s), task, motion, step_s)
     assert 0.0 <= status.course_rad < 2 * math.pi
     assert math.isfinite(state.integral_s)
-    assert state.tries <= line.MOST_TRIES
+    assert state.tries <= line.MAX_TRIES
 
 
 @given(

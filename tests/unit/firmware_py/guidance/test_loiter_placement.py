@@ -18,8 +18,8 @@ from firmware_py.plans import fence
 INCLUDED, EXCLUDED_CIRCLE = 5001, 5004
 ORIGIN = Place(0.6, 2.0)
 SWING_M = 3.5 * 15.6
-HELD = "in a current she holds no less than 78 m"
-NO_ROOM = "Fence leaves no room for her watch circle: she may swing over it"
+HELD = "below 78 m the boat may drift out"
+NO_ROOM = "Fence too close to the loiter circle: breach possible"
 
 
 def item(command, north_m, east_m, param):
@@ -47,12 +47,12 @@ STRAIT = polygon((-60, -2000), (60, -2000), (60, 2000), (-60, 2000))
 HORSESHOE = polygon((-400, -400), (400, -400), (400, 400), (5, 400), (5, -200), (-5, -200), (-5, 400), (-400, 400))
 
 
-def found(settings, task, items):
+def is_final(settings, task, items):
     """The berth that is settled upon."""
     place = None
     for _ in range(60):
         place = loiter_placement.update(settings, place, task, plan(*items))
-        if place.found:
+        if place.is_final:
             return place
     raise AssertionError("looks for a place without end")
 
@@ -75,14 +75,14 @@ def moved_m(place):
     ],
 )
 def test_a_circle_is_moved_inward_by_what_is_lacking(tight, items, task, lacking_m):
-    place = found(tight, task, items)
+    place = is_final(tight, task, items)
     assert place.circle.radius_m == task.radius_m
     assert fence.margin_m(plan(*items), place.circle.centre) >= task.radius_m + SWING_M
     assert lacking_m <= moved_m(place) + 1.0 <= 1.03 * lacking_m + 2.0
 
 
 def test_in_a_corner_it_goes_out_of_the_corner(tight):
-    place = found(tight, at(450, 450), SQUARE)
+    place = is_final(tight, at(450, 450), SQUARE)
     assert place.margin_m >= 100.0 + SWING_M
     assert moved_m(place) <= 160.0
 
@@ -96,26 +96,26 @@ def test_in_a_corner_it_goes_out_of_the_corner(tight):
     ],
 )
 def test_where_there_is_no_room_it_is_made_smaller_but_not_smaller_than_she_can_hold(tight, items, task, radius_m):
-    place = found(tight, task, items)
+    place = is_final(tight, task, items)
     assert place.circle.radius_m == pytest.approx(radius_m, abs=0.5)
     assert moved_m(place) < 1.0
 
 
 @pytest.mark.parametrize(("north_m", "east_m"), [(100, 8), (100, 30), (300, 40), (-100, 25)])
 def test_it_is_not_moved_across_land(tight, north_m, east_m):
-    place = found(tight, at(north_m, east_m, 60.0), HORSESHOE)
+    place = is_final(tight, at(north_m, east_m, 60.0), HORSESHOE)
     assert place.margin_m > 60.0 + SWING_M
     assert at(0, 0).centre.offset_m(place.circle.centre)[1] > 5.0
 
 
 def test_who_is_far_outside_stays_there_and_without_a_fence_nothing_moves(tight):
-    assert found(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
+    assert is_final(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
     assert loiter_placement.update(tight, None, at(0, 480), None) is None
     assert loiter_placement.update(tight, None, at(0, 480), plan()) is None
 
 
 def test_another_task_or_another_fence_is_looked_at_anew(tight):
-    place = found(tight, at(0, 480), SQUARE)
+    place = is_final(tight, at(0, 480), SQUARE)
     assert loiter_placement.update(tight, place, at(0, 480), plan(*SQUARE)) is place
     assert loiter_placement.update(tight, place, at(0, 0), plan(*SQUARE)).circle == at(0, 0)
     assert loiter_placement.update(tight, place, at(0, 480), plan(REEF)).circle == at(0, 480)
@@ -148,7 +148,7 @@ def keeping(task, place=None, activity=Activity.STATION):
 
 def test_a_circle_that_she_cannot_hold_is_told_once(tight):
     small = keeping(at(0, 0, 20.0))
-    assert told(tight, GuidanceState(), small) == [(Severity.NOTICE, f"Watch circle of 20 m: {HELD}")]
+    assert told(tight, GuidanceState(), small) == [(Severity.NOTICE, f"Loiter radius 20 m: {HELD}")]
     assert told(tight, small, small) == []
     assert told(tight, GuidanceState(), keeping(at(0, 0, 78.0))) == []
     assert told(tight, GuidanceState(), keeping(at(0, 0, 20.0), activity=Activity.LINE)) == []
@@ -156,17 +156,17 @@ def test_a_circle_that_she_cannot_hold_is_told_once(tight):
 
 def test_a_circle_that_is_moved_is_told_once(tight):
     near = keeping(at(0, 400))
-    moved = keeping(at(0, 400), found(tight, at(0, 400), SQUARE))
-    text = "Fence is near: watch circle of 100 m, moved 56 m inward"
+    moved = keeping(at(0, 400), is_final(tight, at(0, 400), SQUARE))
+    text = "Fence near: loiter radius 100 m, moved 56 m inward"
     assert told(tight, near, moved) == [(Severity.NOTICE, text)]
     assert told(tight, moved, moved) == []
-    middle = keeping(at(0, 0), found(tight, at(0, 0), SQUARE))
+    middle = keeping(at(0, 0), is_final(tight, at(0, 0), SQUARE))
     assert told(tight, GuidanceState(), middle) == []
 
 
 def test_a_fence_without_room_is_told(tight):
-    shrunk = keeping(at(0, 0), found(tight, at(0, 0), STRAIT))
-    text = "Fence is near: watch circle of 78 m, moved 0 m inward"
+    shrunk = keeping(at(0, 0), is_final(tight, at(0, 0), STRAIT))
+    text = "Fence near: loiter radius 78 m, moved 0 m inward"
     assert told(tight, keeping(at(0, 0)), shrunk) == [(Severity.NOTICE, text), (Severity.WARNING, NO_ROOM)]
 
 
@@ -174,6 +174,6 @@ def test_a_round_that_is_too_tight_is_told_once(tight):
     task = Orbit(at(0, 0).centre, 10.0, clockwise=True)
     status = TaskStatus(activity=Activity.CIRCLE, target=task.centre, radius_m=23.4)
     round_it = GuidanceState(task=task, status=status)
-    text = "Circle of 10 m: too tight, she goes round at 23 m"
+    text = "Circle radius 10 m too small: circling at 23 m"
     assert told(tight, GuidanceState(), round_it) == [(Severity.NOTICE, text)]
     assert told(tight, round_it, round_it) == []

@@ -27,17 +27,17 @@ def ship(north_m, east_m, speed_m_s=6.0, course_deg=180.0, near_s=0.0, in_s=900.
     return Vessel(position, cpa_m=0.0, cpa_in_s=in_s, near_s=near_s)
 
 
-def given(*vessels, t_s=0.0, wanted_rad=0.0, motion=MOTION, fence=None, goal=HeadingGoal(0.0), line=None):  # noqa: B008 - frozen
-    return AsideInput(t_s, wanted_rad, motion, vessels, fence, goal, None, line)
+def inputs(*vessels, t_s=0.0, unchanged_rad=0.0, motion=MOTION, fence=None, goal=HeadingGoal(0.0), line=None):  # noqa: B008 - frozen
+    return AsideInput(t_s, unchanged_rad, motion, vessels, fence, goal, None, line)
 
 
 def decided(*vessels, state=IDLE, **more):
     """Run ticks until a round of trials has ended; return the state and what was told."""
-    told = []
+    texts = []
     for tick in range(20):
-        state, events = step_aside.update(SETTINGS, TRAFFIC, state, given(*vessels, **{"t_s": 0.1 * tick, **more}))
-        told += [event.text for event in events]
-    return state, told
+        state, events = step_aside.update(SETTINGS, TRAFFIC, state, inputs(*vessels, **{"t_s": 0.1 * tick, **more}))
+        texts += [event.text for event in events]
+    return state, texts
 
 
 def fenced(east_m):
@@ -47,9 +47,9 @@ def fenced(east_m):
 
 
 def test_a_ship_head_on_a_little_to_port_is_left_to_port_as_far_as_the_sector_lets():
-    state, told = decided(ship(6000.0, -50.0))
+    state, texts = decided(ship(6000.0, -50.0))
     assert math.degrees(state.heading_rad) == pytest.approx(60.0)
-    assert told == ["Steps aside to 60 deg: 50 m become 384 m"]
+    assert texts == ["Avoidance: heading 60 deg, closest 384 m instead of 50 m"]
 
 
 def test_one_to_starboard_is_left_to_starboard():
@@ -59,7 +59,7 @@ def test_one_to_starboard_is_left_to_starboard():
 
 def test_the_sector_is_kept_about_any_way():
     for way_deg in range(0, 360, 30):
-        state, _ = decided(ship(3000.0, 4000.0, 6.0, 230.0), wanted_rad=math.radians(way_deg))
+        state, _ = decided(ship(3000.0, 4000.0, 6.0, 230.0), unchanged_rad=math.radians(way_deg))
         if state.heading_rad is not None:
             off = (math.degrees(state.heading_rad) - way_deg + 180.0) % 360.0 - 180.0
             assert abs(off) <= 60.0 + 1e-6
@@ -76,11 +76,11 @@ def test_the_other_side_is_taken_where_a_fence_stands():
 def test_between_fence_and_nothing_better_she_goes_on_and_says_so_once():
     corners = [(-2000.0, -60.0), (9000.0, -60.0), (9000.0, 60.0), (-2000.0, 60.0)]
     lane = Plan.of(PlanKind.FENCE, [item(INCLUDED_VERTEX, *corner, 4) for corner in corners])
-    state, told = decided(ship(6000.0, 0.0), fence=lane)
+    state, texts = decided(ship(6000.0, 0.0), fence=lane)
     assert state.heading_rad is None
-    assert told == ["Cannot step aside: no heading is better"]
-    state, told = decided(ship(6000.0, 0.0), fence=lane, state=state, t_s=40.0)
-    assert told == []
+    assert texts == ["Avoidance: no better heading, course kept"]
+    state, texts = decided(ship(6000.0, 0.0), fence=lane, state=state, t_s=40.0)
+    assert texts == []
 
 
 def test_a_current_is_taken_into_account():
@@ -95,7 +95,7 @@ def test_on_a_line_her_way_is_that_over_ground():
     crab_rad = -math.asin(0.5)
     # 250 m beside the line: the heading of the line, which she does not steer, would set her upon the ship.
     state, _ = decided(
-        ship(435.0, 250.0, 0.0), motion=set_east, wanted_rad=crab_rad, goal=None, line=LineAhead(0.0, 0.0, crab_rad)
+        ship(435.0, 250.0, 0.0), motion=set_east, unchanged_rad=crab_rad, goal=None, line=LineAhead(0.0, 0.0, crab_rad)
     )
     assert state.heading_rad is None
 
@@ -104,11 +104,11 @@ def test_on_a_line_her_way_is_that_over_ground():
 def test_abeam_of_a_ship_at_anchor_she_goes_along_her_line_and_not_on_to_the_side(set_m_s):
     abeam, away_rad, along_rad = ship(20.0, -250.0, 0.0), math.radians(60.0), -math.asin(set_m_s / 0.4)
     motion = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, set_m_s)
-    line = {"wanted_rad": math.radians(280.0), "line": LineAhead(250.0, 0.0, along_rad), "motion": motion}
+    line = {"unchanged_rad": math.radians(280.0), "line": LineAhead(250.0, 0.0, along_rad), "motion": motion}
     before = replace(IDLE, heading_rad=away_rad, way_rad=0.0, goal=HeadingGoal(0.0))
-    state, told = decided(abeam, state=before, **line)
+    state, texts = decided(abeam, state=before, **line)
     assert state.heading_rad == along_rad
-    assert told == []
+    assert texts == []
     # What lies ahead of it would not be ample: she comes nearer her line as far as it is.
     state, _ = decided(ship(150.0, -150.0, 0.0), state=before, **line)
     assert math.radians(9.0) < state.heading_rad <= away_rad
@@ -118,12 +118,12 @@ def test_abeam_of_a_ship_at_anchor_she_goes_along_her_line_and_not_on_to_the_sid
 
 
 def test_the_sector_turns_with_a_way_that_turns():
-    state, _ = decided(ship(0.0, 90.0, 0.0), wanted_rad=math.radians(90.0))
+    state, _ = decided(ship(0.0, 90.0, 0.0), unchanged_rad=math.radians(90.0))
     assert math.degrees(state.heading_rad) < 90.0 + 60.0
     for way_deg in (120.0, 150.0, 180.0, 210.0):
         way_rad, t_s = math.radians(way_deg), way_deg
         ahead = ship(300.0 * math.cos(way_rad), 300.0 * math.sin(way_rad), 0.0)
-        state, _ = decided(ahead, state=state, wanted_rad=way_rad, t_s=t_s)
+        state, _ = decided(ahead, state=state, unchanged_rad=way_rad, t_s=t_s)
         assert math.degrees(state.way_rad) == pytest.approx(way_deg)
         assert abs(math.degrees(state.heading_rad) - way_deg) <= 60.0 + 1e-6
 
@@ -136,12 +136,12 @@ def test_of_several_vessels_the_nearest_to_come_counts():
 
 def test_she_goes_back_when_it_is_wide_open_and_when_nobody_comes_any_more():
     state, _ = decided(ship(6000.0, -50.0))
-    back, told = decided(ship(6000.0, -2000.0), state=state, t_s=40.0)
+    back, texts = decided(ship(6000.0, -2000.0), state=state, t_s=40.0)
     assert back.heading_rad is None
-    assert told == ["Goes her own way again"]
+    assert texts == ["Avoidance ended: back on course"]
     ended, events = step_aside.end(state)
     assert ended is IDLE
-    assert [event.text for event in events] == ["Goes her own way again"]
+    assert [event.text for event in events] == ["Avoidance ended: back on course"]
     assert step_aside.end(replace(state, heading_rad=None)) == (IDLE, ())
     assert step_aside.end(IDLE) == (IDLE, ())
 
@@ -151,14 +151,14 @@ def test_between_two_rounds_nothing_is_tried_and_after_half_a_minute_or_with_ano
     state, _ = decided(vessel, t_s=100.0)
     for tenths in range(300):
         assert step_aside.update(
-            SETTINGS, TRAFFIC, state, given(vessel, t_s=100.0 + 0.1 * tenths, wanted_rad=-1.2)
+            SETTINGS, TRAFFIC, state, inputs(vessel, t_s=100.0 + 0.1 * tenths, unchanged_rad=-1.2)
         ) == (state, ())
-    later, _ = step_aside.update(SETTINGS, TRAFFIC, state, given(vessel, t_s=130.0, wanted_rad=-1.2))
+    later, _ = step_aside.update(SETTINGS, TRAFFIC, state, inputs(vessel, t_s=130.0, unchanged_rad=-1.2))
     assert (later.next_trial, later.way_rad) == (0, -1.2)
-    other = {"t_s": 103.0, "wanted_rad": -1.2, "goal": HeadingGoal(-1.2)}
+    other = {"t_s": 103.0, "unchanged_rad": -1.2, "goal": HeadingGoal(-1.2)}
     turned, _ = decided(vessel, state=state, **other)
     assert abs(math.remainder(turned.heading_rad + 1.2, 2.0 * math.pi)) <= SETTINGS.sector_rad + 1e-6
-    assert step_aside.update(SETTINGS, TRAFFIC, turned, given(vessel, **other)) == (turned, ())
+    assert step_aside.update(SETTINGS, TRAFFIC, turned, inputs(vessel, **other)) == (turned, ())
 
 
 def test_right_ahead_she_leaves_it_to_port_as_ships_do():
@@ -171,10 +171,10 @@ def test_what_is_told_is_of_the_end_of_the_round_by_when_a_ship_is_nearer():
         state = IDLE
         for tick in range(20):
             state, events = step_aside.update(
-                SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0, in_s=0.0), t_s=tick_s * tick)
+                SETTINGS, TRAFFIC, state, inputs(ship(6000.0, -50.0, in_s=0.0), t_s=tick_s * tick)
             )
             if events:
-                return float(events[0].text.split()[-2])
+                return float(events[0].text.split()[-6])
         return None
 
     assert cpa_m(0.1) == 384.0
@@ -197,7 +197,7 @@ def test_a_goal_that_changes_all_the_time_does_not_keep_her_from_deciding():
     for tick in range(60):
         goal = HeadingGoal(0.001 * tick)
         state, _ = step_aside.update(
-            SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0), t_s=0.1 * tick, wanted_rad=0.001 * tick, goal=goal)
+            SETTINGS, TRAFFIC, state, inputs(ship(6000.0, -50.0), t_s=0.1 * tick, unchanged_rad=0.001 * tick, goal=goal)
         )
     assert state.heading_rad is not None
 
@@ -209,7 +209,7 @@ def test_a_tick_tries_one_heading(monkeypatch):
     state = IDLE
     for tick in range(40):
         before = len(counts)
-        state, _ = step_aside.update(SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0), t_s=0.1 * tick))
+        state, _ = step_aside.update(SETTINGS, TRAFFIC, state, inputs(ship(6000.0, -50.0), t_s=0.1 * tick))
         assert len(counts) - before <= 3
 
 
@@ -217,9 +217,9 @@ def test_an_escort_hides_no_ship():
     """It keeps its place beside her on any heading that she tries, so it is the ship that headings are chosen by."""
     escort = replace(ship(80.0, 0.0, 0.4, 0.0, in_s=0.0), near_s=0.0)
     alone, told_alone = decided(ship(6000.0, -50.0))
-    state, told = decided(ship(6000.0, -50.0), escort)
+    state, texts = decided(ship(6000.0, -50.0), escort)
     assert math.degrees(state.heading_rad) == pytest.approx(math.degrees(alone.heading_rad))
-    assert told == told_alone
+    assert texts == told_alone
 
 
 def test_with_an_escort_alone_she_goes_on():

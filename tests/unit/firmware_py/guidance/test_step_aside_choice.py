@@ -13,13 +13,13 @@ from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.vessels import Vessel, VesselKind, VesselPosition
 from firmware_py.guidance import step_aside
 from firmware_py.guidance.step_aside import (
-    AMPLE,
-    FENCE_M,
+    FENCE_CHECK_LEGS,
+    FENCE_CLEARANCE_M,
+    HEADINGS_PER_SIDE,
     IDLE,
-    LEGS,
-    STEPS,
-    TRY_EVERY_S,
-    WORTH,
+    MIN_GAIN,
+    ROUND_INTERVAL_S,
+    SUFFICIENT_RATIO,
     AsideInput,
     AsideSettings,
     LineAhead,
@@ -32,10 +32,10 @@ from support.plans import item, placed
 
 PARAMETERS = ParameterSet().replaced("AIS_ACT", 1.0)
 SETTINGS, TRAFFIC = AsideSettings.of(PARAMETERS), TrafficSettings.of(PARAMETERS)
-STEP_RAD = SETTINGS.sector_rad / STEPS
+STEP_RAD = SETTINGS.sector_rad / HEADINGS_PER_SIDE
 INCLUDED_VERTEX = 5001
 NEARLY = 0.01  # of what is near: the sphere is no plane
-ROUND = 2 * STEPS + 4  # ticks that are enough for it
+ROUND = 2 * HEADINGS_PER_SIDE + 4  # ticks that are enough for it
 
 HEADINGS = st.floats(-math.pi, math.pi)
 
@@ -70,14 +70,14 @@ class Plane:
     def __init__(self, seen, motion, sides):
         self.seen, self.motion, self.sides = seen, motion, sides
         coming_s = [vessel.cpa_in_s for _, vessel in seen if vessel.near_s is not None and vessel.cpa_in_s is not None]
-        self.ahead_s = max(coming_s, default=0.0) + 2.0 * TRY_EVERY_S
+        self.ahead_s = max(coming_s, default=0.0) + 2.0 * ROUND_INTERVAL_S
 
     def velocity(self, heading_rad):
         motion, way_rad = self.motion, heading_rad + self.motion.leeway_rad
         north_m_s = motion.current_north_m_s + motion.speed_m_s * math.cos(way_rad)
         return north_m_s, motion.current_east_m_s + motion.speed_m_s * math.sin(way_rad)
 
-    def part(self, heading_rad, begin=(0.0, 0.0)):
+    def ratio(self, heading_rad, begin=(0.0, 0.0)):
         """How near the nearest vessel comes, in parts of what is near, and in metres.
 
         One that is kept as far off as it is does not count beside others.
@@ -90,12 +90,12 @@ class Plane:
             t_s = min(max(-(x * u + y * v) / (u * u + v * v), 0.0), TRAFFIC.horizon_s) if u or v else 0.0
             near_m = math.hypot(x + t_s * u, y + t_s * v)
             limit_m = TRAFFIC.limit_m(vessel.position)
-            lost = min(AMPLE, math.hypot(north_m, east_m) / limit_m) - near_m / limit_m
-            assume(abs(lost - WORTH) > NEARLY)
-            (counted if lost > WORTH else uncounted).append((near_m / limit_m, near_m))
+            lost = min(SUFFICIENT_RATIO, math.hypot(north_m, east_m) / limit_m) - near_m / limit_m
+            assume(abs(lost - MIN_GAIN) > NEARLY)
+            (counted if lost > MIN_GAIN else uncounted).append((near_m / limit_m, near_m))
         if counted:
             return min(counted)
-        return max(AMPLE, min(uncounted)[0]), min(uncounted)[1]
+        return max(SUFFICIENT_RATIO, min(uncounted)[0]), min(uncounted)[1]
 
     def fence(self):
         if self.sides is None:
@@ -110,31 +110,31 @@ class Plane:
             return math.inf, 0.0
         north_m, east_m = (self.ahead_s * part_m_s for part_m_s in self.velocity(heading_rad))
         left_m = [side - way for side, way in zip(self.sides, (north_m, east_m, -north_m, -east_m), strict=True)]
-        return min(*left_m, *self.sides), math.hypot(north_m, east_m) / LEGS
+        return min(*left_m, *self.sides), math.hypot(north_m, east_m) / FENCE_CHECK_LEGS
 
     def may_be(self, heading_rad):
-        return self.room_m(heading_rad)[0] >= FENCE_M - 1.0
+        return self.room_m(heading_rad)[0] >= FENCE_CLEARANCE_M - 1.0
 
     def must_be(self, heading_rad):
         room_m, leg_m = self.room_m(heading_rad)
-        return room_m >= FENCE_M + 0.5 * leg_m + 1.0
+        return room_m >= FENCE_CLEARANCE_M + 0.5 * leg_m + 1.0
 
     def first_ample(self, headings):
         """The first that is ample and free; None where there is none, or another before it may be."""
         for one in headings:
-            part, _ = self.part(one)
-            if part > AMPLE - NEARLY and self.may_be(one):
-                return one if part > AMPLE + NEARLY and self.must_be(one) else None
+            ratio, _ = self.ratio(one)
+            if ratio > SUFFICIENT_RATIO - NEARLY and self.may_be(one):
+                return one if ratio > SUFFICIENT_RATIO + NEARLY and self.must_be(one) else None
         return None
 
 
-def decided(given, state=IDLE):
+def decided(inputs, state=IDLE):
     """The state after a round in which the world stands still, and what was told."""
-    told = []
+    texts = []
     for _ in range(ROUND):
-        state, events = step_aside.update(SETTINGS, TRAFFIC, state, given)
-        told += [event.text for event in events]
-    return state, told
+        state, events = step_aside.update(SETTINGS, TRAFFIC, state, inputs)
+        texts += [event.text for event in events]
+    return state, texts
 
 
 def off_rad(heading_rad, way_rad):
@@ -142,12 +142,12 @@ def off_rad(heading_rad, way_rad):
 
 
 def fan(way_rad):
-    return [way_rad + side * step * STEP_RAD for step in range(1, STEPS + 1) for side in (1, -1)]
+    return [way_rad + side * step * STEP_RAD for step in range(1, HEADINGS_PER_SIDE + 1) for side in (1, -1)]
 
 
-def looked_at(plane, wanted_rad, **more):
+def looked_at(plane, unchanged_rad, **more):
     seen = tuple(vessel for _, vessel in plane.seen)
-    return AsideInput(0.0, wanted_rad, plane.motion, seen, plane.fence(), HeadingGoal(0.0), None, **more)
+    return AsideInput(0.0, unchanged_rad, plane.motion, seen, plane.fence(), HeadingGoal(0.0), None, **more)
 
 
 LINES = st.none() | st.tuples(st.floats(-300.0, 300.0), HEADINGS, st.floats(-0.5, 0.5), st.floats(-1.0, 1.0))
@@ -155,37 +155,37 @@ WORLDS = st.tuples(st.lists(vessels(), min_size=1, max_size=3), MOTIONS, st.none
 
 
 @given(WORLDS, HEADINGS, LINES)
-def test_she_takes_the_nearest_heading_that_is_ample_or_the_best_there_is(world, wanted_rad, line):
-    plane, more, way_rad, along_rad = Plane(*world), {}, wanted_rad, wanted_rad
-    own, own_m = plane.part(wanted_rad)
+def test_she_takes_the_nearest_heading_that_is_ample_or_the_best_there_is(world, unchanged_rad, line):
+    plane, more, way_rad, along_rad = Plane(*world), {}, unchanged_rad, unchanged_rad
+    own, own_m = plane.ratio(unchanged_rad)
     if line is not None:
         off_m, way_rad, crab_rad, back_rad = line
-        along_rad, wanted_rad = way_rad + crab_rad, way_rad + back_rad
+        along_rad, unchanged_rad = way_rad + crab_rad, way_rad + back_rad
         more = {"line": LineAhead(off_m, way_rad, along_rad)}
         foot = off_m * math.sin(way_rad), -off_m * math.cos(way_rad)
-        own, own_m = min(plane.part(wanted_rad), plane.part(along_rad), plane.part(along_rad, foot))
-    state, told = decided(looked_at(plane, wanted_rad, **more))
-    sure = max([plane.part(one)[0] for one in fan(way_rad) if plane.must_be(one)], default=0.0)
+        own, own_m = min(plane.ratio(unchanged_rad), plane.ratio(along_rad), plane.ratio(along_rad, foot))
+    state, texts = decided(looked_at(plane, unchanged_rad, **more))
+    sure = max([plane.ratio(one)[0] for one in fan(way_rad) if plane.must_be(one)], default=0.0)
     if state.heading_rad is None:
-        assert own > AMPLE - NEARLY or sure < own + 2.0 * WORTH + NEARLY
+        assert own > SUFFICIENT_RATIO - NEARLY or sure < own + 2.0 * MIN_GAIN + NEARLY
         if abs(own - 1.0) > NEARLY:
-            assert told == ([] if own > 1.0 else ["Cannot step aside: no heading is better"])
+            assert texts == ([] if own > 1.0 else ["Avoidance: no better heading, course kept"])
         return
-    part, cpa_m = plane.part(state.heading_rad)
+    ratio, cpa_m = plane.ratio(state.heading_rad)
     aside_rad = off_rad(state.heading_rad, way_rad)
     assert abs(aside_rad / STEP_RAD - round(aside_rad / STEP_RAD)) < 1e-6
     assert abs(aside_rad) < SETTINGS.sector_rad + 1e-6
     assert plane.may_be(state.heading_rad)
-    assert own < AMPLE + NEARLY
-    assert part > own + WORTH - NEARLY
-    assert part > min(sure, AMPLE) - WORTH - NEARLY
+    assert own < SUFFICIENT_RATIO + NEARLY
+    assert ratio > own + MIN_GAIN - NEARLY
+    assert ratio > min(sure, SUFFICIENT_RATIO) - MIN_GAIN - NEARLY
     first_rad = plane.first_ample(fan(way_rad))
     if first_rad is not None:
         assert abs(off_rad(state.heading_rad, along_rad)) < abs(off_rad(first_rad, along_rad)) + 1e-6
-    told_deg, told_own_m, told_cpa_m = (float(word) for word in told[0].split() if word.isdigit())
+    told_deg, told_cpa_m, told_own_m = (float(word) for word in texts[0].split() if word.isdigit())
     assert told_deg % 360.0 == pytest.approx(math.degrees(state.heading_rad), abs=0.51) or told_deg in (0.0, 360.0)
     assert (told_own_m, told_cpa_m) == (pytest.approx(own_m, abs=3.0), pytest.approx(cpa_m, abs=3.0))
-    assert len(told) == 1
+    assert len(texts) == 1
 
 
 # Wide enough that much is ample.
@@ -199,32 +199,34 @@ def test_she_who_is_aside_already_stays_so_comes_nearer_her_way_or_goes_it_again
 ):
     plane, steered_rad, along_rad = Plane(*world), way_rad + aside_rad, way_rad + crab_rad
     line = LineAhead(0.0, way_rad, along_rad)
-    own, _ = min(plane.part(along_rad), plane.part(way_rad))
+    own, _ = min(plane.ratio(along_rad), plane.ratio(way_rad))
     of_before = Trial(steered_rad, 100.0, best_part)
-    before = replace(IDLE, heading_rad=steered_rad, way_rad=way_rad, best=of_before, told=told_before)
-    state, told = decided(looked_at(plane, way_rad, line=line), before)
+    before = replace(IDLE, heading_rad=steered_rad, way_rad=way_rad, best=of_before, is_refusal_reported=told_before)
+    state, texts = decided(looked_at(plane, way_rad, line=line), before)
     within = abs(aside_rad) <= SETTINGS.sector_rad
     others = [along_rad, *fan(way_rad)]
     tried = [*([steered_rad] if within else []), *others]
-    sure = max([plane.part(one)[0] for one in tried if plane.must_be(one)], default=0.0)
-    assert not state.told
+    sure = max([plane.ratio(one)[0] for one in tried if plane.must_be(one)], default=0.0)
+    assert not state.is_refusal_reported
     if state.heading_rad is None:
-        assert told == ["Goes her own way again"]
-        assert own > AMPLE - NEARLY or sure < own + 2.0 * WORTH + NEARLY
+        assert texts == ["Avoidance ended: back on course"]
+        assert own > SUFFICIENT_RATIO - NEARLY or sure < own + 2.0 * MIN_GAIN + NEARLY
         return
-    assert told == []
+    assert texts == []
     assert min(abs(off_rad(state.heading_rad, one)) for one in tried) < 1e-6
     assert plane.may_be(state.heading_rad)
-    part, _ = plane.part(state.heading_rad)
-    assert own < AMPLE + NEARLY
-    assert part > own + WORTH - NEARLY
-    assert part > min(sure, AMPLE) - WORTH - NEARLY
-    steered, steered_off = plane.part(steered_rad)[0], off_rad(steered_rad, along_rad)
+    ratio, _ = plane.ratio(state.heading_rad)
+    assert own < SUFFICIENT_RATIO + NEARLY
+    assert ratio > own + MIN_GAIN - NEARLY
+    assert ratio > min(sure, SUFFICIENT_RATIO) - MIN_GAIN - NEARLY
+    steered, steered_off = plane.ratio(steered_rad)[0], off_rad(steered_rad, along_rad)
     stays = abs(off_rad(state.heading_rad, steered_rad)) < 1e-6
-    if within and plane.must_be(steered_rad) and steered > AMPLE + NEARLY:
+    if within and plane.must_be(steered_rad) and steered > SUFFICIENT_RATIO + NEARLY:
         inward = [one for one in others if 0.0 <= off_rad(one, along_rad) / steered_off < 1.0 - 1e-3]
-        ample = [one for one in inward if plane.part(one)[0] > AMPLE + WORTH + NEARLY and plane.must_be(one)]
+        ample = [
+            one for one in inward if plane.ratio(one)[0] > SUFFICIENT_RATIO + MIN_GAIN + NEARLY and plane.must_be(one)
+        ]
         assert not (stays and ample)
         assert stays or off_rad(state.heading_rad, along_rad) / steered_off < 1.0
         assert stays or off_rad(state.heading_rad, along_rad) / steered_off > -1e-6
-        assert stays or part > AMPLE + WORTH - NEARLY
+        assert stays or ratio > SUFFICIENT_RATIO + MIN_GAIN - NEARLY

@@ -13,8 +13,8 @@ from firmware_py.guidance.tasks import GoTo, HoldStation, Orbit, VesselMotion
 
 FAR_M = 3000.0
 TEXTS = {
-    "there": "Reckoned to be there: waits for a fix to say so",
-    "here": "Reckoned too coarsely: waits here for a fix",
+    "there": "Probably at the waypoint (no GPS); waiting for a fix",
+    "here": "Position too uncertain; holding here until GPS returns",
 }
 
 

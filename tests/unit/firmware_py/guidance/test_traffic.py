@@ -11,7 +11,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Severity
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
 from firmware_py.guidance import traffic
-from firmware_py.guidance.traffic import MOST_VESSELS, OwnMotion, TrafficSettings, TrafficState
+from firmware_py.guidance.traffic import MAX_VESSELS, OwnMotion, TrafficSettings, TrafficState
 from support.plans import placed
 
 SETTINGS = TrafficSettings.of(ParameterSet())  # 500 m, 1500 s; still: 100 m, 0.5 m/s
@@ -47,7 +47,7 @@ def test_an_approach_is_told_once_in_time_and_is_over_when_the_vessel_is_past():
     state, told = sail(3000.0, straight(211000001, 9000.0, 200.0))
     assert len(told) == 1
     when_s, text = told[0]
-    assert text == "MMSI 211000001 comes to 200 m in 27 min, from 1 deg"
+    assert text == "MMSI 211000001: closest 200 m in 27 min, bearing 1 deg"
     assert when_s == pytest.approx((9000.0 - 7500.0 - 458.0) / 5.0, abs=20.0)  # 25 min before it is within 500 m
     assert not state.near
     assert sail(1850.0, straight(211000001, 9000.0, 200.0))[0].near
@@ -79,7 +79,7 @@ def test_what_lies_still_is_near_at_a_distance_of_its_own(distance_m, count):
 def test_she_sails_on_an_anchored_ship():
     own = OwnMotion(HERE.place, (0.4, 0.0))
     state, texts = look(TrafficState(), 0.0, position(1, 0.0, 500.0, 20.0, 0.0), own=own)
-    assert texts == ["MMSI 000000001 comes to 20 m in 21 min, from 2 deg"]
+    assert texts == ["MMSI 000000001: closest 20 m in 21 min, bearing 2 deg"]
     assert state.near
 
 
@@ -105,7 +105,7 @@ def test_the_name_is_told_and_kept():
     state, _ = look(state, 1.0, VesselIdentity(1.0, 1, "ANNA"))
     assert state.vessels[0].identity == VesselIdentity(1.0, 1, "ANNA", "CALL", 70)
     state, texts = look(state, 5.0, position(1, 5.0, 3000.0, 0.0))
-    assert texts == ["ANNA comes to 0 m in 10 min, from 0 deg"]
+    assert texts == ["ANNA: closest 0 m in 10 min, bearing 0 deg"]
     assert look(TrafficState(), 0.0, VesselIdentity(0.0, 2, "NOBODY"))[0].vessels == ()
 
 
@@ -155,9 +155,9 @@ def test_of_ten_thousand_those_that_could_be_here_soonest_are_kept():
         angle = rng.uniform(0.0, 2.0 * math.pi)
         report = position(number + 1000, 0.1, far * math.cos(angle), far * math.sin(angle), rng.uniform(0.0, 10.0))
         state, _ = look(state, 0.1, report)
-        assert len(state.vessels) <= MOST_VESSELS
+        assert len(state.vessels) <= MAX_VESSELS
     assert any(vessel.mmsi == 999 for vessel in state.vessels)
-    assert state.turned_away == 10_001 - MOST_VESSELS
+    assert state.rejected == 10_001 - MAX_VESSELS
     kept = [vessel.distance_m / (vessel.position.speed_m_s + 0.5) for vessel in state.vessels]
     assert max(kept) < 60_000.0 / 10.5 + 100.0
 
@@ -166,7 +166,7 @@ def test_of_many_that_come_near_one_is_told_after_the_other_the_first_to_come_fi
     ghosts = [straight(number, 500.0 + 100.0 * number, 0.0) for number in range(1, 60)]
     _, told = sail(60.0, *ghosts)
     assert len(told) <= 12
-    assert told[0][1].startswith("MMSI 000000001 ")
+    assert told[0][1].startswith("MMSI 000000001: ")
 
 
 def test_who_was_told_of_stays_in_a_full_table():
@@ -207,23 +207,23 @@ def keeping(mmsi, off_m, speed_m_s=0.5):
 
 def test_her_own_echo_is_told_apart_once_and_is_near_no_more():
     state, told = sail_north(900.0, keeping(235000007, 0.0))
-    assert [text for _, text in told][1:] == ["MMSI 235000007 is always where the boat is: its own echo"]
+    assert [text for _, text in told][1:] == ["MMSI 235000007: own echo, ignored"]
     assert told[1][0] < 50.0 / 0.5 + 40.0
     assert not state.near
     (echo,) = state.vessels
-    assert (echo.own, echo.avoided) == (True, False)
+    assert (echo.own, echo.is_avoidable) == (True, False)
 
 
 def test_an_echo_is_told_apart_where_she_keeps_station():
     state, told = sail_north(3000.0, keeping(235000007, 0.0), radius_m=60.0)
-    assert told[-1][1].endswith("its own echo")
+    assert told[-1][1].endswith("own echo, ignored")
     assert not state.near
 
 
 @pytest.mark.parametrize("off_m", [60.0, 80.0, -150.0])
 def test_an_escort_is_another_vessel(off_m):
     state, told = sail_north(3000.0, keeping(244000123, off_m))
-    assert state.vessels[0].avoided
+    assert state.vessels[0].is_avoidable
     assert not any("echo" in text for _, text in told)
 
 
@@ -242,14 +242,14 @@ def test_an_echo_that_goes_elsewhere_is_a_vessel_again():
     for t_s in (902.0, 912.0, 922.0):  # believed at the third
         state, _ = look(state, t_s, position(235000007, t_s, 3000.0, 0.0, 5.0), own=own)
     state, _ = look(state, 930.0, own=own)
-    assert state.vessels[0].avoided
+    assert state.vessels[0].is_avoidable
     assert state.near
 
 
 def test_who_stays_alongside_is_near_but_no_heading_is_taken_for_it():
     state, told = sail_north(90.0, keeping(244000123, 0.0))
     (vessel,) = state.vessels
-    assert (vessel.own, vessel.near_s is not None, vessel.avoided) == (False, True, False)
+    assert (vessel.own, vessel.near_s is not None, vessel.is_avoidable) == (False, True, False)
     assert len(told) == 1
 
 
@@ -274,7 +274,7 @@ def test_a_distress_beacon_is_reported_at_once_and_is_no_vessel_to_avoid(mmsi, s
         state, texts = look(state, float(t_s), beacon(float(t_s), mmsi, distance_m, status))
         assert texts == []
     assert not state.near
-    assert not state.vessels[0].avoided
+    assert not state.vessels[0].is_avoidable
     assert state.vessels[0].title == f"Distress beacon {mmsi:09d}"
     assert look(state, 602.0, beacon(602.0, mmsi, distance_m, status))[1]  # told again after ten minutes
 
@@ -312,6 +312,6 @@ def test_a_beacon_that_was_heard_before_the_first_fix_gets_its_bearing_with_it(f
 
 
 def test_a_full_table_has_room_for_a_beacon():
-    near = [position(number, 0.0, 100.0, 0.0) for number in range(1, MOST_VESSELS + 1)]
+    near = [position(number, 0.0, 100.0, 0.0) for number in range(1, MAX_VESSELS + 1)]
     state, _ = look(TrafficState(), 0.0, *near)
     assert look(state, 2.0, beacon(2.0, north_m=9000.0))[1][0].startswith("Distress beacon")

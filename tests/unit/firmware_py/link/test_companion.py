@@ -88,5 +88,5 @@ def test_a_report_outside_its_limits_is_refused_and_changes_nothing(name, low, h
     assert {judged(**{name: value})[1].verdict for value in (low, high)} == {Verdict.ACCEPTED}
     for value in (low - 1e-3, high + 1e-3, math.nan, -math.inf):
         state, answer = judged(**{"voltage_v": 13.0} | {name: value})
-        assert (answer.verdict, answer.text) == (Verdict.DENIED, "Battery report is out of range")
+        assert (answer.verdict, answer.text) == (Verdict.DENIED, "Battery report refused: value out of range")
         assert state.power.samples == (None, None, None)

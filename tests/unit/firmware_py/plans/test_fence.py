@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
-from firmware_py.plans.fence import LOOKS, breaches, margin_m
+from firmware_py.plans.fence import MAX_CHECKS, breaches, margin_m
 
 CENTRE = Place(0.6, 2.0)
 WAYPOINT, TURNS, ENABLE, RETURN_POINT, INCLUDED, EXCLUDED, CIRCLE, RALLY = 16, 18, 207, 5000, 5001, 5002, 5004, 5100
@@ -27,7 +27,7 @@ def found(mission, fence, rally=()):
     plans = Plans(
         Plan.of(PlanKind.MISSION, mission), Plan.of(PlanKind.FENCE, fence), Plan.of(PlanKind.RALLY, list(rally))
     )
-    return [breach.shown(int(breach.kind is PlanKind.MISSION)) for breach in breaches(plans) if breach]
+    return [breach.message(int(breach.kind is PlanKind.MISSION)) for breach in breaches(plans) if breach]
 
 
 SQUARE = square(INCLUDED, 500)
@@ -98,7 +98,7 @@ def test_a_way_is_missed_by_no_more_than_the_distance_of_two_looks():
         if min(walk[0], walk[-1]) < 0.0:
             continue
         said = found([at(WAYPOINT, *end) for end in ends], fence)
-        assert bool(said) >= (min(walk) < -1000.0 * math.sqrt(2.0) / LOOKS)
+        assert bool(said) >= (min(walk) < -1000.0 * math.sqrt(2.0) / MAX_CHECKS)
         missed += min(walk) < 0.0
     assert missed > 5
 
@@ -106,4 +106,4 @@ def test_a_way_is_missed_by_no_more_than_the_distance_of_two_looks():
 def test_the_looks_at_a_fence_are_bounded():
     alongside = [at(WAYPOINT, 499.9, -499.0), at(WAYPOINT, 499.9, 499.0)]
     plans = Plans(Plan.of(PlanKind.MISSION, alongside), Plan.of(PlanKind.FENCE, SQUARE))
-    assert sum(breach is None for breach in breaches(plans)) <= LOOKS + 3
+    assert sum(breach is None for breach in breaches(plans)) <= MAX_CHECKS + 3

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plans.items import PLACE_FRAMES, ROWS, TABLE, Command
 from firmware_py.plans.validation import PlanResult, problem_of
 
@@ -153,13 +153,13 @@ def test_what_is_accepted_is_finite_and_in_range_where_it_means_something(kind, 
 
 
 def test_too_many_items():
-    assert problem(MISSION, *[HERE] * MOST_ITEMS) is None
-    assert problem(MISSION, *[HERE] * (MOST_ITEMS + 1)) == (None, PlanResult.NO_SPACE)
+    assert problem(MISSION, *[HERE] * MAX_PLAN_ITEMS) is None
+    assert problem(MISSION, *[HERE] * (MAX_PLAN_ITEMS + 1)) == (None, PlanResult.NO_SPACE)
 
 
 def test_the_first_bad_item_is_named():
     found = problem_of(Plan.of(MISSION, (HERE, item(16, frame=1), item(21))))
-    assert (found.shown(0), found.shown(1)[:6]) == ("item 1: NAV_WAYPOINT: frame 1 is not supported", "item 2")
+    assert (found.message(0), found.message(1)[:6]) == ("item 1: NAV_WAYPOINT: frame 1 is not supported", "item 2")
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_two_thousand_conditions_and_tags_are_judged_at_once():
 
 
 def test_two_thousand_jumps_are_followed_without_recursion():
-    assert problem(MISSION, HERE, *[jump(0)] * (MOST_ITEMS - 1)) is None
+    assert problem(MISSION, HERE, *[jump(0)] * (MAX_PLAN_ITEMS - 1)) is None
 
 
 def test_a_judgement_is_remembered_by_the_plan_itself():

@@ -158,7 +158,7 @@ def test_named_sentences_are_the_only_ones(line, hear):
     compass = NmeaCompass(line, NmeaCompassOptions(sentences=("HDG",)))
     found = hear(compass, "HEHDT,10,T", "HCHDT,10,T", "HCHDG,12,,,1,E", "PASHR,1,9,T,0,0,0")
     assert degrees_of(found) == [(13.0, "TRUE")]
-    with pytest.raises(ValueError, match="sentences: 'VHW' is not known; there are HDG"):
+    with pytest.raises(ValueError, match="sentences: 'VHW' is not known; use one of HDG"):
         NmeaCompassOptions(sentences=("HDG", "VHW"))
 
 

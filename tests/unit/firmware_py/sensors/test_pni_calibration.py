@@ -71,7 +71,7 @@ def test_the_manuals_own_frame_starts_it(bench):
 
 def test_a_bad_score_is_not_saved(bench):
     bench.module.calibration_score = 5.25
-    bench.compass.call_off()
+    bench.compass.cancel()
     assert bench.compass.calibrate(bench.now_s)
     bench.run(45.0)
     assert bench.compass.calibration().state is FAILED
@@ -91,7 +91,7 @@ def test_one_that_is_not_turned_ends_in_time(bench):
 def test_it_can_be_called_off_and_begun_once_at_a_time(bench):
     bench.run(10.0)
     assert not bench.compass.calibrate(bench.now_s)
-    bench.compass.call_off()
+    bench.compass.cancel()
     assert len(bench.run(4.0)) > 20
     assert bench.compass.calibration().state is CalibrationState.NONE
     assert bench.compass.calibrate(bench.now_s)

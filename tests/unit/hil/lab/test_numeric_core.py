@@ -27,7 +27,7 @@ from hil.lab.numeric_core import (
     kt,
     law,
     rudder_limit,
-    silence,
+    sample_timeout,
     water,
     water_filter,
     water_results,
@@ -79,7 +79,9 @@ def bits(value):
 
 # The suite compares the other modules in the closed loop only (tests/process/test_twin.py).
 IN_SUITE = {
-    function for module in (angles, silence, kt, fixed_gain, law, rudder_limit) for function in functions_of(module)
+    function
+    for module in (angles, sample_timeout, kt, fixed_gain, law, rudder_limit)
+    for function in functions_of(module)
 }
 
 

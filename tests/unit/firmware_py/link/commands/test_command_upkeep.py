@@ -223,7 +223,7 @@ class FakeCompass:
     def calibration(self):
         return self.now
 
-    def call_off(self):
+    def cancel(self):
         self.called_off += 1
         self.now = Calibration()
 

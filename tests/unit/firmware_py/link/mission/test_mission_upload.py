@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, ReplacePlan, Verdict
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
 from firmware_py.plans.validation import PlanResult
 
@@ -114,11 +114,11 @@ def test_what_a_station_holds_for_home_is_told_nothing_of(station, texts, first)
 @pytest.mark.parametrize("identity", [0, 3])
 def test_as_many_items_as_are_kept_and_not_one_more(make_station, identity):
     station = make_station(identity=identity)
-    most = MOST_ITEMS + station.home_count
-    assert station.upload(station.mission(MOST_ITEMS)).type == 0
+    most = MAX_PLAN_ITEMS + station.home_count
+    assert station.upload(station.mission(MAX_PLAN_ITEMS)).type == 0
     (ack,) = station.count(most + 1)
     assert ack.type == PlanResult.NO_SPACE
-    assert len(station.places()) == MOST_ITEMS
+    assert len(station.places()) == MAX_PLAN_ITEMS
 
 
 @pytest.mark.parametrize("identity", [0, 3])

@@ -7,7 +7,7 @@ import threading
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.mission import plan_file
 from firmware_py.link.mission.plan_file import unpack
@@ -86,7 +86,7 @@ ONE = [mavlink.MAVLink_mission_item_int_message(0, 0, number, 6, 16, 0, 1, 0, 0,
         (content(ONE, head={"first": 1}), "whole plans"),
         (content(ONE, head={"count": 3}), "do not hold 3"),
         (content(ONE)[:-1], "do not hold 2"),
-        (content(ONE, head={"count": MOST_ITEMS + 2}), "at most"),
+        (content(ONE, head={"count": MAX_PLAN_ITEMS + 2}), "at most"),
         (content([ONE[0], ONE[0]]), "is numbered 0"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

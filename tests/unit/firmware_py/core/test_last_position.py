@@ -10,8 +10,8 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.core import last_place
-from firmware_py.core.last_place import STEP_M, LastPlace
+from firmware_py.core import last_position
+from firmware_py.core.last_position import MAX_MOVE_M, LastPosition
 from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
 from firmware_py.core.resume_keeper import FINE_INTERVAL_S, REFRESH_S, ResumeKeeper
 from firmware_py.core.state import State
@@ -25,7 +25,7 @@ UTC_S = 1.8e9
 WATER = DeadReckoning(
     water_results.DeadReckoning(0.1, -0.05, 0.5, 0.0, (1e-4,) * 10, cosine_s=30.0, sine_s=20.0, blind_m=5.0), -40.0
 )
-LAST = LastPlace(0.6, 2.0, WATER)
+LAST = LastPosition(0.6, 2.0, WATER)
 THEN = Moment(UTC_S, "a", 500.0)
 HERE = Place(0.6, 2.0)
 
@@ -43,13 +43,13 @@ def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
     text = to_bytes(resume_of(at_sea(dead_reckoned()), THEN))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert notes == ()
-    assert last_place.counted_from(state.position, 7.0) == dead_reckoned(7.0, -33.0)
+    assert last_position.at_first_tick(state.position, 7.0) == dead_reckoned(7.0, -33.0)
     assert unfixed_s(state.position) == 40.0
     assert state.heading_estimator.water.expected == Expected(0.1, -0.05, 0.5)  # not in steps of 0.1
 
 
 def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_headed():
-    state = last_place.restored(LAST, 20.0)
+    state = last_position.restored(LAST, 20.0)
     assert HERE.offset_m(Place(state.latitude_rad, state.longitude_rad)) == pytest.approx((2.0, -1.0), abs=1e-6)
     assert (state.dead_reckoning.water.blind_m, unfixed_s(state)) == (5.0 + 20.0 * 0.5, 60.0)
     sure_m, unsure_m = dead_reckoning.spread_m(WATER, 60.0), dead_reckoning.spread_m(state.dead_reckoning, 60.0)
@@ -67,7 +67,7 @@ def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
 
 
 @pytest.mark.parametrize(
-    ("kept", "now"),
+    ("stored", "now"),
     [
         (THEN, Moment(UTC_S + 20.0, "b", 520.0)),
         (replace(THEN, boot=""), Moment(UTC_S + 20.0, "", 520.0)),
@@ -75,8 +75,8 @@ def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
     ],
     ids=["no power", "unknown", "impossible"],
 )
-def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(kept, now):
-    state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(dead_reckoned()), kept)), now)
+def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(stored, now):
+    state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(dead_reckoned()), stored)), now)
     assert (state.position.latitude_rad, state.position.longitude_rad) == (0.6, 2.0)
     assert dead_reckoning.spread_m(state.position.dead_reckoning, 40.0) >= ANYWHERE_M
     assert state.greeting == "Resumed LOITER, 20 s old"  # as far as the calendar knows
@@ -94,8 +94,8 @@ def test_a_place_that_cannot_be_is_left_out_and_said(broken):
     text = to_bytes(replace(resume_of(at_sea(dead_reckoned()), THEN), place=broken))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert state.position == PositionState()
-    assert notes == ("Resume.place left out: no place that can be, or no water",)
-    assert state.greeting.endswith(", not whole")
+    assert notes == ("Resume.place ignored: invalid position or water data",)
+    assert state.greeting.endswith(", incomplete")
 
 
 def test_there_is_none_to_be_kept_before_a_fix():
@@ -106,7 +106,7 @@ def test_a_place_without_a_heading_is_kept_with_the_expected_water():
     fix = PositionSample(0.0, FixType.FIX_3D, 0.6, 2.0)
     place = resume_of(at_sea(PositionState(0.0, 0.6, 2.0, fix)), THEN).place
     assert (place.latitude_rad, place.longitude_rad) == (0.6, 2.0)
-    assert last_place.water_of(place) == (0.0, 0.0, ParameterSet()["CRUISE_SPEED"])
+    assert last_position.water_of(place) == (0.0, 0.0, ParameterSet()["CRUISE_SPEED"])
 
 
 def test_a_record_of_water_without_its_covariance_is_as_uncertain_as_unknown_water():
@@ -136,9 +136,9 @@ def test_a_restart_on_her_station_counts_her_no_further_on_than_the_step(current
             kept_s = t_s
             assert from_bytes(text)[0].machine_s == 500.0 + kept_s
     fastest_m_s = current_m_s + speed_m_s
-    assert oldest_s * fastest_m_s <= STEP_M + FINE_INTERVAL_S * fastest_m_s
+    assert oldest_s * fastest_m_s <= MAX_MOVE_M + FINE_INTERVAL_S * fastest_m_s
     assert oldest_s == pytest.approx(
-        FINE_INTERVAL_S * math.ceil(STEP_M / fastest_m_s / FINE_INTERVAL_S) if fastest_m_s else REFRESH_S
+        FINE_INTERVAL_S * math.ceil(MAX_MOVE_M / fastest_m_s / FINE_INTERVAL_S) if fastest_m_s else REFRESH_S
     )
 
 

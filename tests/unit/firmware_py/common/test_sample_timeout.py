@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.common.silence import learn_interval_s, timeout_s
+from firmware_py.common.sample_timeout import learn_interval_s, timeout_s
 
 
 def learned(*steps_s, shortest_s=1.0):

@@ -1,0 +1,78 @@
+"""Position that survives a restart: without GPS, dead reckoning continues from the last known position.
+
+The elapsed time is known by the monotonic clock if the computer has kept running. Otherwise the position error is
+unlimited, and the boat keeps station until a fix comes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import msgspec
+from msgspec.structs import replace
+
+from firmware_py.common.geodesy import Place, is_possible_position
+from firmware_py.estimate import dead_reckoning, position
+from firmware_py.estimate.dead_reckoning import DeadReckoning
+from firmware_py.estimate.position import PositionState
+from firmware_py.estimate.water import WaterState
+
+MAX_MOVE_M: Final = 25.0  # a stored position is renewed after this movement
+
+
+class LastPosition(msgspec.Struct, frozen=True):
+    """Position at the time of the record, and the state of dead reckoning.
+
+    Its `begun_s` is relative to that time: a negative value is the time without a fix until then.
+    """
+
+    latitude_rad: float
+    longitude_rad: float
+    dead_reckoning: DeadReckoning
+
+
+def of_state(place: PositionState, water: WaterState) -> LastPosition | None:
+    """Return the record of the position; None while no position is known."""
+    if place.fix is None and place.dead_reckoning is None:
+        return None
+    dead_reckoned = place.dead_reckoning or dead_reckoning.begin(water, place.t_s)
+    dead_reckoned = replace(dead_reckoned, begun_s=-position.unfixed_s(place))
+    return LastPosition(place.latitude_rad, place.longitude_rad, dead_reckoned)
+
+
+def valid_for_s(last: LastPosition, at_most_s: float) -> float:
+    """Return the time in which the boat moves less than MAX_MOVE_M."""
+    water = last.dead_reckoning.water
+    fastest_m_s = math.hypot(water.current_north_m_s, water.current_east_m_s) + abs(water.speed_m_s)
+    return MAX_MOVE_M / max(fastest_m_s, MAX_MOVE_M / at_most_s)
+
+
+def water_of(last: LastPosition) -> tuple[float, float, float]:
+    """Return the current, north and east, and the speed of dead reckoning [m/s]."""
+    water = last.dead_reckoning.water
+    return water.current_north_m_s, water.current_east_m_s, water.speed_m_s
+
+
+def restored(last: LastPosition, elapsed_s: float | None) -> PositionState:
+    """Return the position state after elapsed_s (None: unknown); its time is set by `at_first_tick`.
+
+    Raises ValueError for an impossible position.
+    """
+    if not _is_valid(last):
+        raise ValueError("invalid position or water data")
+    dead_reckoned, (north_m, east_m) = dead_reckoning.advanced(last.dead_reckoning, elapsed_s)
+    place = Place(last.latitude_rad, last.longitude_rad).at_offset(north_m, east_m)
+    return PositionState(0.0, place.latitude_rad, place.longitude_rad, dead_reckoning=dead_reckoned)
+
+
+def at_first_tick(state: PositionState, now_s: float) -> PositionState:
+    """Return the restored state with the time of the first tick."""
+    if state.dead_reckoning is None:
+        return state
+    dead_reckoned = replace(state.dead_reckoning, begun_s=now_s + state.dead_reckoning.begun_s)
+    return replace(state, t_s=now_s, dead_reckoning=dead_reckoned)
+
+
+def _is_valid(last: LastPosition) -> bool:
+    return is_possible_position(last.latitude_rad, last.longitude_rad) and last.dead_reckoning.begun_s <= 0.0
