@@ -33,12 +33,16 @@ myst_heading_anchors = 3
 
 GENERATED = re.compile(r"This page is \[.*?\]\((.*?)\)")
 LINK = re.compile(r"\]\((\w[\w-]*|[\w-]+/index)\.md\)")
+# Generated pages below params/ link to one another, and to pages of the manual.
+PAGES = {"REFERENCE.md": "parameters.md", "FAULTS.md": "faults.md", "TEXTS.md": "texts.md", "MESSAGES.md": "messages.md"}
+GENERATED_LINK = re.compile(rf"(?<=\]\()(?:\.\./docs/|{'|'.join(map(re.escape, PAGES))})")
 
 
 def complete(_app: Sphinx, page: str, source: list[str]) -> None:
     """Replace a link to a page below params/ by that page; add the pages that an index page links to the sidebar."""
     if found := GENERATED.search(source[0]):
-        source[0] = (HERE / page).parent.joinpath(found[1]).read_text(encoding="utf-8")
+        text = (HERE / page).parent.joinpath(found[1]).read_text(encoding="utf-8")
+        source[0] = GENERATED_LINK.sub(lambda link: PAGES.get(link[0], "../"), text)
     elif page.endswith("index"):
         entries = "\n".join(dict.fromkeys(LINK.findall(source[0])))
         source[0] += f"\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n"
