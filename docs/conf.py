@@ -33,8 +33,9 @@ myst_heading_anchors = 3
 
 GENERATED = re.compile(r"This page is \[.*?\]\((.*?)\)")
 LINK = re.compile(r"\]\((\w[\w-]*|[\w-]+/index)\.md\)")
+NAMES = ("FAULTS", "MESSAGES", "TEXTS")
 # Generated pages below params/ link to one another, and to pages of the manual.
-PAGES = {"REFERENCE.md": "parameters.md", "FAULTS.md": "faults.md", "TEXTS.md": "texts.md", "MESSAGES.md": "messages.md"}
+PAGES = {"REFERENCE.md": "parameters.md", **{f"{name}.md": f"{name.lower()}.md" for name in NAMES}}
 GENERATED_LINK = re.compile(rf"(?<=\]\()(?:\.\./docs/|{'|'.join(map(re.escape, PAGES))})")
 
 
