@@ -1,4 +1,4 @@
-"""`rambler-hil compare`: controllers side by side in the same seas."""
+"""`rambler-hil compare`: compare controllers in the same seas."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.bench.machine import circumstances, text_of
 from hil.cli import outputs, progress
 from hil.errors import UsageError
-from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
+from hil.lab.compare.runs import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, with_price
 from hil.report import figure_file
 from hil.report.figure_file import entry, key_of, merge, origin
 from hil.ship import scenarios
@@ -27,14 +27,14 @@ from hil.sim.goals import GoalError, parse_goals
 DEFAULT_SEAS = ("tank", "sea", "swell", "weak")
 DEFAULT_GOALS = "0:0,120:60,720:-30"
 AFTER_LAST_GOAL_S = 600.0
-MOST_SEEDS = 1000
-COLUMNS = ("rms deg", "worst", "travel deg/h", "mean deg", "overshoot deg", "within 5 deg s")
+MAX_SEEDS = 1000
+COLUMNS = ("rms deg", "worst", "travel deg/h", "mean deg", "overshoot deg", "within 5 deg, s")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"default {' '.join(DEFAULT_SEAS)}")
-    parser.add_argument("--seeds", type=int, default=2, metavar="N", help="seeds 1 to N of each (default 2)")
+    parser.add_argument("--seeds", type=int, default=2, metavar="N", help="use seeds 1 to N (default 2)")
     parser.add_argument("--goal", default=DEFAULT_GOALS, metavar="T:DEG,...", help=f'default "{DEFAULT_GOALS}"')
     parser.add_argument(
         "--with",
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         dest="disturbances",
-        help="more that each sea does to her, as of rambler-hil run",
+        help="additional disturbances of each sea, as in rambler-hil run",
     )
     parser.add_argument(
         "--only", choices=("paper", "pid", "ours"), nargs="+", help="these controllers (default all three)"
@@ -53,24 +53,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="P",
-        help="ours at these values of CTL_PRICE too: the trade-off between error and rudder travel",
+        help="also ours with these values of CTL_PRICE: the trade-off between error and rudder travel",
     )
     parser.add_argument(
         "--limit",
         action="store_true",
-        help="beside each row the error of the best linear regulator that was told everything, at the same travel",
+        help="also the error of the optimal linear regulator with full knowledge of the sea, at the same rudder travel",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures, seed by seed")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all scores of each seed")
     parser.add_argument(
         "--figures",
         type=Path,
         metavar="FILE",
-        help="write the means over those in FILE, docs/figures.json, for the pages",
+        help="replace the means in FILE, docs/figures.json, which the pages use",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Sail, print, and write what was asked for."""
+    """Run the comparison, print the tables and write the files."""
     task = _task(arguments)
     outputs.check("--json", arguments.json)
     figure_file.check("--figures", arguments.figures)
@@ -78,9 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--prices: give numbers from 0.1 to 10")
     known = {"paper": PAPER, "pid": PID, "ours": OURS}
     chosen: list[Controller] = [known[name] for name in arguments.only or known]
-    with progress.line(sys.stderr, time.monotonic) as tell:
-        controllers = [*chosen, *map(priced, arguments.prices)]
-        rows = compare(task, controllers, lambda done, total, last: tell(done, total, done, last))
+    with progress.line(sys.stderr, time.monotonic) as report:
+        controllers = [*chosen, *map(with_price, arguments.prices)]
+        rows = compare(task, controllers, lambda done, total, last: report(done, total, done, last))
     limits = _limits(rows) if arguments.limit else None
     print(text(rows, limits))
     if arguments.json is not None:
@@ -94,14 +94,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
-    """Return for each row the least rms at its travel, with compass alone and with a receiver; None where unknown."""
-    from hil.lab.compare.limit import at_travel, known_for, limits  # noqa: PLC0415 - scipy is slow to import
+    """Return the limit of each row at its travel, with compass alone and with a receiver; None if unknown."""
+    from hil.lab.compare.limit import at_travel, is_exact_for, limits  # noqa: PLC0415 - scipy is slow to import
 
     seas = {row.scenario: scenarios.sea_of(row.scenario) for row in rows}
     curves = {
         name: [limits(sea, OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
         for name, sea in seas.items()
-        if known_for(sea)
+        if is_exact_for(sea)
     }
 
     def of(row: Row) -> tuple[float, float] | None:
@@ -114,10 +114,10 @@ def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
 
 
 def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None) -> str:
-    """Return the tables as the terminal shows them; limits stand beside the rows."""
+    """Return the tables for the terminal, with the limits beside the rows."""
     width = max(len(row.controller.name) for row in rows)
     seeds = len(rows[0].scores)
-    about = f"(mean of {seeds} seeds, and the worst rms; steady from 200 s after a goal)"
+    about = f"(mean of {seeds} seeds, and the largest rms; steady from 200 s after a goal)"
     lines = [f"{'':{width}}  {'  '.join(COLUMNS)}   {about}"]
     scenario = ""
     for number, row in enumerate(rows):
@@ -143,7 +143,7 @@ def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None
 
 
 def as_json(rows: list[Row]) -> list[dict[str, Any]]:
-    """Return everything for other programs."""
+    """Return all results for JSON."""
     return [
         {
             "scenario": row.scenario,
@@ -160,7 +160,7 @@ def as_json(rows: list[Row]) -> list[dict[str, Any]]:
 def as_entries(
     rows: Sequence[Row], source: Mapping[str, str], limits: Sequence[tuple[float, float] | None] | None = None
 ) -> dict[str, dict[str, Any]]:
-    """Return the means for docs/figures.json, a figure for each sea, controller and column."""
+    """Return the means for docs/figures.json, one figure for each sea, controller and column."""
     entries = {}
     for row, limit in zip(rows, limits or [None] * len(rows), strict=True):
         mean = row.mean
@@ -190,6 +190,6 @@ def _task(arguments: argparse.Namespace) -> Task:
         goals = parse_goals(arguments.goal)
     except (scenarios.UnknownScenarioError, DisturbanceError, GoalError) as error:
         raise UsageError(str(error)) from None
-    if not 1 <= arguments.seeds <= MOST_SEEDS:
-        raise UsageError(f"--seeds {arguments.seeds}: give a whole number from 1 to {MOST_SEEDS}")
+    if not 1 <= arguments.seeds <= MAX_SEEDS:
+        raise UsageError(f"--seeds {arguments.seeds}: give a whole number from 1 to {MAX_SEEDS}")
     return Task(names, tuple(range(1, arguments.seeds + 1)), goals, goals[-1].t_s + AFTER_LAST_GOAL_S)

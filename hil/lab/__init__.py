@@ -1,1 +1,1 @@
-"""The tools of the naval engineer: identification, the fish swarm, tuning, comparison."""
+"""Laboratory: identification, fish swarm, tuning, comparison, campaigns and fault drills."""

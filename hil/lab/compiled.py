@@ -16,6 +16,7 @@ import hashlib
 import os
 import platform
 import re
+import signal
 import sys
 import threading
 import time
@@ -32,17 +33,53 @@ import llvmlite
 import numba
 from numba.core import caching, event
 
-from hil.lab.held_signals import HeldSignals
 from hil.lab.numeric_core import ERROR_MODEL
+
+
+class HeldSignals(event.Listener):
+    """Defers signals while the main thread is in the compiler; exceptions raised in LLVM's callbacks would be lost.
+
+    A deferred signal is handled when the compiler, or one of its parts, ends.
+    """
+
+    def __init__(self) -> None:
+        """Start without a deferred signal."""
+        self._depth = 0
+        self._due: int | None = None
+        self._before: dict[int, Any] = {}
+
+    def on_start(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
+        """Defer signals from now on."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+        if not self._depth:
+            self._before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+            self._set(lambda number, _frame: setattr(self, "_due", number))
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
+        """Handle the deferred signal, if any."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+        self._depth -= 1
+        if not self._depth:
+            self._set(None)
+        due, self._due = self._due, None
+        if due is not None:
+            self._before[due](due, None)
+
+    def _set(self, handler: Callable[[int, object], None] | None) -> None:
+        for number, before in self._before.items():
+            if callable(before):  # otherwise the default handler, which ends the program
+                signal.signal(number, before if handler is None else handler)
+
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-PATIENCE_S = 0.4  # loading from the cache takes less, and shows nothing
-TICK_S = 0.5
-# Folders that stay: this number for each module, and all of the last day, which another process may be using.
-KEPT_CACHES, KEPT_S = 4, 86400.0
-_HOW_OFTEN: Final = {False: "the first time only", True: "as each time"}
-
+PROGRESS_DELAY_S = 0.4  # loading from the cache is faster and shows no progress
+PROGRESS_INTERVAL_S = 0.5
+# Folders that are not deleted: this number for each module, and all of the last day, which may be in use.
+MIN_FOLDERS, MIN_AGE_S = 4, 86400.0
 ROOT = Path(__file__).parents[2]
 # Only at the start of a line: numba compiles no import within a function, and those below TYPE_CHECKING never run.
 IMPORTS = re.compile(
@@ -57,21 +94,21 @@ class _Compilations(event.Listener):
         self.under_way, self.began_s, self.seconds = 0, 0.0, 0.0
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
-        """Note one more."""
+        """Count the start of a compilation."""
         if self.under_way == 0:
             self.began_s = time.monotonic()
         self.under_way += 1
 
     def on_end(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
-        """Note one less."""
+        """Count the end of a compilation."""
         self.under_way -= 1
         if self.under_way == 0:
             self.seconds += time.monotonic() - self.began_s
 
 
 _compilations: Final = _Compilations()
-_told: Final[list[bool]] = []  # whether it has been reported that nothing can be stored
-_line: Final = threading.Lock()  # its holder writes the line of progress
+_warned: Final = threading.Event()  # set when the warning about missing storage has been printed
+_progress_line: Final = threading.Lock()
 event.register("numba:compile", _compilations)  # type: ignore[no-untyped-call]
 event.register("numba:compiler_lock", HeldSignals())  # type: ignore[no-untyped-call]
 
@@ -84,14 +121,14 @@ def being_compiled() -> bool:
 def compiled(function: Function) -> Function:
     """Compile a function at its first call, and store the machine code for later processes.
 
-    Without a place to store it (no home, a read-only disk) each process compiles it.
+    Without a writable cache directory each process compiles it.
     """
-    made: Any = compiled_here(function)
-    with suppress(RuntimeError):  # there is no place
+    dispatcher: Any = compiled_here(function)
+    with suppress(RuntimeError):  # no cache directory
         # Private names of numba, whose range pyproject.toml limits for this: the public cache=True goes by path and
         # time of one file, so that a fresh checkout compiles again and a changed import does not.
-        made._cache = _Cache(function)  # type: ignore[no-untyped-call] # noqa: SLF001
-    return made  # type: ignore[no-any-return]
+        dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call] # noqa: SLF001
+    return dispatcher  # type: ignore[no-any-return]
 
 
 def compiled_here(function: Function) -> Function:
@@ -103,14 +140,14 @@ def compiled_here(function: Function) -> Function:
 
 
 class _Place(caching._CacheLocator):  # noqa: SLF001 - numba has no public one
-    """Tell numba the folder of a function's machine code, which is named after the content of its sources."""
+    """Locates the cache folder of a function, which is named after the content of its sources."""
 
     def __init__(self, folder: Path, file: str, line: int) -> None:
         self._folder, self._py_file, self._line = folder, file, line
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Place | None:
-        """Return the place, None without one."""
+        """Return the locator, or None without a cache directory."""
         folder = cache_folder(Path(py_file))
         return None if folder is None else cls(folder, py_file, py_func.__code__.co_firstlineno)
 
@@ -138,10 +175,10 @@ class _Cache(caching.FunctionCache):
     _lock: Any = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the machine code for a signature; None: this process compiles it, and holds the lock until then."""
+        """Return the machine code for a signature; None: this process holds the lock and compiles it."""
         found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         if found is None and self._lock is None:
-            with suppress(OSError):  # the folder has gone, or can no longer be written
+            with suppress(OSError):  # the folder was deleted or is read-only
                 self._lock = (Path(self._cache_path) / f"{self._impl.filename_base}.lock").open("w")
                 _compilations.on_start(None)  # a terminal shows the wait as a compilation
                 try:
@@ -168,7 +205,7 @@ class _Cache(caching.FunctionCache):
 def cache_folder(file: Path) -> Path | None:
     """Return the folder of a module's machine code, or None where nothing can be stored."""
     home = _caches()
-    if home.parts[0] == "~":  # a user without a home: it would be made in the working directory
+    if home.parts[0] == "~":  # a user without a home directory
         return None
     module = f"{file.parent.name}.{file.stem}"
     folder = home / f"{module}-{sources_digest(file)}"
@@ -178,7 +215,7 @@ def cache_folder(file: Path) -> Path | None:
         TemporaryFile(dir=folder).close()
     except OSError:
         return None
-    with suppress(OSError):  # another process drops the same
+    with suppress(OSError):  # another process deletes the same folder
         _drop_old(home, module)
     return folder
 
@@ -191,16 +228,16 @@ def _caches() -> Path:
 def sources_digest(file: Path) -> str:
     """Return a digest of a module's file and of those that it imports, and of the versions that compile them.
 
-    numba itself tells processors apart.
+    numba itself distinguishes processors.
     """
     versions = (numba.__version__, llvmlite.__version__, *platform.libc_ver(), ERROR_MODEL)
-    digest, files, left = hashlib.sha256(" ".join(versions).encode()), set(), [file]
-    while left:
-        if (one := left.pop()) not in files:
-            files.add(one)
-            left += _source(one)[1]
-    for one in sorted(files, key=str):
-        digest.update(f"{one.name} {_source(one)[0]}\0".encode())
+    digest, files, pending = hashlib.sha256(" ".join(versions).encode()), set(), [file]
+    while pending:
+        if (path := pending.pop()) not in files:
+            files.add(path)
+            pending += _source(path)[1]
+    for path in sorted(files, key=str):
+        digest.update(f"{path.name} {_source(path)[0]}\0".encode())
     return digest.hexdigest()[:16]
 
 
@@ -208,7 +245,7 @@ def sources_digest(file: Path) -> str:
 def _source(file: Path) -> tuple[str, tuple[Path, ...]]:
     """Return the digest of a file, and the files of both programs that it imports.
 
-    This module is left out: its text does not change what it compiles.
+    This module is excluded: its text does not change the machine code.
     """
     text = file.read_bytes()
     names = {
@@ -228,8 +265,8 @@ def _imports(text: str) -> Iterator[tuple[str, str]]:
 def _drop_old(home: Path, module: str) -> None:
     """Delete the machine code of a module except for its latest versions and those of the last day."""
     used_s = {path: path.stat().st_mtime for path in home.glob(f"{module}-*") if path.is_dir()}
-    oldest_s = time.time() - KEPT_S
-    for folder in sorted(used_s, key=used_s.__getitem__)[:-KEPT_CACHES]:
+    oldest_s = time.time() - MIN_AGE_S
+    for folder in sorted(used_s, key=used_s.__getitem__)[:-MIN_FOLDERS]:
         if used_s[folder] > oldest_s:
             continue
         for path in sorted(folder.rglob("*"), reverse=True):
@@ -238,54 +275,54 @@ def _drop_old(home: Path, module: str) -> None:
 
 
 @contextmanager
-def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
-    """Show on a terminal that code is being compiled in the block, and how long it took; silent in a pipe.
+def compiling(subject: str, stream: TextIO | None = None) -> Iterator[None]:
+    """Show progress on a terminal while code is compiled in the block; print nothing in a pipe or in a nested block.
 
-    A block within another is silent, too. That machine code cannot be stored is reported once, also in a pipe.
+    A missing cache directory is reported once, also in a pipe.
     """
     stream = sys.stderr if stream is None else stream
-    _tell_if_not_kept(stream)
-    if not stream.isatty() or not _line.acquire(blocking=False):
+    _warn_without_storage(stream)
+    if not stream.isatty() or not _progress_line.acquire(blocking=False):
         yield
         return
     done = threading.Event()
-    teller = threading.Thread(target=_tell, args=(what, stream, done), daemon=True)
-    teller.start()
+    thread = threading.Thread(target=_show_progress, args=(subject, stream, done), daemon=True)
+    thread.start()
     try:
         yield
     finally:
         done.set()
-        teller.join()
-        _line.release()
+        thread.join()
+        _progress_line.release()
 
 
-def _is_kept() -> bool:
+def _has_storage() -> bool:
     return cache_folder(Path(__file__)) is not None
 
 
-def _tell_if_not_kept(stream: TextIO) -> None:
-    if not _is_kept() and not _told and parent_process() is None:
-        _told.append(True)
+def _warn_without_storage(stream: TextIO) -> None:
+    if not _has_storage() and not _warned.is_set() and parent_process() is None:
+        _warned.set()
         stream.write(
-            f"rambler-hil: machine code cannot be stored in {_caches()} and is compiled again by each process; "
-            "NUMBA_CACHE_DIR can name another directory\n"
+            f"rambler-hil: machine code cannot be stored in {_caches()}, so each process compiles it again; "
+            "set NUMBA_CACHE_DIR to another directory\n"
         )
         stream.flush()
 
 
-def _tell(what: str, stream: TextIO, done: threading.Event) -> None:
-    began_s, before_s, shown, ever = time.monotonic(), _compilations.seconds, False, False
-    while not done.wait(TICK_S if shown else PATIENCE_S):
+def _show_progress(subject: str, stream: TextIO, done: threading.Event) -> None:
+    began_s, before_s, visible, was_visible = time.monotonic(), _compilations.seconds, False, False
+    while not done.wait(PROGRESS_INTERVAL_S if visible else PROGRESS_DELAY_S):
         if being_compiled():
             elapsed_s = time.monotonic() - began_s
-            often = _HOW_OFTEN[not _is_kept()]
-            stream.write(f"\r\x1b[Kcompiling {what} for this machine, {often} ... {elapsed_s:.0f} s")
-        elif shown:
+            frequency = "first time only" if _has_storage() else "every time"
+            stream.write(f"\r\x1b[Kcompiling {subject} for this machine, {frequency} ... {elapsed_s:.0f} s")
+        elif visible:
             stream.write("\r\x1b[K")
-        shown = being_compiled()
-        ever = ever or shown
+        visible = being_compiled()
+        was_visible = was_visible or visible
         stream.flush()
-    if ever:
+    if was_visible:
         seconds = _compilations.seconds - before_s
-        stream.write(f"\r\x1b[Kcompiled {what} for this machine in {seconds:.0f} s\n")
+        stream.write(f"\r\x1b[Kcompiled {subject} for this machine in {seconds:.0f} s\n")
         stream.flush()

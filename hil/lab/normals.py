@@ -1,4 +1,4 @@
-"""Standard normal numbers in compiled code: those of numpy.random.Generator(PCG64), bit for bit, but sooner.
+"""Standard normal numbers in compiled code, bit-identical to numpy.random.Generator(PCG64) and faster.
 
 PCG64 (O'Neill, pcg-random.org: XSL RR 128/64) and the ziggurat (Marsaglia and Tsang, J. Stat. Soft. 5(8), 2000) with
 numpy's tables, as numba has them.
@@ -26,11 +26,11 @@ extending: Any = numba.extending  # numba's tools are untyped
 INSIDE, WIDTHS, HEIGHTS = tables.ki_double, tables.wi_double, tables.fi_double
 TAIL: Final = float(tables.ziggurat_nor_r)
 TAIL_INVERSE: Final = float(tables.ziggurat_nor_inv_r)
-UNIT: Final = 1.0 / 9007199254740992.0  # of a number of 53 bits
+UNIT: Final = 1.0 / 9007199254740992.0  # 2**-53
 
 
 def _next_state(_typing: Any, high: Any, low: Any, add_high: Any, add_low: Any) -> Any:
-    """Return high and low half of the next state."""
+    """Return the high and the low half of the next state."""
     wide, word = ir.IntType(2 * WORD_BITS), ir.IntType(WORD_BITS)
 
     def made(context: Any, builder: Any, known: Any, args: Any) -> Any:
@@ -49,20 +49,20 @@ next_state: Callable[[int, int, int, int], tuple[int, int]] = extending.intrinsi
 
 @compiled
 def word_of(high: Any, low: Any) -> Any:
-    """Return the random word of a state."""
+    """Return the random 64-bit word of a state."""
     mixed, turn = high ^ low, high >> np.uint64(58)
     return (mixed >> turn) | (mixed << ((np.uint64(64) - turn) & np.uint64(63)))
 
 
 @compiled
 def unit_of(word: Any) -> float:
-    """Return a number in [0, 1)."""
+    """Return the number in [0, 1) of a random word."""
     return float(np.float64(word >> np.uint64(11)) * UNIT)
 
 
 @compiled
 def fill(state: NDArray[np.uint64], numbers: NDArray[np.float64]) -> None:
-    """Fill in normal numbers; `state` is that of the generator and what it adds, in halves, and is moved on."""
+    """Fill in normal numbers; `state` holds state and increment of the generator in halves and is advanced."""
     high, low, add_high, add_low = state[0], state[1], state[2], state[3]
     filled = 0
     while filled < numbers.size:
@@ -96,7 +96,7 @@ def fill(state: NDArray[np.uint64], numbers: NDArray[np.float64]) -> None:
 
 
 def drawn(source: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Return the next normal numbers of a generator, which is not moved on."""
+    """Return the next normal numbers of a generator without advancing it."""
     numbers = np.empty(count)
     fill(state_of(source), numbers)
     return numbers

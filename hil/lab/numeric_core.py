@@ -1,6 +1,6 @@
-"""The firmware's numeric core for the laboratory: the very files that the boat runs, callable from compiled code.
+"""The firmware's numeric core for the laboratory: the source files of the firmware, callable from compiled code.
 
-The control law, the observer, the monitors and the K-T equation stand once, in firmware_py, as functions over floats
+The control law, the observer, the monitors and the K-T equation exist once, in firmware_py, as functions over floats
 and NamedTuples without None and without I/O. This module registers them with numba, and no other module of `hil`
 imports them (import contract `seam`). A kernel calls a function of the core, and numba compiles it with the kernel:
 
@@ -70,7 +70,7 @@ MODULES: Final = (
 
 
 def inner(function: Function) -> Function:
-    """Make a plain function callable from compiled code; for Python it stays plain.
+    """Make a plain function callable from compiled code; it remains a plain function for Python.
 
     Without numba's wrappers for calls from Python and C, it compiles faster than a function that is `compiled`.
     """

@@ -1,4 +1,4 @@
-"""Processes that sail runs for this one, and do not outlive it."""
+"""Worker processes that end with their parent."""
 
 from __future__ import annotations
 
@@ -13,18 +13,17 @@ from typing import ParamSpec, TypeVar
 
 from hil.sim.signals import interruptible
 
-PATIENCE_S = 10.0
+END_TIMEOUT_S = 10.0
 PR_SET_PDEATHSIG = 1
-Given = ParamSpec("Given")
+Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 
 @contextmanager
 def processes(count: int, start: str = "spawn") -> Iterator[Executor]:
-    """Have processes that end with this one, however it ends, and whose runs end in good order when it is told to.
+    """Start worker processes that end with this one, however it ends; SIGTERM ends their runs in good order.
 
-    What they do is to be done by `in_process`. A fresh interpreter inherits no half of this one's threads; `start`
-    is another way to begin them.
+    Their work must be done by `in_process`. The start method "spawn" does not copy the threads of this process.
     """
     pool = ProcessPoolExecutor(count, get_context(start), initializer=_begin, initargs=(os.getpid(),))
     try:
@@ -34,26 +33,26 @@ def processes(count: int, start: str = "spawn") -> Iterator[Executor]:
         for child in children:
             child.terminate()
         for child in children:
-            child.join(PATIENCE_S)
+            child.join(END_TIMEOUT_S)
             child.kill()
-        # Waited for: a Python of 3.11 that ends meanwhile may wake its thread by a pipe that it has just closed.
+        # Wait for its thread: at its exit Python 3.11 may otherwise write to a pipe that is already closed.
         pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
 
 
 def _begin(parent: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which then ends its workers
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a fork has the parent's
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the parent, which ends its workers
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a forked process inherits the parent's handler
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if os.getppid() != parent:  # it died before that
+    if os.getppid() != parent:  # the parent has already ended
         os._exit(1)
 
 
-def in_process(work: Callable[Given, Result], *words: Given.args, **more: Given.kwargs) -> Result:
-    """Do a piece of work in such a process; told to end, it ends once the run has ended in good order."""
+def in_process(work: Callable[Arguments, Result], *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+    """Do a piece of work in a worker process; SIGTERM ends it after the run has been closed."""
     with interruptible():
         try:
-            return work(*words, **more)
+            return work(*args, **kwargs)
         except KeyboardInterrupt:
-            os._exit(1)  # nobody waits for more
+            os._exit(1)  # the parent does not wait for a result

@@ -1,4 +1,4 @@
-"""The model at other speeds (the paper's eq. 7 and the kind of its Table 2)."""
+"""The K-T model at other speeds (equation 7 of the paper, as in its Table 2)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RADIUS_RUDDER_DEG = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Dimensionless:
-    """K', T' and alpha', the same at all speeds."""
+    """K', T' and alpha', which do not depend on speed."""
 
     turning_ability: float
     turning_lag: float
@@ -28,8 +28,8 @@ class Dimensionless:
 class SpeedRow:
     """The model at a speed: K [1/s], T [s], alpha [s^2]; steady yaw rates [deg/s] at RUDDERS_DEG.
 
-    radius_m is U / r at RADIUS_RUDDER_DEG of rudder, as the paper reckons it; radius_with_sway_m and
-    drift_deg count the boat's sideways motion in, as far as the hull's regressions can be trusted.
+    radius_m is U / r at RADIUS_RUDDER_DEG of rudder, as in the paper; radius_with_sway_m and drift_deg include sway by
+    the hull's regressions.
     """
 
     speed_m_s: float
@@ -53,7 +53,7 @@ def dimensionless(model: KtModel, length_m: float) -> Dimensionless:
 
 
 def table(model: KtModel, hull: HullForm, speeds_m_s: Sequence[float]) -> tuple[SpeedRow, ...]:
-    """Return a row for each speed, in the order given."""
+    """Return a row for each speed, in the same order."""
     sway = sway_model(hull)
     rows = []
     for speed_m_s in speeds_m_s:

@@ -6,8 +6,8 @@ import pytest
 
 from firmware_py.control.law import LawSettings
 from hil.cli.compare import as_entries
+from hil.lab.compare.runs import OURS, Task, compare
 from hil.lab.compare.score import mean_of, score_of
-from hil.lab.compare.voyages import OURS, Task, compare
 from hil.lab.twin import sailing
 from hil.lab.twin.sea import sea_of as drawn
 from hil.report.figure_file import key_of

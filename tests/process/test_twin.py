@@ -88,7 +88,7 @@ def compared(directory, text, seed, goals, seconds, **parameters):
     differs += len(fixes) - int(np.sum(np.all((rows == fixes) | np.isnan(rows) & np.isnan(fixes), axis=1)))
     monitors = record.ticks[:count, [loop.LOSS_EVIDENCE, loop.LOST, loop.REVERSED]]
     differs += sum(theirs != tuple(mine) for theirs, mine in zip(monitored(log), monitors, strict=False))
-    return float(record.ticks[:count, loop.SOFTNESS].max()), differs
+    return float(record.ticks[:count, loop.GAIN_REDUCTION].max()), differs
 
 
 OTHER = {"CTL_PRICE": 2.0, "MDL_K": 0.04, "MDL_T_S": 5.0, "RUD_SLEW_DEG_S": 20.0, "RUD_DBAND_DEG": 0.5}

@@ -8,8 +8,8 @@ import numpy as np
 from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled_here
 from hil.lab.numeric_core import LawSettings, heading_filter, heading_model, heading_tick
-from hil.lab.twin import intake, loop, pilot, plant, sailing
-from hil.lab.twin.autopilot import STATE, Autopilot, Intake, Seen, start_of
+from hil.lab.twin import autopilot, estimator, loop, plant, sailing
+from hil.lab.twin.autopilot import STATE, Autopilot, EstimatorState, TickEstimate, initial_state
 from hil.lab.twin.plant import PLANT, Record
 
 
@@ -46,11 +46,11 @@ def levels_of(sea):
 def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
     """Sail as hil/lab/twin/loop.py does; `informed`: the filter keeps these levels; `fixed`: gains without a model."""
     plant.begin(at, waters.ship)
-    pilot.begin(a)
+    autopilot.begin(a)
     deadline_s, ticks = 0.0, 0
     while at.row < record.heading_rad.size - 1:
         plant.until_tick(at, waters, record, deadline_s)
-        pilot.take_goals(a, task, deadline_s)
+        autopilot.take_goals(a, task, deadline_s)
         if informed:
             s, f = taken.heading, taken.heading.filter
             # Begun long ago: it chooses no candidate.
@@ -70,19 +70,21 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
                 s.rudder_rad,
                 s.swing_rad2,
             )
-            taken = Intake(s, taken.water, taken.heading_s, taken.heading_interval_s, taken.fix_s, taken.fix_interval_s)
-        taken, n = intake.update(a, at, taken, deadline_s)
+            taken = EstimatorState(
+                s, taken.water, taken.heading_s, taken.heading_interval_s, taken.fix_s, taken.fix_interval_s
+            )
+        taken, n = estimator.update(a, at, taken, deadline_s)
         if fixed:
-            n = Seen(
+            n = TickEstimate(
                 n.started, False, n.estimate, n.heading_sd_rad, n.wave_period_s, n.delay_log_ratio, n.disturbance,
-                n.rudder_rad, n.shown_rad, n.heading_interval_s, n.inconsistent, n.current_strong,
+                n.rudder_rad, n.compass_rad, n.heading_interval_s, n.inconsistent, n.current_strong,
             )  # fmt: skip
-        helm = pilot.steer(a, helm, n, deadline_s)
+        helm = autopilot.steer(a, helm, n, deadline_s)
         plant.send_rudder(at, deadline_s, a.boat.servo_sign * a.state.command_rad)
         if ticks < record.ticks.shape[0]:
             loop.note(record.ticks[ticks], a, helm, n, deadline_s)
             ticks += 1
-        deadline_s = pilot.next_deadline(deadline_s, a.state.newest_s)
+        deadline_s = autopilot.next_deadline(deadline_s, a.state.newest_s)
     return ticks
 
 
@@ -93,5 +95,7 @@ def sail(sea, goals, seconds, parameters, levels, informed=False, fixed=False, t
     boat = sailing.boat_of(parameters)
     a, task = Autopilot(boat, sailing.zeros(STATE), LawSettings.of(parameters)), sailing.task_of(goals)
     waters = sailing.waters_of(sea)
-    noted = voyage(sailing.zeros(PLANT), waters, a, *start_of(boat), task, record, levels_of(levels), informed, fixed)
+    noted = voyage(
+        sailing.zeros(PLANT), waters, a, *initial_state(boat), task, record, levels_of(levels), informed, fixed
+    )
     return record._replace(ticks=record.ticks[:noted])

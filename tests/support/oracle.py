@@ -92,11 +92,11 @@ def predict(x, p, told, rudder_rad):
 
 
 @compiled
-def take_heading(x, p, told, said_rad):
+def take_heading(x, p, told, message_rad):
     """Take in what the compass says."""
     shows = np.zeros(STATES)
     shows[FLOAT if told.has_float else HEADING] = shows[WAVE] = 1.0
-    correct(x, p, shows, wrap_pi(said_rad - shows @ x), COMPASS_VARIANCE)
+    correct(x, p, shows, wrap_pi(message_rad - shows @ x), COMPASS_VARIANCE)
 
 
 @compiled

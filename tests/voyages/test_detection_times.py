@@ -114,4 +114,4 @@ def test_no_fault_in_a_day(sea, seed):
     ticks, _ = voyage.sail(sea, seed, goals, 86400.0)
     verdicts = [loop.OSCILLATING, loop.LOST, loop.REVERSED, loop.INCONSISTENT, loop.CURRENT_STRONG]
     assert not ticks[:, verdicts].any()
-    assert np.isfinite(ticks[ticks[:, loop.TICK_S] > 2.0, loop.SHOWN_RAD]).all()
+    assert np.isfinite(ticks[ticks[:, loop.TICK_S] > 2.0, loop.COMPASS_RAD]).all()

@@ -40,8 +40,8 @@ def judged(record):
     use = t[:, loop.TICK_S] > SETTLED_S
     true_rad = np.interp(t[:, loop.TICK_S], np.arange(record.heading_rad.size) / 10.0, record.heading_rad)
     error = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad - t[:, loop.HEADING_RAD]])[use]
-    heard = np.flatnonzero(np.isfinite(t[:, loop.SHOWN_RAD]))[0]
-    shown = np.unwrap(t[heard:, loop.SHOWN_RAD])
+    heard = np.flatnonzero(np.isfinite(t[:, loop.COMPASS_RAD]))[0]
+    shown = np.unwrap(t[heard:, loop.COMPASS_RAD])
     passes = []
     for lag_s in LOW_PASSES_S:
         keep = math.exp(-0.1 / lag_s) if lag_s else 0.0

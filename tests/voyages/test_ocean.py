@@ -13,8 +13,8 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.law import LawSettings
+from hil.lab.compare.runs import OURS, Task, truth_of
 from hil.lab.compare.score import score_of, turns_of
-from hil.lab.compare.voyages import OURS, Task, truth_of
 from hil.lab.twin import sailing
 from hil.lab.twin.sea import sea_of as drawn
 from hil.report.figure_file import key_of

@@ -13,7 +13,7 @@ from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled_here
 from hil.lab.twin import sailing
 from hil.lab.twin import ship as ships
-from hil.lab.twin.sea import PLAIN, offset_of
+from hil.lab.twin.sea import DEFAULT_RECEIVER, offset_of
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import TABLE, sea_of
 from support.paths import ROOT
@@ -64,7 +64,7 @@ def steered(rows, hull, ship, plain, series, waiting):
         for more in range(STEPS_PER_ROW):
             in_water_rad = ships.rudder_in_water(ship, waiting, step + more, rudder_rad)
             out[RUDDER] += 0.5 * (hull[ships.RUDDER] + in_water_rad) / STEPS_PER_ROW
-            ships.turn_hull(hull, ship, series, step + more, in_water_rad)
+            ships.step_hull(hull, ship, series, step + more, in_water_rad)
 
 
 def spectrum_in_band(values):
@@ -121,8 +121,8 @@ def measured(name):
         "orbit_period": orbit_period_s,
         "bias": float(np.degrees(np.std(bias_rad))),
         "bias_memory": memory_s(bias_rad[::500], 500 * ships.GRID_S),
-        "receiver_filter": (scenario.disturbances.receiver or PLAIN).filter_s,
-        "receiver_noise": (scenario.disturbances.receiver or PLAIN).noise_m_s,
+        "receiver_filter": (scenario.disturbances.receiver or DEFAULT_RECEIVER).filter_s,
+        "receiver_noise": (scenario.disturbances.receiver or DEFAULT_RECEIVER).noise_m_s,
         "speed_sd": float(np.std(rows[:, SPEED])),
         "speed_memory": memory_s(rows[::50, SPEED], 50 * ROW_S),
         "course": float(np.degrees(np.median(course_rad - half_minutes[:, PSI]))),

@@ -16,7 +16,7 @@ from hil.lab.compiled import compiling
 from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import sailing
 from hil.lab.twin.plant import Sea
-from hil.lab.twin.sea import NO_ROOM, sea_of
+from hil.lab.twin.sea import NO_ARRAY, sea_of
 from hil.sim.truth import Truth
 from hil.sim.vehicle_file import model_of
 
@@ -66,7 +66,7 @@ def known_parameters() -> frozenset[str]:
 
 def simulate(rows: Iterable[Row]) -> Iterator[Outcome]:
     """Simulate runs and yield their outcomes, in order."""
-    room = NO_ROOM  # reused for all runs: allocating takes longer than drawing
+    room = NO_ARRAY  # reused for all runs: allocating takes longer than drawing
     with compiling("the closed loop"):
         for row in rows:
             sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle), room)

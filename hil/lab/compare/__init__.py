@@ -1,1 +1,1 @@
-"""Controllers side by side in the same seas: the autopilot as it is, with fixed gains, and a tuned PID."""
+"""Comparison of controllers in the same seas: the autopilot, the autopilot with fixed gains, and a tuned PID."""

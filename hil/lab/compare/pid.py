@@ -1,7 +1,7 @@
-"""A tuned PID controller with filtered derivative, in the compiled loop: what a good ordinary autopilot reaches.
+"""A tuned PID controller with filtered derivative in the compiled loop, as a reference.
 
-It steers the ship of the compiled loop (hil/lab/twin) by the same compass in the same sea, seed by seed. Its five
-numbers were found by search over the four seas of physics.md at once, on other seeds.
+It uses the ship and the compass of the compiled loop (hil/lab/twin) in the same seas. Its five parameters result from
+a search over the four seas of physics.md at once, with other seeds.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from hil.lab.compiled import compiled
-from hil.lab.twin import intake, plant, sailing
-from hil.lab.twin.devices import SAID_RAD, THERE_S
+from hil.lab.twin import estimator, plant, sailing
+from hil.lab.twin.devices import ARRIVAL_S, MESSAGE_RAD
 from hil.lab.twin.plant import PLANT, Plant, Record, Sea, Waters
 from hil.lab.twin.sea import sea_of
 from hil.ship.scenarios import Scenario
@@ -40,45 +40,45 @@ TUNED = Pid(1.2, 0.0226, 1.18, 4.6, 8.0)
 
 
 @compiled
-def voyage(at: Plant, waters: Waters, pid: Pid, given_s: Array, goals_rad: Array, record: Record) -> None:
+def voyage(plant_state: Plant, waters: Waters, pid: Pid, times_s: Array, goals_rad: Array, record: Record) -> None:
     """Simulate the closed loop with the PID controller until the rows of the record are full.
 
-    The integral stands still while the rudder is at its limit and the error would drive it farther.
+    The integral does not change while the rudder is at its limit and the error would increase it.
     """
     kp, ki, kd, heading_filter_s, rate_filter_s = pid
-    plant.begin(at, waters.ship)
+    plant.begin(plant_state, waters.ship)
     seen, rate, total, command, now_s, goal = np.nan, 0.0, 0.0, 0.0, 0.0, 0
     near, quick = 1.0 - math.exp(-STEP_S / heading_filter_s), 1.0 - math.exp(-STEP_S / rate_filter_s)
-    while at.row < record.heading_rad.size - 1:
-        plant.until_tick(at, waters, record, now_s)
-        while goal + 1 < given_s.size and given_s[goal + 1] <= now_s:
+    while plant_state.row < record.heading_rad.size - 1:
+        plant.until_tick(plant_state, waters, record, now_s)
+        while goal + 1 < times_s.size and times_s[goal + 1] <= now_s:
             goal += 1
         headings = 0
-        while headings < at.heading_count and at.headings[headings, THERE_S] <= now_s:
-            said_rad = at.headings[headings, SAID_RAD]
-            seen = said_rad if math.isnan(seen) else seen
-            moved = near * wrap_pi(said_rad - seen)
+        while headings < plant_state.heading_count and plant_state.headings[headings, ARRIVAL_S] <= now_s:
+            message_rad = plant_state.headings[headings, MESSAGE_RAD]
+            seen = message_rad if math.isnan(seen) else seen
+            moved = near * wrap_pi(message_rad - seen)
             seen = wrap_pi(seen + moved)
             rate += quick * (moved / STEP_S - rate)
             headings += 1
-        intake.drop(at, headings, at.fix_count)
+        estimator.drop(plant_state, headings, plant_state.fix_count)
         if not math.isnan(seen):
             error = wrap_pi(goals_rad[goal] - seen)
-            wanted = kp * error + total - kd * rate
-            command = clamp(wanted, -LIMIT_RAD, LIMIT_RAD)
-            if wanted == command or wanted * error < 0.0:
+            demand = kp * error + total - kd * rate
+            command = clamp(demand, -LIMIT_RAD, LIMIT_RAD)
+            if demand == command or demand * error < 0.0:
                 total = clamp(total + ki * error * STEP_S, -LIMIT_RAD, LIMIT_RAD)
-        plant.send_rudder(at, now_s, command)
+        plant.send_rudder(plant_state, now_s, command)
         now_s += STEP_S
 
 
 def sail_sea(sea: Sea, goals: Sequence[Goal], seconds: float, pid: Pid) -> Truth:
-    """Simulate a run in a given sea with the PID controller and return its truth."""
+    """Simulate a run in a sea with the PID controller and return its truth."""
     rows = round(seconds * ROWS_PER_SECOND) + 1
     record = Record(np.zeros(rows), np.zeros(rows), np.zeros((0, 0)))
-    given_s, goals_rad = (np.array(column) for column in zip(*((g.t_s, g.heading_rad) for g in goals), strict=True))
-    at: Any = sailing.zeros(PLANT)
-    voyage(at, sailing.waters_of(sea), pid, given_s, goals_rad, record)
+    times_s, goals_rad = (np.array(column) for column in zip(*((g.t_s, g.heading_rad) for g in goals), strict=True))
+    plant_state: Any = sailing.zeros(PLANT)
+    voyage(plant_state, sailing.waters_of(sea), pid, times_s, goals_rad, record)
     return sailing.truth_of(record, goals)
 
 

@@ -1,4 +1,4 @@
-"""What a voyage through the task of physics.md section 6 came to: figures from the truth alone."""
+"""Scores of a run of the task in physics.md, section 6, computed from its truth."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from hil.report.figures import (
 from hil.sim.truth import Array, Truth
 
 NEAR_RAD = radians(5.0)
-WITHIN_S = 100.0  # so long within 5 deg is settled
-SHORT_S = STEADY_AFTER_S + 100.0  # a goal held for less has no steady part worth the name
+SETTLED_S = 100.0  # settled: this time within 5 deg
+MIN_GOAL_S = STEADY_AFTER_S + 100.0  # shorter goals have no steady part
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Of one run, or the mean over several: errors in degrees, travel in degrees per hour, of the steady parts.
+    """Scores of a run, or the mean over several: heading errors and rudder travel of the steady parts.
 
-    `overshoot_deg` and `near_s`, the time until the boat first is within 5 deg of the goal, are those of the
-    first turn.
+    `overshoot_deg` and `near_s`, the time until the heading is first within 5 deg of the goal, are those of the first
+    turn.
     """
 
     rms_deg: float
@@ -39,10 +39,10 @@ class Score:
 
 
 def score_of(truth: Truth) -> Score:
-    """Judge a run of goals that last for 300 s and more; ValueError when there is none."""
-    spans = [(first, last) for first, last in goal_spans(truth.goal_rad) if _length_s(truth, first, last) >= SHORT_S]
+    """Compute the scores of the goals that last at least 300 s; raise ValueError without such a goal."""
+    spans = [(first, last) for first, last in goal_spans(truth.goal_rad) if _length_s(truth, first, last) >= MIN_GOAL_S]
     if not spans:
-        raise ValueError(f"no goal lasts for {SHORT_S:g} s")
+        raise ValueError(f"no goal lasts for {MIN_GOAL_S:g} s")
     errors, travel_deg, hours = [], 0.0, 0.0
     for first, last in spans:
         steady = first + int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
@@ -62,18 +62,18 @@ def score_of(truth: Truth) -> Score:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """How a goal was taken up: `settled_s` is after how long she first is within 5 deg for 100 s, inf for never."""
+    """A turn; `settled_s` is the time until the heading first stays within 5 deg for 100 s, inf for never."""
 
     overshoot_deg: float
     settled_s: float
 
 
 def turns_of(truth: Truth) -> tuple[Turn, ...]:
-    """Return the turns of a run: its goals that lasted for 300 s and more and were 5 deg away when given."""
+    """Return the turns of a run: goals that last at least 300 s and start more than 5 deg from the heading."""
     turns = []
     for first, last in goal_spans(truth.goal_rad):
         error_rad = _turning_rad(truth, first, last)
-        if _length_s(truth, first, last) < SHORT_S or abs(error_rad[0]) <= NEAR_RAD:
+        if _length_s(truth, first, last) < MIN_GOAL_S or abs(error_rad[0]) <= NEAR_RAD:
             continue
         time_s = truth.time_s[first:last] - truth.time_s[first]
         early = int(np.searchsorted(time_s, STEADY_AFTER_S - 1e-9))
@@ -82,12 +82,12 @@ def turns_of(truth: Truth) -> tuple[Turn, ...]:
 
 
 def _settled_s(time_s: Array, error_rad: Array) -> float:
-    # A stretch within begins behind each row outside, and ends at the next one.
+    # An interval inside the limit starts after each row outside and ends at the next one.
     outside = np.flatnonzero(np.abs(error_rad) > NEAR_RAD)
     begins = np.concatenate(([0], outside + 1))
     ends = np.concatenate((outside, [error_rad.size]))
     for begin, end in zip(begins, ends, strict=True):
-        if end > begin and time_s[end - 1] - time_s[begin] >= WITHIN_S - 1e-9:
+        if end > begin and time_s[end - 1] - time_s[begin] >= SETTLED_S - 1e-9:
             return float(time_s[begin])
     return float("inf")
 
@@ -105,7 +105,7 @@ def _first_turn(truth: Truth, spans: Sequence[tuple[int, int]]) -> tuple[float, 
 
 
 def _turning_rad(truth: Truth, first: int, last: int) -> Array:
-    """Return heading less goal from a goal's start to its end, the way round that she took."""
+    """Return heading minus goal over a goal, unwrapped in the direction of the turn."""
     heading_rad = truth.heading_low_rad[first:last]
     return np.asarray(heading_rad - turned_goal_rad(float(truth.goal_rad[first]), float(heading_rad[-1])))
 
@@ -115,7 +115,7 @@ def _length_s(truth: Truth, first: int, last: int) -> float:
 
 
 def mean_of(scores: Sequence[Score]) -> Score:
-    """Return the mean over runs; the rms is that of all steady parts together."""
+    """Return the mean over runs; the rms is that of all steady parts."""
     return Score(
         float(np.sqrt(np.mean([one.rms_deg**2 for one in scores]))),
         float(np.mean([one.travel_deg_per_h for one in scores])),

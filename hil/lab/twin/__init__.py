@@ -1,1 +1,1 @@
-"""The compiled loop: sea, ship, devices, estimate and controller of the delivered boat in one kernel, bit for bit."""
+"""The compiled loop: sea, ship, devices, estimators and controller in one compiled function, bit-identical."""

@@ -1,20 +1,33 @@
-"""Parameters, goals and state of the autopilot in the compiled loop."""
+"""The autopilot of the compiled loop: parameters, state, and control with the firmware's own functions."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.lab.numeric_core import LawSettings, heading_estimate, heading_tick, law, oscillation, steering_monitor, water
+from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
+from hil.lab.numeric_core import (
+    LawSettings,
+    heading_estimate,
+    heading_tick,
+    inner,
+    law,
+    oscillation,
+    rudder_limit,
+    sample_timeout,
+    steering_monitor,
+    water,
+)
 from hil.lab.twin.ship import Floats
 
 
 class Boat(NamedTuple):
-    """Parameters of the autopilot: settings of the estimator, gains that replace the control law, and the rest."""
+    """Parameters of the autopilot; `fixed_gains` are used while the estimator is not trusted."""
 
     heading: heading_tick.HeadingSettings
-    stand_in: law.Gains
+    fixed_gains: law.Gains
     limit_rad: float
     slew_rad_s: float
     deadband_rad: float
@@ -25,13 +38,13 @@ class Boat(NamedTuple):
 
 
 class Task(NamedTuple):
-    """Times at which goals are given, and their headings as the operator's message rounds them."""
+    """Times of the goals, and their headings as rounded by the operator's message."""
 
-    given_s: Floats
+    times_s: Floats
     goals_rad: Floats
 
 
-# State of the autopilot beside Intake and Helm; NaN is an absent value. `goals` counts the goals that were given.
+# Further state of the autopilot; NaN is an absent value. `goals` is the number of goals received.
 STATE = np.dtype(
     [
         *(
@@ -46,7 +59,7 @@ STATE = np.dtype(
 )  # fmt: skip
 
 
-class Intake(NamedTuple):
+class EstimatorState(NamedTuple):
     """State of the estimators, and time and interval of headings and fixes."""
 
     heading: heading_tick.HeadingTick
@@ -57,10 +70,10 @@ class Intake(NamedTuple):
     fix_interval_s: float
 
 
-class Seen(NamedTuple):
-    """What control law, monitors and record take of the estimators at a tick.
+class TickEstimate(NamedTuple):
+    """Results of the estimators at a tick, for control law, monitors and record.
 
-    It is separate because each function that takes the hundreds of numbers of `Intake` costs numba many seconds.
+    It is separate because functions with the hundreds of numbers of `EstimatorState` compile slowly.
     """
 
     started: bool
@@ -71,13 +84,13 @@ class Seen(NamedTuple):
     delay_log_ratio: float
     disturbance: tuple[float, float]
     rudder_rad: float
-    shown_rad: float
+    compass_rad: float
     heading_interval_s: float
     inconsistent: bool
     current_strong: float
 
 
-class Helm(NamedTuple):
+class ControlState(NamedTuple):
     """State of control law and monitors."""
 
     law: law.LawState
@@ -85,16 +98,105 @@ class Helm(NamedTuple):
     steering: steering_monitor.SteeringMonitorState
 
 
-def start_of(boat: Boat) -> tuple[Intake, Helm]:
+def initial_state(boat: Boat) -> tuple[EstimatorState, ControlState]:
     """Return the states before the first tick."""
     expected = water.expecting(0.0, 0.0, boat.cruise_speed_m_s)
-    taken = Intake(heading_tick.START, expected, np.nan, np.nan, np.nan, np.nan)
-    return taken, Helm(law.IDLE, oscillation.START, steering_monitor.START)
+    taken = EstimatorState(heading_tick.START, expected, np.nan, np.nan, np.nan, np.nan)
+    return taken, ControlState(law.IDLE, oscillation.START, steering_monitor.START)
 
 
 class Autopilot(NamedTuple):
-    """The autopilot of a run: its parameters, a record of STATE, and the settings of the control law."""
+    """Parameters of a run, a record of STATE, and the settings of the control law."""
 
     boat: Boat
     state: Any
     law: LawSettings
+
+
+ARMED_S, GUARD_S = 0.28, 0.003  # time of arming and mode change; messages in this time before a tick wait for the next
+LOCK_MARGIN_S, LOCK_SLEW, LOCK_GAIN = 0.002, 0.005, 0.1
+PERIOD_S = 1.0 / 10.0
+MAX_STEP_S = 1.0
+
+
+@inner
+def begin(a: Autopilot) -> None:
+    """Set the state before the first tick."""
+    a.state.before_s = a.state.sample_s = a.state.goal_rad = np.nan
+
+
+@inner
+def is_armed(now_s: float) -> bool:
+    """Return whether the boat is armed and in GUIDED at a tick."""
+    return now_s > ARMED_S + GUARD_S
+
+
+@inner
+def take_goals(a: Autopilot, task: Task, now_s: float) -> None:
+    """Take the goals received by the tick; without one, keep the heading."""
+    state = a.state
+    if not is_armed(now_s):
+        return
+    while state.goals < task.times_s.size:
+        times_s = task.times_s[state.goals]
+        if not (times_s <= ARMED_S or times_s < now_s - GUARD_S):
+            break
+        state.goal_rad = wrap_two_pi(task.goals_rad[state.goals])
+        state.goals += 1
+    if math.isnan(state.goal_rad):
+        state.goal_rad = state.heading_rad
+
+
+@inner
+def steer(a: Autopilot, control: ControlState, seen: TickEstimate, now_s: float) -> ControlState:
+    """Update the limit cycle and steering monitors and set the next rudder command."""
+    state, boat, estimate = a.state, a.boat, seen.estimate
+    step_s = 0.0 if math.isnan(state.before_s) else min(max(0.0, now_s - state.before_s), MAX_STEP_S)
+    armed = is_armed(now_s)
+    lost_after_s = sample_timeout.timeout_s(seen.heading_interval_s, boat.compass_timeout_s)
+    steered = armed and now_s - state.sample_s <= lost_after_s and not math.isnan(state.goal_rad)
+    state.error_rad = wrap_pi(state.goal_rad - state.heading_rad) if steered else np.nan
+    state.heading_sd_rad = seen.heading_sd_rad
+    swing = oscillation.OscillationInput(
+        state.error_rad if seen.started else np.nan,
+        state.goal_rad,
+        state.heading_sd_rad,
+        state.command_rad,
+        estimate.bias_mean_rad,
+        estimate.speed_m_s,
+        seen.wave_period_s,
+        seen.delay_log_ratio,
+    )
+    cycle = oscillation.update(a.law.model, control.oscillation, swing, now_s)
+    given = steering_monitor.SteeringInput(
+        seen.rudder_rad,
+        state.heading_rad if steered else np.nan,
+        state.heading_sd_rad,
+        estimate.speed_m_s,
+        state.error_rad,
+        seen.compass_rad,
+        seen.disturbance[0],
+        seen.disturbance[1],
+    )
+    steering = steering_monitor.update(a.law.model, boat.servo_sign < 0.0, control.steering, given, now_s)
+    law_state, demand_rad = law.IDLE, state.command_rad if armed else 0.0
+    if steered and seen.trusted:
+        law_state, demand_rad = law.steer(
+            a.law, control.law, estimate, state.error_rad, state.command_rad, step_s, cycle.gain_reduction
+        )
+    elif steered and seen.started:
+        demand_rad = law.s_surface(boat.fixed_gains, state.error_rad, state.rate_rad_s)
+    limits = rudder_limit.RudderLimits(boat.limit_rad, boat.slew_rad_s, boat.deadband_rad)
+    state.command_rad = rudder_limit.limited_command(limits, state.command_rad, demand_rad, step_s)
+    state.before_s = now_s
+    return ControlState(law_state, cycle, steering)
+
+
+@inner
+def next_deadline(deadline_s: float, newest_s: float) -> float:
+    """Return the time of the next tick; the ticks are locked to the compass (firmware_py/system/clock.py)."""
+    if math.isnan(newest_s):
+        return deadline_s + PERIOD_S
+    ahead_s = deadline_s - (newest_s + LOCK_MARGIN_S)
+    off_s = ahead_s - PERIOD_S * math.floor(ahead_s / PERIOD_S + 0.5)
+    return deadline_s + (PERIOD_S + clamp(-LOCK_GAIN * off_s, -LOCK_SLEW * PERIOD_S, LOCK_SLEW * PERIOD_S))

@@ -1,4 +1,4 @@
-"""NMEA compass and receiver and Dynamixel servo of hil/devices for compiled code: what they report, and when."""
+"""NMEA compass, NMEA receiver and Dynamixel servo of hil/devices for compiled code: values and times of messages."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ COMPASS_BAUD, RECEIVER_BAUD = 38400, 9600
 FILTER_SAMPLE_S = 0.1
 KILOMETRES_PER_HOUR = 3.6
 FRAME_BYTES = len("$GP*hh\r\n")
-# Sentences without the digits before the point, which vary; everything else is as wide as it is here.
+# Lengths of the sentences without the digits before the decimal point, whose number varies.
 HEADING_BYTES = FRAME_BYTES + len("HDT,.0,T")
-PLACE = "3600.00000,N,12100.00000,E"
+POSITION_TEXT = "3600.00000,N,12100.00000,E"
 FIX_BYTES = sum(
     FRAME_BYTES + len(body)
     for body in (
-        f"RMC,000000.00,A,{PLACE},.000,.00,010126,,,A",
-        f"GGA,000000.00,{PLACE},1,11,0.9,2.0,M,17.5,M,,",
+        f"RMC,000000.00,A,{POSITION_TEXT},.000,.00,010126,,,A",
+        f"GGA,000000.00,{POSITION_TEXT},1,11,0.9,2.0,M,17.5,M,,",
         "VTG,.00,T,,M,.000,N,.000,K,A",
     )
 )
@@ -47,29 +47,29 @@ LOST_BYTES = sum(
 UNITS_PER_DEGREE = 60.0 * 1e5  # a position is printed in minutes with five decimals
 MIN_COSINE = 1e-3  # as in hil/devices/nmea_gps.py
 
-# Columns of the messages on their way to the autopilot: time of arrival, and a heading; or speed, course, whether there
-# is no fix, and position. Without a fix the others are NaN.
-THERE_S, SAID_RAD = 0, 1
+# Columns of the messages that are being transferred: time of arrival, and a heading; or speed, course, a flag above 0
+# without a fix, and position. Without a fix the other columns are NaN.
+ARRIVAL_S, MESSAGE_RAD = 0, 1
 SPEED_M_S, COURSE_RAD, LOST, LATITUDE_RAD, LONGITUDE_RAD = range(1, 6)
 FIX_COLUMNS = 6
-# Columns of the random numbers of a fix: errors of position and velocity, north and east, and above 0 that there is no
+# Columns of the random numbers of a fix: errors of position and velocity, north and east, and a flag above 0 without a
 # fix.
 NORTH_ERROR_M, EAST_ERROR_M, NORTH_ERROR_M_S, EAST_ERROR_M_S, NO_FIX = range(5)
 FIX_NUMBERS = 5
-# A shaft on its way: from where, since when, and to where.
-FROM_RAD, SINCE_S, TO_RAD = range(3)
+# State of the shaft: start angle and time of its movement, and target.
+FROM_RAD, START_S, TO_RAD = range(3)
 
 
 class Devices(NamedTuple):
-    """When compass and receiver sample, and where in the series is what is random about it, sample by sample.
+    """Sampling times of compass and receiver, and the positions of their random numbers in the series.
 
-    That of a fix is FIX_NUMBERS numbers. `filter_s` of 0 is a receiver that does not filter. Positions are relative to
-    the start.
+    A fix has FIX_NUMBERS random numbers. `filter_s` is 0 for a receiver without filter. Positions are relative to the
+    start.
     """
 
     compass_phase_s: float
     compass_period_s: float
-    compass_at: int  # the compass's noise [deg]
+    compass_at: int  # compass noise [deg]
     fix_phase_s: float
     fix_period_s: float
     fix_at: int
@@ -81,7 +81,7 @@ class Devices(NamedTuple):
 
 @compiled
 def digits_of(number: float) -> int:
-    """Return how many digits stand before the point."""
+    """Return the number of digits before the decimal point."""
     count = 1
     while number >= 10.0:
         number /= 10.0
@@ -104,12 +104,14 @@ def bearing(angle_deg: float, resolution_deg: float) -> float:
 
 
 @compiled
-def heard(devices: Devices, series: ships.Series, sample: int, now_s: float, heading_rad: float) -> tuple[float, float]:
-    """Return when the sentence of a heading is complete, and what the compass says in it, rounded as it is there."""
-    shown_deg = bearing(heading_rad * DEGREES_PER_RADIAN + series[devices.compass_at + sample], 0.1)
-    printed_deg = np.rint(shown_deg * 10.0) / 10.0
-    there_s = now_s + (HEADING_BYTES + digits_of(printed_deg)) * 10 / COMPASS_BAUD
-    return there_s, wrap_two_pi(printed_deg * RADIANS_PER_DEGREE)
+def compass_message(
+    devices: Devices, series: ships.Series, sample: int, now_s: float, heading_rad: float
+) -> tuple[float, float]:
+    """Return the arrival time of a heading sentence and the heading in it, rounded as in the sentence."""
+    noisy_deg = bearing(heading_rad * DEGREES_PER_RADIAN + series[devices.compass_at + sample], 0.1)
+    printed_deg = np.rint(noisy_deg * 10.0) / 10.0
+    arrival_s = now_s + (HEADING_BYTES + digits_of(printed_deg)) * 10 / COMPASS_BAUD
+    return arrival_s, wrap_two_pi(printed_deg * RADIANS_PER_DEGREE)
 
 
 @compiled
@@ -122,34 +124,34 @@ def decoded_coordinate(angle_deg: float) -> float:
 
 
 @compiled
-def tell_position(
-    told: Floats, devices: Devices, north_m: float, east_m: float, north_error_m: float, east_error_m: float
+def fill_position(
+    fix: Floats, devices: Devices, north_m: float, east_m: float, north_error_m: float, east_error_m: float
 ) -> None:
-    """Fill in latitude and longitude of a fix, as the sentences round them, from north and east of the start."""
+    """Fill in latitude and longitude of a fix, rounded as in the sentences."""
     metres_east = METRES_PER_DEGREE * math.cos(devices.start_latitude_deg * RADIANS_PER_DEGREE)
     latitude_deg = devices.start_latitude_deg + north_m / METRES_PER_DEGREE
     longitude_deg = devices.start_longitude_deg + east_m / metres_east
     narrowing = max(math.cos(latitude_deg * RADIANS_PER_DEGREE), MIN_COSINE)
     longitude_deg += east_error_m / (METRES_PER_DEGREE * narrowing)
     latitude_deg += north_error_m / METRES_PER_DEGREE
-    told[LATITUDE_RAD] = decoded_coordinate(latitude_deg)
-    told[LONGITUDE_RAD] = decoded_coordinate(wrap_degrees(longitude_deg + 180.0) - 180.0)
+    fix[LATITUDE_RAD] = decoded_coordinate(latitude_deg)
+    fix[LONGITUDE_RAD] = decoded_coordinate(wrap_degrees(longitude_deg + 180.0) - 180.0)
 
 
 @compiled
-def tell_fix(
-    told: Floats,
+def fill_fix(
+    fix: Floats,
     devices: Devices,
     series: ships.Series,
     epoch: int,
     place_m: tuple[float, float],
     velocity_m_s: tuple[float, float],
 ) -> None:
-    """Fill in a fix, as the sentences round it, and when the burst is complete; place and velocity without errors."""
+    """Fill in a fix, rounded as in the sentences, and its arrival time; place and velocity are the true ones."""
     at = devices.fix_at + FIX_NUMBERS * epoch
-    size, told[LOST] = LOST_BYTES, series[at + NO_FIX]
-    told[SPEED_M_S] = told[COURSE_RAD] = told[LATITUDE_RAD] = told[LONGITUDE_RAD] = np.nan
-    if not told[LOST] > 0.0:
+    size, fix[LOST] = LOST_BYTES, series[at + NO_FIX]
+    fix[SPEED_M_S] = fix[COURSE_RAD] = fix[LATITUDE_RAD] = fix[LONGITUDE_RAD] = np.nan
+    if not fix[LOST] > 0.0:
         north_m_s = velocity_m_s[0] + series[at + NORTH_ERROR_M_S]
         east_m_s = velocity_m_s[1] + series[at + EAST_ERROR_M_S]
         speed_m_s = math.hypot(north_m_s, east_m_s)
@@ -157,18 +159,18 @@ def tell_fix(
         course_deg = np.rint(bearing(math.atan2(east_m_s, north_m_s) * DEGREES_PER_RADIAN, 0.01) * 100.0) / 100.0
         kilometres_per_hour = np.rint(speed_m_s * KILOMETRES_PER_HOUR * 1000.0) / 1000.0
         size = FIX_BYTES + 2 * digits_of(knots) + 2 * digits_of(course_deg) + digits_of(kilometres_per_hour)
-        told[SPEED_M_S] = knots * METRES_PER_SECOND_PER_KNOT
-        told[COURSE_RAD] = wrap_two_pi(course_deg * RADIANS_PER_DEGREE)
-        tell_position(told, devices, place_m[0], place_m[1], series[at + NORTH_ERROR_M], series[at + EAST_ERROR_M])
+        fix[SPEED_M_S] = knots * METRES_PER_SECOND_PER_KNOT
+        fix[COURSE_RAD] = wrap_two_pi(course_deg * RADIANS_PER_DEGREE)
+        fill_position(fix, devices, place_m[0], place_m[1], series[at + NORTH_ERROR_M], series[at + EAST_ERROR_M])
     begun_s = devices.fix_phase_s + epoch * devices.fix_period_s + devices.latency_s
-    told[THERE_S] = begun_s + size * 10 / RECEIVER_BAUD
+    fix[ARRIVAL_S] = begun_s + size * 10 / RECEIVER_BAUD
 
 
 @compiled
 def sensed_velocity(
     hull: Floats, ship: ships.Ship, series: ships.Series, step: int, offset_s: float
 ) -> tuple[float, float]:
-    """Return the velocity north and east by way of speed and course, as the world hands it to the receiver."""
+    """Return the velocity north and east, converted to speed and course and back as in the harness."""
     north_m_s, east_m_s = ships.velocity(hull, ship, series, step, offset_s)
     speed_m_s, course_rad = math.hypot(north_m_s, east_m_s), wrap_two_pi(math.atan2(east_m_s, north_m_s))
     return speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
@@ -176,9 +178,9 @@ def sensed_velocity(
 
 @compiled
 def shaft_angle(shaft: Floats, t_s: float) -> float:
-    """Return where the shaft is at a time."""
+    """Return the angle of the shaft at a time."""
     way_rad = shaft[TO_RAD] - shaft[FROM_RAD]
-    reach_rad = DEFAULT_SLEW_RAD_S * (t_s - shaft[SINCE_S])
+    reach_rad = DEFAULT_SLEW_RAD_S * (t_s - shaft[START_S])
     if reach_rad >= abs(way_rad):
         return float(shaft[TO_RAD])
     return float(shaft[FROM_RAD] + math.copysign(reach_rad, way_rad))
@@ -186,14 +188,14 @@ def shaft_angle(shaft: Floats, t_s: float) -> float:
 
 @compiled
 def counted_angle(shaft: Floats, t_s: float) -> float:
-    """Return the angle that the servo's encoder shows at a time."""
+    """Return the angle of the servo's encoder at a time."""
     return float(np.rint(shaft_angle(shaft, t_s) * COUNTS_PER_RADIAN) * RADIANS_PER_COUNT)
 
 
 @compiled
 def send_shaft(shaft: Floats, t_s: float, command_rad: float) -> None:
-    """Send the shaft to a command, in counts, from now on."""
+    """Start the movement of the shaft to a command, rounded to counts."""
     counts = np.rint(clamp(CENTRE_COUNTS + command_rad / RADIANS_PER_COUNT, 0.0, LARGEST_COUNTS))
     target_rad = clamp((counts - CENTRE_COUNTS) / COUNTS_PER_RADIAN, -DEFAULT_STOP_RAD, DEFAULT_STOP_RAD)
     if target_rad != shaft[TO_RAD]:
-        shaft[FROM_RAD], shaft[SINCE_S], shaft[TO_RAD] = shaft_angle(shaft, t_s), t_s, target_rad
+        shaft[FROM_RAD], shaft[START_S], shaft[TO_RAD] = shaft_angle(shaft, t_s), t_s, target_rad

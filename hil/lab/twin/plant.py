@@ -1,4 +1,4 @@
-"""Ship and devices between two ticks of the autopilot: what happens, in its order of time."""
+"""Ship and devices between two ticks of the autopilot, in order of time."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ import numpy as np
 from hil.lab.compiled import compiled
 from hil.lab.twin import devices as sensing
 from hil.lab.twin import ship as ships
-from hil.lab.twin.devices import FIX_COLUMNS, SAID_RAD, THERE_S, Devices
+from hil.lab.twin.devices import ARRIVAL_S, FIX_COLUMNS, MESSAGE_RAD, Devices
 from hil.lab.twin.ship import GRID_S, HULL_STATES, PSI, STEPS_PER_SECOND, Floats, Series, Ship
 
 STEPS_PER_ROW = 5
 QUEUE = 16
 
-# The state of ship and devices: hull, shaft, the sentences on their way to the autopilot and how many there are; the
-# next grid step, compass sample, fix and sample of the receiver's own filter; the row written last; whether the first
-# fix has been given to the autopilot.
+# The state of ship and devices: hull, shaft, queues of messages and their lengths; the next grid step, compass sample,
+# fix and sample of the receiver's filter; the last row written; whether the first fix has been received.
 PLANT = np.dtype(
     [
         ("hull", np.float64, (HULL_STATES,)),
@@ -34,7 +33,7 @@ Plant = Any  # a record of PLANT
 
 
 class Sea(NamedTuple):
-    """Everything of a run that does not depend on the autopilot."""
+    """The parts of a run that do not depend on the autopilot."""
 
     ship: Ship
     series: Series
@@ -42,7 +41,7 @@ class Sea(NamedTuple):
 
 
 class Waters(NamedTuple):
-    """Plant of a run: records of ship and devices, the series, and the rudder angles that the delay holds back."""
+    """Plant of a run: records of ship and devices, the series, and the queue of delayed rudder angles."""
 
     ship: Any
     series: Series
@@ -51,7 +50,7 @@ class Waters(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Results of a run: heading and rudder ten times a second as in truth.csv, and a row for each tick if any."""
+    """Results of a run: heading and rudder ten times a second as in truth.csv, and rows of the ticks."""
 
     heading_rad: Floats
     rudder_rad: Floats
@@ -59,104 +58,108 @@ class Record(NamedTuple):
 
 
 @compiled
-def begin(at: Plant, ship: Ship) -> None:
-    """Start with the rudder amidships."""
-    ships.begin_hull(at.hull, ship)
-    at.first_fix_s = np.nan
+def begin(plant_state: Plant, ship: Ship) -> None:
+    """Start with the rudder centred."""
+    ships.begin_hull(plant_state.hull, ship)
+    plant_state.first_fix_s = np.nan
 
 
 @compiled
-def advance(at: Plant, waters: Waters, record: Record, next_s: float) -> None:
-    """Advance to the next step of the grid, which is at next_s, and write its row."""
-    step, ship = at.step, waters.ship
-    at.shaft_rad = sensing.shaft_angle(at.shaft, next_s)
-    rudder_rad = ships.rudder_in_water(ship, waters.waiting, step, at.shaft_rad)
-    ships.turn_hull(at.hull, ship, waters.series, step, rudder_rad)
-    at.step = step + 1
-    row = at.step // STEPS_PER_ROW
-    if row * STEPS_PER_ROW == at.step and row < record.heading_rad.size:
-        at.row = row
-        record.heading_rad[row], record.rudder_rad[row] = at.hull[PSI], at.shaft_rad
+def advance(plant_state: Plant, waters: Waters, record: Record, next_s: float) -> None:
+    """Advance to the next grid step, at next_s, and write its row."""
+    step, ship = plant_state.step, waters.ship
+    plant_state.shaft_rad = sensing.shaft_angle(plant_state.shaft, next_s)
+    rudder_rad = ships.rudder_in_water(ship, waters.waiting, step, plant_state.shaft_rad)
+    ships.step_hull(plant_state.hull, ship, waters.series, step, rudder_rad)
+    plant_state.step = step + 1
+    row = plant_state.step // STEPS_PER_ROW
+    if row * STEPS_PER_ROW == plant_state.step and row < record.heading_rad.size:
+        plant_state.row = row
+        record.heading_rad[row], record.rudder_rad[row] = plant_state.hull[PSI], plant_state.shaft_rad
 
 
 @compiled
-def offset(at: Plant, now_s: float) -> float:
-    """Return how far a time is into the present grid step."""
-    return float(min(max(now_s - at.step / STEPS_PER_SECOND, 0.0), GRID_S))
+def offset(plant_state: Plant, now_s: float) -> float:
+    """Return the time since the start of the present grid step."""
+    return float(min(max(now_s - plant_state.step / STEPS_PER_SECOND, 0.0), GRID_S))
 
 
 @compiled
-def sense_velocity(at: Plant, waters: Waters, now_s: float) -> None:
-    """Feed the receiver's own filter."""
+def sense_velocity(plant_state: Plant, waters: Waters, now_s: float) -> None:
+    """Update the velocity filter of the receiver."""
     ship, devices = waters.ship, waters.devices
-    north_m_s, east_m_s = sensing.sensed_velocity(at.hull, ship, waters.series, at.step, offset(at, now_s))
-    if devices.filter_s > 0.0 and at.filtered > 0:
+    north_m_s, east_m_s = sensing.sensed_velocity(
+        plant_state.hull, ship, waters.series, plant_state.step, offset(plant_state, now_s)
+    )
+    if devices.filter_s > 0.0 and plant_state.filtered > 0:
         share = -math.expm1(-sensing.FILTER_SAMPLE_S / devices.filter_s)
-        north_m_s = at.north_m_s + share * (north_m_s - at.north_m_s)
-        east_m_s = at.east_m_s + share * (east_m_s - at.east_m_s)
-    at.north_m_s, at.east_m_s = north_m_s, east_m_s
+        north_m_s = plant_state.north_m_s + share * (north_m_s - plant_state.north_m_s)
+        east_m_s = plant_state.east_m_s + share * (east_m_s - plant_state.east_m_s)
+    plant_state.north_m_s, plant_state.east_m_s = north_m_s, east_m_s
 
 
 @compiled
-def receive(at: Plant, waters: Waters, now_s: float) -> None:
-    """Let the receiver do what is due now: sample its filter, or send a fix."""
+def receive(plant_state: Plant, waters: Waters, now_s: float) -> None:
+    """Sample the filter of the receiver, or send a fix."""
     devices = waters.devices
-    if devices.filter_s > 0.0 and now_s == devices.fix_phase_s + at.filtered * sensing.FILTER_SAMPLE_S:
-        sense_velocity(at, waters, now_s)
-        at.filtered += 1
+    if devices.filter_s > 0.0 and now_s == devices.fix_phase_s + plant_state.filtered * sensing.FILTER_SAMPLE_S:
+        sense_velocity(plant_state, waters, now_s)
+        plant_state.filtered += 1
         return
     if not devices.filter_s > 0.0:
-        sense_velocity(at, waters, now_s)
-    fix = at.fixes[at.fix_count]
-    place_m = ships.position(at.hull, waters.ship, waters.series, at.step, offset(at, now_s))
-    sensing.tell_fix(fix, devices, waters.series, at.epoch, place_m, (at.north_m_s, at.east_m_s))
-    if at.epoch == 0:
-        at.first_fix_s = fix[THERE_S]
-    at.epoch += 1
-    at.fix_count += 1
+        sense_velocity(plant_state, waters, now_s)
+    fix = plant_state.fixes[plant_state.fix_count]
+    place_m = ships.position(plant_state.hull, waters.ship, waters.series, plant_state.step, offset(plant_state, now_s))
+    sensing.fill_fix(
+        fix, devices, waters.series, plant_state.epoch, place_m, (plant_state.north_m_s, plant_state.east_m_s)
+    )
+    if plant_state.epoch == 0:
+        plant_state.first_fix_s = fix[ARRIVAL_S]
+    plant_state.epoch += 1
+    plant_state.fix_count += 1
 
 
 @compiled
-def next_fix(at: Plant, devices: Devices) -> float:
-    """Return when the receiver has something to do next."""
-    fix_s = devices.fix_phase_s + at.epoch * devices.fix_period_s
+def next_fix(plant_state: Plant, devices: Devices) -> float:
+    """Return the time of the next event of the receiver."""
+    fix_s = devices.fix_phase_s + plant_state.epoch * devices.fix_period_s
     if devices.filter_s > 0.0:
-        fix_s = min(fix_s, devices.fix_phase_s + at.filtered * sensing.FILTER_SAMPLE_S)
+        fix_s = min(fix_s, devices.fix_phase_s + plant_state.filtered * sensing.FILTER_SAMPLE_S)
     return float(fix_s)
 
 
 @compiled
-def show_heading(at: Plant, waters: Waters, now_s: float) -> None:
-    """Let the compass sample and send a heading."""
+def send_heading(plant_state: Plant, waters: Waters, now_s: float) -> None:
+    """Sample the compass and send a heading."""
     ship, devices, series = waters.ship, waters.devices, waters.series
-    shown_rad = ships.shown_heading(at.hull, ship, series, at.step, offset(at, now_s))
-    there_s, said_rad = sensing.heard(devices, series, at.sample, now_s, shown_rad)
-    heading = at.headings[at.heading_count]
-    heading[THERE_S], heading[SAID_RAD] = there_s, said_rad
-    at.sample += 1
-    at.heading_count += 1
+    heading_rad = ships.compass_heading(plant_state.hull, ship, series, plant_state.step, offset(plant_state, now_s))
+    arrival_s, message_rad = sensing.compass_message(devices, series, plant_state.sample, now_s, heading_rad)
+    heading = plant_state.headings[plant_state.heading_count]
+    heading[ARRIVAL_S], heading[MESSAGE_RAD] = arrival_s, message_rad
+    plant_state.sample += 1
+    plant_state.heading_count += 1
 
 
 @compiled
-def until_tick(at: Plant, waters: Waters, record: Record, deadline_s: float) -> None:
-    """Advance by steps of the grid until a tick is due; first comes what the devices do before the next step."""
+def until_tick(plant_state: Plant, waters: Waters, record: Record, deadline_s: float) -> None:
+    """Advance in grid steps until a tick is due; device events before a step come first."""
     devices = waters.devices
     while True:
-        next_s = (at.step + 1) / STEPS_PER_SECOND
-        compass_s = devices.compass_phase_s + at.sample * devices.compass_period_s
+        next_s = (plant_state.step + 1) / STEPS_PER_SECOND
+        compass_s = devices.compass_phase_s + plant_state.sample * devices.compass_period_s
         if compass_s < next_s and compass_s <= deadline_s:
-            show_heading(at, waters, compass_s)
-        fix_s = next_fix(at, devices)
+            send_heading(plant_state, waters, compass_s)
+        fix_s = next_fix(plant_state, devices)
         while fix_s < next_s and fix_s <= deadline_s:
-            receive(at, waters, fix_s)
-            fix_s = next_fix(at, devices)
+            receive(plant_state, waters, fix_s)
+            fix_s = next_fix(plant_state, devices)
         if next_s > deadline_s:
             return
-        advance(at, waters, record, next_s)
+        advance(plant_state, waters, record, next_s)
 
 
 @compiled
-def send_rudder(at: Plant, now_s: float, rudder_rad: float) -> None:
-    """Send the shaft to a rudder command; the servo is asked for its angle with it."""
-    sensing.send_shaft(at.shaft, now_s, rudder_rad)
-    at.feedback_rad = sensing.counted_angle(at.shaft, now_s)
+def send_rudder(plant_state: Plant, now_s: float, rudder_rad: float) -> None:
+    """Send a rudder command to the servo and read its angle."""
+    sensing.send_shaft(plant_state.shaft, now_s, rudder_rad)
+    plant_state.feedback_rad = sensing.counted_angle(plant_state.shaft, now_s)

@@ -1,4 +1,4 @@
-"""Sail a run in the compiled loop: from parameters, a sea and goals to heading and rudder as in truth.csv."""
+"""Simulate a run in the compiled loop: from parameters, a sea and goals to heading and rudder as in truth.csv."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from firmware_py.common.angles import TWO_PI, compass_degrees, radians
 from firmware_py.common.parameters import ParameterSet
 from hil.lab.numeric_core import Gains, HeadingSettings, LawSettings
-from hil.lab.twin.autopilot import STATE, Autopilot, Boat, Task, start_of
-from hil.lab.twin.loop import MORE_TICKS, TICK_COLUMNS, voyage
+from hil.lab.twin.autopilot import STATE, Autopilot, Boat, Task, initial_state
+from hil.lab.twin.loop import MAX_EXTRA_TICKS, TICK_COLUMNS, voyage
 from hil.lab.twin.plant import PLANT, Record, Sea, Waters
 from hil.sim.goals import Goal
 from hil.sim.truth import ROWS_PER_SECOND, Truth
 
 
 def boat_of(parameters: ParameterSet) -> Boat:
-    """Return what the loop takes of the parameters, computed as the autopilot computes it."""
+    """Return the parameters of the loop, computed as in the autopilot."""
     return Boat(
         HeadingSettings.of(parameters),
         Gains.of(parameters),
@@ -33,7 +33,7 @@ def boat_of(parameters: ParameterSet) -> Boat:
 
 
 def task_of(goals: Sequence[Goal]) -> Task:
-    """Return the goals as the operator's message, of single precision, brings them."""
+    """Return the goals, rounded to single precision as in the operator's message."""
     given = [radians(float(np.float32(compass_degrees(goal.heading_rad)))) for goal in goals]
     return Task(np.array([goal.t_s for goal in goals], np.float64), np.array(given, np.float64))
 
@@ -41,17 +41,17 @@ def task_of(goals: Sequence[Goal]) -> Task:
 def sail(
     boat: Boat, law: LawSettings, sea: Sea, task: Task, seconds: float, *, ticks: bool = True
 ) -> tuple[Record, int]:
-    """Sail a run; return the record, with the rows of the ticks if asked for, and how many ticks there were."""
+    """Simulate a run; return the record, with the rows of the ticks if `ticks`, and the number of ticks."""
     rows = int(seconds * ROWS_PER_SECOND + 1e-9) + 1
-    record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows + MORE_TICKS if ticks else 0, TICK_COLUMNS)))
-    # Arrays of its own: threads that count the users of the same array wait for each other.
+    record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows + MAX_EXTRA_TICKS if ticks else 0, TICK_COLUMNS)))
+    # Copies, because threads that count the references of the same array wait for each other.
     autopilot = Autopilot(boat, zeros(STATE), law)
-    own_task = Task(task.given_s.copy(), task.goals_rad.copy())
-    return record, voyage(zeros(PLANT), waters_of(sea), autopilot, *start_of(boat), own_task, record)
+    own_task = Task(task.times_s.copy(), task.goals_rad.copy())
+    return record, voyage(zeros(PLANT), waters_of(sea), autopilot, *initial_state(boat), own_task, record)
 
 
 def waters_of(sea: Sea) -> Waters:
-    """Convert a sea to the records that compiled code takes."""
+    """Convert a sea to records for compiled code."""
     return Waters(record_of(sea.ship), sea.series, record_of(sea.devices), np.zeros(max(1, sea.ship.delay_steps)))
 
 
@@ -61,20 +61,20 @@ def zeros(kind: np.dtype[Any]) -> Any:
 
 
 def record_of(tuple_: NamedTuple) -> Any:
-    """Return a named tuple as a record, which compiled code takes in one piece."""
+    """Convert a named tuple to a record, which is a single argument of compiled code."""
     kinds = [(n, np.asarray(value).dtype, np.shape(value)) for n, value in zip(tuple_._fields, tuple_, strict=True)]
     return np.array([tuple_], np.dtype(kinds))[0]
 
 
 def truth_of(record: Record, goals: Sequence[Goal]) -> Truth:
-    """Return heading, rudder and goals as truth.csv holds them; what a score does not look at is 0."""
+    """Return heading, rudder and goals as in truth.csv; columns that no score uses are 0."""
     heading_rad = record.heading_rad
     rows = heading_rad.size
     goal_rad, nothing = np.full(rows, np.nan), np.zeros(rows)
     for goal in goals:
         first = int(np.ceil(goal.t_s * ROWS_PER_SECOND - 1e-9))
         if first < rows:
-            # On the turn nearest to the heading at which it is given.
+            # Unwrapped to the turn nearest to the heading at that time.
             turns = round((float(heading_rad[first]) - goal.heading_rad) / TWO_PI)
             goal_rad[first:] = goal.heading_rad + TWO_PI * turns
     time_s = np.arange(rows) / ROWS_PER_SECOND

@@ -1,20 +1,21 @@
-"""Draw a sea for the compiled loop: the same numbers, of the same streams and in the same order, as hil/ship draws."""
+"""Draw a sea for the compiled loop: the same numbers from the same streams in the same order as in hil/ship."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.devices.nmea_gps import NOISE_TIME_S, POSITION_NOISE_M, Gaps
+from hil.lab.compiled import compiled
 from hil.lab.normals import drawn, fill, state_of
-from hil.lab.twin import series
 from hil.lab.twin.devices import EAST_ERROR_M_S, FIX_NUMBERS, NO_FIX, NORTH_ERROR_M, NORTH_ERROR_M_S, Devices
 from hil.lab.twin.plant import Sea
-from hil.lab.twin.series import Part
 from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Floats, Ship
 from hil.ship import drift as drifting
 from hil.ship import gusts
@@ -23,7 +24,7 @@ from hil.ship.disturbances import Bias, Compass, Leeway, OwnWaves, Receiver
 from hil.ship.float_body import transition
 from hil.ship.kt_plant import inner_steps
 from hil.ship.manoeuvring import sway_ratios
-from hil.ship.noise import Stream, generator
+from hil.ship.noise import BLOCK, Stream, generator
 from hil.ship.regressions import FLOAT, sway_model
 from hil.ship.scenarios import Scenario
 from hil.ship.waves import DAMPING, discretised, natural_frequency
@@ -31,79 +32,152 @@ from hil.ship.yaw_noise import jump_rad, largest_rate_rad_s
 from hil.sim.device_factory import FREQUENCY_ERROR_PPM, POSITION_RATE_HZ
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
+
+class Part(NamedTuple):
+    """A part of the series: its size and the function that fills it."""
+
+    size: int
+    fill: Callable[[Floats], None]
+
+
+def fill_zeros(out: Floats) -> None:
+    """Fill in zeros."""
+    out[:] = 0.0
+
+
+@compiled
+def wave_process(
+    spreads: tuple[float, float], a: tuple[tuple[float, float], tuple[float, float]], n: tuple[float, float, float],
+    state: NDArray[np.uint64], out: Floats,
+) -> None:  # fmt: skip
+    """Fill in angle and rate of a wave process."""
+    # NormalNumbers returns the numbers of each block in reverse order.
+    numbers, y, v = np.empty(BLOCK), 0.0, 0.0
+    for k in range(out.size // 2):
+        place = BLOCK - 1 - 2 * k % BLOCK
+        if place == BLOCK - 1:
+            fill(state, numbers)
+        first, second = numbers[place], numbers[place - 1]
+        if k == 0:
+            y, v = spreads[0] * first, spreads[1] * second
+        else:
+            y, v = (
+                a[0][0] * y + a[0][1] * v + n[0] * first,
+                a[1][0] * y + a[1][1] * v + n[1] * first + n[2] * second,
+            )
+        out[2 * k], out[2 * k + 1] = y, v
+
+
+@compiled
+def gauss_markov(first: float, keep: float, add: float, state: NDArray[np.uint64], out: Floats) -> None:
+    """Fill in a first-order Gauss-Markov process with mean 0."""
+    numbers, value = np.empty(BLOCK), 0.0
+    for k in range(out.size):
+        place = BLOCK - 1 - k % BLOCK
+        if place == BLOCK - 1:
+            fill(state, numbers)
+        value = first * numbers[place] if k == 0 else keep * value + add * numbers[place]
+        out[k] = value
+
+
+@compiled
+def first_order(first: float, keep: float, add: float, out: Floats) -> None:
+    """Replace normal numbers by the first-order process that they drive; `first` is its value before them."""
+    value = first
+    for k in range(out.size):
+        value = keep * value + add * out[k]
+        out[k] = value
+
+
+@compiled
+def calm_period(fade: float, calm_at_s: float, calm_until_s: float, out: Floats) -> None:
+    """Fill in the relative wave height with a calm period."""
+    out[0] = 1.0
+    for k in range(1, out.size):
+        level = 0.0 if calm_at_s <= k * GRID_S < calm_until_s else 1.0
+        out[k] = level + fade * (out[k - 1] - level)
+
+
+@compiled
+def add_gust(begin: int, end: int, peak_rad: float, out: Floats) -> None:
+    """Add a gust."""
+    for k in range(begin, min(end, out.size)):
+        out[k] += 0.5 * peak_rad * (1.0 - math.cos(TWO_PI * (k - begin) / (end - begin)))
+
+
 COMPASS_NOISE_DEG = 0.3
 COMPASS_PERIOD_S, FIX_PERIOD_S = 0.1, 1.0
-PLAIN = Receiver(latency_s=0.06, lost=0.0, gap_s=10.0, filter_s=0.0, noise_m_s=0.03)
+DEFAULT_RECEIVER = Receiver(latency_s=0.06, lost=0.0, gap_s=10.0, filter_s=0.0, noise_m_s=0.03)
 STILL = ((0.0, 0.0), (0.0, 0.0))
 
 
-NOTHING, NO_PROCESS = Part(1, series.clear), Part(2, series.clear)
-NO_ROOM = np.empty(0)
+NOTHING, NO_PROCESS = Part(1, fill_zeros), Part(2, fill_zeros)
+NO_ARRAY = np.empty(0)
 
 
 def process_of(spread: float, waves: OwnWaves, seed: int, stream: Stream, steps: int) -> Part:
-    """Make angle and rate of hil.ship.waves.WaveYaw at each grid step."""
+    """Return angle and rate of hil.ship.waves.WaveYaw at each grid step."""
     if spread <= 0.0:
         return NO_PROCESS
     omega_rad_s = natural_frequency(waves.period_s, waves.damping)
     spreads = (spread, spread * omega_rad_s)
 
-    def swing(out: Floats) -> None:
+    def fill_process(out: Floats) -> None:
         transition, noise = discretised(spreads, omega_rad_s, GRID_S, waves.damping)
-        series.swing(spreads, transition, noise, state_of(generator(seed, stream)), out)
+        wave_process(spreads, transition, noise, state_of(generator(seed, stream)), out)
 
-    return Part(2 * (steps + 2), swing)
+    return Part(2 * (steps + 2), fill_process)
 
 
 def offset_of(scenario: Scenario, seed: int, steps: int) -> Part:
-    """Make the rudder angle that drift and gusts add at each grid step."""
+    """Return the rudder offset of drift and gusts at each grid step."""
     bias = scenario.disturbances.bias or Bias(scenario.drift_deg, drifting.TIME_CONSTANT_S)
     spread_rad, keep = radians(bias.sd_deg), math.exp(-GRID_S / bias.memory_s)
 
-    def push(out: Floats) -> None:
-        series.wander(
+    def fill_offset(out: Floats) -> None:
+        gauss_markov(
             spread_rad, keep, spread_rad * math.sqrt(1.0 - keep**2), state_of(generator(seed, Stream.DRIFT)), out
         )
         source, end = generator(seed, Stream.GUSTS), 0
         while scenario.gust_deg and end <= steps:
             begin = end + round(source.exponential(gusts.PAUSE_S) / GRID_S)
             end = begin + max(1, round(source.uniform(gusts.MIN_LENGTH_S, gusts.MAX_LENGTH_S) / GRID_S))
-            series.add_gust(begin, end, radians(scenario.gust_deg) * math.sqrt(source.exponential(1.0)), out)
+            add_gust(begin, end, radians(scenario.gust_deg) * math.sqrt(source.exponential(1.0)), out)
 
-    return Part(steps + 1, push)
+    return Part(steps + 1, fill_offset)
 
 
 def jumps_of(scenario: Scenario, seed: int, steps: int) -> Part:
-    """Make the jump of the yaw rate at the end of each grid step, times the turning lag."""
+    """Return the jump of the yaw rate at the end of each grid step, times the turning lag."""
     if (yaw := scenario.disturbances.yaw) is None:
         return NOTHING
     jump = jump_rad(yaw.diffusion_deg2_s, GRID_S)
-    return Part(steps + 1, lambda out: series.wander(jump, 0.0, jump, state_of(generator(seed, Stream.YAW)), out))
+    return Part(steps + 1, lambda out: gauss_markov(jump, 0.0, jump, state_of(generator(seed, Stream.YAW)), out))
 
 
 def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, Part]:
-    """Make the shares of speed and waves at each grid step."""
+    """Return relative speed and relative wave height at each grid step."""
     how = scenario.disturbances.wave_speed
     if how is None:
         return NOTHING, NOTHING
     keep = math.exp(-GRID_S / how.memory_s)
     fade, calm_until_s = math.exp(-GRID_S / speeds.DECAY_S), how.calm_at_s + how.calm_for_s
 
-    def die(out: Floats) -> None:
-        series.die(fade, how.calm_at_s, calm_until_s, out)
+    def fill_waves(out: Floats) -> None:
+        calm_period(fade, how.calm_at_s, calm_until_s, out)
 
-    def go(out: Floats) -> None:
+    def fill_speed(out: Floats) -> None:
         groups, waves = np.empty_like(out), np.empty_like(out)
         add, state = how.spread * math.sqrt(1.0 - keep**2), state_of(generator(seed, Stream.SPEED))
-        series.wander(how.spread, keep, add, state, groups)
-        die(waves)
+        gauss_markov(how.spread, keep, add, state, groups)
+        fill_waves(waves)
         out[:] = waves * np.minimum(np.maximum(1.0 + groups, 0.0), speeds.MAX_SPEED_RATIO)
 
-    return Part(steps + 1, go), Part(steps + 1, die)
+    return Part(steps + 1, fill_speed), Part(steps + 1, fill_waves)
 
 
 def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
-    """Return the numbers of the hull, and where its series begin; ValueError for a model that is no ship."""
+    """Return the constants of the hull and the positions of its series; raise ValueError for an invalid model."""
     disturbances = scenario.disturbances
     ability, lag = model.turning_ability_1_s, model.turning_lag_s
     if (other := disturbances.other_ship) is not None:
@@ -169,12 +243,12 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
 
 
 def orbits_alone(scenario: Scenario) -> bool:
-    """Return whether the orbital motion has nothing to do with the wave yaw."""
+    """Return whether the orbital motion is independent of the wave yaw."""
     return not scenario.wave_yaw_deg > 0.0 or scenario.disturbances.own_waves is not None
 
 
 def _crests_m(scenario: Scenario) -> tuple[float, float]:
-    """Return the standard deviations of the receiver's way along and across a short-crested sea."""
+    """Return the standard deviations of the receiver's displacement along and across a short-crested sea."""
     orbital = scenario.disturbances.orbital
     if orbital is None:
         return 0.0, 0.0
@@ -194,7 +268,7 @@ def _heel_rad(scenario: Scenario) -> float:
 
 
 def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, ...]:
-    """Make what moves by itself at each grid step, in the order of the places of Ship."""
+    """Return the random processes at each grid step, in the order of the positions in Ship."""
     period_s, orbital = scenario.wave_period_s, scenario.disturbances.orbital
     waves = OwnWaves(period_s, DAMPING)
     crests = OwnWaves(period_s, DAMPING if orbital is None else orbital.damping)
@@ -217,14 +291,14 @@ def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, ...]:
 
 def fixes_of(scenario: Scenario, seed: int, epochs: int, first_s: float, period_s: float) -> Floats:
     """Draw the random numbers of each fix, in the columns of devices.FIX_NUMBERS."""
-    bought = scenario.disturbances.receiver or PLAIN
+    bought = scenario.disturbances.receiver or DEFAULT_RECEIVER
     numbers = drawn(generator(seed, Stream.POSITION), 2 + 4 * epochs)
     steps, first_m = numbers[2:].reshape(-1, 4), 0.0 + POSITION_NOISE_M * numbers[:2]
     gaps, fixes = Gaps(bought.lost, bought.gap_s, generator(seed, Stream.GAPS)), np.zeros((epochs, FIX_NUMBERS))
     keep = math.exp(-1.0 / (POSITION_RATE_HZ * NOISE_TIME_S))
     for axis in range(2):
         errors_m = 0.0 + POSITION_NOISE_M * steps[:, axis]
-        series.follow(first_m[axis], keep, math.sqrt(1.0 - keep**2), errors_m)
+        first_order(first_m[axis], keep, math.sqrt(1.0 - keep**2), errors_m)
         fixes[:, NORTH_ERROR_M + axis] = errors_m
     fixes[:, NORTH_ERROR_M_S : EAST_ERROR_M_S + 1] = 0.0 + bought.noise_m_s * steps[:, 2:]
     for k in range(epochs if bought.lost > 0.0 else 0):
@@ -233,7 +307,7 @@ def fixes_of(scenario: Scenario, seed: int, epochs: int, first_s: float, period_
 
 
 def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tuple[Devices, tuple[Part, Part]]:
-    """Return the samples' moments, and what is random about them, which begins at a place of the series."""
+    """Return the sampling times, and the random numbers of the samples, which start at position `first`."""
     chances = generator(seed, Stream.PHASES)
     compass_phase_s = float(chances.uniform(0.0, COMPASS_PERIOD_S))
     compass_ppm = float(chances.normal(0.0, FREQUENCY_ERROR_PPM))
@@ -243,11 +317,11 @@ def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tup
     fixes = fixes_of(scenario, seed, int(seconds) + 3, fix_phase_s, fix_period_s).ravel()
     headings = int(seconds * 10.01) + 20
 
-    def blur(out: Floats) -> None:
+    def fill_noise(out: Floats) -> None:
         fill(state_of(generator(seed, Stream.COMPASS)), out)
         out *= COMPASS_NOISE_DEG
 
-    bought = scenario.disturbances.receiver or PLAIN
+    bought = scenario.disturbances.receiver or DEFAULT_RECEIVER
     devices = Devices(
         compass_phase_s,
         COMPASS_PERIOD_S / (1.0 + compass_ppm * 1e-6),
@@ -260,13 +334,13 @@ def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tup
         START_LATITUDE_DEG,
         START_LONGITUDE_DEG,
     )
-    return devices, (Part(headings, blur), Part(fixes.size, lambda out: np.copyto(out, fixes)))
+    return devices, (Part(headings, fill_noise), Part(fixes.size, lambda out: np.copyto(out, fixes)))
 
 
 def sea_of(
-    scenario: Scenario, seed: int, seconds: float, model: KtModel = OCEAN_RAMBLER, room: Floats = NO_ROOM
+    scenario: Scenario, seed: int, seconds: float, model: KtModel = OCEAN_RAMBLER, room: Floats = NO_ARRAY
 ) -> Sea:
-    """Draw the sea of a run, into a room of numbers where it is large enough."""
+    """Draw the sea of a run, into the array `room` if it is large enough."""
     steps = math.floor(seconds * STEPS_PER_SECOND) + 2 * STEPS_PER_SECOND
     parts = series_of(scenario, seed, steps)
     places = np.cumsum([0, *(part.size for part in parts)]).tolist()

@@ -1,4 +1,4 @@
-"""The hull in its sea, as hil/ship simulates it, for compiled code: on the same grid of time, from drawn series."""
+"""The hull in its sea for compiled code: the model of hil/ship on the same time grid, with drawn series."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND
 STEERAGE_M_S = 0.05
 Floats = NDArray[np.float64]
-Series = Floats  # the numbers of everything that moves by itself, one kind behind the other
+Series = Floats  # the random processes, one after the other
 
 
 class Ship(NamedTuple):
-    """The numbers of a ship and of what is unkind in its sea; `has_` says what there is of it.
+    """Constants of a ship and of the disturbances of its sea; `has_` flags select the disturbances.
 
-    `_at` is where in the series the numbers of each grid step begin. The processes of the waves are angle and rate:
-    yaw, `orbit` along the waves, and of a short-crested sea what is `beside` the yaw and, without a yaw or with one of
-    another period, the motion `alone`; the roll of the compass. A `jump` is that of the yaw rate at the end of a step,
-    times the turning lag.
+    `_at` are positions of the processes in the series, by grid step. Wave processes have angle and rate: yaw, `orbit`
+    along the waves; for a short-crested sea `beside` is the part independent of the yaw, and `alone` replaces the yaw
+    if there is none or one of another period; the roll of the compass. `jump` is the jump of the yaw rate at the end of
+    a step, times the turning lag.
     """
 
     ability_1_s: float
@@ -83,17 +83,17 @@ class Ship(NamedTuple):
     speed_at: int
     waves_at: int
     jump_at: int
-    blade_lost_s: float = math.inf  # from then on the rudder turns nothing
+    blade_lost_s: float = math.inf  # from this time the rudder has no effect
 
 
-# The state of a hull.
-(PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, SHOWN, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED, NORTH_M,
+# State of a hull.
+(PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, COMPASS, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED, NORTH_M,
  EAST_M) = range(14)  # fmt: skip
 HULL_STATES = 14
 
 
 @compiled
-def be_at(hull: Floats, ship: Ship, speed_m_s: float) -> None:
+def set_speed(hull: Floats, ship: Ship, speed_m_s: float) -> None:
     """Set the model to a speed (KtModel.at_speed)."""
     ratio = speed_m_s / ship.model_speed_m_s
     hull[NOW_K], hull[NOW_T] = ship.ability_1_s * ratio, ship.lag_s / ratio
@@ -103,9 +103,9 @@ def be_at(hull: Floats, ship: Ship, speed_m_s: float) -> None:
 
 @compiled
 def take_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
-    """Set the model to the speed that the waves give at a grid step."""
+    """Set the model to the wave-driven speed at a grid step."""
     speed_m_s = ship.speed_m_s * series[ship.speed_at + step]
-    be_at(hull, ship, max(speed_m_s, STEERAGE_M_S))
+    set_speed(hull, ship, max(speed_m_s, STEERAGE_M_S))
     if speed_m_s < STEERAGE_M_S:
         hull[NOW_K] = hull[NOW_K] * speed_m_s / STEERAGE_M_S
     hull[NOW_SPEED] = speed_m_s
@@ -113,7 +113,7 @@ def take_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
 
 @compiled
 def waves_share(ship: Ship, series: Series, step: int) -> float:
-    """Return how much of the waves there is, when they die."""
+    """Return the relative wave height."""
     return series[ship.waves_at + step] if ship.has_speed else 1.0
 
 
@@ -141,7 +141,7 @@ def process_rate(series: Series, first: int, step: int, since_s: float) -> float
 
 @compiled
 def glider_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
-    """Return where the body with the rudder points, unwrapped."""
+    """Return the heading of the submerged body with the rudder, unwrapped."""
     acceleration = yaw_acceleration(
         hull[YAW_RATE],
         hull[RUDDER],
@@ -155,7 +155,7 @@ def glider_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s
 
 @compiled
 def float_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
-    """Return where the body with the compass points without the yaw of the waves, unwrapped."""
+    """Return the heading of the float with the compass without wave-frequency yaw, unwrapped."""
     if not ship.has_float:
         return glider_heading(hull, ship, series, step, offset_s)
     acceleration = ship.float_w2 * (hull[PSI] - hull[FLOAT_PSI]) - ship.float_damp * hull[FLOAT_RATE]
@@ -164,7 +164,7 @@ def float_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s:
 
 @compiled
 def heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
-    """Return the heading that a perfect compass shows, unwrapped."""
+    """Return the heading of a perfect compass, unwrapped."""
     heading_rad = float_heading(hull, ship, series, step, offset_s)
     if ship.has_yaw:
         yaw_rad = process_angle(series, ship.yaw_at, step, offset_s)
@@ -174,7 +174,7 @@ def heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float
 
 @compiled
 def sensed_heading(ship: Ship, series: Series, step: int, heading_rad: float, offset_s: float) -> float:
-    """Return what a compass as bought makes of a heading, its lag apart."""
+    """Return the heading with deviation and heel error of a real compass, without its lag."""
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     deviation_rad = (
         ship.c_a
@@ -188,12 +188,12 @@ def sensed_heading(ship: Ship, series: Series, step: int, heading_rad: float, of
 
 
 @compiled
-def shown_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
-    """Return the heading that the sea's compass shows, unwrapped."""
+def compass_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
+    """Return the heading of the simulated compass, unwrapped."""
     heading_rad = heading(hull, ship, series, step, offset_s)
     if not ship.has_compass:
         return heading_rad
-    sensed_rad, last_rad = sensed_heading(ship, series, step, heading_rad, offset_s), hull[SHOWN]
+    sensed_rad, last_rad = sensed_heading(ship, series, step, heading_rad, offset_s), hull[COMPASS]
     if ship.c_lag_s > 0.0 and not math.isnan(last_rad):
         return float(last_rad - math.expm1(-offset_s / ship.c_lag_s) * (sensed_rad - last_rad))
     return sensed_rad
@@ -201,7 +201,7 @@ def shown_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s:
 
 @compiled
 def velocity_without_waves(hull: Floats, ship: Ship, heading_rad: float, t_s: float) -> tuple[float, float]:
-    """Compute the velocity over the ground without the waves, north and east (hil/ship/planar.py)."""
+    """Compute the velocity over the ground without wave motion, north and east (hil/ship/planar.py)."""
     north_m_s, east_m_s = ship.current_north_m_s, ship.current_east_m_s
     if ship.tide_s > 0.0:
         phase_rad = TWO_PI * np.fmod(t_s, ship.tide_s) / ship.tide_s
@@ -246,7 +246,7 @@ def waves_motion(
 
 @compiled
 def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> tuple[float, float]:
-    """Compute the velocity over the ground with that of the waves, north and east."""
+    """Compute the velocity over the ground with wave motion, north and east."""
     heading_rad = glider_heading(hull, ship, series, step, offset_s)
     north_m_s, east_m_s = velocity_without_waves(hull, ship, heading_rad, step * GRID_S + offset_s)
     more_north_m_s, more_east_m_s = waves_motion(hull, ship, series, step, offset_s, True)
@@ -255,7 +255,7 @@ def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: floa
 
 @compiled
 def position(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> tuple[float, float]:
-    """Compute the position north and east of the start with the displacement by the waves."""
+    """Compute the position north and east of the start with wave motion."""
     middle_s = 0.5 * offset_s
     heading_rad = glider_heading(hull, ship, series, step, middle_s)
     north_m_s, east_m_s = velocity_without_waves(hull, ship, heading_rad, step * GRID_S + middle_s)
@@ -266,13 +266,13 @@ def position(hull: Floats, ship: Ship, series: Series, step: int, offset_s: floa
 @compiled
 def begin_hull(hull: Floats, ship: Ship) -> None:
     """Start with the mean speed."""
-    hull[SHOWN] = math.nan
-    be_at(hull, ship, ship.speed_m_s)
+    hull[COMPASS] = math.nan
+    set_speed(hull, ship, ship.speed_m_s)
 
 
 @compiled
 def rudder_in_water(ship: Ship, waiting: Floats, step: int, shaft_rad: float) -> float:
-    """Return the angle of the rudder that turns the hull; `waiting` holds the angles of a delayed one."""
+    """Return the effective rudder angle; `waiting` is the queue of delayed angles."""
     rudder_rad = 0.0 if step * GRID_S >= ship.blade_lost_s else shaft_rad
     if ship.delay_steps > 0:
         place = step % ship.delay_steps
@@ -281,8 +281,8 @@ def rudder_in_water(ship: Ship, waiting: Floats, step: int, shaft_rad: float) ->
 
 
 @compiled
-def turn_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: float) -> None:
-    """Advance by a grid step, which ends with the rudder in the water at rudder_rad (hil/ship/kt_plant.py)."""
+def step_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: float) -> None:
+    """Advance by a grid step, which ends with the effective rudder angle rudder_rad (hil/ship/kt_plant.py)."""
     psi, r, driven_rad = hull[PSI], hull[YAW_RATE], 0.5 * (hull[RUDDER] + rudder_rad)
     offset_rad = ship.bias_rad + series[ship.offset_at + step]
     for _ in range(ship.inner_steps):
@@ -292,7 +292,7 @@ def turn_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: f
     middle_rad = 0.5 * (hull[PSI] + psi)
     hull[RUDDER], hull[PSI], hull[YAW_RATE] = rudder_rad, psi, r
     if ship.has_sideways:
-        go_sideways(hull, ship, middle_rad)
+        update_sideways(hull, ship, middle_rad)
     north_m_s, east_m_s = velocity_without_waves(hull, ship, middle_rad, (step + 0.5) * GRID_S)
     hull[NORTH_M] += north_m_s * GRID_S
     hull[EAST_M] += east_m_s * GRID_S
@@ -304,13 +304,13 @@ def turn_hull(hull: Floats, ship: Ship, series: Series, step: int, rudder_rad: f
         take_speed(hull, ship, series, step + 1)
     if ship.has_compass:
         sensed_rad = sensed_heading(ship, series, step + 1, heading(hull, ship, series, step + 1, 0.0), 0.0)
-        last_rad = sensed_rad if math.isnan(hull[SHOWN]) else hull[SHOWN]
-        hull[SHOWN] = last_rad + ship.c_follow * (sensed_rad - last_rad)
+        last_rad = sensed_rad if math.isnan(hull[COMPASS]) else hull[COMPASS]
+        hull[COMPASS] = last_rad + ship.c_follow * (sensed_rad - last_rad)
 
 
 @compiled
-def go_sideways(hull: Floats, ship: Ship, middle_rad: float) -> None:
-    """Drift sideways by wind, body and turning."""
+def update_sideways(hull: Floats, ship: Ship, middle_rad: float) -> None:
+    """Update the sideways velocity by wind, body and turning."""
     speed_m_s = hull[NOW_SPEED]
     angle_rad = ship.body_rad + ship.wind_rad * math.sin(middle_rad - ship.wind_from_rad)
     if ship.slide_share != 0.0:

@@ -1,4 +1,4 @@
-"""The compiled functions are the plain ones, bit for bit."""
+"""Compiled functions are bit-identical to the plain ones; storage of machine code; progress of compilation."""
 
 import fcntl
 import io
@@ -35,32 +35,32 @@ rk4_step = compiled(kt.rk4_step)
 exact_step = compiled(kt.exact_step)
 steady_yaw_rate = compiled(kt.steady_yaw_rate)
 
-anything = st.floats(allow_nan=False, allow_infinity=False)
-lag = anything.filter(lambda value: value != 0.0)
+any_float = st.floats(allow_nan=False, allow_infinity=False)
+lag = any_float.filter(lambda value: value != 0.0)
 
 
 def bits(value):
-    # All NaN are one: which of them an operation gives is not defined by IEEE 754.
+    # All NaN are equal: IEEE 754 does not define which of them an operation returns.
     return "nan" if value != value else struct.pack("<d", value)  # noqa: PLR0124
 
 
-@given(anything, anything, anything, lag, anything, anything)
+@given(any_float, any_float, any_float, lag, any_float, any_float)
 def test_the_compiled_yaw_acceleration_is_the_plain_one_to_the_last_bit(r, rudder, ability, lag_s, norrbin, offset):
     arguments = (r, rudder, ability, lag_s, norrbin, offset)
     assert bits(yaw_acceleration(*arguments)) == bits(kt.yaw_acceleration(*arguments))
 
 
-@given(st.tuples(anything, anything, anything, anything, anything, lag, anything, anything))
+@given(st.tuples(any_float, any_float, any_float, any_float, any_float, lag, any_float, any_float))
 def test_the_compiled_runge_kutta_step_is_the_plain_one_to_the_last_bit(arguments):
     assert [bits(value) for value in rk4_step(*arguments)] == [bits(value) for value in kt.rk4_step(*arguments)]
 
 
-@given(st.tuples(anything, anything, anything, anything, anything))
+@given(st.tuples(any_float, any_float, any_float, any_float, any_float))
 def test_the_compiled_exact_step_is_the_plain_one_to_the_last_bit(arguments):
     assert [bits(value) for value in exact_step(*arguments)] == [bits(value) for value in kt.exact_step(*arguments)]
 
 
-def test_an_hour_compiled_is_an_hour_plain_to_the_last_bit():
+def test_an_hour_of_steps_is_identical_to_the_last_bit():
     plain = fast = (0.0, 0.0)
     for number in range(36_000):
         rudder = 0.5 if number // 300 % 2 else -0.5
@@ -71,7 +71,7 @@ def test_an_hour_compiled_is_an_hour_plain_to_the_last_bit():
 
 @given(st.floats(-1.6, 1.6), st.floats(1e-3, 10.0), st.floats(0.0, 1e4))
 def test_the_compiled_steady_rate_is_the_plain_one_within_four_units_of_the_last_place(rudder, ability, norrbin):
-    # Not to the last bit: Python takes r**3 with the C library's pow, the compiler multiplies.
+    # Not to the last bit: Python computes r**3 with pow of the C library, the compiler multiplies.
     plain = kt.steady_yaw_rate(rudder, ability, norrbin)
     assert abs(steady_yaw_rate(rudder, ability, norrbin) - plain) <= 4.0 * np.spacing(abs(plain))
 
@@ -85,7 +85,7 @@ def test_a_planar_step_calls_the_same_equation_compiled():
     for _ in range(1000):
         plain = manoeuvring.planar_step(plain, 0.5, *constants)
         fast = step(fast, 0.5, *constants)
-    # Not to the last bit: the sine of the compiler is not everywhere the C library's.
+    # Not to the last bit: the sine of the compiler can differ from that of the C library.
     np.testing.assert_allclose(fast, plain, rtol=1e-12)
     assert fast[2:4] == plain[2:4]
 
@@ -107,18 +107,18 @@ def double(value: float) -> float:
     return 2.0 * value
 
 
-def test_without_a_place_for_machine_code_functions_are_compiled_all_the_same(monkeypatch):
+def test_functions_are_compiled_without_a_cache_folder(monkeypatch):
     monkeypatch.setattr(compiled_module, "cache_folder", lambda _file: None)
     assert compiled(double)(3.0) == 6.0
 
 
-def test_a_cache_that_cannot_be_made_is_none(monkeypatch, tmp_path):
+def test_no_cache_folder_where_none_can_be_created(monkeypatch, tmp_path):
     (tmp_path / "rambler-hil").write_text("a file where the folder should be")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert cache_folder.__wrapped__(HERE) is None
 
 
-def test_the_cache_of_a_module_is_named_after_its_sources_and_its_old_ones_go(monkeypatch, tmp_path):
+def test_a_cache_folder_is_named_after_the_sources_and_old_ones_are_deleted(monkeypatch, tmp_path):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     home = tmp_path / "rambler-hil"
     for number in range(6):
@@ -134,14 +134,14 @@ def test_the_cache_of_a_module_is_named_after_its_sources_and_its_old_ones_go(mo
     assert len(list(home.glob("lab.other-*"))) == 6
 
 
-def test_old_machine_code_goes_and_what_another_program_may_use_stays(monkeypatch, tmp_path):
+def test_machine_code_of_the_last_day_is_not_deleted(monkeypatch, tmp_path):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     now_s = time.time()
     for fifths in range(8):
         folder = tmp_path / "rambler-hil" / f"lab.test_compiled-{fifths} fifths of a day old"
         folder.mkdir(parents=True)
         (folder / "code").write_bytes(b"")
-        os.utime(folder, (now_s, now_s - 0.2 * fifths * compiled_module.KEPT_S))
+        os.utime(folder, (now_s, now_s - 0.2 * fifths * compiled_module.MIN_AGE_S))
     found = cache_folder.__wrapped__(HERE)
     kept = {path.name for path in (tmp_path / "rambler-hil").iterdir()}
     assert kept == {found.name, *(f"lab.test_compiled-{fifths} fifths of a day old" for fifths in range(5))}
@@ -172,14 +172,14 @@ def test_a_copy_of_the_sources_shares_the_machine_code(copied):
         ("firmware_py/estimate/fixed_gain.py", KERNELS),  # from package import module
         ("firmware_py/model/kt.py", KERNELS),
         ("firmware_py/estimate/heading_filter.py", KERNELS),
-        ("hil/lab/twin/pilot.py", {"twin/loop.py"}),
+        ("hil/lab/twin/autopilot.py", {"twin/loop.py"}),
         ("hil/lab/tune/loop_kernel.py", {"tune/loop_kernel.py"}),
         ("firmware_py/control/__init__.py", KERNELS),  # could export a constant
         ("hil/lab/compiled.py", set()),
         ("firmware_py/common/parameter_table.py", set()),
     ],
 )
-def test_what_a_change_can_affect_is_compiled_again_and_nothing_else(copied, changed, again):
+def test_only_functions_that_a_change_can_affect_are_compiled_again(copied, changed, again):
     kernels = [copied / "hil/lab" / name for name in sorted(KERNELS)]
     before = [sources_digest(kernel) for kernel in kernels]
     with (copied / changed).open("a") as file:
@@ -199,7 +199,7 @@ print(sum(f.stats.cache_hits.values()), sum(f.stats.cache_misses.values()))
 """
 
 
-def begun(cache):
+def start_process(cache):
     """Start a process that needs a compiled function."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
     return subprocess.Popen(
@@ -208,13 +208,13 @@ def begun(cache):
 
 
 def test_a_process_waits_for_one_that_compiles_the_same_and_loads_it(tmp_path):
-    assert begun(tmp_path / "first").communicate()[0].split() == ["0", "1"]
+    assert start_process(tmp_path / "first").communicate()[0].split() == ["0", "1"]
     (lock,) = (tmp_path / "first").rglob("*.lock")
     lock = tmp_path / "second" / lock.relative_to(tmp_path / "first")
     lock.parent.mkdir(parents=True)
     with lock.open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
-        second = begun(tmp_path / "second")
+        second = start_process(tmp_path / "second")
         waiting = re.compile(rf"-> FLOCK .* {second.pid} ")
         while not waiting.search(Path("/proc/locks").read_text()):
             assert second.poll() is None
@@ -225,36 +225,36 @@ def test_a_process_waits_for_one_that_compiles_the_same_and_loads_it(tmp_path):
 class Terminal(io.StringIO):
     def __init__(self):
         super().__init__()
-        self.told = threading.Event()
+        self.written = threading.Event()
 
     def isatty(self):
         return True
 
     def write(self, text):
-        self.told.set()
+        self.written.set()
         return super().write(text)
 
 
-def test_long_compilation_is_shown_on_a_terminal_and_then_its_time(monkeypatch):
-    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+def test_a_terminal_shows_a_long_compilation_and_its_time(monkeypatch):
+    monkeypatch.setattr(compiled_module, "PROGRESS_DELAY_S", 0.0)
     terminal = Terminal()
-    with compiling("the test", terminal), event.trigger_event("numba:compile"), compiling("what is within", terminal):
-        assert terminal.told.wait(10.0)
-    assert "what is within" not in terminal.getvalue()
+    with compiling("the test", terminal), event.trigger_event("numba:compile"), compiling("the inner block", terminal):
+        assert terminal.written.wait(10.0)
+    assert "the inner block" not in terminal.getvalue()
     assert "compiling the test for this machine" in terminal.getvalue()
     assert re.search(r"\r\x1b\[Kcompiled the test for this machine in \d+ s\n$", terminal.getvalue())
 
 
-def test_short_compilation_says_nothing():
+def test_a_short_compilation_prints_nothing():
     terminal = Terminal()
     with compiling("the test", terminal):
         pass
     assert terminal.getvalue() == ""
 
 
-def test_long_work_that_compiles_nothing_is_not_called_compilation(monkeypatch):
+def test_work_without_compilation_prints_nothing(monkeypatch):
     looked = threading.Event()
-    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(compiled_module, "PROGRESS_DELAY_S", 0.0)
     monkeypatch.setattr(compiled_module, "being_compiled", looked.set)
     terminal = Terminal()
     with compiling("the test", terminal):
@@ -262,7 +262,7 @@ def test_long_work_that_compiles_nothing_is_not_called_compilation(monkeypatch):
     assert "compiling" not in terminal.getvalue()
 
 
-def test_a_compilation_is_seen_as_such():
+def test_being_compiled_is_true_during_a_compilation():
     @compiled_module.compiled_here
     def sum_of(a, b):
         return a + b
@@ -282,8 +282,8 @@ def test_a_compilation_is_seen_as_such():
     assert not compiled_module.being_compiled()
 
 
-def test_a_pipe_hears_nothing(monkeypatch):
-    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+def test_nothing_is_printed_to_a_pipe(monkeypatch):
+    monkeypatch.setattr(compiled_module, "PROGRESS_DELAY_S", 0.0)
     pipe = io.StringIO()
     before = threading.active_count()
     with compiling("the test", pipe):
@@ -292,52 +292,52 @@ def test_a_pipe_hears_nothing(monkeypatch):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_waits_until_the_compiler_is_left(number):
+def test_a_signal_is_deferred_until_the_compiler_ends(number):
     passed = []
 
-    def compile_until_told():
+    def compile_and_raise():
         with global_compiler_lock:
             with global_compiler_lock:
                 passed.append("in")
             signal.raise_signal(number)
-            passed.append("told")
+            passed.append("raised")
 
     with interruptible():
         before = signal.getsignal(number)
         with pytest.raises(KeyboardInterrupt):
-            compile_until_told()
-        assert passed == ["in", "told"]
+            compile_and_raise()
+        assert passed == ["in", "raised"]
         assert signal.getsignal(number) is before
 
 
-def test_an_error_while_compiling_ends_the_telling(monkeypatch):
-    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+def test_an_error_ends_the_progress_thread(monkeypatch):
+    monkeypatch.setattr(compiled_module, "PROGRESS_DELAY_S", 0.0)
     before = threading.active_count()
     with pytest.raises(ZeroDivisionError), compiling("the test", Terminal()):
         raise ZeroDivisionError
     assert threading.active_count() == before
 
 
-def test_a_user_without_a_home_gets_no_folder_that_is_called_so(monkeypatch, tmp_path):
+def test_a_user_without_a_home_directory_has_no_cache_folder(monkeypatch, tmp_path):
     for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as for one who is in no list of users
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as for a user without an entry in /etc/passwd
     monkeypatch.chdir(tmp_path)
     assert cache_folder.__wrapped__(HERE) is None
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_old_folder_that_does_not_go_keeps_nobody_from_the_new_one(monkeypatch, tmp_path):
-    def another_drops_it_too(_home, _module):
+def test_an_old_folder_that_another_process_deletes_is_no_error(monkeypatch, tmp_path):
+    def already_deleted(_home, _module):
         raise FileNotFoundError
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(compiled_module, "_drop_old", another_drops_it_too)
+    monkeypatch.setattr(compiled_module, "_drop_old", already_deleted)
     assert cache_folder.__wrapped__(HERE) is not None
 
 
-def test_code_that_cannot_be_kept_is_told_once_in_a_pipe_too(monkeypatch):
-    monkeypatch.setattr(compiled_module, "_told", [])
+def test_missing_storage_is_reported_once_also_in_a_pipe(monkeypatch):
+    monkeypatch.setattr(compiled_module, "_warned", threading.Event())
     monkeypatch.setattr(compiled_module, "cache_folder", lambda _file: None)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/nowhere")
     pipe = io.StringIO()
@@ -345,6 +345,6 @@ def test_code_that_cannot_be_kept_is_told_once_in_a_pipe_too(monkeypatch):
         with compiling("it", pipe):
             pass
     assert pipe.getvalue() == (
-        "rambler-hil: machine code cannot be stored in /nowhere/rambler-hil and is compiled again by each process; "
-        "NUMBA_CACHE_DIR can name another directory\n"
+        "rambler-hil: machine code cannot be stored in /nowhere/rambler-hil, so each process compiles it again; "
+        "set NUMBA_CACHE_DIR to another directory\n"
     )

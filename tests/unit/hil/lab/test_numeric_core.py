@@ -1,4 +1,4 @@
-"""The numeric core gives the same bits plain and compiled: function by function, and in closed loop."""
+"""The numeric core gives the same bits plain and compiled: each function, and in closed loop."""
 
 import ast
 import inspect
@@ -41,7 +41,7 @@ EDGES = (
 FUNCTIONS = [
     function
     for module in MODULES
-    # Compared over recordings, as is what takes an array; those of the tick in the closed loop
+    # Compared over recordings, as are functions of arrays; those of the tick in the closed loop
     # (tests/process/test_twin.py).
     if module not in {heading_filter, water_filter, water_results, heading_tick, water}
     for function in functions_of(module)
@@ -51,7 +51,7 @@ STEP_S = 0.1
 
 
 def drawn(kind, numbers: np.random.Generator, edge_part: float):
-    """Return a random argument of a kind: mostly of the size that the boat knows, or an edge of the floats."""
+    """Return a random argument of a type: mostly of a realistic size, or an edge case of floats."""
     if inspect.isclass(kind) and issubclass(kind, IntEnum):
         return list(kind)[numbers.integers(len(kind))]
     if kind is int:
@@ -69,7 +69,7 @@ def drawn(kind, numbers: np.random.Generator, edge_part: float):
 
 
 def bits(value):
-    """Return a result as bytes; all NaN are one, since IEEE 754 does not define which of them an operation gives."""
+    """Return a result as bytes; all NaN are equal, since IEEE 754 does not define which one an operation returns."""
     if isinstance(value, np.ndarray):
         return bits(tuple(value.ravel()))
     if isinstance(value, tuple):
@@ -86,7 +86,7 @@ IN_SUITE = {
 
 
 def is_proof(function) -> bool:
-    """Return whether a test of the suite compiles the function already, in the twin or with one of its module."""
+    """Return whether the suite already compiles the function, in the loop or with another one of its module."""
     others = (other for other in FUNCTIONS if other is not function and other.__module__ == function.__module__)
     return function not in IN_SUITE or any(function.__name__ in other.__code__.co_names for other in others)
 
@@ -114,7 +114,7 @@ def test_plain_and_compiled_agree_to_the_last_bit(function):
 
 @compiled
 def sail(settings, limits, model, goal_rad, seen_rad, offset_rad, gain_reduction, command_rad):
-    """Sail the K-T boat in closed loop by observer, control law and rudder limits; fill the rudder commands."""
+    """Simulate the K-T boat in closed loop with observer, control law and rudder limits; fill the rudder commands."""
     psi, r, command, state = 0.0, 0.0, 0.0, law.IDLE
     theta, decay = math.exp(-STEP_S / 1.5), kt.decay_over(STEP_S, model.turning_lag_s)
     heading_rad, rate_rad_s, bias_rad = 0.0, 0.0, 0.0
@@ -138,7 +138,7 @@ def sail(settings, limits, model, goal_rad, seen_rad, offset_rad, gain_reduction
 
 
 def agrees(seed: int, ticks: int) -> None:
-    """Sail a sea plain and compiled: waves, noise, wandering rudder bias, turns, and reduced gain in the middle."""
+    """Compare a run plain and compiled: waves, noise, varying rudder bias, turns, and reduced gain in the middle."""
     numbers, t_s = np.random.default_rng(seed), np.arange(ticks) * STEP_S
     waves = sum(
         math.radians(size) * np.sin(2.0 * math.pi * t_s / period_s + phase)
@@ -207,7 +207,7 @@ def test_the_heading_filter_agrees_over_long_recordings_to_the_last_bit(seed):
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
-def test_the_core_stands_on_nothing_but_the_core_and_knows_no_none(module: ModuleType):
+def test_the_core_imports_only_the_core_and_uses_no_none(module: ModuleType):
     tree = ast.parse(inspect.getsource(module))
     names = {one.__name__ for one in MODULES} | {
         "__future__",

@@ -1,4 +1,4 @@
-"""Processes that sail runs: what is left of them when they are given up."""
+"""Worker processes: an aborted pool leaves no thread."""
 
 import threading
 import time
@@ -8,15 +8,15 @@ import pytest
 from hil.lab.processes import processes
 
 
-def test_nothing_of_a_pool_that_is_given_up_is_left():
-    """Its thread was, and an interpreter that ended meanwhile might say "Bad file descriptor" behind the last word."""
+def test_an_aborted_pool_leaves_no_thread():
+    """A remaining thread could print "Bad file descriptor" at the exit of the interpreter."""
     before = set(threading.enumerate())
 
-    def given_up():
+    def abort():
         with processes(1) as pool:
             pool.submit(time.sleep, 60.0)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        given_up()
+        abort()
     assert set(threading.enumerate()) == before

@@ -7,23 +7,23 @@ from firmware_py.link.endpoint import _SHARE_BYTES, ReceiveQueue
 
 
 @pytest.fixture
-def intake():
+def estimator():
     return ReceiveQueue(lambda _index, address: address in ("one", "two"))
 
 
-def taken(intake):
+def taken(estimator):
     found = []
-    while intake:
-        found.append(intake.pop())
+    while estimator:
+        found.append(estimator.pop())
     return found
 
 
-def test_everybody_has_his_turn(intake):
+def test_everybody_has_his_turn(estimator):
     for number in range(3):
-        intake.offer(0, "one", b"a%d" % number)
-    intake.offer(0, "two", b"b")
-    intake.offer(1, "one", b"c")
-    assert taken(intake) == [
+        estimator.offer(0, "one", b"a%d" % number)
+    estimator.offer(0, "two", b"b")
+    estimator.offer(1, "one", b"c")
+    assert taken(estimator) == [
         (0, "one", b"a0"),
         (0, "two", b"b"),
         (1, "one", b"c"),
@@ -31,29 +31,29 @@ def test_everybody_has_his_turn(intake):
         (0, "one", b"a2"),
     ]
     with pytest.raises(KeyError):
-        intake.pop()
+        estimator.pop()
 
 
-def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(intake):
+def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(estimator):
     for _ in range(1000):
-        intake.offer(0, "one", bytes(1000))
-    intake.offer(0, "two", b"b")
-    found = taken(intake)
+        estimator.offer(0, "one", bytes(1000))
+    estimator.offer(0, "two", b"b")
+    found = taken(estimator)
     assert sum(len(data) for _, address, data in found if address == "one") <= _SHARE_BYTES
     assert (0, "two", b"b") in found[:2]
-    assert intake.dropped == 1001 - len(found)
-    intake.offer(0, "one", bytes(3 * _SHARE_BYTES))  # one may always wait
-    assert len(taken(intake)) == 1
+    assert estimator.dropped == 1001 - len(found)
+    estimator.offer(0, "one", bytes(3 * _SHARE_BYTES))  # one may always wait
+    assert len(taken(estimator)) == 1
 
 
-def test_the_rest_of_a_piece_comes_before_what_was_sent_later(intake):
-    intake.offer(0, "one", b"whole")
-    intake.offer(0, "one", b"later")
-    index, address, data = intake.pop()
-    intake.put_back(index, address, data[2:])
-    assert taken(intake) == [(0, "one", b"ole"), (0, "one", b"later")]
-    intake.put_back(0, "two", b"alone")
-    assert taken(intake) == [(0, "two", b"alone")]
+def test_the_rest_of_a_piece_comes_before_what_was_sent_later(estimator):
+    estimator.offer(0, "one", b"whole")
+    estimator.offer(0, "one", b"later")
+    index, address, data = estimator.pop()
+    estimator.put_back(index, address, data[2:])
+    assert taken(estimator) == [(0, "one", b"ole"), (0, "one", b"later")]
+    estimator.put_back(0, "two", b"alone")
+    assert taken(estimator) == [(0, "two", b"alone")]
 
 
 @pytest.mark.parametrize("address", ["station", "a stranger"])
@@ -83,11 +83,11 @@ def test_what_follows_a_strangers_noise_is_not_looked_at(make_rig, of):
     assert of(rig.said("a stranger"), "PING") == []
 
 
-def test_strangers_share_one_share(intake):
+def test_strangers_share_one_share(estimator):
     for number in range(1000):
-        intake.offer(0, number, bytes(1000))
-    intake.offer(0, "one", b"a")
-    found = taken(intake)
+        estimator.offer(0, number, bytes(1000))
+    estimator.offer(0, "one", b"a")
+    found = taken(estimator)
     assert len(found) <= _SHARE_BYTES // 1000 + 1
     assert (0, "one", b"a") in found[:2]
 

@@ -1,4 +1,4 @@
-"""A change of estimator or control law under firmware_py/ needs no edit under hil/: a modified copy is compiled."""
+"""A change of estimator or control law in firmware_py/ needs no change in hil/: a modified copy is compiled."""
 
 import os
 import re
@@ -10,7 +10,7 @@ import pytest
 
 from support.paths import ROOT
 
-# File, pattern and its replacement: a term more in the fixed-gain law, and constants of the law and of both filters.
+# File, pattern and replacement: another term in the fixed-gain law, and constants of the law and of both filters.
 CHANGES = (
     ("control/law.py", r"gains\.k1 \* error \+ ", "gains.k1 * error + 0.5 * error * error * error + "),
     ("control/law.py", r"(?<=^RATE_GAIN: Final = )[\d.]+", "0.45"),
@@ -38,9 +38,9 @@ from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import sea_of
 from hil.sim.goals import parse_goals
 
-told = ParameterSet()
+parameters = ParameterSet()
 sea, task = drawn(sea_of("coast"), 1, 120.0), sailing.task_of(parse_goals("0:0,25:60"))
-record, _ = sailing.sail(sailing.boat_of(told), LawSettings.of(told), sea, task, 120.0)
+record, _ = sailing.sail(sailing.boat_of(parameters), LawSettings.of(parameters), sea, task, 120.0)
 print(hashlib.sha256(record.rudder_rad.tobytes()).hexdigest())
 """
 
@@ -60,7 +60,7 @@ def changed(tmp_path_factory):
     return folder
 
 
-def said(folder, *words):
+def output_of(folder, *words):
     """Run Python on the programs of a folder; return its output."""
     environment = {**os.environ, "PYTHONPATH": f"{folder}:{folder / 'tests'}", "PYTEST_ADDOPTS": ""}
     done = subprocess.run(
@@ -72,7 +72,7 @@ def said(folder, *words):
 
 def test_compiled_functions_are_those_of_the_changed_firmware(changed, capsys):
     exec(FUNCTIONS, {})
-    before, after = capsys.readouterr().out.splitlines(), said(changed, "-c", FUNCTIONS).splitlines()
+    before, after = capsys.readouterr().out.splitlines(), output_of(changed, "-c", FUNCTIONS).splitlines()
     assert len(after) == len(before) == 2
     for line, old in zip(after, before, strict=True):
         plain, compiled = line.split()
@@ -82,7 +82,7 @@ def test_compiled_functions_are_those_of_the_changed_firmware(changed, capsys):
 
 @pytest.mark.proof  # the closed loop is compiled again
 @pytest.mark.timeout(1800)
-def test_the_closed_loop_sails_by_the_changed_firmware_as_its_autopilot_does(changed):
-    assert said(ROOT, "-c", LOOP) != said(changed, "-c", LOOP)
-    # By its exit status, which is not 0 without a test: how it shows the result depends on the options.
-    said(changed, "-m", "pytest", "tests/process/test_twin.py", "-k", "mixture and coast")
+def test_the_closed_loop_uses_the_changed_firmware(changed):
+    assert output_of(ROOT, "-c", LOOP) != output_of(changed, "-c", LOOP)
+    # The exit status is not 0 if no test is selected.
+    output_of(changed, "-m", "pytest", "tests/process/test_twin.py", "-k", "mixture and coast")

@@ -1,4 +1,4 @@
-"""The fixes of the compiled plant against the emulated receiver's, as the autopilot decodes them, to the last bit."""
+"""Fixes of the compiled plant equal those that the autopilot decodes from the emulated receiver, to the last bit."""
 
 import math
 
@@ -43,7 +43,7 @@ def decoded(scenario, seed):
 
 
 @pytest.mark.parametrize("text", ["sea", "coast", "mission", "ocean-1", "ocean-4", "tank+orbital=0.2", "sea+receiver"])
-def test_a_fix_is_what_the_firmware_decodes(text):
+def test_fixes_equal_those_decoded_by_the_firmware(text):
     scenario = sea_of(text)
     expected = [voyage.row_of(sample) for sample in decoded(scenario, 3)]
     found = voyage.fixes(drawn(scenario, 3, SECONDS), RUDDER, SECONDS)
@@ -55,7 +55,7 @@ def test_a_fix_is_what_the_firmware_decodes(text):
 @given(st.floats(-90.0, 90.0))
 @example(36.0)
 @example(36.99999999)
-@example(0.013)  # the quotient of the minutes by 60 is not their product with 1 / 60
+@example(0.013)  # minutes / 60 differs from minutes * (1 / 60)
 def test_a_coordinate_is_decoded_as_it_is_printed(angle_deg):
     for letters, digits, read in (("NS", 2, latitude), ("EW", 3, longitude)):
         fields = coordinate(angle_deg, degree_digits=digits, letters=tuple(letters)).split(",")

@@ -1,4 +1,4 @@
-"""Runs of the compiled loop in several threads: each has the bits that it has alone."""
+"""Runs of the compiled loop in several threads are identical to single runs."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,18 +15,18 @@ from hil.sim.goals import parse_goals
 pytestmark = pytest.mark.timeout(600)  # the loop is compiled first
 
 SECONDS = 90.0
-# Unlike in everything: ships, devices, delays, seas of long crests and short, a receiver that never has a fix.
+# Different ships, devices, delays and seas, and a receiver without any fix.
 SEAS = ("ocean-1", "ocean-4", "calm", "gusts", "swell+kt=0.5:2,delay=2", "sea+float=0.3:0.6,receiver=0:1", "ocean-3")
 
 
 def run_of(number):
-    told = ParameterSet().replaced("RUD_REVERSE", float(number % 2)).replaced("CTL_PRICE", 1.0 + 0.5 * number)
+    parameters = ParameterSet().replaced("RUD_REVERSE", float(number % 2)).replaced("CTL_PRICE", 1.0 + 0.5 * number)
     goals = parse_goals(("0:0,30:60", "0:170", "20:-90,40:-80,60:0")[number % 3])
     sea = drawn(sea_of(SEAS[number]), number + 1, SECONDS)
-    return sailing.boat_of(told), LawSettings.of(told), sea, sailing.task_of(goals)
+    return sailing.boat_of(parameters), LawSettings.of(parameters), sea, sailing.task_of(goals)
 
 
-def test_a_run_has_the_same_bits_in_a_thread_and_without_the_rows_of_its_ticks():
+def test_a_run_in_a_thread_without_tick_rows_is_identical():
     runs = [run_of(number) for number in range(len(SEAS))]
     with ThreadPoolExecutor(2) as pool:
         together = list(pool.map(lambda run: sailing.sail(*run, SECONDS, ticks=False), runs))

@@ -1,4 +1,4 @@
-"""The ship of the compiled loop against that of the harness, to the last bit."""
+"""The ship of the compiled loop equals that of the harness, to the last bit."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ NOISE = "yaw=4,bias=12:600"
 @pytest.mark.parametrize(
     "text", [*(row.name for row in TABLE), "tank+orbital=0.2,compass", f"mission+{KINDER},{NOISE}", "calm+sway,compass"]
 )
-def test_the_ship_in_her_sea_is_the_harness_s(text):
+def test_the_hull_equals_that_of_the_harness(text):
     scenario, seconds = sea_of(text), 10.0
     hull, sea = Hull(scenario, OCEAN_RAMBLER, 3), drawn(scenario, 3, seconds)
     state, waiting, ship = (
@@ -32,23 +32,23 @@ def test_the_ship_in_her_sea_is_the_harness_s(text):
     rudder = 0.0
     for step in range(int(seconds / GRID_S)):
         offset_s = float(numbers.uniform(0.0, GRID_S))
-        ours = ships.shown_heading(state, ship, sea.series, step, offset_s)
+        ours = ships.compass_heading(state, ship, sea.series, step, offset_s)
         assert ours == hull.compass_heading_rad(offset_s)
         assert ships.velocity(state, ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
         assert ships.position(state, ship, sea.series, step, offset_s) == hull.position_in_waves_m(offset_s)
         rudder = min(max(rudder + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
         hull.step(rudder)
         in_water = ships.rudder_in_water(ship, waiting, step, rudder)
-        ships.turn_hull(state, ship, sea.series, step, in_water)
+        ships.step_hull(state, ship, sea.series, step, in_water)
         assert state[ships.PSI] == hull.glider_heading_rad(0.0)
 
 
-def test_a_ship_that_is_none_is_refused():
+def test_an_invalid_ship_is_refused():
     with pytest.raises(ValueError, match="invalid ship model"):
         drawn(sea_of("tank"), 1, 10.0, OCEAN_RAMBLER._replace(turning_lag_s=-1.0))
 
 
-def test_a_bearing_is_printed_as_a_device_prints_it():
+def test_bearings_are_rounded_as_in_sentences():
     assert devices.bearing(359.97, 0.1) == 0.0
     assert devices.bearing(-0.26, 0.1) == pytest.approx(359.7)
     assert [devices.digits_of(number) for number in (0.0, 9.9, 10.0, 359.9)] == [1, 1, 2, 3]

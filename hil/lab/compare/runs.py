@@ -1,4 +1,4 @@
-"""The runs of a comparison: which controllers, in which seas, on how many seeds, several at a time."""
+"""The runs of a comparison: controllers, seas and seeds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIXED = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
 
 @dataclass(frozen=True, slots=True)
 class Controller:
-    """One row of each table: a name, what sails it, and the autopilot's parameters."""
+    """A controller: its name, the program that simulates it, and its parameters."""
 
     name: str
     sailed_by: str
@@ -35,14 +35,14 @@ PID = Controller("PID, tuned", TWIN)
 OURS = Controller("Rambler", TWIN)
 
 
-def priced(price: float) -> Controller:
-    """Return ours with another price of rudder travel."""
+def with_price(price: float) -> Controller:
+    """Return our controller with another weight of rudder travel."""
     return Controller(f"Rambler, CTL_PRICE {price:g}", TWIN, (("CTL_PRICE", price),))
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is sailed: seas ("swell", "swell+float=0.3:0.6,leeway=8"), seeds, goals and how long."""
+    """The runs: seas ("swell", "swell+float=0.3:0.6,leeway=8"), seeds, goals and duration."""
 
     scenarios: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -52,7 +52,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A controller in a sea: the figures of every seed and their mean."""
+    """A controller in a sea: the scores of every seed and their mean."""
 
     scenario: str
     controller: Controller
@@ -60,20 +60,20 @@ class Row:
 
     @property
     def mean(self) -> Score:
-        """The figures over all seeds."""
+        """Return the mean over all seeds."""
         return mean_of(self.scores)
 
 
-def compare(task: Task, controllers: Sequence[Controller], tell: Callable[[int, int, str], None]) -> list[Row]:
-    """Sail everything and return the rows, sea by sea; tell is called with runs done, runs in all and the last one."""
+def compare(task: Task, controllers: Sequence[Controller], report: Callable[[int, int, str], None]) -> list[Row]:
+    """Simulate all runs and return the rows by sea; `report` gets finished runs, all runs and the last run."""
     pairs = [(name, one) for name in task.scenarios for one in controllers]
     jobs = [(name, one, seed) for name, one in pairs for seed in task.seeds]
     found: dict[tuple[str, str, int], Score] = {}
-    tell(0, len(jobs), "")
+    report(0, len(jobs), "")
     for number, (job, score) in enumerate(_sailed(task, jobs)):
         found[job] = score
         name, controller, seed = job
-        tell(number + 1, len(jobs), f"{controller}, {name}, seed {seed}")
+        report(number + 1, len(jobs), f"{controller}, {name}, seed {seed}")
     return [Row(name, one, tuple(found[name, one.name, seed] for seed in task.seeds)) for name, one in pairs]
 
 
@@ -91,7 +91,7 @@ def _sail_in_process(task: Task, scenario_name: str, controller: Controller, see
 
 
 def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
-    """Sail one run and judge it by its truth."""
+    """Simulate a run and compute its scores."""
     return score_of(truth_of(task, scenario_name, controller, seed))
 
 
@@ -99,18 +99,19 @@ def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) 
     """Simulate one run and return its truth; the compiled loop gives the same commands as the autopilot process."""
     scenario = scenarios.sea_of(scenario_name)
     if controller.sailed_by == TWIN:
-        from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
+        from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other controllers do not need
         from hil.lab.numeric_core import LawSettings  # noqa: PLC0415 - likewise
         from hil.lab.twin import sailing  # noqa: PLC0415 - likewise
         from hil.lab.twin.sea import sea_of  # noqa: PLC0415 - likewise
 
         if controller == PID:
             return pid.sail(scenario, seed, task.goals, task.seconds, pid.TUNED)
-        told = ParameterSet()
+        parameters = ParameterSet()
         for name, value in controller.settings:
-            told = told.replaced(name, value)
+            parameters = parameters.replaced(name, value)
         sea, goals = sea_of(scenario, seed, task.seconds), sailing.task_of(task.goals)
-        record, _ = sailing.sail(sailing.boat_of(told), LawSettings.of(told), sea, goals, task.seconds, ticks=False)
+        boat, law = sailing.boat_of(parameters), LawSettings.of(parameters)
+        record, _ = sailing.sail(boat, law, sea, goals, task.seconds, ticks=False)
         return sailing.truth_of(record, task.goals)
     from hil.sim.logbook import RunOptions  # noqa: PLC0415 - not needed by the compiled loop
     from hil.sim.runner import run  # noqa: PLC0415 - likewise
@@ -123,6 +124,6 @@ def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) 
             seed=seed,
             goals=task.goals,
             settings=dict(controller.settings),
-            shown=False,  # the comparison shows how far it is; several boats are at sea at a time
+            shown=False,  # the comparison shows its own progress
         )
         return run(options).truth.table()
