@@ -72,7 +72,7 @@ class LoopParts:
     power: tuple[Power, ...] = ()
     vessels: Vessels | None = None  # read after the rudder command is sent
     health: HealthMonitor = field(default_factory=HealthMonitor)
-    show_status: Callable[[Output, float], None] = lambda _output, _now_s: None  # status reports; never raises
+    after_tick: Callable[[Output, float], None] = lambda _output, _now_s: None  # status reports; never raises
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
     liveness: Liveness = field(default_factory=Liveness)
     tick_on_compass: bool = False  # whether a compass sample may start a tick; not in lockstep
@@ -173,7 +173,7 @@ def _tick(parts: LoopParts, tick: Tick, *, last: bool) -> HeadingSample | None:
     parts.samples += len(inputs.headings) + len(inputs.positions) + len(inputs.rudder)
     parts.health.update(parts.all_devices, (parts.store, parts.recorder), clock, parts.link, now_s)
     parts.autopilot.save_resume(now_s, clock.utc_s())
-    parts.show_status(output, now_s)
+    parts.after_tick(output, now_s)
     return headings[-1] if headings else None
 
 

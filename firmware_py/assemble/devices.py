@@ -16,14 +16,14 @@ from firmware_py.system.port_users import port_users
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
-REOPENED_AFTER_S = 10.0  # without a byte
+REOPEN_AFTER_S = 10.0  # without received bytes
 
 Line = SerialPort | UdpLine | TcpLine
 _NETWORK: Mapping[str, type[UdpLine | TcpLine]] = {"udp": UdpLine, "tcp": TcpLine}  # as NETWORK of vehicle
 
 
 class Devices(msgspec.Struct, frozen=True):
-    """The drivers of a vehicle, and the lines under them."""
+    """The drivers of a vehicle and their lines."""
 
     compass: Compass
     position: Position | None
@@ -36,10 +36,9 @@ class Devices(msgspec.Struct, frozen=True):
 
 
 def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
-    """Open the ports and make the drivers.
+    """Open the ports and create the drivers.
 
-    Raises PortError for a port that cannot be opened, unless `wait`: then it is taken up
-    when it appears.
+    Raises PortError for a port that cannot be opened, unless `wait`: then it is opened when it appears.
     """
     lines: list[Line] = []
     shared = _shared_lines(vehicle, lines)
@@ -61,34 +60,34 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
 
 
 def _shared_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
-    """Return the lines of compass, position and AIS by name, views of one where they share a port.
+    """Return the lines of compass, position and AIS by name; devices that share a port get views of one line.
 
-    The views are to be read in this order. The lines are added to the others.
+    The views must be read in this order. New lines are added to `lines`.
     """
     entries = {"compass": vehicle.compass, "position": vehicle.position, "ais": vehicle.ais}
     users: dict[str, dict[str, DeviceEntry]] = {}
     for name, entry in entries.items():
         if entry is not None:
             users.setdefault(entry.port, {})[name] = entry
-    found: dict[str, ByteLine] = {}
+    line_views: dict[str, ByteLine] = {}
     for group in users.values():
         line = _line(next(iter(group.values())), lines)
-        found.update(zip(group, views(line, len(group)), strict=True))
-    return found
+        line_views.update(zip(group, line_views_of(line, len(group)), strict=True))
+    return line_views
 
 
-def views(line: ByteLine, count: int) -> list[ByteLine]:
-    """Return so many views of a line, each of which reads what those before it have read."""
+def line_views_of(line: ByteLine, count: int) -> list[ByteLine]:
+    """Return `count` views of a line; each reads the bytes that the views before it have read."""
     if count == 1:
         return [line]
     tee = LineTee(line)
-    return [tee.first, *views(tee.second, count - 1)]
+    return [tee.first, *line_views_of(tee.second, count - 1)]
 
 
 def line_of(port: str, baud: int) -> Line:
-    """Return the line of a port of the vehicle file: a serial one, UDP or TCP."""
+    """Return the line of a port of the vehicle file: serial, UDP or TCP."""
     kind = _NETWORK.get(port.partition(":")[0])
-    return SerialPort(port, baud, silent_s=REOPENED_AFTER_S) if kind is None else kind(port)
+    return SerialPort(port, baud, silent_s=REOPEN_AFTER_S) if kind is None else kind(port)
 
 
 def _line(entry: DeviceEntry, lines: list[Line]) -> Line:
@@ -97,7 +96,7 @@ def _line(entry: DeviceEntry, lines: list[Line]) -> Line:
 
 
 def _power_monitors(vehicle: Vehicle, lines: list[Line]) -> tuple[Power, ...]:
-    """Make the drivers of what measures battery and panels; their lines are added to the others."""
+    """Create the drivers of power monitors; their lines are added to `lines`."""
     made: list[Power] = []
     for entry, role in ((vehicle.power, DeviceRole.POWER), (vehicle.power_b, DeviceRole.POWER_B)):
         if entry is not None:
@@ -107,7 +106,7 @@ def _power_monitors(vehicle: Vehicle, lines: list[Line]) -> tuple[Power, ...]:
 
 
 def open_lines(lines: Sequence[Line], *, wait: bool) -> None:
-    """Open all lines, or close them again and raise PortError."""
+    """Open all lines; on failure close them again and raise PortError."""
     try:
         for line in lines:
             try:
@@ -120,10 +119,10 @@ def open_lines(lines: Sequence[Line], *, wait: bool) -> None:
         raise
 
 
-def shared_ports(lines: Sequence[Line]) -> Sequence[str]:
-    """Return a report for each port that is also open in another program."""
+def shared_port_warnings(lines: Sequence[Line]) -> Sequence[str]:
+    """Return a warning for each port that is also open in another program."""
     users = port_users(line.name for line in lines if isinstance(line, SerialPort) and line.connected)
-    return [f"Port {path}: also open in {names}; end that" for path, names in users.items()]
+    return [f"Port {path}: also open in {names}; end that program" for path, names in users.items()]
 
 
 def close_all(lines: Sequence[Line]) -> None:

@@ -1,4 +1,4 @@
-"""What is wired around the logs of a state directory: who writes them, who sees them, and the date they know."""
+"""Wires the logs of a state directory: recorder, file access of ground stations, and dates from logs."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from firmware_py.system.clock import LockstepClock
 from firmware_py.system.state_directory import LOG_DIRECTORY, UPLOAD_DIRECTORY
 
 
-def storage_of(directory: Path, parameters: ParameterSet) -> FileRoot:
-    """What ground stations see of the state directory: its logs, and a place for what they upload."""
+def file_root(directory: Path, parameters: ParameterSet) -> FileRoot:
+    """Return the files that ground stations can access: logs, and a directory for uploads."""
     logs = directory / LOG_DIRECTORY
     return FileRoot(
         lambda: log_files(logs) if logs.is_dir() else {},
@@ -30,12 +30,12 @@ def storage_of(directory: Path, parameters: ParameterSet) -> FileRoot:
     )
 
 
-def recorder_of(
+def log_recorder(
     directory: Path, parameters: ParameterSet, plans: Plans, clock: Clock, commit: str, opened: ExitStack
 ) -> LogRecorder | None:
-    """Return what writes the logs of a state directory, closed with the rest; None where parameters want none.
+    """Return the log recorder of a state directory, closed by `opened`; None if logging is disabled.
 
-    In lockstep the disk takes no time, however slow it is.
+    In lockstep it waits for the disk, which takes no simulated time.
     """
     if not parameters["LOG_ENABLE"]:
         return None
@@ -57,8 +57,8 @@ def recorder_of(
     return recorder
 
 
-def dated(position: Position | None, clock: Clock, directory: Path, say: Callable[[str], None]) -> Position | None:
-    """Return a receiver with the dates that it means, as far as clock and logs tell; None without one."""
+def with_dates(position: Position | None, clock: Clock, directory: Path, say: Callable[[str], None]) -> Position | None:
+    """Return a receiver whose dates are corrected by clock and logs; None without a receiver."""
     if position is None:
         return None
     return DatedPosition(position, clock.utc_s, last_written_s(directory / LOG_DIRECTORY), say)

@@ -1,4 +1,4 @@
-"""Wires what looks on after each tick: what `rambler status` shows, and whether a version on trial has passed."""
+"""Wires the status reports after each tick: `rambler status`, and the trial of an update."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from firmware_py.system.status_report import StatusReporter, StatusSources
 from firmware_py.vehicle import Vehicle
 
 
-def show_status(
+def report_status(
     vehicle: Vehicle,
     state_directory: Path,
     parts: LoopParts,
@@ -36,7 +36,7 @@ def show_status(
     console: Console,
     opened: ExitStack,
 ) -> None:
-    """Have a wired autopilot write its status; `opened` takes it away at the end."""
+    """Write the status after each tick; `opened` removes it at the end."""
     trial = TrialWatch(link_of(sys.argv[0]), parts.store, parts.notices, console.ahead)
     about = {
         "vehicle": vehicle.name,
@@ -65,7 +65,7 @@ def show_status(
         trial.update(output, now_s)
         reporter.update(output, now_s)
 
-    parts.show_status = after_tick
+    parts.after_tick = after_tick
 
 
 def _versions(commit: str) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""A run under watch: who wants to hear that it is alive, how the runs before have ended, and how this one does."""
+"""Supervision of a run: watchdogs, the ends of earlier runs, and the end of this one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from firmware_py.system.watchdogs import Watchdogs
 
 
 class Supervision:
-    """Tells the watchdogs of a run, and keeps how it ends."""
+    """Connects a run to its watchdogs and records its end."""
 
     def __init__(
         self,
@@ -41,18 +41,18 @@ class Supervision:
         *,
         wait: bool,
     ) -> None:
-        """Arm what there is, and report how the runs before have ended.
+        """Start the watchdogs, and report the ends of earlier runs.
 
-        WatchdogError for a watchdog device that cannot be had, unless `wait`: then that is told, and she sails without.
+        Raises WatchdogError if the watchdog device cannot be opened, unless `wait`: then it is only reported.
         """
         self._store = parts.store
         for event in parts.notices:
-            if event.text.startswith(AGAIN):
+            if event.text.startswith(RESTART_PREFIX):
                 say(event.text)
         self._keep(replace(endings, running=True, is_young=True))
-        self._watcher = EndingRecorder(runtime_directory(environment))
-        self._look_on, self._old_enough_s = parts.show_status, parts.clock.now_s() + YOUNG_RUN_S
-        parts.show_status = self._note_tick
+        self._recorder = EndingRecorder(runtime_directory(environment))
+        self._next_after_tick, self._stable_s = parts.after_tick, parts.clock.now_s() + YOUNG_RUN_S
+        parts.after_tick = self._after_tick
         device: HardwareWatchdog | None = None
         try:
             device = HardwareWatchdog(hardware) if hardware is not None else None
@@ -66,44 +66,44 @@ class Supervision:
             parts.notices.append(Event(Severity.WARNING, note))
         parts.watchdogs = self._watchdogs = Watchdogs(ServiceManager(environment), device)
 
-    def end(self, *, anew: bool) -> None:
-        """Say that the run ends as it should; `anew`: another one follows in this process."""
-        self._watchdogs.stop(anew=anew)
+    def end(self, *, restart: bool) -> None:
+        """Record a regular end of the run; `restart`: another one follows in this process."""
+        self._watchdogs.stop(anew=restart)
         self._keep(replace(self._endings, running=False, is_young=False))
 
     def end_with_error(self, why: str) -> None:
-        """Say why the run ends although nobody has asked for it, so that it is started anew."""
-        self._watcher.record_reason(why)
+        """Record the reason of an unexpected end, after which the run is restarted."""
+        self._recorder.record_reason(why)
         self._keep(replace(self._endings, failed=True))
         self._watchdogs.stop(anew=True)
 
-    def _note_tick(self, output: Output, now_s: float) -> None:
-        if self._endings.is_young and now_s >= self._old_enough_s:
+    def _after_tick(self, output: Output, now_s: float) -> None:
+        if self._endings.is_young and now_s >= self._stable_s:
             self._keep(replace(self._endings, is_young=False))
-        self._look_on(output, now_s)
+        self._next_after_tick(output, now_s)
 
     def _keep(self, endings: Endings) -> None:
         self._endings = endings
         self._store.save(ENDINGS_FILE, to_bytes(endings))
 
 
-AGAIN = "Started again: "
+RESTART_PREFIX = "Started again: "
 
 
 def read_endings(store: Store, runtime: Path | None, utc_s: float, notices: list[Event]) -> Endings:
-    """Return how the runs before have ended; what was not as it should be is added to the notices."""
+    """Return the ends of earlier runs; irregular ends are added to the notices."""
     content = store.load(ENDINGS_FILE)
-    kept = Endings()
+    endings = Endings()
     try:
-        kept, notes = (kept, ()) if content is None else from_bytes(content)
+        endings, notes = (endings, ()) if content is None else from_bytes(content)
         notices += (Event(Severity.WARNING, f"stored {ENDINGS_FILE}: {note}") for note in notes)
     except ValueError as error:
-        notices.append(Event(Severity.WARNING, f"stored {ENDINGS_FILE} left out: {error}"))
-    found = collect_endings(runtime, utc_s)
-    if not found and kept.running:
-        found = (Ending(CUT_OFF, "", utc_s),)
-    kept = replace(kept.with_added(found), running=False)
-    if found and (last := found[-1]).why not in EXPECTED:
-        times = f"{kept.counts[last.why]} times so far" if kept.counts[last.why] > 1 else "the first time"
-        notices.append(Event(Severity.WARNING, f"{AGAIN}{last.why}{last.text and f', {last.text}'} ({times})"))
-    return kept
+        notices.append(Event(Severity.WARNING, f"stored {ENDINGS_FILE} ignored: {error}"))
+    new = collect_endings(runtime, utc_s)
+    if not new and endings.running:
+        new = (Ending(CUT_OFF, "", utc_s),)
+    endings = replace(endings.with_added(new), running=False)
+    if new and (last := new[-1]).why not in EXPECTED:
+        times = f"{endings.counts[last.why]} times so far" if endings.counts[last.why] > 1 else "the first time"
+        notices.append(Event(Severity.WARNING, f"{RESTART_PREFIX}{last.why}{last.text and f', {last.text}'} ({times})"))
+    return endings

@@ -4,88 +4,82 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-_LEFT_OUT = "what a run before has kept of this cannot be read; the default is used"
-_LOOK = "compare parameters, plans and mode with what you want; the disk may be failing"
+_IGNORED = "the stored record of an earlier run cannot be read; the default is used"
+_CHECK = "compare parameters, plans and mode with your intention; the disk may be failing"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
     "Resumed <mode>, <age>": (
-        "after a restart she goes on with mode, goal and mission as they were (`BOOT_RESUME`)",
-        "nothing; `paused`: the mission waits for you; `incomplete`: see what else was told",
+        "after a restart, mode, goal and mission continue (`BOOT_RESUME`)",
+        "nothing; `paused`: the mission waits for you; `incomplete`: see the other texts",
     ),
-    "Not resumed: <age> old": (
-        "what she did before the restart is older than `BOOT_RESUME_H`, so she waits for orders",
-        "choose a mode, arm her",
-    ),
-    "Not resumed: the record is no good": ("mode and goal of before could not be read", "choose a mode, arm her"),
+    "Not resumed: <age> old": ("the last command is older than `BOOT_RESUME_H`", "choose a mode and arm the boat"),
+    "Not resumed: invalid record": ("the stored mode and goal cannot be read", "choose a mode and arm the boat"),
     "Started again: <reason> (<how often>)": (
-        "the run before has ended without being told to: killed, frozen, cut off from power",
+        "the last run ended unexpectedly: killed, frozen, or power lost",
         "once: read `rambler status` and the black box; often: memory, power or a defect, report it with the logs",
     ),
-    "On trial: <version>, start <number> of <number>": ("an update is being tried; it stays or is taken back", "wait"),
-    "Trial passed: <version>": ("the update stays", "nothing"),
-    "Update taken back: <version> has not passed in <number> starts": (
-        "the version before steers again",
-        "read `journalctl -u rambler` for why it did not start; report it",
+    "On trial: <version>, start <number> of <number>": ("an update is on trial", "wait"),
+    "Trial passed: <version>": ("the update is permanent", "nothing"),
+    "Update rolled back: <version> failed <number> starts": (
+        "the previous version is active again",
+        "read in `journalctl -u rambler` why it did not start; report it",
     ),
-    "Used of what is stored: <list>": ("beside what could not be had, this was", "see the text before"),
-    "stored <file> left out: <why>": (_LEFT_OUT, _LOOK),
+    "Loaded from storage: <list>": ("the part of the stored data that could be read", "see the text before"),
+    "stored <file> ignored: <why>": (_IGNORED, _CHECK),
     "stored <file>: <note>": (
-        "it was written by another version or cannot be; what is named was left out or added",
-        _LOOK,
+        "it was written by another version or holds invalid values; the named part was ignored or added",
+        _CHECK,
     ),
-    "stored parameter left out: <why>": ("a parameter cannot be read; its default is in force", _LOOK),
+    "stored parameter left out: <why>": ("a stored parameter cannot be read; its default is used", _CHECK),
     "stored parameter left out, and kept for another version: <why>": (
-        "this version does not know it, or not that value; going back to the other one brings it back",
-        "nothing, after an update",
+        "this version does not know the parameter or its value; the other version will use it again",
+        "after an update: nothing",
     ),
     "state directory <path>: <problem>": (
-        "it cannot be used as it should; she sails on, and may keep nothing",
-        "rights, room and medium of the directory; `rambler check` names what is wrong",
+        "the state directory cannot be used fully; the boat sails on and may store nothing",
+        "check permissions, space and medium of the directory; `rambler check` names the problem",
     ),
     "<what is wrong with a link>; it is tried again": (
-        "its name is not known, or its address not this computer's, now; she sails on without it",
-        "nothing, where the network comes later; else correct the link in the vehicle file",
+        "its host name is unknown or its address is not available now; the boat sails on without it",
+        "nothing if the network comes later; otherwise correct the link in the vehicle file",
     ),
     "Port <path>: changed by another program, restored<more>": (
-        "another program has opened a device's port and changed its settings; they are as before within a second",
-        "end that program, or keep it from the port; `rambler check` as root names it",
+        "another program has changed the settings of a port; they are restored within a second",
+        "end that program, or exclude it from the port; `rambler check` as root names it",
     ),
-    "Port <path>: also open in <program>; end that": (
+    "Port <path>: also open in <program>; end that program": (
         "two programs read one port: each gets a part of the bytes",
-        "end that program, or keep it from the port, and start again",
+        "end that program, or exclude it from the port, and restart",
     ),
     "watchdog <path>: <problem>": (
-        "the hardware watchdog is not as asked for; she sails on",
-        "see the page on the float, hardware watchdog; systemd may hold it already",
+        "the hardware watchdog is not available as configured; the boat sails on",
+        "see the hardware watchdog on the page for float computers; systemd may already use it",
     ),
     "<number> starts failed: <whose> steering parameters": (
-        "runs in a row failed within 60 s of their start; control and estimation start with other parameters",
+        "consecutive runs failed within 60 s of their start; control and estimation use other parameters",
         "see the next text; the log and `journalctl -u rambler` hold the errors",
     ),
-    "Kept, and not used: <parameters>": (
-        "these values are stored; after starts that failed others are in force, until a run has gone on for 60 s",
-        "set them right before the next start, or reset all parameters",
+    "Stored but not used: <parameters>": (
+        "after failed starts, other values are used until a run has lasted 60 s",
+        "correct them before the next start, or reset all parameters",
     ),
     "Import not used: <problem>": (
-        "an imported state cannot be applied: nothing of it counts, and the boat starts with what it had",
-        "export the state again and import that file; what was set aside beside it may be deleted",
+        "an imported state cannot be applied; the boat starts with the previous state",
+        "export the state again and import that file; the set-aside file may be deleted",
     ),
     "<file> is of another version: <consequence>": (
-        "an earlier program version kept this record; it is set aside for a roll-back to that version, and not used",
-        "nothing after an update; set the mode and arm again as you need",
+        "the record of an earlier version is set aside for a roll-back to that version, and not used",
+        "after an update: nothing; set mode and arming again as needed",
     ),
-    "<file> is damaged<more>": (
-        "what was kept cannot be read whole: a power cut while it was written, or a failing disk",
-        _LOOK,
-    ),
-    "<file> is missing<more>": ("one of the two copies of a file is gone", _LOOK),
-    "<file> cannot be read<more>": ("rights, or a failing disk", _LOOK),
+    "<file> is damaged<more>": ("a power cut during writing, or a failing disk", _CHECK),
+    "<file> is missing<more>": ("one of the two slots of a file is missing", _CHECK),
+    "<file> cannot be read<more>": ("permissions, or a failing disk", _CHECK),
     "<file>: the other slot is used, perhaps an older version": (
-        "each file is kept twice, and one copy is damaged: a power cut while it was written",
-        _LOOK,
+        "each file has two slots, and one is damaged by a power cut during writing",
+        _CHECK,
     ),
     "State directory is there now; what it holds counts from the next start": (
-        "the disk has come after the start; she began with the vehicle file's values",
-        "restart her while disarmed, when that matters",
+        "the disk was mounted after the start; the boat has started with the values of the vehicle file",
+        "if that matters, restart while disarmed",
     ),
 }

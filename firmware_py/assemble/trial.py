@@ -1,6 +1,7 @@
-"""A version on trial: reported at each start, and passed once it has run long enough.
+"""Trial of an updated version: reported at each start, passed after a sufficient running time.
 
-A failed trial returns to the previous version. So the records of that version keep their names until the trial ends.
+A failed trial returns to the previous version. Therefore the records of that version keep their names until the end of
+the trial.
 """
 
 from __future__ import annotations
@@ -16,17 +17,17 @@ from firmware_py.system.store import Store
 
 
 def link_of(program: str) -> ProgramLink | None:
-    """Return the link by which this program was started, None when it was started otherwise."""
+    """Return the program link by which this program was started, None if it was started otherwise."""
     return ProgramLink(Path(program)) if Path(program).is_absolute() and Path(program).is_symlink() else None
 
 
 class TrialWatch:
-    """Tells of the trial that a program was started on, or of one that has failed; `text` is for the status."""
+    """Reports a running or failed trial; `text` is for the status."""
 
     def __init__(
         self, link: ProgramLink | None, store: Store, notices: list[Event], say: Callable[[str], None]
     ) -> None:
-        """Look what is under way; `say` takes a line for the console, `notices` what stations and log are told."""
+        """Check for a trial; `say` prints a line, `notices` are the events for ground stations and log."""
         self._store, self._notices, self._say = store, notices, say
         self._trial = None if link is None else link.trial()
         if self._trial is None:
@@ -35,12 +36,12 @@ class TrialWatch:
         self._since_s: float | None = None
         self.text = ""
         if self._trial is not None:
-            self._tell(Severity.NOTICE, f"On trial: {self._trial.name}, start {self._trial.starts} of {STARTS}")
+            self._report_text(Severity.NOTICE, f"On trial: {self._trial.name}, start {self._trial.starts} of {STARTS}")
         elif failed is not None:
-            self._tell(Severity.WARNING, f"Update taken back: {failed.name} has not passed in {failed.starts} starts")
+            self._report_text(Severity.WARNING, f"Update rolled back: {failed.name} failed {failed.starts} starts")
 
     def update(self, _output: Output, now_s: float) -> None:
-        """Look at the time after a tick: a program that has sailed for TRIAL_S has passed."""
+        """End the trial successfully after TRIAL_S; called after each tick."""
         if self._trial is None:
             return
         if self._since_s is None:
@@ -48,10 +49,10 @@ class TrialWatch:
         if now_s - self._since_s >= TRIAL_S:
             self._store.save(UPDATE_FILE, passed_text(self._trial.program).encode())
             self._store.set_aside(RECORD_FILES)
-            self._tell(Severity.NOTICE, f"Trial passed: {self._trial.name}")
+            self._report_text(Severity.NOTICE, f"Trial passed: {self._trial.name}")
             self._trial = None
 
-    def _tell(self, severity: Severity, text: str) -> None:
+    def _report_text(self, severity: Severity, text: str) -> None:
         self.text = text
         self._say(text)
         self._notices.append(Event(severity, text))

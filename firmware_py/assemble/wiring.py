@@ -1,4 +1,4 @@
-"""Opens and wires everything that a vehicle file names."""
+"""Opens and wires all parts of a vehicle file."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from firmware_py import ROOT, __version__, ask_commit
-from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines, shared_ports
-from firmware_py.assemble.earlier_runs import parameters_to_start_with, read_state, report_key, resume
-from firmware_py.assemble.logs import dated, recorder_of, storage_of
-from firmware_py.assemble.status import show_status
+from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines, shared_port_warnings
+from firmware_py.assemble.logs import file_root, log_recorder, with_dates
+from firmware_py.assemble.nmea_outputs import feed_nmea_outputs, link_status_of, open_nmea_outputs
+from firmware_py.assemble.status import report_status
+from firmware_py.assemble.stored_state import read_state, report_key_problem, resume, startup_parameters
 from firmware_py.assemble.supervision import read_endings
-from firmware_py.assemble.talkers import feed_talkers, links_of, open_talkers
 from firmware_py.common.interfaces import Clock
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
@@ -46,26 +46,26 @@ if TYPE_CHECKING:
     from firmware_py.link.nmea import NmeaOutput
 
 
-def base_parameters(vehicle: Vehicle) -> ParameterSet:
-    """The defaults with the vehicle file's values over them."""
+def vehicle_parameters(vehicle: Vehicle) -> ParameterSet:
+    """Return the defaults, overridden by the values of the vehicle file."""
     parameters = ParameterSet()
     for name, value in vehicle.parameters.items():
         if TABLE[INDEX[name]].read_only:
-            continue  # from a file that a ground station has saved
+            continue  # in a file saved by a ground station
         parameters = parameters.replaced(name, value)
     return parameters
 
 
 class Options(msgspec.Struct, frozen=True):
-    """What the command line says."""
+    """Options of the command line."""
 
     state_directory: Path
     link_urls: tuple[str, ...] = ()
     wait: bool = False
     lockstep: str | None = None
-    status: bool = False  # in lockstep, too
+    status: bool = False  # also in lockstep
     may_set_clock: bool = False
-    runtime: Path | None = None  # where the service manager and the run before have left how it ended
+    runtime: Path | None = None  # directory with the end of the last run, by service manager and autopilot
 
 
 @dataclass(slots=True)
@@ -80,39 +80,39 @@ class Assembly:
 
 
 def assemble(vehicle: Vehicle, options: Options) -> Assembly:
-    """Wire everything; PortError, StoreError or LinkError with the remedy when something cannot be had.
+    """Wire everything; raise PortError, StoreError or LinkError with the remedy if something cannot be opened.
 
-    What has been opened by then is closed again, whatever the error.
+    On any error, all opened parts are closed again.
     """
     with ExitStack() as opened:
         return Assembly(*_wire(vehicle, options, opened), opened.pop_all().close)
 
 
 def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopParts, Endpoint, Console, Endings]:
-    """Open and wire everything; `opened` is to close it, the last first."""
-    opened.callback(commit := ask_commit(ROOT))  # git looks while lines and state are opened
+    """Open and wire everything; `opened` closes it in reverse order."""
+    opened.callback(commit := ask_commit(ROOT))  # git runs while lines and state are opened
     console = opened.enter_context(closing(Console()))
     devices = open_devices(vehicle, wait=options.wait)
     opened.callback(close_all, lines := list(devices.lines))
     store = opened.enter_context(closing(Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)))
     notices: list[Event] = []
-    kept, plans = read_state(options.state_directory, store, say := _teller(console, notices))
+    stored, plans = read_state(options.state_directory, store, say := _reporter(console, notices))
     clock: Clock = RealClock()
-    # The clock of lockstep is made after the lines.
+    # The lockstep clock is created after the lines.
     ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
-    transports, talkers = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
+    transports, outputs = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
     if options.lockstep is None:
-        for text in shared_ports(lines):
+        for text in shared_port_warnings(lines):
             say(text)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None
     clock, begun = _clock(clock, options, lines, store)
     endings = read_endings(store, options.runtime, clock.utc_s(), notices)
-    base = base_parameters(vehicle)
-    parameters = parameters_to_start_with(kept.parameters_over(base), base, endings.early, say)
+    base = vehicle_parameters(vehicle)
+    parameters = startup_parameters(stored.parameters_over(base), base, endings.early, say)
     now = begun.at(clock.now_s(), clock.utc_s())
-    state = resume(State.at_start(parameters, plans), kept.resume_record(), now, say)
-    autopilot, vault, version = Autopilot(state, kept, begun), KeyVault(store), _version(commit())
-    recorder = recorder_of(options.state_directory, parameters, plans, clock, version.commit, opened)
+    state = resume(State.at_start(parameters, plans), stored.resume_record(), now, say)
+    autopilot, vault, version = Autopilot(state, stored, begun), KeyVault(store), _version(commit())
+    recorder = log_recorder(options.state_directory, parameters, plans, clock, version.commit, opened)
     endpoint = Endpoint(
         transports,
         autopilot,
@@ -122,19 +122,19 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         vault=vault,
         offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
-        storage=storage_of(options.state_directory, parameters),
+        storage=file_root(options.state_directory, parameters),
         written=lambda: store.written,
         start_events=notices,
     )
     opened.callback(endpoint.close)
-    vault.on_mount(_taker_of_late_key(endpoint, options.state_directory, say))
+    vault.on_mount(_late_key_handler(endpoint, options.state_directory, say))
     notices += (event for event in endpoint.start_events if event not in notices)
     parts = LoopParts(
         clock=clock,
         autopilot=autopilot,
         compass=devices.compass,
         compass_b=devices.compass_b,
-        position=dated(devices.position, clock, options.state_directory, say),
+        position=with_dates(devices.position, clock, options.state_directory, say),
         rudder=devices.rudder,
         power=devices.power,
         vessels=devices.vessels,
@@ -142,30 +142,30 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         recorder=recorder,
         store=store,
         lines=lines,
-        print_event=_printer(console, clock),
+        print_event=_event_printer(console, clock),
         fault_barrier=FaultBarrier(console.line),
         clock_setter=clock_setter,
         notices=notices,
         tick_on_compass=options.lockstep is None,
     )
-    if options.lockstep is None or options.status:  # else nobody looks: time is not what a clock on the wall shows
-        links = links_of(endpoint, talkers)
-        show_status(vehicle, options.state_directory, parts, links, version.commit, console, opened)
+    if options.lockstep is None or options.status:  # not needed in lockstep, which has no real time
+        links = link_status_of(endpoint, outputs)
+        report_status(vehicle, options.state_directory, parts, links, version.commit, console, opened)
     else:
         store.set_aside(RECORD_FILES)
-    feed_talkers(talkers, parts)
+    feed_nmea_outputs(outputs, parts)
     return parts, endpoint, console, endings
 
 
 def _clock(real: Clock, options: Options, lines: Sequence[Line], store: Store) -> tuple[Clock, Moment]:
-    """Return the clock, in lockstep the HIL's, and when its time was 0 by the machine's monotonic one."""
+    """Return the clock (in lockstep that of the HIL), and its zero by the monotonic clock of the machine."""
     if options.lockstep is None:
         return real, Moment(0.0, boot_id(), machine_s() - real.now_s())
     return _lockstep_clock(options.lockstep, lines, store), Moment(0.0, LOCKSTEP_BOOT)
 
 
-def _teller(console: Console, notices: list[Event]) -> Callable[[str], None]:
-    """Return what says a text now, and has it told with the next tick."""
+def _reporter(console: Console, notices: list[Event]) -> Callable[[str], None]:
+    """Return a function that prints a text and reports it with the next tick."""
 
     def say(text: str) -> None:
         console.ahead(text)
@@ -174,18 +174,18 @@ def _teller(console: Console, notices: list[Event]) -> Callable[[str], None]:
     return say
 
 
-def _printer(console: Console, clock: Clock) -> Callable[[Event], None]:
+def _event_printer(console: Console, clock: Clock) -> Callable[[Event], None]:
     return lambda event: console.event(f"{clock.now_s():10.3f} {event.severity.name.lower():8}", event.text)
 
 
-def _taker_of_late_key(endpoint: Endpoint, directory: Path, say: Callable[[str], None]) -> Callable[[Stored], None]:
-    """Return what has the key of a disk that has come late count from then on."""
+def _late_key_handler(endpoint: Endpoint, directory: Path, say: Callable[[str], None]) -> Callable[[Stored], None]:
+    """Return the handler of the signing key on a disk that is mounted after the start."""
 
-    def take_up(stored: Stored) -> None:
+    def use_key(stored: Stored) -> None:
         if endpoint.take_up_key(stored):
-            report_key(directory, stored, say, late=True)
+            report_key_problem(directory, stored, say, late=True)
 
-    return take_up
+    return use_key
 
 
 def _lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> LockstepClock:
@@ -206,7 +206,7 @@ def _open_links(
     say: Callable[[str], None] | None,
     opened: ExitStack,
 ) -> tuple[list[Transport], list[NmeaOutput]]:
-    """Open the links and the outputs of NMEA 0183; the serial lines among them are added to those of the devices."""
+    """Open the links and the outputs of NMEA 0183; their serial lines are added to `lines`."""
 
     def open_line(path: str, baud: int) -> SerialPort:
         line = SerialPort(path, baud)
@@ -220,11 +220,11 @@ def _open_links(
         if not url.startswith(NMEA):
             transports.append(open_transport(url, open_line, ashore, say=say))
             opened.callback(transports[-1].close)
-    return transports, open_talkers(urls, open_line, say, opened)
+    return transports, open_nmea_outputs(urls, open_line, say, opened)
 
 
 def _version(commit: str) -> Version:
-    """This program's version and commit, and a number of this computer's own."""
+    """Return the version and commit of the program, and an id of the computer."""
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     try:
         machine = read_regular(Path("/etc/machine-id"), 1 << 12)

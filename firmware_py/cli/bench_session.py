@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from firmware_py.assemble.devices import Line, line_of, shared_ports, views
+from firmware_py.assemble.devices import Line, line_of, line_views_of, shared_port_warnings
 from firmware_py.common.interfaces import Compass, Position, Power, Rudder, Vessels
 from firmware_py.common.records import (
     DeviceHealth,
@@ -90,10 +90,10 @@ def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
             device.error = str(error)
         return devices
     devices[0].line = line
-    for text in shared_ports([line]):
+    for text in shared_port_warnings([line]):
         for device in devices:
             device.error = text
-    for device, (section, entry), view in zip(devices, group, views(line, len(group)), strict=True):
+    for device, (section, entry), view in zip(devices, group, line_views_of(line, len(group)), strict=True):
         device.driver = SECTIONS[section][entry.driver].make(view, entry.options)
     return devices
 

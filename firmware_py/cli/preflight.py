@@ -14,8 +14,8 @@ from typing import Any
 
 import msgspec
 
-from firmware_py.assemble.devices import shared_ports
-from firmware_py.assemble.wiring import base_parameters
+from firmware_py.assemble.devices import shared_port_warnings
+from firmware_py.assemble.wiring import vehicle_parameters
 from firmware_py.cli.state_owner import foreign_file, user_text
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
@@ -70,7 +70,7 @@ class Finding(msgspec.Struct, frozen=True):
 
 def parameters_in_force(vehicle: Vehicle, directory: Path, say: Callable[[str], None]) -> ParameterSet:
     """Return the parameters of the next start; `say` receives the problems of stored ones."""
-    parameters = base_parameters(vehicle)
+    parameters = vehicle_parameters(vehicle)
     for name, value in load_parameters(StateFiles(directory), say)[0].items():
         parameters = parameters.replaced(name, value)
     return parameters
@@ -122,7 +122,7 @@ def check_state(directory: Path) -> Iterator[Finding]:
         try:
             resume_from_bytes(record)
         except (ValueError, RecursionError) as error:
-            problems.append(f"stored {RESUME_FILE} left out: {error}")
+            problems.append(f"stored {RESUME_FILE} ignored: {error}")
     problems += (f"{name} is readable by other users; chmod 600" for name in exposed_key_files(directory))
     yield from (Finding(Level.WARN, "state", text) for text in problems)
     key = find_key(files.examine(SIGNING_FILE))
@@ -222,7 +222,7 @@ def _check_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
         line = SerialPort(path, baud)
         line.open()
         opened.callback(line.close)
-        shared.extend(Finding(Level.FAIL, "links", text, {"url": url}) for text in shared_ports([line]))
+        shared.extend(Finding(Level.FAIL, "links", text, {"url": url}) for text in shared_port_warnings([line]))
         return line
 
     try:

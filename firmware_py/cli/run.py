@@ -178,7 +178,7 @@ def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, re
         return 1
     else:
         restart = assembly.parts.autopilot.restart
-        supervision.end(anew=restart is not None and not restart.shutdown and not signals.stopping)
+        supervision.end(restart=restart is not None and not restart.shutdown and not signals.stopping)
         return 0
     finally:
         assembly.close()

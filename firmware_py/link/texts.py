@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 TEXTS: Mapping[str, tuple[str, str]] = {
-    "<file> can be read by others; set another key if somebody may have": (
+    "<file> is readable by other users; set a new key if they may have read it": (
         "a signing key was readable by other users of the computer",
         "`rambler key set`, and the same key at your stations",
     ),
-    "signing.key lost: <problem>; set or remove the key over a trusted link, or by `rambler key`": (
+    "signing.key lost: <problem>; set or remove the key over a trusted link or by `rambler key`": (
         "see the fault KEY_LOST: nobody is heard but over trusted links",
         "as it says",
     ),
-    "Signing key is there now, and in force": ("the disk with the key has come after the start", "nothing"),
+    "Signing key loaded and active": ("the disk with the key has come after the start", "nothing"),
     "Signing key set": ("from now on frames must be signed, as each link's policy says", "keep the key in two places"),
     "Signing key removed": ("frames need no signature any more", "set another one, unless the link is private"),
     "<what is done>, but this could not be stored": (

@@ -1,1 +1,1 @@
-"""What a plan may hold, and the files that plans come in."""
+"""Plans: allowed content, and plan files."""

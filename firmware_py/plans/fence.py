@@ -1,9 +1,8 @@
-"""The fence: how far a place is from a breach, and which places of the plans lie outside.
+"""The fence: distance to a breach, and parts of plans that lie outside.
 
-Areas are polygons and circles, to stay within or to stay out of. As MAVLink has it, the boat
-must be inside all inclusion areas of at least one group, and outside every exclusion.
-Edges are straight on the plane that touches the fence's first corner, which is good to
-0.1 % over a hundred kilometres.
+Areas are inclusion or exclusion polygons and circles. As in MAVLink, the boat must be inside all inclusion areas of at
+least one group, and outside all exclusion areas. Edges are straight on the tangential plane at the first corner, with
+an error of 0.1 % over a hundred kilometres.
 """
 
 from __future__ import annotations
@@ -18,9 +17,9 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, Plans, number, place_of
 from firmware_py.plans.items import MAX_DISTANCE_M, Command
 
-MAX_CHECKS = 500  # at the fence for one way, at the most
+MAX_CHECKS = 500  # for one leg
 MIN_STEP_M = 1.0
-TOLERANCE_M = 0.1  # outside by less is on the fence
+TOLERANCE_M = 0.1  # a place outside by less counts as inside
 _DESTINATIONS = frozenset(
     {Command.WAYPOINT, Command.LOITER_UNLIMITED, Command.LOITER_TURNS, Command.LOITER_TIME}
     | {Command.FENCE_RETURN, Command.RALLY_POINT}
@@ -31,7 +30,7 @@ Point = tuple[float, float]
 
 
 class Area(msgspec.Struct, frozen=True):
-    """A polygon (corners) or a circle (one corner and a radius), in metres north and east of the anchor."""
+    """A polygon (corners) or a circle (centre as the only corner, radius), in metres north and east of the anchor."""
 
     corners: tuple[Point, ...]
     radius_m: float
@@ -40,14 +39,14 @@ class Area(msgspec.Struct, frozen=True):
 
 
 class Fence(msgspec.Struct, frozen=True):
-    """The areas of a fence around their anchor."""
+    """The areas of a fence and their anchor."""
 
     anchor: Place
     areas: tuple[Area, ...]
 
 
 class Breach(msgspec.Struct, frozen=True):
-    """An item of a plan that lies outside the fence by so much, or (`is_way`) to which the straight way leaves it."""
+    """An item outside the fence by `distance_m`, or (`is_way`) an item whose leg leaves the fence by it."""
 
     kind: PlanKind
     index: int
@@ -55,16 +54,16 @@ class Breach(msgspec.Struct, frozen=True):
     is_way: bool
 
     def message(self, first: int) -> str:
-        """Return it in words; `first` is the number of the plan's first item."""
+        """Return the text; `first` is the number of the first item of the plan."""
         item, distance = f"{_NAMES[self.kind]} {self.index + first}", f"{max(self.distance_m, 1.0):.0f} m"
         if self.is_way:
-            return f"Way to {item.lower()} leaves the fence by {distance}"
+            return f"Leg to {item.lower()} leaves the fence by {distance}"
         return f"{item} is {distance} outside the fence"
 
 
 @functools.lru_cache(maxsize=4)
 def fence_of(plan: Plan) -> Fence | None:
-    """Convert a fence, once; None when nothing of it bounds the boat."""
+    """Convert a fence; None if it has no area. Cached."""
     if not plan.items:
         return None
     anchor = _place(plan.items[0])
@@ -93,7 +92,7 @@ def _group(item: PlanItem) -> int:
 
 
 def _place(item: PlanItem) -> Place:
-    """Return the place of an item; 0, 0 is a corner like any other, and not where the boat is."""
+    """Return the place of an item; in a fence, 0, 0 is an ordinary place."""
     return place_of(item) or Place(0.0, 0.0)
 
 
@@ -102,7 +101,7 @@ def _point(anchor: Place, item: PlanItem) -> Point:
 
 
 def margin_m(plan: Plan, place: Place) -> float:
-    """Return the distance to a breach, negative in breach; FARTHEST_M where no area bounds the boat."""
+    """Return the distance to a breach, negative in breach; MAX_DISTANCE_M without an area."""
     fence = fence_of(plan)
     if fence is None:
         return MAX_DISTANCE_M
@@ -123,9 +122,9 @@ def _margin_m(fence: Fence, here: Point) -> float:
 
 
 def breaches(plans: Plans) -> Iterator[Breach | None]:
-    """Yield what the fence would end, in the order of the plans; None after each look at the fence, which takes time.
+    """Yield the breaches of the plans in order, and None after each check of the fence, so that callers can pause.
 
-    Where the boat is when a mission begins, and so the first way, is not known.
+    The first leg is not checked, because its start is unknown.
     """
     fence = fence_of(plans.fence)
     if fence is None:
@@ -142,7 +141,7 @@ def breaches(plans: Plans) -> Iterator[Breach | None]:
                 before = None
                 continue
             here = fence.anchor.offset_m(place)
-            # Only a circle with turns stays where it was laid; the others are moved inward.
+            # Loiter circles are moved inward by guidance, except for those with a number of turns.
             turned_m = number(abs(item.params[2]), 0.0, MAX_DISTANCE_M) if item.command == Command.LOITER_TURNS else 0.0
             yield None
             worst_m = _margin_m(fence, here) - turned_m
@@ -158,7 +157,7 @@ def breaches(plans: Plans) -> Iterator[Breach | None]:
 
 
 def _margins_on_way(fence: Fence, start: Point, end: Point) -> Iterator[float]:
-    """Yield the margins on a straight way, each one margin after the last, but in no more looks than LOOKS."""
+    """Yield the margins on a leg, each at a distance of the last margin, in at most MAX_CHECKS steps."""
     length_m = math.dist(start, end)
     at_m = 0.0
     while at_m < length_m:

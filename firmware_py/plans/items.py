@@ -1,13 +1,11 @@
-"""The one table of plan items: which commands a mission, a fence and the rally points may hold, and what they mean.
+"""Table of plan items: the allowed commands of missions, fences and rally points, and their parameters.
 
-Whoever sails a plan relies on this table: an accepted plan has only these commands, with the
-frames and the numbers that stand here. A parameter that is not in the row means nothing and may
-hold anything finite or NaN. `unset` in a row says that NaN leaves the choice to the boat, as
-does the value 0 where the text says so.
+An accepted plan holds only these commands, with these frames and ranges. Parameters that are not in a row have no
+effect and may hold any finite number or NaN. `unset` in a row: NaN means the default of the boat, as does 0 where the
+text says so.
 
-Places are `x`, `y` in 1e-7 degrees. In a mission the place (0, 0) means where the boat is when
-the item begins, as in ArduPilot; in a fence and among rally points it is a place like any other.
-A boat has no altitude: `z` means something in DO_SET_HOME alone.
+Places are `x`, `y` in 1e-7 degrees. In a mission the place (0, 0) means the position at the beginning of the item, as
+in ArduPilot; in a fence and in rally points it is an ordinary place. `z` is used only by DO_SET_HOME.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ MAX_SPEED_M_S = 100.0
 
 
 class Command(IntEnum):
-    """What an item asks for, numbered as MAVLink's MAV_CMD."""
+    """Command of an item, numbered as MAVLink's MAV_CMD."""
 
     WAYPOINT = 16
     LOITER_UNLIMITED = 17
@@ -55,7 +53,7 @@ class Command(IntEnum):
 
 
 class Meaning(msgspec.Struct, frozen=True):
-    """What one parameter means: its number 1 to 4, its range, and whether it is whole or may be NaN."""
+    """Meaning of a parameter: its number 1 to 4, its range, and whether it is an integer or may be NaN."""
 
     number: int
     text: str
@@ -66,7 +64,7 @@ class Meaning(msgspec.Struct, frozen=True):
     unset: bool = False
 
     def allowed(self) -> str:
-        """Return what is allowed, for messages."""
+        """Return the allowed values, for messages."""
         kind = "a whole number, " if self.whole else ""
         return f"{kind}{self.low:g} to {self.high:g} {self.unit}".rstrip()
 
@@ -78,7 +76,7 @@ class Meaning(msgspec.Struct, frozen=True):
 
 
 class ItemRow(msgspec.Struct, frozen=True):
-    """One command. `place`: x and y are a place. `lasts`: it takes time, so that a loop through it ends each round."""
+    """One command. `place`: x and y are a place. `lasts`: it takes time, so that it may be part of an endless loop."""
 
     command: Command
     name: str
@@ -91,7 +89,7 @@ class ItemRow(msgspec.Struct, frozen=True):
 def _radius(text: str) -> Meaning:
     return Meaning(
         3,
-        f"{text}; 0: as the parameters say; negative: anticlockwise",
+        f"{text}; 0: by parameter; negative: anticlockwise",
         -MAX_DISTANCE_M,
         MAX_DISTANCE_M,
         "m",
@@ -99,12 +97,14 @@ def _radius(text: str) -> Meaning:
     )
 
 
-_ANGLE = "degrees clockwise from north, or (relative) from her heading, to starboard"
+_ANGLE = "degrees clockwise from north, or from the present heading (relative)"
 _RELATIVE = "0: absolute, 1: relative"
-_GROUP = Meaning(2, "inclusion group: she is inside all areas of one", 0.0, 255.0, whole=True, unset=True)
+_GROUP = Meaning(2, "inclusion group: the boat is inside all areas of one group", 0.0, 255.0, whole=True, unset=True)
 _TAG = Meaning(1, "tag", 0.0, 65535.0, whole=True)
-_TIMES = Meaning(2, "so many times, -1: always", -1.0, MAX_JUMPS, whole=True)
-_VERTICES = Meaning(1, "vertices of this polygon, the same in each of them", 3.0, float(MAX_PLAN_ITEMS), whole=True)
+_TIMES = Meaning(2, "number of jumps, -1: unlimited", -1.0, MAX_JUMPS, whole=True)
+_VERTICES = Meaning(
+    1, "number of vertices of this polygon, the same in each of them", 3.0, float(MAX_PLAN_ITEMS), whole=True
+)
 _CIRCLE = Meaning(1, "radius", 1.0, MAX_DISTANCE_M, "m")
 
 _MISSION, _FENCE, _RALLY = PlanKind.MISSION, PlanKind.FENCE, PlanKind.RALLY
@@ -117,8 +117,8 @@ TABLE: tuple[ItemRow, ...] = (
         place=True,
         lasts=True,
         meanings=(
-            Meaning(1, "keeps station there for so long", 0.0, MAX_DURATION_S, "s", unset=True),
-            Meaning(2, "reached within; 0: as the parameters say", 0.0, MAX_DISTANCE_M, "m", unset=True),
+            Meaning(1, "time of station keeping there", 0.0, MAX_DURATION_S, "s", unset=True),
+            Meaning(2, "acceptance radius; 0: by parameter", 0.0, MAX_DISTANCE_M, "m", unset=True),
         ),
     ),
     ItemRow(
@@ -127,7 +127,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=True,
-        meanings=(_radius("keeps station within"),),
+        meanings=(_radius("radius of station keeping"),),
     ),
     ItemRow(
         Command.LOITER_TURNS,
@@ -135,7 +135,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=True,
-        meanings=(Meaning(1, "turns", 0.0, MAX_TURNS), _radius("goes round at")),
+        meanings=(Meaning(1, "turns", 0.0, MAX_TURNS), _radius("radius")),
     ),
     ItemRow(
         Command.LOITER_TIME,
@@ -143,7 +143,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=True,
-        meanings=(Meaning(1, "keeps station so long from her arrival", 0.0, MAX_DURATION_S, "s"), _radius("within")),
+        meanings=(Meaning(1, "time of station keeping from the arrival", 0.0, MAX_DURATION_S, "s"), _radius("radius")),
     ),
     ItemRow(Command.RETURN, "NAV_RETURN_TO_LAUNCH", _MISSION, place=False, lasts=True),
     ItemRow(
@@ -153,7 +153,7 @@ TABLE: tuple[ItemRow, ...] = (
         place=False,
         lasts=True,
         meanings=(
-            Meaning(1, "so long; -1: until the time of day (UTC) in the others", -1.0, MAX_DURATION_S, "s"),
+            Meaning(1, "time; -1: until the time of day (UTC) of the other parameters", -1.0, MAX_DURATION_S, "s"),
             Meaning(2, "hour; needed with -1", -1.0, 23.0, "h", whole=True, unset=True),
             Meaning(3, "minute; -1: 0", -1.0, 59.0, "min", whole=True, unset=True),
             Meaning(4, "second; -1: 0", -1.0, 59.0, "s", whole=True, unset=True),
@@ -165,7 +165,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=False,
         lasts=True,
-        meanings=(Meaning(1, "so long", 0.0, MAX_DURATION_S, "s"),),
+        meanings=(Meaning(1, "time", 0.0, MAX_DURATION_S, "s"),),
     ),
     ItemRow(
         Command.CONDITION_DISTANCE,
@@ -173,7 +173,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=False,
         lasts=True,
-        meanings=(Meaning(1, "until she is so near to the next place", 0.0, MAX_DISTANCE_M, "m"),),
+        meanings=(Meaning(1, "distance to the next place", 0.0, MAX_DISTANCE_M, "m"),),
     ),
     ItemRow(
         Command.YAW,
@@ -183,7 +183,7 @@ TABLE: tuple[ItemRow, ...] = (
         lasts=True,
         meanings=(
             Meaning(1, _ANGLE, -360.0, 360.0, "deg"),
-            Meaning(3, "relative: -1 turns to port; else no matter", -1.0, 1.0, whole=True, unset=True),
+            Meaning(3, "relative: -1 turns to port; otherwise ignored", -1.0, 1.0, whole=True, unset=True),
             Meaning(4, _RELATIVE, 0.0, 1.0, whole=True),
         ),
     ),
@@ -194,7 +194,7 @@ TABLE: tuple[ItemRow, ...] = (
         place=False,
         lasts=False,
         meanings=(
-            Meaning(1, "goes on with this item, numbered as the station does", 0.0, MAX_PLAN_ITEMS - 1.0, whole=True),
+            Meaning(1, "number of the next item, as in the ground station", 0.0, MAX_PLAN_ITEMS - 1.0, whole=True),
             _TIMES,
         ),
     ),
@@ -205,7 +205,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=False,
         lasts=False,
-        meanings=(Meaning(1, "goes on with the first JUMP_TAG of this tag", 0.0, 65535.0, whole=True), _TIMES),
+        meanings=(Meaning(1, "continues with the first JUMP_TAG of this tag", 0.0, 65535.0, whole=True), _TIMES),
     ),
     ItemRow(
         Command.CHANGE_SPEED,
@@ -215,7 +215,7 @@ TABLE: tuple[ItemRow, ...] = (
         lasts=False,
         meanings=(
             Meaning(1, "0: through the water, 1: over the ground", 0.0, 1.0, whole=True),
-            Meaning(2, "speed for planning; -1: no change, -2: back to her own", -2.0, MAX_SPEED_M_S, "m/s"),
+            Meaning(2, "speed for planning; -1: no change, -2: default", -2.0, MAX_SPEED_M_S, "m/s"),
         ),
     ),
     ItemRow(
@@ -224,7 +224,7 @@ TABLE: tuple[ItemRow, ...] = (
         _MISSION,
         place=True,
         lasts=False,
-        meanings=(Meaning(1, "1: where she is, 0: the place", 0.0, 1.0, whole=True),),
+        meanings=(Meaning(1, "1: the present position, 0: the given place", 0.0, 1.0, whole=True),),
     ),
     ItemRow(
         Command.FENCE_ENABLE,
@@ -233,7 +233,7 @@ TABLE: tuple[ItemRow, ...] = (
         place=False,
         lasts=False,
         meanings=(
-            Meaning(1, "1: the fence is heeded, 0: it is not", 0.0, 1.0, whole=True),
+            Meaning(1, "1: enable the fence, 0: disable it", 0.0, 1.0, whole=True),
             Meaning(2, "kinds of fence; 0: all", 0.0, 0.0, unset=True),
         ),
     ),
@@ -278,7 +278,7 @@ TABLE: tuple[ItemRow, ...] = (
 
 ROWS: Mapping[int, ItemRow] = {int(row.command): row for row in TABLE}
 
-# MAV_CMD of cameras, their triggers and gimbals: the boat has none, and a plan file may ask for them all the same.
+# MAV_CMD of cameras, triggers and gimbals, which plan files may hold although the boat has none.
 CAMERA = frozenset(
     {*range(195, 199), *range(200, 207), 214, 260, *range(530, 535), 1000, 1001, *range(2000, 2006), *range(2500, 2504)}
 )
@@ -289,7 +289,7 @@ MISSION_FRAME = 2  # of items without a place
 
 
 def markdown() -> str:
-    """Return the table for people."""
+    """Return the table as Markdown."""
     lines = ["| plan | command | number | parameters |", "| --- | --- | --- | --- |"]
     for row in TABLE:
         meanings = [f"param{meaning.number}: {meaning.text} ({meaning.allowed()})" for meaning in row.meanings]
@@ -299,6 +299,6 @@ def markdown() -> str:
 
 
 def has_place(command: int) -> bool:
-    """Return whether x and y of an item with this command are a place; True for an unknown one but a camera's."""
+    """Return whether x and y of this command are a place; True for unknown commands except those of cameras."""
     row = ROWS.get(command)
     return command not in CAMERA if row is None else row.place

@@ -1,4 +1,4 @@
-"""Numbers from a plan file, which may hold anything."""
+"""Checked numbers of plan files."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _INT32 = 1 << 31
 
 
 class PlanFileError(ValueError):
-    """A plan file is refused; the text names the file, the line or item, and the remedy."""
+    """A plan file is refused; the text names file, line or item, and remedy."""
 
 
 def read_number(text: str) -> float:
     """Read a number of a text file; PlanFileError for anything else."""
     try:
-        # Python would allow digits to be grouped.
+        # Python would accept underscores.
         return float(text.replace("_", "?"))
     except ValueError:
         raise PlanFileError(f"{text[:30]!r} is not a number") from None
@@ -34,7 +34,7 @@ def read_whole(text: str, high: int) -> int:
 
 
 def scale_angle(angle_deg: float, name: str, limit_deg: float) -> int:
-    """Return an angle as MAVLink's integer, in 1e-7 degrees."""
+    """Return an angle in 1e-7 degrees, as in MAVLink."""
     if not abs(angle_deg) <= limit_deg:
         raise PlanFileError(f"{name} {angle_deg:g} is not within -{limit_deg:g} to {limit_deg:g} deg")
     return round(angle_deg * 1e7)
@@ -46,7 +46,7 @@ def scale_place(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
 
 
 def make_item(command: int, frame: int, params: list[float], *, autocontinue: bool) -> PlanItem:
-    """Make an item of the seven parameters of a file, x and y in degrees where they are a place."""
+    """Create an item from the seven parameters of a file; x and y of a place are in degrees."""
     for number, value in enumerate(params, start=1):
         if math.isfinite(value) and abs(value) > SINGLE_MAX:
             raise PlanFileError(f"param{number} is too large")
@@ -63,11 +63,11 @@ def _whole_or_zero(value: float) -> int:
 
 
 def located(source: str, where: str, error: PlanFileError) -> PlanFileError:
-    """Return an error with the place in the file before it."""
+    """Return the error with its place in the file."""
     return PlanFileError(f"{source}{where}: {error}")
 
 
 def shorten(value: Any) -> str:
-    """Return a value for a message, cut short."""
+    """Return a value for a message, at most 40 characters."""
     text = repr(value)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -1,6 +1,6 @@
-"""The polygons of a fence: put together from their vertices, and judged.
+"""Polygons of a fence: assembled from their vertices and checked.
 
-Vertices are whole numbers of 1e-7 degrees, so that the judgement is exact.
+Vertices are integers in 1e-7 degrees, so that the checks are exact.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from firmware_py.plans.problem import PlanProblem, PlanResult
 
 _VERTICES = (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX)
 _FULL_CIRCLE = 3_600_000_000
-_MAX_EDGE_PAIRS = 20_000  # of edges that are compared, about 10 ms
+_MAX_EDGE_PAIRS = 20_000  # compared for one fence, about 10 ms
 _MIN_EDGES = 3
 
 Point = tuple[int, int]
@@ -23,7 +23,7 @@ Edge = tuple[Point, Point]
 
 
 class Polygon(msgspec.Struct, frozen=True):
-    """The items [first, first + count) of a fence."""
+    """A polygon: the items [first, first + count) of a fence."""
 
     first: int
     count: int
@@ -42,7 +42,7 @@ def polygons_of(items: Sequence[PlanItem]) -> Iterator[Polygon]:
 
 
 def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
-    """Return the first polygon that is incomplete, flat or crosses itself, or a second return point."""
+    """Return the problem of the first incomplete, flat or self-crossing polygon, or of a second return point."""
     returns = [index for index, item in enumerate(items) if item.command == Command.FENCE_RETURN]
     if len(returns) > 1:
         return PlanProblem(returns[1], PlanResult.INVALID, "a second fence return point")
@@ -68,7 +68,7 @@ def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
         crossing, pairs_left = _crossing(edges, pairs_left)
         if pairs_left < 0:
             return PlanProblem(
-                index, PlanResult.INVALID, "the polygon is too intricate to be checked; use fewer vertices"
+                index, PlanResult.INVALID, "the polygon is too complex to be checked; use fewer vertices"
             )
         if crossing:
             return PlanProblem(index, PlanResult.INVALID, "the polygon crosses itself")
@@ -79,7 +79,7 @@ def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
 
 
 def _edges(vertices: Sequence[PlanItem]) -> list[Edge]:
-    """Return the edges that have a length, longitudes counted on across the date line."""
+    """Return the edges of non-zero length, with continuous longitudes across the date line."""
     points: list[Point] = []
     for vertex in vertices:
         y = vertex.y
@@ -93,9 +93,9 @@ def _edges(vertices: Sequence[PlanItem]) -> list[Edge]:
 
 
 def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
-    """Return whether two edges cross, and how many pairs may be compared still; negative when they did not suffice."""
+    """Return whether two edges cross, and the number of comparisons left; negative if there were too few."""
     spans = [[(min(start[axis], end[axis]), max(start[axis], end[axis])) for start, end in edges] for axis in (0, 1)]
-    # Along the axis on which the edges are the shorter beside the whole, fewest lie side by side.
+    # Sweep along the axis on which the edges are shorter relative to the polygon, because fewer of them overlap there.
     crowding = [
         sum(high - low for low, high in span) / (max(s[1] for s in span) - min(s[0] for s in span) or 1)
         for span in spans
@@ -115,19 +115,19 @@ def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
 
 
 def _is_line(edges: Sequence[Edge]) -> bool:
-    """Return whether no vertex is farther than a unit from the line of the first and the one farthest from it."""
+    """Return whether all vertices lie within one unit of the line from the first to the farthest vertex."""
     ways = [(x - edges[0][0][0], y - edges[0][0][1]) for (x, y), _ in edges]
     dx, dy = max(ways, key=lambda is_way: is_way[0] ** 2 + is_way[1] ** 2)
     return all((dx * y - dy * x) ** 2 <= dx * dx + dy * dy for x, y in ways)
 
 
 def _cross(edge: Edge, other: Edge) -> bool:
-    """Return whether two edges cross within both; touching is not crossing."""
+    """Return whether two edges cross; touching does not count."""
     return _sides(edge, other) < 0 and _sides(other, edge) < 0
 
 
 def _sides(line: Edge, edge: Edge) -> int:
-    """Return a negative number when the ends of an edge lie on different sides of a line."""
+    """Return a negative number if the ends of an edge lie on different sides of a line."""
     (ax, ay), (bx, by) = line
     dx, dy = bx - ax, by - ay
     (px, py), (qx, qy) = edge

@@ -1,4 +1,4 @@
-"""What can be wrong with a plan, and the words for it."""
+"""Problems of plans, and their texts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import msgspec
 
 
 class PlanResult(IntEnum):
-    """Why a plan is refused, numbered as MAVLink's MAV_MISSION_RESULT."""
+    """Reason for the refusal of a plan, numbered as MAVLink's MAV_MISSION_RESULT."""
 
     ACCEPTED = 0
     ERROR = 1
@@ -29,12 +29,12 @@ class PlanResult(IntEnum):
 
 
 class PlanProblem(msgspec.Struct, frozen=True):
-    """The first thing that is wrong with a plan: the item by its index (None: the whole), how, and in words."""
+    """The first problem of a plan: index of the item (None: the whole plan), result and text."""
 
     index: int | None
     result: PlanResult
     text: str
 
     def message(self, first: int) -> str:
-        """Return the words with the number of the item, by that of the plan's first one (`first_item_number`)."""
+        """Return the text with the number of the item; `first` is that of the first item (`first_item_number`)."""
         return self.text if self.index is None else f"item {self.index + first}: {self.text}"

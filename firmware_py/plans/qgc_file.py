@@ -20,8 +20,8 @@ _GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
 _ARDUPILOT, _SURFACE_BOAT = 3, 11
 _SLOW_M_S = 0.5
 
-# The version of each object, and all keys that QGroundControl has given it in that version. What is not here was not
-# understood, and would be left out of the plan without a word.
+# All keys that QGroundControl uses in the supported version of each object. Other keys are refused, because they would
+# be ignored silently.
 _DOCUMENT_KEYS = frozenset({"fileType", "groundStation", "mission", "geoFence", "rallyPoints"})
 _MISSION_KEYS = frozenset(
     {"items", "plannedHomePosition", "firmwareType", "vehicleType", "cruiseSpeed", "hoverSpeed"}
@@ -37,7 +37,7 @@ _TRANSECTS = "TransectStyleComplexItem"
 
 
 def read_plan(text: str, source: str) -> tuple[Plan, ...]:
-    """Read a .plan file into the plans that it has sections for."""
+    """Read the plans of a .plan file."""
     document = _document(text, source)
     plans = []
     for section, read in (("mission", _mission), ("geoFence", _fence), ("rallyPoints", _rally)):
@@ -48,20 +48,20 @@ def read_plan(text: str, source: str) -> tuple[Plan, ...]:
         except PlanFileError as error:
             raise located(source, f": {section}", error) from None
     if not plans:
-        raise PlanFileError(f"{source}: it has neither mission, geoFence nor rallyPoints; save it anew")
+        raise PlanFileError(f"{source}: it has neither mission, geoFence nor rallyPoints; save it again")
     return tuple(plans)
 
 
 def _document(text: str, source: str) -> Mapping[str, Any]:
     def constant(name: str) -> float:
-        raise ValueError(f"{name} is no JSON")
+        raise ValueError(f"{name} is not JSON")
 
     try:
         document = json.loads(text, parse_constant=constant)
     except RecursionError:
         raise PlanFileError(f"{source}: it is nested too deeply; save it again with QGroundControl") from None
     except ValueError as error:
-        raise PlanFileError(f"{source}: this is no JSON: {error}; save it again with QGroundControl") from None
+        raise PlanFileError(f"{source}: not JSON: {error}; save it again with QGroundControl") from None
     if not isinstance(document, dict) or document.get("fileType") != "Plan":
         raise PlanFileError(f"{source}: fileType is not Plan; save it with QGroundControl as a .plan")
     try:
@@ -77,12 +77,12 @@ def _object(value: Any) -> Mapping[str, Any]:
 
 
 def _known(value: Any, version: int, keys: frozenset[str]) -> Mapping[str, Any]:
-    """Return an object of this version, or of none, without a key that is not known here."""
+    """Return an object of this version, or without a version, that has only known keys."""
     data = _object(value)
     found = data.get("version", version)
     if type(found) not in (int, float) or found != version:
         raise PlanFileError(
-            f"version {shorten(found)} is not known here, only {version}; save it again with a current QGroundControl"
+            f"version {shorten(found)} is not supported, only {version}; save it again with a current QGroundControl"
         )
     _check_keys(data, keys | {"version"})
     return data
@@ -90,7 +90,7 @@ def _known(value: Any, version: int, keys: frozenset[str]) -> Mapping[str, Any]:
 
 def _check_keys(data: Mapping[str, Any], keys: frozenset[str]) -> None:
     if unknown := sorted(data.keys() - keys):
-        raise PlanFileError(f"key {shorten(unknown[0])} is not known here; known are {', '.join(sorted(keys))}")
+        raise PlanFileError(f"key {shorten(unknown[0])} is not known; known are {', '.join(sorted(keys))}")
 
 
 def _list(data: Mapping[str, Any], key: str) -> list[Any]:
@@ -103,7 +103,7 @@ def _list(data: Mapping[str, Any], key: str) -> list[Any]:
 
 
 def _number(value: Any, unset: float | None = None) -> float:
-    """Read a number; null stands for what is not set, where that may be."""
+    """Read a number; null means `unset`, if that is not None."""
     if value is None and unset is not None:
         return unset
     if type(value) not in (int, float):
@@ -127,9 +127,9 @@ def _truth(value: Any) -> bool:
     return value
 
 
-def _coordinates(value: Any, least: int) -> list[float]:
-    if not isinstance(value, list) or not least <= len(value) <= 3:
-        raise PlanFileError(f"expected [latitude, longitude{', altitude' * (least - 2)}], found {shorten(value)}")
+def _coordinates(value: Any, min_length: int) -> list[float]:
+    if not isinstance(value, list) or not min_length <= len(value) <= 3:
+        raise PlanFileError(f"expected [latitude, longitude{', altitude' * (min_length - 2)}], found {shorten(value)}")
     return [_number(part) for part in value]
 
 
@@ -139,9 +139,9 @@ def _coordinates(value: Any, least: int) -> list[float]:
 def _mission(section: Any) -> Plan:
     entries: list[tuple[int, Any]] = []
     for number, entry in enumerate(_list(_known(section, 2, _MISSION_KEYS), "items"), start=1):
-        entries += [(number, each) for each in _numbered(_unfolded, entry, number)]
+        entries += [(number, each) for each in _numbered(_simple_items, entry, number)]
     if len(entries) > MAX_PLAN_ITEMS:
-        raise PlanFileError(f"items: {len(entries)} with those of surveys; at most {MAX_PLAN_ITEMS} are kept")
+        raise PlanFileError(f"items: {len(entries)} including surveys; at most {MAX_PLAN_ITEMS} are kept")
     jump_ids = [
         _numbered(partial(_jump_id, index=index), entry, number) for index, (number, entry) in enumerate(entries)
     ]
@@ -149,14 +149,14 @@ def _mission(section: Any) -> Plan:
     return Plan.of(PlanKind.MISSION, items)
 
 
-def _unfolded(entry: Any) -> list[Mapping[str, Any]]:
-    """Return a simple item, or those that QGroundControl has made of a survey or a corridor scan."""
+def _simple_items(entry: Any) -> list[Mapping[str, Any]]:
+    """Return a simple item as a list, or the items of a survey or corridor scan."""
     data = _object(entry)
     if data.get("type") != "ComplexItem" or _TRANSECTS not in data:
         return [data]
     transects = _object(data[_TRANSECTS])
     if transects.get("version", 1) not in (1, 2):
-        raise PlanFileError(f"{_TRANSECTS}: version {shorten(transects['version'])} is not known here, only 1 and 2")
+        raise PlanFileError(f"{_TRANSECTS}: version {shorten(transects['version'])} is not supported, only 1 and 2")
     items = [_object(item) for item in _list(transects, "Items")]
     if not items:
         raise PlanFileError(f"{_TRANSECTS} has no Items; open it in QGroundControl and save it again")
@@ -179,7 +179,7 @@ def _item(entry: Mapping[str, Any], jump_ids: Sequence[int]) -> PlanItem:
     if kind != "SimpleItem":
         name = entry.get("complexItemType", kind)
         raise PlanFileError(
-            f"{shorten(name)} is not a simple item, and has none of its own; upload it from QGroundControl, "
+            f"{shorten(name)} is not a simple item and contains none; upload it from QGroundControl, "
             "or save it from the boat afterwards"
         )
     _check_keys(entry, _ITEM_KEYS)
@@ -193,8 +193,7 @@ def _item(entry: Mapping[str, Any], jump_ids: Sequence[int]) -> PlanItem:
     if command == Command.JUMP:
         count = jump_ids.count(params[0])
         if count != 1:
-            items = f"are {count} items" if count else "is no item"
-            raise PlanFileError(f"DO_JUMP: there {items} with doJumpId {params[0]:g}")
+            raise PlanFileError(f"DO_JUMP: {count} items with doJumpId {params[0]:g} instead of 1")
         params[0] = float(jump_ids.index(params[0]))
     frame = _whole(entry.get("frame"), 0xFF)
     return make_item(command, frame, params, autocontinue=_truth(entry.get("autoContinue", True)))

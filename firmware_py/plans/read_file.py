@@ -1,4 +1,4 @@
-"""A plan file of any known format."""
+"""Reads plan files of all supported formats."""
 
 from __future__ import annotations
 
@@ -20,45 +20,45 @@ MAX_BYTES = 8 << 20
 def read_plan_file(
     content: bytes, source: str, *, home: bool = True, note: Callable[[str], None] = lambda _text: None
 ) -> tuple[Plan, ...]:
-    """Read the content of a plan file and judge its plans; PlanFileError names source, line or item, and the remedy.
+    """Read and check the plans of a file; PlanFileError names source, line or item, and remedy.
 
-    Camera items of a mission are passed over; `note` takes the line that says so.
+    Camera items of a mission are skipped and reported by `note`.
     """
     if len(content) > MAX_BYTES:
-        raise PlanFileError(f"{source}: larger than {MAX_BYTES >> 20} MiB; this is no plan file")
+        raise PlanFileError(f"{source}: larger than {MAX_BYTES >> 20} MiB: not a plan file")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise PlanFileError(f"{source}: this is no text; name a plan file") from None
+        raise PlanFileError(f"{source}: not a text file; name a plan file") from None
     is_json = text.lstrip()[:1] == "{"
     plans = read_plan(text, source) if is_json else (read_text(text, source, home=home),)
-    judged = []
+    checked = []
     for each in plans:
-        plan, kept = _without_camera(each)
+        plan, indices = _without_camera(each)
         if problem := problem_of(plan):
             kind = plan.kind.name.lower()
             first = int(home and plan.kind is PlanKind.MISSION)
             counted = "home is item 0" if first else "items are counted from 0"
             if problem.index is not None:
-                problem = replace(problem, index=kept[problem.index])
-            raise PlanFileError(f"{source}: {kind}: {problem.message(first)}; mend it ({counted})")
-        if passed_over := sorted({item.command for item in each.items} & CAMERA if plan is not each else ()):
+                problem = replace(problem, index=indices[problem.index])
+            raise PlanFileError(f"{source}: {kind}: {problem.message(first)}; correct it ({counted})")
+        if skipped := sorted({item.command for item in each.items} & CAMERA if plan is not each else ()):
             if not plan.items:
-                raise PlanFileError(f"{source}: mission: it has nothing but commands for a camera; add waypoints")
-            count, commands = len(each.items) - len(plan.items), ", ".join(map(str, passed_over))
-            note(f"{source}: mission: camera items passed over: {count} (MAV_CMD {commands}); the boat has no camera")
-        judged.append(plan)
-    return tuple(judged)
+                raise PlanFileError(f"{source}: mission: it has only camera commands; add waypoints")
+            count, commands = len(each.items) - len(plan.items), ", ".join(map(str, skipped))
+            note(f"{source}: mission: camera items skipped: {count} (MAV_CMD {commands}); the boat has no camera")
+        checked.append(plan)
+    return tuple(checked)
 
 
 def _without_camera(plan: Plan) -> tuple[Plan, list[int]]:
     """Return a mission without its camera items, its jumps renumbered, and the old places of the other items."""
-    kept = [number for number, item in enumerate(plan.items) if item.command not in CAMERA]
-    if plan.kind is not PlanKind.MISSION or len(kept) == len(plan.items):
+    indices = [number for number, item in enumerate(plan.items) if item.command not in CAMERA]
+    if plan.kind is not PlanKind.MISSION or len(indices) == len(plan.items):
         return plan, list(range(len(plan.items)))
-    items = [plan.items[number] for number in kept]
+    items = [plan.items[number] for number in indices]
     for number, item in enumerate(items):
         target = item.params[0]
         if item.command == Command.JUMP and 0.0 <= target < len(plan.items) and target.is_integer():
-            items[number] = replace(item, params=(float(bisect_left(kept, target)), *item.params[1:]))
-    return Plan.of(plan.kind, items), kept
+            items[number] = replace(item, params=(float(bisect_left(indices, target)), *item.params[1:]))
+    return Plan.of(plan.kind, items), indices

@@ -1,4 +1,4 @@
-"""How the items of a mission refer to one another: jumps, tags, and the place that comes next."""
+"""References between the items of a mission: jumps, tags, and next places."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firmware_py.plans.problem import PlanProblem, PlanResult
 
 
 def tags_of(items: Sequence[PlanItem]) -> Mapping[int, int]:
-    """Return where the tags of a mission stand: the first JUMP_TAG of each."""
+    """Return the index of the first JUMP_TAG of each tag."""
     tags: dict[int, int] = {}
     for index, item in enumerate(items):
         if item.command == Command.JUMP_TAG and math.isfinite(item.params[0]):
@@ -20,21 +20,21 @@ def tags_of(items: Sequence[PlanItem]) -> Mapping[int, int]:
 
 
 def jump_target(item: PlanItem, tags: Mapping[int, int]) -> int | None:
-    """Return the item that a jump leads to; None for a tag that is not there, and for what is no jump."""
+    """Return the target of a jump; None for an unknown tag and for other items."""
     if item.command == Command.JUMP:
         return int(item.params[0])
     return tags.get(int(item.params[0])) if item.command == Command.JUMP_TO_TAG else None
 
 
 def next_places(items: Sequence[PlanItem]) -> list[int | None]:
-    """Return for each item of a mission the one with the next place to go to, None where none is sure.
+    """Return for each item the index of the next item with a place, None if that is not certain.
 
-    None is sure behind a jump, behind an item that takes the boat elsewhere, and where the place is the boat's own.
+    It is not certain after a jump, after an item with another destination, and if the place is the present position.
     """
     following: int | None = None
-    found: list[int | None] = []
+    places: list[int | None] = []
     for index in range(len(items) - 1, -1, -1):
-        found.append(following)
+        places.append(following)
         item = items[index]
         row = ROWS.get(item.command)
         if row is None or row.command in (Command.CONDITION_DELAY, Command.CONDITION_DISTANCE):
@@ -43,38 +43,38 @@ def next_places(items: Sequence[PlanItem]) -> list[int | None]:
             following = index if row.place and (item.x or item.y) else None
         elif row.command in (Command.JUMP, Command.JUMP_TO_TAG):
             following = None
-    return found[::-1]
+    return places[::-1]
 
 
 def order_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
-    """Return the first item that needs another one that is not there, or a loop in which nothing takes time."""
+    """Return the problem of the first reference to a missing item, or of an endless loop without duration."""
     tags = tags_of(items)
     for index, (item, following) in enumerate(zip(items, next_places(items), strict=True)):
         target = jump_target(item, tags)
         if item.command == Command.JUMP_TO_TAG and target is None:
-            return PlanProblem(index, PlanResult.INVALID_PARAM1, "DO_JUMP_TAG: there is no such JUMP_TAG")
+            return PlanProblem(index, PlanResult.INVALID_PARAM1, "DO_JUMP_TAG: no JUMP_TAG with this tag")
         if target is not None and target >= len(items):
-            return PlanProblem(index, PlanResult.INVALID_PARAM1, "DO_JUMP: leads to an item that is not there")
+            return PlanProblem(index, PlanResult.INVALID_PARAM1, "DO_JUMP: the target item does not exist")
         if item.command == Command.CONDITION_DISTANCE and following is None:
-            return PlanProblem(index, PlanResult.INVALID, "CONDITION_DISTANCE: no place to go to follows")
+            return PlanProblem(index, PlanResult.INVALID, "CONDITION_DISTANCE: no item with a place follows")
     return _loop_problem(items, tags)
 
 
 def _loop_problem(items: Sequence[PlanItem], tags: Mapping[int, int]) -> PlanProblem | None:
-    visited = bytearray(len(items))  # 1: being followed, 2: leads on
+    visited = bytearray(len(items))  # 1: on the present path, 2: leads to no loop
     for start, item in enumerate(items):
         if jump_target(item, tags) is None or visited[start]:
             continue
         last_jump = _endless_loop(items, tags, start, visited)
         if last_jump is not None:
             name = ROWS[items[last_jump].command].name
-            text = f"{name}: goes round for ever without an item that takes time"
+            text = f"{name}: endless loop without an item that takes time"
             return PlanProblem(last_jump, PlanResult.INVALID_PARAM1, text)
     return None
 
 
 def _endless_loop(items: Sequence[PlanItem], tags: Mapping[int, int], start: int, visited: bytearray) -> int | None:
-    """Follow what comes after an item as far as nothing takes time; return the last jump of a loop."""
+    """Follow the items after `start` that take no time; return the last jump of a loop, None if there is no loop."""
     stack = [(start, iter(_successors(items, tags, start)))]
     visited[start] = 1
     while stack:
@@ -84,7 +84,7 @@ def _endless_loop(items: Sequence[PlanItem], tags: Mapping[int, int], start: int
             visited[index] = 2
             stack.pop()
         elif visited[successor] == 1:
-            # Only a jump leads back, so there is one in every loop.
+            # Each loop contains a jump.
             return next(jump for jump, _ in reversed(stack) if jump_target(items[jump], tags) is not None)
         elif not visited[successor]:
             visited[successor] = 1
@@ -93,7 +93,7 @@ def _endless_loop(items: Sequence[PlanItem], tags: Mapping[int, int], start: int
 
 
 def _successors(items: Sequence[PlanItem], tags: Mapping[int, int], index: int) -> tuple[int, ...]:
-    """Return what follows an item in the long run: a jump that is made so many times leads on after them."""
+    """Return the items that follow in the long run: a jump with a limited number of repeats finally continues."""
     item = items[index]
     if ROWS[item.command].lasts:
         return ()

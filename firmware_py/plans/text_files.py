@@ -1,4 +1,4 @@
-"""The text files: `QGC WPL 110` (.waypoints) for all kinds of plan, MAVProxy's older fences and rally points."""
+"""Text files of plans: `QGC WPL 110` (.waypoints) for all kinds, and MAVProxy's older fences and rally points."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Line = tuple[int, list[str]]  # number in the file, and words
 
 
 def lines_of(text: str) -> list[Line]:
-    """Return the lines that say something."""
+    """Return the lines with content."""
     lines = [(number, line.split("#", 1)[0].split()) for number, line in enumerate(text.splitlines(), start=1)]
     return [line for line in lines if line[1]]
 
 
 def read_text(text: str, source: str, *, home: bool = True) -> Plan:
-    """Read one of the text formats, known by its first line; `home`: item 0 of a mission is home."""
+    """Read a text format, recognised by its first line; `home`: item 0 of a mission is home."""
     lines = lines_of(text)
     first = " ".join(lines[0][1]) if lines else ""
     if first == HEADER:
@@ -36,7 +36,7 @@ def read_text(text: str, source: str, *, home: bool = True) -> Plan:
     if lines and len(lines[0][1]) == 2:
         return _old_fence(lines, source)
     raise PlanFileError(
-        f"{source}: this is no plan file that is known here: a .plan of QGroundControl, {HEADER} (.waypoints), "
+        f"{source}: not a supported plan file; use a .plan of QGroundControl, {HEADER} (.waypoints), "
         "or a fence or rally file of MAVProxy"
     )
 
@@ -56,19 +56,17 @@ def _waypoints(lines: Sequence[Line], source: str, *, home: bool) -> Plan:
         if len(words) != _COLUMNS:
             raise PlanFileError(f"{source}:{number}: {len(words)} columns instead of {_COLUMNS}")
         if words[0] != str(expected):
-            raise PlanFileError(
-                f"{source}:{number}: item {words[0][:20]!r} where {expected} is due; number them from 0"
-            )
+            raise PlanFileError(f"{source}:{number}: item {words[0][:20]!r} instead of {expected}; number them from 0")
     kind = _kind(lines, source)
     home_count = int(home and kind is PlanKind.MISSION)
     if not lines:
-        raise PlanFileError(f"{source}: it has no items, so that its kind is not known; clear a plan with a .plan file")
+        raise PlanFileError(f"{source}: no items, so that the kind of plan is unknown; clear a plan with a .plan file")
     items = _each(lines[home_count:], source, _waypoint)
     return Plan.of(kind, [_shift_jump(item, -home_count) for item in items])
 
 
 def _kind(lines: Sequence[Line], source: str) -> PlanKind:
-    """Return the kind of plan that the commands belong to; item 0 does not count, since it may be home."""
+    """Return the kind of plan by its commands; item 0 does not count, because it may be home."""
     for number, words in lines[1:] or lines:
         try:
             row = ROWS.get(read_whole(words[3], 0xFFFF))
@@ -100,7 +98,7 @@ def _rally_point(words: list[str]) -> PlanItem:
 
 
 def _old_fence(lines: Sequence[Line], source: str) -> Plan:
-    """Read MAVProxy's older fence: the return point, the vertices, and the first vertex again."""
+    """Read an older fence of MAVProxy: return point, vertices, and the first vertex again."""
 
     def corner(words: list[str]) -> PlanItem:
         if len(words) != 2:
@@ -111,7 +109,7 @@ def _old_fence(lines: Sequence[Line], source: str) -> Plan:
     return_point, *corners = _each(lines, source, corner)
     if len(corners) < 4 or (corners[0].x, corners[0].y) != (corners[-1].x, corners[-1].y):
         raise PlanFileError(
-            f"{source}: a fence is its return point, at least 3 vertices, and the first vertex again at the end"
+            f"{source}: a fence needs its return point, at least 3 vertices, and the first vertex again at the end"
         )
     count = float(len(corners) - 1)
     vertices = [replace(vertex, params=(count, 0.0, 0.0, 0.0)) for vertex in corners[:-1]]
@@ -119,7 +117,7 @@ def _old_fence(lines: Sequence[Line], source: str) -> Plan:
 
 
 def write_text(plan: Plan) -> str:
-    """Write a plan as `QGC WPL 110`; home of a mission is left at 0, 0, since the boat alone knows it."""
+    """Write a plan as `QGC WPL 110`; the home of a mission is 0, 0, because only the boat knows it."""
     home_count = int(plan.kind is PlanKind.MISSION)
     homes = [PlanItem(int(Command.WAYPOINT))] * home_count
     items = [*homes, *(_shift_jump(item, home_count) for item in plan.items)]
@@ -135,7 +133,7 @@ def write_text(plan: Plan) -> str:
 
 
 def _single_text(value: float) -> str:
-    """Write a number that reads back as the same single, with the sign of a zero."""
+    """Write a number that reads back as the same single-precision value, including the sign of zero."""
     if math.isnan(value):
         return "nan"
     return format_value(value) if value else f"{value:g}"

@@ -1,4 +1,4 @@
-"""What a plan may hold: judged before it is accepted, from a link, a file or the store."""
+"""Validation of plans from links, files and the store."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _recent: list[tuple[Plan, PlanProblem | None]] = []
 
 
 def problem_of(plan: Plan) -> PlanProblem | None:
-    """Return the first thing that is wrong with a plan, or None; asked again of the same plan it costs nothing."""
-    # By identity and not by checksum: who can make two plans with one checksum shall gain nothing.
+    """Return the first problem of a plan, or None; cached."""
+    # By object identity, because two plans with the same checksum can be forged.
     for recent, problem in _recent:
         if recent is plan:
             return problem
@@ -34,7 +34,9 @@ def problem_of(plan: Plan) -> PlanProblem | None:
 
 def _first_problem(plan: Plan) -> PlanProblem | None:
     if len(plan.items) > MAX_PLAN_ITEMS:
-        return PlanProblem(None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MAX_PLAN_ITEMS} are kept")
+        return PlanProblem(
+            None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MAX_PLAN_ITEMS} are supported"
+        )
     for index, item in enumerate(plan.items):
         if problem := item_problem(plan.kind, index, item):
             return problem
@@ -44,7 +46,7 @@ def _first_problem(plan: Plan) -> PlanProblem | None:
 
 
 def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | None:
-    """Return what is wrong with an item as such, whatever stands beside it."""
+    """Return the problem of an item by itself."""
     row = ROWS.get(item.command)
     if row is None or row.kind is not kind:
         name = f"command {item.command}" if row is None else row.name
@@ -64,24 +66,24 @@ def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | No
 
 def _place_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
     if row.place and not -_LATITUDE_MAX <= item.x <= _LATITUDE_MAX:
-        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is not on this planet")
+        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is out of range")
     if row.place and not -_LONGITUDE_MAX <= item.y <= _LONGITUDE_MAX:
-        return PlanProblem(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is not on this planet")
-    # In a mission it is where she is, in a fence a place like any other; nobody returns there: it was not set.
+        return PlanProblem(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is out of range")
+    # In a mission 0, 0 is the present position, in a fence an ordinary place; for a rally point it means unset.
     if row.command is Command.RALLY_POINT and item.x == item.y == 0:
-        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: 0, 0 is no place")
+        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: 0, 0 is not a valid place")
     if math.isinf(item.z):
         return PlanProblem(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is infinite")
     return None
 
 
 def _special_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
-    """Return what one parameter makes wrong with another."""
+    """Return a problem that depends on several parameters."""
     if row.command is Command.SET_HOME and not item.params[0] and math.isnan(item.z):
         return PlanProblem(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is not a number")
     if row.command is Command.DELAY and item.params[0] < 0.0:
         if item.params[0] != _TIME_OF_DAY:
-            return PlanProblem(index, PlanResult.INVALID_PARAM1, f"{row.name}: a time is not negative, unless -1")
+            return PlanProblem(index, PlanResult.INVALID_PARAM1, f"{row.name}: a time must be -1, or 0 or more")
         if not item.params[1] >= 0.0:
             return PlanProblem(index, PlanResult.INVALID_PARAM2, f"{row.name}: a time of day needs an hour")
     return None

@@ -79,7 +79,7 @@ class StateFiles(msgspec.Struct, frozen=True):
 def report_damage(store: StateReader, say: Callable[[str], None]) -> None:
     """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew.
 
-    Of the signing key tells `firmware_py.assemble.earlier_runs`, which knows what one is.
+    Of the signing key tells `firmware_py.assemble.stored_state`, which knows what one is.
     """
     for name, instead in _INSTEAD.items():
         stored = store.examine(name)
@@ -282,7 +282,7 @@ def load_plans(store: StateReader, say: Callable[[str], None]) -> Plans:
         try:
             plan, notes = checked_plan(kind, content.decode("ascii", "replace"))
         except ValueError as error:
-            say(f"stored {name} left out: {error}")
+            say(f"stored {name} ignored: {error}")
             continue
         plans = plans.replaced(plan)
         for note in notes:

@@ -10,8 +10,8 @@ import zlib
 from pathlib import Path
 from types import SimpleNamespace
 
-from firmware_py.assemble.earlier_runs import resume
-from firmware_py.assemble.wiring import base_parameters
+from firmware_py.assemble.stored_state import resume
+from firmware_py.assemble.wiring import vehicle_parameters
 from firmware_py.cli.plan import _fields as plan_item_fields
 from firmware_py.cli.state import _RECORDS as RECORDS
 from firmware_py.cli.state import _check_contents as check_contents
@@ -136,7 +136,7 @@ def vehicle_file(path):
     vehicle = load(path)
     check_values(vehicle.parameters)
     check_finite(vehicle.hull)
-    base_parameters(vehicle)
+    vehicle_parameters(vehicle)
     for url in vehicle.link_urls:
         link_url(url[:256].encode("utf-8", "surrogatepass"))
 

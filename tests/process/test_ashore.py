@@ -129,7 +129,7 @@ def test_the_autopilot_starts_without_a_writable_state_directory(place, vehicle,
     assert line == f"rambler run: state directory {state}: Permission denied; choose another with --state"
     with started(vehicle, tmp_path, "--state", state, "--wait", how=how) as program:
         program.expect(f"state directory {state}: Permission denied")
-        program.expect("Used of what is stored: 1 parameters, mission of 1 items, fence of 0 items")
+        program.expect("Loaded from storage: 1 parameters, mission of 1 items, fence of 0 items")
         program.expect("Storage error: logs or settings not saved")
         assert not (state / "logs").exists()
 
@@ -166,7 +166,7 @@ def test_an_unreadable_state_is_reported_and_the_vehicle_file_applies(place, veh
         if os.geteuid():
             return  # it is our own
         program.expect(r"parameters.param.0 cannot be read \(Permission denied\)")
-        program.expect("Used of what is stored: 0 parameters, mission of 0 items")
+        program.expect("Loaded from storage: 0 parameters, mission of 0 items")
         program.expect("Storage error: logs")
 
 
@@ -176,7 +176,7 @@ def test_a_state_directory_that_appears_late_is_used_with_its_content(place, veh
     line = refused(vehicle, "--state", place / "mount" / "state")
     assert "Not a directory; choose another with --state" in line
     with started(vehicle, tmp_path, "--state", place / "mount" / "state", "--wait") as program:
-        program.expect("Used of what is stored: 0 parameters")
+        program.expect("Loaded from storage: 0 parameters")
         program.expect("Storage error: logs")
         (place / "mount").unlink()
         (place / "mount").mkdir()

@@ -194,7 +194,7 @@ def test_real_bundles_forward_and_back_and_one_that_fails(updated_boat, whole_bu
     words = boat.service.log.read_text()
     assert "On trial: rambler-97.0.0-" in words
     assert "Trial passed: rambler-97.0.0-" in words
-    assert "Update taken back: rambler-99.0.0-" in words
+    assert "Update rolled back: rambler-99.0.0-" in words
 
 
 @pytest.mark.proof

@@ -12,7 +12,7 @@ import json
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.assemble.earlier_runs import resume
+from firmware_py.assemble.stored_state import resume
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind

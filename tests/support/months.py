@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from firmware_py.assemble.earlier_runs import read_state, resume
 from firmware_py.assemble.logs import dated, storage_of
+from firmware_py.assemble.stored_state import read_state, resume
 from firmware_py.assemble.supervision import Supervision, read_endings
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.common.intents import Arm, Request, SetMode
@@ -389,7 +389,7 @@ class Months:
                 self._supervision.end_with_error(str(error))
                 parts.recorder.close()
             else:
-                self._supervision.end(anew=False)
+                self._supervision.end(restart=False)
                 parts.recorder.close()
         self.truth += Flows.of(world.plant.totals) - before
 

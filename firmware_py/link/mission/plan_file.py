@@ -57,7 +57,7 @@ def unpack(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProble
     if options or first:
         return _fault("only whole plans are taken")
     if count > MAX_PLAN_ITEMS + home_count:
-        return PlanProblem(None, PlanResult.NO_SPACE, f"{count} items; at most {MAX_PLAN_ITEMS} are kept")
+        return PlanProblem(None, PlanResult.NO_SPACE, f"{count} items; at most {MAX_PLAN_ITEMS} are supported")
     if len(content) != _HEAD.size + count * _ITEM.unpacker.size:
         return _fault(f"{len(content)} bytes do not hold {count} items")
     items: list[PlanItem] = []

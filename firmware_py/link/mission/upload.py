@@ -97,7 +97,7 @@ class PlanUploads:
             return
         self._forget(owner, kind)
         if message.count > MAX_PLAN_ITEMS + home_count:
-            text = f"{message.count} items; at most {MAX_PLAN_ITEMS} are kept"
+            text = f"{message.count} items; at most {MAX_PLAN_ITEMS} are supported"
             self._refuse(owner, PlanProblem(None, PlanResult.NO_SPACE, text), kind, now_s)
             return
         self._start(owner, kind, (0, message.count), None, now_s)

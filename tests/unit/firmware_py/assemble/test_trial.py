@@ -57,7 +57,7 @@ def test_it_has_passed_when_it_has_sailed_long_enough(link, store, tmp_path):
 
 def test_one_that_was_taken_back_is_told(link, store, tmp_path):
     (tmp_path / ".rambler.failed").write_text(f"{tmp_path}/new/bin/rambler\nstart\nstart\nstart\n")
-    assert watch(link, store)[0].text == "Update taken back: new has not passed in 3 starts"
+    assert watch(link, store)[0].text == "Update rolled back: new failed 3 starts"
 
 
 def test_a_program_that_was_not_started_by_a_link_has_no_trial(tmp_path, link):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.assemble.wiring import Options, assemble, base_parameters
+from firmware_py.assemble.wiring import Options, assemble, vehicle_parameters
 from firmware_py.cli.run import _supervise
 from firmware_py.common.records import Severity
 from firmware_py.link.signing import KeyRecord, find_key, to_text
@@ -48,7 +48,7 @@ def start(vehicle, directory):
 
 
 def test_starts_are_counted_and_no_file_sets_the_count(vehicle, tmp_path):
-    assert base_parameters(vehicle)["STAT_BOOTCNT"] == 0.0
+    assert vehicle_parameters(vehicle)["STAT_BOOTCNT"] == 0.0
     assert [start(vehicle, tmp_path)["STAT_BOOTCNT"] for _ in range(3)] == [1.0, 2.0, 3.0]
     assert start(vehicle, tmp_path)["CTL_K1"] == 41.0
 
@@ -96,11 +96,11 @@ def begun(directory, vehicle, how, after_s=1.0):
     """Start an autopilot and end it so; return the parameters that it had and what it reported."""
     assembly = assemble(vehicle, Options(directory / "state", wait=True))
     supervision = _supervise(assembly, argparse.Namespace(watchdog=None, wait=True))
-    assembly.parts.show_status(None, assembly.parts.clock.now_s() + after_s)
+    assembly.parts.after_tick(None, assembly.parts.clock.now_s() + after_s)
     if how == "fails":
         supervision.end_with_error("ValueError: math domain error")
     elif how == "ends":
-        supervision.end(anew=False)
+        supervision.end(restart=False)
     values = assembly.parts.autopilot.parameters()
     assembly.close()
     return [values[name] for name in ("CTL_K1", "MDL_K", "RUD_REVERSE")], [e.text for e in assembly.parts.notices]
@@ -109,7 +109,7 @@ def begun(directory, vehicle, how, after_s=1.0):
 @pytest.fixture
 def misled(vehicle, tmp_path, monkeypatch):
     """A boat whose operator has set what its vehicle file has otherwise."""
-    monkeypatch.setattr("firmware_py.assemble.wiring.show_status", lambda *_words: None)
+    monkeypatch.setattr("firmware_py.assemble.wiring.report_status", lambda *_words: None)
     store = Store(tmp_path / "state")
     store.save("parameters.param", b"CTL_K1 55\nMDL_K 20\nRUD_REVERSE 1\n")
     store.close()
@@ -124,7 +124,7 @@ def test_after_three_early_failures_control_starts_with_the_parameters_of_the_ve
         values, said = begun(misled, vehicle, "fails")
         assert [round(value, 3) for value in values] == expected
     assert "9 starts failed: built-in steering parameters" in said
-    assert "Kept, and not used: CTL_K1 55, MDL_K 20" in said
+    assert "Stored but not used: CTL_K1 55, MDL_K 20" in said
     kept = StateFiles(misled / "state").load("parameters.param").decode()
     assert {"CTL_K1 55", "MDL_K 20", "RUD_REVERSE 1"} < set(kept.splitlines())
 
@@ -212,7 +212,7 @@ KEY = to_text(KeyRecord(bytes(32 * [7]), 10**13, {}))
 @pytest.mark.parametrize(
     ("content", "active", "told"),
     [
-        (KEY, True, ["Signing key is there now, and in force"]),
+        (KEY, True, ["Signing key loaded and active"]),
         (b"rubbish", False, ["signing.key lost: what is stored is no signing key; set or remove the key"]),
         (b"", False, []),
     ],

@@ -62,7 +62,7 @@ def test_a_plan_that_is_refused_changes_nothing(capsys, file, state):
     before = shown(capsys, state)
     file.write_text(WAYPOINTS.replace("\t177\t1\t", "\t177\t9\t"))
     error = said(capsys, "load", file, "--state", state, code=2)
-    text = "item 2: DO_JUMP: leads to an item that is not there; mend it (home is item 0)"
+    text = "item 2: DO_JUMP: the target item does not exist; correct it (home is item 0)"
     assert error == f"rambler plan load: {file}: mission: {text}\n"
     assert shown(capsys, state) == before
 

@@ -16,7 +16,7 @@ PATTERNS = {
 PUT_TOGETHER = (
     "AIS: another ship sends her number 235000007",
     "Mission item 2 is 778 m outside the fence",
-    "Way to mission item 2 leaves the fence by 55 m",
+    "Leg to mission item 2 leaves the fence by 55 m",
     "mission.plan.0 is damaged: there is no mission",
     "resume.state.0 is of another version: not resumed",
     "resume.record.1 is missing: the other slot is used, perhaps an older version",
@@ -25,7 +25,7 @@ PUT_TOGETHER = (
     "Import not used: import.pending is damaged",
     "state directory state: busy; choose another with --state",
     "Port /dev/ttyS1: changed by another program, restored; open in gpsd (process 812)",
-    "Port /dev/ttyS1: also open in gpsd (process 812); end that",
+    "Port /dev/ttyS1: also open in gpsd (process 812); end that program",
 )
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 
-from firmware_py.assemble.earlier_runs import resume
+from firmware_py.assemble.stored_state import resume
 from firmware_py.common import record_codec
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_table import TABLE
@@ -350,9 +350,7 @@ def test_what_cannot_be_resumed_is_said():
     said, start = [], State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
     assert resume(start, stored(add_fields), Moment(UTC_S), said.append).modes.mode is Mode.AUTO
     assert said[0].endswith(": Resume: field 'tide_m' is not known here, ignored")
-    assert resume(start, b"\x80", Moment(UTC_S), said.append) == replace(
-        start, greeting="Not resumed: the record is no good"
-    )
-    assert said[-1].endswith(" left out: Resume: no version number")
+    assert resume(start, b"\x80", Moment(UTC_S), said.append) == replace(start, greeting="Not resumed: invalid record")
+    assert said[-1].endswith(" ignored: Resume: no version number")
     resume(start, b'{"version":6,"utc_s":1.0,"$":"Resume"}', Moment(UTC_S), said.append)
     assert "written as text by an early development version" in said[-1]

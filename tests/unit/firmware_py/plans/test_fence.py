@@ -45,7 +45,7 @@ EAST, WEST = at(WAYPOINT, 0, 300), at(WAYPOINT, 10, -300)
         ([EAST, at(WAYPOINT, 0, 700)], SQUARE, ["Mission item 2 is 200 m outside the fence"]),
         ([at(WAYPOINT, 0, 700), EAST], SQUARE, ["Mission item 1 is 200 m outside the fence"]),
         ([EAST, at(WAYPOINT, 0, 500)], SQUARE, []),
-        ([EAST, WEST], REEF, ["Way to mission item 2 leaves the fence by 55 m"]),
+        ([EAST, WEST], REEF, ["Leg to mission item 2 leaves the fence by 55 m"]),
         ([EAST, HERE, WEST], REEF, []),
         ([EAST, at(WAYPOINT, 0, 0), WEST], REEF, ["Mission item 2 is 60 m outside the fence"]),
         ([EAST, NO_FENCE, at(WAYPOINT, 0, 700), FENCE_AGAIN, WEST], SQUARE, []),
@@ -66,7 +66,7 @@ def test_a_way_over_the_corner_of_a_bay_leaves_the_fence():
     bay.append(at(INCLUDED, 100, -50, 8))
     said = found([at(WAYPOINT, 180, 50), at(WAYPOINT, 180, 250)], bay)
     assert len(said) == 1
-    assert said[0].startswith("Way to mission item 2 leaves the fence by ")
+    assert said[0].startswith("Leg to mission item 2 leaves the fence by ")
 
 
 def test_rally_points_are_judged_each_by_itself():

@@ -125,7 +125,7 @@ def test_files_that_cannot_be_read(tmp_path):
     )
     for path, error in (
         (huge, "larger than"),
-        (binary, "this is no text"),
+        (binary, "not a text file"),
         (wrong, "mission: item 2: NAV_WAYPOINT: frame 1 is not supported.*home is item 0"),
     ):
         with pytest.raises(PlanFileError, match=error):
@@ -144,7 +144,7 @@ def test_camera_items_are_passed_over_with_a_notice_and_jumps_lead_where_they_di
     (plan,) = read_plan_file(waypoints(*rows), "a.waypoints", note=said.append)
     assert [(item.command, item.params[0]) for item in plan.items] == [(16, 0), (177, 2), (16, 0), (177, 0), (17, 0)]
     assert said == [
-        "a.waypoints: mission: camera items passed over: 3 (MAV_CMD 206, 2000); the boat has no camera",
+        "a.waypoints: mission: camera items skipped: 3 (MAV_CMD 206, 2000); the boat has no camera",
     ]
 
 
@@ -152,11 +152,11 @@ def test_camera_items_are_passed_over_with_a_notice_and_jumps_lead_where_they_di
     ("rows", "error"),
     [
         ([(206, 25), (16, -1)], "mission: item 2: NAV_WAYPOINT: param1 is -1"),
-        ([(206, 25), (16, 0), (177, 9)], "mission: item 3: DO_JUMP: leads to an item"),
+        ([(206, 25), (16, 0), (177, 9)], "mission: item 3: DO_JUMP: the target item"),
         ([(206, 25), (16, 0), (177, 1.5)], "mission: item 3: DO_JUMP: param1 is 0.5"),
         ([(206, 25), (16, 0), (177, "nan")], "mission: item 3: DO_JUMP: param1 is nan"),
-        ([(16, 0), (177, 3), (206, 25)], "mission: item 2: DO_JUMP: leads to an item that is not there"),
-        ([(206, 25), (206, 0)], "nothing but commands for a camera"),
+        ([(16, 0), (177, 3), (206, 25)], "mission: item 2: DO_JUMP: the target item does not exist"),
+        ([(206, 25), (206, 0)], "only camera commands"),
         ([(42, 0)], "command 42 is not known in a mission"),
     ],
 )

@@ -26,17 +26,17 @@ def test_waypoints():
     )
     with_home = read_text(WPL, "a.waypoints", home=False)
     assert [(item.x, item.z) for item in with_home.items] == [(360_000_000, 5.0)]
-    with pytest.raises(PlanFileError, match="a: it has no items, so that its kind is not known"):
+    with pytest.raises(PlanFileError, match="a: no items, so that the kind of plan is unknown"):
         read_text("# by hand\n\nQGC WPL 110\n", "a")
 
 
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ("", "a: this is no plan file"),
-        ("QGC WPL 100\n", "a: this is no plan file"),
+        ("", "a: not a supported plan file"),
+        ("QGC WPL 100\n", "a: not a supported plan file"),
         (WPL + "1\t0\t3\n", "a:3: 3 columns instead of 12"),
-        (WPL + "2\t0\t3\t16\t0\t0\t0\t0\t0\t0\t0\t1\n", "a:3: item '2' where 1 is due"),
+        (WPL + "2\t0\t3\t16\t0\t0\t0\t0\t0\t0\t0\t1\n", "a:3: item '2' instead of 1"),
         (wpl("3\t16\tx\t0\t0\t0\t0\t0\t0"), "a:3: 'x' is not a number"),
         (wpl("3\t16\t1_0\t0\t0\t0\t0\t0\t0"), "a:3: '1_0' is not a number"),
         (wpl("3\t16\t0\t0\t0\t0\tnan\t0\t0"), "a:3: latitude nan is not within"),
@@ -46,8 +46,8 @@ def test_waypoints():
         (wpl("3\t16\t1e300\t0\t0\t0\t0\t0\t0"), "a:3: param1 is too large"),
         ("RALLY 1 2 3\n", "a:1: expected RALLY"),
         ("RALLY 1 2 3 4 5 6\n7 8\n", "a:2: expected RALLY"),
-        ("1 2\n1 2\n", "a: a fence is its return point"),
-        ("1 2\n1 2\n1 3\n2 3\n2 2\n", "a: a fence is its return point"),
+        ("1 2\n1 2\n", "a: a fence needs its return point"),
+        ("1 2\n1 2\n1 3\n2 3\n2 2\n", "a: a fence needs its return point"),
         ("1 2\n1 2 3\n", "a:2: expected LATITUDE LONGITUDE"),
     ],
 )

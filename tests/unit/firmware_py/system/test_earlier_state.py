@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.assemble.earlier_runs import read_state
+from firmware_py.assemble.stored_state import read_state
 from firmware_py.assemble.supervision import read_endings
 from firmware_py.assemble.trial import TrialWatch
 from firmware_py.common.parameters import ParameterSet

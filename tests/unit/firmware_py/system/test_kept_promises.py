@@ -12,7 +12,7 @@ from queue import SimpleQueue
 
 import pytest
 
-from firmware_py.assemble.earlier_runs import resume
+from firmware_py.assemble.stored_state import resume
 from firmware_py.common.intents import (
     Arm,
     ForgetParameters,

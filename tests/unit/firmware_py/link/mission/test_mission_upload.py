@@ -159,7 +159,7 @@ def test_what_only_the_whole_shows_is_refused_too(station, texts):
     station.answers(station.item(0))
     said = station.rig.tell(jump)
     assert station.protocol(said)[0].type == PlanResult.INVALID_PARAM1
-    assert texts(said) == ["Mission not taken: item 1: DO_JUMP: leads to an item that is not there"]
+    assert texts(said) == ["Mission not taken: item 1: DO_JUMP: the target item does not exist"]
 
 
 def test_duplicates_and_strangers_in_the_sequence_do_no_harm(station):

@@ -1,4 +1,4 @@
-"""What earlier runs have left, read at the start: what is used of it, and what is told of the rest."""
+"""Reads the stored state of earlier runs at the start, and reports its problems."""
 
 from __future__ import annotations
 
@@ -25,84 +25,85 @@ from firmware_py.system.state_directory import (
 )
 from firmware_py.system.store import Store
 
-EARLY_ENDINGS: Final = 3
-MOST_SHOWN: Final = 10
-STEERING: Final = (
+EARLY_ENDINGS_PER_STAGE: Final = 3
+MAX_REPORTED: Final = 10
+STEERING_PREFIXES: Final = (
     "AIS_", "CMP", "COG_", "CRUISE_", "CTL_", "EST_", "LOIT_", "LOOP_", "MDL_", "NAV_", "POS_", "RUD_", "STK_", "WP_",
 )  # fmt: skip
-MOUNTING: Final = (
+MOUNTING_PARAMETERS: Final = (
     "CMP_OFFSET_DEG", "CMPB_OFFSET_DEG", "CMP_DECL_AUTO", "CMP_DECL_DEG", "RUD_CENTRE_DEG", "RUD_LIMIT_DEG",
     "RUD_REVERSE",
 )  # fmt: skip
 
 
 def read_state(directory: Path, store: Store, say: Callable[[str], None]) -> tuple[StateDirectory, Plans]:
-    """Return what earlier runs have left; what is wrong with it is said."""
+    """Return the stored state and plans; problems are reported by `say`."""
     if store.start_problem:
         say(store.start_problem)
     report_damage(store, say)
-    report_key(directory, KeyVault(store).load(), say)
-    kept = StateDirectory(store, say)
-    plans = kept.plans()
+    report_key_problem(directory, KeyVault(store).load(), say)
+    stored = StateDirectory(store, say)
+    plans = stored.plans()
     if store.start_problem:
-        say(f"Used of what is stored: {kept.inventory(plans)}")
-    kept.count_start()
-    return kept, plans
+        say(f"Loaded from storage: {stored.inventory(plans)}")
+    stored.count_start()
+    return stored, plans
 
 
-def parameters_to_start_with(
+def startup_parameters(
     stored: ParameterSet, vehicle: ParameterSet, early: int, say: Callable[[str], None]
 ) -> ParameterSet:
-    """Return the parameters after so many runs in a row that failed soon after their start.
+    """Return the start parameters after `early` consecutive runs that failed soon after their start.
 
-    After each EARLY_ENDINGS of them control and estimation start with other parameters: those of the vehicle file, then
-    the built-in ones. How the devices are mounted stays: the built-in direction of a servo may be the wrong one.
+    After each EARLY_ENDINGS_PER_STAGE of them, control and estimation use other parameters: those of the vehicle file,
+    then the built-in ones. Mounting parameters stay, because the built-in direction of a servo may be wrong.
     """
     sets = {stored: "stored"}
     for base, name in ((vehicle, "vehicle file's"), (ParameterSet(), "built-in")):
         values = (
-            value if _steers(row) else kept for (row, value), kept in zip(base.items(), stored.values(), strict=True)
+            value if _affects_steering(row) else old
+            for (row, value), old in zip(base.items(), stored.values(), strict=True)
         )
         sets.setdefault(ParameterSet(values), name)
-    used, name = list(sets.items())[min(early // EARLY_ENDINGS, len(sets) - 1)]
+    used, name = list(sets.items())[min(early // EARLY_ENDINGS_PER_STAGE, len(sets) - 1)]
     if used is not stored:
         say(f"{early} starts failed: {name} steering parameters")
         pairs = zip(stored.items(), used.values(), strict=True)
         unused = [f"{row} {format_value(value)}" for (row, value), other in pairs if value != other]
-        say(f"Kept, and not used: {', '.join(unused[:MOST_SHOWN])}{', and more' if unused[MOST_SHOWN:] else ''}")
+        say(f"Stored but not used: {', '.join(unused[:MAX_REPORTED])}{', and more' if unused[MAX_REPORTED:] else ''}")
     return used
 
 
-def _steers(name: str) -> bool:
-    """Whether a parameter is one of control or estimation, and says nothing of how the devices are mounted."""
-    return name.startswith(STEERING) and not (name in MOUNTING or "_DEV_" in name)
+def _affects_steering(name: str) -> bool:
+    """Return whether a parameter belongs to control or estimation and not to the mounting of a device."""
+    return name.startswith(STEERING_PREFIXES) and not (name in MOUNTING_PARAMETERS or "_DEV_" in name)
 
 
-def report_key(directory: Path, stored: Stored, say: Callable[[str], None], *, late: bool = False) -> None:
-    """Say what is wrong with the signing key, or that it has come `late`, on a disk that was not there at the start.
+def report_key_problem(directory: Path, stored: Stored, say: Callable[[str], None], *, late: bool = False) -> None:
+    """Report problems with the signing key, or its arrival on a disk that was mounted after the start (`late`).
 
-    That one was lost is a fault besides, which stands until it is mended.
+    A lost key also is a fault, which stays active until it is set or removed.
     """
     finding = find_key(stored)
     if late and finding.state is KeyState.PRESENT:
-        say("Signing key is there now, and in force")
+        say("Signing key loaded and active")
     if finding.state is KeyState.LOST:
-        say(f"{SIGNING_FILE} lost: {finding.problem}; set or remove the key over a trusted link, or by `rambler key`")
+        say(f"{SIGNING_FILE} lost: {finding.problem}; set or remove the key over a trusted link or by `rambler key`")
     elif stored.damage:
         say(f"{stored.damage}: {OTHER_SLOT}")
     for name in exposed_key_files(directory):
-        say(f"{name} can be read by others; set another key if somebody may have")
+        say(f"{name} is readable by other users; set a new key if they may have read it")
 
 
 def resume(state: State, record: bytes | None, now: Moment, say: Callable[[str], None]) -> State:
-    """Return the state at start, going on with the stored record; an unusable one is said and left out."""
+    """Return the start state resumed from the stored record; an invalid record is reported and ignored."""
     if record is None:
         return state
     try:
         state, notes = restore(state, record, now)
     except (ValueError, RecursionError) as error:
-        say(f"stored {RESUME_FILE} left out: {error}")
-        return replace(state, greeting="Not resumed: the record is no good")
+        say(f"stored {RESUME_FILE} ignored: {error}")
+        return replace(state, greeting="Not resumed: invalid record")
     for note in notes:
         say(f"stored {RESUME_FILE}: {note}")
     return state
