@@ -48,13 +48,13 @@ def feed_nmea_outputs(outputs: Sequence[NmeaOutput], parts: LoopParts) -> None:
     """Send each tick to the outputs; their errors are reported and do not affect the loop."""
     if not outputs:
         return
-    from firmware_py.link.nmea import Scene  # noqa: PLC0415 - already loaded
+    from firmware_py.link.nmea import NmeaData  # noqa: PLC0415 - already loaded
 
     next_after_tick = parts.after_tick
 
     def after_tick(output: Output, now_s: float) -> None:
-        def scene() -> Scene:
-            return Scene(output.snapshot, parts.clock.utc_s(), declination_rad(parts.autopilot.state))
+        def scene() -> NmeaData:
+            return NmeaData(output.snapshot, parts.clock.utc_s(), declination_rad(parts.autopilot.state))
 
         for nmea_output in outputs:
             parts.fault_barrier.call(now_s, partial(nmea_output.publish, scene, now_s))

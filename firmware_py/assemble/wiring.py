@@ -28,7 +28,7 @@ from firmware_py.core.state import State
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.open_transport import NMEA, Ashore, open_transport
+from firmware_py.link.wire.open_transport import NMEA, SatelliteSupport, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.loop import LoopParts
 from firmware_py.system.clock import LOCKSTEP_BOOT, LockstepClock, RealClock, boot_id, machine_s, set_utc_s
@@ -99,7 +99,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     stored, plans = read_state(options.state_directory, store, say := _reporter(console, notices))
     clock: Clock = RealClock()
     # The lockstep clock is created after the lines.
-    ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
+    ashore = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, outputs = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
     if options.lockstep is None:
         for text in shared_port_warnings(lines):
@@ -202,7 +202,7 @@ def _open_links(
     vehicle: Vehicle,
     options: Options,
     lines: list[Line],
-    ashore: Ashore,
+    ashore: SatelliteSupport,
     say: Callable[[str], None] | None,
     opened: ExitStack,
 ) -> tuple[list[Transport], list[NmeaOutput]]:

@@ -23,7 +23,7 @@ from firmware_py.common.plan import PlanKind
 from firmware_py.core.resume import from_bytes as resume_from_bytes
 from firmware_py.guidance import loiter_placement
 from firmware_py.guidance.tasks import TaskSettings
-from firmware_py.link.access import Gate, invites_anybody
+from firmware_py.link.access import Gate, is_open_to_anyone
 from firmware_py.link.nmea import open_output
 from firmware_py.link.signing import KeyState, Signing, find_key
 from firmware_py.link.wire.open_transport import NMEA, open_transport
@@ -239,7 +239,7 @@ def _check_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
     yield from shared
     if isinstance(transport, Satellite):
         yield _check_modem(url, transport)
-    if invites_anybody(gate, transport):
+    if is_open_to_anyone(gate, transport):
         other = "" if isinstance(transport, Satellite) else " or listen on 127.0.0.1"
         text = f"{url}: accepts commands from anyone; set a key (`rambler key set`){other}"
         yield Finding(Level.WARN, "links", text, {"url": url})

@@ -20,7 +20,7 @@ _COMMAND_INT, _COMMAND_LONG, _FILE_TRANSFER = 75, 76, 110
 _VOUCHED = 16  # frames that may be on their way to here
 
 
-class Standing(IntEnum):
+class Permission(IntEnum):
     """What a frame may do."""
 
     NONE = 0  # as if it had not come
@@ -32,7 +32,7 @@ class Admitted(NamedTuple):
     """A frame and what it may do; `verified`: it is signed with the boat's key."""
 
     frame: Frame
-    standing: Standing
+    standing: Permission
     verified: bool
 
 
@@ -74,10 +74,10 @@ class Gate:
                 # From the modem of a line, which knows no key. On a network there is none: as if it had not come.
                 if not line:
                     continue
-                standing = Standing.READER if self._heard(frame.data) else Standing.NONE
+                standing = Permission.READER if self._heard(frame.data) else Permission.NONE
             else:
                 standing = self._standing(frame, options, verified=verified)
-            if standing is Standing.NONE:
+            if standing is Permission.NONE:
                 self.refused_frames += 1
             else:
                 admitted.append(Admitted(frame, standing, bool(verified)))
@@ -95,44 +95,44 @@ class Gate:
             return None
         return self._signing.verify(data)
 
-    def _standing(self, frame: Frame, options: LinkOptions, *, verified: bool | None) -> Standing:
+    def _standing(self, frame: Frame, options: LinkOptions, *, verified: bool | None) -> Permission:
         data = frame.data
         if not self._heard(data):
-            return Standing.NONE
+            return Permission.NONE
         second = data[0] == _MAVLINK2
         if options.systems is not None and data[5 if second else 3] not in options.systems:
-            most = Standing.READER
+            most = Permission.READER
         else:
-            most = Standing.COMMANDER
+            most = Permission.COMMANDER
         if frame.number == SETUP_SIGNING and options.trusted:
             return most
         if verified is None:
             return min(most, self.unsigned(options))
         if not verified:
             self.false_signatures += 1
-            return Standing.NONE
+            return Permission.NONE
         return most
 
-    def unsigned(self, options: LinkOptions) -> Standing:
+    def unsigned(self, options: LinkOptions) -> Permission:
         """Return what a frame without a signature may do at most."""
         policy = options.policy
         if self._signing.problem and not options.trusted:
-            return Standing.NONE  # whose key was lost, was not left open
+            return Permission.NONE  # whose key was lost, was not left open
         if policy is Policy.AUTO:
             policy = Policy.SIGNED_COMMANDS if self.keyed and not options.trusted else Policy.OPEN
         return _UNSIGNED[policy]
 
 
-def invites_anybody(gate: Gate, transport: Transport) -> bool:
+def is_open_to_anyone(gate: Gate, transport: Transport) -> bool:
     """Return whether who reaches a transport from another computer commands the boat without a key."""
     options = transport.options
-    return transport.exposed and not options.trusted and gate.unsigned(options) is Standing.COMMANDER
+    return transport.exposed and not options.trusted and gate.unsigned(options) is Permission.COMMANDER
 
 
-_UNSIGNED: Mapping[Policy, Standing] = {
-    Policy.OPEN: Standing.COMMANDER,
-    Policy.SIGNED_COMMANDS: Standing.READER,
-    Policy.SIGNED_ONLY: Standing.NONE,
+_UNSIGNED: Mapping[Policy, Permission] = {
+    Policy.OPEN: Permission.COMMANDER,
+    Policy.SIGNED_COMMANDS: Permission.READER,
+    Policy.SIGNED_ONLY: Permission.NONE,
 }
 
 # Messages that change nothing but what is sent to their sender. What is not here is a command.

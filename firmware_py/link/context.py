@@ -65,11 +65,11 @@ class LinkContext:
         self.fence_breaches: tuple[int, float] = (0, 0.0)  # how many since start, and when the last one began
         self.now_s = 0.0  # of the latest call of the loop
         self.peers: Iterable[Peer] = ()
-        self.everybody: Callable[[], Iterable[Peer]] = lambda: self.peers  # those without a place, too
+        self.all_peers: Callable[[], Iterable[Peer]] = lambda: self.peers  # those without a place, too
 
     # ------------------------------------------------------------------ the state
 
-    def see(self, snapshot: Snapshot) -> None:
+    def update_snapshot(self, snapshot: Snapshot) -> None:
         """Take the state after a tick."""
         breached = snapshot.faults >> Fault.FENCE_BREACHED & 1
         if breached and (self.snapshot is None or not self.snapshot.faults >> Fault.FENCE_BREACHED & 1):
@@ -143,10 +143,10 @@ class LinkContext:
         MAVProxy looks for it then, before it has asked for any, and says that checks are disabled if it has none.
         Who is answered in MAVLink 1 is told once.
         """
-        if peer.outbox.first_version and not peer.told_version:
-            peer.told_version = True
+        if peer.outbox.mavlink1_only and not peer.version_reported:
+            peer.version_reported = True
             self.send_text(peer, Severity.NOTICE, _IN_FIRST_VERSION)
-        if self.snapshot is not None and self.snapshot.armed and peer.may_be_new(self.now_s):
+        if self.snapshot is not None and self.snapshot.armed and peer.may_need_introduction(self.now_s):
             peer.introduced = True
             for name in ("ARMING_CHECK", "ARMING_SKIPCHK"):  # of ArduPilot before 4.7, and since
                 self.send(peer, self.parameter_value(INDEX[name], _UNASKED), Priority.URGENT)

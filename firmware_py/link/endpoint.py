@@ -11,7 +11,7 @@ from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.records import Event, Progress, Severity, Stored
 from firmware_py.common.reports import Output, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.access import RADIO_STATUS, Admitted, Gate, Standing, invites_anybody, reads_only
+from firmware_py.link.access import RADIO_STATUS, Admitted, Gate, Permission, is_open_to_anyone, reads_only
 from firmware_py.link.commands.requests import request_data_stream
 from firmware_py.link.commands.server import CommandServer
 from firmware_py.link.commands.steering import ManualControl, Setpoints
@@ -106,7 +106,7 @@ class Endpoint:
             self,
         )
         self._context.peers = self._peers
-        self._context.everybody = self._peers.everybody
+        self._context.all_peers = self._peers.all_peers
         self._router = Router((self._context.system, self._context.component), self._peers, self.tell)
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
@@ -126,7 +126,7 @@ class Endpoint:
 
     def _open_links(self) -> Iterator[Event]:
         for transport in self._transports:
-            if invites_anybody(self._gate, transport):
+            if is_open_to_anyone(self._gate, transport):
                 yield Event(Severity.WARNING, f"Whoever reaches {transport.name} commands her: it wants a signing key")
 
     @property
@@ -184,7 +184,7 @@ class Endpoint:
         self._answer(now_s)
         self._peers.flush(now_s)  # acknowledgements first
         self._peers.update(now_s)
-        self._services.pump(self._peers.everybody(), now_s)
+        self._services.pump(self._peers.all_peers(), now_s)
         self._peers.flush(now_s)
 
     def publish(self, output: Output, now_s: float) -> None:
@@ -200,7 +200,7 @@ class Endpoint:
         self._peers.update(now_s)
         self._send_events(output.events)
         self._telemetry.send_due(self._peers, 1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
-        self._services.pump(self._peers.everybody(), now_s)
+        self._services.pump(self._peers.all_peers(), now_s)
         self._peers.flush(now_s)
 
     def progress(self) -> Sequence[Progress]:
@@ -253,9 +253,9 @@ class Endpoint:
             self._duplicate_system_id.check(message, now_s)
             return
         # A station that may not command cannot take the boat back: it does not keep STATION_SILENT off.
-        if frame.number == _HEARTBEAT and standing is not Standing.COMMANDER:
+        if frame.number == _HEARTBEAT and standing is not Permission.COMMANDER:
             return
-        if standing is Standing.COMMANDER or self._reads_only(frame.number, message):
+        if standing is Permission.COMMANDER or self._reads_only(frame.number, message):
             self._handlers[frame.number](peer, message, now_s)
         else:
             deny(self._context, peer, message, now_s)
@@ -281,7 +281,7 @@ class Endpoint:
         self.announce(peer)
         if self._context.snapshot is not None:
             peer.streams.mark_sent(ROWS_OF[_HEARTBEAT][0], now_s)
-        for event in (*self.start_events, *self._recent.told(now_s)):
+        for event in (*self.start_events, *self._recent.recent_events(now_s)):
             self._context.send_text(peer, event.severity, event.text)
 
     def announce(self, peer: Peer) -> None:
@@ -303,7 +303,7 @@ class Endpoint:
         before = self._context.snapshot
         self._context.refused_frames = self._peers.refused_frames() + self._peers.rejected + self._gate.refused_frames
         self._gate.mavlink1 = bool(self._context.request_handler.parameters()["LNK_MAVLINK1"])
-        self._context.see(snapshot)
+        self._context.update_snapshot(snapshot)
         self._services.report_changes(before, snapshot, now_s)
         self._telemetry.report_changes(before, snapshot, self._peers, now_s)
 

@@ -29,12 +29,12 @@ _BLOCK = 90
 _DATA = struct.Struct("<IHB")
 _ENTRY = struct.Struct("<IIHHH")
 _FRAME_BYTES = 12 + _DATA.size + _BLOCK
-_MOST_PEERS = 4  # served at the same time; each has a file open
+_MAX_PEERS = 4  # served at the same time; each has a file open
 _SILENT_S = 10.0  # who says nothing for so long has gone, when another wants his place
-_MOST_RANGES = 64  # waiting for one peer: MAVProxy asks for twenty gaps at once
+_MAX_RANGES = 64  # waiting for one peer: MAVProxy asks for twenty gaps at once
 _CHUNK_BYTES = 512 * _BLOCK  # MAVSDK and QGroundControl ask for so much at once
 _STREAM_BYTES = 256 * _BLOCK  # in a tick, to those that ask for all: a receive buffer of 208 KiB holds four ticks
-_MOST_LOGS = 0xFFFF
+_MAX_LOGS = 0xFFFF
 
 
 class LogFile(NamedTuple):
@@ -141,7 +141,7 @@ class LogServer:
             download.ranges.clear()
         if any(queued.start <= span.start and span.end <= queued.end for queued in download.ranges):
             return  # on its way
-        if len(download.ranges) < _MOST_RANGES:
+        if len(download.ranges) < _MAX_RANGES:
             download.ranges.append(span)
 
     def _end(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
@@ -175,7 +175,7 @@ class LogServer:
     def _find_logs(self) -> tuple[LogFile, ...]:
         """Return the logs, the newest first and then from the oldest on, as the ring of numbers has it."""
         logs = []
-        for _, path in sorted(self._catalogue().items())[-_MOST_LOGS + 1 :]:
+        for _, path in sorted(self._catalogue().items())[-_MAX_LOGS + 1 :]:
             try:
                 size, modified_s = _size_and_time(path)
             except OSError:
@@ -197,18 +197,18 @@ class LogServer:
         download = self._downloads.get(peer)
         if download is None:
             self._make_room(self._context.now_s)
-            if len(self._downloads) >= _MOST_PEERS:
+            if len(self._downloads) >= _MAX_PEERS:
                 return None
             download = self._downloads[peer] = _Download()
         return download
 
     def _make_room(self, now_s: float) -> None:
         """Make room: those that have gone, and then those that want nothing now or are silent in the midst of it."""
-        present = set(self._context.everybody())
+        present = set(self._context.all_peers())
         for peer, download in tuple(self._downloads.items()):
             idle = not download.ranges and download.entries is None
             idle = idle or now_s - peer.last_frame_s > _SILENT_S
-            if peer not in present or (idle and len(self._downloads) >= _MOST_PEERS):
+            if peer not in present or (idle and len(self._downloads) >= _MAX_PEERS):
                 download.close()
                 del self._downloads[peer]
 

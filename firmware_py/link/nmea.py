@@ -30,7 +30,7 @@ _FORMS = "nmea:udpout:HOST:PORT, nmea:tcpin:HOST:PORT, nmea:tcpout:HOST:PORT or 
 _SLOWEST_HZ, _FASTEST_HZ = 0.01, 10.0
 
 
-class Scene(msgspec.Struct, frozen=True):
+class NmeaData(msgspec.Struct, frozen=True):
     """The boat after a tick, the time, and the declination in force (east positive)."""
 
     snapshot: Snapshot
@@ -99,7 +99,7 @@ def _degrees_minutes(angle_rad: float, width: int, sides: str) -> tuple[str, str
     return f"{whole:0{width}d}{minutes / 10_000.0:07.4f}", sides[angle_rad < 0.0]
 
 
-def _time_and_date(scene: Scene) -> tuple[str, str]:
+def _time_and_date(scene: NmeaData) -> tuple[str, str]:
     """Return the receiver's time, or else the computer's if it can be right."""
     fix = scene.fix
     utc_s = fix.utc_s if fix is not None and fix.utc_s is not None else scene.utc_s
@@ -110,25 +110,25 @@ def _time_and_date(scene: Scene) -> tuple[str, str]:
     return f"{time.strftime('%H%M%S', at)}.{hundredths:02d}", time.strftime("%d%m%y", at)
 
 
-def _hdt(scene: Scene) -> Fields:
+def _hdt(scene: NmeaData) -> Fields:
     return None if scene.heading_rad is None else (_angle(scene.heading_rad), "T")
 
 
-def _hdg(scene: Scene) -> Fields:
+def _hdg(scene: NmeaData) -> Fields:
     if scene.heading_rad is None:
         return None
     variation = _with_side(degrees(scene.declination_rad), 1, "E", "W")
     return (_angle(scene.magnetic(scene.heading_rad)), "", "", *variation)
 
 
-def _rot(scene: Scene) -> Fields:
+def _rot(scene: NmeaData) -> Fields:
     rate_rad_s = scene.snapshot.yaw_rate_rad_s
     if scene.heading_rad is None or rate_rad_s is None:
         return None
     return (_number(degrees(rate_rad_s) * 60.0), "A")
 
 
-def _rmc(scene: Scene) -> Fields:
+def _rmc(scene: NmeaData) -> Fields:
     fix = scene.fix
     state, mode = ("V", "N") if fix is None else ("A", "A")
     speed = _number(fix.speed_over_ground_m_s, 2, 1.0 / _KNOT_M_S) if fix else ""
@@ -138,7 +138,7 @@ def _rmc(scene: Scene) -> Fields:
     return (clock, state, *_place(fix), speed, course, date, *variation, mode)
 
 
-def _gga(scene: Scene) -> Fields:
+def _gga(scene: NmeaData) -> Fields:
     fix, clock = scene.fix, _time_and_date(scene)[0]
     if fix is None:
         return (clock, "", "", "", "", "0", "", "", "", "M", "", "M", "", "")
@@ -148,13 +148,13 @@ def _gga(scene: Scene) -> Fields:
     return (clock, *_place(fix), quality, satellites, _number(fix.hdop), *height)
 
 
-def _rsa(scene: Scene) -> Fields:
+def _rsa(scene: NmeaData) -> Fields:
     angle_rad = scene.snapshot.rudder_rad if scene.snapshot.rudder_ok else None
     # Positive turns her to starboard, in both ways of counting. She has one rudder.
     return ("", "V", "", "V") if angle_rad is None else (_number(degrees(angle_rad)), "A", "", "V")
 
 
-def _off_track(scene: Scene) -> tuple[str, str, str] | None:
+def _off_track(scene: NmeaData) -> tuple[str, str, str] | None:
     """Return how far off the line she is and to which side to steer, None without a line."""
     navigation = scene.snapshot.navigation
     if navigation.activity is not Activity.LINE or navigation.cross_track_m is None:
@@ -163,12 +163,12 @@ def _off_track(scene: Scene) -> tuple[str, str, str] | None:
     return _number(distance, 3), "L" if navigation.cross_track_m > 0.0 else "R", "N"
 
 
-def _xte(scene: Scene) -> Fields:
+def _xte(scene: NmeaData) -> Fields:
     off = _off_track(scene)
     return None if off is None or scene.fix is None else ("A", "A", *off, "A")
 
 
-def _apb(scene: Scene) -> Fields:
+def _apb(scene: NmeaData) -> Fields:
     off, snapshot = _off_track(scene), scene.snapshot
     if off is None or scene.fix is None:
         return None
@@ -187,7 +187,7 @@ def _line_rad(snapshot: Snapshot) -> float | None:
     return bearing_rad + math.asin(off_m / distance_m)
 
 
-def _vhw(scene: Scene) -> Fields:
+def _vhw(scene: NmeaData) -> Fields:
     water = scene.snapshot.water
     speed_m_s = water.speed_m_s if water is not None else None
     if speed_m_s is None and scene.heading_rad is None:
@@ -198,7 +198,7 @@ def _vhw(scene: Scene) -> Fields:
 
 
 # name -> talker, fields. Talkers: compass, rate of turn, satellite receivers, autopilot, speed through the water.
-TABLE: Mapping[str, tuple[str, Callable[[Scene], Fields]]] = {
+TABLE: Mapping[str, tuple[str, Callable[[NmeaData], Fields]]] = {
     "HDT": ("HC", _hdt),
     "HDG": ("HC", _hdg),
     "ROT": ("TI", _rot),
@@ -211,7 +211,7 @@ TABLE: Mapping[str, tuple[str, Callable[[Scene], Fields]]] = {
 }
 
 
-def sentences(scene: Scene, names: Sequence[str]) -> list[bytes]:
+def sentences(scene: NmeaData, names: Sequence[str]) -> list[bytes]:
     """Return the sentences of a scene that have something to say, in the order of the names."""
     said = ((talker, name, build(scene)) for name in names for talker, build in (TABLE[name],))
     return [sentence(talker, name, fields) for talker, name, fields in said if fields is not None]
@@ -233,7 +233,7 @@ class NmeaOutput:
         self._due_s = 0.0
         self._sent_bytes = self._dropped = 0
 
-    def publish(self, scene: Callable[[], Scene], now_s: float) -> None:
+    def publish(self, scene: Callable[[], NmeaData], now_s: float) -> None:
         """Say what is due; at most once in a call, and late ones are left out."""
         if now_s < self._due_s:
             return
@@ -243,7 +243,7 @@ class NmeaOutput:
         transport.poll(now_s)
         for descriptor in transport.descriptors():
             transport.receive(descriptor)
-        listeners = (*transport.addresses(), *transport.guests())
+        listeners = (*transport.addresses(), *transport.connections())
         if not listeners:
             return
         said = b"".join(sentences(scene(), self._options.sentences))
@@ -258,7 +258,7 @@ class NmeaOutput:
     def status(self, _now_s: float) -> LinkStatus:
         """Return how much was said, and how often a listener had no room for it."""
         said = PeerStatus(
-            address=f"{len(self._transport.addresses()) + len(self._transport.guests())} listening",
+            address=f"{len(self._transport.addresses()) + len(self._transport.connections())} listening",
             ground_station=False,
             has_place=True,
             signs=False,
@@ -283,7 +283,7 @@ def open_output(
     if kind not in _KINDS:
         raise LinkError(f"link {url[:120]!r}: {abbreviated(kind)} is not a way out for NMEA 0183; use {_FORMS}")
     options = _options(url, query)
-    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, say=say, hears=False)
+    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, say=say, receives=False)
     needed = len(options.sentences) * LONGEST * options.rate_hz
     if transport.byte_rate is not None and needed > transport.byte_rate:
         transport.close()

@@ -9,22 +9,22 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.access import Admitted, Gate, Standing
+from firmware_py.link.access import Admitted, Gate, Permission
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.telemetry.fields import UINT32_MAX, boot_ms
 from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.wire.dialect import Message, mavlink
-from firmware_py.link.wire.frames import Frame, Splitter, VersionHeard
+from firmware_py.link.wire.frames import Frame, Splitter, VersionDetector
 from firmware_py.link.wire.outbox import BulkShare, Outbox, Priority, RadioPace, Sealer
 from firmware_py.link.wire.transport import Address, Satellite, Transport, usual_class
 from firmware_py.link.wire.urls import LinkClass
 
-DOUBLED_S = 10.0  # a frame that comes by another way does so within this
-ALIKE = 3  # so many frames alike make two ways one station's
-PARTED = 10  # and so many more where they were found to be two's
-MOVED_S = 10.0  # a station that comes by another port goes on within this
-LOST = 16  # its frames that may be lost meanwhile
+DUPLICATE_S = 10.0  # a frame that comes by another way does so within this
+MIN_IDENTICAL_FRAMES = 3  # so many frames alike make two ways one station's
+SPLIT_PENALTY_FRAMES = 10  # and so many more where they were found to be two's
+MOVE_TIMEOUT_S = 10.0  # a station that comes by another port goes on within this
+MAX_LOST_FRAMES = 16  # its frames that may be lost meanwhile
 _SENDERS = 8
 _NUMBERS = 256
 _MAVLINK2 = 0xFD
@@ -32,21 +32,21 @@ _MAVLINK2 = 0xFD
 # What goes to who may not be where he says he is, in bytes for each that came from there: whoever forges an address
 # draws less than ten times of what he spends.
 _CREDIT = 8
-LATELY_S = 3.0  # stations send a heartbeat each second
+HEARTBEAT_GAP_S = 3.0  # stations send a heartbeat each second
 DENIALS = 20  # answered at once to who has no right to what he asks
 DENIALS_HZ = 5.0  # and in the long run
 
 Sender = tuple[int, int]  # MAVLink system and component
 
-PLACES = 8  # on one link, beside those whom the vehicle file names
-STRANGERS_PLACES = 4  # of them, once there is a key to tell strangers by
+MAX_ACTIVE_PEERS = 8  # on one link, beside those whom the vehicle file names
+MAX_UNKNOWN_PEERS = 4  # of them, once there is a key to tell strangers by
 QUIET_S = 10.0  # one who is silent for this long makes room for a new one
-WAITING = 16  # who have not shown yet that they are there; not counted among the places
+MAX_PENDING_PEERS = 16  # who have not shown yet that they are there; not counted among the places
 
-DOUBT_S = 10.0  # a datagram peer silent for this long has to prove anew that it is there, unless it signs
+UNPROVEN_AFTER_S = 10.0  # a datagram peer silent for this long has to prove anew that it is there, unless it signs
 FORGET_S = 300.0  # and whoever is silent for this long loses his place
 HEARTBEAT_S = 1.0  # between heartbeats to one who waits
-DUMB_S = 10.0  # a link by which nothing has left for this long is told to whom there are others to
+BLOCKED_REPORT_S = 10.0  # a link by which nothing has left for this long is told to whom there are others to
 LATE_HEARTBEATS = 4  # signed heartbeats at once to strangers whose timestamps are behind
 LATE_HEARTBEATS_HZ = 1.0  # and in the long run
 
@@ -92,14 +92,14 @@ class _Sender:
         self.last_number = 0
 
 
-class Ways:
+class PeerPaths:
     """The latest frames of the latest few senders, and by which way each came first; bounded."""
 
     def __init__(self) -> None:
         """Start with nothing heard."""
         self._senders: OrderedDict[Sender, _Sender] = OrderedDict()
 
-    def is_double(self, way: Way, frame: bytes, now_s: float) -> bool:
+    def is_duplicate(self, way: Way, frame: bytes, now_s: float) -> bool:
         """Return whether a frame has come already by another way of its station; learn whose way this is.
 
         What comes twice by one way is not judged: each service knows what to do with it.
@@ -108,14 +108,14 @@ class Ways:
         known = self._senders.get(sender)
         before = None if known is None else known.by_number.get(number)
         way.heard_s = now_s
-        if before is None or before.way is way or now_s - before.t_s > DOUBLED_S or before.mark != hash(frame):
+        if before is None or before.way is way or now_s - before.t_s > DUPLICATE_S or before.mark != hash(frame):
             return False
         if before.way.station is way.station:
             return True
         # A program that was started again says what it said before, but not by two ways at once.
         if before.way.heard_s > way.since_s:
             way.alike += 1
-            if way.alike >= ALIKE:
+            if way.alike >= MIN_IDENTICAL_FRAMES:
                 way.station = before.way.station
         return False
 
@@ -124,11 +124,11 @@ class Ways:
         sender, number = _address(frame)
         known = self._senders.get(sender) or _Sender()
         mark, before = hash(frame), known.by_number.get(number)
-        if before is not None and before.way is not way and now_s - before.t_s <= DOUBLED_S:
+        if before is not None and before.way is not way and now_s - before.t_s <= DUPLICATE_S:
             if before.mark == mark:
                 return  # it stays the other way's, which is not known to be the same station's yet
             if before.way.station is way.station and known.count - before.order < _NUMBERS // 2:
-                way.station, way.alike = object(), -PARTED
+                way.station, way.alike = object(), -SPLIT_PENALTY_FRAMES
         known.count += 1
         known.last_number = number
         known.by_number[number] = _Heard(mark, way, now_s, known.count)
@@ -144,8 +144,8 @@ class Ways:
         if known is None or number == 0:
             return
         last = known.by_number[known.last_number]
-        goes_on = 1 <= (number - known.last_number) % _NUMBERS <= LOST
-        if goes_on and (verified or last.way.place == way.place) and now_s - last.t_s <= MOVED_S:
+        goes_on = 1 <= (number - known.last_number) % _NUMBERS <= MAX_LOST_FRAMES
+        if goes_on and (verified or last.way.place == way.place) and now_s - last.t_s <= MOVE_TIMEOUT_S:
             way.station = last.way.station
 
 
@@ -184,9 +184,9 @@ class Peer:
         "rest_follows",
         "splitter",
         "streams",
-        "told_version",
         "transport",
         "verified",
+        "version_reported",
         "way",
     )
 
@@ -207,13 +207,13 @@ class Peer:
         self.extended_rows_due: dict[int, None] = {}  # and those by PARAM_EXT
         self.bulk = BulkShare(transport.byte_rate)
         self._radio_pace = RadioPace(transport.byte_rate)
-        self._version = VersionHeard()
+        self._version = VersionDetector()
         self.last_frame_s = now_s  # a valid frame came from it, or it was taken up
         self.heard_s: float | None = None  # its latest valid frame
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
         self.heartbeat_s = -math.inf  # it was sent one while it had no place
         self.introduced = False  # it was sent what must come before the heartbeat of an armed boat
-        self.told_version = False  # that it is answered in MAVLink 1
+        self.version_reported = False  # that it is answered in MAVLink 1
         self.rest_follows = False  # the next bytes are of a datagram of which a part was looked at
         self.verified = False  # it has signed a frame with the boat's key
         self._unanswered_bytes = 0  # sent to it when it was doubted
@@ -241,7 +241,7 @@ class Peer:
         """Whether what is sent to its address is known to arrive there."""
         return self.outbox.credit_bytes is None
 
-    def succeed(self, other: Peer) -> None:
+    def take_over(self, other: Peer) -> None:
         """Take the place of one that its station has left: what it has asked for is sent here from now on."""
         self.streams, self.introduced, self.ground_station_s = other.streams, other.introduced, other.ground_station_s
         self.parameter_list_row = other.parameter_list_row
@@ -266,11 +266,11 @@ class Peer:
         """Return how many frames of a long transfer may be queued now; none to one who may be elsewhere."""
         return self.bulk.frames(frame_bytes, self.outbox.waiting(Priority.REPLY), now_s) if self.proven else 0
 
-    def note_version(self, frames: Iterable[Frame], now_s: float) -> None:
+    def update_version(self, frames: Iterable[Frame], now_s: float) -> None:
         """Answer in MAVLink 1 who goes on in it though she was there to be heard; by satellite nobody can tell."""
         if self.outbox.sent_bytes and not self.quiet:
             self._version.hear(frames, now_s)
-            self.outbox.first_version = self._version.only_first
+            self.outbox.mavlink1_only = self._version.version1_only
 
     def keep_pace(self, free_percent: int, now_s: float) -> None:
         """Take how much of its buffer a modem in the line has free."""
@@ -286,11 +286,11 @@ class Peer:
         self.outbox.pace(self._radio_pace.share, now_s)
         self.bulk.pace(self._radio_pace.share, now_s)
 
-    def may_be_new(self, now_s: float) -> bool:
+    def may_need_introduction(self, now_s: float) -> bool:
         """Whether the next heartbeat may be the first one that somebody there sees."""
-        return not self.introduced or self.heard_s is None or now_s - self.heard_s > LATELY_S
+        return not self.introduced or self.heard_s is None or now_s - self.heard_s > HEARTBEAT_GAP_S
 
-    def doubt(self) -> None:
+    def mark_unproven(self) -> None:
         """Take it for one who may not be where he says he is."""
         self.outbox.credit_bytes = 0
         self._unanswered_bytes = self.outbox.sent_bytes
@@ -307,7 +307,7 @@ class Peer:
         return False
 
 
-class Correspondent:
+class Station:
     """A station and the way by which it was heard; equal are those of one station, by whatever way.
 
     Its numbers alone do not tell a station, since 255 and 190 are everybody's: `ways` says which ways are one's.
@@ -323,7 +323,7 @@ class Correspondent:
 
     def __eq__(self, other: object) -> bool:
         """Compare the stations."""
-        return isinstance(other, Correspondent) and self._key == other._key
+        return isinstance(other, Station) and self._key == other._key
 
     def __hash__(self) -> int:
         """Hash the station."""
@@ -335,12 +335,12 @@ def sender_of(message: Message) -> Sender:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def correspondent(peer: Peer, message: Message) -> Correspondent:
+def station_of(peer: Peer, message: Message) -> Station:
     """Return who sent a message, and by which way."""
-    return Correspondent(peer, sender_of(message))
+    return Station(peer, sender_of(message))
 
 
-class Guest(NamedTuple):
+class Contender(NamedTuple):
     """One who has, or wants, a place."""
 
     key: tuple[int, Hashable]  # index of the transport, and who
@@ -349,39 +349,39 @@ class Guest(NamedTuple):
     heard_s: float
 
 
-def who_leaves(newcomer: Guest, guests: Sequence[Guest], now_s: float) -> Sequence[Guest] | None:
+def select_evictions(newcomer: Contender, connections: Sequence[Contender], now_s: float) -> Sequence[Contender] | None:
     """Return who has to leave for a newcomer: nobody while there is room; None when there is none for him.
 
     One of the owner's takes a stranger's place, a stranger never one of the owner's. Among equals the silent one
     leaves, or one of the address that has more places than the newcomer's would.
     """
-    strangers = [guest for guest in guests if not guest.known]
-    if len(guests) < PLACES and (newcomer.known or len(strangers) < STRANGERS_PLACES):
+    strangers = [guest for guest in connections if not guest.known]
+    if len(connections) < MAX_ACTIVE_PEERS and (newcomer.known or len(strangers) < MAX_UNKNOWN_PEERS):
         return ()
     if newcomer.known and strangers:
-        return (_longest_silent_of_most(strangers),)
-    rivals = guests if newcomer.known else strangers
+        return (_select_longest_silent(strangers),)
+    rivals = connections if newcomer.known else strangers
     if not rivals:
         return None
     silent = min(rivals, key=lambda guest: guest.heard_s)
     if now_s - silent.heard_s > QUIET_S:
         return (silent,)
     places = Counter(guest.host for guest in rivals)
-    candidate = _longest_silent_of_most(rivals)
+    candidate = _select_longest_silent(rivals)
     return (candidate,) if places[candidate.host] > places[newcomer.host] + 1 else None
 
 
-def who_waits_no_more(waiting: Sequence[Guest]) -> Sequence[Guest]:
+def select_pending_evictions(waiting: Sequence[Contender]) -> Sequence[Contender]:
     """Return who has to leave when too many wait: of the address with the most, who has waited longest."""
-    return (_longest_silent_of_most(waiting),) if len(waiting) > WAITING else ()
+    return (_select_longest_silent(waiting),) if len(waiting) > MAX_PENDING_PEERS else ()
 
 
-def _longest_silent_of_most(guests: Sequence[Guest]) -> Guest:
-    places = Counter(guest.host for guest in guests)
-    return min(guests, key=lambda guest: (-places[guest.host], guest.heard_s))
+def _select_longest_silent(connections: Sequence[Contender]) -> Contender:
+    places = Counter(guest.host for guest in connections)
+    return min(connections, key=lambda guest: (-places[guest.host], guest.heard_s))
 
 
-class Host(Protocol):
+class PeerObserver(Protocol):
     """What the link does for its correspondents."""
 
     def greet(self, peer: Peer, now_s: float) -> None:
@@ -409,7 +409,7 @@ class Peers:
     """
 
     def __init__(
-        self, transports: Sequence[Transport], gate: Gate, sealer: Callable[[int], Sealer], host: Host
+        self, transports: Sequence[Transport], gate: Gate, sealer: Callable[[int], Sealer], host: PeerObserver
     ) -> None:
         """Take the transports, who judges their frames, who signs for each, and who speaks to a new peer."""
         self._transports = tuple(transports)
@@ -420,11 +420,11 @@ class Peers:
         self._host = host
         self._late_heartbeats = TokenBucket(LATE_HEARTBEATS, LATE_HEARTBEATS_HZ)
         self._peers: dict[Key, Peer] = {}
-        self._waiting: dict[Key, Peer] = {}
-        self._ways = Ways()
+        self._pending: dict[Key, Peer] = {}
+        self._paths = PeerPaths()
         self.rejected = 0  # datagrams of strangers without a frame, or without room for them
         self._gone_rejected = 0
-        self._dumb_since_s: dict[int, float] = {}  # transports by which nothing leaves; infinite when that was told
+        self._blocked_since_s: dict[int, float] = {}  # transports by which nothing leaves; infinite when that was told
 
     def __iter__(self) -> Iterator[Peer]:
         """Go through those who have a place, as they are now."""
@@ -434,9 +434,9 @@ class Peers:
         """Return the number of those who have a place."""
         return len(self._peers)
 
-    def everybody(self) -> Iterable[Peer]:
+    def all_peers(self) -> Iterable[Peer]:
         """Go through those who wait, too."""
-        return (*self._peers.values(), *self._waiting.values())
+        return (*self._peers.values(), *self._pending.values())
 
     def has(self, index: int, address: Address) -> bool:
         """Return whether somebody has a place."""
@@ -444,17 +444,17 @@ class Peers:
 
     def refused_frames(self) -> int:
         """Return the number of broken frames from all peers since start."""
-        return self._gone_rejected + sum([peer.splitter.rejected for peer in self.everybody()])
+        return self._gone_rejected + sum([peer.splitter.rejected for peer in self.all_peers()])
 
     def flush(self, now_s: float) -> None:
         """Hand what waits for anybody to the transports."""
-        for peer in self.everybody():
+        for peer in self.all_peers():
             peer.outbox.flush(now_s)
 
     def status(self, now_s: float) -> tuple[LinkStatus, ...]:
         """Return who is on each transport, those who wait for a place last."""
         seated = [(key[0], peer.status(now_s, has_place=True)) for key, peer in self._peers.items()]
-        waiting = [(key[0], peer.status(now_s, has_place=False)) for key, peer in self._waiting.items()]
+        waiting = [(key[0], peer.status(now_s, has_place=False)) for key, peer in self._pending.items()]
         return tuple(
             LinkStatus(
                 transport.name,
@@ -475,49 +475,49 @@ class Peers:
         for index, transport in enumerate(self._transports):
             for address in transport.addresses():
                 permanent[index, address] = None
-            for address in transport.guests():
+            for address in transport.connections():
                 connected[index, address] = None
         self._report_blocked_links(now_s)
         for key in permanent:
             if key not in self._peers:
-                self._seat(key, self._new_peer(key, now_s), now_s)
+                self._activate(key, self._new_peer(key, now_s), now_s)
             else:
                 self._peers[key].forget_silent_radio(now_s)
         for key in connected:
-            if key not in self._peers and key not in self._waiting:
+            if key not in self._peers and key not in self._pending:
                 self._wait(key, self._new_peer(key, now_s), now_s)
         for key, peer in tuple(self._peers.items()):
             if key in permanent:
                 continue
             datagrams, silent_s = peer.transport.datagrams, now_s - peer.last_frame_s
             if silent_s > FORGET_S or not (datagrams or key in connected):
-                self._dismiss(key, now_s)
-            elif datagrams and peer.proven and not peer.verified and silent_s > DOUBT_S:
-                peer.doubt()
-        for key, peer in tuple(self._waiting.items()):
+                self._remove(key, now_s)
+            elif datagrams and peer.proven and not peer.verified and silent_s > UNPROVEN_AFTER_S:
+                peer.mark_unproven()
+        for key, peer in tuple(self._pending.items()):
             silent = now_s - peer.last_frame_s > QUIET_S
             if silent and key in connected:
                 host = peer.transport.host(key[1])
                 self._host.tell(f"{host} on {peer.transport.name} dropped: no valid frame", now_s)
             if silent or not (peer.transport.datagrams or key in connected):
-                self._dismiss(key, now_s)
+                self._remove(key, now_s)
             else:
-                self._show_presence(peer, now_s)
+                self._announce_if_due(peer, now_s)
 
     def _report_blocked_links(self, now_s: float) -> None:
         """Tell those who can be reached that a link has been dumb for a while, once for each time."""
         for index, transport in enumerate(self._transports):
             if not transport.blocked_reason:
-                self._dumb_since_s.pop(index, None)
-            elif now_s - self._dumb_since_s.setdefault(index, now_s) >= DUMB_S:
-                self._dumb_since_s[index] = math.inf
+                self._blocked_since_s.pop(index, None)
+            elif now_s - self._blocked_since_s.setdefault(index, now_s) >= BLOCKED_REPORT_S:
+                self._blocked_since_s[index] = math.inf
                 self._host.tell(f"Nothing leaves by {transport.name}: {transport.blocked_reason}", now_s)
 
     def _permanent(self, key: Key) -> bool:
         return key[1] in self._transports[key[0]].addresses()
 
-    def _show_presence(self, peer: Peer, now_s: float) -> None:
-        silent = peer.quiet or self._gate.unsigned(peer.transport.options) is Standing.NONE
+    def _announce_if_due(self, peer: Peer, now_s: float) -> None:
+        silent = peer.quiet or self._gate.unsigned(peer.transport.options) is Permission.NONE
         if not silent and now_s - peer.heartbeat_s >= HEARTBEAT_S:
             peer.heartbeat_s = now_s
             self._host.announce(peer)
@@ -527,7 +527,7 @@ class Peers:
     def frames(self, index: int, address: Address, data: bytes, now_s: float) -> tuple[Peer, list[Admitted]] | None:
         """Return the peer that sent these bytes and the frames they complete; None for a stranger's noise."""
         key, transport = (index, address), self._transports[index]
-        peer = self._peers.get(key) or self._waiting.get(key)
+        peer = self._peers.get(key) or self._pending.get(key)
         splitter = Splitter() if peer is None else peer.splitter
         late_before = self._gate.late_frames
         frames = splitter.feed(data, now_s)
@@ -536,7 +536,7 @@ class Peers:
         admitted = self._gate.admit(fresh, transport.options, line=transport.byte_rate is not None)
         if not admitted and len(fresh) == len(frames):
             if key not in self._peers and self._gate.late_frames > late_before:
-                self._help_late(peer or self._new_peer(key, now_s), now_s)
+                self._help_stale_timestamp(peer or self._new_peer(key, now_s), now_s)
             if peer is None:
                 self.rejected += 1
             return None if peer is None else (peer, admitted)
@@ -544,87 +544,89 @@ class Peers:
             peer = self._new_peer(key, now_s)
             peer.splitter = splitter  # it may hold the beginning of a frame whose rest follows
             if self._permanent(key):
-                self._seat(key, peer, now_s)
+                self._activate(key, peer, now_s)
             else:
-                peer.doubt()
+                peer.mark_unproven()
                 self._wait(key, peer, now_s)
             first = admitted[0]
-            self._ways.follow(peer.way, first.frame.data, now_s, verified=first.verified)
+            self._paths.follow(peer.way, first.frame.data, now_s, verified=first.verified)
             fresh = self._fresh(peer, (each.frame for each in admitted), now_s)
             admitted = [each for each in admitted if each.frame in fresh]
         for each in admitted:
-            if each.standing is Standing.COMMANDER:
-                self._ways.note(peer.way, each.frame.data, now_s)
-        peer.note_version((each.frame for each in admitted), now_s)
+            if each.standing is Permission.COMMANDER:
+                self._paths.note(peer.way, each.frame.data, now_s)
+        peer.update_version((each.frame for each in admitted), now_s)
         peer.verified = peer.verified or any(frame.verified for frame in admitted)
         if peer.hear(len(data), now_s):
-            if not self.has(*key) and not (self._succeed(key, peer, now_s) or self._find_place(key, peer, now_s)):
+            if not self.has(*key) and not (
+                self._take_over(key, peer, now_s) or self._activate_if_admitted(key, peer, now_s)
+            ):
                 self.rejected += 1
                 return None
             peer.outbox.credit_bytes = None
         else:
-            self._show_presence(peer, now_s)
+            self._announce_if_due(peer, now_s)
         return peer, admitted
 
     def _fresh(self, peer: Peer, frames: Iterable[Frame], now_s: float) -> list[Frame]:
-        return [frame for frame in frames if not self._ways.is_double(peer.way, frame.data, now_s)]
+        return [frame for frame in frames if not self._paths.is_duplicate(peer.way, frame.data, now_s)]
 
-    def _help_late(self, peer: Peer, now_s: float) -> None:
+    def _help_stale_timestamp(self, peer: Peer, now_s: float) -> None:
         if self._late_heartbeats.spend_one(now_s):
             self._host.send_heartbeat(peer)
             peer.outbox.flush(now_s)
 
     # ------------------------------------------------------------------ places
 
-    def _succeed(self, key: Key, peer: Peer, now_s: float) -> bool:
+    def _take_over(self, key: Key, peer: Peer, now_s: float) -> bool:
         """Give a station that a NAT has moved to another port the place that it has left; False if it has none."""
         for other_key, other in tuple(self._peers.items()):
             way = other.way
             same = way.station is peer.way.station and way.place == peer.way.place
             if same and way.heard_s < peer.way.since_s and not self._permanent(other_key):
-                peer.succeed(other)
-                self._dismiss(other_key, now_s)
-                self._seat_in(key, peer)
+                peer.take_over(other)
+                self._remove(other_key, now_s)
+                self._set_active(key, peer)
                 return True
         return False
 
-    def _find_place(self, key: Key, peer: Peer, now_s: float) -> bool:
-        newcomer = self._guest(key, peer)
-        seated = [self._guest(*item) for item in self._peers.items() if item[0][0] == key[0]]
-        leaving = who_leaves(newcomer, [guest for guest in seated if not self._permanent(guest.key)], now_s)
+    def _activate_if_admitted(self, key: Key, peer: Peer, now_s: float) -> bool:
+        newcomer = self._contender(key, peer)
+        seated = [self._contender(*item) for item in self._peers.items() if item[0][0] == key[0]]
+        leaving = select_evictions(newcomer, [guest for guest in seated if not self._permanent(guest.key)], now_s)
         if leaving is None:
             self._host.tell(f"No place for {newcomer.host} on {peer.transport.name}", now_s)
             return False
         for guest in leaving:
-            self._dismiss(guest.key, now_s)
+            self._remove(guest.key, now_s)
             self._host.tell(f"Place of {guest.host} on {peer.transport.name} given to {newcomer.host}", now_s)
-        self._seat(key, peer, now_s)
+        self._activate(key, peer, now_s)
         return True
 
-    def _seat(self, key: Key, peer: Peer, now_s: float) -> None:
-        self._seat_in(key, peer)
+    def _activate(self, key: Key, peer: Peer, now_s: float) -> None:
+        self._set_active(key, peer)
         self._host.greet(peer, now_s)
 
-    def _seat_in(self, key: Key, peer: Peer) -> None:
-        self._waiting.pop(key, None)
+    def _set_active(self, key: Key, peer: Peer) -> None:
+        self._pending.pop(key, None)
         self._peers[key] = peer
         peer.outbox.credit_bytes = None
 
     def _wait(self, key: Key, peer: Peer, now_s: float) -> None:
-        self._waiting[key] = peer
-        queue = [self._guest(*item) for item in self._waiting.items() if item[0][0] == key[0]]
-        for guest in who_waits_no_more(queue):
-            self._dismiss(guest.key, now_s)
+        self._pending[key] = peer
+        queue = [self._contender(*item) for item in self._pending.items() if item[0][0] == key[0]]
+        for guest in select_pending_evictions(queue):
+            self._remove(guest.key, now_s)
 
-    def _dismiss(self, key: Key, now_s: float) -> None:
-        peer = self._waiting.pop(key, None) or self._peers.pop(key)
+    def _remove(self, key: Key, now_s: float) -> None:
+        peer = self._pending.pop(key, None) or self._peers.pop(key)
         peer.outbox.flush(now_s)
         self._gone_rejected += peer.splitter.rejected
         peer.transport.drop(key[1])
 
-    def _guest(self, key: Key, peer: Peer) -> Guest:
+    def _contender(self, key: Key, peer: Peer) -> Contender:
         known = self._gate.knows(peer.transport.options, verified=peer.verified)
-        return Guest(key, peer.transport.host(key[1]), known, peer.last_frame_s)
+        return Contender(key, peer.transport.host(key[1]), known, peer.last_frame_s)
 
     def _new_peer(self, key: Key, now_s: float) -> Peer:
         return Peer(self._transports[key[0]], key[1], self._sealer(key[0]), now_s)

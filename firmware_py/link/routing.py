@@ -16,7 +16,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.access import Admitted, Standing
+from firmware_py.link.access import Admitted, Permission
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.peers import Peer
 from firmware_py.link.wire.dialect import mavlink
@@ -56,7 +56,7 @@ class Router:
         if len(present) < 2 or peer not in present:
             return
         for frame, standing, _ in frames:
-            if standing is Standing.COMMANDER and self._learn(_source(frame.data), peer, present, now_s):
+            if standing is Permission.COMMANDER and self._learn(_source(frame.data), peer, present, now_s):
                 self._pass(peer, frame, present, now_s)
 
     def _learn(self, source: Address, peer: Peer, present: Iterable[Peer], now_s: float) -> bool:
@@ -73,7 +73,7 @@ class Router:
         target = _target(frame)
         if target == self._own:
             return
-        hearers = [other for other in self._hearers(target, present) if other is not peer]
+        hearers = [other for other in self._recipients(target, present) if other is not peer]
         if not hearers or self._is_known(frame.data, now_s):
             return
         if not self._tokens.spend_one(now_s):
@@ -84,7 +84,7 @@ class Router:
             if other.outbox.waiting(priority) < _WAITING:
                 other.outbox.push(Packed(frame.data, b""), priority)
 
-    def _hearers(self, target: Address, present: Iterable[Peer]) -> Iterable[Peer]:
+    def _recipients(self, target: Address, present: Iterable[Peer]) -> Iterable[Peer]:
         """Return whom a message is for: everybody, or those who have spoken for its target."""
         system, component = target
         if not system:

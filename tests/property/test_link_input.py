@@ -42,7 +42,7 @@ from firmware_py.core.compass_swing import CompassSwing
 from firmware_py.link.commands.table import TABLE as COMMAND_TABLE
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.telemetry.streams import FASTEST_S, SLOWEST_S
+from firmware_py.link.telemetry.streams import MAX_INTERVAL_S, MIN_INTERVAL_S
 from firmware_py.link.telemetry.table import TABLE
 from firmware_py.link.wire.urls import PLAIN
 from firmware_py.plans.validation import problem_of
@@ -122,7 +122,7 @@ class Pipe:
     def addresses(self):
         return ("station",)
 
-    def guests(self):
+    def connections(self):
         return ()
 
     def host(self, address):
@@ -194,7 +194,7 @@ def check_sound(rig):
     for peer in rig.endpoint._peers:
         for row in TABLE:
             interval_us = peer.streams.interval_us(row.number)
-            assert interval_us == -1 or FASTEST_S <= interval_us * 1e-6 <= SLOWEST_S
+            assert interval_us == -1 or MIN_INTERVAL_S <= interval_us * 1e-6 <= MAX_INTERVAL_S
 
 
 SIZES = {"B": 8, "b": -8, "H": 16, "h": -16, "I": 32, "i": -32, "Q": 64, "q": -64}

@@ -162,7 +162,7 @@ class MemoryTransport:
     def addresses(self):
         return self.served
 
-    def guests(self):
+    def connections(self):
         return self.connected
 
     def host(self, address):

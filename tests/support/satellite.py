@@ -12,7 +12,7 @@ from firmware_py.common.records import RudderCommand
 from firmware_py.common.reports import Output
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.open_transport import Ashore, open_transport
+from firmware_py.link.wire.open_transport import SatelliteSupport, open_transport
 from hil.devices.iridium import IridiumModem
 from hil.devices.iridium_network import IridiumNetwork
 from support.link import SNAPSHOT, FakeRequestHandler, MemoryTransport, MemoryVault
@@ -67,7 +67,7 @@ class SatelliteBoat:
     def start(self, key=None):
         """Start the program, anew with what the vault has kept."""
         utc_s = lambda: self.start_utc_s + self.now_s  # noqa: E731
-        ashore = Ashore(self.vault, utc_s, self.events.append)
+        ashore = SatelliteSupport(self.vault, utc_s, self.events.append)
         self.transport = open_transport("sbd:/dev/ttyModem", lambda _path, _baud: self.line, ashore)
         keys = MemoryVault()
         self.endpoint = Endpoint(

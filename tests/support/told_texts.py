@@ -32,9 +32,9 @@ MAKERS = {
     "request_or_warn": (2, "intent"),
     "StoreError": (0, ""),
     "WatchdogError": (0, ""),
-    "once_stored": (2, "text"),
+    "finish_when_stored": (2, "text"),
 }
-_SECOND = {"once_stored": (3, "failure")}  # and another one
+_SECOND = {"finish_when_stored": (3, "failure")}  # and another one
 _KEPT = {"note", "start_problem"}  # attributes that keep a text until it is told
 
 

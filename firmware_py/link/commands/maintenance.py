@@ -10,7 +10,7 @@ from firmware_py.common.intents import Answer, BenchRudder, ForgetParameters, Re
 from firmware_py.common.interfaces import Calibrator
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.records import CalibrationState, Severity
-from firmware_py.link.commands.server import ACCEPTED, CommandCall, CommandRow, PendingCommand, once_stored
+from firmware_py.link.commands.server import ACCEPTED, CommandCall, CommandRow, PendingCommand, finish_when_stored
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry.status import report_of
 
@@ -116,7 +116,7 @@ def _set_parameter(context: LinkContext, call: CommandCall, name: str, value: fl
     if answer.verdict is not Verdict.ACCEPTED:
         return answer
     text = f"{name} is now {context.request_handler.parameters()[name]:.2f}"
-    return once_stored(context, call, text, f"{name} is in force but could not be stored")
+    return finish_when_stored(context, call, text, f"{name} is in force but could not be stored")
 
 
 def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
@@ -131,10 +131,10 @@ def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
         if answer.verdict is not Verdict.ACCEPTED:
             return answer
         text = "Parameters are those of the vehicle file from the next start on"
-        return once_stored(context, call, text, "this could not be stored; they stay as they are")
+        return finish_when_stored(context, call, text, "this could not be stored; they stay as they are")
     if parameters == _READ:
         return ACCEPTED
-    return once_stored(context, call, "All is stored", "not all could be stored; it is tried again by itself")
+    return finish_when_stored(context, call, "All is stored", "not all could be stored; it is tried again by itself")
 
 
 def start_swing(context: LinkContext, call: CommandCall) -> Answer:
@@ -212,7 +212,7 @@ def _set_deviation(
     context.request_handler.compass_swing.end({name: before[name] for name in values} if undo else None)
     shown = " ".join(f"{name[-1]} {value:.2f}" for name, value in values.items())
     text = f"Compass swing: {shown} deg {what}"
-    return once_stored(context, call, text, "the deviation is in force but could not be stored")
+    return finish_when_stored(context, call, text, "the deviation is in force but could not be stored")
 
 
 def _mask_denial(call: CommandCall) -> Answer | None:

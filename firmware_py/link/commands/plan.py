@@ -7,7 +7,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import PlanKind, first_item_number
 from firmware_py.common.records import Severity
 from firmware_py.link.commands.server import NEITHER, CommandCall, CommandRow
-from firmware_py.link.commands.steering import GLOBAL_FRAMES, home_of
+from firmware_py.link.commands.steering import GLOBAL_FRAMES, home_request
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry.fields import UINT16_MAX
 from firmware_py.plans.items import ROWS, Command
@@ -24,7 +24,7 @@ def set_home(context: LinkContext, call: CommandCall) -> Answer:
         return context.request(call.message, SetHome(), call.now_s)
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
         return call.denied(f"frame {call.frame} is not a global one")
-    home = home_of(*call.place_deg, call.z)
+    home = home_request(*call.place_deg, call.z)
     return call.denied(home) if isinstance(home, str) else context.request(call.message, home, call.now_s)
 
 

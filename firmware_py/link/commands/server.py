@@ -14,16 +14,16 @@ from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.peers import DOUBLED_S, Correspondent, Peer, Sender, correspondent
+from firmware_py.link.peers import DUPLICATE_S, Peer, Sender, Station, station_of
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
 
 ACCEPTED = Answer(Verdict.ACCEPTED)
 NEITHER = "param1 is neither 0 nor 1"
 
-_MOST_PENDING = 8
-_KEEP_TIMEOUT_S = 15.0  # longer than a write may have to wait for the ones before
-_UNKEPT = 1  # result_param2 of what is done and may be forgotten by a restart
+_MAX_PENDING = 8
+_STORE_TIMEOUT_S = 15.0  # longer than a write may have to wait for the ones before
+_NOT_STORED = 1  # result_param2 of what is done and may be forgotten by a restart
 
 RETRY_S = 5.0  # a confirmation within this belongs to the earlier command
 SATELLITE_RETRY_S = 600.0  # where an acknowledgement takes two minutes
@@ -37,8 +37,8 @@ _NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
 IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
 _LATE = Answer(Verdict.FAILED, "not done in time")
 UNKNOWN_PROGRESS = 255
-FIRST_WORD_S = 0.3  # what is done by then needs no word in between
-WORD_S = 1.0
+FIRST_PROGRESS_S = 0.3  # what is done by then needs no word in between
+PROGRESS_INTERVAL_S = 1.0
 
 
 class CommandCall(msgspec.Struct, frozen=True):
@@ -66,9 +66,9 @@ class CommandCall(msgspec.Struct, frozen=True):
         return self.x * scale, self.y * scale
 
     @property
-    def station(self) -> Correspondent:
+    def station(self) -> Station:
         """Who sent it, by whatever way."""
-        return correspondent(self.peer, self.message)
+        return station_of(self.peer, self.message)
 
     @property
     def sender(self) -> tuple[int, int]:
@@ -101,13 +101,13 @@ class PendingCommand:
         self._poll = poll
         self._answer: Answer | None = None
         self._done: Callable[[Answer], None] | None = None
-        self._begun_s = self._word_s = 0.0
+        self._started_s = self._next_progress_s = 0.0
         self.percent = percent
         self.late = late
 
     def begin(self, now_s: float, done: Callable[[Answer], None]) -> None:
         """Say who is to be told of the end, at once if it has come already."""
-        self._begun_s, self._word_s = now_s, now_s + FIRST_WORD_S
+        self._started_s, self._next_progress_s = now_s, now_s + FIRST_PROGRESS_S
         if self._answer is None:
             self._done = done
         else:
@@ -148,14 +148,14 @@ class PendingCommand:
 
     def progress_due(self, now_s: float) -> bool:
         """Return whether it is time for a word on the progress, and count it as said."""
-        if now_s < self._word_s:
+        if now_s < self._next_progress_s:
             return False
-        self._word_s = now_s + WORD_S
+        self._next_progress_s = now_s + PROGRESS_INTERVAL_S
         return True
 
     def timed_out(self, now_s: float) -> bool:
         """Return whether it has taken too long."""
-        return now_s - self._begun_s > self._timeout_s
+        return now_s - self._started_s > self._timeout_s
 
 
 CommandAction = Callable[[LinkContext, CommandCall], Answer | PendingCommand]
@@ -187,7 +187,7 @@ class CommandServer:
         self._rows: Mapping[int, CommandRow] = {row.command: row for row in rows}
         self._memory = CommandMemory()
         self._pending: list[tuple[CommandCall, PendingCommand]] = []
-        self._keeping: list[tuple[CommandCall, PendingCommand]] = []  # done, and on their way to the disk
+        self._storing_commands: list[tuple[CommandCall, PendingCommand]] = []  # done, and on their way to the disk
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -196,8 +196,8 @@ class CommandServer:
     def update(self, now_s: float) -> None:
         """Say how the commands under way are getting on, and end those that take too long."""
         # Of a row of the same command the latest speaks for all.
-        latest = {(call.peer, call.sender, call.command): pending for call, pending in self._keeping}
-        for call, pending in (*self._pending, *self._keeping):
+        latest = {(call.peer, call.sender, call.command): pending for call, pending in self._storing_commands}
+        for call, pending in (*self._pending, *self._storing_commands):
             pending.check_end()
             if pending.ended:
                 continue
@@ -214,7 +214,7 @@ class CommandServer:
         row = self._rows.get(message.command)
         call = CommandCall(peer, message, message.command, first, *last, None, now_s, _name(row))
         # As bytes, since NaN is not equal to itself.
-        self._carry_out_once(row, call, struct.pack("<7f", *first, *last), confirmed=message.confirmation > 0)
+        self._execute_once(row, call, struct.pack("<7f", *first, *last), confirmed=message.confirmation > 0)
 
     def _int(self, peer: Peer, message: Message, now_s: float) -> None:
         """Carry out a command whose place is in whole numbers."""
@@ -223,23 +223,23 @@ class CommandServer:
         place = (float(message.x), float(message.y), message.z)
         call = CommandCall(peer, message, message.command, first, *place, message.frame, now_s, _name(row))
         asked = struct.pack("<B4fiif", message.frame, *first, message.x, message.y, message.z)
-        self._carry_out_once(row, call, asked, confirmed=False)
+        self._execute_once(row, call, asked, confirmed=False)
 
-    def _carry_out_once(self, row: CommandRow | None, call: CommandCall, asked: bytes, *, confirmed: bool) -> None:
+    def _execute_once(self, row: CommandRow | None, call: CommandCall, asked: bytes, *, confirmed: bool) -> None:
         if row is None or row.repeatable:
-            self._carry_out(row, call)
+            self._execute(row, call)
             return
         done = CommandRecord(call.now_s, call.message.get_seq(), asked, call.frame is not None, call.station)
-        earlier = self._memory.find_original(call.command, done, confirmed=confirmed, relative=row.relative)
+        earlier = self._memory.find_duplicate(call.command, done, confirmed=confirmed, relative=row.relative)
         if earlier is not None and earlier.result == Verdict.ACCEPTED:
-            self._acknowledge_when_kept(call)  # what could not be stored then may be now
+            self._acknowledge_when_stored(call)  # what could not be stored then may be now
             return
         if earlier is not None:
             self._acknowledge(call, earlier.result)
             return
         # Remembered first: a command under way says its result later.
         self._memory.remember(call.command, done, relative=row.relative)
-        self._carry_out(row, call)
+        self._execute(row, call)
 
     def _set_mode(self, peer: Peer, message: Message, now_s: float) -> None:
         """Take the old message as DO_SET_MODE, acknowledged as a command as ArduPilot does."""
@@ -247,7 +247,7 @@ class CommandServer:
         row = self._rows[int(mavlink.MAV_CMD_DO_SET_MODE)]
         number = int(mavlink.MAVLINK_MSG_ID_SET_MODE)
         call = CommandCall(peer, message, number, first, 0.0, 0.0, 0.0, None, now_s, row.name)
-        self._carry_out_once(row, call, struct.pack("<BI", message.base_mode, message.custom_mode), confirmed=False)
+        self._execute_once(row, call, struct.pack("<BI", message.base_mode, message.custom_mode), confirmed=False)
 
     def _cancel(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         """Cancel a command that is under way, whoever has begun it; one that is done stays done."""
@@ -257,7 +257,7 @@ class CommandServer:
 
     # ------------------------------------------------------------------ carrying out
 
-    def _carry_out(self, row: CommandRow | None, call: CommandCall) -> None:
+    def _execute(self, row: CommandRow | None, call: CommandCall) -> None:
         if row is None:
             self._acknowledge(call, Verdict.UNSUPPORTED)
             return
@@ -268,17 +268,17 @@ class CommandServer:
         if isinstance(answer, PendingCommand):
             self._begin(call, answer)
         elif answer.verdict is Verdict.ACCEPTED and not row.repeatable:
-            self._acknowledge_when_kept(call)
+            self._acknowledge_when_stored(call)
         else:
             self._conclude(call, None, answer)
 
-    def _acknowledge_when_kept(self, call: CommandCall) -> None:
+    def _acknowledge_when_stored(self, call: CommandCall) -> None:
         """Acknowledge a command that is done once the next start would go on with what came of it.
 
         One that cannot be kept is acknowledged all the same, since it is done; that it may be forgotten is said first.
         """
         late = Answer(Verdict.ACCEPTED, "done, but not on disk yet; a restart may forget it")
-        pending = PendingCommand(timeout_s=_KEEP_TIMEOUT_S, late=late)
+        pending = PendingCommand(timeout_s=_STORE_TIMEOUT_S, late=late)
 
         def kept(well: bool) -> None:  # noqa: FBT001 - the request handler's callback
             text = f"{call.name}: done, but it could not be stored; a restart may forget it"
@@ -287,11 +287,11 @@ class CommandServer:
         self._context.request_handler.when_orders_stored(kept)
         if not pending.ended:
             self._note_result(call, IN_PROGRESS)
-            self._keeping.append((call, pending))
+            self._storing_commands.append((call, pending))
         pending.begin(call.now_s, lambda answer: self._finish(call, pending, answer))
 
     def _begin(self, call: CommandCall, pending: PendingCommand) -> None:
-        if len(self._pending) >= _MOST_PENDING:
+        if len(self._pending) >= _MAX_PENDING:
             pending.cancel()
             self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, "Too many commands are under way"))
             return
@@ -306,7 +306,7 @@ class CommandServer:
     def _conclude(self, call: CommandCall, pending: PendingCommand | None, answer: Answer | int) -> None:
         if pending is not None:
             self._pending = [entry for entry in self._pending if entry[1] is not pending]
-            self._keeping = [entry for entry in self._keeping if entry[1] is not pending]
+            self._storing_commands = [entry for entry in self._storing_commands if entry[1] is not pending]
         result = int(answer.verdict) if isinstance(answer, Answer) else answer
         text = answer.text if isinstance(answer, Answer) else ""
         unkept = result == Verdict.ACCEPTED and bool(text)
@@ -314,7 +314,7 @@ class CommandServer:
         if text:
             severity = Severity.ERROR if unkept else Severity.WARNING
             self._context.send_text_limited(call.peer, severity, text, self._context.now_s)
-        self._acknowledge(call, result, second=_UNKEPT if unkept else 0)
+        self._acknowledge(call, result, second=_NOT_STORED if unkept else 0)
 
     def _note_result(self, call: CommandCall, result: int) -> None:
         row = self._rows.get(call.command)
@@ -338,7 +338,7 @@ class CommandRecord(msgspec.Struct, frozen=True):
     sequence: int
     asked: bytes
     in_whole_numbers: bool  # COMMAND_INT
-    station: Correspondent
+    station: Station
     result: int = _NO_RESULT
 
 
@@ -351,13 +351,13 @@ class CommandMemory:
 
     def __init__(self) -> None:
         """Start with nothing done."""
-        self._done: OrderedDict[tuple[Correspondent | Sender, int], tuple[CommandRecord, ...]] = OrderedDict()
+        self._done: OrderedDict[tuple[Station | Sender, int], tuple[CommandRecord, ...]] = OrderedDict()
 
     def __len__(self) -> int:
         """Return how many commands are remembered."""
         return len(self._done)
 
-    def find_original(
+    def find_duplicate(
         self, command: int, now: CommandRecord, *, confirmed: bool, relative: bool
     ) -> CommandRecord | None:
         """Return the one that this is a retry or a double of, None when it is new."""
@@ -369,7 +369,7 @@ class CommandMemory:
                 if _same(record, now) and _is_repeated(record, now, confirmed=confirmed):
                     return record
         if not _same(latest, now):
-            return _doubled(now, latest, earlier)
+            return _earlier_duplicate(now, latest, earlier)
         age_s = now.t_s - latest.t_s
         if confirmed:
             return latest if age_s < (SATELLITE_RETRY_S if now.station.peer.quiet else RETRY_S) else None
@@ -383,9 +383,7 @@ class CommandMemory:
         key = _key(done.station, command, relative=relative)
         keep_latest(self._done, key, (done, *self._done.get(key, ()))[:_LATEST], REMEMBERED)
 
-    def set_result(
-        self, station: Correspondent, command: int, sequence: int, result: int, *, relative: bool = False
-    ) -> None:
+    def set_result(self, station: Station, command: int, sequence: int, result: int, *, relative: bool = False) -> None:
         """Note the result of the command that came with a sequence number, if it is remembered."""
         key = _key(station, command, relative=relative)
         records = list(self._done.get(key, ()))
@@ -396,7 +394,7 @@ class CommandMemory:
                 return
 
 
-def _key(station: Correspondent, command: int, *, relative: bool) -> tuple[Correspondent | Sender, int]:
+def _key(station: Station, command: int, *, relative: bool) -> tuple[Station | Sender, int]:
     return station.sender if relative else station, command
 
 
@@ -408,14 +406,14 @@ def _is_repeated(record: CommandRecord, now: CommandRecord, *, confirmed: bool) 
         return age_s < (SATELLITE_RETRY_S if now.station.peer.quiet else RELATIVE_RETRY_S)
     # A program that was started again counts from 0 again, and comes by a new way.
     there = way is not record.station.peer.way and way.since_s < record.t_s + OVERTAKEN_S
-    return there and record.sequence == now.sequence and age_s < DOUBLED_S
+    return there and record.sequence == now.sequence and age_s < DUPLICATE_S
 
 
 def _same(one: CommandRecord, other: CommandRecord) -> bool:
     return one.asked == other.asked and one.in_whole_numbers is other.in_whole_numbers
 
 
-def _doubled(now: CommandRecord, latest: CommandRecord, earlier: list[CommandRecord]) -> CommandRecord | None:
+def _earlier_duplicate(now: CommandRecord, latest: CommandRecord, earlier: list[CommandRecord]) -> CommandRecord | None:
     """Return the one before the latest of which this is the very frame, which a line has held back and doubled."""
     if now.sequence == latest.sequence:  # a sender that does not count
         return None
@@ -429,7 +427,7 @@ def _doubled(now: CommandRecord, latest: CommandRecord, earlier: list[CommandRec
     )
 
 
-def once_stored(context: LinkContext, call: CommandCall, text: str, failure: str) -> PendingCommand:
+def finish_when_stored(context: LinkContext, call: CommandCall, text: str, failure: str) -> PendingCommand:
     """Be done once the disk has answered: until then nobody can say whether it will be stored."""
     pending = PendingCommand(timeout_s=math.inf)
 

@@ -69,7 +69,7 @@ def position_goal(latitude_deg: float, longitude_deg: float, *, change_mode: boo
     return SteerPosition(radians(latitude_deg), radians(longitude_deg), change_mode=change_mode)
 
 
-def home_of(latitude_deg: float, longitude_deg: float, altitude_m: float) -> SetHome | str:
+def home_request(latitude_deg: float, longitude_deg: float, altitude_m: float) -> SetHome | str:
     """Return the request to set home there, or why it is none; an altitude that is not given (NaN) is 0."""
     if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
         return "the position is not on this planet"
@@ -190,7 +190,7 @@ class Setpoints:
 
     def _home(self, peer: Peer, message: Message, now_s: float) -> None:
         """Set home to a position."""
-        home = home_of(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        home = home_request(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         self._context.request_or_warn(peer, message, home, now_s)
 
     def _is_repeated(self, message: Message, now_s: float) -> bool:
@@ -317,14 +317,14 @@ class ManualControl:
         if held and not within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US):
             self._context.request_or_warn(peer, message, "channel 1 is not within 1000 to 2000", now_s)
             return
-        self._tell_idle(peer, message, now_s)
+        self._report_idle_override(peer, message, now_s)
         if pulse_us == _IGNORE:
             return
         self._context.override_us = (now_s, pulse_us) if held else None
         deflection = (pulse_us - _CENTRE_US) / _FULL_US if held else None
         self._context.request_or_warn(peer, message, ManualRudder(deflection), now_s)
 
-    def _tell_idle(self, peer: Peer, message: Message, now_s: float) -> None:
+    def _report_idle_override(self, peer: Peer, message: Message, now_s: float) -> None:
         idle = self._idle_override(message)
         if idle and idle != self._idle:
             self._context.send_text_limited(peer, Severity.NOTICE, idle, now_s)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 _AS_NAMED = "send it again with what is named"
 _NO_PLACE = "the place is no latitude and longitude"
 _DISARM = "disarm her first"
-_UNKEPT = "it holds now, and may be forgotten by a restart: the disk did not take it"
+_NOT_STORED = "it holds now, and may be forgotten by a restart: the disk did not take it"
 _DISK = "see STORAGE_FAILING; send it again when the disk works"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
@@ -17,10 +17,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "Too many commands are under way": ("eight commands that take long are waiting", "wait for their answers"),
     "<command> is under way already": ("the same command is being carried out", "wait, or COMMAND_CANCEL"),
     "not done in time": ("a command that takes long has not come to its end", "see what was told before; try again"),
-    "done, but not on disk yet; a restart may forget it": (_UNKEPT, _DISK),
-    "<command>: done, but it could not be stored; a restart may forget it": (_UNKEPT, _DISK),
-    "guided waypoint: taken, but it could not be stored; a restart may forget it": (_UNKEPT, _DISK),
-    "Item <number> is under way, but this could not be stored; a restart may forget it": (_UNKEPT, _DISK),
+    "done, but not on disk yet; a restart may forget it": (_NOT_STORED, _DISK),
+    "<command>: done, but it could not be stored; a restart may forget it": (_NOT_STORED, _DISK),
+    "guided waypoint: taken, but it could not be stored; a restart may forget it": (_NOT_STORED, _DISK),
+    "Item <number> is under way, but this could not be stored; a restart may forget it": (_NOT_STORED, _DISK),
     "<request> is not supported yet": ("this version does not know how", "use another command"),
     "PreArm: all good": ("arming would be accepted", "nothing"),
     "PreArm: starting": ("the first tick is not over", "ask again in a second"),
@@ -120,7 +120,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "All is stored": ("everything in force is on disk", "nothing"),
     "not all could be stored; it is tried again by itself": ("something in force is not on disk", _DISK),
     "<parameter> is now <value>": ("a calibration has set a parameter, and it is on disk", "nothing"),
-    "<parameter> is in force but could not be stored": (_UNKEPT, _DISK),
+    "<parameter> is in force but could not be stored": (_NOT_STORED, _DISK),
     "<parameter>: takes effect at the next start": ("it is stored", "restart her (PREFLIGHT_REBOOT_SHUTDOWN)"),
     "<parameter> is read-only": ("it is counted onboard", "nothing"),
     "<parameter>: <value> is not a number; allowed: <values>": ("the value is not taken", _AS_NAMED),
@@ -160,6 +160,6 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "Compass swing: <coefficients> deg is in force": ("the proposal was accepted", "DO_CANCEL_MAG_CAL takes it back"),
     "Compass swing: <coefficients> deg is taken back": ("what was in force before is again", "nothing"),
     "Compass swing: cancelled, nothing was set": ("what was found is forgotten", "nothing"),
-    "the deviation is in force but could not be stored": (_UNKEPT, _DISK),
+    "the deviation is in force but could not be stored": (_NOT_STORED, _DISK),
     "not HEARTBEAT, and 20 ms (satellite: 10 s) to 1 h, 0 or -1": ("what SET_MESSAGE_INTERVAL takes", _AS_NAMED),
 }

@@ -20,7 +20,7 @@ from firmware_py.files.packed import SUFFIX, PackedFile, PlainFile
 from firmware_py.link.files.payload import Error, Refusal
 
 MAX_NAME_LENGTH = 64
-DEEPEST = 4
+MAX_DEPTH = 4
 FILE_BYTES = 1 << 20  # the largest file that is taken
 AREA_BYTES = 16 << 20
 AREA_FILES = 128
@@ -135,7 +135,7 @@ class Area:
 
     def make_directory(self, parts: Parts) -> None:
         """Generate a directory."""
-        if len(parts) >= DEEPEST:
+        if len(parts) >= MAX_DEPTH:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         self._check_room(parts, 0)
         with self._directory(parts[:-1]) as directory:

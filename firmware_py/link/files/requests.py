@@ -25,14 +25,14 @@ from firmware_py.link.files.sessions import (
 )
 from firmware_py.link.files.tree import Origin, Tree, parse_path
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.peers import Correspondent
+from firmware_py.link.peers import Station
 from firmware_py.link.wire.timeouts import timeouts_of
 from firmware_py.link.wire.worker import Worker
 
 _LISTINGS = 8
 _LISTING_S = 30.0  # a listing is read on, page by page, for so long
 
-_MOST_UPLOADS = 4
+_MAX_UPLOADS = 4
 
 
 class ReadingRequests:
@@ -43,7 +43,7 @@ class ReadingRequests:
         self._tree = tree
         self._sessions = sessions
         self._answers = answers
-        self._listings: OrderedDict[tuple[Correspondent, bytes], tuple[Any, float]] = OrderedDict()
+        self._listings: OrderedDict[tuple[Station, bytes], tuple[Any, float]] = OrderedDict()
 
     def actions(self) -> Mapping[int, FileAction]:
         """Return the opcodes carried out here."""
@@ -174,7 +174,7 @@ class WritingRequests:
         sessions, own = self._sessions, (call.client, call.request.session)
         sessions.check_room(*own, call.now_s)
         uploads = [key for key, session in sessions.items() if isinstance(session.handle, FileUpload) and key != own]
-        if len(uploads) + self._storing < _MOST_UPLOADS:
+        if len(uploads) + self._storing < _MAX_UPLOADS:
             return
         if not uploads or call.now_s - sessions.used_s(*uploads[0]) < IDLE_S:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)

@@ -33,7 +33,7 @@ from firmware_py.link.files.sessions import (
     OpenFile,
 )
 from firmware_py.link.files.tree import Tree
-from firmware_py.link.peers import Peer, correspondent
+from firmware_py.link.peers import Peer, station_of
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.worker import Worker
 
@@ -60,7 +60,7 @@ class FileServer:
         raw = bytes(message.payload)
         if raw[3] in (Opcode.ACK, Opcode.NAK):
             return
-        client = correspondent(peer, message)
+        client = station_of(peer, message)
         try:
             request = parse_request(raw)
         except Refusal as refusal:
@@ -72,11 +72,11 @@ class FileServer:
         self._sessions.expire(now_s)
         earlier = self._answers.find(call)
         if earlier is None:
-            self._carry_out(call)
+            self._execute(call)
         elif earlier is not PENDING:
             self._answers.send(call, earlier)
 
-    def _carry_out(self, call: FileCall) -> None:
+    def _execute(self, call: FileCall) -> None:
         action = self._actions.get(call.request.opcode)
         if action is None:
             self._answers.finish(call, Refusal(Error.UNKNOWN_COMMAND))

@@ -13,15 +13,15 @@ from firmware_py.link.context import LinkContext
 from firmware_py.link.files.area import FILE_BYTES, Entry, Parts
 from firmware_py.link.files.payload import Error, FileRequest, Opcode, Refusal, ack_payload, nak_payload, refusal_of
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.peers import Correspondent, Peer
+from firmware_py.link.peers import Peer, Station
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.worker import Worker
 
-MOST_SESSIONS = 16
-MOST_OF_ONE = 6  # sessions of one client; MAVProxy uses five at once
+MAX_SESSIONS = 16
+MAX_CLIENT_SESSIONS = 6  # sessions of one client; MAVProxy uses five at once
 IDLE_S = 10.0  # a session unused for this long makes room for another
 FORGET_S = 120.0  # and unused for this long it is closed in any case
-_MOST_GAPS = 64  # of a file on its way in
+_MAX_GAPS = 64  # of a file on its way in
 _BURST_PARTS = 160  # then the client asks again: what a receive buffer of 208 KiB holds, with a margin
 
 FILE_TRANSFER = 110
@@ -81,7 +81,7 @@ class FileUpload:
         gaps = [*self.gaps, (size, offset)] if offset > size else self.gaps
         left = [piece for low, high in gaps for piece in ((low, min(high, offset)), (max(low, end), high))]
         gaps = [(low, high) for low, high in left if low < high]
-        if len(gaps) > _MOST_GAPS:
+        if len(gaps) > _MAX_GAPS:
             raise Refusal(Error.FAIL)
         self.gaps = gaps
         if end > size:
@@ -98,7 +98,7 @@ class Burst:
 
     __slots__ = ("_part_bytes", "client", "index", "offset", "request")
 
-    def __init__(self, request: FileRequest, client: Correspondent) -> None:
+    def __init__(self, request: FileRequest, client: Station) -> None:
         """Start at the offset asked for; the size asked for is that of each part."""
         self.request = request
         self.client = client  # and the way by which it has asked
@@ -138,17 +138,17 @@ class FileSessions:
 
     def __init__(self) -> None:
         """Start with none."""
-        self._open: OrderedDict[tuple[Correspondent, int], FileSession] = OrderedDict()  # the least used first
+        self._open: OrderedDict[tuple[Station, int], FileSession] = OrderedDict()  # the least used first
 
     def __len__(self) -> int:
         """Return the number of sessions."""
         return len(self._open)
 
-    def items(self) -> tuple[tuple[tuple[Correspondent, int], FileSession], ...]:
+    def items(self) -> tuple[tuple[tuple[Station, int], FileSession], ...]:
         """Return the sessions as they are now."""
         return tuple(self._open.items())
 
-    def use(self, client: Correspondent, number: int, now_s: float) -> FileSession:
+    def use(self, client: Station, number: int, now_s: float) -> FileSession:
         """Return a session and note its use; Refusal when there is none."""
         session = self._open.get((client, number))
         if session is None:
@@ -157,43 +157,43 @@ class FileSessions:
         self._open.move_to_end((client, number))
         return session
 
-    def get(self, client: Correspondent, number: int) -> FileSession | None:
+    def get(self, client: Station, number: int) -> FileSession | None:
         """Return a session without using it."""
         return self._open.get((client, number))
 
-    def used_s(self, client: Correspondent, number: int) -> float:
+    def used_s(self, client: Station, number: int) -> float:
         """Return when a session was used last."""
         return self._open[(client, number)].used_s
 
-    def check_room(self, client: Correspondent, number: int, now_s: float) -> None:
+    def check_room(self, client: Station, number: int, now_s: float) -> None:
         """Generate sure that a session can be opened: what is idle makes room; Refusal when nothing is."""
         if (client, number) in self._open:
             return
         own = [key for key in self._open if key[0] == client]
-        crowd = own if len(own) >= MOST_OF_ONE else list(self._open) if len(self._open) >= MOST_SESSIONS else []
+        crowd = own if len(own) >= MAX_CLIENT_SESSIONS else list(self._open) if len(self._open) >= MAX_SESSIONS else []
         if not crowd:
             return
         if now_s - self._open[crowd[0]].used_s < IDLE_S:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)
         self.discard(*crowd[0])
 
-    def open(self, client: Correspondent, number: int, handle: OpenFile | FileUpload, now_s: float) -> None:
+    def open(self, client: Station, number: int, handle: OpenFile | FileUpload, now_s: float) -> None:
         """Open a session, in place of one of the same number."""
         self.discard(client, number)
         self._open[(client, number)] = FileSession(handle, now_s)
 
-    def end(self, client: Correspondent, number: int) -> OpenFile | FileUpload | None:
+    def end(self, client: Station, number: int) -> OpenFile | FileUpload | None:
         """End a session and return what it held."""
         session = self._open.pop((client, number), None)
         return None if session is None else session.handle
 
-    def discard(self, client: Correspondent, number: int) -> None:
+    def discard(self, client: Station, number: int) -> None:
         """End a session; an upload is forgotten."""
         handle = self.end(client, number)
         if handle is not None:
             handle.close()
 
-    def numbers(self, client: Correspondent) -> tuple[int, ...]:
+    def numbers(self, client: Station) -> tuple[int, ...]:
         """Return the numbers of a client's sessions."""
         return tuple(number for owner, number in self._open if owner == client)
 
@@ -225,7 +225,7 @@ class FileCall(NamedTuple):
 
     request: FileRequest
     raw: bytes
-    client: Correspondent
+    client: Station
     now_s: float
 
     @property
@@ -246,7 +246,7 @@ class Answers:
         self._context = context
         self._sessions = sessions
         self._worker = worker
-        self._remembered: OrderedDict[tuple[Correspondent, bytes], tuple[bytes, float]] = OrderedDict()
+        self._remembered: OrderedDict[tuple[Station, bytes], tuple[bytes, float]] = OrderedDict()
 
     def find(self, call: FileCall) -> bytes | None:
         """Return the remembered answer to a request that has come before."""

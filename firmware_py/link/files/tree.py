@@ -11,7 +11,7 @@ import msgspec
 
 from firmware_py.common.interfaces import RequestHandler
 from firmware_py.common.parameters import format_file
-from firmware_py.link.files.area import DEEPEST, MAX_NAME_LENGTH, Area, Entry, Parts
+from firmware_py.link.files.area import MAX_DEPTH, MAX_NAME_LENGTH, Area, Entry, Parts
 from firmware_py.link.files.payload import Error, Refusal
 from firmware_py.link.parameters.files import Metadata, pack
 
@@ -84,7 +84,7 @@ def parse_path(raw: bytes) -> tuple[Parts, Query]:
     if any(part.startswith(".") for part in parts):
         # The directory above, and what is hidden: uploads that are not whole.
         raise Refusal(Error.FILE_PROTECTED)
-    if len(parts) > DEEPEST + 1 or any(len(part) > MAX_NAME_LENGTH for part in parts):
+    if len(parts) > MAX_DEPTH + 1 or any(len(part) > MAX_NAME_LENGTH for part in parts):
         raise Refusal(Error.FAIL_ERRNO, errno.ENAMETOOLONG)
     pairs = (pair.partition("=") for pair in asked.split("&") if pair)
     return parts, {name: value for name, _, value in pairs}

@@ -9,7 +9,7 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind, first_item_number
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.peers import Correspondent, Peer, Sender
+from firmware_py.link.peers import Peer, Sender, Station
 from firmware_py.link.telemetry.fields import scaled_degrees
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
@@ -26,7 +26,7 @@ _INT32 = 1 << 31
 _FRAMES_OF_HOME = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _AT_HOME = 1000  # 1e-7 deg: some 11 m
 
-_DOUBLED_S = 10.0  # what a line doubles comes within this; who asks again does so with another number
+_DUPLICATE_S = 10.0  # what a line doubles comes within this; who asks again does so with another number
 _REMEMBERED = 16
 
 
@@ -58,7 +58,7 @@ def _whole(value: float, *, scaled: bool) -> int | None:
     return number if -_INT32 <= number < _INT32 else None
 
 
-def news_of(plan: Plan, autopilot: int) -> str:
+def new_plan_text(plan: Plan, autopilot: int) -> str:
     """Say which plan there is now; a mission by its numbers, since stations differ in whether home counts as one."""
     first, count = first_item_number(autopilot, plan.kind), len(plan.items)
     extent = f"items {first} to {first + count - 1}" if first and count else f"{count} items"
@@ -108,19 +108,19 @@ def acknowledge(context: LinkContext, peer: Peer, to: Sender, kind: int, result:
     context.send(peer, _ACK(*to, int(result), kind, identity), Priority.URGENT)
 
 
-class Marks:
+class DuplicateMessages:
     """The number of the frame by which each station has asked last, of each message and each type of plan; bounded."""
 
     def __init__(self) -> None:
         """Start without any."""
-        self._latest: OrderedDict[tuple[Correspondent, int, int], tuple[tuple[int, int], float]] = OrderedDict()
+        self._latest: OrderedDict[tuple[Station, int, int], tuple[tuple[int, int], float]] = OrderedDict()
 
-    def is_double(self, station: Correspondent, message: Message, now_s: float) -> bool:
+    def is_duplicate(self, station: Station, message: Message, now_s: float) -> bool:
         """Return whether a message is the latest of its kind once more; note it when it is not."""
         key = (station, type(message).id, message.mission_type)
         mark = (getattr(message, "count", 0), message.get_seq())
         before, seen_s = self._latest.get(key, (None, 0.0))
-        if mark == before and now_s - seen_s < _DOUBLED_S:
+        if mark == before and now_s - seen_s < _DUPLICATE_S:
             return True
         keep_latest(self._latest, key, (mark, now_s), _REMEMBERED)
         return False

@@ -19,7 +19,7 @@ from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
 from firmware_py.link.files.area import Parts
 from firmware_py.link.files.tree import Generate, Origin, Query, Sink
-from firmware_py.link.mission.items import home_item, item_message, item_of, news_of
+from firmware_py.link.mission.items import home_item, item_message, item_of, new_plan_text
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.worker import Worker
 from firmware_py.plans.problem import PlanProblem, PlanResult
@@ -123,7 +123,7 @@ class PlanFiles:
     def _replace(self, plan: Plan, origin: Origin, done: Callable[[str], None]) -> None:
         def stored(answer: Answer) -> None:
             if answer.verdict is Verdict.ACCEPTED:
-                self._context.send_text_all(Severity.INFO, news_of(plan, self._context.autopilot))
+                self._context.send_text_all(Severity.INFO, new_plan_text(plan, self._context.autopilot))
             done("" if answer.verdict is Verdict.ACCEPTED else answer.text or "refused")
 
         request = Request(origin.now_s, ReplacePlan(plan), origin.system, origin.component)

@@ -14,9 +14,9 @@ from firmware_py.common.reports import Snapshot
 from firmware_py.link.commands.steering import GUIDED, go_to_waypoint
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.mission.items import KINDS, NAMES, Marks, acknowledge, home_item, item_message
+from firmware_py.link.mission.items import KINDS, NAMES, DuplicateMessages, acknowledge, home_item, item_message
 from firmware_py.link.mission.upload import PlanUploads
-from firmware_py.link.peers import Correspondent, Peer, Sender, correspondent, sender_of
+from firmware_py.link.peers import Peer, Sender, Station, sender_of, station_of
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import timeouts_of
 from firmware_py.plans.fence import Breach, breaches
@@ -45,8 +45,8 @@ class MissionServer:
         self._uploads = PlanUploads(context)
         self._downloads = PlanDownloads(context)
         self._fence_warning = FenceWarning(context)
-        self._clearing: set[tuple[Correspondent, int]] = set()  # who is still to be answered, and by which type
-        self._cleared = Marks()
+        self._clearing: set[tuple[Station, int]] = set()  # who is still to be answered, and by which type
+        self._cleared = DuplicateMessages()
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -126,7 +126,7 @@ class MissionServer:
         kind = KINDS.get(message.mission_type)
         if kind is None:
             return
-        station = correspondent(peer, message)
+        station = station_of(peer, message)
         self._downloads.end(station, kind)
         if message.type != PlanResult.ACCEPTED:
             self._uploads.cancel(station, kind)
@@ -139,11 +139,11 @@ class MissionServer:
             return
         kinds = tuple(PlanKind) if kind is None else (kind,)
         # No answer: while the next plan is on its way it would be taken for that one's.
-        if self._cleared.is_double(correspondent(peer, message), message, now_s):
+        if self._cleared.is_duplicate(station_of(peer, message), message, now_s):
             return
         if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
             return
-        station = correspondent(peer, message)
+        station = station_of(peer, message)
         asked = (station, message.mission_type)
         # The same, asked again before the disk has answered: the one answer will do.
         if asked in self._clearing:
@@ -209,11 +209,11 @@ class PlanDownloads:
     def __init__(self, context: LinkContext) -> None:
         """Take the context to answer through."""
         self._context = context
-        self._readings: OrderedDict[tuple[Correspondent, PlanKind], PlanDownload] = OrderedDict()
+        self._readings: OrderedDict[tuple[Station, PlanKind], PlanDownload] = OrderedDict()
 
     def send_count(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_LIST with the count and the opaque id."""
-        reader = correspondent(peer, message)
+        reader = station_of(peer, message)
         plan = self._context.request_handler.plans().of(kind)
         keep_latest(self._readings, (reader, kind), PlanDownload(plan, now_s), _REMEMBERED)
         count = _wire_count(plan, first_item_number(self._context.autopilot, kind))
@@ -221,13 +221,13 @@ class PlanDownloads:
 
     def send_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_INT, or MISSION_REQUEST in kind."""
-        plan = self._plan(correspondent(peer, message), kind, now_s)
+        plan = self._plan(station_of(peer, message), kind, now_s)
         if not self._send(peer, message, kind, plan, message.seq, whole=type(message).id == _REQUEST_INT):
             acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
 
     def send_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_PARTIAL_LIST with the items themselves; -1 is the end of the list."""
-        plan = self._plan(correspondent(peer, message), kind, now_s)
+        plan = self._plan(station_of(peer, message), kind, now_s)
         count = _wire_count(plan, first_item_number(self._context.autopilot, kind))
         first, last = message.start_index, message.end_index if message.end_index != -1 else count - 1
         if not 0 <= first <= last < count:
@@ -238,11 +238,11 @@ class PlanDownloads:
             for sequence in range(first, last + 1):
                 self._send(peer, message, kind, plan, sequence, whole=True)
 
-    def end(self, reader: Correspondent, kind: PlanKind) -> None:
+    def end(self, reader: Station, kind: PlanKind) -> None:
         """Note that a station has read all it wanted, or has a plan of its own in force."""
         self._readings.pop((reader, kind), None)
 
-    def _plan(self, reader: Correspondent, kind: PlanKind, now_s: float) -> Plan:
+    def _plan(self, reader: Station, kind: PlanKind, now_s: float) -> Plan:
         """Return the plan that a station is reading, or the one in force."""
         reading = self._readings.get((reader, kind))
         if reading is None or now_s - reading.used_s >= timeouts_of(reader.peer.transport).give_up_s:

@@ -20,13 +20,13 @@ from firmware_py.link.context import LinkContext
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.items import (
     NAMES,
-    Marks,
+    DuplicateMessages,
     acknowledge,
     is_waypoint_for_home,
     item_of,
-    news_of,
+    new_plan_text,
 )
-from firmware_py.link.peers import Correspondent, Peer, correspondent
+from firmware_py.link.peers import Peer, Station, station_of
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import RetryTimer, Timeouts, timeouts_of
 from firmware_py.plans.problem import PlanProblem, PlanResult
@@ -35,8 +35,8 @@ from firmware_py.plans.validation import item_problem, problem_of
 _REMEMBERED = 8
 _ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
 _HOME = PlanItem(0)  # keeps the place of home
-_NOT_SAILED = "Item 0 is home: the waypoint that was sent as such is not sailed"
-_BY_TURNS = 2  # after so many requests in vain the old kind of request is tried, and so on by turns
+_FIRST_WAYPOINT_SKIPPED = "Item 0 is home: the waypoint that was sent as such is not sailed"
+_ALTERNATE_REQUESTS = 2  # after so many requests in vain the old kind of request is tried, and so on by turns
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class PlanUpload:
     """An upload under way: the items [first, end) as the station numbers them; `base` is the plan that they change."""
 
     kind: PlanKind
-    owner: Correspondent
+    owner: Station
     first: int
     end: int
     home_count: int
@@ -86,14 +86,14 @@ class PlanUploads:
         """Take the context to ask and to answer through."""
         self._context = context
         self._active: dict[PlanKind, PlanUpload] = {}
-        self._ended: OrderedDict[tuple[Correspondent, PlanKind], UploadEnd] = OrderedDict()
-        self._counts = Marks()
+        self._ended: OrderedDict[tuple[Station, PlanKind], UploadEnd] = OrderedDict()
+        self._counts = DuplicateMessages()
 
     def begin(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take a MISSION_COUNT: begin an upload, or begin it again."""
         home_count = first_item_number(self._context.autopilot, kind)
-        owner = correspondent(peer, message)
-        if self._counts.is_double(owner, message, now_s) or not self.may_change(peer, message, kind, now_s):
+        owner = station_of(peer, message)
+        if self._counts.is_duplicate(owner, message, now_s) or not self.may_change(peer, message, kind, now_s):
             return
         self._forget(owner, kind)
         if message.count > MAX_PLAN_ITEMS + home_count:
@@ -106,7 +106,7 @@ class PlanUploads:
         """Take a MISSION_WRITE_PARTIAL_LIST; an end beyond the plan means its last item."""
         if not self.may_change(peer, message, kind, now_s):
             return
-        owner = correspondent(peer, message)
+        owner = station_of(peer, message)
         self._forget(owner, kind)
         base = self._context.request_handler.plans().of(kind)
         last = len(base.items) + first_item_number(self._context.autopilot, kind) - 1
@@ -119,7 +119,7 @@ class PlanUploads:
 
     def receive_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take an item."""
-        owner = correspondent(peer, message)
+        owner = station_of(peer, message)
         upload = self._active.get(kind)
         if upload is None or upload.owner != owner:
             self._answer_stray_item(owner, message, kind, now_s)
@@ -127,7 +127,7 @@ class PlanUploads:
         upload.owner, upload.last_item_s = owner, now_s  # answered by the way by which it comes now
         if upload.storing or message.seq != upload.next:
             if message.seq == upload.next - 1:
-                upload.retry.learn_from_double(now_s)
+                upload.retry.learn_from_duplicate(now_s)
             return
         upload.retry.learn(now_s)
         upload.whole = type(message).id == _ITEM_INT
@@ -138,7 +138,7 @@ class PlanUploads:
         upload.items.append(item)
         self._request_next(upload, now_s)
 
-    def cancel(self, owner: Correspondent, kind: PlanKind) -> bool:
+    def cancel(self, owner: Station, kind: PlanKind) -> bool:
         """Forget the upload of a station that has thought better of it; False when there is none."""
         upload = self._active.get(kind)
         if upload is None or upload.owner != owner or upload.storing:
@@ -156,17 +156,17 @@ class PlanUploads:
                 self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
             elif upload.retry.due(now_s):
                 upload.retry.repeat(now_s)
-                if not upload.items and upload.retry.tries % _BY_TURNS == 0:  # else it has shown which it answers
+                if not upload.items and upload.retry.tries % _ALTERNATE_REQUESTS == 0:  # no reply yet
                     upload.whole = not upload.whole
                 self._request(upload)
 
     def may_change(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> bool:
         """Return whether a station may change a plan now, or refuse: not while another one uploads it."""
-        upload, owner = self._active.get(kind), correspondent(peer, message)
+        upload, owner = self._active.get(kind), station_of(peer, message)
         if upload is None or upload.owner == owner:
             return True
         # Whose connection is gone does not come back as the same correspondent: it need not wait for itself.
-        present = any(Correspondent(other, upload.owner.sender) == upload.owner for other in self._context.everybody())
+        present = any(Station(other, upload.owner.sender) == upload.owner for other in self._context.all_peers())
         if present and now_s - upload.last_item_s < upload.timeouts.yield_s:
             text = f"system {upload.owner.sender[0]} is uploading one now"
             self._refuse(owner, PlanProblem(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)
@@ -177,15 +177,13 @@ class PlanUploads:
 
     # ------------------------------------------------------------------ parts
 
-    def _forget(self, owner: Correspondent, kind: PlanKind) -> None:
+    def _forget(self, owner: Station, kind: PlanKind) -> None:
         """Forget what a station has begun or ended, once it asks for something new, whether that can be done or not."""
         # Items of two plans never mix, and the answer to the new question is none to the old one.
         self._active.pop(kind, None)
         self._ended.pop((owner, kind), None)
 
-    def _start(
-        self, owner: Correspondent, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float
-    ) -> None:
+    def _start(self, owner: Station, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float) -> None:
         timeouts = timeouts_of(owner.peer.transport)
         home_count = first_item_number(self._context.autopilot, kind)
         upload = PlanUpload(kind, owner, *span, home_count, base, timeouts, RetryTimer(timeouts), now_s)
@@ -228,7 +226,7 @@ class PlanUploads:
 
     def _stored(self, upload: PlanUpload, plan: Plan, answer: Answer) -> None:
         if answer.verdict is Verdict.ACCEPTED:
-            self._context.send_text_all(Severity.INFO, news_of(plan, self._context.autopilot))
+            self._context.send_text_all(Severity.INFO, new_plan_text(plan, self._context.autopilot))
         # An upload that another has followed is over for its station, which waits for the other's end.
         if self._active.get(upload.kind) is upload:
             fault = None
@@ -250,20 +248,18 @@ class PlanUploads:
                 self._context, upload.owner.peer, upload.owner.sender, int(upload.kind), ended.result, ended.identity
             )
             if upload.waypoint_for_home:
-                self._context.send_text(upload.owner.peer, Severity.WARNING, _NOT_SAILED)
+                self._context.send_text(upload.owner.peer, Severity.WARNING, _FIRST_WAYPOINT_SKIPPED)
             return
         self._refuse(upload.owner, fault, upload.kind, now_s)
 
-    def _refuse(
-        self, to: Correspondent, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None
-    ) -> None:
+    def _refuse(self, to: Station, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None) -> None:
         acknowledge(self._context, to.peer, to.sender, int(kind) if shown is None else shown, fault.result)
         why = fault.message(first_item_number(self._context.autopilot, kind))
         self._context.send_text_limited(
             to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {why}", now_s
         )
 
-    def _answer_stray_item(self, owner: Correspondent, message: Message, kind: PlanKind, now_s: float) -> None:
+    def _answer_stray_item(self, owner: Station, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer an item that is not asked for: the end that its sender may have missed, else that it is not wanted.
 
         One before the last is a double at first; later it is the last word of who has heard an overtaken request last.

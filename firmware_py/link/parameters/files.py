@@ -31,7 +31,7 @@ _HEAD = struct.Struct("<HHH")
 _PACKED_TYPES = {Kind.INTEGER: (3, "i"), Kind.REAL: (4, "f")}
 _FORMATS = {1: "b", 2: "h", 3: "i", 4: "f"}
 _HAS_DEFAULT = 0x10
-_MOST_COMMON = 15
+_MAX_COMMON = 15
 
 
 class Metadata:
@@ -220,7 +220,7 @@ def _rows(content: bytes) -> Iterator[tuple[str, float]]:
 
 
 def _common(before: str, name: str) -> int:
-    limit = min(len(before), len(name) - 1, _MOST_COMMON)
+    limit = min(len(before), len(name) - 1, _MAX_COMMON)
     return next((index for index in range(limit) if before[index] != name[index]), limit)
 
 

@@ -22,7 +22,7 @@ _FRAME_BYTES = 50  # the longest, signed
 _QUEUED = 8  # and at most this many waiting for a slow line
 _QUEUED_FAST = 64  # or for a network that takes nothing now
 _UNSTORED = 32  # changes under way of one station; more of its are not heard until some are on disk
-_MOST_UNSTORED = 128  # and of all together
+_MAX_UNSTORED = 128  # and of all together
 BY_NAME = -1
 _OVERRULED = "FENCE_ENABLE"  # by commands: who sets it has the last word, also to the value that it has
 
@@ -77,7 +77,7 @@ class ParameterServer:
         if peer.parameter_rows_due or peer.parameter_list_row is not None:
             peer.bulk.mark_unfinished()
 
-    def _owe(self, peer: Peer, row: int) -> None:
+    def _queue_row(self, peer: Peer, row: int) -> None:
         peer.parameter_rows_due[row] = None
 
     def _value(self, row: int) -> Message:
@@ -94,7 +94,7 @@ class ParameterServer:
         if row is None or not 0 <= row < len(TABLE):
             self.no_such(peer, message, index)
         else:
-            self._owe(peer, row)
+            self._queue_row(peer, row)
 
     def _set(self, peer: Peer, message: Message, now_s: float) -> None:
         """Change a value; it is confirmed, to everybody, when it is on disk."""
@@ -123,7 +123,7 @@ class ParameterServer:
 
         `refused` is called with the MAV_PARAM_ERROR, `stored` once it is on disk, or cannot be put there.
         """
-        if self._unstored[peer] >= _UNSTORED or self._unstored.total() >= _MOST_UNSTORED:
+        if self._unstored[peer] >= _UNSTORED or self._unstored.total() >= _MAX_UNSTORED:
             return
         name, before = TABLE[row].name, self._context.request_handler.parameters().values()[row]
         if TABLE[row].read_only:
@@ -155,7 +155,7 @@ class ParameterServer:
             for peer in dict.fromkeys((*(() if asker is None else (asker,)), *self._context.peers)):
                 if peer is asker or not peer.quiet:
                     for row in rows:
-                        self._owe(peer, row)
+                        self._queue_row(peer, row)
                     self.pump(peer, self._context.now_s)
                     peer.outbox.flush(self._context.now_s)  # who asked need not wait for the others
             later = [TABLE[row].name for row in rows if TABLE[row].reboot] if changed else []
@@ -169,7 +169,7 @@ class ParameterServer:
         self._error(peer, message, row, error)
         # Twice: pymavlink takes the first answer for what it has asked for, and only the next one for what is.
         self._context.send(peer, self._value(row))
-        self._owe(peer, row)
+        self._queue_row(peer, row)
 
     def no_such(self, peer: Peer, message: Message, index: int) -> None:
         """Say that the parameter a message names does not exist."""

@@ -24,14 +24,14 @@ _TOO_EARLY = 36
 _UNCLEAR = frozenset({None, 13, 17, 18, 19})
 _WEAK_S, _WEAK_LONGEST_S = 15.0, 120.0  # between looks for a signal, doubled each time
 _SILENT_S = 60.0  # a modem that has said nothing for this long is told
-_KEPT_S = 1800.0  # so is what has kept her from a session for this long: a seaway hides the sky for less
+_BLOCKED_S = 1800.0  # so is what has kept her from a session for this long: a seaway hides the sky for less
 
 
 class Settings(msgspec.Struct, frozen=True):
     """What parameters say: limits, the least signal, and after how long without a session one looks for messages."""
 
     limits: Limits
-    least_signal: int
+    min_signal: int
     mailbox_s: float  # 0: never
 
 
@@ -72,7 +72,7 @@ class SatelliteDriver:
         self.session_s: float | None = None  # when a session has succeeded last
         self.status: int | None = None  # of the last session
         self.blocked_reason = ""  # what keeps her from the session that is due
-        self._spent, self._tell = spent, tell
+        self._spent, self._report = spent, tell
         self._chance = random.Random(seed)  # noqa: S311 - it spreads calls, and guards nothing
         self._bundle: Bundle | None = None  # under way
         self._charge = 0
@@ -84,8 +84,8 @@ class SatelliteDriver:
         self._looked_s = 0.0
         self._more_ashore = False
         self._due_since_s: float | None = None
-        self._told_silent = self._told_kept = False
-        self._told_spent_day = -1
+        self._reported_silent = self._reported_blocked = False
+        self._reported_credits_day = -1
 
     # ------------------------------------------------------------------ bytes
 
@@ -126,7 +126,7 @@ class SatelliteDriver:
             self.modem.measure_signal(now_s)
             return
         signal = self.modem.signal
-        if signal is None or signal < self.settings.least_signal:
+        if signal is None or signal < self.settings.min_signal:
             self._next_s = now_s + self._weak_s
             self._weak_s = min(2.0 * self._weak_s, _WEAK_LONGEST_S)
             self._measured = False
@@ -135,7 +135,7 @@ class SatelliteDriver:
         self._weak_s, self._measured = _WEAK_S, False
         self._charge = self.settings.limits.cost(len(bundle.content))
         self._bundle = bundle
-        self._keep(self.ledger.charged(self._charge))
+        self._set_ledger(self.ledger.charged(self._charge))
         self.counts.sessions += 1
         self.modem.begin(bundle.content, now_s)
 
@@ -147,17 +147,17 @@ class SatelliteDriver:
         if bundle.frames:
             return bundle
         if len(self.queue):
-            self._tell_spent(rooms)
+            self._report_credits_used(rooms)
         mailbox_s = self.settings.mailbox_s
         look = mailbox_s > 0.0 and now_s - self._looked_s >= mailbox_s
         wanted = self.modem.ringing or self._more_ashore or look
         return bundle if wanted and rooms[Kind.MAILBOX] >= 1 else None
 
-    def _tell_spent(self, rooms: Mapping[Kind, float]) -> None:
-        if rooms[Kind.REPORT] < 1 and self._told_spent_day != self.ledger.day:
-            self._told_spent_day = self.ledger.day
+    def _report_credits_used(self, rooms: Mapping[Kind, float]) -> None:
+        if rooms[Kind.REPORT] < 1 and self._reported_credits_day != self.ledger.day:
+            self._reported_credits_day = self.ledger.day
             used = f"{self.ledger.day_used} today, {self.ledger.month_used} this month"
-            self._tell(Event(Severity.WARNING, f"Satellite credits used up: {used}"))
+            self._report(Event(Severity.WARNING, f"Satellite credits used up: {used}"))
 
     # ------------------------------------------------------------------ in
 
@@ -188,15 +188,15 @@ class SatelliteDriver:
                 self._failures = self._unclear = 0
                 self._next_s = now_s
                 self._due_since_s, self.blocked_reason = None, ""
-                if self._told_kept:
-                    self._told_kept = False
-                    self._tell(Event(Severity.NOTICE, "Satellite is reached again"))
+                if self._reported_blocked:
+                    self._reported_blocked = False
+                    self._report(Event(Severity.NOTICE, "Satellite is reached again"))
             else:
                 self._unclear = self._unclear + 1 if paid else 0
                 self._fail(session, now_s)
         if session.sent:
             self._more_ashore = session.unread or session.queued > 0
-        self._keep(ledger)
+        self._set_ledger(ledger)
 
     def _take_as_sent(self, bundle: Bundle, now_s: float) -> None:
         self.queue.remove(bundle)
@@ -220,11 +220,11 @@ class SatelliteDriver:
         first = reason not in self.counts.refused
         self.counts.refused[reason] = self.counts.refused.get(reason, 0) + 1
         if first:
-            self._tell(Event(Severity.NOTICE, f"Satellite message refused: {reason}"))
+            self._report(Event(Severity.NOTICE, f"Satellite message refused: {reason}"))
 
     # ------------------------------------------------------------------
 
-    def _keep(self, ledger: Ledger) -> None:
+    def _set_ledger(self, ledger: Ledger) -> None:
         if ledger != self.ledger:
             self.ledger = ledger
             self._spent(ledger)
@@ -232,11 +232,11 @@ class SatelliteDriver:
     def _watch(self, now_s: float) -> None:
         since_s = self.modem.failing_since_s
         silent = since_s is not None and now_s - since_s > _SILENT_S
-        if silent != self._told_silent:
-            self._told_silent = silent
+        if silent != self._reported_silent:
+            self._reported_silent = silent
             text = "Satellite modem does not answer" if silent else "Satellite modem answers again"
-            self._tell(Event(Severity.WARNING if silent else Severity.NOTICE, text))
-        kept = self._due_since_s is not None and now_s - self._due_since_s > _KEPT_S
-        if kept and not self._told_kept and not silent and self.blocked_reason:
-            self._told_kept = True
-            self._tell(Event(Severity.WARNING, f"Satellite out of reach: {self.blocked_reason}"))
+            self._report(Event(Severity.WARNING if silent else Severity.NOTICE, text))
+        kept = self._due_since_s is not None and now_s - self._due_since_s > _BLOCKED_S
+        if kept and not self._reported_blocked and not silent and self.blocked_reason:
+            self._reported_blocked = True
+            self._report(Event(Severity.WARNING, f"Satellite out of reach: {self.blocked_reason}"))

@@ -24,7 +24,7 @@ _HANDED_OVER, _NOT_HANDED_OVER = 1, 2  # the third number of +SBDIX; 0: there is
 _ENDINGS = (b"OK", b"ERROR", b"READY")
 
 
-class Ask(msgspec.Struct, frozen=True):
+class ModemCommand(msgspec.Struct, frozen=True):
     """A command, or bytes, and how long the answer may take; `content`: it begins with a message in binary."""
 
     data: bytes
@@ -32,7 +32,7 @@ class Ask(msgspec.Struct, frozen=True):
     content: bool = False
 
 
-class Reply(msgspec.Struct, frozen=True):
+class ModemReply(msgspec.Struct, frozen=True):
     """The lines of an answer, how it ended (empty: not at all), and the message in it, None for a damaged one."""
 
     ending: bytes
@@ -64,7 +64,7 @@ class Session(msgspec.Struct, frozen=True):
         return self.status is not None and 0 <= self.status <= 4
 
 
-Dialogue: TypeAlias = Generator[Ask, Reply, bool]  # returns whether the modem kept to it
+Dialogue: TypeAlias = Generator[ModemCommand, ModemReply, bool]  # returns whether the modem kept to it
 
 
 def checksum(content: bytes) -> bytes:
@@ -88,8 +88,8 @@ class Modem:
         self.failing_since_s: float | None = None
         self._sessions: list[Session] = []
         self._dialogue: Dialogue | None = None
-        self._ask: Ask | None = None
-        self._asked_s = 0.0
+        self._command: ModemCommand | None = None
+        self._command_s = 0.0
         self._out = b""
         self._held = b""
         self._lines: list[bytes] = []
@@ -111,7 +111,7 @@ class Modem:
         """Set it up anew: the line was away."""
         if self._dialogue is not None:
             self._dialogue.close()
-        self._dialogue = self._ask = None
+        self._dialogue = self._command = None
         self._held = self._out = b""
         self._pause_end_s = 0.0
 
@@ -131,8 +131,8 @@ class Modem:
 
     def update(self, now_s: float) -> bytes:
         """Return what is to be written now."""
-        if self._ask is not None and now_s - self._asked_s > self._ask.timeout_s:
-            self._go_on(Reply(b""), now_s)
+        if self._command is not None and now_s - self._command_s > self._command.timeout_s:
+            self._go_on(ModemReply(b""), now_s)
         if self._dialogue is None and self._pause_end_s is not None and now_s >= self._pause_end_s:
             self._begin(self._set_up(), now_s)
         out, self._out = self._out, b""
@@ -142,10 +142,10 @@ class Modem:
         """Take what the modem has said."""
         self._held += data
         while self._held:
-            if self._ask is not None and self._ask.content and not self._content_read:
+            if self._command is not None and self._command.content and not self._content_read:
                 # One that was reset echoes, and a message follows at once; what else may come before a message, or
                 # instead, is text: no message is so long that it begins with a letter.
-                self._held = self._held.removeprefix(self._ask.data)
+                self._held = self._held.removeprefix(self._command.data)
                 if self._held[:1] <= bytes((LONGEST_OUT >> 8,)):
                     if not self._read_content():
                         return
@@ -173,10 +173,10 @@ class Modem:
     def _take_line(self, line: bytes, now_s: float) -> None:
         if line.endswith(_RING):
             self._rings += 1
-        elif self._ask is None or not line:
+        elif self._command is None or not line:
             return
         elif line in _ENDINGS:
-            self._go_on(Reply(line, tuple(self._lines), self._content), now_s)
+            self._go_on(ModemReply(line, tuple(self._lines), self._content), now_s)
         elif len(self._lines) < 8:
             self._lines.append(line)
 
@@ -186,17 +186,17 @@ class Modem:
         self._dialogue = dialogue
         self._next(lambda: next(dialogue), now_s)
 
-    def _go_on(self, answer: Reply, now_s: float) -> None:
+    def _go_on(self, answer: ModemReply, now_s: float) -> None:
         dialogue = self._dialogue
         if dialogue is not None:
             self._next(lambda: dialogue.send(answer), now_s)
 
-    def _next(self, step: Callable[[], Ask], now_s: float) -> None:
+    def _next(self, step: Callable[[], ModemCommand], now_s: float) -> None:
         self._lines, self._content, self._content_read = [], None, False
         try:
-            self._ask = step()
+            self._command = step()
         except StopIteration as end:
-            self._dialogue = self._ask = None
+            self._dialogue = self._command = None
             self.idle_since_s = now_s
             kept = bool(end.value)
             self._pause_end_s = None if kept else now_s + _PAUSE_S
@@ -205,22 +205,22 @@ class Modem:
             elif self.failing_since_s is None:
                 self.failing_since_s = now_s
         else:
-            self._out += self._ask.data
-            self._asked_s = now_s
+            self._out += self._command.data
+            self._command_s = now_s
 
     def _set_up(self) -> Dialogue:
         # Echo and flow control off, ring alerts on; twice AT, since the first may end what the line has left over. A
         # modem that knows no flow control or no alerts of its own refuses the two last: she calls without them.
         for command in (b"AT", b"AT", b"ATE0", b"AT&K0", b"AT+SBDMTA=1"):
-            answer = yield Ask(command + b"\r")
+            answer = yield ModemCommand(command + b"\r")
             if command != b"AT" and (not answer.ending or (command == b"ATE0" and answer.ending != b"OK")):
                 return False
-        answer = yield Ask(b"AT+CGSN\r")
+        answer = yield ModemCommand(b"AT+CGSN\r")
         numbers = [line for line in answer.lines if len(line) == 15 and line.isdigit()]
         if answer.ending != b"OK" or not numbers:
             return False
         self.imei = numbers[0].decode()
-        answer = yield Ask(b"AT+SBDSX\r")
+        answer = yield ModemCommand(b"AT+SBDSX\r")
         fields = _numbers(answer, b"+SBDSX:", 6)
         if fields is None:
             return False
@@ -228,11 +228,11 @@ class Modem:
         if fields[2] == 1:  # received before an end that came between
             found = yield from self._read(Session(tried=False, number=fields[3]))
             self._sessions.append(found)
-        answer = yield Ask(b"AT+SBDD0\r")
+        answer = yield ModemCommand(b"AT+SBDD0\r")
         return answer.ending == b"OK"
 
     def _measure(self) -> Dialogue:
-        answer = yield Ask(b"AT+CSQ\r", _SIGNAL_S)
+        answer = yield ModemCommand(b"AT+CSQ\r", _SIGNAL_S)
         fields = _numbers(answer, b"+CSQ:", 1)
         self.signal = fields[0] if fields is not None and fields[0] <= 5 else None
         return fields is not None
@@ -240,18 +240,18 @@ class Modem:
     def _session(self, content: bytes) -> Dialogue:
         failed = Session(tried=False)
         if content:
-            answer = yield Ask(b"AT+SBDWB=%d\r" % len(content))
+            answer = yield ModemCommand(b"AT+SBDWB=%d\r" % len(content))
             if answer.ending == b"READY":
-                answer = yield Ask(content + checksum(content))
+                answer = yield ModemCommand(content + checksum(content))
             written = answer.ending == b"OK" and answer.lines[:1] == (b"0",)
         else:
-            answer = yield Ask(b"AT+SBDD0\r")
+            answer = yield ModemCommand(b"AT+SBDD0\r")
             written = answer.ending == b"OK"
         if not written:
             self._sessions.append(failed)
             return False
         rings = self._rings  # one that comes meanwhile is of another message
-        answer = yield Ask(b"AT+SBDIXA\r" if rings else b"AT+SBDIX\r", _SESSION_S)
+        answer = yield ModemCommand(b"AT+SBDIXA\r" if rings else b"AT+SBDIX\r", _SESSION_S)
         fields = _numbers(answer, b"+SBDIX:", 6)
         if fields is None:
             self._sessions.append(Session(tried=True))
@@ -264,19 +264,19 @@ class Modem:
             # Where none was, none is to be had: a message that is too long for her is counted for ever.
             session = yield from self._read(replace(session, length=length, queued=queued))
         self._sessions.append(session)
-        answer = yield Ask(b"AT+SBDD0\r")
+        answer = yield ModemCommand(b"AT+SBDD0\r")
         return answer.ending == b"OK" and not session.damaged  # the setting up finds it again
 
-    def _read(self, session: Session) -> Generator[Ask, Reply, Session]:
+    def _read(self, session: Session) -> Generator[ModemCommand, ModemReply, Session]:
         """Read the message that the modem holds, and have it forgotten."""
-        answer = yield Ask(b"AT+SBDRB\r", content=True)
+        answer = yield ModemCommand(b"AT+SBDRB\r", content=True)
         if answer.content is None:
             return replace(session, damaged=True)
-        yield Ask(b"AT+SBDD1\r")
+        yield ModemCommand(b"AT+SBDD1\r")
         return replace(session, content=answer.content)
 
 
-def _numbers(answer: Reply, name: bytes, count: int) -> tuple[int, ...] | None:
+def _numbers(answer: ModemReply, name: bytes, count: int) -> tuple[int, ...] | None:
     """Return the numbers behind a name in an answer that ended well; None for anything else."""
     lines = [line for line in answer.lines if line.startswith(name)]
     if answer.ending != b"OK" or len(lines) != 1:

@@ -19,7 +19,7 @@ _LATEST_S = 1e11  # what shows more is not a clock
 
 KEPT_MESSAGES = 32
 _VERSION: Final = 1
-MOST_COUNT: Final = 1 << 40  # the numbers of messages have 5 bytes
+MAX_COUNT: Final = 1 << 40  # the numbers of messages have 5 bytes
 LAST_DAY: Final = 1_000_000  # since 1970: in the calendar of Python
 
 
@@ -102,6 +102,6 @@ def from_bytes(content: bytes) -> tuple[Record, tuple[str, ...]]:
     counts = (*astuple(record.ledger), record.window.floor, *used)
     if min(counts) < 0 or list(used) != sorted(set(used)):
         raise ValueError("a count is negative, or the numbers are not in order")
-    if max(counts) > MOST_COUNT or record.ledger.day > LAST_DAY:
+    if max(counts) > MAX_COUNT or record.ledger.day > LAST_DAY:
         raise ValueError("a count or a day is beyond all bounds")
     return record, notes

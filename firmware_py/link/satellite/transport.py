@@ -54,15 +54,15 @@ class SbdTransport:
         """Take the line of the modem, what keeps the record of the link, the clock, and what tells an event."""
         self.name = url.text
         self.options = replace(url.options, link_class=LinkClass.MESSAGES)
-        self._line, self._vault, self._utc_s, self._tell = line, vault, utc_s, tell
+        self._line, self._vault, self._utc_s, self._report_event = line, vault, utc_s, tell
         self._record = self._read_record()
-        self._driver = SatelliteDriver(self._record.ledger, _settings(ParameterSet()), self._keep_ledger, tell)
+        self._driver = SatelliteDriver(self._record.ledger, _settings(ParameterSet()), self._store_ledger, tell)
         self._parameters: Callable[[], ParameterSet] = ParameterSet
         self._code: Callable[[bytes], bytes | None] = lambda _covered: None
         self._vouch: Callable[[bytes], None] = lambda _frame: None
         self._importance = messages.Importance()
         self._texts = TokenBucket(_TEXTS, _TEXTS_HZ)
-        self._told_s: dict[bytes, float] = {}
+        self._sent_s: dict[bytes, float] = {}
         self._ready: list[tuple[bytes, bool]] = []  # frames that count, and whether the key vouches for them
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._openings = line.openings
@@ -104,27 +104,27 @@ class SbdTransport:
             kind, shortest = self._importance.kind_of(frame), messages.shortest(frame)
             if shortest is None:
                 continue
-            if messages.is_text(frame) and not self._may_tell(shortest):
+            if messages.is_text(frame) and not self._may_send_text(shortest):
                 self._driver.queue.dropped[kind] += 1
             else:
                 self._driver.queue.offer(kind, shortest)
         return True
 
-    def _may_tell(self, text: bytes) -> bool:
+    def _may_send_text(self, text: bytes) -> bool:
         """Return whether a text is worth its price: not again soon, and not more than now and then."""
         same, now_s = text[messages.TEXT_PLACE : -2], self._now_s
-        told_s = self._told_s.get(same)
+        told_s = self._sent_s.get(same)
         if (told_s is not None and now_s - told_s < _SAME_TEXT_S) or not self._texts.spend_one(now_s):
             return False
-        self._told_s = {text: at_s for text, at_s in self._told_s.items() if now_s - at_s < _SAME_TEXT_S}
-        self._told_s[same] = now_s
+        self._sent_s = {text: at_s for text, at_s in self._sent_s.items() if now_s - at_s < _SAME_TEXT_S}
+        self._sent_s[same] = now_s
         return True
 
     def addresses(self) -> Sequence[Address]:
         """Return the correspondent ashore."""
         return (_SHORE,)
 
-    def guests(self) -> Sequence[Address]:
+    def connections(self) -> Sequence[Address]:
         """Return nobody: nobody connects to a modem."""
         return ()
 
@@ -196,7 +196,7 @@ class SbdTransport:
             elif problem := self._problem_of(opened):
                 self._driver.refuse(problem)
             else:
-                self._keep(replace(self._record, window=self._record.window.with_number(opened.number)))
+                self._store(replace(self._record, window=self._record.window.with_number(opened.number)))
                 self._hand_on([(opened.frame, True)])
             return
         frames = [(frame.data, False) for frame in Splitter().feed(content, 0.0)]
@@ -206,7 +206,7 @@ class SbdTransport:
         elif check in self._record.seen:
             self._driver.refuse("came before")
         else:
-            self._keep(replace(self._record, seen=(*self._record.seen, check)[-KEPT_MESSAGES:]))
+            self._store(replace(self._record, seen=(*self._record.seen, check)[-KEPT_MESSAGES:]))
             self._hand_on(frames)
 
     def _problem_of(self, opened: Keyed) -> str:
@@ -227,12 +227,12 @@ class SbdTransport:
 
     # ------------------------------------------------------------------ the record
 
-    def _keep(self, record: Record) -> None:
+    def _store(self, record: Record) -> None:
         self._record = record
         self._vault.save(to_bytes(record))
 
-    def _keep_ledger(self, ledger: Ledger) -> None:
-        self._keep(replace(self._record, ledger=ledger))
+    def _store_ledger(self, ledger: Ledger) -> None:
+        self._store(replace(self._record, ledger=ledger))
 
     def _read_record(self) -> Record:
         """Return what earlier runs have kept; where some of it is lost, nothing that was written before now counts."""
@@ -243,9 +243,9 @@ class SbdTransport:
                 record, notes = from_bytes(stored.content)
                 is_whole = not notes
                 for note in notes:
-                    self._tell(Event(Severity.WARNING, f"Satellite record: {note}"))
+                    self._report_event(Event(Severity.WARNING, f"Satellite record: {note}"))
             except ValueError as error:
-                self._tell(Event(Severity.WARNING, f"Satellite record begun anew: {error}"))
+                self._report_event(Event(Severity.WARNING, f"Satellite record begun anew: {error}"))
         if not is_whole:
             now = max(0, int((self._utc_s() - EPOCH_S) * UNITS_HZ))
             record = replace(record, window=Window(floor=now))

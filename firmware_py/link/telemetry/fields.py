@@ -42,7 +42,7 @@ def fresh_fix(context: TelemetryContext) -> PositionSample | None:
     return fix if usable else None
 
 
-def shown_place(context: TelemetryContext) -> PositionSample | None:
+def best_position(context: TelemetryContext) -> PositionSample | None:
     """Return the position while it is fresh, else the place that is reckoned on, as a sample that is no fix."""
     fix, boat = fresh_fix(context), context.snapshot
     if fix is not None or boat.dead_reckoned is None:

@@ -15,11 +15,11 @@ from firmware_py.link.telemetry.fields import (
     UINT16_MAX,
     UINT32_MAX,
     TelemetryContext,
+    best_position,
     boot_ms,
     boot_us,
     fresh_fix,
     scaled_degrees,
-    shown_place,
     single,
     whole,
 )
@@ -112,7 +112,7 @@ def gps_raw_int(context: TelemetryContext) -> Message:
 
 def global_position_int(context: TelemetryContext) -> Message | None:
     """Return GLOBAL_POSITION_INT while the position is fresh or reckoned on; GPS_RAW_INT says which."""
-    fix = shown_place(context)
+    fix = best_position(context)
     if fix is None:
         return None
     speed_m_s = fix.speed_over_ground_m_s or 0.0
@@ -229,7 +229,7 @@ def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float
 
 def local_position_ned(context: TelemetryContext) -> Message | None:
     """Return LOCAL_POSITION_NED, counted from home, while the position is fresh or reckoned on."""
-    fix, home = shown_place(context), context.snapshot.home
+    fix, home = best_position(context), context.snapshot.home
     if fix is None or home is None or fix.latitude_rad is None or fix.longitude_rad is None:
         return None
     if not all(map(math.isfinite, (home.latitude_rad, home.longitude_rad, fix.latitude_rad, fix.longitude_rad))):

@@ -18,10 +18,10 @@ from firmware_py.link.telemetry.fields import (
     UINT8_MAX,
     UINT16_MAX,
     TelemetryContext,
+    best_position,
     boot_ms,
     fresh_fix,
     scaled_degrees,
-    shown_place,
     whole,
 )
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -225,7 +225,7 @@ def high_latency2(context: TelemetryContext) -> Message:
     the battery in fifths of a volt, at the servo where nobody measures it, -1 without one; custom2
     says by bits whether the boat is armed (1) and has a valid heading (2).
     """
-    boat, fix, place = context.snapshot, fresh_fix(context), shown_place(context)
+    boat, fix, place = context.snapshot, fresh_fix(context), best_position(context)
     failures = 0
     for fault, flags in _FAILURES:
         failures |= flags if boat.faults >> fault & 1 else 0

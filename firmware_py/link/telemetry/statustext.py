@@ -38,7 +38,7 @@ def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
     ]
 
 
-class _Said(NamedTuple):
+class _SentText(NamedTuple):
     """When a text was said last, for how long it is not said again, and whether it was to be since."""
 
     t_s: float
@@ -51,21 +51,21 @@ class TextLimiter:
 
     def __init__(self) -> None:
         """Start with as many as may be said at once."""
-        self._said: OrderedDict[str, _Said] = OrderedDict()
+        self._sent_texts: OrderedDict[str, _SentText] = OrderedDict()
         self._tokens = TokenBucket(_BURST, _RATE_HZ)
 
     def admit(self, text: str, now_s: float) -> bool:
         """Return whether a text may be said now, and count it if so."""
-        last = self._said.get(text, _Said(-math.inf))
+        last = self._sent_texts.get(text, _SentText(-math.inf))
         age_s = now_s - last.t_s
         if age_s < last.quiet_s:
-            self._said[text] = last._replace(held_back=True)
+            self._sent_texts[text] = last._replace(held_back=True)
             return False
         if not self._tokens.spend_one(now_s):
             return False
         streams = last.held_back and age_s < 2.0 * last.quiet_s
         quiet_s = min(2.0 * last.quiet_s, _SAME_LATEST_S) if streams else _SAME_S
-        keep_latest(self._said, text, _Said(now_s, quiet_s), _KNOWN_TEXTS)
+        keep_latest(self._sent_texts, text, _SentText(now_s, quiet_s), _KNOWN_TEXTS)
         return True
 
 
@@ -84,13 +84,13 @@ class RecentWarnings:
             kept = [(told_s, other) for told_s, other in self._events if other.text != gone]
             self._events = deque(kept, maxlen=_REMEMBERED)
 
-    def told(self, now_s: float) -> Iterator[Event]:
+    def recent_events(self, now_s: float) -> Iterator[Event]:
         """Yield them, the oldest first."""
         for told_s, event in self._events:
-            yield Event(event.severity, _ago(now_s - told_s) + event.text)
+            yield Event(event.severity, _age_prefix(now_s - told_s) + event.text)
 
 
-def _ago(age_s: float) -> str:
+def _age_prefix(age_s: float) -> str:
     for least_s, unit_s, unit in _AGES:
         if age_s >= least_s:
             return f"{age_s / unit_s:.0f} {unit} ago: "

@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE, TelemetryRow
 from firmware_py.link.wire.urls import LinkClass
 
-FASTEST_S = 0.02  # 50 Hz, the fastest loop
+MIN_INTERVAL_S = 0.02  # 50 Hz, the fastest loop
 # What clients ask for by habit is refused there.
-FASTEST_SATELLITE_S = 10.0
-FASTEST_MESSAGE_S = 600.0
-SLOWEST_S = 3600.0
+MIN_SATELLITE_INTERVAL_S = 10.0
+MIN_MESSAGE_INTERVAL_S = 600.0
+MAX_INTERVAL_S = 3600.0
 HIGH_LATENCY = 235  # HIGH_LATENCY2
 _OFF = math.inf
 
@@ -22,9 +22,9 @@ _RATES: Mapping[LinkClass, Callable[[TelemetryRow], float]] = {
     LinkClass.SATELLITE: lambda _row: 0.0,
     LinkClass.MESSAGES: lambda _row: 0.0,
 }
-_FASTEST_S: Mapping[LinkClass, float] = {
-    LinkClass.SATELLITE: FASTEST_SATELLITE_S,
-    LinkClass.MESSAGES: FASTEST_MESSAGE_S,
+_MIN_INTERVAL_S: Mapping[LinkClass, float] = {
+    LinkClass.SATELLITE: MIN_SATELLITE_INTERVAL_S,
+    LinkClass.MESSAGES: MIN_MESSAGE_INTERVAL_S,
 }
 
 
@@ -35,11 +35,11 @@ class Streams:
 
     def __init__(self, link_class: LinkClass, now_s: float) -> None:
         """Start with the rates of the class, everything due at once; a satellite link starts with nothing at all."""
-        self._fastest_s = _FASTEST_S.get(link_class, FASTEST_S)
+        self._fastest_s = _MIN_INTERVAL_S.get(link_class, MIN_INTERVAL_S)
         rates = [_RATES[link_class](row) for row in TABLE]
         # A stream that is asked for by habit must not fill a radio with what changes once in a while.
         slow = link_class is LinkClass.RADIO
-        self._stream_s = [1.0 / row.fast_hz if slow and row.fast_hz else FASTEST_S for row in TABLE]
+        self._stream_s = [1.0 / row.fast_hz if slow and row.fast_hz else MIN_INTERVAL_S for row in TABLE]
         self._defaults = [1.0 / rate if rate else _OFF for rate in rates]
         self._interval_s = list(self._defaults)
         self._due_s = [now_s if rate else _OFF for rate in rates]
@@ -92,7 +92,7 @@ class Streams:
             for row in rows:
                 self._set(row, _OFF if interval_us else self._defaults[row], now_s)
             return True
-        if not self._fastest_s <= interval_us * 1e-6 <= SLOWEST_S:
+        if not self._fastest_s <= interval_us * 1e-6 <= MAX_INTERVAL_S:
             return False
         for row in rows:
             self._set(row, interval_us * 1e-6, now_s)
@@ -103,7 +103,7 @@ class Streams:
 
         Over a radio no message comes oftener than it does unasked on a fast link.
         """
-        if self._fastest_s > FASTEST_S:
+        if self._fastest_s > MIN_INTERVAL_S:
             return
         interval_s = _OFF if rate_hz <= 0.0 else 1.0 / rate_hz
         for index, row in enumerate(TABLE):

@@ -20,7 +20,7 @@ _SIGNATURE = 13
 _WAIT = 0  # may be a frame, when more bytes come
 _FALSE = -1  # no frame starts here
 
-_MOST_NUMBER = 255  # it has no messages beyond
+_MAX_MAVLINK1_NUMBER = 255  # it has no messages beyond
 _RADIO_STATUS = 109  # of the modem, whoever is behind it
 _VERSION1_S = 10.0  # stations begin in MAVLink 1 and go over to the second once they have heard it
 _VERSION1_FRAMES = 5
@@ -252,25 +252,25 @@ def _checked(frame: bytes) -> Frame | None:
     return Frame(number, frame)
 
 
-def in_first_version(packed: Packed) -> Packed | None:
+def to_mavlink1(packed: Packed) -> Packed | None:
     """Return a message as MAVLink 1, without the fields that it has not; None for one that it has not at all."""
     frame = packed.frame
     number = int.from_bytes(frame[7:10], "little")
-    if number > _MOST_NUMBER:
+    if number > _MAX_MAVLINK1_NUMBER:
         return None
     length = _BASE_BYTES.get(number) or mavlink.mavlink_map[number].unpacker.size
     payload = frame[10:-2][:length].ljust(length, b"\0")
     return Packed(bytes((MAVLINK1, length, 0)) + frame[5:7] + bytes((number,)) + payload + b"\0\0", packed.seed)
 
 
-class VersionHeard:
+class VersionDetector:
     """Which version of MAVLink a correspondent understands, by what it goes on to send once it could have heard her."""
 
-    __slots__ = ("_frames", "_since_s", "only_first")
+    __slots__ = ("_frames", "_since_s", "version1_only")
 
     def __init__(self) -> None:
         """Take it for one that understands MAVLink 2."""
-        self.only_first = False
+        self.version1_only = False
         self._frames = 0
         self._since_s: float | None = None
 
@@ -280,10 +280,10 @@ class VersionHeard:
             if frame.number == _RADIO_STATUS:
                 continue
             if frame.data[0] == _MAVLINK2:
-                self.only_first, self._frames, self._since_s = False, 0, None
+                self.version1_only, self._frames, self._since_s = False, 0, None
                 continue
             if self._since_s is None:
                 self._since_s = now_s
             self._frames += 1
             if self._frames >= _VERSION1_FRAMES and now_s - self._since_s >= _VERSION1_S:
-                self.only_first = True
+                self.version1_only = True

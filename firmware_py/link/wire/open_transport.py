@@ -33,7 +33,7 @@ _BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 _FAR_END: Address = "line"
 
 
-class Ashore(msgspec.Struct, frozen=True):
+class SatelliteSupport(msgspec.Struct, frozen=True):
     """What a link by satellite needs beside its line: what keeps its record, the clock, and what tells an event."""
 
     vault: Vault = NO_VAULT
@@ -41,16 +41,16 @@ class Ashore(msgspec.Struct, frozen=True):
     tell: Callable[[Event], None] = lambda _event: None
 
 
-_ALONE = Ashore()
+_ALONE = SatelliteSupport()
 
 
 def open_transport(
     url: str,
     open_line: Callable[[str, int], ByteLine],
-    ashore: Ashore = _ALONE,
+    ashore: SatelliteSupport = _ALONE,
     *,
     say: Callable[[str], None] | None = None,
-    hears: bool = True,
+    receives: bool = True,
 ) -> Transport:
     """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line.
 
@@ -67,9 +67,9 @@ def open_transport(
         return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number, parsed.options)
     open_now: Callable[[], Transport] = partial(_SOCKETS[parsed.kind], parsed)
     if parsed.kind == "udpout":
-        if hears and parsed.host in OF_MANY_ANYWHERE:
+        if receives and parsed.host in OF_MANY_ANYWHERE:
             open_now()  # raises: no waiting mends it
-        open_now = partial(UdpTransport, parsed, hears=hears)
+        open_now = partial(UdpTransport, parsed, receives=receives)
     if say is None:
         return open_now()
     late = LateTransport(parsed, open_now)
@@ -130,9 +130,9 @@ class LateTransport:
         """Return who is served in any case."""
         return () if self.opened is None else self.opened.addresses()
 
-    def guests(self) -> Sequence[Address]:
+    def connections(self) -> Sequence[Address]:
         """Return who has connected."""
-        return () if self.opened is None else self.opened.guests()
+        return () if self.opened is None else self.opened.connections()
 
     def host(self, address: Address) -> Address:
         """Return whose correspondent this is."""
@@ -192,7 +192,7 @@ class SerialTransport:
         """Return the far end: whether anybody is there, a line cannot tell."""
         return (_FAR_END,)
 
-    def guests(self) -> Sequence[Address]:
+    def connections(self) -> Sequence[Address]:
         """Return nobody: nobody connects to a line."""
         return ()
 

@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import Protocol
 
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.wire.frames import MAVLINK1, Packed, in_first_version, stamp
+from firmware_py.link.wire.frames import MAVLINK1, Packed, stamp, to_mavlink1
 
 _BATCH_BYTES = 1200  # several frames share a datagram: one system call for all, and no fragments
 _BURST_S = 0.25  # what an idle line may save up
@@ -22,11 +22,11 @@ _BULK_SHARE = 0.7  # of a line: the rest is for telemetry and answers
 _FRAMES_AT_ONCE = 44  # on a network, in one call of the loop: four datagrams, about 0.4 ms
 _WAITING = 64  # messages in the queue of answers; half of what it holds
 
-_FREE_LOW, _FILLING, _EMPTY = 20, 50, 90  # percent of the modem's buffer that is free, as ArduPilot judges it
-_HALF, _LESS, _MORE = 0.5, 0.8, 1.15  # of the speed, at each word of the modem: about one a second
+_LOW, _FILLING, _EMPTY = 20, 50, 90  # percent of the modem's buffer that is free, as ArduPilot judges it
+_PACE_HALF, _PACE_LESS, _PACE_MORE = 0.5, 0.8, 1.15  # of the speed, at each word of the modem: about one a second
 _ALL = 100
 _SILENT_S = 10.0  # a modem that says nothing for so long is none any more
-_LEAST_BYTES_S = 120.0  # heartbeats and answers in any case, whatever a modem (or who forges one) says
+_MIN_BYTES_S = 120.0  # heartbeats and answers in any case, whatever a modem (or who forges one) says
 
 
 class Priority(IntEnum):
@@ -81,7 +81,7 @@ class Outbox:
         "_sequence",
         "credit_bytes",
         "dropped",
-        "first_version",
+        "mavlink1_only",
         "sent_bytes",
     )
 
@@ -99,7 +99,7 @@ class Outbox:
         self.credit_bytes: int | None = None
         self.dropped = 0
         self.sent_bytes = 0
-        self.first_version = False
+        self.mavlink1_only = False
         self._heartbeats = 0  # in MAVLink 1
 
     def pace(self, share: float, now_s: float) -> None:
@@ -109,17 +109,17 @@ class Outbox:
 
     def push(self, packed: Packed, priority: Priority) -> None:
         """Queue a message, or drop and count it."""
-        if self.first_version and packed.seed:
-            self._push_first_version(packed, priority)
+        if self.mavlink1_only and packed.seed:
+            self._push_mavlink1(packed, priority)
         else:
             self._push(packed, priority)
 
-    def _push_first_version(self, packed: Packed, priority: Priority) -> None:
+    def _push_mavlink1(self, packed: Packed, priority: Priority) -> None:
         if packed.frame[7:10] == _HEARTBEAT:
             self._heartbeats += 1
             if self._heartbeats % _OFFERED == 0:
                 self._push(packed, priority)
-        converted = in_first_version(packed)
+        converted = to_mavlink1(packed)
         if converted is not None:
             self._push(converted, priority)
 
@@ -260,11 +260,11 @@ class BulkShare:
 class RadioPace:
     """The share of a line's speed that the modem behind it keeps up with."""
 
-    __slots__ = ("_heard_s", "_least", "share")
+    __slots__ = ("_heard_s", "_min_share", "share")
 
     def __init__(self, byte_rate: float | None) -> None:
         """Take the speed of the line in bytes a second; a network has no modem in it."""
-        self._least = 1.0 if byte_rate is None else min(1.0, _LEAST_BYTES_S / byte_rate)
+        self._min_share = 1.0 if byte_rate is None else min(1.0, _MIN_BYTES_S / byte_rate)
         self.share = 1.0
         self._heard_s = 0.0
 
@@ -273,13 +273,13 @@ class RadioPace:
         if not 0 <= free_percent <= _ALL:
             return
         self._heard_s = now_s
-        if free_percent < _FREE_LOW:
-            self.share *= _HALF
+        if free_percent < _LOW:
+            self.share *= _PACE_HALF
         elif free_percent < _FILLING:
-            self.share *= _LESS
+            self.share *= _PACE_LESS
         elif free_percent > _EMPTY:
-            self.share *= _MORE
-        self.share = min(max(self.share, self._least), 1.0)
+            self.share *= _PACE_MORE
+        self.share = min(max(self.share, self._min_share), 1.0)
 
     def forget(self, now_s: float) -> bool:
         """Go back to all of it where no modem says anything any more; return whether that changes anything."""

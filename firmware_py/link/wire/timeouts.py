@@ -61,9 +61,9 @@ class RetryTimer:
     __slots__ = (
         "_again_s",
         "_asked_s",
-        "_begun_s",
         "_deviation_s",
         "_in_doubt",
+        "_started_s",
         "_suspected_s",
         "_timeouts",
         "_tries",
@@ -78,7 +78,7 @@ class RetryTimer:
         self._deviation_s = 0.0
         # Of the latest that was asked twice: since its first asking, and when it was asked for the second time.
         self._in_doubt: tuple[float, float] | None = None
-        self._begun_s = self._asked_s = 0.0
+        self._started_s = self._asked_s = 0.0
         self._suspected_s: float | None = None  # how long answers take, by a second answer
         self._again_s = 0.0  # when the present one was asked for the second time
         self._wait_s = timeouts.first_s
@@ -86,7 +86,7 @@ class RetryTimer:
 
     def begin(self, now_s: float) -> None:
         """Note that a new question was asked; the wait is as before where nothing is known."""
-        self._begun_s = self._asked_s = now_s
+        self._started_s = self._asked_s = now_s
         self._tries = 0
         if self._typical_s is not None:
             self._wait_s = self._usual_wait_s(self._typical_s)
@@ -100,7 +100,7 @@ class RetryTimer:
 
     def learn(self, now_s: float) -> None:
         """Learn from an answer; that to a question asked twice teaches nothing yet."""
-        took_s = max(0.0, now_s - self._begun_s)
+        took_s = max(0.0, now_s - self._started_s)
         if self._tries:
             self._in_doubt = took_s, self._again_s
             return
@@ -112,7 +112,7 @@ class RetryTimer:
         self._deviation_s += _NEW * (abs(beside_s) - self._deviation_s)
         self._typical_s += _NEW * beside_s
 
-    def learn_from_double(self, now_s: float) -> None:
+    def learn_from_duplicate(self, now_s: float) -> None:
         """Learn from a second answer to the last question but one, if its first was that to the first asking."""
         if self._in_doubt is None:
             return

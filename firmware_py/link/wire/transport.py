@@ -58,7 +58,7 @@ class Transport(Protocol):
     def addresses(self) -> Sequence[Address]:
         """The correspondents that are to be served whether they have spoken or not."""
 
-    def guests(self) -> Sequence[Address]:
+    def connections(self) -> Sequence[Address]:
         """Those who have connected by themselves."""
 
     def host(self, address: Address) -> Hashable:

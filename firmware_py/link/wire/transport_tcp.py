@@ -143,7 +143,7 @@ class TcpServer:
         if isinstance(address, int) and (client := self._clients.pop(address, None)) is not None:
             client.close()
 
-    def guests(self) -> Sequence[Address]:
+    def connections(self) -> Sequence[Address]:
         """Return the connected clients."""
         return tuple(number for number, client in self._clients.items() if client.open)
 
@@ -165,7 +165,7 @@ class TcpServer:
             accepted, address = self._listener.accept()
         except OSError:
             return
-        if len(self.guests()) >= MAX_CLIENTS:
+        if len(self.connections()) >= MAX_CLIENTS:
             accepted.close()
             return
         try:
@@ -214,7 +214,7 @@ class TcpClient:
         """Return the server while it is connected."""
         return (self._number,) if self._connection is not None and self._connection.open else ()
 
-    def guests(self) -> Sequence[Address]:
+    def connections(self) -> Sequence[Address]:
         """Return nobody: the server was chosen."""
         return ()
 

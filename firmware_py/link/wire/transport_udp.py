@@ -79,7 +79,7 @@ class UdpTransport:
     byte_rate: float | None = None
     datagrams = True
 
-    def __init__(self, url: LinkUrl, *, hears: bool = True) -> None:
+    def __init__(self, url: LinkUrl, *, receives: bool = True) -> None:
         """Open the socket, or raise LinkError; what need not hear may send to many at once."""
         self.name = url.text
         self.options = url.options
@@ -99,12 +99,12 @@ class UdpTransport:
             return
         try:
             self._target = resolve(url)
-            if hears:
+            if receives:
                 _check_target(url, self._target)
         except LinkError:
             self._socket.close()
             raise
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, not hears)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, not receives)
         self._lookup = HostLookup(url, _LOOK_S)
 
     def descriptors(self) -> Sequence[int]:
@@ -145,7 +145,7 @@ class UdpTransport:
         """Return the target of `udpout`."""
         return () if self._target is None else (self._target,)
 
-    def guests(self) -> Sequence[Address]:
+    def connections(self) -> Sequence[Address]:
         """Return nobody: there are no connections."""
         return ()
 

@@ -13,7 +13,7 @@ from typing import Any
 from firmware_py.common.records import Progress
 
 THREAD = "link files"
-_MOST_JOBS = 32
+_MAX_JOBS = 32
 _PATIENCE_S = 300.0  # a job may read a log of 2 GiB
 
 Job = Callable[[], Any]
@@ -56,7 +56,7 @@ class Worker:
         if self._thread is None:
             done(_result_of(job))
             return True
-        if self._under_way >= _MOST_JOBS:
+        if self._under_way >= _MAX_JOBS:
             return False
         self._under_way += 1
         self._jobs.put((job, done))

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.link.peers import DOUBT_S, FORGET_S, PLACES, QUIET_S, WAITING
+from firmware_py.link.peers import FORGET_S, MAX_ACTIVE_PEERS, MAX_PENDING_PEERS, QUIET_S, UNPROVEN_AFTER_S
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import without_unasked
@@ -95,7 +95,7 @@ def test_a_long_answer_begins_within_the_credit_and_is_whole_once_it_was_proven(
 
 def test_who_falls_silent_has_to_prove_anew_that_he_is_there(open_rig):
     open_rig.prove()
-    open_rig.tick(seconds=DOUBT_S + 1.0)
+    open_rig.tick(seconds=UNPROVEN_AFTER_S + 1.0)
     assert open_rig.ticks(300) == []
     assert kinds(open_rig.tell(READ, address="station")).count("PARAM_VALUE") == 1
     assert "ATTITUDE" not in kinds(open_rig.ticks(20))
@@ -108,13 +108,13 @@ def test_who_signs_is_proven_at_once_and_stays_so(keyed):
     sign(rig)
     rig.tell(BEAT, address="station")
     assert seated(rig) == {"station"}
-    rig.tick(seconds=DOUBT_S + 1.0)
+    rig.tick(seconds=UNPROVEN_AFTER_S + 1.0)
     rig.tick_silently()
     assert rig.transport.sent
 
 
 def test_places_are_bounded_and_the_longest_silent_makes_room(open_rig, texts):
-    for number in range(PLACES):
+    for number in range(MAX_ACTIVE_PEERS):
         open_rig.now_s += 1.0
         open_rig.prove(number)
     said = open_rig.prove("late")
@@ -122,42 +122,42 @@ def test_places_are_bounded_and_the_longest_silent_makes_room(open_rig, texts):
     assert "No place for late on memory" in texts(said)
     open_rig.now_s += QUIET_S
     open_rig.prove("late")
-    assert seated(open_rig) == {*range(1, PLACES), "late"}
+    assert seated(open_rig) == {*range(1, MAX_ACTIVE_PEERS), "late"}
 
 
 def test_places_are_shared_by_address(open_rig):
-    for port in range(2 * PLACES):
+    for port in range(2 * MAX_ACTIVE_PEERS):
         open_rig.prove(("crowd", port))
-    assert len(seated(open_rig)) == PLACES
-    for number in range(PLACES // 2):
+    assert len(seated(open_rig)) == MAX_ACTIVE_PEERS
+    for number in range(MAX_ACTIVE_PEERS // 2):
         open_rig.prove((f"host {number}", 1))
     hosts = [host for host, _ in seated(open_rig)]
-    assert hosts.count("crowd") == PLACES // 2
-    assert len(set(hosts)) == 1 + PLACES // 2
+    assert hosts.count("crowd") == MAX_ACTIVE_PEERS // 2
+    assert len(set(hosts)) == 1 + MAX_ACTIVE_PEERS // 2
 
 
 def test_a_keyed_station_always_finds_a_place_and_strangers_get_few(keyed):
     rig = keyed()
-    for number in range(PLACES):
+    for number in range(MAX_ACTIVE_PEERS):
         rig.prove((f"127.0.0.{number}", 1))
-    assert len(seated(rig)) == PLACES // 2
+    assert len(seated(rig)) == MAX_ACTIVE_PEERS // 2
     sign(rig)
-    for number in range(PLACES):
+    for number in range(MAX_ACTIVE_PEERS):
         rig.tell(BEAT, address=(f"192.0.2.{number}", 1))
-    assert {host for host, _ in seated(rig)} == {f"192.0.2.{number}" for number in range(PLACES)}
+    assert {host for host, _ in seated(rig)} == {f"192.0.2.{number}" for number in range(MAX_ACTIVE_PEERS)}
 
 
 def test_who_only_waits_takes_no_place_and_holds_nobody_up(open_rig):
-    for number in range(10 * WAITING):
+    for number in range(10 * MAX_PENDING_PEERS):
         open_rig.tell(BEAT, address=(f"host {number}", 1))
-    assert len(tuple(open_rig.endpoint._peers.everybody())) == WAITING
+    assert len(tuple(open_rig.endpoint._peers.all_peers())) == MAX_PENDING_PEERS
     open_rig.prove("station")
     assert seated(open_rig) == {"station"}
 
 
 def test_one_address_cannot_push_another_out_of_those_who_wait(open_rig):
     open_rig.tell(BEAT, address=("station", 1))
-    for port in range(10 * WAITING):
+    for port in range(10 * MAX_PENDING_PEERS):
         open_rig.tell(BEAT, address=("crowd", port))
     open_rig.tell(BEAT, address=("station", 1))
     assert seated(open_rig) == {("station", 1)}
@@ -258,9 +258,9 @@ def test_a_client_has_a_place_from_its_first_frame_and_loses_it_when_it_says_not
 
 def test_silent_connections_do_not_keep_a_station_out(connected):
     rig = connected("policy=signed-only", key=True)
-    rig.transport.connected += tuple(("crowd", number) for number in range(4 * WAITING))
+    rig.transport.connected += tuple(("crowd", number) for number in range(4 * MAX_PENDING_PEERS))
     rig.tick()
-    assert len(rig.transport.connected) == WAITING
+    assert len(rig.transport.connected) == MAX_PENDING_PEERS
     rig.transport.connected += (("station", 1),)
     rig.tick()
     sign(rig)

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SteerHeading
-from firmware_py.link.peers import ALIKE, DOUBLED_S, LOST, Way, Ways
+from firmware_py.link.peers import DUPLICATE_S, MAX_LOST_FRAMES, MIN_IDENTICAL_FRAMES, PeerPaths, Way
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 
@@ -36,7 +36,7 @@ class TwoWays:
     def __init__(self, rig):
         self.rig = rig
         self.on_the_way = []
-        for _ in range(2 + ALIKE):
+        for _ in range(2 + MIN_IDENTICAL_FRAMES):
             self.send(BEAT)
             self.pass_time(1.0)
 
@@ -197,7 +197,7 @@ def test_who_is_not_the_same_keeps_a_place_of_his_own(make_rig, other):
     if other == "a new program":
         rig.station.seq = 0
     elif other == "another number":
-        rig.station.seq = (rig.station.seq + LOST + 1) % 256
+        rig.station.seq = (rig.station.seq + MAX_LOST_FRAMES + 1) % 256
     elif other == "another id":
         rig.station.srcSystem = 254
     rig.prove(("198.51.100.8" if other == "another computer" else "198.51.100.7", 2))
@@ -214,28 +214,28 @@ def beat(number, sender=255, base_mode=0):
 
 
 def heard(ways, way, frame, now_s):
-    double = ways.is_double(way, frame, now_s)
+    double = ways.is_duplicate(way, frame, now_s)
     if not double:
         ways.note(way, frame, now_s)
     return double
 
 
-def joined(ways, one, other, until=ALIKE + 1):
+def joined(ways, one, other, until=MIN_IDENTICAL_FRAMES + 1):
     for number in range(until):
         heard(ways, one, beat(number), number)
         heard(ways, other, beat(number), number + 0.5)
 
 
 def test_ways_are_one_stations_after_several_frames_that_are_alike():
-    ways, one, other = Ways(), Way("a", 0.0), Way("b", 0.0)
-    joined(ways, one, other, ALIKE)
+    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 0.0)
+    joined(ways, one, other, MIN_IDENTICAL_FRAMES)
     assert one.station is not other.station
     joined(ways, one, other)
     assert one.station is other.station
 
 
 def test_two_stations_in_step_are_two_as_soon_as_they_say_something_else():
-    ways, one, other = Ways(), Way("a", 0.0), Way("b", 0.0)
+    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 0.0)
     joined(ways, one, other)
     assert not heard(ways, one, beat(9), 9.0)
     assert not heard(ways, other, beat(9, base_mode=1), 9.5)
@@ -245,7 +245,7 @@ def test_two_stations_in_step_are_two_as_soon_as_they_say_something_else():
 
 
 def test_a_program_that_is_started_again_is_heard_again():
-    ways, one, other = Ways(), Way("a", 0.0), Way("b", 5.0)
+    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 5.0)
     for number in range(20):
         assert not heard(ways, one, beat(number), 0.01 * number)
     for number in range(20):
@@ -253,17 +253,17 @@ def test_a_program_that_is_started_again_is_heard_again():
 
 
 def test_a_number_comes_round():
-    ways, one, other = Ways(), Way("a", 0.0), Way("b", 0.0)
+    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 0.0)
     joined(ways, one, other)
-    assert heard(ways, one, beat(3), 3.0 + DOUBLED_S - 0.1) is False  # by its own way
-    assert heard(ways, other, beat(3), 3.0 + DOUBLED_S - 0.1) is True
-    assert heard(ways, other, beat(3), 3.0 + 3.0 * DOUBLED_S) is False
+    assert heard(ways, one, beat(3), 3.0 + DUPLICATE_S - 0.1) is False  # by its own way
+    assert heard(ways, other, beat(3), 3.0 + DUPLICATE_S - 0.1) is True
+    assert heard(ways, other, beat(3), 3.0 + 3.0 * DUPLICATE_S) is False
 
 
 @pytest.mark.parametrize(("later_frames", "stations"), [(127, 2), (128, 1)])
 def test_a_number_that_may_have_come_round_parts_no_ways(later_frames, stations):
     """The other way may be late by less than half of the numbers; then a frame of the same number is another one."""
-    ways, one, other = Ways(), Way("a", 0.0), Way("b", 0.0)
+    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 0.0)
     joined(ways, one, other)
     for number in range(later_frames + 1):
         heard(ways, one, beat((9 + number) % 256), 9.0)

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.reports import Home, MissionReport, MissionState
-from firmware_py.link.commands.steering import home_of, position_goal
+from firmware_py.link.commands.steering import home_request, position_goal
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 PLAN = Plan.of(PlanKind.MISSION, [PlanItem(16, 6, x=index, y=1) for index in range(5)])
@@ -53,11 +53,11 @@ def test_what_is_no_home_changes_nothing(rig, values):
 
 @pytest.mark.parametrize(("number", "limit"), [(0, 90.0), (1, 180.0), (2, 1e4)])
 def test_a_place_may_be_at_its_limits_and_not_beyond(number, limit):
-    assert home_of(45.0, 9.0, math.nan).altitude_m == 0.0
+    assert home_request(45.0, 9.0, math.nan).altitude_m == 0.0
     for value, is_place in ((limit, True), (-limit, True), (1.0001 * limit, False), (-1.0001 * limit, False)):
         place = [45.0, 9.0, 2.0]
         place[number] = value
-        said = [home_of(*place), *([position_goal(*place[:2])] if number < 2 else [])]
+        said = [home_request(*place), *([position_goal(*place[:2])] if number < 2 else [])]
         assert {isinstance(one, str) for one in said} == {not is_place}
 
 

@@ -13,7 +13,7 @@ from firmware_py.link.commands.server import (
     CommandMemory,
     CommandRecord,
 )
-from firmware_py.link.peers import DOUBLED_S, Correspondent, Way
+from firmware_py.link.peers import DUPLICATE_S, Station, Way
 
 ARM = 400
 STATION = (255, 190)
@@ -28,7 +28,7 @@ class Peer:
         self.way = Way(None, 0.0)
 
 
-RADIO, SATELLITE = Correspondent(Peer(), STATION), Correspondent(Peer(quiet=True), STATION)
+RADIO, SATELLITE = Station(Peer(), STATION), Station(Peer(quiet=True), STATION)
 ON = CommandRecord(1000.0, 7, b"on", in_whole_numbers=True, station=RADIO)
 OFF = replace(ON, asked=b"off")
 
@@ -37,7 +37,7 @@ def original(now, *done, confirmed=False, relative=False):
     memory = CommandMemory()
     for record in done:
         memory.remember(ARM, record, relative=relative)
-    return memory.find_original(ARM, now, confirmed=confirmed, relative=relative)
+    return memory.find_duplicate(ARM, now, confirmed=confirmed, relative=relative)
 
 
 @pytest.mark.parametrize(("peer", "longest_s"), [(RADIO, RETRY_S), (SATELLITE, SATELLITE_RETRY_S)])
@@ -62,7 +62,7 @@ def test_what_comes_soon_with_no_later_number_came_twice(sequence, ahead, again)
 @pytest.mark.parametrize(("peer", "longest_s"), [(Peer(), RELATIVE_RETRY_S), (Peer(quiet=True), SATELLITE_RETRY_S)])
 @pytest.mark.parametrize("others", [(), (OFF,)])
 def test_a_relative_command_that_is_confirmed_is_one_for_longer_and_by_any_way(peer, longest_s, others):
-    again = replace(ON, sequence=99, station=Correspondent(peer, STATION))
+    again = replace(ON, sequence=99, station=Station(peer, STATION))
     soon, late = (replace(again, t_s=1000.0 + longest_s + more_s) for more_s in (-SHORTLY, SHORTLY))
     assert original(soon, ON, *others, confirmed=True, relative=True) is ON
     assert original(late, ON, *others, confirmed=True, relative=True) is None
@@ -74,11 +74,9 @@ def test_a_relative_command_that_is_confirmed_is_one_for_longer_and_by_any_way(p
 def test_a_relative_command_is_one_with_the_same_frame_by_a_way_that_was_there_then():
     other, later = Peer(), Peer()
     later.way = Way(None, ON.t_s + OVERTAKEN_S)
-    there, new = (
-        replace(ON, t_s=1000.0 + DOUBLED_S - SHORTLY, station=Correspondent(p, STATION)) for p in (other, later)
-    )
+    there, new = (replace(ON, t_s=1000.0 + DUPLICATE_S - SHORTLY, station=Station(p, STATION)) for p in (other, later))
     assert original(there, ON, relative=True) is ON
-    assert original(replace(there, t_s=1000.0 + DOUBLED_S + SHORTLY), ON, relative=True) is None
+    assert original(replace(there, t_s=1000.0 + DUPLICATE_S + SHORTLY), ON, relative=True) is None
     assert original(replace(there, sequence=8), ON, relative=True) is None
     assert original(there, ON) is None
     assert original(new, ON, relative=True) is None
@@ -113,11 +111,11 @@ def test_what_others_asked_is_not_ones_own():
     memory = CommandMemory()
     memory.remember(ARM, ON)
     asked = {"confirmed": True, "relative": False}
-    assert memory.find_original(ARM, ON, **asked) is ON
-    other = replace(ON, station=Correspondent(RADIO.peer, (254, 190)))
-    assert memory.find_original(ARM, other, **asked) is None
-    assert memory.find_original(ARM + 1, ON, **asked) is None
-    assert memory.find_original(ARM, replace(ON, station=SATELLITE), **asked) is None
+    assert memory.find_duplicate(ARM, ON, **asked) is ON
+    other = replace(ON, station=Station(RADIO.peer, (254, 190)))
+    assert memory.find_duplicate(ARM, other, **asked) is None
+    assert memory.find_duplicate(ARM + 1, ON, **asked) is None
+    assert memory.find_duplicate(ARM, replace(ON, station=SATELLITE), **asked) is None
 
 
 def test_a_bounded_number_of_commands_is_known_the_latest_used():
@@ -130,7 +128,7 @@ def test_a_bounded_number_of_commands_is_known_the_latest_used():
     known = [
         command
         for command in range(REMEMBERED + 5)
-        if memory.find_original(command, ON, confirmed=True, relative=False)
+        if memory.find_duplicate(command, ON, confirmed=True, relative=False)
     ]
     assert known == [0, *range(6, REMEMBERED + 5)]
     assert len(memory) == REMEMBERED
@@ -143,5 +141,5 @@ def test_a_result_is_that_of_the_command_of_its_number():
     memory.remember(ARM, later)
     memory.set_result(RADIO, ARM, 7, 0)
     memory.set_result(RADIO, ARM, 9, 4)
-    assert memory.find_original(ARM, later, confirmed=True, relative=False) == later
-    assert memory.find_original(ARM, ON, confirmed=False, relative=False) == replace(ON, result=0)
+    assert memory.find_duplicate(ARM, later, confirmed=True, relative=False) == later
+    assert memory.find_duplicate(ARM, ON, confirmed=False, relative=False) == replace(ON, result=0)

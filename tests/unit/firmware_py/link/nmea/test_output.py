@@ -6,7 +6,7 @@ from contextlib import closing
 
 import pytest
 
-from firmware_py.link.nmea import Scene, open_output
+from firmware_py.link.nmea import NmeaData, open_output
 from firmware_py.link.wire.urls import LinkError
 from support.line import FakeLine
 from support.link import SNAPSHOT
@@ -14,7 +14,7 @@ from support.program import unused_ports
 
 
 def scene():
-    return Scene(SNAPSHOT, 1.79e9, math.radians(2.0))
+    return NmeaData(SNAPSHOT, 1.79e9, math.radians(2.0))
 
 
 @pytest.fixture

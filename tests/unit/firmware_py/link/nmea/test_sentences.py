@@ -11,7 +11,7 @@ from pynmeagps import NMEAReader
 
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, MissionReport, MissionState, Navigation, Water
-from firmware_py.link.nmea import LONGEST, TABLE, Scene, sentences
+from firmware_py.link.nmea import LONGEST, TABLE, NmeaData, sentences
 from support.link import SNAPSHOT
 
 UTC_S = 1_793_491_201.25  # 2026-11-01 00:00:01.25
@@ -28,7 +28,7 @@ LINE = {
 
 def scene(declination_deg=-12.3, utc_s=UTC_S, **changes):
     changes = {"position": FIX, "position_ok": True, "heading_rad": math.radians(350.0), **changes}
-    return Scene(msgspec.structs.replace(SNAPSHOT, **changes), utc_s, math.radians(declination_deg))
+    return NmeaData(msgspec.structs.replace(SNAPSHOT, **changes), utc_s, math.radians(declination_deg))
 
 
 def said(name, **changes):

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.peers import PLACES, QUIET_S
+from firmware_py.link.peers import MAX_ACTIVE_PEERS, QUIET_S
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 from support.link import MemoryVault, without_unasked
@@ -138,7 +138,7 @@ def connect_and_say_nothing(rig):
 
 
 def flood(rig):
-    for number in range(4 * PLACES):
+    for number in range(4 * MAX_ACTIVE_PEERS):
         rig.prove(("203.0.113.1", number))
         rig.prove((f"203.0.113.{number}", 1))
     sign(rig)

@@ -50,4 +50,4 @@ def test_many_different_texts_are_held_to_two_a_second():
     notices = TextLimiter()
     said = sum(notices.admit(f"text {number}", 100.0 + number * 1e-3) for number in range(10_000))
     assert said == pytest.approx(8 + 2 * 10, abs=1)
-    assert len(notices._said) <= 32
+    assert len(notices._sent_texts) <= 32

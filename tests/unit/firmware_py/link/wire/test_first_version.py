@@ -4,9 +4,9 @@ import pytest
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.cli.link_page import answers
+from firmware_py.cli.link_page import replies
 from firmware_py.link.telemetry.table import TABLE
-from firmware_py.link.wire.frames import Codec, in_first_version, stamp
+from firmware_py.link.wire.frames import Codec, stamp, to_mavlink1
 from support.link import of_type
 
 BEAT = mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
@@ -18,7 +18,7 @@ NUMBERS = {kind.msgname: number for number, kind in mavlink.mavlink_map.items()}
 @pytest.fixture(scope="module")
 def sent_numbers():
     """Numbers of all messages that the boat sends; a fixture, since the sources of the link are parsed for them."""
-    return sorted({row.number for row in TABLE} | {NUMBERS[name] for name in answers()})
+    return sorted({row.number for row in TABLE} | {NUMBERS[name] for name in replies()})
 
 
 class OldStation:
@@ -131,7 +131,7 @@ def test_each_message_of_the_boat_has_the_length_that_mavlink_1_gives_it(sent_nu
     assert len(known) > 30
     for number in known:
         size = mavlink1.mavlink_map[number].unpacker.size
-        frame = stamp(in_first_version(Codec(1, 1).pack_payload(number, bytes(range(1, 256))[:size])), 7)
+        frame = stamp(to_mavlink1(Codec(1, 1).pack_payload(number, bytes(range(1, 256))[:size])), 7)
         decoded = mavlink1.MAVLink(None).decode(bytearray(frame))
         assert (decoded.get_msgId(), decoded.get_seq(), decoded.get_srcSystem()) == (number, 7, 1)
 
@@ -140,4 +140,4 @@ def test_a_message_without_a_number_in_mavlink_1_is_left_out(sent_numbers):
     later = [number for number in sent_numbers if number > 255]
     assert later
     for number in later:
-        assert in_first_version(Codec(1, 1).pack_payload(number, b"x")) is None, number
+        assert to_mavlink1(Codec(1, 1).pack_payload(number, b"x")) is None, number

@@ -30,7 +30,7 @@ def test_who_does_not_wait_is_refused_and_who_waits_is_told_why(taken):
         open_transport(url_of(taken), None)
     told = []
     with closing(open_transport(url_of(taken), None, say=told.append)) as link:
-        assert (link.descriptors(), link.addresses(), link.guests()) == ((), (), ())
+        assert (link.descriptors(), link.addresses(), link.connections()) == ((), (), ())
         assert not link.send("anybody", b"x")
         link.poll(0.0)
     (text,) = told

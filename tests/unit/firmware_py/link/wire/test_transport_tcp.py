@@ -54,7 +54,7 @@ def take(transport, *, until):
 
 def dial(server, opened, count=1):
     clients = [opened(socket.create_connection(("127.0.0.1", port_of(server)), 5.0)) for _ in range(count)]
-    take(server, until=lambda _: len(server.guests()) >= min(count, MAX_CLIENTS))
+    take(server, until=lambda _: len(server.connections()) >= min(count, MAX_CLIENTS))
     return clients
 
 
@@ -71,18 +71,18 @@ def test_each_client_is_a_correspondent(server, opened):
 
 def test_a_client_that_goes_is_forgotten_and_its_number_is_not_used_again(server, opened):
     (client,) = dial(server, opened)
-    (number,) = server.guests()
+    (number,) = server.connections()
     client.close()
-    take(server, until=lambda _: not server.guests())
+    take(server, until=lambda _: not server.connections())
     assert not server.send(number, b"x")
     dial(server, opened)
-    assert server.guests() != (number,)
+    assert server.connections() != (number,)
 
 
 def test_clients_are_bounded(server, opened):
     clients = dial(server, opened, MAX_CLIENTS) + dial(server, opened, 3)
     take(server, until=lambda _: not select.select([server._listener], [], [], 0.05)[0])
-    assert len(server.guests()) == MAX_CLIENTS
+    assert len(server.connections()) == MAX_CLIENTS
     refused = clients[MAX_CLIENTS:]
     assert [client.recv(1) for client in refused] == [b""] * 3
     assert not select.select(clients[:MAX_CLIENTS], [], [], 0.0)[0]
@@ -90,7 +90,7 @@ def test_clients_are_bounded(server, opened):
 
 def test_a_client_that_does_not_read_costs_bounded_memory_and_gets_whole_messages(server, opened):
     (client,) = dial(server, opened)
-    (number,) = server.guests()
+    (number,) = server.connections()
     message = b"m" * 1000 + b"\n"
     accepted = sum(server.send(number, message) for _ in range(20_000))
     assert accepted < 20_000
@@ -107,8 +107,8 @@ def test_what_cannot_leave_is_refused_so_that_what_is_newer_need_not_wait_behind
     client = opened(socket.socket())
     client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 11)
     client.connect(("127.0.0.1", port_of(server)))
-    take(server, until=lambda _: server.guests())
-    (number,) = server.guests()
+    take(server, until=lambda _: server.connections())
+    (number,) = server.connections()
     assert 1 <= sum(server.send(number, b"m" * 1000) for _ in range(1000)) <= 24
 
 
@@ -187,10 +187,10 @@ def test_a_connection_whose_other_end_vanished_is_found_within_minutes(server, o
 
 def test_a_dropped_client_finds_its_connection_ended(server, opened):
     one, other = dial(server, opened, 2)
-    first, second = server.guests()
+    first, second = server.connections()
     assert [server.host(number) for number in (first, second, 99)] == ["127.0.0.1", "127.0.0.1", None]
     server.drop(first)
-    assert server.guests() == (second,)
+    assert server.connections() == (second,)
     one.settimeout(5.0)
     assert one.recv(1) == b""
     assert server.send(second, b"still here")

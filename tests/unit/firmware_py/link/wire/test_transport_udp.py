@@ -192,7 +192,9 @@ def test_what_need_not_hear_sends_to_a_whole_network():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plotter:
         plotter.bind(("127.255.255.255", 0))
         plotter.settimeout(5.0)
-        with closing(open_transport(f"udpout:127.255.255.255:{plotter.getsockname()[1]}", None, hears=False)) as link:
+        with closing(
+            open_transport(f"udpout:127.255.255.255:{plotter.getsockname()[1]}", None, receives=False)
+        ) as link:
             link.send(link.addresses()[0], b"$GNRMC")
             assert plotter.recv(100) == b"$GNRMC"
 
