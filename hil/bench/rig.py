@@ -139,13 +139,13 @@ class Rig:
         while self.now_s() < until_s:
             self._turn(min(until_s, self.now_s() + LOOK_S))
             if not self._firmware.running():
-                raise HilError(f"the autopilot ended early: {self._firmware.last_words()}")
+                raise HilError(f"the autopilot ended early: {self._firmware.last_output()}")
 
     def serve_until_alive(self, most_s: float) -> tuple[float, float]:
         """Play the devices until a goal frame and a heartbeat have come; return when, or raise HilError."""
         while not self.goals_s or self.heartbeat_s is None:
             if self.now_s() > most_s:
-                raise HilError(f"no rudder frame or no heartbeat within {most_s:g} s: {self._firmware.last_words()}")
+                raise HilError(f"no rudder frame or no heartbeat within {most_s:g} s: {self._firmware.last_output()}")
             self.serve(self.now_s() + LOOK_S / 10.0)
         return self.goals_s[0], self.heartbeat_s
 

@@ -28,9 +28,9 @@ from hil.errors import UsageError
 from hil.sim.adapters import wired
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
-from hil.sim.logbook import RunOptions, put_to_sea
+from hil.sim.logbook import RunOptions, recorded_run
 from hil.sim.realtime import RealTimeServer
-from hil.sim.run_directory import VEHICLE_NAME, held
+from hil.sim.run_directory import VEHICLE_NAME, locked_directory
 from hil.sim.signals import interruptible, stopped_by_signal
 from hil.sim.vehicle_file import file_text
 
@@ -63,9 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         stack.enter_context(contextlib.suppress(KeyboardInterrupt))
         stack.enter_context(interruptible())
-        stack.enter_context(held(directory))
+        stack.enter_context(locked_directory(directory))
         stack.enter_context(reported(directory))
-        book = stack.enter_context(put_to_sea(options, time.time()))
+        book = stack.enter_context(recorded_run(options, time.time()))
         devices = emulators(book.world, options.vehicle, options.seed)
         lines = stack.enter_context(wired(adapters_of(arguments), devices, options.vehicle))
         try:

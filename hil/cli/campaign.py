@@ -17,7 +17,7 @@ from hil.lab.campaign.campaign import Workers
 from hil.lab.campaign.store import imported
 from hil.lab.campaign.workers import check_address
 from hil.sim import run_file
-from hil.sim.run_directory import CAMPAIGN, check_free, held
+from hil.sim.run_directory import CAMPAIGN, check_free, locked_directory
 
 MOST_WORKERS = 1024
 JSON = "compare.json"
@@ -124,7 +124,7 @@ def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
     check_free(arguments.out, (CAMPAIGN, run_file.NAME))
     first, second = (store.read_results(Path(word)) for word in words)
     found = compare.compare(first, second)
-    with held(arguments.out):
+    with locked_directory(arguments.out):
         store.write_file(arguments.out / JSON, (json.dumps(compare.as_json(found), indent=2) + "\n").encode())
         store.write_file(arguments.out / store.PAGE, compare_page.text(first, second, found).encode())
     rows = compare_page.cells(found)

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the page and say where it is."""
     first = arguments.places[0]
     if arguments.out is None and len(arguments.places) == 1 and (first / run_file.NAME).exists():
-        with run_directory.held(first):
+        with run_directory.locked_directory(first):
             figures, report = run_page.make(first)
         print(figures_text(figures))
         print(f"report: {report}")

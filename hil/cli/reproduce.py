@@ -12,7 +12,7 @@ from hil.errors import UsageError
 from hil.lab.reproduce.chain import FULL, QUICK, run_chain
 from hil.lab.reproduce.results import results, text
 from hil.lab.reproduce.rows import all_match
-from hil.sim.run_directory import held
+from hil.sim.run_directory import locked_directory
 
 RUNS = Path("runs")
 
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"--out {out}: {error.strerror}; give another directory") from None
     tell = progress.part_done(sys.stderr, time.monotonic)
-    with held(out):
+    with locked_directory(out):
         chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, tell)
         tell("", 1.0)
         found = results(chain)

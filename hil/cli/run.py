@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("adapters and --remote belong together, in real time: the autopilot is at their other ends")
     if options.play:
         print(f"she listens on {' and '.join(options.links)}; Ctrl-C ends the game", flush=True)
-    with run_directory.held(options.out), interruptible(), reported(options.out):
+    with run_directory.locked_directory(options.out), interruptible(), reported(options.out):
         if arguments.remote is None:
             runner.run(options)
         else:

@@ -26,8 +26,8 @@ from hil.cli.sea_arguments import (
 )
 from hil.errors import UsageError
 from hil.sim import run_directory
-from hil.sim.json_ship import JsonShip, OneAutopilot, PacketError, read_packet
-from hil.sim.logbook import RunOptions, put_to_sea
+from hil.sim.json_ship import ActiveAutopilot, JsonShip, PacketError, read_packet
+from hil.sim.logbook import RunOptions, recorded_run
 from hil.sim.signals import interruptible
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S
 
@@ -72,10 +72,10 @@ def run(arguments: argparse.Namespace) -> int:
     with (
         contextlib.suppress(KeyboardInterrupt),
         closing(_listener(arguments.port)) as listener,
-        run_directory.held(options.out),
+        run_directory.locked_directory(options.out),
         interruptible(),
         reported(options.out),
-        put_to_sea(options, START_UTC_S) as book,
+        recorded_run(options, START_UTC_S) as book,
     ):
         print(
             f"waiting on udp {ADDRESS}:{listener.getsockname()[1]}; start the autopilot with --model json:{ADDRESS} and"
@@ -121,7 +121,7 @@ def _serve(listener: socket.socket, ship: JsonShip, end_s: float, begin: Callabl
     Return how long she was steered, None for not at all.
     """
     told: set[str] = set()
-    autopilot = OneAutopilot()
+    autopilot = ActiveAutopilot()
     begun_s = heard_s = None
     while ship.now_s < end_s - ROUNDING_S:
         try:
@@ -133,7 +133,7 @@ def _serve(listener: socket.socket, ship: JsonShip, end_s: float, begin: Callabl
             continue
         try:
             packet, now_s = read_packet(data), time.monotonic()
-            is_new = autopilot.hear(address, now_s)
+            is_new = autopilot.receive(address, now_s)
         except PacketError as error:
             if str(error) not in told and len(told) < 10:
                 told.add(str(error))

@@ -1,1 +1,1 @@
-"""A run: the world, the board of devices, time, the autopilot as a process."""
+"""A run: the world, the board of devices, time, and the autopilot as a process."""

@@ -1,4 +1,4 @@
-"""Devices on real serial adapters, whose wires lead to a float computer that is tested untouched."""
+"""Emulated devices on real serial adapters, wired to a float computer under test."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from hil.sim.board import Board, Line
 from hil.sim.device_factory import POSITION, emulators
 from hil.sim.display import Banner, make_display
 from hil.sim.ground_station import GroundStation, disarm
-from hil.sim.logbook import RunOptions, put_to_sea
+from hil.sim.logbook import RunOptions, recorded_run
 from hil.sim.realtime import RealTimeServer
 from hil.sim.run_file import OrderRecord
 from hil.sim.signals import interruptible
 
-# option -> the device behind it, by the name of its port
+# option -> device behind the adapter, by the name of its port
 ADAPTERS = {"compass_port": "compass", "servo_port": "rudder", "position_port": "position"}
-LOOK_S = 0.03
-JUDGE_S = 1.0
-FAREWELL_S = 2.0
+POLL_S = 0.03
+CHECK_S = 1.0
+DISARM_S = 2.0
 
 
 @contextmanager
 def wired(paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehicle) -> Iterator[dict[str, SerialLine]]:
-    """Open the adapters, by device, that devices are to hang on; the wires then take the time that bytes need."""
+    """Open the adapter of each device; from then on its transmitter takes the time that bytes need on the wire."""
     bauds = {"compass": vehicle.compass.baud, "rudder": vehicle.rudder.baud, "position": POSITION.baud}
     with ExitStack() as stack:
         lines = {}
@@ -47,41 +47,41 @@ def wired(paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehi
 
 
 def run(options: RunOptions, paths: Mapping[str, str], url: str) -> None:
-    """Make a run with an autopilot that another computer runs: its devices on adapters here, its orders by `url`.
+    """Make a run with an autopilot on another computer: devices on adapters here, commands by `url`.
 
-    The directory gets what it gets of any run, but for what the float computer keeps itself. At the end she is
-    disarmed.
+    The output directory holds the files of any run, except those that the float computer keeps. The run ends with
+    the boat disarmed.
     """
-    with put_to_sea(options, time.time()) as book, interruptible(), ExitStack() as stack:
-        station = GroundStation(options.goals, options.mode, shared=True, hails=True)
+    with recorded_run(options, time.time()) as book, interruptible(), ExitStack() as stack:
+        station = GroundStation(options.goals, options.mode, shared=True, sends_first=True)
         devices = emulators(book.world, options.vehicle, options.seed)
         lines: dict[str, Line] = {**stack.enter_context(wired(paths, devices, options.vehicle))}
         try:
             lines["link"] = stack.enter_context(contextlib.closing(NetworkLine(url)))
         except NetworkLineError as error:
             raise UsageError(f"--remote {error}") from None
-        aboard: dict[str, Emulator] = {**{name: devices[name] for name in paths}, "link": station}
+        emulated: dict[str, Emulator] = {**{name: devices[name] for name in paths}, "link": station}
         directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rambler-")))
-        board = stack.enter_context(Board(book.world, aboard, directory, wired=lines))
+        board = stack.enter_context(Board(book.world, emulated, directory, wired=lines))
         book.begin()
         title = f"rambler-hil run {options.scenario.name}, seed {options.seed}, with the autopilot at {url}"
         display = stack.enter_context(
             make_display(Banner(title, options.seconds, (url,), lockstep=False), board.world, station)
         )
-        server, judge_s = RealTimeServer(board), 0.0
+        server, check_s = RealTimeServer(board), 0.0
         try:
             while board.world.now_s < options.seconds:
-                display.update(server.serve(min(options.seconds, server.now_s() + LOOK_S)))
-                if server.now_s() >= judge_s:
-                    judge_s = server.now_s() + JUDGE_S
+                display.update(server.serve(min(options.seconds, server.now_s() + POLL_S)))
+                if server.now_s() >= check_s:
+                    check_s = server.now_s() + CHECK_S
                     if failure := station.failure(board.world.now_s):
                         raise HilError(failure)
             book.wall_s = server.now_s()
         finally:
             station.order(disarm(server.now_s()), server.now_s())
-            end_s = server.now_s() + FAREWELL_S
+            end_s = server.now_s() + DISARM_S
             while server.now_s() < end_s:
-                server.serve(server.now_s() + LOOK_S)
+                server.serve(server.now_s() + POLL_S)
             book.orders, book.arrivals = tuple(map(OrderRecord.of, station.orders)), tuple(station.reached)
         if complaint := station.verdict():
             raise HilError(complaint)

@@ -29,9 +29,9 @@ class Port:
 
 
 class Board:
-    """World and devices moved on together, bytes handed over at the moment they are due.
+    """Advance the world and the devices together, and transfer bytes when they are due.
 
-    Close it (or use it as a context) to give the lines back.
+    Close it (or use it as a context) to release the lines.
     """
 
     def __init__(
@@ -43,10 +43,10 @@ class Board:
         *,
         wired: Mapping[str, Line] | None = None,
     ) -> None:
-        """Make a line named as each emulator in a directory, or take the adapter that is `wired` to its name.
+        """Open a pty for each emulator in a directory, or use the adapter that `wired` holds for its name.
 
-        `send` hands bytes to a pty: PtyLine.write in real time, and in lockstep
-        PtyLine.post, behind which the server waits until the autopilot can read them.
+        `send` writes bytes to a pty: PtyLine.write in real time; in lockstep PtyLine.post, and the server then waits
+        until the autopilot can read them.
         """
         self.world = world
         self._send = send
@@ -84,17 +84,17 @@ class Board:
         raise KeyError(path)
 
     def next_output_s(self) -> float:
-        """When the next device has something to do or to say."""
+        """Return the time of the next output or event of any device."""
         return min(emulator.next_output_s() for emulator in self._emulators)
 
     def receive(self, port: Port, data: bytes) -> None:
-        """Give a device the bytes that the autopilot has written, now."""
+        """Pass the bytes that the autopilot wrote to a device, now."""
         port.emulator.receive(self.world.now_s, data)
 
     def advance(self, limit_s: float, patience: Callable[[Port], float] = lambda _port: -math.inf) -> bool:
-        """Move on to limit_s, or less far where bytes have been delivered; say whether they are to be seen at once.
+        """Advance to limit_s, or less far where bytes were delivered; return True if the autopilot must read at once.
 
-        `patience` is told who has delivered, and says before which moment the autopilot must look at it.
+        `patience` is called with the port of each delivery and returns the time by which the autopilot must read it.
         """
         before_s = math.inf
         due_s = [emulator.next_output_s() for emulator in self._emulators]
@@ -109,7 +109,7 @@ class Board:
         return False
 
     def _deliver(self, due_s: list[float], patience: Callable[[Port], float]) -> float:
-        """Hand over what is due now, and note in due_s when those who had something next have."""
+        """Transfer the output that is due, and store the next output time of its devices in due_s."""
         now_s = self.world.now_s
         before_s = math.inf
         for index, port in enumerate(self.ports):

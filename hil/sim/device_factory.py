@@ -1,4 +1,4 @@
-"""Which devices hang on the board, each with its own noise, phase and clock error."""
+"""The emulated devices on the board, each with its own noise, phase and clock error."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ POSITION_RATE_HZ = 1.0
 
 @dataclass(frozen=True, slots=True)
 class DeviceContext:
-    """What an emulator is built from: its section of the vehicle file and the chances of this run."""
+    """Inputs of an emulator: its section of the vehicle file and the random values of this run."""
 
     world: World
     baud: int
@@ -48,7 +48,7 @@ class DeviceContext:
 
 @dataclass(frozen=True, slots=True)
 class EmulatedDevice:
-    """An emulator, the name of the driver that it answers, and the baud rate that it leaves the factory with."""
+    """An emulator, the name of its driver, and its factory baud rate."""
 
     driver: str
     baud: int
@@ -98,9 +98,9 @@ def _volz(context: DeviceContext) -> Device:
 
 
 def _gps(context: DeviceContext) -> Device:
-    bought: dict[str, Any] = {}
+    errors: dict[str, Any] = {}
     if (receiver := context.world.disturbances.receiver) is not None:
-        bought = {
+        errors = {
             "velocity_noise_m_s": receiver.noise_m_s,
             "latency_s": receiver.latency_s,
             "velocity_filter_s": receiver.filter_s,
@@ -113,7 +113,7 @@ def _gps(context: DeviceContext) -> Device:
         phase_s=context.phase_s,
         frequency_error_ppm=context.frequency_error_ppm,
         baud=context.baud,
-        **bought,
+        **errors,
     )
 
 
@@ -131,20 +131,20 @@ POSITION = EmulatedDevice("nmea", 9600, _gps)
 POWER_DRIVER, POWER_BAUD = "vedirect", 19200
 
 
-def _answering(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDevice:
-    """Return the device that answers a driver, or raise UsageError."""
+def _device_for(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDevice:
+    """Return the emulated device of a driver, or raise UsageError."""
     for device in devices.values():
         if device.driver == driver:
             return device
     drivers = ", ".join(device.driver for device in devices.values())
-    raise UsageError(f"no device is emulated for driver {driver!r}; there are {drivers}")
+    raise UsageError(f"driver {driver!r} has no emulated device; use one of {drivers}")
 
 
 def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
-    """Build compass, position and rudder as the vehicle names them, and what measures its supply, or raise UsageError.
+    """Create compass, position, rudder, supply and AIS devices for a vehicle, or raise UsageError.
 
-    The place's declination is the one that the vehicle steers with. A vehicle without a power monitor gets a charger
-    and a monitor where the sea comes with a supply, one without AIS a transponder where there are other ships.
+    The declination is the one in the vehicle file. A vehicle without a power monitor gets a charger and a monitor if
+    the scenario has the disturbance `supply`, one without AIS a transponder if it has `vessels`.
     """
     chances = generator(seed, Stream.PHASES)
     compass, rudder = vehicle.compass, vehicle.rudder
@@ -161,7 +161,7 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
             gaps=generator(seed, Stream.GAPS),
         )
 
-    compass_device, servo = _answering(COMPASSES, compass.driver), _answering(SERVOS, rudder.driver)
+    compass_device, servo = _device_for(COMPASSES, compass.driver), _device_for(SERVOS, rudder.driver)
     try:
         devices: dict[str, Device] = {
             "compass": compass_device.make(context(compass.baud, compass.options, Stream.COMPASS, 0.1)),
@@ -170,18 +170,18 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
         }
         return devices | _power(world, vehicle, devices["rudder"], seed) | _ais(world, vehicle, seed)
     except ValueError as error:
-        raise UsageError(f"the vehicle file describes a device that cannot be emulated: {error}") from None
+        raise UsageError(f"vehicle file: a device cannot be emulated: {error}") from None
 
 
 def _power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str, Device]:
-    """Build what measures the supply: a charger with all loads on it, and a monitor besides where there are two."""
+    """Create the supply devices: a charger with all loads on it; with two devices, a charger and a monitor."""
     supply = world.disturbances.supply
     entries = {"power": vehicle.power, "power_b": vehicle.power_b}
     named = [name for name, entry in entries.items() if entry is not None]
     if supply is None and not named:
         return {}
     place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, world.utc_s() - world.now_s)
-    plant = PowerPlant(supply or Supply(), place, generator(seed, Stream.CLOUDS), lambda: taken_j(servo))
+    plant = PowerPlant(supply or Supply(), place, generator(seed, Stream.CLOUDS), lambda: used_energy_j(servo))
     chances = generator(seed, Stream.POWER)
     names = named or list(entries)
     return {
@@ -197,11 +197,11 @@ def _power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str
 
 
 def _ais(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
-    """Build the transponder of a boat that has one, or is among other ships."""
+    """Create the AIS transponder of a boat that has one or that is among other ships."""
     vessels = world.disturbances.vessels
     if vessels is None and vehicle.ais is None:
         return {}
-    asked = vessels or Vessels()
+    options = vessels or Vessels()
     own_mmsi = (vehicle.ais.options.own_mmsi if vehicle.ais is not None else 0) or OWN_MMSI
     transponder = AisEmulator(
         world,
@@ -209,13 +209,13 @@ def _ais(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
         [replace(ship, mmsi=own_mmsi) if ship.mmsi == OWN_MMSI else ship for ship in world.ships],
         generator(seed, Stream.AIR),
         own_mmsi=own_mmsi,
-        range_m=1e3 * asked.range_km,
-        lost=asked.lost,
+        range_m=1e3 * options.range_km,
+        lost=options.lost,
         baud=AIS_BAUD,
     )
     return {"ais": transponder}
 
 
-def taken_j(servo: Device) -> float:
-    """Return the energy that an emulated servo has taken so far."""
+def used_energy_j(servo: Device) -> float:
+    """Return the energy that an emulated servo has used so far."""
     return servo.energy_j if isinstance(servo, DynamixelEmulator | VolzEmulator) else 0.0

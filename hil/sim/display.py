@@ -1,4 +1,4 @@
-"""What a run shows while it happens: a picture on a terminal, where rich is installed; nothing in a pipe."""
+"""The display of a run under way: on a terminal where rich is installed; nothing in a pipe."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hil.sim.world import World
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """What does not change during a run."""
+    """Values of the display that are constant during a run."""
 
     title: str
     end_s: float
@@ -24,25 +24,25 @@ class Banner:
 
 
 class Display(Protocol):
-    """What a run shows while it goes."""
+    """A display of a run under way."""
 
     def __enter__(self) -> Self:
-        """Begin to show."""
+        """Start the display."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End."""
+        """End the display."""
 
     def update(self, slack_s: float = math.inf) -> None:
-        """Show the present state, if it is time to and slack_s is enough for drawing."""
+        """Show the present state if an update is due and slack_s is enough for drawing."""
 
 
-class Silence:
-    """Shows nothing."""
+class NoDisplay:
+    """A display that shows nothing."""
 
     def __enter__(self) -> Self:
-        """Begin to show nothing."""
+        """Start."""
         return self
 
     def __exit__(
@@ -55,10 +55,10 @@ class Silence:
 
 
 def make_display(banner: Banner, world: World, station: GroundStation) -> Display:
-    """Return the live display on a terminal, and silence in a pipe or where there is nothing to draw with."""
+    """Return the live display on a terminal, and no display in a pipe or without rich."""
     if not sys.stdout.isatty() or importlib.util.find_spec("rich") is None:
-        return Silence()
-    from rich.console import Console  # noqa: PLC0415 - a float that tries the box has none
+        return NoDisplay()
+    from rich.console import Console  # noqa: PLC0415 - rich is optional
 
     from hil.sim.live_display import LiveDisplay  # noqa: PLC0415 - likewise
 

@@ -1,4 +1,4 @@
-"""The goals of a run: at which second the operator gives which heading."""
+"""The goals of a run: headings that the operator sets, each at a time."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from itertools import pairwise
 
 from firmware_py.common.angles import radians
 
-MOST_GOALS = 1000
-MOST_SECONDS = 1e7
+MAX_GOALS = 1000
+MAX_TIME_S = 1e7
 
 
 class GoalError(ValueError):
-    """A goal that cannot be read; the text says how one is written."""
+    """A goal that cannot be read; the text states the syntax."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A heading from true north and when it is given."""
+    """A heading from true north and the time at which it is set."""
 
     t_s: float
     heading_deg: float
@@ -32,12 +32,14 @@ class Goal:
 def parse_goals(text: str) -> tuple[Goal, ...]:
     """Read "0:0,120:60,720:-90" (seconds:degrees true), or raise GoalError."""
     pieces = text.split(",")
-    if len(pieces) > MOST_GOALS:
-        raise GoalError(f"{len(pieces)} goals; at most {MOST_GOALS}")
+    if len(pieces) > MAX_GOALS:
+        raise GoalError(f"{len(pieces)} goals; the maximum is {MAX_GOALS}")
     goals = tuple(_parse_goal(piece.strip()) for piece in pieces)
     for earlier, later in pairwise(goals):
         if later.t_s <= earlier.t_s:
-            raise GoalError(f"goal at {later.t_s:g} s after the one at {earlier.t_s:g} s; give them in order of time")
+            raise GoalError(
+                f"goal at {later.t_s:g} s follows one at {earlier.t_s:g} s; give the goals in order of time"
+            )
     return goals
 
 
@@ -48,8 +50,8 @@ def _parse_goal(text: str) -> Goal:
         goal = Goal(float(seconds), float(heading))
     except ValueError:
         raise GoalError(f"goal {text[:40]!r} is not a time and a heading; {remedy}") from None
-    if not colon or not math.isfinite(goal.t_s) or not 0.0 <= goal.t_s <= MOST_SECONDS:
-        raise GoalError(f"goal {text[:40]!r}: the time must be 0 to {MOST_SECONDS:g} s; {remedy}")
+    if not colon or not math.isfinite(goal.t_s) or not 0.0 <= goal.t_s <= MAX_TIME_S:
+        raise GoalError(f"goal {text[:40]!r}: the time must be 0 to {MAX_TIME_S:g} s; {remedy}")
     if not math.isfinite(goal.heading_deg) or abs(goal.heading_deg) > 360.0:
         raise GoalError(f"goal {text[:40]!r}: the heading must be -360 to 360 degrees true; {remedy}")
     return goal

@@ -1,8 +1,8 @@
-"""The ship as ArduPilot's simulator sees it: a packet of servo pulses in, a line of JSON with her motion out.
+"""The ship behind ArduPilot's simulator interface: a packet of servo pulses in, a line of JSON with the motion out.
 
 The protocol is that of ArduPilot's SITL JSON backend (libraries/SITL/examples/JSON/readme.md): the autopilot sends
-UDP packets `<HHI16H` (magic 18458, the rate of its frames, their number, 16 pulses in us; with SERVO_32_ENABLE 32 of
-them, and magic 29569) and waits for one line each; so it is the ship's clock, and the ship moves on by one frame for
+UDP packets `<HHI16H` (magic 18458, frame rate, frame number, 16 pulses in us; with SERVO_32_ENABLE 32 pulses and
+magic 29569) and waits for one line after each. So the autopilot is the ship's clock: the ship advances one frame for
 each packet.
 """
 
@@ -19,22 +19,22 @@ from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, World
 
 PACKET, MAGIC = struct.Struct("<HHI16H"), 18458
 PACKET_32, MAGIC_32 = struct.Struct("<HHI32H"), 29569
-MOST_FRAMES = 100  # that one packet makes up for; more, and the autopilot has been away
-FIRST_FRAMES = (0, 1)  # of an autopilot that has started anew
-AWAY_S = 2.0  # after which another autopilot may steer
+MAX_FRAMES = 100  # that one packet advances; after a larger gap the autopilot has restarted
+FIRST_FRAMES = (0, 1)  # of an autopilot that has restarted
+AWAY_S = 2.0  # without packets, after which another autopilot may take control
 RATES_HZ = (10, 10_000)
 CENTRE_US, HALF_US = 1500.0, 400.0  # ArduPilot's defaults for a servo: 1100 to 1900
-LEAST_US, MOST_US = 800, 2200  # beyond is no pulse: a servo that gets none stays where it is
+MIN_PULSE_US, MAX_PULSE_US = 800, 2200  # outside there is no pulse: the servo keeps its angle
 GRAVITY_M_S2 = 9.80665
 
 
 class PacketError(ValueError):
-    """Bytes that are no packet of ArduPilot's; the text says what they are."""
+    """Bytes that are not an ArduPilot packet; the text says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pulses:
-    """One packet: how many frames a second, its number, and the pulses in us."""
+    """One packet: frame rate, frame number, and the pulses in us."""
 
     rate_hz: int
     frame: int
@@ -51,36 +51,36 @@ def read_packet(data: bytes) -> Pulses:
     if magic != expected:
         raise PacketError(f"a packet that begins with {magic}; ArduPilot's of this length begin with {expected}")
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
-        raise PacketError(f"{rate_hz} frames a second; {RATES_HZ[0]} to {RATES_HZ[1]} can be served")
+        raise PacketError(f"frame rate {rate_hz} Hz is not supported; use {RATES_HZ[0]} to {RATES_HZ[1]} Hz")
     return Pulses(rate_hz, frame, tuple(pulses_us))
 
 
-class OneAutopilot:
-    """Who steers: one autopilot at a time, another only once nothing has come from the first for AWAY_S."""
+class ActiveAutopilot:
+    """The autopilot in control: one at a time; another may take over after AWAY_S without packets from the first."""
 
     def __init__(self) -> None:
-        """Wait for the first."""
+        """Start without an autopilot."""
         self.address: tuple[str, int] | None = None
-        self._heard_s = -math.inf
+        self._received_s = -math.inf
 
-    def hear(self, address: tuple[str, int], now_s: float) -> bool:
-        """Take a packet that came now, and return whether it is another's than before; PacketError for one too many."""
+    def receive(self, address: tuple[str, int], now_s: float) -> bool:
+        """Register a packet; return True if it is from a new autopilot. Raise PacketError for a second one."""
         is_new = address != self.address
-        if is_new and now_s - self._heard_s < AWAY_S:
+        if is_new and now_s - self._received_s < AWAY_S:
             host, port = address
-            raise PacketError(f"another autopilot, at {host}:{port}, is not answered while one steers")
-        self.address, self._heard_s = address, now_s
+            raise PacketError(f"autopilot at {host}:{port} is ignored while another one is active")
+        self.address, self._received_s = address, now_s
         return is_new
 
 
 class JsonShip:
-    """Moves a world on with the frames of an autopilot and says what its sensors see.
+    """Advance a world with the frames of an autopilot and return its sensor values.
 
     `servo` is the number of the steering output from 1 on, `travel_rad` the rudder angle at 1900 us.
     """
 
     def __init__(self, world: World, *, servo: int, travel_rad: float) -> None:
-        """Lie as the world lies; no frame has come."""
+        """Start with the world at rest, before the first frame."""
         self._world = world
         world.shaft.set_torque(on=True)
         self._servo, self._travel_rad = servo, travel_rad
@@ -90,23 +90,23 @@ class JsonShip:
 
     @property
     def now_s(self) -> float:
-        """The time aboard."""
+        """Return the simulated time."""
         return self._world.now_s
 
     def answer(self, packet: Pulses) -> bytes:
-        """Return the line for a packet; the same one again for a packet that comes again, or too late."""
-        passed = 1 if self._frame is None else packet.frame - self._frame
-        overtaken = -MOST_FRAMES <= passed < 0 and packet.frame not in FIRST_FRAMES
-        if self._answer and (passed == 0 or overtaken):
+        """Return the line for a packet; for a repeated or late packet the last line again."""
+        elapsed = 1 if self._frame is None else packet.frame - self._frame
+        is_late = -MAX_FRAMES <= elapsed < 0 and packet.frame not in FIRST_FRAMES
+        if self._answer and (elapsed == 0 or is_late):
             return self._answer
-        if not 1 <= passed <= MOST_FRAMES:  # it has started anew, or has been away
-            passed = 1
+        if not 1 <= elapsed <= MAX_FRAMES:  # the autopilot has restarted or was away
+            elapsed = 1
         self._frame = packet.frame
         pulse_us = packet.pulses_us[self._servo - 1]
-        if LEAST_US <= pulse_us <= MOST_US:
+        if MIN_PULSE_US <= pulse_us <= MAX_PULSE_US:
             share = max(-1.0, min((pulse_us - CENTRE_US) / HALF_US, 1.0))
             self._world.shaft.set_target(share * self._travel_rad)
-        duration_s = passed / packet.rate_hz
+        duration_s = elapsed / packet.rate_hz
         self._world.advance_to(self._world.now_s + duration_s)
         self._answer = self._line(duration_s)
         return self._answer

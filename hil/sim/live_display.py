@@ -1,4 +1,4 @@
-"""The picture of a run on a terminal, drawn with rich."""
+"""The live display of a run on a terminal, drawn with rich."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from hil.sim.world import World
 REFRESH_S = 0.2
 ROSE_WIDTH = 61
 ROSE_SPAN_DEG = 180.0
-TEXTS_SHOWN = 4
-RENDER_S = 0.02  # what drawing may take; in real time it waits for a pause as long as this
+MAX_TEXTS = 4
+RENDER_S = 0.02  # time for drawing; in real time the display waits for a pause of this length
 POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
-SEVERE = 4  # MAV_SEVERITY_WARNING and graver stand out
+HIGHLIGHT_SEVERITY = 4  # MAV_SEVERITY_WARNING and more severe texts
 
 
 class LiveDisplay:
-    """Draws the run at most five times a second, from the caller's own thread."""
+    """Draw the run at most five times a second, in the caller's thread."""
 
     def __init__(self, banner: Banner, world: World, station: GroundStation, console: Console) -> None:
-        """Take what is shown."""
+        """Take the sources of the values."""
         self._banner = banner
         self._world = world
         self._station = station
@@ -42,18 +42,18 @@ class LiveDisplay:
         self._speed = math.nan
 
     def __enter__(self) -> Self:
-        """Begin to draw."""
+        """Start drawing."""
         self._live.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Clear the drawing away."""
+        """Remove the drawing."""
         self._live.stop()
 
     def update(self, slack_s: float = math.inf) -> None:
-        """Draw the present state, if it is time to and slack_s is enough for drawing."""
+        """Draw the present state if an update is due and slack_s is enough for drawing."""
         now_s = time.monotonic()
         if now_s < self._next_s or slack_s < RENDER_S:
             return
@@ -75,9 +75,9 @@ class LiveDisplay:
         body.add_row("rudder", self._rudder())
         body.add_row("mode", self._station.mode())
         body.add_row("loop", self._loop())
-        body.add_row("link", Text(", ".join(banner.links) or "none besides the run's own"))
-        for t_s, severity, text in list(self._station.texts)[-TEXTS_SHOWN:]:
-            body.add_row("", Text(f"{t_s:7.1f} s  {text}", style="yellow" if severity <= SEVERE else "dim"))
+        body.add_row("links", Text(", ".join(banner.links) or "only the run's own"))
+        for t_s, severity, text in list(self._station.texts)[-MAX_TEXTS:]:
+            body.add_row("", Text(f"{t_s:7.1f} s  {text}", style="yellow" if severity <= HIGHLIGHT_SEVERITY else "dim"))
         return Panel(Group(body), title=banner.title, title_align="left", border_style="cyan", width=84)
 
     def _progress(self) -> RenderableType:
@@ -95,7 +95,7 @@ class LiveDisplay:
         skipped, late_ms = self._station.named_value("SKIPPED"), self._station.named_value("LATE_MS")
         words = ["ticks skipped " + ("-" if skipped is None else f"{skipped:.0f}")]
         if self._banner.lockstep:
-            words.append("lockstep: never late")
+            words.append("lockstep: no lateness")
         elif late_ms is not None:
             words.append(f"last tick {late_ms:.2f} ms late")
         return "   ".join(words)
@@ -108,7 +108,7 @@ class LiveDisplay:
 
 
 def rose(heading_deg: float, goal_deg: float | None) -> Text:
-    """Draw the part of the compass rose around the heading, the heading in its middle and the goal where it is."""
+    """Draw the compass rose around the heading, with the heading in the middle and a mark at the goal."""
     cells = []
     middle = ROSE_WIDTH // 2
     step_deg = ROSE_SPAN_DEG / (ROSE_WIDTH - 1)

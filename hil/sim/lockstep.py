@@ -1,16 +1,14 @@
-"""The lockstep server: the other end of the autopilot's clock in a run that is not in real time.
+"""The lockstep server: the clock of the autopilot in a run that is not in real time.
 
-The autopilot connects to a Unix SOCK_SEQPACKET socket and says in JSON which serial lines
-it has, by path and in order; it is told the time of the start. From then on each of its
-waits is one packet (`<dQ` deadline and a bit for each line that is awaited, then `Q` for each
-line: bytes written so far) and one packet in return (`<ddd` the new time, a step of its UTC,
-and for how long to look for the next answer before it sleeps; then `<dQ` moment and line of
-all that was said before): by then its bytes have reached the devices, the world has moved on
-to the deadline or to the first bytes that are awaited, and those lie in its serial lines.
-Nothing in this depends on how fast either side computes.
+The autopilot connects to a Unix SOCK_SEQPACKET socket and sends its serial lines in JSON, by path and in order; the
+server replies with the start time. Then each wait of the autopilot is one packet (`<dQ`: deadline and a bit for each
+awaited line; then `Q` for each line: bytes written so far) and one reply (`<ddd`: new time, a step of UTC, and how
+long to poll for the next reply before sleeping; then `<dQ`: time and line of each earlier output). When the reply is
+sent, the autopilot's bytes have reached the devices, the world has advanced to the deadline or to the first awaited
+bytes, and those are in the serial lines. Nothing in this depends on the speed of either side.
 
-What is said on a line that the autopilot has never written on needs no answer, so the world
-moves on behind it, up to the next bytes on that line, and the moment is told.
+A line on which the autopilot has never written needs no response. There the world advances beyond an output, up to
+the next output on that line, and the reply states the time of the output.
 """
 
 from __future__ import annotations
@@ -28,8 +26,8 @@ from typing import Any, Self
 from hil.devices.pty_line import PtyLine
 from hil.errors import HilError
 from hil.sim.board import Board, Port
-from hil.sim.own_cores import Turns
 from hil.sim.pace import Pacer
+from hil.sim.reserved_cores import TurnTaking
 
 PROTOCOL = 2
 HELLO_BYTES = 65536
@@ -37,32 +35,32 @@ CONNECT_S = 20.0
 STALL_S = 30.0
 POLL_S = 0.1
 NEW_TIME = struct.Struct("<ddd")
-LINE_EVENT = struct.Struct("<dQ")
+OUTPUT = struct.Struct("<dQ")
 
 
 class LockstepError(HilError):
-    """The autopilot does not keep to the protocol, has stopped answering, or is gone."""
+    """The autopilot violates the protocol, does not reply, or has ended."""
 
 
 class LockstepServer:
-    """Serves one autopilot; a context that closes its sockets."""
+    """Serve one autopilot; a context that closes its sockets."""
 
     def __init__(
         self, path: Path, board: Board, pacer: Pacer, *, stall_s: float = STALL_S, cores: Sequence[int] = ()
     ) -> None:
-        """Listen at path; `cores` are those that are kept for this process and the autopilot."""
+        """Listen at path; `cores` are those reserved for this process and the autopilot."""
         self._board = board
         self._pacer = pacer
         self._stall_s = stall_s
-        self._turns = Turns(cores)
+        self._turns = TurnTaking(cores)
         self._ports: tuple[Port, ...] = ()
         self._packet = NEW_TIME
-        self._lines: dict[Path, int] = {}  # their numbers
+        self._lines: dict[Path, int] = {}  # number of each line
         self._awaited = 0  # a bit for each line whose bytes end the wait
-        self._unheard = 0  # lines with bytes of which it is not known that they have been read
-        self._said: list[tuple[float, int]] = []  # in this wait, when and on which line, which did not end it
+        self._unread = 0  # a bit for each line with bytes that the autopilot may not have read
+        self._outputs: list[tuple[float, int]] = []  # time and line of the outputs that did not end this wait
         self._received: list[int] = []
-        self._before: list[int] = []  # what earlier processes wrote on each line
+        self._before: list[int] = []  # bytes that earlier processes wrote on each line
         self._utc_step_s = 0.0
         self._stall_until_s = -math.inf
         self._connection: socket.socket | None = None
@@ -92,9 +90,9 @@ class LockstepServer:
             self._connection = None
 
     def accept(self, alive: Callable[[], bool], utc_s: float) -> None:
-        """Wait for the autopilot and greet it; LockstepError when it dies first, is late, or has other lines.
+        """Wait for the autopilot and send the start time; LockstepError when it ends first, is late or has other lines.
 
-        Called again for one that has left in order to start anew.
+        Called again for an autopilot that has left in order to restart.
         """
         if self._connection is not None:
             self._connection.close()
@@ -109,32 +107,32 @@ class LockstepServer:
                     raise LockstepError("the autopilot ended before it connected") from None
                 if time.monotonic() > end_s:
                     raise LockstepError(f"the autopilot did not connect within {CONNECT_S:g} s") from None
-        # The kernel's own time limit: Python's costs a call more each time.
+        # The kernel's time limit: Python's costs an additional call each time.
         limit = struct.pack("ll", *divmod(round(self._stall_s * 1e6), 1_000_000))
         self._connection.settimeout(None)
         self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
         self._turns.begin(self._connection)
         for port in self._ports:
-            # What an earlier process wrote behind its last wait.
+            # Bytes that an earlier process wrote after its last wait.
             self._board.receive(port, port.line.read())
         self._ports = self._lines_of(self._receive())
         self._lines = {port.path: number for number, port in enumerate(self._ports)}
-        self._unheard = 0
+        self._unread = 0
         self._received = [0] * len(self._ports)
         self._before = [port.line.total_read for port in self._ports]
         self._packet = struct.Struct(f"<d{1 + len(self._ports)}Q")
         self._send(json.dumps({"start_s": self._board.world.now_s, "utc_s": utc_s}).encode())
 
     def step_utc(self, seconds: float) -> None:
-        """Step the autopilot's UTC with the next answer, as somebody who sets the computer's clock."""
+        """Step the autopilot's UTC with the next reply, like an operator who sets the computer's clock."""
         self._utc_step_s += seconds
 
     def stall(self, seconds: float) -> None:
-        """Let the next wait last this much longer than it was asked to, as a computer that is busy elsewhere."""
+        """Prolong the next wait by this time, like a busy computer."""
         self._stall_until_s = self._board.world.now_s + seconds
 
     def serve(self, limit_s: float = math.inf, *, paced: bool = True) -> bool:
-        """Answer one wait, with the world at limit_s at the latest; False when the autopilot has closed the socket."""
+        """Reply to one wait, at limit_s at the latest; return False when the autopilot has closed the socket."""
         packet = self._receive()
         if not packet:
             return False
@@ -143,63 +141,63 @@ class LockstepServer:
         deadline_s, self._awaited, *written = self._packet.unpack(packet)
         if not math.isfinite(deadline_s):
             raise LockstepError("the autopilot waits for a deadline that is not a number")
-        self._take_in(written)
-        self._said.clear()
+        self._receive_bytes(written)
+        self._outputs.clear()
         if self._board.world.now_s < self._stall_until_s:
             self._awaited = 0
             self._board.advance(self._stall_until_s, self._patience)
-        elif not self._waiting():
+        elif not self._has_unread():
             self._board.advance(min(deadline_s, limit_s), self._patience)
         for port in self._board.ports:
             if isinstance(port.line, PtyLine) and not port.line.arrived():
-                raise LockstepError(f"bytes for the autopilot have not come through to {port.path.name}")
+                raise LockstepError(f"bytes for the autopilot have not arrived at {port.path.name}")
         now_s = self._board.world.now_s
         if paced:
             self._pacer.wait(now_s)
         step_s, self._utc_step_s = self._utc_step_s, 0.0
-        head = NEW_TIME.pack(now_s, step_s, self._turns.look_s())
-        self._send(head + b"".join(LINE_EVENT.pack(*said) for said in self._said))
+        head = NEW_TIME.pack(now_s, step_s, self._turns.poll_time_s())
+        self._send(head + b"".join(OUTPUT.pack(*output) for output in self._outputs))
         return True
 
     def _patience(self, port: Port) -> float:
-        """Return before which moment the autopilot must look at the bytes that have just been put into a line."""
+        """Return the time by which the autopilot must read the bytes that were just written to a line."""
         number = self._lines.get(port.path)
         if number is None:
             return math.inf
-        self._unheard |= 1 << number
+        self._unread |= 1 << number
         if not self._awaited >> number & 1:
             return math.inf
         if self._received[number]:
             return -math.inf
-        self._said.append((self._board.world.now_s, number))
+        self._outputs.append((self._board.world.now_s, number))
         return port.emulator.next_output_s()
 
-    def _waiting(self) -> bool:
-        """Whether bytes lie in a line that is awaited now: they came when it was not, or when she left them there."""
-        waiting = False
+    def _has_unread(self) -> bool:
+        """Return whether an awaited line holds bytes from before that the autopilot has not read."""
+        has_unread = False
         for number, port in enumerate(self._ports):
             line = 1 << number
-            if not self._unheard & self._awaited & line:
+            if not self._unread & self._awaited & line:
                 continue
             if isinstance(port.line, PtyLine) and port.line.pending_at_slave() > 0:
-                waiting = True
+                has_unread = True
             else:
-                self._unheard ^= line
-        return waiting
+                self._unread ^= line
+        return has_unread
 
-    def _take_in(self, written: list[int]) -> None:
+    def _receive_bytes(self, written: list[int]) -> None:
         for index, total in enumerate(written):
             port, line = self._ports[index], self._ports[index].line
             if not (isinstance(line, PtyLine) and line.plugged):
-                self._received[index] = total  # what was under way is lost with the cable
+                self._received[index] = total  # bytes in transit are lost with the cable
                 continue
-            if total < self._received[index]:  # the port has been opened anew behind a new plug
+            if total < self._received[index]:  # the port was reopened after the cable was plugged in again
                 self._received[index] = self._before[index] = 0
             if total > self._received[index]:
-                wanted = self._before[index] + total
-                data = line.read_until_total(wanted)
-                if line.total_read < wanted:
-                    raise LockstepError(f"bytes that the autopilot wrote to {port.path.name} have not come through")
+                total_written = self._before[index] + total
+                data = line.read_until_total(total_written)
+                if line.total_read < total_written:
+                    raise LockstepError(f"bytes that the autopilot wrote to {port.path.name} did not arrive")
                 self._received[index] = total
                 self._board.receive(port, data)
 
@@ -208,22 +206,22 @@ class LockstepServer:
             content: Any = json.loads(hello)
             protocol, lines = content["protocol"], [str(path) for path in content["lines"]]
         except (ValueError, KeyError, TypeError):
-            raise LockstepError(f"the autopilot greets with {hello[:60]!r}; expected protocol and lines") from None
+            raise LockstepError(f"the first packet is {hello[:60]!r}; expected protocol and lines") from None
         if protocol != PROTOCOL:
-            raise LockstepError(f"the autopilot speaks lockstep protocol {protocol}; this is {PROTOCOL}")
+            raise LockstepError(f"the autopilot uses lockstep protocol {protocol}; expected {PROTOCOL}")
         try:
             return tuple(self._board.port_at(path) for path in lines)
         except KeyError as error:
-            raise LockstepError(f"the autopilot has opened {error.args[0]}, which is no line of this board") from None
+            raise LockstepError(f"the autopilot has opened {error.args[0]}, not a line of this board") from None
 
     def _receive(self) -> bytes:
         if self._connection is None:
             return b""
-        self._turns.look()
+        self._turns.poll()
         try:
             return self._connection.recv(HELLO_BYTES)
         except BlockingIOError:
-            raise LockstepError(f"nothing from the autopilot for {self._stall_s:g} s: it hangs") from None
+            raise LockstepError(f"no packet from the autopilot for {self._stall_s:g} s: it hangs") from None
         except OSError:
             return b""
 
@@ -233,6 +231,6 @@ class LockstepServer:
         try:
             self._connection.sendall(packet)
         except OSError:
-            # It has ended in between; the next _receive says so.
+            # The autopilot has ended in the meantime; the next _receive reports it.
             self._connection.close()
             self._connection = None

@@ -1,4 +1,4 @@
-"""A boat put to sea: what was asked for, its world, and what is written down of how it went and ended."""
+"""A recorded run: its options, its world, and the run file that states how it ended."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from hil.sim.run_directory import TRUTH_FILE, prepare_directory, remove_earlier,
 from hil.sim.run_file import FINISHED, OrderRecord, RunFile
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import model_of, mounting_of, standard_vehicle
-from hil.sim.world import World, columns_beside
+from hil.sim.world import World, extra_columns
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """What is run; `speed` is None in real time, infinity for as fast as it goes."""
+    """Options of a run; `speed` is None in real time, infinity for as fast as possible."""
 
     scenario: Scenario
     seconds: float
@@ -39,23 +39,23 @@ class RunOptions:
     settings: dict[str, float] = field(default_factory=dict)
     links: tuple[str, ...] = ()
     mode: int = GUIDED
-    state: Path | None = None  # what the autopilot is to remember of earlier runs: a directory that is copied
-    view: str | None = None  # where the page of it is to be found under way: HOST:PORT
-    shown: bool = True  # live on a terminal, where there is one
-    cores: int = 1  # at most, in lockstep: two for a run that somebody waits for, of which each program takes one whole
-    play: bool = False  # until somebody ends it, and nothing that people do is a failure
+    state: Path | None = None  # state directory of earlier runs, which is copied
+    view: str | None = None  # HOST:PORT of the live page
+    live_display: bool = True  # live display on a terminal
+    cores: int = 1  # maximum in lockstep: 2 for a run that a person waits for, one core for each program
+    play: bool = False  # until an operator ends the run; no operator command is a failure
 
     @property
     def lockstep(self) -> bool:
-        """Whether the HIL is the autopilot's clock."""
+        """Return whether the harness is the autopilot's clock."""
         return self.speed is not None
 
 
 @dataclass(slots=True)
 class Logbook:
-    """A boat at sea and what is to be written of it at the end; `wall_s` is what it took, the start left out.
+    """A run under way and the results to be recorded at its end; `wall_s` is its duration without the start.
 
-    `begin` is called when all ports are open and the autopilot runs: from then on an earlier run is replaced.
+    `begin` is called when all ports are open and the autopilot runs: from then on the earlier run is replaced.
     """
 
     begin: Callable[[], None]
@@ -69,10 +69,10 @@ class Logbook:
 
 
 @contextmanager
-def put_to_sea(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
-    """Begin a run's directory and its world, and write down how it ended; HilError when that cannot be.
+def recorded_run(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
+    """Prepare the directory and the world of a run, and record how it ended; HilError when that fails.
 
-    A run that fails before it has begun leaves an earlier one in the directory as it was.
+    A run that fails before it has begun leaves an earlier run in the directory unchanged.
     """
     prepare_directory(options.out, options.state)
     try:
@@ -87,7 +87,7 @@ def put_to_sea(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
 def _recorded(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
     record = _record(options, start_utc_s)
     record.write(options.out)
-    truth = TruthFile(options.out / TRUTH_FILE, columns_beside(options.scenario))
+    truth = TruthFile(options.out / TRUTH_FILE, extra_columns(options.scenario))
     ending, begun_s = FINISHED, time.monotonic()
     book: Logbook | None = None
     try:
@@ -123,7 +123,7 @@ def _world(options: RunOptions, truth: TruthFile, start_utc_s: float) -> World:
             start_utc_s=start_utc_s,
         )
     except ValueError as error:
-        raise UsageError(f"the vehicle file describes no ship: {error}") from None
+        raise UsageError(f"vehicle file: invalid ship model: {error}") from None
 
 
 def _record(options: RunOptions, start_utc_s: float) -> RunFile:

@@ -1,4 +1,4 @@
-"""Reading a MAVLink 2 stream cheaply: frames are cut out here, decoded only when somebody looks."""
+"""Fast reading of a MAVLink 2 stream: frames are separated at once and decoded on demand."""
 
 from __future__ import annotations
 
@@ -11,42 +11,42 @@ MAGIC = 0xFD
 HEADER_BYTES = 10
 CHECKSUM_BYTES = 2
 SIGNATURE_BYTES = 13
-LONGEST_FRAME = HEADER_BYTES + 255 + CHECKSUM_BYTES + SIGNATURE_BYTES
+MAX_FRAME_BYTES = HEADER_BYTES + 255 + CHECKSUM_BYTES + SIGNATURE_BYTES
 SIGNED = 0x01
-MOST_KINDS = 256
+MAX_KINDS = 256
 
 
 class MavlinkTap:
-    """Cuts a byte stream into frames, yields the wanted ones decoded, keeps the last of each other kind.
+    """Separate a byte stream into frames, yield selected messages decoded, and keep the last of each other kind.
 
-    At a hundred times real time the telemetry of a run is thousands of messages a second,
-    and decoding one takes as long as moving the ship by several steps.
+    At a hundred times real time the telemetry of a run is thousands of messages a second, and decoding one takes as
+    long as several steps of the ship.
     """
 
-    def __init__(self, wanted: Collection[int]) -> None:
+    def __init__(self, decoded: Collection[int]) -> None:
         """Take the message numbers to decode at once."""
-        self._wanted = frozenset(wanted)
+        self._decoded = frozenset(decoded)
         self._buffer = bytearray()
         self._latest: dict[int | str, bytes] = {}
         self._parser = dialect.MAVLink(None)
 
     def feed(self, data: bytes) -> Iterator[Any]:
-        """Take bytes and yield the wanted messages that they complete, checksums verified."""
+        """Add bytes and yield the selected messages that they complete, with valid checksums."""
         self._buffer += data
         for number, frame in self._frames():
-            if number in self._wanted:
+            if number in self._decoded:
                 message = self._decode(frame)
                 if message is not None:
                     yield message
             else:
                 kind = _name_of(frame) if number == dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT else number
-                if kind in self._latest or len(self._latest) < MOST_KINDS:
+                if kind in self._latest or len(self._latest) < MAX_KINDS:
                     self._latest[kind] = frame
 
     def latest(self, kind: int | str) -> Any | None:
         """Decode the last message of a number, or the last named value of a name; None without any.
 
-        The wanted messages are not kept.
+        Messages that feed() yields are not kept.
         """
         frame = self._latest.get(kind)
         return None if frame is None else self._decode(frame)
@@ -54,7 +54,7 @@ class MavlinkTap:
     def _frames(self) -> Iterator[tuple[int, bytes]]:
         buffer, start = self._buffer, 0
         while (start := buffer.find(MAGIC, start)) >= 0 and len(buffer) - start >= HEADER_BYTES:
-            if buffer[start + 2] & ~SIGNED:  # an incompatibility flag that nobody has defined: not a frame
+            if buffer[start + 2] & ~SIGNED:  # an undefined incompatibility flag: not a frame
                 start += 1
                 continue
             signature = SIGNATURE_BYTES if buffer[start + 2] & SIGNED else 0

@@ -1,4 +1,4 @@
-"""Keeping a run at a multiple of real time."""
+"""Pacing of a run at a multiple of real time."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import time
 
 
 class Pacer:
-    """Sleeps until the wall clock has caught up with the simulated one, counted from the first call: no drift."""
+    """Sleep until the wall clock has caught up with the simulated time, counted from the first call: no drift."""
 
     def __init__(self, speed: float) -> None:
-        """Take how many simulated seconds pass in a second; infinity for as fast as it goes."""
-        self.keep(speed)
+        """Take the simulated seconds per second; infinity for as fast as possible."""
+        self.set_speed(speed)
 
-    def keep(self, speed: float) -> None:
-        """Keep to another speed from the next call on."""
+    def set_speed(self, speed: float) -> None:
+        """Change the speed from the next call on."""
         self._speed = speed
         self._start: tuple[float, float] | None = None
 
     def wait(self, simulated_s: float) -> None:
-        """Sleep, if need be, until simulated_s is due."""
+        """Sleep until simulated_s is due, if it is not yet."""
         if not math.isfinite(self._speed):
             return
         now_s = time.monotonic()

@@ -1,4 +1,4 @@
-"""The autopilot as a process of its own."""
+"""The autopilot as a separate process."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from typing import IO, Self
 
 TAIL_BYTES = 4096
 TAIL_LINES = 5
-SHUT_DOWN = 10  # its exit code when a station has told it to end (docs/reference/command-line.md)
-LOOK_S = 0.02
-GRACE_S = 4.0  # it brings the rudder amidships and writes out its log
+SHUT_DOWN = 10  # exit code after a shutdown command of a ground station (docs/reference/command-line.md)
+POLL_S = 0.02
+GRACE_S = 4.0  # the autopilot centres the rudder and closes its log
 
 
 class AutopilotProcess:
-    """`rambler run` in the background, its words in a log file; a context that leaves no process behind.
+    """`rambler run` in the background, with its output in a log file; a context that leaves no process behind.
 
-    Its end is looked for without Popen.poll and Popen.wait: an interrupt that comes right after they have taken
-    their lock leaves it taken, and the next wait never ends.
+    It does not use Popen.poll and Popen.wait: an interrupt right after they have acquired their lock leaves it
+    locked, and the next wait never ends.
     """
 
     def __init__(self, arguments: Sequence[str], log_path: Path) -> None:
-        """Start `rambler run` with these arguments, to end with this process however it ends."""
+        """Start `rambler run` with these arguments; it ends with this process, however that ends."""
         self._log_path = log_path
         self._log: IO[bytes] = log_path.open("wb")
         try:
@@ -36,7 +36,7 @@ class AutopilotProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,
                 stderr=self._log,
-                # Ctrl-C is for the HIL, which then ends the autopilot in good order.
+                # Ctrl-C is for the harness, which then ends the autopilot in order.
                 start_new_session=True,
             )
         except OSError:
@@ -51,40 +51,40 @@ class AutopilotProcess:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End what is still running, in good order if it can."""
-        self.terminate()
+        """End a process that still runs, in order if possible."""
         if not self.wait(GRACE_S):
             self.kill()
         self._log.close()
-        self._process.wait()  # it has ended: this only takes it off the list of processes
+        self._process.wait()  # it has ended: this removes its entry from the process table
 
     def running(self) -> bool:
-        """Whether the process is alive."""
+        """Return whether the process is alive."""
         return self.exit_code() is None
 
     def exit_code(self) -> int | None:
-        """The exit code, less than 0 for the signal that has ended it, or None while it runs."""
+        """Return the exit code, negative for the signal that ended it, or None while it runs."""
         return self._end(os.WNOHANG)
 
     def terminate(self) -> None:
-        """Ask it to end in good order."""
+        """Ask the process to end in order."""
         self._send(signal.SIGTERM)
 
     def kill(self) -> None:
-        """End it as a power cut does."""
+        """End the process like a power cut."""
         self._send(signal.SIGKILL)
         self._end()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the end; False when it has not come in time."""
+        """Wait for the end; return False after the timeout."""
         give_up_s = time.monotonic() + timeout_s
         while self.running():
             if time.monotonic() > give_up_s:
                 return False
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return True
 
     def _end(self, options: int = 0) -> int | None:
-        """Its exit code, as often as one asks for it; the process stays on the list until the context ends."""
+        """Return the exit code; the entry in the process table stays until the context ends."""
         if (code := self._process.returncode) is not None:
             return code
         ended = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT | options)
@@ -93,11 +93,11 @@ class AutopilotProcess:
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
     def _send(self, number: signal.Signals) -> None:
-        if self._process.returncode is None:  # its number is still its own
+        if self._process.returncode is None:  # the process id is still valid
             os.kill(self._process.pid, number)
 
-    def last_words(self) -> str:
-        """The last lines it wrote, in one line."""
+    def last_output(self) -> str:
+        """Return the last lines of its output, joined in one line."""
         try:
             with self._log_path.open("rb") as log:
                 log.seek(max(0, self._log_path.stat().st_size - TAIL_BYTES))

@@ -1,4 +1,4 @@
-"""The real-time server: the same board, driven by the machine's clock."""
+"""The real-time server: the board, driven by the machine's clock."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FREE_INTERVAL_S = 1.0
 
 
 class RealTimeServer:
-    """Moves the board along with the wall clock and carries bytes as they come."""
+    """Advance the board with the wall clock and transfer bytes as they arrive."""
 
     def __init__(self, board: Board) -> None:
         """Start the clock."""
@@ -23,15 +23,15 @@ class RealTimeServer:
         self._start_s = time.monotonic() - board.world.now_s
 
     def now_s(self) -> float:
-        """Seconds of the run gone by."""
+        """Return the seconds since the start of the run."""
         return time.monotonic() - self._start_s
 
     def serve(self, limit_s: float) -> float:
-        """Do what is due, then wait for bytes or the next event, at most to limit_s.
+        """Process what is due, then wait for bytes or the next event, at most to limit_s.
 
-        Returns how long nothing will happen if the autopilot stays as quiet as it was
-        during the call; 0 when there was traffic. Events happen at their own moments even
-        when this is called a little late, so the world is the one of a lockstep run with the same commands.
+        Returns for how long nothing is due if the autopilot stays as quiet as in this call; 0 when there was traffic.
+        Events happen at their exact times even when this is called late, so the world equals that of a lockstep run
+        with the same commands.
         """
         board = self._board
         if self.now_s() >= self._free_s:
@@ -40,7 +40,7 @@ class RealTimeServer:
                 if isinstance(port.line, PtyLine):
                     port.line.free()
         busy = self._catch_up(limit_s)
-        self._miss_lines()
+        self._check_lines()
         wait_s = min(board.next_output_s(), limit_s) - self.now_s()
         for fd in select.select(self._ports, [], [], max(0.0, wait_s))[0]:
             busy = True
@@ -48,16 +48,16 @@ class RealTimeServer:
             port = self._ports[fd]
             if data := port.line.read():
                 board.receive(port, data)
-            self._miss_lines()
+            self._check_lines()
         busy = self._catch_up(limit_s) or busy
         return 0.0 if busy else board.next_output_s() - self.now_s()
 
-    def _miss_lines(self) -> None:
-        """Tell of a line that has gone, whether it was read or written then: HilError; the others go on after it."""
+    def _check_lines(self) -> None:
+        """Raise HilError for a line that was unplugged, in reading or in writing; the other lines stay usable."""
         for fd, port in self._ports.items():
             if not port.line.plugged:
                 del self._ports[fd]
-                raise HilError(f"the line of {port.path.name} has gone: is its adapter, or its link, still there?")
+                raise HilError(f"the line of {port.path.name} is gone: check its adapter or its link")
 
     def _catch_up(self, limit_s: float) -> bool:
         now_s = min(self.now_s(), limit_s)

@@ -1,4 +1,4 @@
-"""run.json: what a run was asked for, from its first moment, and how it ended; figures and page are made of it."""
+"""run.json: the options of a run, from its start, and how it ended; summary and report are made from it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from hil.sim.ground_station import Order
 
 NAME = "run.json"
 UNDER_WAY, FINISHED = "under way", "finished"
-MOST_BYTES = 1 << 24
+MAX_BYTES = 1 << 24
 _PACKAGES = ("rambler-autopilot", "numpy", "pymavlink")
 
 
 @dataclass(frozen=True, slots=True)
 class OrderRecord:
-    """An order of the operator and when the autopilot took it; `goal_s` is when a heading was due, None for others."""
+    """A command of the operator and when it was accepted; `goal_s`: when a heading was due, None for other commands."""
 
     text: str
     goal_s: float | None
@@ -37,11 +37,10 @@ class OrderRecord:
 
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """What is known of a run beside its truth and its logs; `ending` is FINISHED, or says what cut it short.
+    """The data of a run beside its truth and its logs; `ending` is FINISHED, or says what ended it early.
 
-    `sea` is a table for people, `arrivals` are moment and number of each item of a mission that was reached.
-    `wall_s`, `supply` and `vessels` are None where the run could not tell them any more.
-    Moment 0 is at `start_utc_s` by the receiver.
+    `sea` is a table for people; `arrivals` are the time and number of each mission item reached. `wall_s`, `supply`
+    and `vessels` are None if the run could not record them. Time 0 is at `start_utc_s` by the receiver.
     """
 
     command: tuple[str, ...]
@@ -66,7 +65,7 @@ class RunFile:
     vessels: list[dict[str, float | str]] | None = None
 
     def write(self, out: Path) -> None:
-        """Write it whole, or raise HilError."""
+        """Write the file atomically, or raise HilError."""
         fresh = out / f"{NAME}.new"
         try:
             fresh.write_text(json.dumps(asdict(self), indent=2) + "\n", encoding="utf-8")
@@ -76,10 +75,10 @@ class RunFile:
 
 
 def read(out: Path) -> RunFile:
-    """Read the record of a run; UsageError when there is none that this version understands."""
+    """Read the record of a run; UsageError when there is none of this version."""
     try:
         with (out / NAME).open("rb") as file:
-            content = json.loads(file.read(MOST_BYTES))
+            content = json.loads(file.read(MAX_BYTES))
         known = {one.name for one in fields(RunFile)}
         values: dict[str, Any] = {name: value for name, value in content.items() if name in known}
         values["command"] = tuple(map(str, content["command"]))
@@ -90,7 +89,7 @@ def read(out: Path) -> RunFile:
     except OSError as error:
         raise UsageError(f"{out / NAME}: {error.strerror}; name the directory of a run") from None
     except (ValueError, TypeError, KeyError, AttributeError):
-        raise UsageError(f"{out / NAME} is not that of a run of this version; make the run anew") from None
+        raise UsageError(f"{out / NAME} is not a run of this version; repeat the run") from None
 
 
 def now_text() -> str:

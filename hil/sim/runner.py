@@ -1,4 +1,4 @@
-"""One run: the autopilot as a process of its own, the sea in a box around it."""
+"""One run: the autopilot as a separate process, with the simulated sea around it."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from hil.ship.noise import Stream, generator
 from hil.ship.power_plant import PowerPlant
 from hil.ship.power_plant import figures as power_figures
 from hil.ship.traffic import Closest
-from hil.sim import posted_modem
+from hil.sim import directory_modem
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
-from hil.sim.display import Banner, Display, Silence, make_display
+from hil.sim.display import Banner, Display, NoDisplay, make_display
 from hil.sim.ground_station import GroundStation
 from hil.sim.lockstep import LockstepError, LockstepServer
-from hil.sim.logbook import Logbook, RunOptions, put_to_sea
-from hil.sim.own_cores import own_cores
+from hil.sim.logbook import Logbook, RunOptions, recorded_run
 from hil.sim.pace import Pacer
 from hil.sim.process import SHUT_DOWN, AutopilotProcess
 from hil.sim.realtime import RealTimeServer
+from hil.sim.reserved_cores import reserved_cores
 from hil.sim.run_directory import FIRMWARE_LOG, STATE, VEHICLE_NAME
 from hil.sim.run_file import OrderRecord
 from hil.sim.signals import interruptible, stopped_by_signal
@@ -39,14 +39,14 @@ from hil.sim.vehicle_file import file_text
 from hil.sim.view_page import ViewPage
 from hil.sim.world import START_UTC_S
 
-END_S = 15.0  # the rudder goes amidships, the log is written out
-LOOK_S = 0.03  # in real time: a pause this long means that tick and servo exchange are over, and there is time to draw
-JUDGE_S = 1.0
+END_S = 15.0  # the autopilot centres the rudder and closes its log
+POLL_S = 0.03  # in real time: after a pause this long tick and servo exchange are over, and there is time to draw
+CHECK_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A run that is over: its directory, what really happened, and the latest texts: time, severity, text."""
+    """A completed run: its directory, the truth, and the latest texts: time, severity, text."""
 
     out: Path
     truth: TruthFile
@@ -54,21 +54,21 @@ class Run:
 
 
 def run(options: RunOptions) -> Run:
-    """Make a run into its directory, which the caller holds if others could use it; HilError when it fails.
+    """Make a run into its directory, which the caller has locked; HilError when it fails.
 
-    truth.csv is written as the run goes, run.json at its start and, however it ends, at its end.
+    truth.csv is written during the run, run.json at its start and, however it ends, at its end.
     """
-    # Beside a computer whose clock goes on, a receiver of another year would be at fault.
-    with put_to_sea(options, START_UTC_S if options.lockstep else time.time()) as book:
+    # In real time the computer's clock advances too, so a receiver with another date would be a fault.
+    with recorded_run(options, START_UTC_S if options.lockstep else time.time()) as book:
         station = GroundStation(options.goals, options.mode, shared=options.play or bool(options.links))
-        station.silent = options.play and not station.orders  # who plays is alone with her
+        station.silent = options.play and not station.orders  # an operator steers, no goals are sent
         devices: dict[str, Emulator] = {**emulators(book.world, options.vehicle, options.seed), "link": station}
-        if (modem := posted_modem.modem_of(options.links, generator(options.seed, Stream.SATELLITE))) is not None:
-            devices[posted_modem.PORT] = modem
+        if (modem := directory_modem.modem_of(options.links, generator(options.seed, Stream.SATELLITE))) is not None:
+            devices[directory_modem.PORT] = modem
         try:
             _make(options, book, station, devices)
         finally:
-            book.truth.close()  # it is read from here on
+            book.truth.close()  # it is read after this
             power = devices.get("power") or devices.get("power_b")
             plant = power.plant if isinstance(power, VeDirectEmulator) else None
             book.vessels = _closest(book)
@@ -78,7 +78,7 @@ def run(options: RunOptions) -> Run:
 
 
 def _closest(book: Logbook) -> list[dict[str, float | str]] | None:
-    """Return how near the other ships came, second by second, None without any."""
+    """Return the closest approach of each ship, or None without other ships."""
     if not book.world.ships:
         return None
     closest = Closest(book.world.ships)
@@ -95,19 +95,19 @@ def _make(options: RunOptions, book: Logbook, station: GroundStation, devices: d
         Board(book.world, devices, Path(directory), send) as board,
     ):
         book.wall_s = _Run(options, board, station, Path(directory), book.begin).make()
-    if station.gave_way:
-        print(f"rambler-hil: {station.gave_way}", file=sys.stderr)
+    if station.skip_text:
+        print(f"rambler-hil: {station.skip_text}", file=sys.stderr)
     if not options.play:
-        _judge(station, options.out)
+        _check_orders(station, options.out)
 
 
-def _judge(station: GroundStation, out: Path) -> None:
-    if complaint := station.verdict():
-        raise HilError(f"{complaint}; see {out / FIRMWARE_LOG}")
+def _check_orders(station: GroundStation, out: Path) -> None:
+    if failure := station.verdict():
+        raise HilError(f"{failure}; see {out / FIRMWARE_LOG}")
 
 
 class _Run:
-    """The parts of a run while it goes."""
+    """The parts of a run under way."""
 
     def __init__(
         self,
@@ -122,20 +122,20 @@ class _Run:
         self._board = board
         self._station = station
         self._socket_path = directory / "clock"
-        self._judge_s = 0.0
+        self._check_s = 0.0
         self._stopped: Callable[[], bool] = lambda: False
 
     def make(self) -> float:
-        """Run to the end; return how many seconds it took, the start of the autopilot left out."""
+        """Run to the end; return its duration in seconds without the start of the autopilot."""
         options = self._options
         vehicle_path = options.out / VEHICLE_NAME
         text = file_text(options.vehicle, self._board.paths(), options.settings)
         vehicle_path.write_text(text, encoding="utf-8")
         arguments = ["run", str(vehicle_path), "--state", str(options.out / STATE)]
         for url in options.links:
-            arguments += ["--link", posted_modem.on_port(url, str(self._board.paths().get(posted_modem.PORT)))]
-        display: Display = Silence()
-        if options.shown:
+            arguments += ["--link", directory_modem.on_port(url, str(self._board.paths().get(directory_modem.PORT)))]
+        display: Display = NoDisplay()
+        if options.live_display:
             display = make_display(self._banner(), self._board.world, self._station)
         with contextlib.ExitStack() as stack:
             if options.view is not None:
@@ -162,7 +162,7 @@ class _Run:
         pacer = Pacer(math.inf if speed is None else speed)
         log_path = self._options.out / FIRMWARE_LOG
         with (
-            own_cores(self._options.cores) as cores,
+            reserved_cores(self._options.cores) as cores,
             LockstepServer(self._socket_path, self._board, pacer, cores=cores) as server,
             AutopilotProcess(arguments, log_path) as autopilot,
         ):
@@ -181,15 +181,15 @@ class _Run:
                 while time.monotonic() < give_up_s and server.serve(paced=False):
                     pass
             except LockstepError as error:
-                raise HilError(_with_last_words(str(error), autopilot)) from None
+                raise HilError(_with_last_output(str(error), autopilot)) from None
             finally:
-                # An autopilot that waits for the time to go on ends when its clock is gone.
+                # An autopilot that waits for its clock ends when the clock is closed.
                 server.close()
             self._end(autopilot)
         return wall_s
 
     def _restarted(self, server: LockstepServer, autopilot: AutopilotProcess) -> bool:
-        """Go on with an autopilot that starts anew in the same process; False when it has ended the game."""
+        """Continue with an autopilot that restarts in the same process; False when it has ended the run."""
         try:
             server.accept(autopilot.running, self._board.world.utc_s())
         except LockstepError:
@@ -203,15 +203,15 @@ class _Run:
         begun = False
         with (
             AutopilotProcess(arguments, self._options.out / FIRMWARE_LOG) as autopilot,
-            contextlib.ExitStack() as shown,
+            contextlib.ExitStack() as display_stack,
         ):
             server = RealTimeServer(self._board)
             while self._under_way():
-                slack_s = server.serve(min(self._options.seconds, server.now_s() + LOOK_S))
+                slack_s = server.serve(min(self._options.seconds, server.now_s() + POLL_S))
                 if not begun and self._station.heartbeat is not None:
                     begun = True
                     self._begin()
-                    shown.enter_context(display)
+                    display_stack.enter_context(display)
                 if not autopilot.running():
                     self._check_ending(autopilot)
                     break
@@ -220,7 +220,7 @@ class _Run:
             wall_s = server.now_s()
             autopilot.terminate()
             while autopilot.running() and server.now_s() < wall_s + END_S:
-                server.serve(server.now_s() + LOOK_S)
+                server.serve(server.now_s() + POLL_S)
             self._end(autopilot)
         return wall_s
 
@@ -228,29 +228,29 @@ class _Run:
         now_s = self._board.world.now_s
         if self._options.play:
             return now_s < self._options.seconds and not self._stopped()
-        if now_s >= self._judge_s:
-            self._judge_s = now_s + JUDGE_S
+        if now_s >= self._check_s:
+            self._check_s = now_s + CHECK_S
             if failure := self._station.failure(now_s):
                 raise HilError(f"{failure}; see {self._options.out / FIRMWARE_LOG}")
         return now_s < self._options.seconds
 
     def _check_ending(self, autopilot: AutopilotProcess) -> None:
-        """Raise HilError for an autopilot that has ended early, unless who plays has shut it down."""
+        """Raise HilError for an autopilot that has ended early, unless the operator has shut it down with --play."""
         autopilot.wait(END_S)
         code = autopilot.exit_code()
         if not (self._options.play and code == SHUT_DOWN):
-            why = ": a station has shut it down" if code == SHUT_DOWN else ""
-            raise HilError(_with_last_words(f"the autopilot ended early, exit code {code}{why}", autopilot))
-        print("rambler-hil: a station has shut her down: the game is over", file=sys.stderr)
+            why = ": a ground station has shut it down" if code == SHUT_DOWN else ""
+            raise HilError(_with_last_output(f"the autopilot ended early, exit code {code}{why}", autopilot))
+        print("rambler-hil: a ground station has shut down the autopilot; end of the run", file=sys.stderr)
 
     def _end(self, autopilot: AutopilotProcess) -> None:
         if not autopilot.wait(END_S):
-            raise HilError(_with_last_words(f"the autopilot did not end within {END_S:g} s of SIGTERM", autopilot))
+            raise HilError(_with_last_output(f"the autopilot did not end within {END_S:g} s of SIGTERM", autopilot))
         code = autopilot.exit_code()
         if code != 0 and not (self._options.play and code == SHUT_DOWN):
-            raise HilError(_with_last_words(f"the autopilot ended with exit code {code}", autopilot))
+            raise HilError(_with_last_output(f"the autopilot ended with exit code {code}", autopilot))
 
 
-def _with_last_words(text: str, autopilot: AutopilotProcess) -> str:
-    words = autopilot.last_words()
-    return f"{text}; its last words: {words}" if words else text
+def _with_last_output(text: str, autopilot: AutopilotProcess) -> str:
+    output = autopilot.last_output()
+    return f"{text}; its last output: {output}" if output else text

@@ -1,4 +1,4 @@
-"""What Ctrl-C and SIGTERM do to a program of the harness."""
+"""Handling of Ctrl-C and SIGTERM in the harness."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def stopped_by_signal() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C and SIGTERM end a game in good order: yields whether one has come. A second one interrupts."""
+    """Let Ctrl-C and SIGTERM end a --play run in order: yield whether one has come. A second one interrupts."""
     stopped = False
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -29,14 +29,14 @@ def stopped_by_signal() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let SIGTERM unwind as Ctrl-C does, so that no process and no port is left behind."""
+    """Let SIGTERM unwind like Ctrl-C, so that no process and no port is left open."""
 
     def interrupt(_number: int, _frame: object) -> None:
         raise KeyboardInterrupt
 
     try:
         before = signal.signal(signal.SIGTERM, interrupt)
-    except ValueError:  # not the main thread: the caller looks after signals
+    except ValueError:  # not the main thread: the caller handles signals
         yield
         return
     try:

@@ -1,4 +1,4 @@
-"""What really happened: one row every tenth of a second, written to truth.csv as the run goes."""
+"""The true state of the ship: one row every tenth of a second, written to truth.csv during the run."""
 
 from __future__ import annotations
 
@@ -27,32 +27,31 @@ COLUMNS = (
     "east_m",
     "speed_m_s",
 )
-FLOAT_COLUMN = "float_heading_low_rad"  # a last column of runs with two bodies, whose hull is the glider
+FLOAT_COLUMN = "float_heading_low_rad"  # last column of runs with two bodies, where heading_low_rad is the glider's
 ROWS_PER_SECOND = 10
 PIECE_ROWS = 4096
 
-# Of COLUMNS, a goal not yet given is None, and of what else this run records.
+# The values of COLUMNS, None for a goal before the first one; then those of additional columns.
 Row = tuple[float, float, float, float, float, float, float | None, float, float, float, *tuple[float, ...]]
 Array = NDArray[np.float64]
 
 
 class Rows(Protocol):
-    """What takes the rows of a run in order of time, a file or a list; a goal not yet given is None."""
+    """A destination for the rows of a run in order of time, a file or a list."""
 
     def append(self, row: Row, /) -> None:
-        """Take the next row."""
+        """Add the next row."""
 
 
 class TruthFile:
-    """truth.csv, written while the run goes on and read in pieces: only the file grows with the length of a run.
+    """truth.csv, written during the run and read in pieces: only the file grows with the length of a run.
 
-    `more` names columns behind the contract's, which rows bring along and readers here pass over.
-    Iterating yields what has been written in pieces of PIECE_ROWS, as often as it is done. HilError when the file
-    cannot be written.
+    `more` names additional columns at the end, which the readers here skip. Iterating yields the rows written so far
+    in pieces of PIECE_ROWS, any number of times. HilError when the file cannot be written.
     """
 
     def __init__(self, path: Path, more: tuple[str, ...] = ()) -> None:
-        """Begin a new file."""
+        """Create the file."""
         self.rows = 0
         self.end_s = 0.0  # the time of the last row
         self._path = path
@@ -72,18 +71,18 @@ class TruthFile:
         self.end_s = row[0]
 
     def close(self) -> None:
-        """Write out what is left and close the file; it can be read on."""
+        """Flush and close the file; it can still be read."""
         try:
             self._file.close()
         except OSError as error:
             raise self._failure(error) from None
 
     def __iter__(self) -> Iterator[Truth]:
-        """Yield the file in pieces; after its end."""
+        """Yield the file in pieces, after its end."""
         return pieces(self._path)
 
     def table(self) -> Truth:
-        """Return the whole file as arrays, after its end; they take 80 bytes a row."""
+        """Return the whole file as arrays, after its end; 80 bytes a row."""
         return read(self._path)
 
     def _failure(self, error: OSError) -> HilError:
@@ -108,21 +107,21 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """The truth.csv of a run that is over, to be read in pieces as often as wanted, as far as it goes."""
+    """The truth.csv of a completed run, readable in pieces any number of times, as far as it was written."""
 
     path: Path
 
     def __iter__(self) -> Iterator[Truth]:
-        """Yield the file in pieces, none where not even its head is whole; ValueError when it is no truth.csv."""
+        """Yield the file in pieces, none if its header is incomplete; ValueError when it is not a truth.csv."""
         with self.path.open("rb") as file:
             begun = file.readline(1 << 12).endswith(b"\n")
         return pieces(self.path) if begun else iter(())
 
 
 def pieces(path: Path, rows: int = PIECE_ROWS) -> Iterator[Truth]:
-    """Yield a truth.csv in pieces of so many rows, the last one shorter; ValueError when it is none."""
+    """Yield a truth.csv in pieces of `rows` rows, the last one shorter; ValueError for another file."""
     with path.open(newline="", encoding="ascii") as file:
-        reader = csv.reader(line for line in file if line.endswith("\n"))  # a run that was killed may end amid a line
+        reader = csv.reader(line for line in file if line.endswith("\n"))  # a killed run may end within a line
         if tuple(next(reader, []))[: len(COLUMNS)] != COLUMNS:
             raise ValueError(f"{path}: not a truth.csv; expected the columns {', '.join(COLUMNS)}")
         while some := list(islice(reader, rows)):
@@ -130,7 +129,7 @@ def pieces(path: Path, rows: int = PIECE_ROWS) -> Iterator[Truth]:
 
 
 def read(path: Path) -> Truth:
-    """Read a whole truth.csv; ValueError when it is none."""
+    """Read a whole truth.csv; ValueError for another file."""
     parts = list(pieces(path)) or [_truth(())]
     return Truth(*(np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS))
 
@@ -141,7 +140,7 @@ def _truth(rows: Iterable[Iterable[float]]) -> Truth:
 
 
 def _line(row: Row) -> str:
-    # Nine digits hold a heading to 1e-7 rad after many turns, and hide no difference that matters.
+    # Nine digits resolve a heading to 1e-7 rad after many turns.
     numbers = ["" if value is None else f"{value:.9g}" for value in row]
     numbers[0] = f"{row[0]:.1f}"
     return ",".join(numbers) + "\n"

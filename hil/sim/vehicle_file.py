@@ -1,4 +1,4 @@
-"""The vehicle of a run: a given file, or the standard boat, written anew with the ports of the board in it."""
+"""The vehicle of a run: a given file or the standard boat, written again with the ports of the board."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from hil.sim.world import Mounting
 Section = dict[str, Any]
 
 LINK_BAUD = 57600
-_NO_PORT = "given by the board"
+_NO_PORT = "set by the board"
 
 
 def standard_vehicle() -> Vehicle:
-    """The boat in the box: an NMEA compass, a Dynamixel, no parameters of its own."""
+    """Return the default boat: an NMEA compass, a Dynamixel servo, no parameters of its own."""
     return Vehicle(
         name="Ocean Rambler in the box",
         compass=_entry("compass", COMPASSES["nmea"]),
@@ -50,7 +50,7 @@ def load(path: Path) -> Vehicle:
 
 
 def with_devices(vehicle: Vehicle, compass: str | None, servo: str | None) -> Vehicle:
-    """Fit another compass or servo, by the names of COMPASSES and SERVOS; None keeps the present one."""
+    """Replace compass or servo, by the names of COMPASSES and SERVOS; None keeps the present one."""
     if compass is not None and vehicle.compass.driver != COMPASSES[compass].driver:
         vehicle = replace(vehicle, compass=_entry("compass", COMPASSES[compass]))
     if servo is not None and vehicle.rudder.driver != SERVOS[servo].driver:
@@ -64,7 +64,7 @@ def _entry(section: str, device: EmulatedDevice) -> DeviceEntry:
 
 
 def model_of(vehicle: Vehicle) -> KtModel:
-    """The ship that a vehicle file describes: its MDL_ parameters over the tank's numbers."""
+    """Return the ship model of a vehicle file: its MDL_ parameters, the tank model for those that are missing."""
     get, base = vehicle.parameters.get, OCEAN_RAMBLER
     return KtModel(
         get("MDL_K", base.turning_ability_1_s),
@@ -76,7 +76,7 @@ def model_of(vehicle: Vehicle) -> KtModel:
 
 
 def mounting_of(vehicle: Vehicle) -> Mounting:
-    """How compass and servo sit, as the file's corrections say."""
+    """Return the mounting of compass and servo, the inverse of the file's corrections."""
     get = vehicle.parameters.get
     return Mounting(
         radians(get("RUD_CENTRE_DEG", 0.0)), bool(get("RUD_REVERSE", 0.0)), radians(get("CMP_OFFSET_DEG", 0.0))
@@ -84,9 +84,9 @@ def mounting_of(vehicle: Vehicle) -> Mounting:
 
 
 def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str, float]) -> str:
-    """Write the file for the ports compass, position, rudder, link and power, with settings over its parameters.
+    """Return the vehicle file with the ports of the board, and `settings` as parameters.
 
-    Without a port for it the links are the vehicle's own.
+    Without a link port the links are the vehicle's own.
     """
     sections: dict[str, Section] = {
         "vehicle": {"name": vehicle.name},
@@ -107,7 +107,7 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
 
 
 def _same_device(section: str, given: DeviceEntry | None, driver: str, port: str, baud: int) -> Section:
-    """Write the device that the board emulates, with the options of the given file when its driver is the same."""
+    """Return the section of an emulated device, with the options of the given file when its driver is the same."""
     values = {"driver": driver, "port": _NO_PORT, "baud": baud}
     entry = vehicle_format.read_device(section, values, f"[{section}]")
     if given is not None and given.driver == driver:
@@ -116,7 +116,7 @@ def _same_device(section: str, given: DeviceEntry | None, driver: str, port: str
 
 
 def _device_section(entry: DeviceEntry, port: str) -> Section:
-    """Write a device with those of its options that are not the driver's defaults."""
+    """Return the section of a device, with the options that differ from the driver's defaults."""
     options = {row.name: getattr(entry.options, row.name) for row in fields(entry.options)}
     defaults = {row.name: row.default for row in fields(entry.options)}
     chosen = {name: value for name, value in options.items() if value != defaults[name]}
@@ -143,6 +143,6 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, float]:
 
 def _section_text(name: str, section: Section) -> str:
     lines = [f"[{name}]"]
-    # A JSON text, number, flag or list of texts is also the TOML one.
+    # JSON texts, numbers, flags and lists of texts are valid TOML.
     lines += [f"{key} = {json.dumps(value, ensure_ascii=False, default=str)}" for key, value in section.items()]
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""The page of a run under way: `rambler view` as a process of its own, told through a pipe that nobody waits for."""
+"""The live page of a run: `rambler view` as a separate process, fed through a pipe that never blocks the run."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from hil.errors import UsageError
 from hil.sim.display import Banner, Display
 from hil.sim.world import World
 
-LISTEN = "127.0.0.1:8046"  # another port of the same address where this one is in use
-TELL_S = 0.1
-LEAST_SLACK_S = 0.003  # in real time: what telling may take, and much more
+LISTEN = "127.0.0.1:8046"  # another port of the same address if this one is in use
+UPDATE_S = 0.1
+MIN_SLACK_S = 0.003  # in real time: more than an update takes
 GRACE_S = 3.0
-MOST_WORDS = 4096
+MAX_OUTPUT_BYTES = 4096
 
 
 class ViewPage:
-    """A display that tells a page what really happens, beside another display; a context that leaves no process."""
+    """A display that sends the true heading to a page, beside another display; a context that leaves no process."""
 
-    def __init__(self, listen: str, state: Path, banner: Banner, world: World, beside: Display) -> None:
-        """Start the page on the autopilot of a state directory and say where it is; UsageError when it cannot be."""
-        self._world, self._beside, self._due_s = world, beside, 0.0
+    def __init__(self, listen: str, state: Path, banner: Banner, world: World, other: Display) -> None:
+        """Start the page on the state directory of an autopilot and print its address; UsageError when that fails."""
+        self._world, self._other, self._due_s = world, other, 0.0
         command = ["view", "--state", str(state), "--listen", listen, "--with-parent", str(os.getpid())]
         self._process = subprocess.Popen(
             [sys.executable, "-m", "firmware_py", *command],
@@ -43,43 +43,43 @@ class ViewPage:
         assert self._process.stdin is not None  # noqa: S101 - as asked for
         assert self._process.stdout is not None  # noqa: S101 - as asked for
         self._to, self._from = self._process.stdin, self._process.stdout
-        said = self._from.readline(MOST_WORDS).decode("utf-8", "replace").strip()
-        if not said.startswith("page: "):
+        output = self._from.readline(MAX_OUTPUT_BYTES).decode("utf-8", "replace").strip()
+        if not output.startswith("page: "):
             self.close()
-            words = said.removeprefix("rambler view: ").replace("--listen", "--view")
+            words = output.removeprefix("rambler view: ").replace("--listen", "--view")
             raise UsageError(words or f"--view {listen}: the page does not start")
-        print(said, flush=True)
+        print(output, flush=True)
         os.set_blocking(self._to.fileno(), False)
         os.set_blocking(self._from.fileno(), False)
-        self._tell({"title": banner.title})
+        self._send({"title": banner.title})
 
     def __enter__(self) -> Self:
-        """Begin to show."""
-        self._beside.__enter__()
+        """Start the display."""
+        self._other.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the other display, and the page."""
-        self._beside.__exit__(kind, error, trace)
+        self._other.__exit__(kind, error, trace)
         self.close()
 
     def update(self, slack_s: float = math.inf) -> None:
-        """Tell the present state, if it is time to and there is any to spare."""
-        self._beside.update(slack_s)
+        """Send the present state if an update is due and there is time for it."""
+        self._other.update(slack_s)
         now_s = time.monotonic()
-        if now_s < self._due_s or slack_s < LEAST_SLACK_S:
+        if now_s < self._due_s or slack_s < MIN_SLACK_S:
             return
-        self._due_s = now_s + TELL_S
+        self._due_s = now_s + UPDATE_S
         world = self._world
         heading_deg = round(degrees(world.heading_low_rad()), 3)
-        self._tell({"time_s": round(world.now_s, 3), "true_heading_deg": heading_deg})
+        self._send({"time_s": round(world.now_s, 3), "true_heading_deg": heading_deg})
         with contextlib.suppress(OSError):
-            os.read(self._from.fileno(), MOST_WORDS)  # whatever it says, it shall not have to wait
+            os.read(self._from.fileno(), MAX_OUTPUT_BYTES)  # empties its output pipe, so that the page never blocks
 
     def close(self) -> None:
-        """Have the page tell its readers that it is over, and end it."""
+        """Report the end of the run to the page's readers, and end the page."""
         with contextlib.suppress(OSError):
             self._to.close()
         try:
@@ -89,6 +89,6 @@ class ViewPage:
             self._process.wait()
         self._from.close()
 
-    def _tell(self, words: dict[str, float | str]) -> None:
-        with contextlib.suppress(OSError):  # full: it misses a line; gone: there is no page any more
-            os.write(self._to.fileno(), json.dumps(words).encode() + b"\n")
+    def _send(self, values: dict[str, float | str]) -> None:
+        with contextlib.suppress(OSError):  # pipe full: the page misses an update; pipe closed: the page has ended
+            os.write(self._to.fileno(), json.dumps(values).encode() + b"\n")

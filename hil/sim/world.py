@@ -1,4 +1,4 @@
-"""The world: ship, sea and rudder shaft, moved on to any moment and read there."""
+"""The world: ship, sea and rudder shaft, advanced to any time and read there."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ STEPS_PER_ROW = STEPS_PER_SECOND // ROWS_PER_SECOND
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """How compass and servo sit in the boat: what the vehicle file's corrections undo.
+    """The mounting of compass and servo, which the vehicle file's corrections compensate.
 
-    The rudder stands at the shaft's angle less centre_rad, negated when reversed; the
-    compass shows the true heading less compass_offset_rad.
+    The rudder angle is the shaft's angle less centre_rad, negated when reversed; the compass output is the true
+    heading less compass_offset_rad.
     """
 
     rudder_centre_rad: float = 0.0
@@ -42,15 +42,15 @@ class Mounting:
 
 
 class CommandedShaft:
-    """A servo's shaft as its electronics drive it, remembering the target it was given."""
+    """A servo's shaft with the target that its electronics have set."""
 
     def __init__(self, shaft: ServoShaft) -> None:
-        """Take the mechanics."""
+        """Take the mechanical shaft."""
         self._shaft = shaft
         self.target_rad = shaft.angle_rad()
 
     def angle_rad(self) -> float:
-        """The true angle of the shaft now."""
+        """Return the true angle of the shaft now."""
         return self._shaft.angle_rad()
 
     def set_target(self, target_rad: float) -> None:
@@ -64,17 +64,16 @@ class CommandedShaft:
         self._shaft.set_torque(on=on)
 
 
-def columns_beside(scenario: Scenario) -> tuple[str, ...]:
-    """Return the columns that rows of this sea have behind the contract's."""
+def extra_columns(scenario: Scenario) -> tuple[str, ...]:
+    """Return the additional columns of truth.csv in this scenario."""
     return () if scenario.disturbances.float_body is None else (FLOAT_COLUMN,)
 
 
 class World:
-    """Everything outside the electronics; fulfils Attitude and Whereabouts for the emulators.
+    """The plant: everything outside the electronics; fulfils Attitude and Whereabouts for the emulators.
 
-    `advance_to` moves all of it to a moment; the emulators then read and act at that
-    moment. `end_s` is where the recording of the truth stops, which goes to `truth`: a list, if nothing is given.
-    `start_utc_s` is the time of day at moment 0, which the receiver tells of.
+    `advance_to` advances all of it to a time; the emulators then read and act at that time. The truth is recorded
+    until `end_s` in `truth`, by default a list. `start_utc_s` is UTC at time 0, as the receiver reports it.
     """
 
     def __init__(
@@ -89,7 +88,7 @@ class World:
         truth: Rows | None = None,
         start_utc_s: float = START_UTC_S,
     ) -> None:
-        """Lie at the start at time 0 with the rudder amidships; ValueError for a model that is no ship."""
+        """Start at time 0 with the rudder amidships; ValueError for an invalid ship model."""
         self._mounting = mounting or Mounting()
         centre_rad = self._mounting.rudder_centre_rad
         self._mechanics = ServoShaft(
@@ -98,9 +97,9 @@ class World:
         self.shaft = CommandedShaft(self._mechanics)
         no_rows: list[Row] = []
         self.truth: Rows = no_rows if truth is None else truth
-        # A second body's heading is recorded beside the contract's columns, where there are two.
-        self._two_bodies = bool(columns_beside(scenario))
-        self.rudder_grip = 1.0  # how much of the rudder angle turns the boat: 0 when its blade is gone
+        # With two bodies the float's heading is recorded in an additional column.
+        self._two_bodies = bool(extra_columns(scenario))
+        self.rudder_effect = 1.0  # share of the rudder angle that turns the boat: 0 when the blade is lost
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
         self.disturbances, self.ships = (
             scenario.disturbances,
@@ -118,16 +117,16 @@ class World:
 
     @property
     def now_s(self) -> float:
-        """The moment that the world stands at."""
+        """Return the present time of the world."""
         return self._now_s
 
     def advance_to(self, t_s: float) -> None:
-        """Move on to t_s; an earlier moment changes nothing."""
+        """Advance to t_s; an earlier time changes nothing."""
         if not t_s > self._now_s:
             return
         while (next_s := (self._step + 1) / STEPS_PER_SECOND) <= t_s:
             self._mechanics.advance(next_s)
-            self._hull.step(self.rudder_grip * self.rudder_rad())
+            self._hull.step(self.rudder_effect * self.rudder_rad())
             self._step += 1
             self._now_s, self._offset_s = next_s, 0.0
             if self._step % STEPS_PER_ROW == 0:
@@ -137,53 +136,53 @@ class World:
         self._offset_s = min(max(t_s - self._step / STEPS_PER_SECOND, 0.0), GRID_S)
 
     def add_heading(self, turned_rad: float) -> None:
-        """Turn the hull at once, as a part of what a breaking sea does."""
+        """Turn the hull at once, like a part of a breaking wave."""
         self._hull.add_heading(turned_rad)
 
     def rudder_rad(self) -> float:
-        """The true angle of the rudder now."""
+        """Return the true angle of the rudder now."""
         return self._mounting.rudder_rad(self._mechanics.angle_rad())
 
     def heading_low_rad(self) -> float:
-        """The hull's heading without the yaw of the waves, unwrapped."""
+        """Return the hull's heading without wave yaw, unwrapped."""
         return self._hull.heading_low_rad(self._offset_s)
 
     def goal_rad(self) -> float | None:
-        """The goal in force now, on the turn nearest to the heading at which it was given."""
+        """Return the present goal, within half a turn of the heading at which it was set."""
         return self._goal_rad
 
-    # Attitude: what the compass in its mounting senses.
+    # Attitude: the quantities that the compass in its mounting measures.
 
     def heading_rad(self) -> float:
-        """Heading that the sea's compass in its mounting shows now, its noise and resolution apart."""
+        """Return the compass output now, without its noise and resolution."""
         return self._hull.compass_heading_rad(self._offset_s) - self._mounting.compass_offset_rad
 
     def yaw_rate_rad_s(self) -> float:
-        """Rate of turn now, the yaw of the waves included."""
+        """Return the yaw rate now, including wave yaw."""
         return self._hull.yaw_rate_rad_s(self._offset_s)
 
-    # Whereabouts: what the satellite receiver senses.
+    # Whereabouts: the quantities that the GNSS receiver measures.
 
     def latitude_deg(self) -> float:
-        """Geodetic latitude."""
+        """Return the geodetic latitude."""
         return START_LATITUDE_DEG + self._hull.position_in_waves_m(self._offset_s)[0] / METRES_PER_DEGREE
 
     def longitude_deg(self) -> float:
-        """Geodetic longitude."""
+        """Return the geodetic longitude."""
         metres = METRES_PER_DEGREE * math.cos(radians(START_LATITUDE_DEG))
         return START_LONGITUDE_DEG + self._hull.position_in_waves_m(self._offset_s)[1] / metres
 
     def speed_over_ground_m_s(self) -> float:
-        """Speed over ground."""
+        """Return the speed over ground."""
         return math.hypot(*self._hull.velocity_in_waves_m_s(self._offset_s))
 
     def course_over_ground_rad(self) -> float:
-        """Course over ground from true north, in [0, 2 pi)."""
+        """Return the course over ground from true north, in [0, 2 pi)."""
         north_m_s, east_m_s = self._hull.velocity_in_waves_m_s(self._offset_s)
         return wrap_two_pi(math.atan2(east_m_s, north_m_s))
 
     def utc_s(self) -> float:
-        """Seconds since 1970-01-01 UTC."""
+        """Return the seconds since 1970-01-01 UTC."""
         return self._start_utc_s + self._now_s
 
     def _record(self) -> None:

@@ -187,7 +187,7 @@ def endless():
 
 
 def cleared(bench):
-    bench.station.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
+    bench.station.queue(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
 
 
 def key_lost(bench):
@@ -204,7 +204,7 @@ def reported_with_its_cause(bench, _t0_s):
 
 
 def key_removed(bench):
-    bench.station.tell(mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), 0))
+    bench.station.queue(mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), 0))
 
 
 def breached(bench):
@@ -314,13 +314,13 @@ DRILLS = (
         options={"mode": AUTO, "plans": (endless(),), "goals": ""},
     ),
     Drill(
-        Fault.STEERING_LOST, lambda bench: setattr(bench.world, "rudder_grip", 0.0), 90.0, alert_only,
-        lambda bench: setattr(bench.world, "rudder_grip", 1.0), 240.0, start_s=10.0, stands_s=1.0,
+        Fault.STEERING_LOST, lambda bench: setattr(bench.world, "rudder_effect", 0.0), 90.0, alert_only,
+        lambda bench: setattr(bench.world, "rudder_effect", 1.0), 240.0, start_s=10.0, stands_s=1.0,
         options={"goals": TURN},
     ),
     Drill(
-        Fault.STEERING_REVERSED, lambda bench: setattr(bench.world, "rudder_grip", -1.0), 180.0, alert_only,
-        lambda bench: setattr(bench.world, "rudder_grip", 1.0), 400.0, start_s=10.0, stands_s=1.0,
+        Fault.STEERING_REVERSED, lambda bench: setattr(bench.world, "rudder_effect", -1.0), 180.0, alert_only,
+        lambda bench: setattr(bench.world, "rudder_effect", 1.0), 400.0, start_s=10.0, stands_s=1.0,
         options={"goals": TURN},
     ),
     Drill(Fault.KEY_LOST, key_lost, 5.0, reported_with_its_cause, key_removed, 3.0, stands_s=1.0),

@@ -190,7 +190,7 @@ class Voyage:
         url = f"udpin:127.0.0.1:{self.station.connect()}"
         words = ["run", str(self.boat._vehicle), "--state", str(self.boat.state), "--link", url]
         self.process = AutopilotProcess(words, self.boat.directory / "firmware.log")
-        self.station.gone = lambda: "" if self.process.running() else f"ended: {self.process.last_words()}"
+        self.station.gone = lambda: "" if self.process.running() else f"ended: {self.process.last_output()}"
         found = self.found()
         fitting = [known for known in self.possible or (self.known,) if known.fits(found)]
         assert fitting, f"kill {self.kills}: came up with\n{found}\nand not with any of\n{self.possible}\n{self.told}"

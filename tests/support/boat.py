@@ -30,9 +30,9 @@ from hil.sim.board import Board
 from hil.sim.goals import parse_goals
 from hil.sim.ground_station import MODE_NAMES, GroundStation, Order
 from hil.sim.lockstep import LockstepServer
-from hil.sim.own_cores import own_cores
 from hil.sim.pace import Pacer
 from hil.sim.process import AutopilotProcess
+from hil.sim.reserved_cores import reserved_cores
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
@@ -55,7 +55,7 @@ class Lockstep:
 
     def arguments(self, board, path):
         if self.server is None:
-            self._core.enter_context(own_cores())
+            self._core.enter_context(reserved_cores())
         self.server = LockstepServer(path, board, Pacer(self._speed))
         return ["--lockstep", str(path)]
 

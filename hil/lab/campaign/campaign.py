@@ -20,7 +20,7 @@ from hil.lab.campaign.firmware_engine import FAULTS
 from hil.lab.campaign.row import extremes, rows
 from hil.lab.campaign.spec import Spec, read_spec_file
 from hil.lab.campaign.store import Store
-from hil.sim.run_directory import held
+from hil.sim.run_directory import locked_directory
 from hil.sim.signals import interruptible
 
 MIN_BATCHES = 64  # for small campaigns, so that all workers finish at about the same time
@@ -51,7 +51,7 @@ def read_spec(path: Path, beside: Path | None = None) -> Spec:
 
 def run(spec: Spec, beside: Path, out: Path, used: Workers, report: Report, *, resume: bool) -> dict[str, Any]:
     """Run or resume a campaign and return the figures of summary.json; `beside` is the directory of the spec."""
-    with interruptible(), _cluster(used) as cluster, held(out):
+    with interruptible(), _cluster(used) as cluster, locked_directory(out):
         results = Store(out, spec, versions(), beside)
         results.begin(resume=resume)
         finished = results.finished()

@@ -19,7 +19,7 @@ from hil.lab.drill.book import BOOK, Drill
 from hil.lab.drill.injection import nothing
 from hil.sim import run_file, runner
 from hil.sim.ground_station import GUIDED
-from hil.sim.logbook import put_to_sea
+from hil.sim.logbook import recorded_run
 from hil.sim.run_directory import FIRMWARE_LOG, STATE, TRUTH_FILE, VEHICLE_NAME
 from hil.sim.run_file import FINISHED, OrderRecord
 from hil.sim.truth import read
@@ -94,7 +94,7 @@ def _run(row: Row, out: Path, *, full: bool) -> tuple[Text, ...]:
         return run_with_fault(row, row.fault, out)
     options = row.options(out)
     if not full:
-        options = replace(options, settings={**NO_LOG, **options.settings}, shown=False)
+        options = replace(options, settings={**NO_LOG, **options.settings}, live_display=False)
     return runner.run(options).texts
 
 
@@ -113,7 +113,7 @@ def run_with_fault(row: Row, fault: Fault, out: Path) -> tuple[Text, ...]:
     options = row.options(out)
     drill = FAULTS.get(fault.name, UNBROKEN)
     options = replace(options, scenario=drill.sea(options.scenario))
-    with tempfile.TemporaryDirectory(prefix="rambler-fault-") as name, put_to_sea(options, START_UTC_S) as book:
+    with tempfile.TemporaryDirectory(prefix="rambler-fault-") as name, recorded_run(options, START_UTC_S) as book:
         directory = Path(name)
         boat = DrillBoat(
             directory,

@@ -15,7 +15,7 @@ from hil.lab.campaign.engines import engine_of, versions
 from hil.lab.campaign.row import Row, rows
 from hil.lab.campaign.spec import COMPILED, Spec
 from hil.report import run_page
-from hil.sim.run_directory import TRUTH_FILE, held
+from hil.sim.run_directory import TRUTH_FILE, locked_directory
 from hil.sim.signals import interruptible
 from hil.sim.truth import Truth, read
 
@@ -54,7 +54,7 @@ def replay(directory: Path, index: int, out: Path) -> Replay:
     result = result_of(directory, spec, index)
     row = next(rows(spec, index, index + 1))
     differences = []
-    with held(out), interruptible():
+    with locked_directory(out), interruptible():
         outcome = firmware_engine.simulate_into(row, out, full=True)
         digest = outcome.digest
         if spec.engine == COMPILED:

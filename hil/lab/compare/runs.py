@@ -124,6 +124,6 @@ def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) 
             seed=seed,
             goals=task.goals,
             settings=dict(controller.settings),
-            shown=False,  # the comparison shows its own progress
+            live_display=False,  # the comparison shows its own progress
         )
         return run(options).truth.table()

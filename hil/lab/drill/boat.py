@@ -29,9 +29,9 @@ from hil.sim.board import Board
 from hil.sim.goals import Goal
 from hil.sim.ground_station import CHANGE_HEADING, GUIDED, HEADING_TYPE, GroundStation, Order
 from hil.sim.lockstep import LockstepServer
-from hil.sim.own_cores import own_cores
 from hil.sim.pace import Pacer
 from hil.sim.process import GRACE_S, AutopilotProcess
+from hil.sim.reserved_cores import reserved_cores
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 SET_MODE = 176
@@ -97,7 +97,7 @@ class DrillBoat:
             )
             devices |= {"power": VeDirectEmulator(self.plant, Kind.CHARGER), "power_b": self.monitor}
         self._stack = ExitStack()
-        self._stack.enter_context(own_cores())
+        self._stack.enter_context(reserved_cores())
         self.board = self._stack.enter_context(Board(self.world, devices, directory, PtyLine.post))
         self.lines = {port.path.name: port.line for port in self.board.ports}
         self._vehicle = directory / "vehicle.toml"
@@ -159,7 +159,7 @@ class DrillBoat:
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             if not self.server.serve(end_s):
-                raise HilError(f"the autopilot has ended: {self._process.last_words()}")
+                raise HilError(f"the autopilot has ended: {self._process.last_output()}")
             if not self.errors_deg or self.now_s - self.errors_deg[-1][0] > 0.099:
                 self.errors_deg.append((self.now_s, self.error_deg()))
                 self.max_rudder_deg = max(self.max_rudder_deg, abs(self.rudder_deg()))

@@ -219,13 +219,13 @@ BOOK: tuple[Drill, ...] = (
         sea=lambda scenario: replace(scenario, speed_m_s=0.8), check_after=in_mode("RTL"),
     ),
     Drill(
-        "rudder blade lost", "Steering lost: no response to the rudder", "", put("world.rudder_grip", 0.0),
-        put("world.rudder_grip", 1.0),
+        "rudder blade lost", "Steering lost: no response to the rudder", "", put("world.rudder_effect", 0.0),
+        put("world.rudder_effect", 1.0),
         150.0, 0.0, 1.0, also=("Steering reversed", "Rudder hard over"), moment="turning",
     ),
     Drill(
-        "servo the wrong way round", "Steering reversed", "", put("world.rudder_grip", -1.0),
-        put("world.rudder_grip", 1.0),
+        "servo the wrong way round", "Steering reversed", "", put("world.rudder_effect", -1.0),
+        put("world.rudder_effect", 1.0),
         180.0, 0.0, 1.0, also=("Rudder moves", "Rudder hard over"), moment="turning",
     ),
     Drill(
@@ -235,7 +235,7 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "mission cleared while it is sailed", "Mission unusable", "Mission problem cleared",
-        lambda boat: boat.station.tell(mission_clear_all()), lambda boat: boat.set_mode(GUIDED), 4.0, 4.0, 2.0,
+        lambda boat: boat.station.queue(mission_clear_all()), lambda boat: boat.set_mode(GUIDED), 4.0, 4.0, 2.0,
         in_mode("AUTO"), ("Mission",), "straight", mode=AUTO, plan=waiting, check_after=in_mode("GUIDED"),
     ),
     Drill(

@@ -58,7 +58,7 @@ def compass_and_receiver(silent: bool) -> Change:  # noqa: FBT001 - one switch
 
 def logs_gone(boat: DrillBoat) -> None:
     """Replace the log directory by a file; the log writer checks the disk once per second of real time."""
-    boat.pacer.keep(LOG_SPEED)
+    boat.pacer.set_speed(LOG_SPEED)
     shutil.rmtree(boat.state / "logs", ignore_errors=True)
     (boat.state / "logs").write_text("in the way")
 

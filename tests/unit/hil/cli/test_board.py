@@ -1,7 +1,7 @@
 import pytest
 
 from hil.__main__ import main
-from hil.sim.run_directory import held
+from hil.sim.run_directory import locked_directory
 
 
 def test_a_board_overwrites_the_results_of_no_campaign(tmp_path, capsys):
@@ -28,7 +28,7 @@ def test_a_board_that_replaces_a_run_says_so_and_leaves_the_states_of_others_alo
 
 def test_two_boards_never_share_their_ports(tmp_path, capsys):
     (tmp_path / "compass").symlink_to("/dev/null")
-    with held(tmp_path):
+    with locked_directory(tmp_path):
         assert main(["board", str(tmp_path), "--seconds", "10"]) == 2
     assert "another run is under way in it; give another, or wait for its end" in capsys.readouterr().err
     assert (tmp_path / "compass").is_symlink()

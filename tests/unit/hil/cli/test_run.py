@@ -16,7 +16,7 @@ from hil.ship.disturbance_options import text_of
 from hil.ship.disturbances import NO_DISTURBANCES
 from hil.sim import run_directory
 from hil.sim.goals import Goal
-from hil.sim.logbook import put_to_sea
+from hil.sim.logbook import recorded_run
 from hil.sim.run_directory import prepare_directory, remove_earlier
 
 
@@ -219,7 +219,7 @@ def test_a_run_that_is_refused_leaves_the_earlier_one_and_makes_no_report(tmp_pa
 def test_a_run_replaces_the_earlier_one_from_its_begin_on_however_it_ends(tmp_path, capsys):
     earlier_run(tmp_path)
     options_here = replace(options("calm", "--speed", "max"), out=tmp_path)
-    with contextlib.suppress(ZeroDivisionError), put_to_sea(options_here, 0.0) as book:
+    with contextlib.suppress(ZeroDivisionError), recorded_run(options_here, 0.0) as book:
         assert capsys.readouterr().err == ""
         book.begin()
         assert "an earlier run is replaced" in capsys.readouterr().err

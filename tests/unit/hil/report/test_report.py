@@ -18,7 +18,7 @@ from hil.report.text import figures_text
 from hil.report.thinning import MOST_POINTS, thinned
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.run_directory import held
+from hil.sim.run_directory import locked_directory
 from hil.sim.run_file import FINISHED, UNDER_WAY, OrderRecord, RunFile, read, versions
 from hil.sim.truth import COLUMNS, Truth, TruthFile
 from hil.sim.world import World
@@ -176,7 +176,7 @@ def test_report_makes_the_page_again_and_names_the_version_that_made_the_figures
 
 
 def test_a_directory_is_one_runs_alone(out, capsys):
-    with held(out):
+    with locked_directory(out):
         assert main(["report", str(out)]) == 2
         assert "another run is under way" in capsys.readouterr().err
         assert main(["run", "calm", "--seconds", "1", "--out", str(out)]) == 2

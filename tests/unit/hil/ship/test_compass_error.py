@@ -1,4 +1,4 @@
-"""Deviation, heel error and lag of a compass as bought."""
+"""Deviation, heel error and lag of an uncorrected compass."""
 
 import math
 
@@ -24,13 +24,13 @@ def compass(a=0.0, b=0.0, c=0.0, d=0.0, e=0.0, heel=0.0, lag=0.0):
     # An easterly deviation where it is largest: the compass shows less there.
     [("a", (0, 90, 200)), ("b", (90,)), ("c", (0,)), ("d", (45, 225)), ("e", (0, 180))],
 )
-def test_each_coefficient_is_the_largest_where_it_should_be(coefficients, headings_deg):
+def test_headings_of_the_largest_deviation(coefficients, headings_deg):
     for heading_deg in headings_deg:
-        shown = compass(**{coefficients: 4.0}).output_rad(radians(heading_deg), 0.0)
-        assert degrees(shown) == pytest.approx(heading_deg - 4.0)
+        output = compass(**{coefficients: 4.0}).output_rad(radians(heading_deg), 0.0)
+        assert degrees(output) == pytest.approx(heading_deg - 4.0)
 
 
-def test_all_five_add_up_on_any_heading():
+def test_coefficients_add_up():
     device = compass(1.0, 4.0, -3.0, 1.5, 0.5)
     for heading_deg in range(0, 360, 7):
         x = radians(heading_deg)
@@ -38,7 +38,7 @@ def test_all_five_add_up_on_any_heading():
         assert degrees(device.output_rad(x, 0.01)) == pytest.approx(heading_deg - deviation)
 
 
-def test_a_damped_compass_stays_behind_in_a_turn_by_its_lag_and_is_continuous():
+def test_lag_in_a_turn():
     device, rate = compass(lag=2.0), 0.05
     for number in range(2000):
         end = device.output_rad(rate * (number + 1) * STEP_S, STEP_S)
@@ -48,12 +48,12 @@ def test_a_damped_compass_stays_behind_in_a_turn_by_its_lag_and_is_continuous():
     assert rate * 2000 * STEP_S - device.output_rad(rate * 2000 * STEP_S, 0.0) == pytest.approx(rate * 2.0, rel=0.02)
 
 
-def test_the_heel_error_rolls_on_north_and_is_gone_on_east():
+def test_heel_error_on_north_and_east():
     device = compass(heel=3.0)
-    shown = np.empty((30_000, 2))
-    for row in shown:
+    output = np.empty((30_000, 2))
+    for row in output:
         for _ in range(10):
             device.step(0.0)
         row[:] = device.output_rad(0.0, 0.0), device.output_rad(math.pi / 2, 0.0) - math.pi / 2
-    assert degrees(np.std(shown[:, 0])) == pytest.approx(3.0, rel=0.1)
-    assert np.max(np.abs(shown[:, 1])) < 1e-12
+    assert degrees(np.std(output[:, 0])) == pytest.approx(3.0, rel=0.1)
+    assert np.max(np.abs(output[:, 1])) < 1e-12

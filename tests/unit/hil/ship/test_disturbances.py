@@ -1,4 +1,4 @@
-"""What `--with` takes: how it is read, refused and printed, and what each does to a hull."""
+"""Options of `--with`: parsing, errors, listing, and their effect on the hull."""
 
 import math
 from dataclasses import fields
@@ -18,7 +18,7 @@ from hil.ship.wave_speed import MAX_SPEED_RATIO
 EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3,yaw,waves,bias"
 
 
-def test_a_list_is_read_and_printed_so_that_it_reads_the_same():
+def test_parse_and_text_are_inverse():
     found = parse("float=0.3:0.7, leeway=8,sway")
     assert found == Disturbances(float_body=FloatBody(0.3, 0.7), leeway=Leeway(8.0), slide=Slide(1.0))
     assert text_of(found) == "float=0.3:0.7,leeway=8:0:0,sway=1"
@@ -33,7 +33,7 @@ def test_a_list_is_read_and_printed_so_that_it_reads_the_same():
     assert text_of(NO_DISTURBANCES) == ""
 
 
-def test_an_option_of_a_mixture_is_replaced_and_the_others_stay():
+def test_an_option_replaces_that_of_the_scenario():
     found = with_disturbances(named("ocean-1"), "leeway=0").disturbances
     assert found.leeway == Leeway(0.0)
     assert found.float_body == named("ocean-1").disturbances.float_body
@@ -64,7 +64,7 @@ def test_an_option_of_a_mixture_is_replaced_and_the_others_stay():
         ("x" * 600, "600 characters"),
     ],
 )
-def test_what_cannot_be_read_is_one_line_that_says_what_there_is(text, complaint):
+def test_errors_are_one_line(text, complaint):
     with pytest.raises(DisturbanceError, match=complaint) as caught:
         parse(text)
     assert "\n" not in str(caught.value)
@@ -76,12 +76,12 @@ def test_orbital_motion_needs_waves():
         sea_of("calm+orbital")
 
 
-def test_a_period_of_the_wave_yaw_needs_wave_yaw():
+def test_own_waves_need_wave_yaw():
     with pytest.raises(DisturbanceError, match="calm has no wave yaw"):
         sea_of("calm+waves")
 
 
-def test_the_table_has_every_extra_with_text_range_and_source():
+def test_the_table_is_complete():
     assert [row.field for row in TABLE] == [one.name for one in fields(Disturbances)]
     text = listing()
     for row in TABLE:
@@ -119,30 +119,30 @@ def test_leeway_is_to_starboard_of_the_heading(body_deg):
     assert hull.speed_m_s == 0.4
 
 
-def test_the_wind_sets_her_away_from_it_and_most_on_the_beam():
-    # She heads north: a wind from the east sets her to the west, one from ahead or astern nowhere.
+def test_leeway_by_wind_is_largest_on_the_beam():
+    # The boat heads north: a wind from the east sets the boat to the west, one from ahead or astern nowhere.
     for wind_from_deg, off_deg in ((90.0, -6.0), (270.0, 6.0), (0.0, 0.0), (180.0, 0.0), (30.0, -3.0)):
         _, rows = sailed(f"calm+leeway=0:6:{wind_from_deg}", 2.0)
         assert degrees(math.atan2(rows[-1, 2], rows[-1, 1])) == pytest.approx(off_deg, abs=1e-6)
 
 
-def test_another_ship_turns_as_she_is_and_not_as_the_boat_was_told():
+def test_model_mismatch_changes_the_turn():
     _, rows = sailed("calm+kt=2", 60.0, rudder_deg=5.0)
-    _, told = sailed("calm", 60.0, rudder_deg=5.0)
-    assert np.diff(rows[:, 0])[-1] == pytest.approx(2.0 * np.diff(told[:, 0])[-1], rel=0.01)
+    _, nominal = sailed("calm", 60.0, rudder_deg=5.0)
+    assert np.diff(rows[:, 0])[-1] == pytest.approx(2.0 * np.diff(nominal[:, 0])[-1], rel=0.01)
     _, slow = sailed("calm+kt=1:3", 60.0, rudder_deg=5.0)
     # The turn begins later by the difference of the lags.
-    assert told[-1, 0] - slow[-1, 0] == pytest.approx(8.0 * np.diff(told[:, 0])[-1], rel=0.02)
+    assert nominal[-1, 0] - slow[-1, 0] == pytest.approx(8.0 * np.diff(nominal[:, 0])[-1], rel=0.02)
 
 
-def test_a_delay_makes_the_same_voyage_later():
+def test_a_delay_shifts_the_track():
     _, late = sailed("calm+delay=2", 62.0, rudder_deg=10.0)
     _, prompt = sailed("calm", 60.0, rudder_deg=10.0)
     assert late[2:, 0] == pytest.approx(prompt[:, 0], abs=1e-12)
     assert late[1, 0] == 0.0
 
 
-def test_of_two_bodies_the_way_goes_where_the_glider_points_and_the_compass_sits_on_the_float():
+def test_two_bodies_track_of_the_glider_and_heading_of_the_float():
     hull, rows = sailed("calm+float=0.3:0.6", 20.0, rudder_deg=20.0)
     glider_rad, float_rad = hull.glider_heading_rad(0.0), hull.float_heading_rad(0.0)
     assert degrees(glider_rad - float_rad) > 2.0
@@ -156,7 +156,7 @@ def test_of_two_bodies_the_way_goes_where_the_glider_points_and_the_compass_sits
     assert hull.yaw_rate_rad_s(0.0) == pytest.approx(rate, abs=1e-5)
 
 
-def test_the_way_dies_in_a_calm_with_waves_and_steering_and_comes_back():
+def test_calm_stops_waves_speed_and_steering():
     text = "swell+speed=0:100:300:600,orbital"
     hull, rows = sailed(text, 300.0)
     speed_m_s = np.hypot(rows[:, 1], rows[:, 2])
@@ -171,7 +171,7 @@ def test_the_way_dies_in_a_calm_with_waves_and_steering_and_comes_back():
     assert hull.yaw_rate_low_rad_s(0.0) > 0.01
 
 
-def test_a_quick_ship_in_quick_groups_stays_a_ship():
+def test_speed_is_bounded():
     text = "storm+speed=0.6:5,kt=10:0.1,float,leeway=45,sway=5,orbital=3:60:0.65,yaw=50,waves=0.5:0.65,bias=20:10"
     hull, rows = sailed(text, 60.0, rudder_deg=45.0)
     assert np.all(np.isfinite(rows))
@@ -179,19 +179,19 @@ def test_a_quick_ship_in_quick_groups_stays_a_ship():
 
 
 @pytest.mark.parametrize("name", ["swell", "ocean-1", "ocean-4", "offshore"])
-def test_a_seed_is_the_same_voyage_twice(name):
+def test_a_seed_repeats_the_voyage(name):
     hulls = [sailed(name, 20.0, seed=seed)[0] for seed in (3, 3, 4)]
     seen = [(hull.compass_heading_rad(0.01), *hull.position_in_waves_m(0.01)) for hull in hulls]
     assert seen[0] == seen[1] != seen[2]
 
 
-def test_the_yaw_of_the_waves_is_that_of_the_plain_sea():
+def test_disturbances_do_not_change_the_wave_yaw():
     plain, more = (sailed(text, 20.0)[0] for text in ("swell", "swell+orbital,leeway,sway,receiver"))
     assert more.heading_rad(0.013) == plain.heading_rad(0.013)
     assert more.position_in_waves_m(0.0) != plain.position_in_waves_m(0.0)
 
 
-def test_white_yaw_disturbance_changes_nothing_else_of_the_sea():
+def test_yaw_noise_does_not_change_the_other_processes():
     hulls = [sailed(text, 20.0)[0] for text in ("swell", "swell+yaw=2")]
     low_rad = np.array([hull.heading_low_rad(0.0) for hull in hulls])
     wave_rad = np.array([hull.heading_rad(0.0) for hull in hulls]) - low_rad
@@ -199,7 +199,7 @@ def test_white_yaw_disturbance_changes_nothing_else_of_the_sea():
     assert wave_rad[0] == pytest.approx(wave_rad[1], abs=1e-12)
 
 
-def test_the_wave_yaw_has_its_own_period_and_the_orbit_that_of_the_sea():
+def test_period_of_own_waves():
     hull = Hull(sea_of("swell+waves=2:0.1,orbital=0.4:25:0.1"), OCEAN_RAMBLER, 1)
     yaw_rad, north_m = [], []
     for _ in range(400 * STEPS_PER_SECOND):
@@ -211,7 +211,7 @@ def test_the_wave_yaw_has_its_own_period_and_the_orbit_that_of_the_sea():
         assert 400.0 / upward == pytest.approx(period_s, rel=0.1)
 
 
-def test_the_rudder_bias_has_the_standard_deviation_given_instead_of_the_sea_s():
+def test_standard_deviation_of_the_bias_option():
     # The same numbers are drawn: the boat turns twice as fast, the cubic term of a slow turn apart.
     turned = [sailed(text, 60.0)[1][-1, 0] for text in ("calm+bias=2:900", "calm+bias=4:900", "calm+bias=4:10")]
     assert turned[1] == pytest.approx(2.0 * turned[0], rel=0.01)

@@ -11,14 +11,14 @@ from hil.ship.float_body import FollowingFloat, transition
 
 @pytest.mark.parametrize("damping", [0.05, 0.6, 1.0, 2.5])
 @pytest.mark.parametrize("own_rad_s", [0.2, 1.0])
-def test_the_transition_is_the_exponential_of_its_equation(own_rad_s, damping):
+def test_transition_is_the_matrix_exponential(own_rad_s, damping):
     companion = np.array([[0.0, 1.0], [-(own_rad_s**2), -2.0 * damping * own_rad_s]])
     assert np.array(transition(own_rad_s, damping, 0.02)) == pytest.approx(expm(0.02 * companion), abs=1e-12)
 
 
 @pytest.mark.parametrize("own_rad_s", [0.3, 0.8])
 @pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
-def test_the_frequency_response_is_that_of_a_second_order_system(own_rad_s, share):
+def test_frequency_response(own_rad_s, share):
     damping, step_s = 0.6, 0.02
     omega = share * own_rad_s
     body = FollowingFloat(own_rad_s, damping, step_s)
@@ -35,7 +35,7 @@ def test_the_frequency_response_is_that_of_a_second_order_system(own_rad_s, shar
     assert np.angle(found / expected) == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_step_overshoots_as_its_damping_says_and_ends_with_the_glider():
+def test_step_response():
     body = FollowingFloat(0.3, 0.6, 0.02)
     headings = []
     for _ in range(5000):
@@ -45,7 +45,7 @@ def test_a_step_overshoots_as_its_damping_says_and_ends_with_the_glider():
     assert headings[-1] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_in_a_steady_turn_it_stays_behind_by_the_lag():
+def test_lag_in_a_steady_turn():
     body, rate = FollowingFloat(0.3, 0.6, 0.02), 0.02
     for number in range(5000):
         body.step(rate * (number + 0.5) * 0.02)

@@ -1,4 +1,4 @@
-"""Every fact that physics says of the K-T equation and its scaling."""
+"""Facts of the K-T equation and its scaling from docs/explanation/physics.md."""
 
 import math
 
@@ -8,7 +8,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER, KtModel, rk4_step, steady_yaw_ra
 from hil.ship.manoeuvring import steady_turn
 
 
-def test_the_paper_identified_these_in_the_tank():
+def test_parameters_of_the_paper():
     assert KtModel(0.049, 4.0, 17.0, 0.0, 0.4) == OCEAN_RAMBLER
 
 
@@ -23,14 +23,14 @@ def test_steady_turns(rudder_deg, rate_deg_s):
 
 @pytest.mark.parametrize(("rudder_deg", "rate_deg_s"), STEADY)
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_simulated_turn_settles_there_to_the_side_of_the_rudder(rudder_deg, rate_deg_s, side):
+def test_simulated_turn_settles_to_the_side_of_the_rudder(rudder_deg, rate_deg_s, side):
     state = (0.0, 0.0)
     for _ in range(1000):
         state = rk4_step(*state, side * math.radians(rudder_deg), 0.1, 0.049, 4.0, 17.0, 0.0)
     assert math.degrees(state[1]) == pytest.approx(side * rate_deg_s, abs=5e-5)
 
 
-def test_the_rate_reaches_63_percent_after_the_lag():
+def test_rate_reaches_63_percent_after_the_time_constant():
     state = (0.0, 0.0)
     for _ in range(400):
         state = rk4_step(*state, 0.01, 0.01, 0.049, 4.0, 0.0, 0.0)
@@ -44,12 +44,12 @@ def test_turning_radius_in_the_tank():
     assert turn.radius_m < 20.0
 
 
-def test_alpha_bends_the_answer_by_one_percent_only():
+def test_alpha_changes_the_turn_by_one_percent():
     rate = steady_yaw_rate(math.radians(30.0), 0.049, 17.0)
     assert 17.0 * rate**3 / rate == pytest.approx(0.011, abs=0.001)
 
 
-def test_she_runs_straight_at_the_rudder_offset():
+def test_the_boat_runs_straight_at_the_rudder_offset():
     assert rk4_step(1.0, 0.0, 0.05, 0.1, 0.049, 4.0, 17.0, 0.05) == (1.0, 0.0)
 
 
@@ -65,7 +65,7 @@ def test_dimensionless_numbers_and_paths_are_the_same_at_all_speeds(speed_m_s):
         ours = getattr(scaled, name) * (length_m / speed_m_s) ** power
         theirs = getattr(OCEAN_RAMBLER, name) * (length_m / 0.4) ** power
         assert ours == pytest.approx(theirs)
-    # In metres run instead of seconds she turns as in the tank: so does the simulation.
+    # In metres run instead of seconds it turns as in the tank: so does the simulation.
     tank, here = (0.0, 0.0), (0.0, 0.0)
     ratio = speed_m_s / 0.4
     model = (scaled.turning_ability_1_s, scaled.turning_lag_s, scaled.norrbin_s2, 0.0)
@@ -78,7 +78,7 @@ def test_dimensionless_numbers_and_paths_are_the_same_at_all_speeds(speed_m_s):
 @pytest.mark.parametrize(
     ("speed_m_s", "ability_1_s", "lag_s"), [(0.5, 0.027, 6.0), (1.0, 0.107, 5.0), (1.5, 0.238, 1.5)]
 )
-def test_another_wave_glider_is_of_the_same_order(speed_m_s, ability_1_s, lag_s):
+def test_published_parameters_of_another_wave_glider(speed_m_s, ability_1_s, lag_s):
     scaled = OCEAN_RAMBLER.at_speed(speed_m_s)
     assert 0.4 < scaled.turning_ability_1_s / ability_1_s < 2.5
     assert 0.3 < scaled.turning_lag_s / lag_s < 1.0

@@ -36,13 +36,13 @@ def test_a_rudder_at_the_offset_runs_straight():
 
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.8, 1.2])
-def test_similarity_turns_with_the_same_radius_at_any_speed(speed_m_s):
+def test_turning_radius_does_not_depend_on_the_speed(speed_m_s):
     scaled = OCEAN_RAMBLER.at_speed(speed_m_s)
     radius_m = speed_m_s / radians(steady_rate_deg_s(scaled, 30.0))
     assert radius_m == pytest.approx(15.76, abs=0.005)
 
 
-def test_the_response_follows_the_linear_equation_where_alpha_is_zero():
+def test_linear_response():
     plant = KtPlant(KtModel(0.049, 4.0, 0.0, 0.0, 0.4), STEP_S)
     for _ in range(200):
         plant.step(0.5)
@@ -50,10 +50,10 @@ def test_the_response_follows_the_linear_equation_where_alpha_is_zero():
     assert plant.yaw_rate_rad_s == pytest.approx(exact_rad_s, rel=1e-9)
 
 
-def test_stiff_models_take_more_steps_and_stay_stable():
-    stiff = KtModel(0.3, 0.2, 1e4, 0.0, 0.4)
-    assert inner_steps(stiff, STEP_S) > inner_steps(OCEAN_RAMBLER, STEP_S)
-    plant = KtPlant(stiff, STEP_S, yaw_rate_rad_s=0.2)
+def test_fast_models_take_more_steps_and_stay_stable():
+    fast = KtModel(0.3, 0.2, 1e4, 0.0, 0.4)
+    assert inner_steps(fast, STEP_S) > inner_steps(OCEAN_RAMBLER, STEP_S)
+    plant = KtPlant(fast, STEP_S, yaw_rate_rad_s=0.2)
     for _ in range(50):
         plant.step(1.0)
         assert abs(plant.yaw_rate_rad_s) <= 0.2
@@ -71,6 +71,6 @@ def test_stiff_models_take_more_steps_and_stay_stable():
         KtModel(20.0, 1e-6, 1e6, 0.0, 0.4),
     ],
 )
-def test_what_is_no_ship_is_refused(model):
+def test_invalid_models(model):
     with pytest.raises(ValueError):
         KtPlant(model, STEP_S)

@@ -21,7 +21,7 @@ def sail(manoeuvre, rudder_rad, steps):
     return manoeuvre.motion
 
 
-def test_the_rates_are_the_papers_equations():
+def test_rates_follow_the_equations_of_the_paper():
     state = (5.0, 6.0, 0.7, 0.02, -0.1)
     rates = planar_rates(state, (0.3, 0.5, 0.2, -0.3, 0.05, 4.0, 17.0, 0.1, -0.25, -0.12))
     assert rates[0] == pytest.approx(0.5 * math.cos(0.7) + 0.1 * math.sin(0.7) + 0.2)
@@ -37,7 +37,7 @@ def test_straight_ahead_in_a_current():
     assert (motion.heading_rad, motion.yaw_rate_rad_s, motion.sway_m_s) == (0.0, 0.0, 0.0)
 
 
-def test_heading_and_yaw_rate_are_those_of_the_simulated_ship_to_the_last_bit():
+def test_heading_and_yaw_rate_equal_the_plant_to_the_last_bit():
     plant, manoeuvre = KtPlant(OCEAN_RAMBLER, 0.02), Manoeuvre(OCEAN_RAMBLER, None, 0.02)
     for number in range(2000):
         rudder_rad = RUDDER_RAD if number // 500 % 2 else -RUDDER_RAD
@@ -46,7 +46,7 @@ def test_heading_and_yaw_rate_are_those_of_the_simulated_ship_to_the_last_bit():
         assert (motion.heading_rad, motion.yaw_rate_rad_s) == (plant.heading_rad, plant.yaw_rate_rad_s)
 
 
-def test_without_sway_the_track_is_that_of_the_simulated_ship():
+def test_track_without_sway_equals_the_plant():
     plant, track = KtPlant(OCEAN_RAMBLER, 0.02), PlanarMotion(0.4, Tide(math.hypot(0.1, 0.2), math.atan2(0.2, 0.1)))
     manoeuvre = Manoeuvre(OCEAN_RAMBLER, None, 0.02, (0.1, 0.2))
     for _ in range(5000):
@@ -59,13 +59,13 @@ def test_without_sway_the_track_is_that_of_the_simulated_ship():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_turn_ends_in_the_steady_turn_and_its_circle(side):
+def test_a_turn_converges_to_the_steady_turn(side):
     manoeuvre = Manoeuvre(OCEAN_RAMBLER, SWAY, 0.1)
     steady = steady_turn(OCEAN_RAMBLER, side * RUDDER_RAD, SWAY)
     start = sail(manoeuvre, side * RUDDER_RAD, 2000)
     assert start.yaw_rate_rad_s == pytest.approx(steady.yaw_rate_rad_s)
     assert start.sway_m_s == pytest.approx(steady.sway_m_s)
-    # She is pushed outward, and half a turn later stands a diameter away.
+    # The boat is pushed outward, and half a turn later stands a diameter away.
     assert math.copysign(1.0, start.sway_m_s) == -side
     half_turn_s = math.pi / abs(steady.yaw_rate_rad_s)
     other = Manoeuvre(OCEAN_RAMBLER, SWAY, half_turn_s / 1000, start=start)
@@ -81,32 +81,32 @@ def test_steady_sway_by_hand():
     assert turn.radius_m == pytest.approx(math.hypot(0.4, turn.sway_m_s) / turn.yaw_rate_rad_s)
 
 
-def test_straight_ahead_has_no_circle():
+def test_straight_ahead():
     turn = steady_turn(KtModel(0.049, 4.0, 17.0, 0.1, 0.4), 0.1, SWAY)
     assert (turn.yaw_rate_rad_s, turn.sway_m_s, turn.radius_m) == (0.0, 0.0, math.inf)
 
 
-def test_halving_the_step_changes_nothing_to_speak_of():
+def test_convergence_with_the_step():
     coarse = sail(Manoeuvre(OCEAN_RAMBLER, SWAY, 0.1), RUDDER_RAD, 1000)
     fine = sail(Manoeuvre(OCEAN_RAMBLER, SWAY, 0.05), RUDDER_RAD, 2000)
     assert coarse.north_m == pytest.approx(fine.north_m, abs=1e-6)
     assert coarse.sway_m_s == pytest.approx(fine.sway_m_s, abs=1e-9)
 
 
-def test_quick_sway_is_stepped_finely():
-    stiff = SwayModel(200.0, 1.0, -1000.0, ())
-    motion = sail(Manoeuvre(OCEAN_RAMBLER, stiff, 0.1), RUDDER_RAD, 1000)
-    assert motion.sway_m_s == pytest.approx(steady_turn(OCEAN_RAMBLER, RUDDER_RAD, stiff).sway_m_s)
+def test_fast_sway_takes_more_inner_steps():
+    fast = SwayModel(200.0, 1.0, -1000.0, ())
+    motion = sail(Manoeuvre(OCEAN_RAMBLER, fast, 0.1), RUDDER_RAD, 1000)
+    assert motion.sway_m_s == pytest.approx(steady_turn(OCEAN_RAMBLER, RUDDER_RAD, fast).sway_m_s)
 
 
-def test_a_model_that_is_no_ship_is_refused():
+def test_invalid_models():
     with pytest.raises(ValueError, match="invalid ship model"):
         Manoeuvre(KtModel(0.049, 0.0, 17.0, 0.0, 0.4), None, 0.1)
     with pytest.raises(ValueError, match="no damping"):
         steady_turn(OCEAN_RAMBLER, RUDDER_RAD, SwayModel(200.0, 400.0, 0.0, ()))
 
 
-def test_she_starts_where_she_is_put():
+def test_start_position():
     start = Motion(1.0, 2.0, 0.5, 0.0, 0.0)
     motion = Manoeuvre(OCEAN_RAMBLER, None, 1.0, start=start).step(0.0)
     assert motion.north_m == pytest.approx(1.0 + 0.4 * math.cos(0.5))

@@ -32,7 +32,7 @@ def motion(heading_rad, spread_deg=25.0, yaw_rad=0.35, count=60_000):
 
 
 @pytest.mark.parametrize("yaw_rad", [0.35, 0.0])
-def test_the_rms_of_the_vector_and_its_part_across_are_those_of_the_directions(yaw_rad):
+def test_rms_along_and_across(yaw_rad):
     along, across, _, _ = motion(0.3, yaw_rad=yaw_rad)
     assert math.hypot(np.std(along), np.std(across)) == pytest.approx(0.4, rel=0.04)
     # Against directions drawn one by one: the energy across is the mean of the squared sine.
@@ -40,7 +40,7 @@ def test_the_rms_of_the_vector_and_its_part_across_are_those_of_the_directions(y
     assert np.var(across) / 0.4**2 == pytest.approx(np.mean(sines**2), rel=0.08)
 
 
-def test_the_period_is_that_of_the_waves_and_the_velocity_that_of_the_place():
+def test_period_and_derivative():
     from scipy.signal import welch  # noqa: PLC0415 - takes a second to import
 
     along, _, place, _ = motion(0.3)
@@ -51,12 +51,12 @@ def test_the_period_is_that_of_the_waves_and_the_velocity_that_of_the_place():
 
 
 @pytest.mark.parametrize(("relative_deg", "with_along", "with_across"), [(45.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
-def test_the_yaw_goes_with_the_part_that_turns_her(relative_deg, with_along, with_across):
+def test_the_yaw_is_correlated_with_the_turning_component(relative_deg, with_along, with_across):
     along, across, _, rate = motion(TOWARD_RAD - math.radians(relative_deg))
     assert np.corrcoef(along, rate)[0, 1] == pytest.approx(with_along, abs=0.05)
     assert np.corrcoef(across, rate)[0, 1] == pytest.approx(with_across, abs=0.05)
 
 
-def test_a_long_crested_sea_has_no_part_across():
+def test_long_crested_sea():
     _, across, _, _ = motion(0.3, spread_deg=0.0, count=1000)
     assert np.max(np.abs(across)) < 1e-12

@@ -1,4 +1,4 @@
-"""Panels, battery and loads: what goes in comes out, and the sun is where it should be."""
+"""Panels, battery and loads: energy balance and elevation of the sun."""
 
 import math
 
@@ -26,14 +26,14 @@ def balance_j(of):
 
 
 @pytest.mark.parametrize(("begin", "highest_deg"), [(MIDSUMMER, 90.0 - 36.0 + 23.44), (MIDWINTER, 90.0 - 36.0 - 23.44)])
-def test_the_sun_is_highest_at_noon_by_season(begin, highest_deg):
+def test_elevation_of_the_sun(begin, highest_deg):
     of = plant(begin)
     heights = [of.elevation_rad(60.0 * minute) for minute in range(1440)]
     assert max(heights) == heights[720]
     assert math.degrees(max(heights)) == pytest.approx(highest_deg, abs=0.1)
 
 
-def test_a_clear_midsummer_day_gives_what_such_panels_give():
+def test_energy_of_a_clear_midsummer_day():
     of = plant(panel_w=100.0, clouds=0.0, battery_wh=1e5, charge=0.1)
     of.advance_to(DAY_S)
     # 7 to 9 kWh/m2 and day on level ground at 36 deg north.
@@ -41,7 +41,7 @@ def test_a_clear_midsummer_day_gives_what_such_panels_give():
     assert of.totals.charger_j == pytest.approx(EFFICIENCY * of.totals.panel_j)
 
 
-def test_clouds_take_their_share_and_are_the_same_for_the_same_chances():
+def test_clouds():
     clear, one, again = plant(clouds=0.0, charge=0.1), plant(clouds=0.7, charge=0.1), plant(clouds=0.7, charge=0.1)
     for of in (clear, one, again):
         of.advance_to(0.4 * DAY_S)
@@ -49,7 +49,7 @@ def test_clouds_take_their_share_and_are_the_same_for_the_same_chances():
     assert one.totals == again.totals
 
 
-def test_what_goes_in_comes_out():
+def test_energy_balance():
     taken = iter(range(10**6))
     of = plant(servo_j=lambda: float(next(taken)), charge=0.5)
     of.advance_to(DAY_S / 4)
@@ -58,7 +58,7 @@ def test_what_goes_in_comes_out():
     assert of.totals.empty_s == 0.0
 
 
-def test_a_full_battery_takes_no_more_and_an_empty_one_is_told():
+def test_full_and_empty_battery():
     full = plant(charge=1.0, panel_w=500.0, battery_wh=100.0)
     full.advance_to(DAY_S / 2)
     assert full.charge > 0.99

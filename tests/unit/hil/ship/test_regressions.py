@@ -18,18 +18,18 @@ from hil.ship.regressions import (
 SHIP = HullForm(length_m=150.0, beam_m=25.0, draft_m=10.0, mass_kg=999_999.0, block_coefficient=0.6)
 
 
-def test_zhou_by_hand():
+def test_surge_added_mass():
     # 0.398 + 7.182 * 2.492 - 10.404 * 1.452 + 3.78 * 1.2164 - 2.6568
     assert surge_added_mass_ratio(SHIP) == pytest.approx(0.01 * 5.130128, rel=1e-6)
 
 
-def test_clarke_by_hand():
+def test_sway_derivatives():
     slender = math.pi / 225.0
     assert sway_acceleration_derivative(SHIP) == pytest.approx(-slender * (1.0 + 0.24 - 5.1 / 36.0))
     assert sway_velocity_derivative(SHIP) == pytest.approx(-slender * 1.6)
 
 
-def test_a_merchant_ship_brings_no_warning():
+def test_no_warning_for_a_merchant_ship():
     assert outside(SHIP) == ()
     assert sway_model(SHIP).warnings == ()
 
@@ -41,7 +41,7 @@ def test_dimensional_masses_and_damping():
     assert model.sway_damping_kg_s(2.0) == pytest.approx(500.0 * 150.0**2 * 2.0 * sway_velocity_derivative(hull))
 
 
-def test_the_float_is_extrapolated_and_says_so():
+def test_warnings_for_the_float():
     model = sway_model(FLOAT)
     assert pytest.approx(0.3434, abs=1e-4) == FLOAT.block_coefficient
     assert [warning.split(" is outside")[0] for warning in model.warnings] == [
@@ -53,7 +53,7 @@ def test_the_float_is_extrapolated_and_says_so():
     assert model.sway_damping_kg_m < 0.0
 
 
-def test_added_masses_that_cannot_be_are_zero_and_told():
+def test_negative_added_masses_become_zero_with_a_warning():
     # Long and thin: Zhou's parabola is below zero; broad and flat: Clarke's is.
     thin = sway_model(HullForm(20.0, 2.0, 2.0, 1000.0, 0.01))
     broad = sway_model(HullForm(2.0, 2.0, 0.5, 100.0, 0.1))
@@ -65,19 +65,19 @@ def test_added_masses_that_cannot_be_are_zero_and_told():
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, 1e300])
 @pytest.mark.parametrize("place", range(5))
-def test_particulars_that_cannot_be_are_refused(value, place):
+def test_invalid_particulars(value, place):
     numbers = [3.05, 0.81, 0.23, 200.0, 0.4]
     numbers[place] = value
     with pytest.raises(ValueError, match="must be positive"):
         HullForm(*numbers)
 
 
-def test_a_hull_heavier_than_its_box_is_refused():
+def test_block_coefficient_above_1():
     with pytest.raises(ValueError, match="check the mass and the draft"):
         HullForm.from_mass(3.05, 0.81, 0.23, 900.0)
 
 
 @pytest.mark.parametrize("length_m", [0.0, -3.0, math.nan])
-def test_a_box_without_content_is_refused(length_m):
+def test_zero_length(length_m):
     with pytest.raises(ValueError, match="length_m"):
         HullForm.from_mass(length_m, 0.81, 0.23, 200.0)

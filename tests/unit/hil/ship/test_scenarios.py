@@ -1,4 +1,4 @@
-"""The table of seas and its listing."""
+"""The table of scenarios and its listing."""
 
 import json
 
@@ -30,7 +30,7 @@ ROWS = {
 }
 
 
-def test_the_table_is_the_specified_one():
+def test_table():
     found = {
         row.name: (
             row.speed_m_s,
@@ -45,12 +45,12 @@ def test_the_table_is_the_specified_one():
     assert found == ROWS
 
 
-def test_an_unknown_name_lists_the_known_ones():
+def test_unknown_name():
     with pytest.raises(UnknownScenarioError, match="calm, tank, sea"):
         named("lake")
 
 
-def test_the_command_lists_them(capsys):
+def test_scenarios_command(capsys):
     assert main(["scenarios"]) == 0
     text = capsys.readouterr().out
     assert all(name in text for name in ROWS)

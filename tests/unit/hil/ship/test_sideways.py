@@ -1,4 +1,4 @@
-"""The slide in a turn, against the equations of hil/ship/manoeuvring.py."""
+"""Sway in a turn against the equations of hil/ship/manoeuvring.py."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ STEP_S = 0.02
 
 
 @pytest.mark.parametrize("speed_m_s", [0.4, 0.9])
-def test_it_slides_as_the_planar_equations_do(speed_m_s):
+def test_sway_equals_the_planar_equations(speed_m_s):
     model = OCEAN_RAMBLER.at_speed(speed_m_s)
     boat = Manoeuvre(model, sway_model(FLOAT), STEP_S)
     sideways = Sideways(None, Slide(), STEP_S)
@@ -26,7 +26,7 @@ def test_it_slides_as_the_planar_equations_do(speed_m_s):
         assert sideways.step(0.0, rate_rad_s, speed_m_s) == pytest.approx(after.sway_m_s, abs=1e-4)
 
 
-def test_a_turn_to_starboard_ends_in_a_slide_to_port_and_its_share_is_kept():
+def test_sway_is_to_port_in_a_turn_to_starboard():
     turn = steady_turn(OCEAN_RAMBLER, radians(20.0), sway_model(FLOAT))
     assert turn.sway_m_s < -0.001
     for share in (0.5, 2.0):

@@ -5,12 +5,12 @@ import pytest
 from hil.ship.tide import M2_S, Tide
 
 
-def test_without_a_period_it_is_steady():
+def test_steady_current():
     tide = Tide(0.3, math.pi / 2)
     assert tide.velocity_m_s(0.0) == tide.velocity_m_s(1e6) == pytest.approx((0.0, 0.3))
 
 
-def test_a_stream_runs_to_and_fro():
+def test_reversing_current():
     tide = Tide(0.3, 0.0, M2_S)
     assert tide.velocity_m_s(M2_S / 2) == pytest.approx((-0.3, 0.0), abs=1e-9)
     assert tide.velocity_m_s(M2_S / 4) == pytest.approx((0.0, 0.0), abs=1e-9)
@@ -18,5 +18,5 @@ def test_a_stream_runs_to_and_fro():
 
 
 @pytest.mark.parametrize(("rotary", "east"), [(1.0, 0.3), (-0.5, -0.15)])
-def test_a_rotary_one_turns_round(rotary, east):
+def test_rotary_current(rotary, east):
     assert Tide(0.3, 0.0, 3600.0, rotary).velocity_m_s(900.0) == pytest.approx((0.0, east), abs=1e-9)

@@ -1,4 +1,4 @@
-"""Other ships: the scenes are what they say, and how near a ship has come is measured as it was."""
+"""Traffic patterns and closest approaches of other ships."""
 
 import math
 
@@ -19,7 +19,7 @@ def distances(ship, seconds=3600):
 
 @pytest.mark.parametrize("course_deg", [0.0, 45.0, 90.0, 180.0, 270.0])
 @pytest.mark.parametrize("miss_m", [-300.0, 0.0, 80.0])
-def test_a_ship_meets_her_when_and_as_near_as_it_is_laid(course_deg, miss_m):
+def test_time_and_distance_of_the_closest_approach(course_deg, miss_m):
     ship = meeting(Ship(1, "A", 0.0, 0.0, 7.0, course_deg), SPEED_M_S, MEETING_S, miss_m)
     found = distances(ship)
     assert found[round(MEETING_S)] == pytest.approx(abs(miss_m), abs=0.5)
@@ -27,24 +27,24 @@ def test_a_ship_meets_her_when_and_as_near_as_it_is_laid(course_deg, miss_m):
     assert abs(int(found.argmin()) - MEETING_S) <= 5.0
 
 
-def test_a_miss_is_to_starboard_of_the_ship_s_own_course():
+def test_distance_is_to_starboard_of_the_ship():
     ship = meeting(Ship(1, "A", 0.0, 0.0, 5.0, 0.0), SPEED_M_S, MEETING_S, 100.0)
     assert ship.position_m(MEETING_S) == pytest.approx((SPEED_M_S * MEETING_S, 100.0))
 
 
 @pytest.mark.parametrize("name", PATTERNS)
-def test_a_scene_is_the_same_for_a_seed(name):
+def test_a_seed_repeats_the_pattern(name):
     first, again = (ships_of(Vessels(name), SPEED_M_S, 3) for _ in range(2))
     assert first == again
     assert len({(ship.mmsi, ship.name) for ship in first}) == len(first)
 
 
 @pytest.mark.parametrize("name", ["crossing", "head-on", "overtaking", "spoofed", "absurd", "flood"])
-def test_one_ship_of_each_scene_comes_within_a_hundred_metres(name):
+def test_one_ship_of_each_pattern_comes_within_100_m(name):
     assert distances(ships_of(Vessels(name), SPEED_M_S, 1)[0]).min() < 100.0
 
 
-def test_scenes_hold_what_they_are_named_for():
+def test_contents_of_the_patterns():
     fleet = ships_of(Vessels("anchored"), SPEED_M_S, 1)
     assert sum(ship.at_anchor for ship in fleet) == 12
     assert {ship.station for ship in fleet} == {"A", "B", "mark"}
@@ -60,7 +60,7 @@ def test_scenes_hold_what_they_are_named_for():
     assert ships_of(None, SPEED_M_S, 1) == ()
 
 
-def test_how_near_the_ships_came_is_told_of_the_nearest():
+def test_closest_approaches_are_reported():
     ships = tuple(Ship(number, f"S{number}", 0.0, 100.0 * number, 1.0, 0.0) for number in range(20, 0, -1))
     closest = Closest(ships)
     for start in (0.0, 100.0):

@@ -1,4 +1,4 @@
-"""The speed by the groups of the waves."""
+"""Speed variation with the wave groups."""
 
 import numpy as np
 import pytest
@@ -17,20 +17,20 @@ def shares(how, step_s, count):
     return found
 
 
-def test_its_spread_and_memory_are_those_given():
+def test_spread_and_time_constant():
     speed = shares(WaveSpeed(0.2, 90.0), 9.0, 50_000)[:, 0]
     assert np.mean(speed) == pytest.approx(1.0, abs=0.02)
     assert np.std(speed) == pytest.approx(0.2, rel=0.05)
     assert np.corrcoef(speed[:-10], speed[10:])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.05)
 
 
-def test_it_is_never_astern_nor_beyond_the_ship_that_the_plant_was_made_for():
+def test_bounds_of_the_speed():
     speed = shares(WaveSpeed(0.6, 5.0), 1.0, 20_000)[:, 0]
     assert speed.min() == 0.0
     assert speed.max() == MAX_SPEED_RATIO
 
 
-def test_a_calm_begins_and_ends_when_it_should():
+def test_calm():
     found = shares(WaveSpeed(0.0, 90.0, 100.0, 200.0), 0.5, 1200)
     time_s = 0.5 * np.arange(1, 1201)
     assert np.all(found[time_s < 100.0] == 1.0)

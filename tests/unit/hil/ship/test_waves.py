@@ -43,7 +43,7 @@ def test_the_spread_does_not_depend_on_the_step():
     assert np.std(fine) == pytest.approx(0.35, rel=0.15)
 
 
-def test_it_is_continuous_across_the_grid_and_its_rate_is_its_slope():
+def test_angle_is_continuous_with_its_rate():
     process = waves(0.3, 4.0)
     for _ in range(50):
         end_angle, end_rate = process.angle_rad(STEP_S), process.rate_rad_s(STEP_S)
@@ -54,14 +54,14 @@ def test_it_is_continuous_across_the_grid_and_its_rate_is_its_slope():
         assert process.rate_rad_s(0.0) == pytest.approx(end_rate, abs=1e-9)
 
 
-def test_a_calm_sea_is_still():
+def test_no_waves():
     process = waves(0.0, 0.0)
     process.step()
     assert process.angle_rad(0.01) == 0.0
     assert process.rate_rad_s(0.01) == 0.0
 
 
-def test_drift_keeps_its_spread_and_its_memory():
+def test_spread_and_time_constant_of_the_bias():
     drift = RudderDrift(0.1, 10.0, NormalNumbers(generator(5, Stream.DRIFT)))
     angles = np.empty(50_000)
     for index in range(angles.size):
@@ -73,7 +73,7 @@ def test_drift_keeps_its_spread_and_its_memory():
     assert correlation == pytest.approx(np.exp(-1.0), abs=0.05)
 
 
-def test_gusts_come_and_go_and_have_their_strength():
+def test_strength_of_gusts():
     gusts = Gusts(0.1, 0.1, generator(5, Stream.GUSTS))
     angles = np.empty(2_000_000)
     for index in range(angles.size):
@@ -88,7 +88,7 @@ def test_gusts_come_and_go_and_have_their_strength():
     assert np.max(np.abs(np.diff(angles))) < 0.1 * np.pi / 10.0 * max(peaks)  # no steps
 
 
-def test_the_orbit_has_its_velocity_along_its_way():
+def test_orbital_velocity_is_along_the_waves():
     orbit = Orbit(0.4, 8.0, math.radians(90.0), 0.1, NormalNumbers(generator(5, Stream.ORBIT)))
     velocities, places = np.empty((100_000, 2)), np.empty((100_000, 2))
     for index in range(velocities.shape[0]):
@@ -102,7 +102,7 @@ def test_the_orbit_has_its_velocity_along_its_way():
     assert still.velocity_m_s(0.0) == still.position_m(0.0) == (0.0, 0.0)
 
 
-def test_without_gusts_nothing_is_added():
+def test_no_gusts():
     gusts = Gusts(0.0, 0.1, generator(5, Stream.GUSTS))
     gusts.step()
     assert gusts.angle_rad == 0.0
@@ -116,7 +116,7 @@ def test_streams_are_independent_and_repeatable():
 
 
 @pytest.mark.parametrize("damping", [0.18, 0.6])
-def test_damping_gives_the_correlation_of_a_second_order_process(damping):
+def test_autocorrelation(damping):
     process = WaveYaw(0.2, 2.5, 0.1, NormalNumbers(generator(3, Stream.WAVES)), damping)
     angles = sampled(process, 60_000)
     assert np.std(angles) == pytest.approx(0.2, rel=0.03)
@@ -129,7 +129,7 @@ def test_damping_gives_the_correlation_of_a_second_order_process(damping):
         assert np.corrcoef(angles[:-steps], angles[steps:])[0, 1] == pytest.approx(expected, abs=0.03)
 
 
-def test_the_spectrum_peaks_at_the_period_for_any_damping():
+def test_period_of_the_spectral_peak():
     from scipy.signal import welch  # noqa: PLC0415 - takes a second to import
 
     process = WaveYaw(0.2, 2.5, 0.1, NormalNumbers(generator(3, Stream.WAVES)), 0.4)

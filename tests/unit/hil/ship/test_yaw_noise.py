@@ -27,7 +27,7 @@ def drifted(diffusion_deg2_s, steps, seed=1):
     return found
 
 
-def test_the_heading_diffuses_and_the_yaw_rate_has_the_memory_of_the_turning_lag():
+def test_heading_diffusion_and_yaw_rate_correlation():
     heading_deg, rate_deg_s = drifted(2.0, 100_000)
     assert np.var(rate_deg_s) == pytest.approx(2.0 / (2.0 * LAG_S), rel=0.1)
     lag = round(LAG_S / STEP_S)
@@ -39,19 +39,19 @@ def test_the_heading_diffuses_and_the_yaw_rate_has_the_memory_of_the_turning_lag
         assert np.var(heading_deg[steps:] - heading_deg[:-steps]) == pytest.approx(variance, rel=0.15)
 
 
-def test_a_seed_is_the_same_disturbance_twice_and_none_is_none():
+def test_a_seed_repeats_the_noise():
     first, second, other = (drifted(2.0, 100, seed)[0] for seed in (3, 3, 4))
     assert np.array_equal(first, second)
     assert not np.array_equal(first, other)
     assert not drifted(0.0, 100)[0].any()
 
 
-def test_the_steps_of_a_stiff_boat_are_made_for_the_disturbance():
-    stiff = LINEAR._replace(norrbin_s2=1e5)
+def test_inner_steps_depend_on_the_disturbance():
+    fast = LINEAR._replace(norrbin_s2=1e5)
     largest_rad_s = largest_rate_rad_s(10.0, LAG_S)
     assert largest_rad_s == pytest.approx(math.radians(6.0 * math.sqrt(10.0 / 8.0)))
-    assert inner_steps(stiff, STEP_S, disturbance_rad_s=largest_rad_s) > inner_steps(stiff, STEP_S)
-    plant = KtPlant(stiff, STEP_S, disturbance_rad_s=largest_rad_s)
+    assert inner_steps(fast, STEP_S, disturbance_rad_s=largest_rad_s) > inner_steps(fast, STEP_S)
+    plant = KtPlant(fast, STEP_S, disturbance_rad_s=largest_rad_s)
     plant.yaw_rate_rad_s = largest_rad_s
     plant.step(0.0)
     assert 0.0 < plant.yaw_rate_rad_s < largest_rad_s

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from hil.ship import scenarios
 from hil.sim import live_display as live
-from hil.sim.display import Banner, Silence, make_display
+from hil.sim.display import Banner, NoDisplay, make_display
 from hil.sim.goals import parse_goals
 from hil.sim.ground_station import GroundStation
 from hil.sim.live_display import LiveDisplay, rose
@@ -28,7 +28,7 @@ def drawn(display):
     return console.file.getvalue()
 
 
-def test_it_draws_before_anything_is_known_and_after(parts):
+def test_display_before_and_during_a_run(parts):
     banner, world, station = parts
     display = LiveDisplay(banner, world, station, Console(file=io.StringIO()))
     text = drawn(display)
@@ -47,7 +47,7 @@ def test_it_draws_before_anything_is_known_and_after(parts):
 @pytest.mark.parametrize(
     ("heading_deg", "goal_deg", "column"), [(0.0, 0.0, 30), (350.0, 20.0, 40), (20.0, 350.0, 20), (0.0, 170.0, 60)]
 )
-def test_the_goal_stands_on_its_side_of_the_rose(heading_deg, goal_deg, column):
+def test_goal_mark_on_the_rose(heading_deg, goal_deg, column):
     plain = rose(heading_deg, goal_deg).plain
     assert len(plain) == 61
     assert plain[30] == "▲"
@@ -60,7 +60,7 @@ def test_points_of_the_rose():
     assert rose(360.0 + 60.0, None).plain[40] == "E"
 
 
-def test_it_draws_only_in_a_pause_and_not_too_often(parts, monkeypatch):
+def test_drawing_waits_for_a_pause_and_the_interval(parts, monkeypatch):
     class Wall:
         now_s = 10.0
 
@@ -81,8 +81,8 @@ def test_it_draws_only_in_a_pause_and_not_too_often(parts, monkeypatch):
     assert pictures == [10.0, 10.21]
 
 
-def test_in_a_pipe_nothing_is_shown(parts, monkeypatch, capsys):
+def test_no_display_in_a_pipe(parts, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdout", io.StringIO())
     with make_display(*parts) as display:
-        assert isinstance(display, Silence)
+        assert isinstance(display, NoDisplay)
         display.update()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.sim.goals import MOST_GOALS, Goal, GoalError, parse_goals
+from hil.sim.goals import MAX_GOALS, Goal, GoalError, parse_goals
 
 
 def test_goals_are_read_in_order():
@@ -28,17 +28,17 @@ def test_goals_are_read_in_order():
         "1e300:0",
     ],
 )
-def test_what_is_no_goal_is_refused_with_the_remedy(text):
+def test_invalid_goals_are_rejected_with_the_syntax(text):
     with pytest.raises(GoalError, match="seconds:degrees"):
         parse_goals(text)
 
 
-def test_goals_out_of_order_are_refused():
+def test_goals_out_of_order_are_rejected():
     with pytest.raises(GoalError, match="order of time"):
         parse_goals("10:0,10:5")
 
 
 def test_the_number_of_goals_is_bounded():
-    text = ",".join(f"{k}:0" for k in range(MOST_GOALS + 1))
-    with pytest.raises(GoalError, match="at most"):
+    text = ",".join(f"{k}:0" for k in range(MAX_GOALS + 1))
+    with pytest.raises(GoalError, match="maximum"):
         parse_goals(text)

@@ -1,4 +1,4 @@
-"""The operator against a vehicle made with pymavlink."""
+"""The ground station against a vehicle made with pymavlink."""
 
 import math
 
@@ -14,11 +14,11 @@ REQUEST_MESSAGE = 512
 
 
 class Vehicle:
-    """Answers commands with the results that `judge` gives; asked for SYS_STATUS it is ready after some questions."""
+    """Acknowledges commands with the results of `judge`; it is ready after some requests for SYS_STATUS."""
 
     def __init__(self, judge=lambda _message: ACCEPTED, ready_after=0):
-        self.questions_left = ready_after
-        self.heard = []
+        self.requests_left = ready_after
+        self.received = []
         self.judge = judge
         self.mav = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
         self.parser = mavlink.MAVLink(None)
@@ -29,10 +29,10 @@ class Vehicle:
         self.mav.srcComponent = 1
         return bytes(frame)
 
-    def hear(self, data):
+    def receive(self, data):
         answers = b""
         for message in self.parser.parse_buffer(data) or []:
-            self.heard.append(message)
+            self.received.append(message)
             if message.get_type() == "COMMAND_LONG" and message.command == REQUEST_MESSAGE:
                 answers += self.status()
             elif message.get_type() == "COMMAND_LONG":
@@ -42,34 +42,34 @@ class Vehicle:
         return answers
 
     def status(self):
-        health = mavlink.MAV_SYS_STATUS_PREARM_CHECK if self.questions_left <= 0 else 0
-        self.questions_left -= 1
+        health = mavlink.MAV_SYS_STATUS_PREARM_CHECK if self.requests_left <= 0 else 0
+        self.requests_left -= 1
         return bytes(
             mavlink.MAVLink_sys_status_message(health, health, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0).pack(self.mav)
         )
 
     def commands(self):
-        commands = [message for message in self.heard if message.get_type() == "COMMAND_LONG"]
+        commands = [message for message in self.received if message.get_type() == "COMMAND_LONG"]
         return [message for message in commands if message.command != REQUEST_MESSAGE]
 
 
 def play(station: GroundStation, vehicle: Vehicle, end_s: float, *, start_s: float = 1.0) -> None:
     station.receive(start_s, vehicle.heartbeat())
     while (now_s := station.next_output_s()) <= end_s:
-        if answers := vehicle.hear(station.take_output(now_s)):
+        if answers := vehicle.receive(station.take_output(now_s)):
             station.receive(now_s + 0.005, answers)
 
 
-def test_silent_until_it_hears_the_autopilot():
+def test_silent_until_the_first_heartbeat():
     station = GroundStation(parse_goals("0:10"))
     assert station.next_output_s() == math.inf
-    station.receive(0.5, Vehicle().heartbeat(component=158, autopilot=8))  # a gimbal is no autopilot
+    station.receive(0.5, Vehicle().heartbeat(component=158, autopilot=8))  # a gimbal
     assert station.next_output_s() == math.inf
     assert station.verdict() is not None
     assert station.failure(PATIENCE_S + 1.0) is not None
 
 
-def test_arms_sets_guided_and_gives_each_goal_at_its_time():
+def test_orders_and_their_times():
     station, vehicle = GroundStation(parse_goals("0:0,20:60,40:-90")), Vehicle()
     play(station, vehicle, 50.0)
     commands = vehicle.commands()
@@ -85,14 +85,14 @@ def test_arms_sets_guided_and_gives_each_goal_at_its_time():
     assert station.failure(1000.0) is None
 
 
-def test_arms_once_she_is_ready_and_is_not_refused_before():
+def test_arming_waits_until_the_boat_is_ready():
     station, vehicle = GroundStation(parse_goals("0:0")), Vehicle(ready_after=7)
     play(station, vehicle, 20.0)
     assert [message.command for message in vehicle.commands()] == [400, 176, 43002]
     assert station.orders[0].first_sent_s == pytest.approx(1.0 + 7 * READY_S, abs=0.1)
 
 
-def test_who_never_gets_ready_is_armed_all_the_same_and_its_refusal_told():
+def test_arming_after_the_timeout_reports_the_refusal():
     station, vehicle = GroundStation(parse_goals("0:0")), Vehicle(lambda _message: TEMPORARILY, ready_after=10_000)
     play(station, vehicle, 100.0)
     assert station.orders[0].first_sent_s == pytest.approx(1.0 + READY_PATIENCE_S, abs=0.1)
@@ -102,13 +102,13 @@ def test_who_never_gets_ready_is_armed_all_the_same_and_its_refusal_told():
 def test_heartbeats_once_a_second():
     station, vehicle = GroundStation(parse_goals("0:0")), Vehicle()
     play(station, vehicle, 11.5)
-    beats = [message for message in vehicle.heard if message.get_type() == "HEARTBEAT"]
+    beats = [message for message in vehicle.received if message.get_type() == "HEARTBEAT"]
     assert len(beats) == 11
     assert beats[0].get_srcSystem() == 255
-    assert len({message.get_seq() for message in vehicle.heard}) == len(vehicle.heard)
+    assert len({message.get_seq() for message in vehicle.received}) == len(vehicle.received)
 
 
-def test_a_refused_arming_is_tried_again_as_a_new_command():
+def test_a_refused_order_is_repeated_as_a_new_command():
     refusals = iter([TEMPORARILY, DENIED, TEMPORARILY])
     station = GroundStation(parse_goals("0:0"))
     vehicle = Vehicle(lambda message: next(refusals, ACCEPTED) if message.command == 400 else ACCEPTED)
@@ -119,7 +119,7 @@ def test_a_refused_arming_is_tried_again_as_a_new_command():
     assert station.verdict() is None
 
 
-def test_an_unanswered_command_is_repeated_with_a_higher_confirmation():
+def test_an_unacknowledged_command_is_repeated_with_a_higher_confirmation():
     silent = iter([None, None])
     station = GroundStation(parse_goals("0:0"))
     vehicle = Vehicle(lambda _message: next(silent, ACCEPTED))
@@ -127,7 +127,7 @@ def test_an_unanswered_command_is_repeated_with_a_higher_confirmation():
     assert [message.confirmation for message in vehicle.commands()[:3]] == [0, 1, 2]
 
 
-def test_a_goal_that_is_never_accepted_fails_the_run_with_the_answer():
+def test_a_goal_that_is_never_accepted_fails_the_run():
     station = GroundStation(parse_goals("0:0,300:20"))
     vehicle = Vehicle(lambda message: DENIED if message.command == 43002 else ACCEPTED)
     play(station, vehicle, 100.0)
@@ -135,7 +135,7 @@ def test_a_goal_that_is_never_accepted_fails_the_run_with_the_answer():
     assert "goal 0 deg at 0 s" in station.verdict()
 
 
-def test_a_goal_that_is_overtaken_is_left_for_the_next():
+def test_an_overdue_goal_is_skipped():
     station = GroundStation(parse_goals("0:10,5:20"))
     vehicle = Vehicle(lambda message: TEMPORARILY if message.param2 == 10.0 else ACCEPTED)
     play(station, vehicle, 10.0)
@@ -143,7 +143,7 @@ def test_a_goal_that_is_overtaken_is_left_for_the_next():
     assert "goal 10 deg" in station.verdict()
 
 
-def test_hostile_bytes_do_no_harm():
+def test_invalid_bytes_are_ignored():
     station, vehicle = GroundStation(parse_goals("0:0")), Vehicle()
     noise = bytes(range(256)) * 8 + b"\xfd" * 40
     station.receive(0.5, noise)
@@ -152,7 +152,7 @@ def test_hostile_bytes_do_no_harm():
     assert station.next_output_s() < math.inf
 
 
-def test_texts_and_named_values_are_there_for_the_display():
+def test_texts_and_named_values_for_the_display():
     station, vehicle = GroundStation(parse_goals("0:0")), Vehicle()
     assert station.mode() == "no heartbeat yet"
     text = mavlink.MAVLink_statustext_message(4, b"No heading").pack(vehicle.mav)
@@ -166,7 +166,7 @@ def test_texts_and_named_values_are_there_for_the_display():
     assert station.mode() == "GUIDED, armed"
 
 
-def test_the_tap_takes_a_stream_in_any_pieces():
+def test_the_tap_accepts_a_stream_in_any_pieces():
     vehicle = Vehicle()
     stream = vehicle.heartbeat() * 3
     tap = MavlinkTap([0])
@@ -174,7 +174,7 @@ def test_the_tap_takes_a_stream_in_any_pieces():
     assert [message.custom_mode for message in found] == [15, 15, 15]
 
 
-def test_the_tap_refuses_a_broken_checksum():
+def test_the_tap_rejects_a_bad_checksum():
     frame = bytearray(Vehicle().heartbeat())
     frame[12] ^= 1
     assert list(MavlinkTap([0]).feed(bytes(frame))) == []
@@ -189,8 +189,8 @@ def test_a_text_cut_into_pieces_is_joined():
 
 
 @pytest.mark.parametrize("shared", [True, False])
-def test_goals_are_left_to_whoever_has_set_another_mode(shared):
-    """Only where somebody else can steer; else a goal that is refused is what is wrong with the run."""
+def test_goals_are_skipped_after_another_station_has_set_a_mode(shared):
+    """Only where other stations can steer; otherwise a refused goal fails the run."""
     in_hold = []
     vehicle = Vehicle(lambda message: DENIED if in_hold and message.command == 43002 else ACCEPTED)
     station = GroundStation(parse_goals("0:10,60:20,120:30,180:40"), shared=shared)
@@ -198,32 +198,32 @@ def test_goals_are_left_to_whoever_has_set_another_mode(shared):
     in_hold.append(True)
     station.receive(55.0, bytes(mavlink.MAVLink_heartbeat_message(11, 3, 128, 4, 4, 3).pack(vehicle.mav)))
     while (now_s := station.next_output_s()) <= 150.0:
-        if answers := vehicle.hear(station.take_output(now_s)):
+        if answers := vehicle.receive(station.take_output(now_s)):
             station.receive(now_s + 0.005, answers)
     if not shared:
         assert "DENIED" in station.verdict()
-        assert station.gave_way == ""
+        assert station.skip_text == ""
         return
     assert station.failure(150.0) is None
     assert station.verdict() is None
-    assert station.gave_way == "goal 20 deg at 60 s was left to whoever steers: she is in HOLD, armed"
-    assert [order.left for order in station.orders if order.goal] == [False, True, True, False]
+    assert station.skip_text == "goal 20 deg at 60 s skipped: another station has set mode HOLD, armed"
+    assert [order.skipped for order in station.orders if order.goal] == [False, True, True, False]
     in_hold.clear()
     play(station, vehicle, 200.0, start_s=155.0)  # back in GUIDED
     assert station.orders[-1].accepted_s == pytest.approx(180.0, abs=0.1)
 
 
-def test_an_order_to_nobody_waits_until_there_is_somebody():
-    station = GroundStation((), hails=True)
+def test_an_order_waits_for_the_autopilot():
+    station = GroundStation((), sends_first=True)
     station.order(disarm(5.0), 5.0)
-    assert station.take_output(6.0)  # its heartbeat
+    assert station.take_output(6.0)  # a heartbeat
     assert station.orders == ()
     vehicle = Vehicle()
     play(station, vehicle, 30.0, start_s=7.0)
     assert [command.command for command in vehicle.commands()] == [mavlink.MAV_CMD_COMPONENT_ARM_DISARM]
 
 
-def test_each_item_that_is_reached_is_recorded_with_its_time():
+def test_reached_items_are_recorded_with_their_times():
     station, vehicle = GroundStation(()), Vehicle()
     for t_s, items in ((1.0, (1, 2)), (7.5, (3,))):  # a command takes no time: two in one tick
         frames = b"".join(mavlink.MAVLink_mission_item_reached_message(item).pack(vehicle.mav) for item in items)

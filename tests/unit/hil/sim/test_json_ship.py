@@ -1,4 +1,4 @@
-"""The ship as ArduPilot's simulator sees it, by packets made as its documentation says."""
+"""The JSON interface of the ship, with packets as in ArduPilot's documentation."""
 
 import json
 import math
@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from hil.ship.scenarios import named
-from hil.sim.json_ship import AWAY_S, MAGIC, JsonShip, OneAutopilot, PacketError, read_packet
+from hil.sim.json_ship import AWAY_S, MAGIC, ActiveAutopilot, JsonShip, PacketError, read_packet
 from hil.sim.world import World
 
 TRAVEL_RAD = math.radians(30.0)
@@ -24,62 +24,62 @@ def ship():
     return JsonShip(World(named("calm"), 1), servo=1, travel_rad=TRAVEL_RAD)
 
 
-def told(ship, *args, **options):
+def state_after(ship, *args, **options):
     line = ship.answer(read_packet(packet(*args, **options)))
     assert line.endswith(b"\n")
     return json.loads(line)
 
 
-def test_the_ship_s_time_is_the_frames(ship):
-    assert told(ship, 1)["timestamp"] == pytest.approx(0.02)
-    assert told(ship, 2)["timestamp"] == pytest.approx(0.04)
-    assert told(ship, 2)["timestamp"] == pytest.approx(0.04)  # the same packet again
-    assert told(ship, 5)["timestamp"] == pytest.approx(0.10)  # two were lost
-    assert told(ship, 1)["timestamp"] == pytest.approx(0.12)  # the autopilot has started anew
-    assert told(ship, 2, rate_hz=400)["timestamp"] == pytest.approx(0.1225)
+def test_frames_advance_the_time(ship):
+    assert state_after(ship, 1)["timestamp"] == pytest.approx(0.02)
+    assert state_after(ship, 2)["timestamp"] == pytest.approx(0.04)
+    assert state_after(ship, 2)["timestamp"] == pytest.approx(0.04)  # the same packet again
+    assert state_after(ship, 5)["timestamp"] == pytest.approx(0.10)  # two were lost
+    assert state_after(ship, 1)["timestamp"] == pytest.approx(0.12)  # the autopilot has restarted
+    assert state_after(ship, 2, rate_hz=400)["timestamp"] == pytest.approx(0.1225)
 
 
-def test_a_packet_that_was_overtaken_moves_neither_her_time_nor_her_rudder(ship):
+def test_a_late_packet_has_no_effect(ship):
     for frame in range(1, 100):
-        state = told(ship, frame)
-    assert told(ship, 98, 1900) == state
-    assert told(ship, 2, 1900) == state
-    assert told(ship, 100)["timestamp"] == pytest.approx(2.0)
+        state = state_after(ship, frame)
+    assert state_after(ship, 98, 1900) == state
+    assert state_after(ship, 2, 1900) == state
+    assert state_after(ship, 100)["timestamp"] == pytest.approx(2.0)
     assert ship._world.rudder_rad() == pytest.approx(0.0, abs=1e-6)
 
 
-def test_one_autopilot_steers_at_a_time_and_another_once_it_has_gone():
-    who, first, second = OneAutopilot(), ("127.0.0.1", 1), ("127.0.0.1", 2)
-    assert who.hear(first, 100.0)
-    with pytest.raises(PacketError, match=r"127\.0\.0\.1:2, is not answered"):
-        who.hear(second, 100.1)
-    assert not who.hear(first, 101.0)
+def test_one_autopilot_at_a_time():
+    active, first, second = ActiveAutopilot(), ("127.0.0.1", 1), ("127.0.0.1", 2)
+    assert active.receive(first, 100.0)
+    with pytest.raises(PacketError, match=r"127\.0\.0\.1:2 is ignored while"):
+        active.receive(second, 100.1)
+    assert not active.receive(first, 101.0)
     with pytest.raises(PacketError):
-        who.hear(second, 101.0 + 0.9 * AWAY_S)
-    assert who.hear(second, 101.0 + AWAY_S)
-    assert who.address == second
+        active.receive(second, 101.0 + 0.9 * AWAY_S)
+    assert active.receive(second, 101.0 + AWAY_S)
+    assert active.address == second
     with pytest.raises(PacketError):
-        who.hear(first, 101.1 + AWAY_S)
+        active.receive(first, 101.1 + AWAY_S)
 
 
-def test_a_pulse_to_starboard_turns_her_to_starboard(ship):
+def test_a_pulse_to_starboard_turns_the_boat_to_starboard(ship):
     for frame in range(1, 1000):
-        state = told(ship, frame, 1900)
+        state = state_after(ship, frame, 1900)
     assert state["attitude"][2] > 0.3
     assert state["imu"]["gyro"][2] > 0.0
     east = state["velocity"][1]
     assert east > 0.0
     assert ship._world.rudder_rad() == pytest.approx(TRAVEL_RAD, abs=1e-3)
     turned_rad = state["attitude"][2]
-    # In a turn to starboard she is accelerated to starboard: speed times rate.
+    # The acceleration in a turn is speed times yaw rate, to starboard here.
     assert state["imu"]["accel_body"][1] == pytest.approx(0.4 * state["imu"]["gyro"][2], rel=0.1)
     for frame in range(1000, 1100):
-        state = told(ship, frame, 0)  # no pulse: the servo stays where it is
+        state = state_after(ship, frame, 0)  # no pulse: the servo keeps its angle
     assert ship._world.rudder_rad() == pytest.approx(TRAVEL_RAD, abs=1e-3)
     assert state["attitude"][2] > turned_rad
 
 
-def test_an_autopilot_of_32_outputs_is_understood(ship):
+def test_packets_with_32_outputs(ship):
     """SERVO_32_ENABLE of ArduPilot."""
     pulses = [1500] * 31 + [1900]
     data = struct.pack("<HHI32H", 29569, 50, 7, *pulses)
@@ -95,9 +95,9 @@ def test_an_autopilot_of_32_outputs_is_understood(ship):
         (b"", "0 bytes"),
         (packet(1)[:-1], "39 bytes"),
         (packet(1, magic=29569), "29569"),
-        (packet(1, rate_hz=0), "0 frames"),
+        (packet(1, rate_hz=0), "frame rate 0 Hz"),
     ],
 )
-def test_what_is_no_packet_is_named(data, complaint):
+def test_invalid_packets(data, complaint):
     with pytest.raises(PacketError, match=complaint):
         read_packet(data)

@@ -18,36 +18,36 @@ from hil.sim.world import World
 
 
 class Beacon:
-    """Says its time every `period_s`; answers what it hears after an eighth of a second."""
+    """Sends its time every `period_s`; replies to bytes after an eighth of a second."""
 
     def __init__(self, period_s=math.inf):
         self.period_s = period_s
         self.due_s = period_s
         self.answers = []
-        self.heard = []
+        self.received = []
 
     def receive(self, now_s, data):
-        self.heard.append((now_s, data))
+        self.received.append((now_s, data))
         self.answers.append((now_s + 0.125, data.upper()))
 
     def next_output_s(self):
         return min([self.due_s, *(due_s for due_s, _ in self.answers)])
 
     def take_output(self, now_s):
-        said = b""
+        output = b""
         if self.due_s <= now_s:
-            said += b"%.4f;" % self.due_s
+            output += b"%.4f;" % self.due_s
             self.due_s += self.period_s
-        said += b"".join(data for due_s, data in self.answers if due_s <= now_s)
+        output += b"".join(data for due_s, data in self.answers if due_s <= now_s)
         self.answers = [answer for answer in self.answers if answer[0] > now_s]
-        return said
+        return output
 
 
 class Autopilot(threading.Thread):
-    """Runs a script of waits: (deadline, {line: bytes to write before}, lines that are awaited, lines that are read).
+    """Runs a script of waits: (deadline, {line: bytes to write before}, awaited lines, lines to read).
 
-    All are awaited where none are named, and those that are awaited are read. Notes the time after each wait, what it
-    has read, and what it was told of moments before, if anything.
+    Without lists all lines are awaited, and awaited lines are read. Records the time after each wait, the bytes that it
+    has read, and the earlier outputs that the reply reports, if any.
     """
 
     def __init__(self, path, ports, script, *, protocol=2):
@@ -67,13 +67,13 @@ class Autopilot(threading.Thread):
                 for index, data in writes.items():
                     written[index] += os.write(files[index], data)
                 awaited = lines[0] if lines else range(len(files))
-                wanted = lines[-1] if lines else awaited
+                read_lines = lines[-1] if lines else awaited
                 link.sendall(struct.pack(f"<dQ{len(files)}Q", deadline_s, sum(1 << line for line in awaited), *written))
-                if not (answer := link.recv(100)):
+                if not (reply := link.recv(100)):
                     break
-                read = [read_now(file) if line in wanted else b"" for line, file in enumerate(files)]
-                told = [*struct.iter_unpack("<dQ", answer[24:])]
-                self.seen.append((struct.unpack_from("<d", answer)[0], read, *([told] if told else [])))
+                read = [read_now(file) if line in read_lines else b"" for line, file in enumerate(files)]
+                outputs = [*struct.iter_unpack("<dQ", reply[24:])]
+                self.seen.append((struct.unpack_from("<d", reply)[0], read, *([outputs] if outputs else [])))
         for file in files:
             os.close(file)
 
@@ -100,7 +100,7 @@ def serve_all(server, autopilot):
         autopilot.join(10.0)
 
 
-def test_time_moves_to_the_deadline_or_to_the_first_bytes_and_no_further(tmp_path):
+def test_time_advances_to_the_deadline_or_to_the_first_bytes(tmp_path):
     with make_board(tmp_path, a=Beacon(0.25), b=Beacon()) as board:
         ports = board.paths()
         script = [(0.125, {}), (1.0, {0: b"ping"}), (0.375, {}), (1.0, {})]
@@ -116,7 +116,7 @@ def test_time_moves_to_the_deadline_or_to_the_first_bytes_and_no_further(tmp_pat
         assert board.world.now_s == 0.5
 
 
-def test_bytes_for_which_nobody_waits_end_the_next_wait_for_them(tmp_path):
+def test_bytes_on_a_line_that_is_not_awaited_end_a_later_wait_for_it(tmp_path):
     with make_board(tmp_path, a=Beacon(), b=Beacon()) as board:
         ports = board.paths()
         script = [(0.1, {0: b"one"}, []), (0.3, {}, [1]), (0.9, {}, [0, 1]), (0.9, {1: b"two"}, [0]), (1.0, {}, [1])]
@@ -125,14 +125,14 @@ def test_bytes_for_which_nobody_waits_end_the_next_wait_for_them(tmp_path):
         assert autopilot.seen == [
             (0.1, [b"", b""]),
             (0.3, [b"", b""]),
-            (0.3, [b"ONE", b""]),  # which has been there since 0.125
+            (0.3, [b"ONE", b""]),  # there since 0.125
             (0.9, [b"", b""]),
             (0.9, [b"", b"TWO"]),
         ]
 
 
-def test_bytes_that_were_left_in_a_line_end_the_next_wait_for_them(tmp_path):
-    """As those of a link that come while the loop leaves it alone, just before a tick."""
+def test_bytes_left_unread_end_the_next_wait(tmp_path):
+    """Like bytes of a link just before a tick, when the loop does not read it."""
     with make_board(tmp_path, a=Beacon()) as board:
         script = [(0.1, {0: b"one"}), (0.3, {}, [0], []), (0.9, {}, [], []), (1.0, {}, [0], []), (1.0, {})]
         autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], script)
@@ -140,7 +140,7 @@ def test_bytes_that_were_left_in_a_line_end_the_next_wait_for_them(tmp_path):
         assert autopilot.seen == [(0.1, [b""]), (0.125, [b""]), (0.9, [b""]), (0.9, [b""]), (0.9, [b"ONE"])]
 
 
-def test_lines_that_were_read_meanwhile_end_no_wait(tmp_path):
+def test_bytes_read_in_the_meantime_end_no_wait(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board:
         script = [(0.1, {0: b"one"}), (0.3, {}, [], [0]), (0.9, {})]
         autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], script)
@@ -148,7 +148,7 @@ def test_lines_that_were_read_meanwhile_end_no_wait(tmp_path):
         assert autopilot.seen == [(0.1, [b""]), (0.3, [b"ONE"]), (0.9, [b""])]
 
 
-def test_what_a_device_says_that_is_never_spoken_to_is_told_with_its_moment(tmp_path):
+def test_outputs_on_a_line_without_requests_are_reported_with_their_times(tmp_path):
     with make_board(tmp_path, a=Beacon(0.25), b=Beacon(0.375)) as board:
         ports = board.paths()
         script = [(0.3, {}), (0.9, {}), (0.9, {0: b"x"}), (0.9, {}), (0.9, {})]
@@ -163,13 +163,13 @@ def test_what_a_device_says_that_is_never_spoken_to_is_told_with_its_moment(tmp_
         ]
 
 
-def test_bytes_written_reach_the_device_at_the_time_they_were_written(tmp_path):
+def test_bytes_reach_the_device_at_the_time_of_writing(tmp_path):
     beacon = Beacon()
     with make_board(tmp_path, a=beacon) as board:
         script = [(0.1, {}), (0.5, {0: b"one"}), (0.5, {}), (0.5, {0: b"two"}), (0.5, {})]
         autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], script)
         serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
-        assert beacon.heard == [(0.1, b"one"), (0.5, b"two")]
+        assert beacon.received == [(0.1, b"one"), (0.5, b"two")]
         assert [data for _, (data,) in autopilot.seen] == [b"", b"ONE", b"", b"", b""]
 
 
@@ -184,13 +184,13 @@ def test_the_world_stops_at_the_limit(tmp_path):
         assert autopilot.seen == [(2.0, [b""])]
 
 
-def test_a_line_that_is_not_ours_is_an_error(tmp_path):
+def test_an_unknown_line_is_an_error(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board:
         strange = os.ttyname(board.ports[0].line._slave)  # the line by another name
         with LockstepServer(tmp_path / "clock", board, Pacer(math.inf)) as server:
             autopilot = Autopilot(tmp_path / "clock", [strange], [])
             autopilot.start()
-            with pytest.raises(LockstepError, match="no line of this board"):
+            with pytest.raises(LockstepError, match="not a line of this board"):
                 server.accept(lambda: True, 0.0)
         autopilot.join(10.0)
 
@@ -206,7 +206,7 @@ def test_another_protocol_is_an_error(tmp_path):
 
 
 @pytest.mark.parametrize("hello", [b"{}", b"\xff\xfe", b"[]", b'{"protocol": 2, "lines": 5}'])
-def test_a_greeting_that_is_none_is_an_error(tmp_path, hello):
+def test_an_invalid_first_packet_is_an_error(tmp_path, hello):
     with (
         make_board(tmp_path, a=Beacon()) as board,
         LockstepServer(tmp_path / "clock", board, Pacer(math.inf)) as server,
@@ -214,14 +214,14 @@ def test_a_greeting_that_is_none_is_an_error(tmp_path, hello):
     ):
         link.connect(str(tmp_path / "clock"))
         link.sendall(hello)
-        with pytest.raises(LockstepError, match="greets"):
+        with pytest.raises(LockstepError, match="first packet"):
             server.accept(lambda: True, 0.0)
 
 
 @pytest.mark.parametrize(
     ("packet", "text"), [(b"12345", "5 bytes"), (struct.pack("<dQQ", math.nan, 0, 0), "not a number")]
 )
-def test_a_packet_that_is_none_is_an_error(tmp_path, packet, text):
+def test_an_invalid_packet_is_an_error(tmp_path, packet, text):
     with (
         make_board(tmp_path, a=Beacon()) as board,
         LockstepServer(tmp_path / "clock", board, Pacer(math.inf)) as server,
@@ -235,7 +235,7 @@ def test_a_packet_that_is_none_is_an_error(tmp_path, packet, text):
             server.serve()
 
 
-def test_an_autopilot_that_hangs_or_dies_is_told(tmp_path):
+def test_an_autopilot_that_hangs_or_ends_is_an_error(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board:
         with (
             LockstepServer(tmp_path / "one", board, Pacer(math.inf)) as server,
@@ -255,14 +255,14 @@ def test_an_autopilot_that_hangs_or_dies_is_told(tmp_path):
             assert not server.serve()
 
 
-def test_bytes_that_do_not_come_through_are_an_error_and_no_silent_delay(tmp_path, monkeypatch):
+def test_bytes_that_do_not_arrive_are_an_error(tmp_path, monkeypatch):
     monkeypatch.setattr(PtyLine, "arrived", lambda _line: False)
     with make_board(tmp_path, a=Beacon()) as board:
         autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], [(1.0, {})])
-        with pytest.raises(LockstepError, match="not come through to a"):
+        with pytest.raises(LockstepError, match="have not arrived at a"):
             serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
 
 
-def test_a_path_that_cannot_be_listened_at_is_an_error(tmp_path):
+def test_an_unusable_socket_path_is_an_error(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board, pytest.raises(LockstepError, match="lockstep socket"):
         LockstepServer(tmp_path / "absent" / "clock", board, Pacer(math.inf))

@@ -1,4 +1,4 @@
-"""Pacing, with the wall clock in the test's hand."""
+"""Pacing with a simulated wall clock."""
 
 import math
 
@@ -33,10 +33,10 @@ def test_a_run_keeps_its_speed_without_drift(wall):
     assert wall.now_s == pytest.approx(105.0, abs=0.002)
 
 
-def test_another_speed_counts_from_the_next_call(wall):
+def test_a_new_speed_applies_from_the_next_call(wall):
     pacer = Pacer(math.inf)
     pacer.wait(1e6)
-    pacer.keep(20.0)
+    pacer.set_speed(20.0)
     pacer.wait(1e6 + 1.0)
     assert wall.now_s == 100.0
     for step in range(1, 1001):
@@ -44,7 +44,7 @@ def test_another_speed_counts_from_the_next_call(wall):
     assert wall.now_s == pytest.approx(105.0, abs=0.002)
 
 
-def test_the_fastest_never_sleeps(wall):
+def test_infinite_speed_never_sleeps(wall):
     pacer = Pacer(math.inf)
     pacer.wait(0.0)
     pacer.wait(1e6)

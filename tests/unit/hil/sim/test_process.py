@@ -1,4 +1,4 @@
-"""The autopilot's process, with Python itself in its place."""
+"""AutopilotProcess with a Python script in place of the autopilot."""
 
 import sys
 
@@ -22,23 +22,23 @@ def script(tmp_path, monkeypatch):
     return write
 
 
-def test_last_words_and_exit_code_of_one_that_dies(script):
+def test_last_output_and_exit_code(script):
     log = script("import sys\nprint('one')\nprint('no compass', file=sys.stderr)\nsys.exit(3)")
     with AutopilotProcess([], log) as process:
         assert process.wait(10.0)
         assert process.exit_code() == 3
         assert not process.running()
-        assert "no compass" in process.last_words()
-        assert "\n" not in process.last_words()
+        assert "no compass" in process.last_output()
+        assert "\n" not in process.last_output()
 
 
-def test_nothing_is_left_behind_even_when_it_will_not_go(script, monkeypatch):
+def test_a_process_that_ignores_sigterm_is_killed(script, monkeypatch):
     monkeypatch.setattr(module, "GRACE_S", 0.1)
     log = script(
         "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\nprint('up', flush=True)\ntime.sleep(60)"
     )
     with AutopilotProcess([], log) as process:
-        while not process.last_words():
+        while not process.last_output():
             assert process.running()
         process.terminate()
         assert not process.wait(0.1)
@@ -46,17 +46,17 @@ def test_nothing_is_left_behind_even_when_it_will_not_go(script, monkeypatch):
     assert process.exit_code() == -9
 
 
-def test_an_interrupt_while_one_looks_for_the_end_does_not_hang_the_end(script):
-    """Whoever is interrupted inside of Popen.poll may leave its lock taken: one run in thousands never ended."""
+def test_an_interrupt_during_a_poll_does_not_block_the_end(script):
+    """An interrupt within Popen.poll can leave its lock locked; then one run in thousands never ended."""
     log = script("import time\ntime.sleep(60)")
 
-    def look_until_interrupted(frame, event, called):
+    def interrupt_poll(frame, event, called):
         if event == "c_return" and called.__name__ in {"acquire", "waitid"}:
             sys.setprofile(None)
             raise KeyboardInterrupt
 
     with AutopilotProcess([], log) as process:
-        sys.setprofile(look_until_interrupted)
+        sys.setprofile(interrupt_poll)
         try:
             with pytest.raises(KeyboardInterrupt):
                 process.running()

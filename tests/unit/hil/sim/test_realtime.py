@@ -1,4 +1,4 @@
-"""The real-time server with the wall clock in the test's hand."""
+"""The real-time server with a simulated wall clock."""
 
 import math
 import os
@@ -16,7 +16,7 @@ from hil.sim.world import World
 
 
 class Wall:
-    """Time passes only while the server waits, and then a little more than asked for."""
+    """Time advances only while the server waits, by slightly more than requested."""
 
     def __init__(self):
         self.now_s = 50.0
@@ -35,7 +35,7 @@ class Ticker:
         self.taken = []
 
     def receive(self, now_s, data):
-        self.heard = (now_s, data)
+        self.received = (now_s, data)
 
     def next_output_s(self):
         return self.due_s
@@ -54,11 +54,11 @@ def wall(monkeypatch):
     return wall
 
 
-def test_events_happen_at_their_own_times_however_late_the_server_is(wall, tmp_path):
+def test_events_of_a_late_server_keep_their_times(wall, tmp_path):
     ticker = Ticker()
     with Board(World(scenarios.named("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
         server = RealTimeServer(board)
-        wall.now_s += 0.35  # it was kept from running
+        wall.now_s += 0.35  # the process was suspended
         slack_s = server.serve(10.0)
         assert ticker.taken == [0.1, 0.2, 0.3, 0.4]
         assert board.world.now_s == pytest.approx(0.401)
@@ -78,11 +78,11 @@ def test_bytes_reach_the_device(tmp_path):
             server.serve(5.0)
         finally:
             os.close(port)
-        assert ticker.heard[1] == b"hello"
-        assert 0.0 < ticker.heard[0] <= board.world.now_s
+        assert ticker.received[1] == b"hello"
+        assert 0.0 < ticker.received[0] <= board.world.now_s
 
 
-def test_an_adapter_pulled_while_it_is_written_to_is_named_and_the_others_go_on(tmp_path):
+def test_an_unplugged_adapter_is_an_error_once(tmp_path):
     float_end, bench_end = os.openpty()
     line = SerialLine(os.ttyname(bench_end), 9600)
     os.close(bench_end)
@@ -91,6 +91,6 @@ def test_an_adapter_pulled_while_it_is_written_to_is_named_and_the_others_go_on(
         os.close(float_end)
         line.write(b"tick;")
         assert not line.plugged
-        with pytest.raises(HilError, match="the line of a has gone"):
+        with pytest.raises(HilError, match="the line of a is gone"):
             server.serve(0.01)
         server.serve(0.02)

@@ -22,7 +22,7 @@ def truth(tmp_path):
     file.close()
 
 
-def test_a_file_reads_back_and_an_absent_goal_is_an_empty_field(truth, tmp_path):
+def test_write_and_read_with_an_empty_goal(truth, tmp_path):
     truth.append((0.0, 0.1, 0.2, -0.3, 0.4, 0.5, None, 6.0, 7.0, 0.4))
     truth.append(ROW)
     truth.close()
@@ -46,7 +46,7 @@ def test_an_empty_run_is_a_table_without_rows(truth, tmp_path):
     assert list(truth) == []
 
 
-def test_the_pieces_are_the_whole_as_often_as_they_are_read(truth):
+def test_pieces_can_be_read_repeatedly(truth):
     for number in range(2 * PIECE_ROWS + 5):
         truth.append((number / 10, *ROW[1:]))
     truth.close()
@@ -55,8 +55,8 @@ def test_the_pieces_are_the_whole_as_often_as_they_are_read(truth):
     assert np.array_equal(np.concatenate([piece.time_s for piece in truth]), np.arange(2 * PIECE_ROWS + 5) / 10)
 
 
-def test_a_long_run_keeps_nothing_in_memory(truth):
-    """What a recorder of rows keeps is 300 bytes a row."""
+def test_memory_does_not_grow_with_the_run(truth):
+    """A list of rows would take 300 bytes a row."""
     truth.append(ROW)
     tracemalloc.start()
     try:
@@ -69,7 +69,7 @@ def test_a_long_run_keeps_nothing_in_memory(truth):
     assert grown < 20_000
 
 
-def test_a_full_disk_is_one_line():
+def test_full_disk():
     file = TruthFile(Path("/dev/full"))
     with pytest.raises(HilError, match=r"/dev/full cannot be written: No space left"):
         deque(map(file.append, [ROW] * 1000), maxlen=0)
@@ -77,14 +77,14 @@ def test_a_full_disk_is_one_line():
         file.close()
 
 
-def test_another_file_is_refused(tmp_path):
+def test_another_file_is_rejected(tmp_path):
     path = tmp_path / "other.csv"
     path.write_text("time_s,rudder_rad\n0,1\n")
     with pytest.raises(ValueError, match="not a truth"):
         read(path)
 
 
-def test_a_column_more_stands_last_and_is_read_over(tmp_path):
+def test_an_additional_column_is_last_and_skipped(tmp_path):
     path = tmp_path / "truth.csv"
     truth = TruthFile(path, (FLOAT_COLUMN,))
     truth.append((0.0, 0.1, 0.2, -0.3, 0.4, 0.5, None, 6.0, 7.0, 0.4, 0.15))

@@ -42,7 +42,7 @@ RUD_REVERSE = 1
 """
 
 
-def test_the_standard_boat_is_the_tank_boat():
+def test_default_boat():
     vehicle = standard_vehicle()
     assert model_of(vehicle) == OCEAN_RAMBLER
     assert mounting_of(vehicle) == Mounting()
@@ -54,7 +54,7 @@ def test_the_standard_boat_is_the_tank_boat():
     assert data["parameters"] == {"CTL_K1": 30.0}
 
 
-def test_a_given_file_keeps_everything_but_its_ports(tmp_path):
+def test_a_file_keeps_all_but_its_ports(tmp_path):
     (tmp_path / "boat.vehicle").write_text(GIVEN)
     (tmp_path / "boat.param").write_text("MDL_K 0.2\nMDL_T_S 3\n")
     vehicle = load(tmp_path / "boat.vehicle")
@@ -65,7 +65,7 @@ def test_a_given_file_keeps_everything_but_its_ports(tmp_path):
     assert data["hull"] == {"length_m": 3.05}
     assert data["parameters"]["MDL_K"] == 0.5
     assert data["parameters"]["MDL_T_S"] == 3.0
-    # The ship is the file's, whatever the autopilot is told.
+    # The ship model is from the file, not from the settings.
     assert model_of(vehicle).turning_ability_1_s == pytest.approx(0.1)
     assert model_of(vehicle).turning_lag_s == 3.0
     assert mounting_of(vehicle) == Mounting(radians(4.0), rudder_reversed=True)
@@ -96,7 +96,7 @@ own_mmsi = 235000099
     assert data["position"] == {"driver": "nmea", "port": "/p", "baud": 9600}
 
 
-def test_choosing_another_device_replaces_its_section_and_the_same_keeps_it(tmp_path):
+def test_another_device_replaces_its_section(tmp_path):
     (tmp_path / "boat.vehicle").write_text(GIVEN.replace('file = "boat.param"', ""))
     vehicle = load(tmp_path / "boat.vehicle")
     chosen = with_devices(vehicle, "pni", "dynamixel")
@@ -118,7 +118,7 @@ def test_choosing_another_device_replaces_its_section_and_the_same_keeps_it(tmp_
         (GIVEN.replace('file = "boat.param"', "CTL_K1 = nan"), "not a number"),
     ],
 )
-def test_a_wrong_file_is_told_in_lines_that_name_it(tmp_path, text, complaint):
+def test_errors_name_the_file(tmp_path, text, complaint):
     path = tmp_path / "boat.vehicle"
     path.write_text(text)
     with pytest.raises(UsageError, match=complaint) as caught:
@@ -128,7 +128,7 @@ def test_a_wrong_file_is_told_in_lines_that_name_it(tmp_path, text, complaint):
     assert sum(complaint in line for line in lines) == 1
 
 
-def test_an_absent_file_is_told(tmp_path):
+def test_missing_file(tmp_path):
     with pytest.raises(UsageError, match="no such vehicle file"):
         load(tmp_path / "none")
 
@@ -138,6 +138,6 @@ def test_settings_are_checked_against_the_table():
 
 
 @pytest.mark.parametrize("pair", ["CTL_K1", "CTL_K1=", "CTL_K1=x", "CTL_K1=nan", "CTL_K1=1e300", "CTL_K9=1", "=1"])
-def test_a_wrong_setting_is_refused(pair):
+def test_invalid_settings(pair):
     with pytest.raises(UsageError):
         parse_settings([pair])

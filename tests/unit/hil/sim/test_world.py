@@ -1,4 +1,4 @@
-"""The world: what the devices sense and what is recorded."""
+"""The world: inputs of the devices and the recorded truth."""
 
 import math
 
@@ -13,14 +13,14 @@ from hil.sim.world import START_UTC_S, Mounting, World
 CALM = scenarios.named("calm")
 
 
-def pulled(world: World, shaft_deg: float) -> World:
+def with_rudder(world: World, shaft_deg: float) -> World:
     world.shaft.set_torque(on=True)
     world.shaft.set_target(radians(shaft_deg))
     return world
 
 
-def test_positive_rudder_turns_her_to_starboard_and_the_track_follows():
-    world = pulled(World(CALM, 1), 20.0)
+def test_positive_rudder_turns_the_boat_to_starboard():
+    world = with_rudder(World(CALM, 1), 20.0)
     world.advance_to(60.0)
     row = world.truth[-1]
     assert row[0] == 60.0
@@ -34,22 +34,22 @@ def test_positive_rudder_turns_her_to_starboard_and_the_track_follows():
 
 
 def test_a_full_circle_has_the_papers_radius():
-    world = pulled(World(CALM, 1), 30.0)
+    world = with_rudder(World(CALM, 1), 30.0)
     world.advance_to(400.0)
     rows = [row for row in world.truth if row[0] > 100.0]
     east = [row[8] for row in rows]
     assert (max(east) - min(east)) / 2.0 == pytest.approx(15.76, abs=0.02)
 
 
-def test_the_servo_slews_and_command_and_angle_are_told_apart():
-    world = pulled(World(CALM, 1), 30.0)
+def test_servo_slew_and_command_are_separate_columns():
+    world = with_rudder(World(CALM, 1), 30.0)
     world.advance_to(0.5)
     row = world.truth[-1]
     assert degrees(row[4]) == pytest.approx(15.0, abs=1e-9)
     assert degrees(row[5]) == pytest.approx(30.0, abs=1e-9)
 
 
-def test_the_current_sets_her_and_shows_in_course_and_speed_over_ground():
+def test_current_in_track_course_and_speed_over_ground():
     drifting = Scenario("drift", "", 0.4, 0.0, 0.0, 0.0, 0.0, current_m_s=0.3, current_toward_deg=90.0)
     world = World(drifting, 1)
     world.advance_to(10.0)
@@ -58,14 +58,14 @@ def test_the_current_sets_her_and_shows_in_course_and_speed_over_ground():
     assert world.course_over_ground_rad() == pytest.approx(math.atan2(0.3, 0.4))
 
 
-def test_rows_stand_on_the_tenths_and_stop_at_the_end():
+def test_rows_every_tenth_of_a_second_until_the_end():
     world = World(CALM, 1, end_s=3.05)
     world.advance_to(100.0)
     assert [row[0] for row in world.truth] == [k / 10 for k in range(31)]
 
 
 def test_goals_appear_when_due_on_the_nearest_turn():
-    world = pulled(World(CALM, 1, parse_goals("1:0,400:10,401:-170")), 30.0)
+    world = with_rudder(World(CALM, 1, parse_goals("1:0,400:10,401:-170")), 30.0)
     world.advance_to(402.0)
     by_time = {row[0]: row for row in world.truth}
     assert by_time[0.9][6] is None
@@ -76,7 +76,7 @@ def test_goals_appear_when_due_on_the_nearest_turn():
     assert degrees(turned[6]) % 360.0 == pytest.approx(10.0)
 
 
-def test_wave_yaw_is_seen_by_the_compass_but_is_not_in_the_hulls_heading():
+def test_wave_yaw_is_in_the_compass_heading_only():
     world = World(scenarios.named("swell"), 1)
     world.advance_to(100.0)
     assert any(abs(row[2] - row[1]) > radians(10.0) for row in world.truth)
@@ -84,12 +84,12 @@ def test_wave_yaw_is_seen_by_the_compass_but_is_not_in_the_hulls_heading():
     assert max(jumps) < radians(0.2)
 
 
-def test_a_mounting_is_seen_by_devices_and_not_by_the_truth():
+def test_the_mounting_affects_devices_only():
     mounting = Mounting(rudder_centre_rad=radians(5.0), rudder_reversed=True, compass_offset_rad=radians(7.0))
     world = World(CALM, 1, mounting=mounting)
     assert world.rudder_rad() == 0.0
     assert degrees(world.heading_rad()) == pytest.approx(-7.0)
-    pulled(world, -5.0)
+    with_rudder(world, -5.0)
     world.advance_to(5.0)
     assert degrees(world.rudder_rad()) == pytest.approx(10.0)
     assert degrees(world.truth[-1][4]) == pytest.approx(10.0)
@@ -104,8 +104,8 @@ def test_time_does_not_run_back():
     assert world.now_s == 5.0
 
 
-def test_two_bodies_have_a_column_more_and_the_compass_sits_on_the_float():
-    world = pulled(World(scenarios.sea_of("calm+float=0.3:0.6"), 1), 20.0)
+def test_two_bodies_have_an_additional_column():
+    world = with_rudder(World(scenarios.sea_of("calm+float=0.3:0.6"), 1), 20.0)
     world.advance_to(20.0)
     row = world.truth[-1]
     assert len(row) == 11
@@ -115,15 +115,15 @@ def test_two_bodies_have_a_column_more_and_the_compass_sits_on_the_float():
     assert len(World(CALM, 1).truth[-1]) == 10
 
 
-def test_a_compass_as_bought_errs_and_the_truth_does_not():
+def test_compass_errors_are_not_in_the_truth():
     world = World(scenarios.sea_of("calm+compass=2:0:3:0:0:0:0"), 1)
     world.advance_to(5.0)
     assert degrees(world.heading_rad()) == pytest.approx(-5.0)
     assert world.truth[-1][2] == 0.0
 
 
-def test_the_time_of_day_is_that_of_its_start_and_goes_on():
+def test_utc():
     world = World(CALM, 1, start_utc_s=1_900_000_000.0)
     world.advance_to(5.0)
     assert world.utc_s() == 1_900_000_005.0
-    assert World(CALM, 1).utc_s() == START_UTC_S  # every lockstep run begins at the same moment
+    assert World(CALM, 1).utc_s() == START_UTC_S  # the start of every lockstep run

@@ -23,7 +23,7 @@ from hil.lab.reproduce.table_2 import as_json, cells, table_2
 from hil.report.figures import goal_figures
 from hil.ship import scenarios
 from hil.ship.regressions import FLOAT
-from hil.sim.run_directory import held
+from hil.sim.run_directory import locked_directory
 from hil.sim.truth import Truth
 
 DEG = math.pi / 180.0
@@ -212,7 +212,7 @@ def test_bad_usage_is_one_line(tmp_path, capsys):
 
 
 def test_two_chains_never_share_a_directory(tmp_path, capsys):
-    with held(tmp_path):
+    with locked_directory(tmp_path):
         assert main(["reproduce", "--quick", "--out", str(tmp_path)]) == 2
     assert "another run is under way in it" in capsys.readouterr().err
 

@@ -1,0 +1,68 @@
+"""An Iridium modem that exchanges its messages with `rambler-hil sbd-gateway` through a directory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from hil.devices.iridium import IridiumModem
+from hil.devices.iridium_network import IridiumNetwork
+from hil.devices.message_post import FROM_BOAT, TO_BOAT, MessagePost
+from hil.errors import UsageError
+
+PORT = "satellite"  # name of its line on the board
+_POLL_S = 1.0
+_SESSION_S = (4.0, 10.0)  # of a clear sky, so that a person who watches need not wait long
+_KIND = "sbd:"
+
+
+class DirectoryModem:
+    """An emulator: the modem, and a poll of the directory each second."""
+
+    def __init__(self, directory: Path, numbers: np.random.Generator) -> None:
+        """Take the directory for both directions; OSError when it cannot be used."""
+        self.network = IridiumNetwork(numbers, duration_s=_SESSION_S)
+        self.modem = IridiumModem(self.network)
+        self._out, self._in = MessagePost(directory, FROM_BOAT), MessagePost(directory, TO_BOAT)
+        self._poll_s = 0.0
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Take the bytes that the autopilot wrote."""
+        self.modem.receive(now_s, data)
+
+    def next_output_s(self) -> float:
+        """Return the time of the modem's next output or of the next poll."""
+        return min(self.modem.next_output_s(), self._poll_s)
+
+    def take_output(self, now_s: float) -> bytes:
+        """Exchange messages with the directory and return the modem's output."""
+        if now_s >= self._poll_s:
+            self._poll_s = math.floor(now_s / _POLL_S + 1.0) * _POLL_S
+            while self.network.delivered:
+                _, number, message = self.network.delivered.popleft()
+                self._out.put(self.modem.imei, number, message)
+            for imei, _, message in self._in.take():
+                if imei == self.modem.imei and 1 <= len(message) <= 270:
+                    self.network.send(message)
+        return self.modem.take_output(now_s)
+
+
+def modem_of(links: Iterable[str], numbers: np.random.Generator) -> DirectoryModem | None:
+    """Return the modem of the link `sbd:DIR`, None without one; UsageError for two, or an unusable directory."""
+    directories = [link.removeprefix(_KIND) for link in links if link.startswith(_KIND)]
+    if not directories:
+        return None
+    if len(directories) > 1:
+        raise UsageError("--link sbd:DIR is given twice; give it once")
+    try:
+        return DirectoryModem(Path(directories[0]), numbers)
+    except OSError as error:
+        raise UsageError(f"--link sbd:{directories[0]}: {error.strerror}; give a directory for its messages") from None
+
+
+def on_port(link: str, path: str) -> str:
+    """Return a link as the autopilot opens it: for the modem, its port on the board."""
+    return f"{_KIND}{path}" if link.startswith(_KIND) else link
