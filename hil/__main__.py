@@ -15,35 +15,35 @@ from firmware_py.common.system_errors import system_error_text
 from firmware_py.files.standard_streams import keep_standard_streams
 from hil.errors import HilError, UsageError
 
-# command -> (module, one line of help). A module has add_arguments(parser) and run(arguments) -> exit code,
-# and is imported only when its command is asked for.
+# command -> (module, one line of help). A module has add_arguments(parser) and run(arguments) -> exit code. It is
+# imported only for its own command.
 COMMANDS = {
-    "run": ("hil.cli.run", "sail the autopilot in a simulated sea and measure how well it steers"),
-    "board": ("hil.cli.board", "the devices of a boat on ports of their own, for whatever is to steer them"),
-    "drill": ("hil.cli.drill", "break everything that can break, at sea, and see that each is told and mended"),
+    "run": ("hil.cli.run", "run the autopilot in a simulated sea and measure its steering"),
+    "board": ("hil.cli.board", "emulate the devices of a boat on ports of their own, for any autopilot"),
+    "drill": ("hil.cli.drill", "inject each fault under way and check that it is reported and cleared"),
     "campaign": ("hil.cli.campaign", "many runs drawn from a specification, by the autopilot or in the compiled loop"),
-    "serve-json": ("hil.cli.serve_json", "ArduPilot's autopilots on our ship, in our seas, scored as ours is"),
-    "report": ("hil.cli.report", "a page with the pictures and figures of logs from a boat, or of a state directory"),
+    "serve-json": ("hil.cli.serve_json", "ArduPilot's simulated autopilots on our ship, in our seas, with our scores"),
+    "report": ("hil.cli.report", "write a page with plots and figures of a boat's logs, or of a state directory"),
     "identify": ("hil.cli.identify", "identify K, T, alpha and the rudder offset from manoeuvres and onboard logs"),
     "estimate": ("hil.cli.estimate", "run the autopilot's estimator and monitors over a recording"),
-    "compare": ("hil.cli.compare", "controllers side by side in the same seas: the paper's, a tuned PID, ours"),
+    "compare": ("hil.cli.compare", "compare controllers in the same seas: the paper's, a tuned PID, ours"),
     "bench": ("hil.cli.bench", "measure the autopilot and the tools on this machine"),
     "sbd-gateway": (
         "hil.cli.sbd_gateway",
-        "the shore's side of an Iridium link: messages in, ground station, orders out",
+        "shore side of an Iridium link: messages from and to the boat, as MAVLink for a ground station",
     ),
-    "scenarios": ("hil.cli.scenarios", "list the seas that a run can be made in"),
+    "scenarios": ("hil.cli.scenarios", "list the scenarios and the disturbance options"),
     "similarity": ("hil.cli.similarity", "the model of the ship at other speeds"),
     "tune": ("hil.cli.tune", "tune the delivered controller, or fixed gains, by artificial fish swarm"),
-    "reproduce": ("hil.cli.reproduce", "the paper's chain from manoeuvre to closed loop, and its figures against ours"),
-    "swarm-table": ("hil.cli.swarm_table", "the fish swarm beside other searches on the standard functions"),
+    "reproduce": ("hil.cli.reproduce", "repeat the paper's chain from manoeuvre to closed loop, and compare figures"),
+    "swarm-table": ("hil.cli.swarm_table", "compare the fish swarm with other searches on standard functions"),
 }
 INTERRUPTED = 130
 _INSTALL = "pip install 'rambler-autopilot[hil]', or in a checkout .venv/bin/pip install -e '.[hil]'"
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line that names the remedy."""
+    """A parser whose errors are one line with the remedy."""
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}; see {self.prog} -h")
@@ -53,23 +53,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
     keep_standard_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
-    for stream in (sys.stdout, sys.stderr):  # a path may hold what the terminal's alphabet has not
+    for stream in (sys.stdout, sys.stderr):  # a path may contain characters that the terminal cannot encode
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")
-    parser = _Parser(prog="rambler-hil", description="The sea in a box for the Rambler autopilot.")
-    commit = commit_of(ROOT) if "--version" in words else ""  # git is asked only then
+    parser = _Parser(prog="rambler-hil", description="Simulated sea and test tools for the Rambler autopilot.")
+    commit = commit_of(ROOT) if "--version" in words else ""  # calls git
     parser.add_argument("--version", action="version", version=version_text("rambler-hil", commit))
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    wanted = next((word for word in words if word in COMMANDS), None)
+    chosen = next((word for word in words if word in COMMANDS), None)
     try:
         for name, (module_name, text) in COMMANDS.items():
             command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-            if name == wanted:
+            if name == chosen:
                 module = importlib.import_module(module_name)
                 module.add_arguments(command)
                 command.set_defaults(run=module.run)
         if any("\0" in word for word in words):
-            parser.error("a word of the command line holds a NUL, which no path and no name does")
+            parser.error("an argument contains a NUL character; remove it")
         parsed = parser.parse_args(words)
         code = int(parsed.run(parsed))
         sys.stdout.flush()
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"rambler-hil: {line}", file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
-        # The reader (head, less) has seen enough.
+        # The reader (head, less) has closed the pipe.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ModuleNotFoundError as error:

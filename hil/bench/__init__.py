@@ -1,1 +1,1 @@
-"""`rambler-hil bench`: what the autopilot costs, and how fast the tools are, on this machine."""
+"""`rambler-hil bench`: cost of the autopilot and speed of the tools on this machine."""

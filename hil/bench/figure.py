@@ -15,21 +15,20 @@ TIMES: Final = "times"  # the unit of a ratio to something measured in the same 
 class Figure:
     """One line of the result.
 
-    `bare` is what the machine takes for a program that does nothing else. The aim is an upper (`most`) or a lower
-    (`least`) limit of the value, or an upper limit of its ratio to `bare`. `peer` is the same figure of other
-    autopilots, as text. `paired_ratio` replaces the ratio where both programs ran in turns: it is the median over
-    pairs of neighbouring runs, which a changing load does not shift. `repeats` holds the compared quantities of all
-    repeats of a measurement.
+    `bare` is the cost of a minimal program on this machine. The target is an upper (`maximum`) or a lower (`minimum`)
+    limit of the value, or an upper limit of its ratio to `bare`. `peer` is the same figure of other autopilots, as
+    text. `paired_ratio` replaces the ratio where both programs ran in turns: the median over pairs of neighbouring
+    runs, which a changing load does not shift. `repeats` holds the compared quantities of all repeats.
     """
 
     name: str
     unit: str
     value: float
     bare: float | None = None
-    most: float | None = None
-    most_ratio: float | None = None
+    maximum: float | None = None
+    maximum_ratio: float | None = None
     peer: str = ""
-    least: float | None = None
+    minimum: float | None = None
     paired_ratio: float | None = None
     repeats: tuple[float, ...] = ()
 
@@ -48,17 +47,17 @@ class Figure:
     @property
     def more_is_better(self) -> bool:
         """Whether the figure worsens by falling."""
-        return self.unit == TIMES or self.least is not None
+        return self.unit == TIMES or self.minimum is not None
 
     @property
     def met(self) -> bool | None:
         """Whether the aim is met; None without an aim."""
-        if self.most is not None:
-            return self.value <= self.most
-        if self.least is not None:
-            return self.value >= self.least
-        if self.most_ratio is not None:
-            return self.ratio is not None and self.ratio <= self.most_ratio
+        if self.maximum is not None:
+            return self.value <= self.maximum
+        if self.minimum is not None:
+            return self.value >= self.minimum
+        if self.maximum_ratio is not None:
+            return self.ratio is not None and self.ratio <= self.maximum_ratio
         return None
 
 
@@ -87,8 +86,8 @@ def paired_figure(
 ) -> Figure:
     """Run a program and its bare limit in turns, and return the medians and the median ratio of neighbouring runs.
 
-    Each callable returns what its run took; `scale` converts that to the unit.
+    Each callable returns the duration of its run; `scale` converts it to the unit.
     """
-    taken = [(ours(), bare()) for _ in range(pairs)]
-    value, limit = (scale * statistics.median(column) for column in zip(*taken, strict=True))
-    return Figure(name, unit, value, limit, paired_ratio=statistics.median(one / other for one, other in taken))
+    durations = [(ours(), bare()) for _ in range(pairs)]
+    value, limit = (scale * statistics.median(column) for column in zip(*durations, strict=True))
+    return Figure(name, unit, value, limit, paired_ratio=statistics.median(one / other for one, other in durations))

@@ -19,14 +19,14 @@ from hil.bench.tick import logged
 from hil.errors import HilError
 
 MILLISECONDS = 1e3
-MOST_WHOLE_MS = 5.0
+MAX_LATENCY_MS = 5.0
 START_TIMEOUT_S = 60.0
 EARLY_PERIODS = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """The path of one heading: its sentence was written at `sentence_s`, the servo had the goal `whole_s` later.
+    """One heading: its sentence was written at `sentence_s`, the servo received the goal `whole_s` later.
 
     Of that, `wait_s` passed between the arrival of the heading and the deadline of the tick.
     """
@@ -45,7 +45,7 @@ def sense(setting: Setting) -> Finding:
     found = passages(logged(rig.out), rig.sentences_s, rig.goals_s)
     counted = [passage for passage in found if passage.sentence_s >= counted_from_s]
     if not counted:
-        raise HilError("no heading was followed to the servo; see what the onboard log says")
+        raise HilError("no heading was followed to the servo; see the onboard log")
     notes = (
         f"{len(counted)} headings of a free-running {COMPASS_HZ:g} Hz NMEA compass, identified in the onboard log",
         f"counted from {setting.lock_s:g} s after the first goal, when the ticks have locked to the compass",
@@ -58,7 +58,7 @@ def sense_figures(counted: Sequence[Passage]) -> tuple[Figure, ...]:
     whole_ms = [passage.whole_s * MILLISECONDS for passage in counted]
     computing_ms = [(passage.whole_s - passage.wait_s) * MILLISECONDS for passage in counted]
     return (
-        Figure("whole path, p50", "ms", percentile(whole_ms, 50.0), most=MOST_WHOLE_MS, peer="pypilot 26"),
+        Figure("whole path, p50", "ms", percentile(whole_ms, 50.0), maximum=MAX_LATENCY_MS, peer="pypilot 26"),
         Figure("whole path, p95", "ms", percentile(whole_ms, 95.0)),
         Figure("without the wait for the tick, p50", "ms", percentile(computing_ms, 50.0)),
     )

@@ -23,8 +23,8 @@ from hil.sim.logbook import RunOptions
 from hil.sim.runner import run
 
 WARM_UP_S = 2.0
-MOST_CPU_PERCENT, MOST_CPU_ONE_LINK_PERCENT = 2.0, 1.5
-MOST_RSS_MIB = 50.0
+MAX_CPU_PERCENT, MAX_CPU_ONE_LINK_PERCENT = 2.0, 1.5
+MAX_RSS_MIB = 50.0
 SLEEPER = """
 import time
 print("ready", flush=True)
@@ -35,11 +35,11 @@ while True:
 """
 
 START_TIMEOUT_S = 20.0
-MOST_START_S = 0.5
+MAX_START_S = 0.5
 BARE_START = (sys.executable, "-c", "pass")
 
 REAL_TIME = "x real time"
-LEAST_SPEED, LEAST_SPEED_WITH_STATION = 150.0, 100.0
+MIN_SPEED, MIN_SPEED_WITH_STATION = 150.0, 100.0
 GOALS = (Goal(0.0, 0.0), Goal(60.0, math.radians(60.0)))
 
 
@@ -50,7 +50,7 @@ def load(setting: Setting) -> Finding:
     with subprocess.Popen([sys.executable, "-c", SLEEPER], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as bare:
         try:
             if bare.stdout is None or not bare.stdout.readline():
-                raise HilError("the Python process that the load is compared with does not start")
+                raise HilError("the minimal Python process for comparison does not start")
             start_s, used_s = time.monotonic(), cpu_of(bare.pid)
             time.sleep(setting.bare_load_s)
             bare_share = (cpu_of(bare.pid) - used_s) / (time.monotonic() - start_s)
@@ -78,12 +78,12 @@ def load_figures(shares: tuple[float, float], memory: Memory, bare_share: float,
     """Return the figures of shares of one core, with one link and with two, and of memory."""
     one_link, share = (share * 100.0 for share in shares)
     return (
-        Figure("CPU at 10 Hz", "% of a core", share, bare_share * 100.0, most=MOST_CPU_PERCENT),
+        Figure("CPU at 10 Hz", "% of a core", share, bare_share * 100.0, maximum=MAX_CPU_PERCENT),
         Figure(
             "CPU at 10 Hz, one link", "% of a core", one_link, bare_share * 100.0,
-            most=MOST_CPU_ONE_LINK_PERCENT, peer="pypilot 1.5 at 20 Hz",
+            maximum=MAX_CPU_ONE_LINK_PERCENT, peer="pypilot 1.5 at 20 Hz",
         ),
-        Figure("memory (VmRSS)", "MiB", memory.now_mib, bare.now_mib, most=MOST_RSS_MIB, peer="pypilot 209"),
+        Figure("memory (VmRSS)", "MiB", memory.now_mib, bare.now_mib, maximum=MAX_RSS_MIB, peer="pypilot 209"),
         Figure("memory at most (VmHWM)", "MiB", memory.most_mib, bare.most_mib),
     )  # fmt: skip
 
@@ -111,7 +111,7 @@ def start_figures(frames_s: list[float], heartbeats_s: list[float], bare_s: list
     """Return the medians as figures."""
     bare = statistics.median(bare_s)
     return (
-        Figure("first rudder frame", "s", statistics.median(frames_s), bare, most=MOST_START_S),
+        Figure("first rudder frame", "s", statistics.median(frames_s), bare, maximum=MAX_START_S),
         Figure("first heartbeat on UDP", "s", statistics.median(heartbeats_s), bare, peer="ArduRover 1.0"),
     )
 
@@ -130,7 +130,7 @@ def lockstep(setting: Setting) -> Finding:
     notes = (
         f"median of {setting.starts} runs of {setting.lockstep_s:g} s, without the start",
         "each process on a core of its own where two are free, otherwise both on one",
-        "without telemetry the simulated operator is still there, on a serial link",
+        "without telemetry only the simulated operator is connected, on a serial link",
     )
     return Finding("Lockstep", lockstep_figures(alone, with_station), notes)
 
@@ -144,6 +144,6 @@ def _speed(setting: Setting, out: Path, *links: str) -> float:
 def lockstep_figures(alone: list[float], with_station: list[float]) -> tuple[Figure, ...]:
     """Return the medians of speeds as figures."""
     return (
-        Figure("telemetry off", REAL_TIME, statistics.median(alone), least=LEAST_SPEED),
-        Figure("telemetry on", REAL_TIME, statistics.median(with_station), least=LEAST_SPEED_WITH_STATION),
+        Figure("telemetry off", REAL_TIME, statistics.median(alone), minimum=MIN_SPEED),
+        Figure("telemetry on", REAL_TIME, statistics.median(with_station), minimum=MIN_SPEED_WITH_STATION),
     )

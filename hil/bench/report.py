@@ -14,6 +14,8 @@ from hil.report.figure_file import entry, key_of
 COLUMNS = ("", "ours", "bare limit", "ratio", "aim", "", "others")
 NAME, VERDICT, OTHERS = 0, 5, 6
 LEFT = (NAME, VERDICT, OTHERS)
+# Keys of the JSON output that differ from the names in Figure.
+JSON_KEYS = {"maximum": "most", "maximum_ratio": "most_ratio", "minimum": "least"}
 
 
 def table(findings: Sequence[Finding]) -> str:
@@ -29,7 +31,7 @@ def table(findings: Sequence[Finding]) -> str:
 
 
 def as_json(findings: Sequence[Finding], circumstances: dict[str, Any]) -> str:
-    """Return everything as JSON, absent numbers as null."""
+    """Return all findings as JSON, absent numbers as null."""
     content = {
         "circumstances": circumstances,
         "findings": [
@@ -54,7 +56,7 @@ def as_entries(findings: Mapping[str, Finding], source: Mapping[str, str]) -> di
 
 
 def number(value: float | None) -> str:
-    """Write a number with three digits that mean something; "-" for none."""
+    """Format a number with three significant digits; "-" for None."""
     if value is None or not math.isfinite(value):
         return "-"
     if value == 0.0:
@@ -66,7 +68,8 @@ def number(value: float | None) -> str:
 def _row(figure: Figure) -> dict[str, Any]:
     row = {**asdict(figure), "ratio": figure.ratio, "met": figure.met}
     return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in row.items()
+        JSON_KEYS.get(name, name): None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in row.items()
     }
 
 
@@ -78,11 +81,11 @@ def _cells(figure: Figure) -> tuple[str, ...]:
 
 
 def _aim(figure: Figure) -> str:
-    if figure.most is not None:
-        return f"<= {figure.most:g} {figure.unit}"
-    if figure.least is not None:
-        return f">= {figure.least:g} {figure.unit}"
-    return "" if figure.most_ratio is None else f"<= {figure.most_ratio:g}x bare"
+    if figure.maximum is not None:
+        return f"<= {figure.maximum:g} {figure.unit}"
+    if figure.minimum is not None:
+        return f">= {figure.minimum:g} {figure.unit}"
+    return "" if figure.maximum_ratio is None else f"<= {figure.maximum_ratio:g}x bare"
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:

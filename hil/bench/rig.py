@@ -1,4 +1,4 @@
-"""The autopilot on a board whose compass and servo the bench itself plays, with a stamp on every sentence and goal."""
+"""The autopilot on a board with time stamps on every compass sentence and servo goal."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from hil.sim.vehicle_file import file_text, standard_vehicle
 from hil.sim.world import World
 
 COMPASS_HZ = 10.0
-FREQUENCY_ERROR_PPM = 30.0  # an ordinary crystal: it runs free of our clock
+FREQUENCY_ERROR_PPM = 30.0  # an ordinary crystal, not synchronous with the computer's clock
 MILLIDEGREES = 1000
-LOOK_S = 0.2
+POLL_S = 0.2
 
 
 class CountingCompass:
-    """An NMEA compass whose n-th heading is n thousandths of a degree, so that each sentence can be told.
+    """An NMEA compass whose n-th heading is n thousandths of a degree, so that each sentence is identifiable.
 
-    A sentence is on the line at once: what its transfer takes is the line's, not the autopilot's.
+    A sentence is on the line at once: its transfer time belongs to the line, not to the autopilot.
     """
 
     def __init__(self) -> None:
@@ -44,10 +44,10 @@ class CountingCompass:
         self._count = 0
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Listen to nobody."""
+        """Ignore input."""
 
     def next_output_s(self) -> float:
-        """When the next sentence is due."""
+        """Return the time of the next sentence."""
         return self._pace.next_s
 
     def take_output(self, now_s: float) -> bytes:
@@ -62,32 +62,32 @@ GOAL_PARAMETERS = 9  # address, length, id, four bytes
 
 
 class GoalWatch:
-    """Notes when each goal position frame was complete."""
+    """Records when each goal position frame was complete."""
 
     def __init__(self) -> None:
-        """Start with none."""
+        """Start without a frame."""
         self.times_s: list[float] = []
         self._reader = PacketReader()
         self._address = int(Address.GOAL_POSITION).to_bytes(2, "little")
 
-    def take(self, heard_s: float, data: bytes) -> None:
-        """Take what the servo hears; a frame counts only with a right CRC and a whole goal."""
-        for packet in self._reader.feed(heard_s, data):
+    def receive(self, received_s: float, data: bytes) -> None:
+        """Process bytes to the servo; a frame counts only with a valid CRC and a complete goal."""
+        for packet in self._reader.feed(received_s, data):
             sync_write = packet.intact and packet.instruction == Instruction.SYNC_WRITE
             goal = sync_write and packet.parameters[:2] == self._address
             if goal and len(packet.parameters) == GOAL_PARAMETERS:
-                self.times_s.append(heard_s)
+                self.times_s.append(received_s)
 
 
 class Rig:
     """Ports, devices and an autopilot, in real time; times are monotonic and count from the start of the process.
 
-    `sentences_s[n]` is when the sentence of heading n + 1 was written, `goals_s` when goal
-    frames were complete, `heartbeat_s` when the first heartbeat came over UDP. A context that leaves no process behind.
+    `sentences_s[n]` is the time at which the sentence of heading n + 1 was written, `goals_s` the times at which goal
+    frames were complete, `heartbeat_s` that of the first heartbeat over UDP. A context that leaves no process behind.
     """
 
     def __init__(self, directory: Path) -> None:
-        """Start the autopilot, armed and steered by an operator on a serial link."""
+        """Start the autopilot, armed and steered by a ground station on a serial link."""
         directory.mkdir(parents=True)
         self.out = directory
         self.sentences_s: list[float] = []
@@ -115,11 +115,11 @@ class Rig:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the autopilot in good order, with its servo still answering, and close the ports."""
+        """End the autopilot in order, with its servo still replying, and close the ports."""
         self._firmware.terminate()
         end_s = self.now_s() + 4.0
         while self._firmware.running() and self.now_s() < end_s:
-            self._turn(self.now_s() + LOOK_S)
+            self._turn(self.now_s() + POLL_S)
         self._firmware.__exit__(kind, error, trace)
         for line in self._lines.values():
             line.close()
@@ -127,51 +127,53 @@ class Rig:
 
     @property
     def goals_s(self) -> list[float]:
-        """When each goal position frame was complete."""
+        """The times at which goal position frames were complete."""
         return self._watch.times_s
 
     def now_s(self) -> float:
-        """Seconds since the start of the autopilot."""
+        """Return the seconds since the start of the autopilot."""
         return time.monotonic() - self._start_s
 
     def serve(self, until_s: float) -> None:
-        """Play the devices until then; HilError when the autopilot ends."""
+        """Serve the devices until this time; HilError when the autopilot ends."""
         while self.now_s() < until_s:
-            self._turn(min(until_s, self.now_s() + LOOK_S))
+            self._turn(min(until_s, self.now_s() + POLL_S))
             if not self._firmware.running():
                 raise HilError(f"the autopilot ended early: {self._firmware.last_output()}")
 
-    def serve_until_alive(self, most_s: float) -> tuple[float, float]:
-        """Play the devices until a goal frame and a heartbeat have come; return when, or raise HilError."""
+    def serve_until_alive(self, timeout_s: float) -> tuple[float, float]:
+        """Serve the devices until a goal frame and a heartbeat have arrived; return their times, or raise HilError."""
         while not self.goals_s or self.heartbeat_s is None:
-            if self.now_s() > most_s:
-                raise HilError(f"no rudder frame or no heartbeat within {most_s:g} s: {self._firmware.last_output()}")
-            self.serve(self.now_s() + LOOK_S / 10.0)
+            if self.now_s() > timeout_s:
+                raise HilError(
+                    f"rudder frame or heartbeat missing after {timeout_s:g} s: {self._firmware.last_output()}"
+                )
+            self.serve(self.now_s() + POLL_S / 10.0)
         return self.goals_s[0], self.heartbeat_s
 
     def _turn(self, until_s: float) -> None:
-        """Say what is due, then take what comes until the next is."""
-        due_s = self._speak()
+        """Send the output that is due, then receive until the next is."""
+        due_s = self._send()
         wait_s = min(due_s, until_s) - self.now_s()
         ready = select.select([*self._names, self.station.fileno()], [], [], max(0.0, wait_s))[0]
-        heard_s = self.now_s()
+        received_s = self.now_s()
         for descriptor in ready:
             name = self._names.get(descriptor)
             if name is None:
-                self._take_messages(heard_s)
+                self._receive_messages(received_s)
                 continue
             data = self._lines[name].read()
             if name == "rudder":
-                self._watch.take(heard_s, data)
-            self._world.advance_to(heard_s)
-            self._devices[name].receive(heard_s, data)
+                self._watch.receive(received_s, data)
+            self._world.advance_to(received_s)
+            self._devices[name].receive(received_s, data)
 
-    def _take_messages(self, heard_s: float) -> None:
+    def _receive_messages(self, received_s: float) -> None:
         kinds = [message.get_type() for message in self.station.receive()]
         if self.heartbeat_s is None and "HEARTBEAT" in kinds:
-            self.heartbeat_s = heard_s
+            self.heartbeat_s = received_s
 
-    def _speak(self) -> float:
+    def _send(self) -> float:
         due_s = math.inf
         for name, device in self._devices.items():
             if device.next_output_s() <= self.now_s():

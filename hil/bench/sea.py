@@ -1,4 +1,4 @@
-"""A run of `rambler-hil run` in the background: the autopilot under way in real time, as anybody would start it."""
+"""A run of `rambler-hil run` in the background: the autopilot under way in real time."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ from hil.errors import HilError
 
 START_S = 30.0
 END_S = 20.0
-LOOK_S = 1.0
-LONGEST_RUN_S = 600  # should nobody end it
+POLL_S = 1.0
+MAX_RUN_S = 600  # in case that it is not ended
 
 
 class Sea:
-    """The tank, an autopilot in it and a UDP ground station; a context that ends all three."""
+    """The tank scenario, an autopilot in it and a UDP ground station; a context that ends all three."""
 
     def __init__(
         self, out: Path, rate_hz: int = 10, links: Sequence[str] = (), *, udp: bool = True, locked: bool = True
     ) -> None:
-        """Start, with more links if wanted, and wait for the autopilot's first words; HilError when none come.
+        """Start, with additional links, and wait for the autopilot's first heartbeat; HilError on a timeout.
 
-        Without `udp` there is no link to the station, only the run's own, a radio. Ticks that are `locked` begin with
-        the compass where it comes just before their deadline; others wait for that.
+        Without `udp` there is no link to the station, only the run's own radio link. With `locked` a tick begins with
+        a compass sample that arrives just before its deadline.
         """
         self.station = Station()
         self._udp = udp
         self._logs = out / STATE / "logs"
         out.mkdir(parents=True)
-        self._words = out / "hil.log"
-        arguments = ["run", "tank", "--speed", "real", "--seconds", str(LONGEST_RUN_S), "--goal", "0:0"]
+        self._output = out / "hil.log"
+        arguments = ["run", "tank", "--speed", "real", "--seconds", str(MAX_RUN_S), "--goal", "0:0"]
         arguments += ["--set", f"LOOP_RATE_HZ={rate_hz}", f"LOOP_LOCK={locked:d}", "--out", str(out)]
         if urls := [*([self.station.url] if udp else []), *links]:
             arguments += ["--link", *urls]
-        with self._words.open("wb") as words:
+        with self._output.open("wb") as output:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "hil", *arguments],
                 stdin=subprocess.DEVNULL,
-                stdout=words,
-                stderr=words,
-                # Ctrl-C is for the bench, which then ends the run in good order.
+                stdout=output,
+                stderr=output,
+                # Ctrl-C is for the bench, which then ends the run in order.
                 start_new_session=True,
             )
         try:
@@ -70,21 +70,21 @@ class Sea:
         self.close()
 
     def autopilot(self) -> int:
-        """Return the number of the autopilot's process; HilError when it has gone."""
+        """Return the process id of the autopilot; HilError when it has ended."""
         children = children_of(self._process.pid)
         if len(children) != 1:
-            raise HilError(f"the autopilot has ended: {self._last_words()}")
+            raise HilError(f"the autopilot has ended: {self._last_output()}")
         return children[0]
 
     def listen(self, seconds: float) -> None:
-        """Let time go by, as a ground station that only looks on."""
+        """Receive telemetry for this time, like a passive ground station."""
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0:
             self.autopilot()
             self.station.listen(min(left_s, 2.0))
 
     def close(self) -> None:
-        """End the run in good order, so that its log is whole."""
+        """End the run in order, so that its log is complete."""
         self._process.terminate()
         try:
             self._process.wait(END_S)
@@ -98,13 +98,13 @@ class Sea:
         end_s = time.monotonic() + START_S
         while not self._started():
             if self._process.poll() is not None or time.monotonic() > end_s:
-                raise HilError(f"the autopilot did not start: {self._last_words()}")
+                raise HilError(f"the autopilot did not start: {self._last_output()}")
 
     def _started(self) -> bool:
-        """Wait a moment; return whether it has been heard by then, or else seen to write its log."""
-        heard = self.station.await_heartbeat(LOOK_S) is not None
-        return heard if self._udp else self._logs.is_dir() and bool(log_files(self._logs))
+        """Wait a moment; return True after a heartbeat, or without UDP once there is a log."""
+        has_heartbeat = self.station.await_heartbeat(POLL_S) is not None
+        return has_heartbeat if self._udp else self._logs.is_dir() and bool(log_files(self._logs))
 
-    def _last_words(self) -> str:
-        lines = self._words.read_text(encoding="utf-8", errors="replace").splitlines()
-        return lines[-1] if lines else "it said nothing"
+    def _last_output(self) -> str:
+        lines = self._output.read_text(encoding="utf-8", errors="replace").splitlines()
+        return lines[-1] if lines else "no output"

@@ -1,4 +1,4 @@
-"""A ground station's end of a UDP link, as small as can be."""
+"""The ground station's end of a UDP link, as small as possible."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hil.sim.mavlink_tap import MavlinkTap
 
 HEARTBEAT_S = 1.0
 READ_BYTES = 4096
-WANTED = (
+RECEIVED_KINDS = (
     dialect.MAVLINK_MSG_ID_HEARTBEAT,
     dialect.MAVLINK_MSG_ID_PARAM_VALUE,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK,
@@ -24,13 +24,13 @@ WANTED = (
 
 
 class Station:
-    """Hears an autopilot on a loopback port of its own and speaks to it; close it."""
+    """A ground station on a loopback port of its own; close it."""
 
     def __init__(self) -> None:
         """Open the port."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
-        self._tap = MavlinkTap(WANTED)
+        self._tap = MavlinkTap(RECEIVED_KINDS)
         self._sender = dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         self._peer: tuple[str, int] | None = None
         self._heartbeat_s = 0.0
@@ -41,13 +41,13 @@ class Station:
 
     @property
     def url(self) -> str:
-        """The link that the autopilot is given."""
+        """The URL of the link for the autopilot."""
         return f"udpout:127.0.0.1:{self._socket.getsockname()[1]}"
 
     def await_message(self, timeout_s: float, matches: Callable[[Any], bool]) -> float | None:
-        """Return when (monotonic) the datagram with the first message that matches arrived; None in vain.
+        """Return when (monotonic) the datagram with the first matching message arrived; None after the timeout.
 
-        Meanwhile heartbeats go out as from any ground station.
+        In the meantime it sends heartbeats.
         """
         end_s = time.monotonic() + timeout_s
         while (now_s := time.monotonic()) < end_s:
@@ -55,9 +55,9 @@ class Station:
             until_s = min(end_s, self._heartbeat_s) if self._peer else end_s
             if not select.select([self._socket], [], [], max(0.0, until_s - now_s))[0]:
                 continue
-            heard_s = time.monotonic()
+            received_s = time.monotonic()
             if any(matches(message) for message in self.receive()):
-                return heard_s
+                return received_s
         return None
 
     def await_heartbeat(self, timeout_s: float) -> float | None:
@@ -65,15 +65,15 @@ class Station:
         return self.await_message(timeout_s, lambda message: message.get_type() == "HEARTBEAT")
 
     def listen(self, seconds: float) -> None:
-        """Take what comes for so long."""
+        """Receive for this time."""
         self.await_message(seconds, lambda _message: False)
 
     def fileno(self) -> int:
-        """The descriptor whose readability `receive` wants."""
+        """Return the descriptor to wait for before `receive`."""
         return self._socket.fileno()
 
     def receive(self) -> list[Any]:
-        """Read a datagram; return its messages of the kinds that are WANTED."""
+        """Read a datagram; return its messages of RECEIVED_KINDS."""
         data, self._peer = self._socket.recvfrom(READ_BYTES)
         return list(self._tap.feed(data))
 
@@ -84,7 +84,7 @@ class Station:
         return frame
 
     def send(self, frame: bytes) -> float:
-        """Send a frame to whoever was heard last and return when (monotonic) it was handed over."""
+        """Send a frame to the last sender and return the time (monotonic)."""
         sent_s = time.monotonic()
         if self._peer is not None:
             self._socket.sendto(frame, self._peer)

@@ -28,10 +28,10 @@ SEA = "sea"
 REPLAY_S, WORK_S = 300.0, 60.0
 MICROSECONDS = 1e6
 CALLS, THOUSANDS = "one = 0.0\nfor _ in range(5_000_000): one = abs(one)", 5_000
-WARM, EACH = 100, 7  # the first ticks fill caches; of the others, one in so many is counted
+WARM_UP_TICKS, COUNTED_EVERY = 100, 7  # the first ticks fill caches
 Result = TypeVar("Result")
 
-# In a process of its own, whose caches are empty.
+# In a separate process with empty caches.
 RECOUNT: Final = """
 import sys
 from pathlib import Path
@@ -111,7 +111,7 @@ def counting(step: Callable[[Any, Any], Result], counts: list[int]) -> Callable[
     def counted(state: Any, inputs: Any) -> Result:
         nonlocal ticks
         ticks += 1
-        if ticks <= WARM or ticks % EACH:
+        if ticks <= WARM_UP_TICKS or ticks % COUNTED_EVERY:
             return step(state, inputs)
         count, result = instructions(lambda: step(state, inputs))
         counts.append(count)
@@ -121,7 +121,7 @@ def counting(step: Callable[[Any, Any], Result], counts: list[int]) -> Callable[
 
 
 def instructions(function: Callable[[], Result]) -> tuple[int, Result]:
-    """Return how many instructions Python executes in a call, and the result of the call."""
+    """Return the number of instructions that Python executes in a call, and the result of the call."""
     count = 0
 
     def trace(frame: FrameType, event: str, _argument: object) -> Callable[..., Any]:

@@ -25,17 +25,17 @@ from hil.ship.scenarios import sea_of as scenario_of
 from hil.sim.goals import parse_goals
 
 SCENARIO, SEED, GOALS, SECONDS = "sea", 1, "0:0,120:60,720:-30", 1200.0
-LEAST_TICKS_PER_S = 2e5
+MIN_TICKS_PER_S = 2e5
 NANOSECONDS, MICROSECONDS = 1e9, 1e6
 HOUR_S, STEP_S = 3600.0, 0.1
-MOST_IDENTIFICATION_S = 5.0
+MAX_IDENTIFICATION_S = 5.0
 LOW, HIGH = np.array((0.005, 0.5, 0.0)), np.array((0.5, 40.0, 100.0))
 
 
 def loop(setting: Setting) -> Finding:
     """Measure the processor time of a control tick in the compiled loop of boat and autopilot."""
-    told, goals = ParameterSet(), parse_goals(GOALS)
-    boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(goals)
+    parameters, goals = ParameterSet(), parse_goals(GOALS)
+    boat, law, task = sailing.boat_of(parameters), LawSettings.of(parameters), sailing.task_of(goals)
     sea = sea_of(scenario_of(SCENARIO), SEED, SECONDS)
     sailing.sail(boat, law, sea, task, 1.0, ticks=False)  # compiles
     per_tick_ns = []
@@ -52,7 +52,7 @@ def loop_figures(per_tick_ns: list[float]) -> tuple[Figure, ...]:
     tick_ns = statistics.median(per_tick_ns)
     return (
         Figure("per control tick", "ns", tick_ns),
-        Figure("control ticks per second and core", "1/s", NANOSECONDS / tick_ns, least=LEAST_TICKS_PER_S),
+        Figure("control ticks per second and core", "1/s", NANOSECONDS / tick_ns, minimum=MIN_TICKS_PER_S),
     )
 
 
@@ -76,9 +76,9 @@ def hour(setting: Setting) -> Finding:
 
 
 def hour_figures(passed_s: list[float], used_s: list[float]) -> tuple[Figure, ...]:
-    """Return the medians as figures; the processor time is what an idle machine would take."""
+    """Return the medians as figures; the processor time is that on an idle machine."""
     return (
-        Figure("from the log to the judged model", "s", statistics.median(passed_s), most=MOST_IDENTIFICATION_S),
+        Figure("from the log to the judged model", "s", statistics.median(passed_s), maximum=MAX_IDENTIFICATION_S),
         Figure("processor time of that", "s", statistics.median(used_s)),
     )
 

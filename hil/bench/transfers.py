@@ -1,4 +1,4 @@
-"""How fast parameters and missions pass over a loopback link."""
+"""Duration of parameter and mission transfers over a loopback link."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ITEMS = 500
 LISTS = 10
 SETTLE_S = 3.0
 QUIET_S = 0.3
-MOST_MISSION_S = 1.0
+MAX_MISSION_S = 1.0
 SYSTEM, COMPONENT = 252, 190
 RETRY_S = 0.25
 RETRIES = 20
@@ -32,7 +32,7 @@ _ITEM_SEQUENCE = 28  # its offset in the payload
 _READ_BYTES = 65536
 _HEADER, _CHECKSUM, _SIGNATURE = 10, 2, 13
 _MARKER = 0xFD
-_LONGEST_PAYLOAD = 255
+_MAX_PAYLOAD = 255
 
 
 def measure(setting: Setting) -> Finding:
@@ -49,8 +49,8 @@ def measure(setting: Setting) -> Finding:
             station.close()
     figures = (
         Figure("parameters listed", "1/s", count / list_s, peer="ArduRover 1200"),
-        Figure(f"{ITEMS} mission items up", "s", up_s, most=MOST_MISSION_S, peer="ArduRover 10"),
-        Figure(f"{ITEMS} mission items down", "s", down_s, most=MOST_MISSION_S, peer="ArduRover 10"),
+        Figure(f"{ITEMS} mission items up", "s", up_s, maximum=MAX_MISSION_S, peer="ArduRover 10"),
+        Figure(f"{ITEMS} mission items down", "s", down_s, maximum=MAX_MISSION_S, peer="ArduRover 10"),
     )
     notes = (f"on loopback UDP; {count} parameters listed {LISTS} times, the median",)
     return Finding("Transfers", figures, notes)
@@ -71,15 +71,15 @@ def _list(station: Requester) -> tuple[int, float]:
         rows: set[int] = set()
         start_s = time.monotonic()
         station.send(frame)
-        for heard in station.listen(QUIET_S):
-            if heard.number == _PARAM_VALUE:
-                count = int.from_bytes(heard.payload[4:6], "little")
-                rows.add(int.from_bytes(heard.payload[6:8], "little"))
+        for message in station.listen(QUIET_S):
+            if message.number == _PARAM_VALUE:
+                count = int.from_bytes(message.payload[4:6], "little")
+                rows.add(int.from_bytes(message.payload[6:8], "little"))
                 if len(rows) == count:
                     taken_s.append(time.monotonic() - start_s)
                     break
     if len(taken_s) < LISTS // 2:
-        raise HilError(f"{LISTS - len(taken_s)} of {LISTS} parameter lists were not whole")
+        raise HilError(f"{LISTS - len(taken_s)} of {LISTS} parameter lists were incomplete")
     return count, statistics.median(taken_s)
 
 
@@ -95,45 +95,45 @@ def _upload(station: Requester) -> float:
     ]
     start_s = time.monotonic()
     frame = station.pack(dialect.MAVLink_mission_count_message(1, 1, ITEMS, 0))
-    wanted = 0
+    row = 0
     while True:
 
-        def goes_on(number: int, payload: bytes, wanted: int = wanted) -> bool:
-            asked = number in (_REQUEST, _REQUEST_INT) and int.from_bytes(payload[:2], "little") == wanted
-            return asked or number == _ACK
+        def matches(message: Message, row: int = row) -> bool:
+            is_request = message.number in (_REQUEST, _REQUEST_INT)
+            return message.number == _ACK or (is_request and int.from_bytes(message.payload[:2], "little") == row)
 
-        heard = station.ask(frame, lambda heard, goes_on=goes_on: goes_on(*heard))  # type: ignore[misc]
-        if heard is None:
+        reply = station.request(frame, matches)
+        if reply is None:
             return math.nan
-        if heard.number == _ACK:
-            accepted = heard.payload[2] == dialect.MAV_MISSION_ACCEPTED and wanted == ITEMS
+        if reply.number == _ACK:
+            accepted = reply.payload[2] == dialect.MAV_MISSION_ACCEPTED and row == ITEMS
             return time.monotonic() - start_s if accepted else math.nan
-        frame = items[wanted]
-        wanted += 1
+        frame = items[row]
+        row += 1
 
 
 def _download(station: Requester) -> float:
     """Return the seconds for a mission, from the request to the last item; NaN when it is not complete."""
-    asks = [station.pack(dialect.MAVLink_mission_request_int_message(1, 1, row, 0)) for row in range(ITEMS)]
+    requests = [station.pack(dialect.MAVLink_mission_request_int_message(1, 1, row, 0)) for row in range(ITEMS)]
     start_s = time.monotonic()
     frame = station.pack(dialect.MAVLink_mission_request_list_message(1, 1, 0))
-    heard = station.ask(frame, lambda heard: heard.number == _COUNT)
-    if heard is None or int.from_bytes(heard.payload[:2], "little") != ITEMS:
+    reply = station.request(frame, lambda message: message.number == _COUNT)
+    if reply is None or int.from_bytes(reply.payload[:2], "little") != ITEMS:
         return math.nan
-    for row, ask in enumerate(asks):
-        wanted = row.to_bytes(2, "little")
+    for row, request in enumerate(requests):
 
-        def is_it(number: int, payload: bytes, wanted: bytes = wanted) -> bool:
-            return number == _ITEM_INT and payload[_ITEM_SEQUENCE : _ITEM_SEQUENCE + 2] == wanted
+        def matches(message: Message, row: bytes = row.to_bytes(2, "little")) -> bool:
+            sequence = message.payload[_ITEM_SEQUENCE : _ITEM_SEQUENCE + 2]
+            return message.number == _ITEM_INT and sequence == row
 
-        if station.ask(ask, lambda heard, is_it=is_it: is_it(*heard)) is None:  # type: ignore[misc]
+        if station.request(request, matches) is None:
             return math.nan
     taken_s = time.monotonic() - start_s
     station.send(station.pack(dialect.MAVLink_mission_ack_message(1, 1, 0, 0)))
     return taken_s
 
 
-class Heard(NamedTuple):
+class Message(NamedTuple):
     """A received message: its number, and its payload with the zeros at the end."""
 
     number: int
@@ -141,7 +141,7 @@ class Heard(NamedTuple):
 
 
 class Requester:
-    """A ground station on a `udpin` link that requests as fast as it is answered, at little cost of its own."""
+    """A ground station on a `udpin` link that sends each request right after the last reply, at little cost."""
 
     def __init__(self, port: int) -> None:
         """Open a socket to the link."""
@@ -162,31 +162,31 @@ class Requester:
         """Send a frame."""
         self._socket.send(frame)
 
-    def listen(self, seconds: float) -> Iterator[Heard]:
+    def listen(self, seconds: float) -> Iterator[Message]:
         """Yield messages until none has arrived for this time."""
         while select.select([self._socket], [], [], seconds)[0]:
             yield from walk(self._socket.recv(_READ_BYTES))
 
-    def ask(self, frame: bytes, answers: Callable[[Heard], bool]) -> Heard | None:
-        """Send a frame, again when it is not answered; return the answer, or None."""
+    def request(self, frame: bytes, matches: Callable[[Message], bool]) -> Message | None:
+        """Send a frame, repeatedly without a reply; return the reply, or None."""
         for _ in range(RETRIES):
             self.send(frame)
             end_s = time.monotonic() + RETRY_S
             while (left_s := end_s - time.monotonic()) > 0.0:
                 if not select.select([self._socket], [], [], left_s)[0]:
                     break
-                for heard in walk(self._socket.recv(_READ_BYTES)):
-                    if answers(heard):
-                        return heard
+                for message in walk(self._socket.recv(_READ_BYTES)):
+                    if matches(message):
+                        return message
         return None
 
 
-def walk(data: bytes) -> Iterator[Heard]:
+def walk(data: bytes) -> Iterator[Message]:
     """Yield the MAVLink 2 messages of a datagram; the sender is trusted, so checksums are not verified."""
     place = 0
     while place + _HEADER <= len(data) and data[place] == _MARKER:
         size = data[place + 1]
         number = int.from_bytes(data[place + 7 : place + 10], "little")
         start = place + _HEADER
-        yield Heard(number, data[start : start + size].ljust(_LONGEST_PAYLOAD, b"\0"))
+        yield Message(number, data[start : start + size].ljust(_MAX_PAYLOAD, b"\0"))
         place = start + size + _CHECKSUM + (_SIGNATURE if data[place + 2] & 1 else 0)

@@ -1,4 +1,4 @@
-"""`rambler-hil board`: the devices of a boat on ports of their own, for whatever is to read and steer them."""
+"""`rambler-hil board`: the emulated devices of a boat on ports of their own, for any autopilot."""
 
 from __future__ import annotations
 
@@ -36,28 +36,28 @@ from hil.sim.vehicle_file import file_text
 
 DEFAULT_SEA = "sea"
 DEFAULT_LINK = "udpin:127.0.0.1:14550"
-LONGEST_S = 1e7
-BOAT = "boat"  # the state of an autopilot that is told nothing else: no run's, and never removed
-TELL_S = 10.0
-LOOK_S = 0.1
+MAX_SECONDS = 1e7
+BOAT = "boat"  # suggested state directory of the autopilot; the command never removes it
+REPORT_S = 10.0
+POLL_S = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("directory", metavar="DIR", type=Path, help="where the ports and a vehicle file for them are")
+    parser.add_argument("directory", metavar="DIR", type=Path, help="directory for the ports and a vehicle file")
     parser.add_argument("scenario", metavar="SCENARIO", nargs="?", default=DEFAULT_SEA, help=SCENARIO_NAMES)
     add_sea_arguments(parser)
-    parser.add_argument("--seconds", type=float, metavar="N", help="end after so long (default: when interrupted)")
+    parser.add_argument("--seconds", type=float, metavar="N", help="length of the run (default: until Ctrl-C)")
     parser.add_argument(
         "--goal",
         metavar="T:DEG,...",
-        help="the headings that she is scored by, which whoever operates the autopilot gives it at these seconds",
+        help="headings for the score, in degrees true by time in seconds; the operator sets them at these times",
     )
     add_adapter_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Play the devices until the end, say now and then what the boat does; write her figures and her page."""
+    """Serve the devices until the end and report the boat's state at intervals; write summary and page."""
     options = _options(arguments)
     directory = options.out
     with ExitStack() as stack:
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         except OSError as error:
             raise UsageError(f"directory {directory}: {error.strerror}; give another") from None
         book.begin()
-        _introduce(directory, board, lines)
+        _print_ports(directory, board, lines)
         book.wall_s = _serve(board, options.seconds, stack.enter_context(stopped_by_signal()))
     return 0
 
@@ -85,7 +85,7 @@ def _options(arguments: argparse.Namespace) -> RunOptions:
         vehicle = replace(vehicle, link_urls=(DEFAULT_LINK,))
     return RunOptions(
         scenario=sea_of(arguments),
-        seconds=LONGEST_S if arguments.seconds is None else seconds_of(arguments.seconds, LONGEST_S),
+        seconds=MAX_SECONDS if arguments.seconds is None else seconds_of(arguments.seconds, MAX_SECONDS),
         out=arguments.directory,
         speed=None,
         seed=arguments.seed,
@@ -95,26 +95,26 @@ def _options(arguments: argparse.Namespace) -> RunOptions:
     )
 
 
-def _introduce(directory: Path, board: Board, lines: Mapping[str, SerialLine]) -> None:
+def _print_ports(directory: Path, board: Board, lines: Mapping[str, SerialLine]) -> None:
     for name, path in board.paths().items():
         print(f"{name}: {'on the adapter' if name in lines else path}")
     file = directory / VEHICLE_NAME
-    print(f"try:  rambler listen {file}   rambler check {file}   rambler run {file} --state {directory / BOAT}")
-    print("Ctrl-C ends it", flush=True)
+    print(f"next:  rambler listen {file}   rambler check {file}   rambler run {file} --state {directory / BOAT}")
+    print("Ctrl-C ends the run", flush=True)
 
 
 def _serve(board: Board, end_s: float, stopped: Callable[[], bool]) -> float:
-    """Serve to the end, or until somebody ends it; return how long that took."""
+    """Serve to the end, or until a signal; return the duration."""
     server, world = RealTimeServer(board), board.world
-    told_s = 0.0
+    report_s = 0.0
     while (now_s := server.now_s()) < end_s and not stopped():
-        server.serve(min(end_s, now_s + LOOK_S))
-        if now_s >= told_s:
-            told_s = now_s + TELL_S
+        server.serve(min(end_s, now_s + POLL_S))
+        if now_s >= report_s:
+            report_s = now_s + REPORT_S
             print(
-                f"{now_s:8.0f} s  heading {round(compass_degrees(world.heading_low_rad())) % 360:03d}"
-                f"  rudder {degrees(world.rudder_rad()):+5.1f}  latitude {world.latitude_deg():.5f}"
-                f"  longitude {world.longitude_deg():.5f}",
+                f"{now_s:8.0f} s  heading {round(compass_degrees(world.heading_low_rad())) % 360:03d} deg"
+                f"  rudder {degrees(world.rudder_rad()):+5.1f} deg  latitude {world.latitude_deg():.5f} deg"
+                f"  longitude {world.longitude_deg():.5f} deg",
                 flush=True,
             )
     return server.now_s()

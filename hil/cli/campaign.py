@@ -19,7 +19,7 @@ from hil.lab.campaign.workers import check_address
 from hil.sim import run_file
 from hil.sim.run_directory import CAMPAIGN, check_free, locked_directory
 
-MOST_WORKERS = 1024
+MAX_WORKERS = 1024
 JSON = "compare.json"
 REPLAY = "replay"
 
@@ -67,8 +67,8 @@ def _check(first: str, words: Sequence[str], arguments: argparse.Namespace) -> N
         if arguments.resume or arguments.scheduler is not None:
             raise UsageError(f"{first} does not take --resume or --scheduler; remove them")
         return
-    if not 1 <= arguments.workers <= MOST_WORKERS:
-        raise UsageError(f"--workers {arguments.workers}: give a whole number from 1 to {MOST_WORKERS}")
+    if not 1 <= arguments.workers <= MAX_WORKERS:
+        raise UsageError(f"--workers {arguments.workers}: give a whole number from 1 to {MAX_WORKERS}")
     if arguments.scheduler is not None:
         check_address(arguments.scheduler)
 

@@ -19,26 +19,26 @@ from hil.lab.estimate.tick import watch
 from hil.sim.vehicle_file import load
 
 EPILOG = """\
-TABLE: columns time_s and heading_deg (or _rad), and where recorded rudder_deg, yaw_rate_deg_s, speed_m_s (through the
-water), sog_m_s, cog_deg, lat_deg, lon_deg and goal_deg; cells may be empty. LOG: an onboard log of the autopilot, or
-one of ArduPilot (.BIN, .BIN.gz).
+TABLE: columns time_s and heading_deg (or _rad); optional rudder_deg, yaw_rate_deg_s, speed_m_s (through the water),
+sog_m_s, cog_deg, lat_deg, lon_deg and goal_deg; cells may be empty. LOG: an onboard log of the autopilot, or one of
+ArduPilot (.BIN, .BIN.gz).
 
-The autopilot's own tick runs at each heading, armed, with the recorded goal or, where none was recorded, with the mean
-heading of a minute. Its rudder command moves nothing: monitors and estimator are given the recorded rudder."""
+The autopilot's tick runs at each heading, armed, with the recorded goal or, without one, the mean heading of a minute.
+Its rudder command is not used: monitors and estimator get the recorded rudder."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = EPILOG
-    parser.add_argument("recording", metavar="TABLE|LOG", type=Path, help="what was recorded of a boat under way")
+    parser.add_argument("recording", metavar="TABLE|LOG", type=Path, help="recording of a boat under way")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: parameters of the boat")
-    parser.add_argument("--params", type=Path, metavar="FILE", help="a parameter file, over the vehicle's parameters")
+    parser.add_argument("--params", type=Path, metavar="FILE", help="a parameter file; it overrides the vehicle file")
     parser.add_argument(
         "--ship",
         metavar="K=..,T=..,alpha=..,speed=..",
-        help="the K-T model in 1/s, s, s^2 and the speed in m/s that it holds at, over those of the files; without "
-        "speed= it holds at the recorded mean speed",
+        help="the K-T model in 1/s, s, s^2 and its reference speed in m/s; it overrides the files; without speed= the "
+        "reference is the recorded mean speed",
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the estimate as CSV, a row for each heading")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary as JSON; - for standard output")
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Estimate, print the summary, and write what was asked for."""
+    """Estimate, print the summary, and write the requested files."""
     to_stdout = arguments.json is not None and str(arguments.json) == "-"
     outputs.check("--out", arguments.out)
     outputs.check("--json", None if to_stdout else arguments.json)
@@ -57,8 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
         given |= boat.read_parameters(arguments.params)
     recording = _read(arguments.recording)
     parameters, notes = boat.parameters_for(recording, given, ship)
-    tell = progress.part_done(sys.stderr, time.monotonic)
-    watched = watch(parameters, recording, lambda done, total: tell("estimating", done / total))
+    report = progress.part_done(sys.stderr, time.monotonic)
+    watched = watch(parameters, recording, lambda done, total: report("estimating", done / total))
     predictions = predict(watched)
     result = Result(recording, parameters, watched, judge(watched, predictions), (*recording.notes, *notes))
     figures = as_json(result)

@@ -20,14 +20,14 @@ from hil.lab.identify.manoeuvre_file import RUDDER_UNITS
 from hil.lab.identify.recording import Recording, Source
 
 LARGEST_SEED = 2**63 - 1
-SHOWN_EVERY_S = 0.2
+PROGRESS_S = 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     files = (
-        "manoeuvre table, NMEA 0183 capture or onboard .BIN log (ours or ArduPilot's), of which FILE:from:to takes the "
-        "part between two times in seconds"
+        "manoeuvre table, NMEA 0183 capture or onboard .BIN log (ours or ArduPilot's); FILE:from:to takes the part "
+        "between two times in seconds"
     )
     parser.add_argument("train", metavar="FILE[:from:to]", nargs="+", help=files)
     parser.add_argument(
@@ -45,26 +45,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed-scaling",
         choices=SPEEDS,
         default="auto",
-        help="scaled: the model follows the measured speed by similarity; auto: by a power of it that is estimated",
+        help="scaled: the model follows the measured speed by similarity; auto: by a power that is estimated",
     )
     parser.add_argument(
         "--rudder-unit",
         choices=RUDDER_UNITS,
         default="rad",
-        help="of the rudder column of a CSV; any: a signed command that is no angle",
+        help="unit of the rudder column in a CSV; any: a signed command that is not an angle",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="accepted for scripts; the fit draws no numbers"
-    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="ignored: the fit uses no random numbers")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON; - for standard output")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="write the picture as .png, or the report as .html")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="write the plot as .png, or the report as .html")
     parser.add_argument(
         "--out-params", type=Path, metavar="FILE", help="write the model as parameters of the autopilot"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify, report, write the files; 1 when the model predicts no better than none."""
+    """Identify, report, write the files; return 1 if the model predicts no better than none."""
     if not 0 <= arguments.seed <= LARGEST_SEED:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if arguments.plot is not None and arguments.plot.suffix.lower() not in (".png", ".html"):
@@ -98,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         outputs.write("--plot", arguments.plot, _plot(result, text, arguments, angular=angular))
     if not result.judgement.usable:
-        print("rambler-hil: no model: these logs are as likely without a rudder; see the verdicts", file=sys.stderr)
+        print("rambler-hil: no model: the rudder does not explain these recordings; see the verdicts", file=sys.stderr)
         return 1
     if arguments.out_params is not None:
         outputs.write("--out-params", arguments.out_params, report.as_parameters(result, arguments.rudder_unit))
@@ -106,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
-    """Read each file once, however many parts of it are asked for."""
+    """Read each file once, even if several parts of it are named."""
     whole: dict[Path, Recording] = {}
     for source in sources:
         if source.path not in whole:
@@ -115,7 +113,7 @@ def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
 
 
 def _whole(path: Path, unit: str) -> Recording:
-    """Read a file by what it is."""
+    """Read a file according to its type."""
     name = path.name.lower()
     if name.removesuffix(".gz").endswith(".bin"):
         return _log(path)
@@ -135,7 +133,7 @@ def _log(path: Path) -> Recording:
         with open_buffer(path) as data:
             if ardupilot_log.is_one(data):
                 return ardupilot_log.read(path, data)
-    except OSError:  # missing or no file: our own reader says so
+    except OSError:  # missing or not a file: the other reader reports it
         pass
     return onboard_log.read(path)
 
@@ -145,7 +143,7 @@ def _is_page(path: Path) -> bool:
 
 
 def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, angular: bool) -> bytes:
-    from hil.lab.identify.page import page_of  # noqa: PLC0415 - matplotlib is slow to import, and mostly not asked for
+    from hil.lab.identify.page import page_of  # noqa: PLC0415 - matplotlib is slow to import and not always needed
     from hil.lab.identify.picture import draw  # noqa: PLC0415
 
     train = replace(result.train, file=", ".join(Path(name).name for name in arguments.train)[:60])
@@ -159,24 +157,24 @@ def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, a
 
 
 class _Progress:
-    """A line of progress on a terminal; nothing in a pipe."""
+    """A progress line on a terminal; nothing in a pipe."""
 
     def __init__(self) -> None:
-        self._shown = sys.stderr.isatty()
+        self._enabled = sys.stderr.isatty()
         self._began_s = self._last_s = time.monotonic()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._shown:
+        if self._enabled:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
 
     def tell(self) -> None:
         """Show the time so far."""
         now_s = time.monotonic()
-        if self._shown and not being_compiled() and now_s - self._last_s >= SHOWN_EVERY_S:
+        if self._enabled and not being_compiled() and now_s - self._last_s >= PROGRESS_S:
             self._last_s = now_s
             sys.stderr.write(f"\r\x1b[Kidentifying ... {now_s - self._began_s:.1f} s")
             sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""Files that a command writes at its end: looked at before the minutes that it takes, not after."""
+"""Output files of a command, checked before work that takes minutes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from hil.errors import HilError, UsageError
 
 
 def check(option: str, path: Path | None) -> None:
-    """Raise UsageError when a file that was asked for cannot be written; without a path all is well."""
+    """Raise UsageError if a requested file cannot be written."""
     if path is None:
         return
     place = path.absolute()
     if not place.parent.is_dir():
-        raise UsageError(f"{option} {path}: there is no directory {place.parent}; make it first")
+        raise UsageError(f"{option} {path}: directory {place.parent} does not exist; create it first")
     if place.is_dir():
         raise UsageError(f"{option} {path} is a directory; name a file in it")
     if not os.access(place if place.exists() else place.parent, os.W_OK):
-        raise UsageError(f"{option} {path} may not be written; give another")
+        raise UsageError(f"{option} {path}: no permission to write; give another")
 
 
 def write(option: str, path: Path, content: str | bytes) -> None:

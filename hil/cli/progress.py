@@ -1,4 +1,4 @@
-"""How far long work has come: a line that renews itself on a terminal, in a pipe one now and then."""
+"""Progress of long work: a line that is rewritten on a terminal; in a pipe a line every 30 s."""
 
 from __future__ import annotations
 
@@ -7,42 +7,42 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol, TextIO
 
-RENEW_S = 0.2
-NOW_AND_THEN_S = 30.0
+TERMINAL_S = 0.2
+PIPE_S = 30.0
 HOUR_S, MINUTE_S = 3600.0, 60.0
 
 
-class Tell(Protocol):
-    """Told how many are done, of how many, how many of them since the beginning of this, and which was the last."""
+class Report(Protocol):
+    """A function that reports progress."""
 
     def __call__(self, done: int, total: int, since: int, last: str = "") -> None:
-        """Show it, if it is time to."""
+        """Report `done` of `total` runs, `since` of them in this session, and the name of the last one."""
 
 
 @contextmanager
-def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Tell]:
-    """Yield what is told how far the work has come.
+def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Report]:
+    """Yield the function that reports progress.
 
-    How fast is counted from the first telling on: before that, what sails may be compiled.
+    The rate counts from the first report on, because code may be compiled before.
     """
     terminal = stream.isatty()
-    next_s = now_s() + (0.0 if terminal else NOW_AND_THEN_S)
+    next_s = now_s() + (0.0 if terminal else PIPE_S)
     first: tuple[float, int] | None = None
 
-    def tell(done: int, total: int, since: int, last: str = "") -> None:
+    def report(done: int, total: int, since: int, last: str = "") -> None:
         nonlocal first, next_s
         t_s = now_s()
         first = first or (t_s, since)
         if t_s < next_s:
             return
-        next_s = t_s + (RENEW_S if terminal else NOW_AND_THEN_S)
+        next_s = t_s + (TERMINAL_S if terminal else PIPE_S)
         text = _text(done, total, (since - first[1]) / max(t_s - first[0], 1e-9)) + (last and f"; {last}")
-        # A line that goes on to the next could not be renewed.
+        # A line wider than the terminal could not be rewritten.
         stream.write(f"\r\x1b[K{text[: shutil.get_terminal_size().columns - 1]}" if terminal else f"{text}\n")
         stream.flush()
 
     try:
-        yield tell
+        yield report
     finally:
         if terminal:
             stream.write("\r\x1b[K")
@@ -50,22 +50,22 @@ def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Tell]:
 
 
 def part_done(stream: TextIO, now_s: Callable[[], float]) -> Callable[[str, float], None]:
-    """Return what is told what is being done and which part of all is over; at 1 the terminal's line goes."""
+    """Return a function that reports the present task and the completed part; at 1 the terminal's line is removed."""
     terminal = stream.isatty()
-    next_s = now_s() + NOW_AND_THEN_S
+    next_s = now_s() + PIPE_S
 
-    def tell(what: str, part: float) -> None:
+    def report(task: str, part: float) -> None:
         nonlocal next_s
-        text = f"{100.0 * part:3.0f} %  {what}" if part < 1.0 else ""
+        text = f"{100.0 * part:3.0f} %  {task}" if part < 1.0 else ""
         if terminal:
             stream.write(f"\r\x1b[K{text[: shutil.get_terminal_size().columns - 1]}")
             stream.flush()
         elif text and (t_s := now_s()) >= next_s:
-            next_s = t_s + NOW_AND_THEN_S
+            next_s = t_s + PIPE_S
             stream.write(f"{text}\n")
             stream.flush()
 
-    return tell
+    return report
 
 
 def _text(done: int, total: int, per_s: float) -> str:

@@ -1,4 +1,4 @@
-"""`rambler-hil report`: the page of a boat's own logs, or of a run, made anew."""
+"""`rambler-hil report`: write the page of a boat's logs, or write that of a run again."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LOG|DIR",
         nargs="+",
         type=Path,
-        help="onboard logs or a state directory; or the directory of a run, in which report.html and summary.json are"
-        " made anew",
+        help="onboard logs or a state directory; or the directory of a run, whose report.html and summary.json are"
+        " written again",
     )
-    parser.add_argument("--out", metavar="FILE", type=Path, help=f"where to write the page of logs (default {PAGE})")
+    parser.add_argument("--out", metavar="FILE", type=Path, help=f"page of the logs (default {PAGE})")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the page and say where it is."""
+    """Write the page and print its path."""
     first = arguments.places[0]
     if arguments.out is None and len(arguments.places) == 1 and (first / run_file.NAME).exists():
         with run_directory.locked_directory(first):
@@ -40,14 +40,14 @@ def run(arguments: argparse.Namespace) -> int:
     for place in arguments.places:
         if (place / run_directory.TRUTH_FILE).exists() and not (place / run_file.NAME).exists():
             print(
-                f"rambler-hil: {place} has no {run_file.NAME}, as the version that sailed it kept none: the page shows"
-                " what its logs tell, and nothing of the truth",
+                f"rambler-hil: {place}: no {run_file.NAME}, because an old version made the run: the page shows its"
+                " logs only, not the truth",
                 file=sys.stderr,
             )
     target = arguments.out or PAGE
     outputs.check("--out", target)
     if target.exists() and any(place.exists() and place.samefile(target) for place in arguments.places):
-        raise UsageError(f"--out {target} is a log that the page is made of; give another")
+        raise UsageError(f"--out {target} is one of the logs; give another file")
     field_page.write(arguments.places, target)
     print(f"report: {target}")
     return 0

@@ -1,4 +1,4 @@
-"""`rambler-hil reproduce`: the paper's chain on synthetic tank data, and the paper against ours."""
+"""`rambler-hil reproduce`: the paper's chain on synthetic tank data, and its figures beside ours."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=RUNS / "reproduce",
         metavar="DIR",
-        help="where recordings, runs, picture, page and table go (default runs/reproduce)",
+        help="directory for recordings, runs, plot, page and table (default runs/reproduce)",
     )
     parser.add_argument("--quick", action="store_true", help="shorter manoeuvres and runs, a coarser search")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything that is random (default 1)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="random seed (default 1)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Go through the chain and print the table; 1 when something does not match that should."""
+    """Run the chain and print the table; return 1 if a required figure does not match."""
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     out = arguments.out
@@ -41,10 +41,10 @@ def run(arguments: argparse.Namespace) -> int:
             (RUNS / ".gitignore").write_text("*\n", encoding="ascii")
     except OSError as error:
         raise UsageError(f"--out {out}: {error.strerror}; give another directory") from None
-    tell = progress.part_done(sys.stderr, time.monotonic)
+    report = progress.part_done(sys.stderr, time.monotonic)
     with locked_directory(out):
-        chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, tell)
-        tell("", 1.0)
+        chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, report)
+        report("", 1.0)
         found = results(chain)
         print(text(found))
         from hil.lab.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import

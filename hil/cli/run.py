@@ -32,7 +32,7 @@ from hil.sim.view_page import LISTEN
 DEFAULT_GOALS = "0:0,120:60,720:-90"
 DEFAULT_SECONDS = 1320.0
 SECONDS_AFTER_LAST_GOAL = 300.0
-LONGEST_S = 1e7
+MAX_SECONDS = 1e7
 PLAY_LINKS = ("udpout:127.0.0.1:14550", "tcpin:127.0.0.1:5760")
 MODES = {name.lower(): number for number, name in MODE_NAMES.items()}
 
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed",
         metavar="real|max|N",
         default="real",
-        help="real time (default), as fast as it goes, or N times real time; all but real run in lockstep",
+        help="real: real time (default); max: as fast as possible; N: N times real time. All but real run in lockstep",
     )
     parser.add_argument(
         "--seconds", type=float, metavar="N", help="length of the run (default: 300 s after the last goal)"
@@ -53,33 +53,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--goal",
         metavar="T:DEG,...",
-        help=f'headings in degrees true and when they are given, in seconds (default "{DEFAULT_GOALS}", 1320 s)',
+        help=f'headings in degrees true, each set at a time in seconds (default "{DEFAULT_GOALS}", 1320 s)',
     )
     parser.add_argument(
         "--mode",
         choices=tuple(MODES),
-        help="the mode to be set instead of giving headings: auto sails the mission that --state holds",
+        help="set this mode instead of goals: auto sails the mission in --state",
     )
     parser.add_argument(
         "--play",
         action="store_true",
-        help="she is yours: no goals but --goal's, no end but Ctrl-C, --seconds or a shutdown, and no order an error",
+        help="steer by ground station: no goals except --goal, and no order is an error; ends with Ctrl-C, --seconds or"
+        " a shutdown command",
     )
-    parser.add_argument("--state", type=Path, metavar="DIR", help="begin with a copy of this state directory")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO-SEED)")
+    parser.add_argument("--state", type=Path, metavar="DIR", help="start with a copy of this state directory")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="output directory (default runs/SCENARIO-SEED)")
     _add_autopilot_arguments(parser)
 
 
 def _add_autopilot_arguments(parser: argparse.ArgumentParser) -> None:
-    """Define how the autopilot is set and reached."""
+    """Define the options of the autopilot and its links."""
     parser.add_argument(
         "--link",
         metavar="URL",
         nargs="+",
         action="extend",
         default=[],
-        help="MAVLink links for ground stations, such as udpout:127.0.0.1:14550; sbd:DIR is an emulated Iridium modem"
-        " whose messages go through DIR, see sbd-gateway",
+        help="MAVLink links for ground stations, such as udpout:127.0.0.1:14550; sbd:DIR: an emulated Iridium modem"
+        " with its messages in DIR, see sbd-gateway",
     )
     parser.add_argument(
         "--set",
@@ -88,31 +89,31 @@ def _add_autopilot_arguments(parser: argparse.ArgumentParser) -> None:
         action="extend",
         default=[],
         dest="settings",
-        help="parameters of the autopilot; the ship stays what it is",
+        help="parameters of the autopilot; the simulated ship does not change",
     )
     parser.add_argument(
         "--view",
         metavar="HOST:PORT",
         nargs="?",
         const=LISTEN,
-        help=f"show the run under way as a page for a browser on this computer (default {LISTEN})",
+        help=f"serve a live page of the run for a browser on this computer (default {LISTEN})",
     )
     add_adapter_arguments(parser)
     parser.add_argument(
         "--remote",
         metavar="HOST|URL",
-        help="start no autopilot: the one at the adapters' other ends is given the goals, by MAVLink at tcp:HOST:5760,"
-        " or at tcp:, udpout: or udpin:HOST:PORT",
+        help="start no autopilot; send the goals by MAVLink to the one behind the adapters, at tcp:HOST:5760, or at"
+        " tcp:, udpout: or udpin:HOST:PORT",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make a run, write its figures and its page however it ends, print them."""
+    """Make a run; write and print its summary and its page, however it ends."""
     options = read_options(arguments)
     if bool(adapters_of(arguments)) != (arguments.remote is not None) or (arguments.remote and options.lockstep):
-        raise UsageError("adapters and --remote belong together, in real time: the autopilot is at their other ends")
+        raise UsageError("give adapter ports (--compass-port, ...) and --remote together, with --speed real")
     if options.play:
-        print(f"she listens on {' and '.join(options.links)}; Ctrl-C ends the game", flush=True)
+        print(f"the autopilot listens on {' and '.join(options.links)}; Ctrl-C ends the run", flush=True)
     with run_directory.locked_directory(options.out), interruptible(), reported(options.out):
         if arguments.remote is None:
             runner.run(options)
@@ -127,7 +128,7 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
     scenario = sea_of(arguments)
     goals = goals_of(arguments.goal or (DEFAULT_GOALS if mode == GUIDED and not arguments.play else ""))
     if not goals and arguments.seconds is None and not arguments.play:
-        raise UsageError(f"--mode {arguments.mode} has no end of its own; give --seconds")
+        raise UsageError(f"--mode {arguments.mode} needs --seconds: without goals the run has no end")
     seconds = _seconds(arguments, goals)
     out = arguments.out
     if out is None:
@@ -161,22 +162,22 @@ def _speed(text: str) -> float | None:
     except ValueError:
         speed = math.nan
     if not (math.isfinite(speed) and 0.0 < speed <= 1e6):
-        raise UsageError(f"--speed {text[:30]}: give real, max or how many times real time")
+        raise UsageError(f"--speed {text[:30]}: give real, max or a multiple of real time")
     return speed
 
 
 def _seconds(arguments: argparse.Namespace, goals: tuple[Goal, ...]) -> float:
     if arguments.seconds is None and arguments.play:
-        return LONGEST_S
+        return MAX_SECONDS
     if arguments.seconds is None:
         return DEFAULT_SECONDS if arguments.goal is None else goals[-1].t_s + SECONDS_AFTER_LAST_GOAL
-    return seconds_of(arguments.seconds, LONGEST_S)
+    return seconds_of(arguments.seconds, MAX_SECONDS)
 
 
 def _within(goals: tuple[Goal, ...], seconds: float) -> tuple[Goal, ...]:
     kept = tuple(goal for goal in goals if goal.t_s < seconds)
     if len(kept) < len(goals):
-        print(f"rambler-hil: goals after {seconds:g} s are left out; lengthen with --seconds", file=sys.stderr)
+        print(f"rambler-hil: run ends at {seconds:g} s: later goals are ignored; increase --seconds", file=sys.stderr)
     if not kept:
-        raise UsageError(f"no goal before the end at {seconds:g} s; lengthen with --seconds")
+        raise UsageError(f"no goal before the end of the run at {seconds:g} s; increase --seconds")
     return kept

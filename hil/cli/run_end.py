@@ -1,4 +1,4 @@
-"""How a command that puts a boat to sea ends: with the figures and the page of what there is, whatever ends it."""
+"""The end of a command that makes a run: summary and page of the data so far, however it ends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hil.sim import run_file
 
 @contextmanager
 def reported(out: Path) -> Iterator[None]:
-    """Write figures and page of the run in a directory and print them; of one cut short, if it had begun."""
+    """Write and print summary and page of the run in a directory; of an interrupted run if it had begun."""
     before = _record_of(out)
     try:
         yield
@@ -24,9 +24,9 @@ def reported(out: Path) -> Iterator[None]:
         raise
     except BaseException as error:
         if _record_of(out) not in (None, before):
-            _report_what_there_is(out, told=isinstance(error, KeyboardInterrupt))
+            _report_partial(out, interrupted=isinstance(error, KeyboardInterrupt))
         raise
-    _tell(*run_page.make(out))
+    _print(*run_page.make(out))
 
 
 def _record_of(out: Path) -> tuple[int, int] | None:
@@ -37,17 +37,17 @@ def _record_of(out: Path) -> tuple[int, int] | None:
     return found.st_ino, found.st_mtime_ns
 
 
-def _report_what_there_is(out: Path, *, told: bool) -> None:
+def _report_partial(out: Path, *, interrupted: bool) -> None:
     try:
         figures, report = run_page.make(out)
-    except HilError as error:  # what has ended the run is told, too
+    except HilError as error:  # the caller reports the error that ended the run
         print(f"rambler-hil: no report: {error}", file=sys.stderr)
         return
-    if told:
+    if interrupted:
         print(figures["ending"])
-        _tell(figures, report)
+        _print(figures, report)
 
 
-def _tell(figures: Summary, report: Path) -> None:
+def _print(figures: Summary, report: Path) -> None:
     print(figures_text(figures))
     print(f"report: {report}")

@@ -1,4 +1,4 @@
-"""`rambler-hil sbd-gateway`: a boat's Iridium messages ashore, as a MAVLink endpoint for a ground station."""
+"""`rambler-hil sbd-gateway`: the Iridium messages of a boat as a MAVLink endpoint for a ground station."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from hil.shore.web import Inbox, Sender
 from hil.sim.signals import stopped_by_signal
 
 DEFAULT_STATION = "udpout:127.0.0.1:14550"
-_LOOK_S = 0.5
+_POLL_S = 0.5
 _PAUSE_S = 0.02
 _TRIES, _TRY_S = 20, 30.0
-_MOST_ORDERS = 50  # of a station at once
+_MAX_ORDERS = 50  # of a station at once
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,45 +33,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "directory",
         metavar="DIR",
         type=Path,
-        help="messages as files IMEI_NUMBER.sbd: those of the boat in DIR/from-boat, those for it in DIR/to-boat",
+        help="messages as files IMEI_NUMBER.sbd: from the boat in DIR/from-boat, to the boat in DIR/to-boat",
     )
     parser.add_argument(
         "--station",
         metavar="URL",
         default=DEFAULT_STATION,
-        help=f"the ground station's link: udpout, udpin, tcp (out) or tcpin:HOST:PORT (default {DEFAULT_STATION})",
+        help=f"link of the ground station: udpout, udpin, tcp (out) or tcpin:HOST:PORT (default {DEFAULT_STATION})",
     )
-    parser.add_argument("--imei", help="the boat's modem, 15 digits; else that of the first message")
+    parser.add_argument("--imei", help="15 digits of the boat's modem (default: that of the first message)")
     parser.add_argument(
         "--key-file",
         metavar="FILE",
         type=Path,
-        help="the boat's key: a line with its passphrase; orders are keyed by it",
+        help="the boat's key: a file with the passphrase in its first line; it authenticates commands to the boat",
     )
-    parser.add_argument("--hex", action="store_true", help="the line is the key itself, 64 hexadecimal digits")
+    parser.add_argument("--hex", action="store_true", help="the first line is the key itself, 64 hexadecimal digits")
     parser.add_argument(
         "--http",
         metavar="HOST:PORT",
-        help="take messages of the boat by HTTP POST, too, as RockBLOCK's service sends them",
+        help="also receive messages of the boat by HTTP POST, in the format of the RockBLOCK service",
     )
     parser.add_argument(
-        "--send-url", metavar="URL", help="send messages to the boat by HTTP POST, as RockBLOCK's service takes them"
+        "--send-url", metavar="URL", help="send messages to the boat by HTTP POST, in the RockBLOCK format"
     )
     parser.add_argument(
         "--account-file",
         metavar="FILE",
         type=Path,
-        help="for --send-url: a line with the user, a line with the password",
+        help="for --send-url: a file with the user in its first line and the password in its second",
     )
 
 
 class StationLink:
-    """A ground station through pymavlink; what goes there is signed when there is a key."""
+    """A ground station through pymavlink; messages to it are signed if there is a key."""
 
     def __init__(self, url: str, key: bytes | None) -> None:
         """Open the link, or raise UsageError."""
-        os.environ["MAVLINK20"] = "1"  # mavutil looks there
-        from pymavlink import mavutil  # noqa: PLC0415 - it is heavy, and asks the environment
+        os.environ["MAVLINK20"] = "1"  # read by mavutil
+        from pymavlink import mavutil  # noqa: PLC0415 - slow to import, and it reads the environment
 
         try:
             self._link = mavutil.mavlink_connection(url, dialect="common", source_system=1, source_component=1)
@@ -79,18 +79,18 @@ class StationLink:
             raise UsageError(f"--station {url}: {error}; use udpout:HOST:PORT, udpin, tcp or tcpin") from None
         self._link.mav.robust_parsing = True
         if key is not None:
-            # What comes here goes out with the boat's key: from another computer only what has it.
+            # Accepted commands are sent with the boat's key, so another computer must sign them.
             local = ":127." in url
             self._link.setup_signing(key, sign_outgoing=True, allow_unsigned_callback=lambda *_: local)
 
     def send(self, message: Any, system: int, component: int) -> None:
-        """Send a message as somebody's."""
+        """Send a message with this system and component id."""
         self._link.mav.srcSystem, self._link.mav.srcComponent = system, component
         with contextlib.suppress(OSError):
             self._link.mav.send(message)
 
     def receive(self) -> Any | None:
-        """Return a message of the station, None when there is none."""
+        """Return a message of the station, or None."""
         try:
             message = self._link.recv_msg()
         except OSError:
@@ -103,7 +103,7 @@ class StationLink:
 
 
 class _Outbox:
-    """Messages to the boat: into a directory, or to the provider's service, which is tried again in the background."""
+    """Messages to the boat: in a directory, or to the provider's service, with retries in the background."""
 
     def __init__(self, post: MessagePost, sender: Sender | None) -> None:
         self._post, self._sender = post, sender
@@ -119,27 +119,27 @@ class _Outbox:
         try:
             self._post.put(imei, self._number, message)
         except OSError as error:
-            self.problems.append(f"Not sent: {self._post.directory}: {error.strerror}")
+            self.problems.append(f"Message not sent: {self._post.directory}: {error.strerror}")
 
     def _send(self, sender: Sender, imei: str, message: bytes) -> None:
         for _ in range(_TRIES):
             try:
                 refusal = sender.send(imei, message)
             except (OSError, ValueError) as error:
-                self.problems.append(f"Not sent yet: {error}")
+                self.problems.append(f"Message not sent, retrying: {error}")
                 time.sleep(_TRY_S)
                 continue
             if refusal:
-                self.problems.append(f"Refused ashore: {refusal}")
+                self.problems.append(f"Message rejected by the provider: {refusal}")
             return
-        self.problems.append("Not sent: given up")
+        self.problems.append(f"Message not sent after {_TRIES} tries: dropped")
 
     def close(self) -> None:
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry messages until it is interrupted."""
+    """Exchange messages until a signal."""
     key = _key_of(arguments)
     imei = arguments.imei or ""
     if imei and not (len(imei) == IMEI_DIGITS and imei.isascii() and imei.isdigit()):
@@ -154,39 +154,39 @@ def run(arguments: argparse.Namespace) -> int:
         outbox = stack.enter_context(contextlib.closing(_Outbox(post, _sender_of(arguments))))
         if arguments.http is not None:
             web = stack.enter_context(contextlib.closing(Inbox(_place_of(arguments.http), inbox)))
-            print(f"takes messages on port {web.port}")
+            print(f"receiving messages on port {web.port}")
         gateway = Gateway(station, outbox.hand_over, _say, key=key, imei=imei)
         print(f"{arguments.directory}: messages of {imei or 'any boat'}; station {arguments.station}", flush=True)
-        look_s, heard = 0.0, False
+        poll_s, connected = 0.0, False
         while not stopped():
             now_s = time.monotonic()
-            if now_s >= look_s:
-                look_s = now_s + _LOOK_S
+            if now_s >= poll_s:
+                poll_s = now_s + _POLL_S
                 for sender, _, content in inbox.take():
-                    _survive(gateway, partial(gateway.take_message, sender, content))
+                    _survive(gateway, partial(gateway.receive_message, sender, content))
                 problems = [*inbox.problems, *outbox.problems]
                 inbox.problems.clear()
                 outbox.problems.clear()
                 for problem in problems:
-                    gateway.complain(problem)
-            for _ in range(_MOST_ORDERS):
+                    gateway.report_problem(problem)
+            for _ in range(_MAX_ORDERS):
                 message = _survive(gateway, station.receive)
                 if message is None:
                     break
-                if not heard:
-                    heard = True
+                if not connected:
+                    connected = True
                     _survive(gateway, gateway.greet)
-                _survive(gateway, partial(gateway.take_order, message, now_s, time.time()))
+                _survive(gateway, partial(gateway.receive_order, message, now_s, time.time()))
             time.sleep(_PAUSE_S)
     return 0
 
 
 def _survive(gateway: Gateway, work: Callable[[], Any]) -> Any:
-    """Return the result of a message; an error in it does not stop the next one."""
+    """Return the result of `work`; report an error, so that the next message is still processed."""
     try:
         return work()
     except Exception as error:  # noqa: BLE001 - messages come from outside
-        gateway.complain(f"Message left out: {type(error).__name__}: {error}")
+        gateway.report_problem(f"Message skipped: {type(error).__name__}: {error}")
         return None
 
 
@@ -199,26 +199,26 @@ def _lines_of(path: Path, option: str) -> list[str]:
         return path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(
-            f"{option} {path}: {getattr(error, 'strerror', None) or 'no text'}; give another file"
+            f"{option} {path}: {getattr(error, 'strerror', None) or 'not a text file'}; give another file"
         ) from None
 
 
 def _key_of(arguments: argparse.Namespace) -> bytes | None:
     if arguments.key_file is None:
-        print("without --key-file orders go out without a key; a boat that has one refuses them", file=sys.stderr)
+        print("no --key-file: commands have no key; a boat with a key rejects them", file=sys.stderr)
         return None
     lines = _lines_of(arguments.key_file, "--key-file")
     words = lines[0] if lines else ""
     if not arguments.hex:
         if not words:
-            raise UsageError(f"--key-file {arguments.key_file}: it is empty; write the passphrase into its first line")
+            raise UsageError(f"--key-file {arguments.key_file}: empty; write the passphrase into its first line")
         return hashlib.sha256(words.encode()).digest()
     try:
         key = bytes.fromhex(words)
     except ValueError:
         key = b""
     if len(key) != 32:
-        raise UsageError(f"--key-file {arguments.key_file}: with --hex its first line has 64 hexadecimal digits")
+        raise UsageError(f"--key-file {arguments.key_file}: with --hex the first line must be 64 hexadecimal digits")
     return key
 
 
@@ -226,7 +226,7 @@ def _sender_of(arguments: argparse.Namespace) -> Sender | None:
     if arguments.send_url is None:
         return None
     if not arguments.send_url.startswith(("http://", "https://")):
-        raise UsageError(f"--send-url {arguments.send_url[:60]}: it begins with http:// or https://")
+        raise UsageError(f"--send-url {arguments.send_url[:60]}: must begin with http:// or https://")
     lines = _lines_of(arguments.account_file, "--account-file") if arguments.account_file is not None else []
     user, password = (*lines, "", "")[:2]
     if not (user and password):

@@ -1,4 +1,4 @@
-"""`rambler-hil scenarios`: the seas that a run can be made in, and what they can be sailed with."""
+"""`rambler-hil scenarios`: list the scenarios and the disturbance options."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from dataclasses import asdict
 from hil.ship import disturbance_options
 from hil.ship.scenarios import TABLE
 
-COLUMNS = ("name", "U m/s", "wave s", "wave yaw deg", "bias deg", "drift deg", "current m/s", "what it is")
+COLUMNS = ("name", "speed m/s", "wave s", "wave yaw deg", "bias deg", "drift deg", "current m/s", "description")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("--json", action="store_true", help="the seas as one JSON list instead of a table")
+    parser.add_argument("--json", action="store_true", help="print the scenarios as a JSON list instead of a table")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the seas and the options."""
+    """Print the scenarios and the options."""
     if arguments.json:
         print(json.dumps([asdict(row) for row in TABLE], indent=2))
         return 0
@@ -40,6 +40,6 @@ def run(arguments: argparse.Namespace) -> int:
     for row in (COLUMNS, *rows):
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     print("\n" + "\n".join(mixtures))
-    print("\nWith any of them, `rambler-hil run SCENARIO --with NAME[=NUMBER:...],...`; off unless given:\n")
+    print("\nDisturbances for any scenario: `rambler-hil run SCENARIO --with NAME[=NUMBER:...],...`; default off:\n")
     print(disturbance_options.listing())
     return 0

@@ -1,4 +1,4 @@
-"""The part of a command line that says which sea, which boat and which chances."""
+"""Command-line options for scenario, vehicle and seed."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ SCENARIO_NAMES = ", ".join(row.name for row in scenarios.TABLE)
 
 
 def add_sea_arguments(parser: argparse.ArgumentParser) -> None:
-    """Define what all commands that put a boat to sea have in common, the name of the scenario apart."""
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything that is random (default 1)")
+    """Define the options that all commands with a simulated boat share, except the name of the scenario."""
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="random seed (default 1)")
     parser.add_argument(
         "--current",
         metavar="M/S:DEG[:HOURS[:ROTARY]]",
-        help="another current: strength and where it sets, at the start if it turns; the hours of its tide, and how"
-        " much it turns round: 0 (default) to and fro, 1 clockwise at full strength, -1 anticlockwise",
+        help="another current: speed and direction it flows to; with a tide its period in hours and its rotation: 0"
+        " (default) reverses, 1 turns clockwise at constant speed, -1 anticlockwise",
     )
     parser.add_argument(
         "--with",
@@ -36,17 +36,17 @@ def add_sea_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         dest="disturbances",
-        help="more that the sea does to her, as in float=0.3:0.6,leeway=8,sway; rambler-hil scenarios lists them",
+        help="disturbance options, as in float=0.3:0.6,leeway=8,sway; rambler-hil scenarios lists them",
     )
-    parser.add_argument("--compass", choices=tuple(COMPASSES), help="default nmea, or the vehicle file's")
-    parser.add_argument("--servo", choices=tuple(SERVOS), help="default dynamixel, or the vehicle file's")
+    parser.add_argument("--compass", choices=tuple(COMPASSES), help="(default nmea, or that of the vehicle file)")
+    parser.add_argument("--servo", choices=tuple(SERVOS), help="(default dynamixel, or that of the vehicle file)")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: devices, model, parameters")
 
 
 def add_adapter_arguments(parser: argparse.ArgumentParser) -> None:
-    """Define which devices hang on serial adapters of this computer."""
+    """Define the options for devices on serial adapters of this computer."""
     for option, name in ADAPTERS.items():
-        text = f"put the {name} on this serial adapter of this computer, wired to the float computer's"
+        text = f"emulate the {name} on this serial adapter of this computer, wired to the float computer's"
         parser.add_argument(f"--{option.replace('_', '-')}", metavar="PORT", help=text)
 
 
@@ -57,7 +57,7 @@ def adapters_of(arguments: argparse.Namespace) -> dict[str, str]:
 
 
 def sea_of(arguments: argparse.Namespace) -> Scenario:
-    """Return the sea that a command line asks for, or raise UsageError."""
+    """Return the scenario of a command line, or raise UsageError."""
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     try:
@@ -77,7 +77,7 @@ def sea_of(arguments: argparse.Namespace) -> Scenario:
 
 
 def goals_of(text: str) -> tuple[Goal, ...]:
-    """Return the goals that a command line asks for, none for no text, or raise UsageError."""
+    """Return the goals of a command line, none for an empty text, or raise UsageError."""
     try:
         return parse_goals(text) if text else ()
     except GoalError as error:
@@ -85,7 +85,7 @@ def goals_of(text: str) -> tuple[Goal, ...]:
 
 
 def vehicle_of(arguments: argparse.Namespace) -> Vehicle:
-    """Return the vehicle that a command line asks for, or raise UsageError."""
+    """Return the vehicle of a command line, or raise UsageError."""
     vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
     return with_devices(vehicle, arguments.compass, arguments.servo)
 
@@ -119,7 +119,7 @@ def seconds_of(seconds: float, longest_s: float) -> float:
 
 
 def hide_from_git(directory: Path) -> None:
-    """Make the directory of all runs, which git is not to see; UsageError when that fails."""
+    """Create the directory of all runs with a .gitignore; UsageError when that fails."""
     try:
         directory.mkdir(exist_ok=True)
         (directory / ".gitignore").write_text("*\n", encoding="ascii")

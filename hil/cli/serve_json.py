@@ -1,4 +1,4 @@
-"""`rambler-hil serve-json`: ArduPilot's autopilots on our ship, in our seas, scored as ours is."""
+"""`rambler-hil serve-json`: ArduPilot's simulated autopilots on our ship, in our seas, with our scores."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from hil.sim.signals import interruptible
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S
 
 ADDRESS, PORT = "127.0.0.1", 9002
-DEFAULT_GOALS, DEFAULT_SECONDS, LONGEST_S = "0:0,120:60,720:-90", 1320.0, 1e7
+DEFAULT_GOALS, DEFAULT_SECONDS, MAX_SECONDS = "0:0,120:60,720:-90", 1320.0, 1e7
 SERVOS = range(1, 17)
 TRAVEL_DEG = (1.0, 45.0)
-QUIET_S = 60.0
-LOOK_S = 0.5
-ROUNDING_S = 1e-6  # her time is a sum of frames
+TIMEOUT_S = 60.0
+POLL_S = 0.5
+ROUNDING_S = 1e-6  # the simulated time is a sum of frames
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,30 +45,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help=SCENARIO_NAMES)
     add_sea_arguments(parser)
     parser.add_argument(
-        "--seconds", type=float, metavar="N", default=DEFAULT_SECONDS, help="of the ship (default 1320)"
+        "--seconds", type=float, metavar="N", default=DEFAULT_SECONDS, help="simulated length of the run (default 1320)"
     )
     parser.add_argument(
         "--goal",
         metavar="T:DEG,...",
         default=DEFAULT_GOALS,
-        help="the headings that she is scored by, which whoever operates the autopilot gives it at these seconds"
+        help="headings for the score, in degrees true by time in seconds; the operator sets them at these times"
         f' (default "{DEFAULT_GOALS}")',
     )
     parser.add_argument(
         "--port", type=int, default=PORT, metavar="N", help=f"UDP port on {ADDRESS}, 0 for any (default {PORT})"
     )
-    parser.add_argument("--steering", type=int, default=1, metavar="N", help="the servo output that steers (default 1)")
+    parser.add_argument("--steering", type=int, default=1, metavar="N", help="servo output for steering (default 1)")
     parser.add_argument(
-        "--travel", type=float, default=30.0, metavar="DEG", help="the rudder at 1900 us, starboard (default 30)"
+        "--travel", type=float, default=30.0, metavar="DEG", help="rudder angle at 1900 us, to starboard (default 30)"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/json-SCENARIO-SEED)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="output directory (default runs/json-SCENARIO-SEED)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until her time is over, she hears nothing more, or Ctrl-C; write her figures and her page."""
+    """Serve until the end of the run, a timeout or Ctrl-C; write summary and page."""
     options = _options(arguments)
     if arguments.steering not in SERVOS or not TRAVEL_DEG[0] <= arguments.travel <= TRAVEL_DEG[1]:
-        raise UsageError("--steering is 1 to 16, --travel 1 to 45 degrees")
+        raise UsageError("--steering must be 1 to 16, --travel 1 to 45 degrees")
     with (
         contextlib.suppress(KeyboardInterrupt),
         closing(_listener(arguments.port)) as listener,
@@ -95,7 +95,7 @@ def _options(arguments: argparse.Namespace) -> RunOptions:
         hide_from_git(RUNS)
     return RunOptions(
         scenario=scenario,
-        seconds=seconds_of(arguments.seconds, LONGEST_S),
+        seconds=seconds_of(arguments.seconds, MAX_SECONDS),
         out=out,
         speed=math.inf,
         seed=arguments.seed,
@@ -111,39 +111,39 @@ def _listener(port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         listener.close()
         raise UsageError(f"--port {port}: {getattr(error, 'strerror', None) or error}; give another") from None
-    listener.settimeout(LOOK_S)
+    listener.settimeout(POLL_S)
     return listener
 
 
 def _serve(listener: socket.socket, ship: JsonShip, end_s: float, begin: Callable[[], None]) -> float | None:
-    """Answer packets until the ship's time is over or none comes any more; what is none is told, once of a kind.
+    """Reply to packets until the end of the run or a timeout; report invalid packets once of a kind.
 
-    Return how long she was steered, None for not at all.
+    Return the duration from first to last packet, None without packets.
     """
-    told: set[str] = set()
+    reported_errors: set[str] = set()
     autopilot = ActiveAutopilot()
-    begun_s = heard_s = None
+    begun_s = received_s = None
     while ship.now_s < end_s - ROUNDING_S:
         try:
             data, address = listener.recvfrom(2048)
         except TimeoutError:
-            if heard_s is not None and time.monotonic() - heard_s > QUIET_S:
-                print(f"nothing from the autopilot for {QUIET_S:g} s: the end", file=sys.stderr)
+            if received_s is not None and time.monotonic() - received_s > TIMEOUT_S:
+                print(f"no packet from the autopilot for {TIMEOUT_S:g} s: end of the run", file=sys.stderr)
                 break
             continue
         try:
             packet, now_s = read_packet(data), time.monotonic()
             is_new = autopilot.receive(address, now_s)
         except PacketError as error:
-            if str(error) not in told and len(told) < 10:
-                told.add(str(error))
+            if str(error) not in reported_errors and len(reported_errors) < 10:
+                reported_errors.add(str(error))
                 print(f"rambler-hil: {error}", file=sys.stderr)
             continue
         if is_new:
-            print(f"steered from {address[0]}:{address[1]}", flush=True)
+            print(f"autopilot at {address[0]}:{address[1]}", flush=True)
         if begun_s is None:
             begun_s = now_s
             begin()
-        heard_s = now_s
+        received_s = now_s
         listener.sendto(ship.answer(packet), address)
-    return None if begun_s is None or heard_s is None else heard_s - begun_s
+    return None if begun_s is None or received_s is None else received_s - begun_s

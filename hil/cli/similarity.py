@@ -16,7 +16,7 @@ from hil.ship.regressions import FLOAT, HullForm, sway_model
 from hil.sim.vehicle_file import load, model_of, standard_vehicle
 
 DEFAULT_SPEEDS = "0.2,0.4,0.6,0.8,1.0,1.2"
-MOST_SPEEDS = 1000
+MAX_SPEEDS = 1000
 COLUMNS = (
     "U m/s",
     "K 1/s",
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the model at each speed, what is constant, and what is to be doubted."""
+    """Print the model at each speed, the constants and the warnings."""
     speeds = read_speeds(arguments.speeds)
     vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
     model = model_of(vehicle)
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         hull = read_hull(vehicle.hull)
         rows = similarity.table(model, hull, speeds)
     except ValueError as error:
-        raise UsageError(f"{arguments.vehicle or 'the standard hull'}: {error}") from None
+        raise UsageError(f"{arguments.vehicle or 'default hull'}: {error}") from None
     constants = similarity.dimensionless(model, hull.length_m)
     warnings = sway_model(hull).warnings
     if arguments.json:
@@ -60,30 +60,30 @@ def run(arguments: argparse.Namespace) -> int:
 def read_speeds(text: str) -> tuple[float, ...]:
     """Read speeds between commas, or raise UsageError."""
     speeds = []
-    for word in text.split(",")[: MOST_SPEEDS + 1]:
+    for word in text.split(",")[: MAX_SPEEDS + 1]:
         try:
             speed = float(word)
         except ValueError:
             speed = math.nan
         if not 0.01 <= speed <= 100.0:
-            raise UsageError(f"--speeds: {word.strip()[:30]!r} is no speed; give 0.01 to 100 m/s, as in 0.2,0.4")
+            raise UsageError(f"--speeds: {word.strip()[:30]!r} is not a speed; give 0.01 to 100 m/s, as in 0.2,0.4")
         speeds.append(speed)
-    if len(speeds) > MOST_SPEEDS:
-        raise UsageError(f"--speeds: give at most {MOST_SPEEDS}")
+    if len(speeds) > MAX_SPEEDS:
+        raise UsageError(f"--speeds: the maximum is {MAX_SPEEDS} speeds")
     return tuple(speeds)
 
 
 def read_hull(hull: Hull) -> HullForm:
-    """Take the hull of a vehicle file, or the float of physics; ValueError for one that cannot be."""
+    """Return the hull of a vehicle file, or the default float; ValueError for an invalid one."""
     if hull == Hull():
         return FLOAT
-    numbers = {name: _given(hull, name) for name in ("length_m", "beam_m", "draft_m", "mass_kg")}
+    numbers = {name: _number(hull, name) for name in ("length_m", "beam_m", "draft_m", "mass_kg")}
     if hull.block_coefficient is None:
         return HullForm.from_mass(**numbers)
     return HullForm(**numbers, block_coefficient=hull.block_coefficient)
 
 
-def _given(hull: Hull, name: str) -> float:
+def _number(hull: Hull, name: str) -> float:
     value: float | None = getattr(hull, name)
     if value is None:
         raise ValueError(f"[hull] {name}: give a number")
@@ -97,7 +97,7 @@ def as_json(
     rows: tuple[similarity.SpeedRow, ...],
     warnings: tuple[str, ...],
 ) -> dict[str, object]:
-    """Return all as JSON takes it."""
+    """Return all results for JSON."""
     return {
         "model": model._asdict(),
         "hull": asdict(hull),
@@ -137,7 +137,7 @@ def as_text(
 
 
 def row_cells(row: similarity.SpeedRow) -> tuple[str, ...]:
-    """Return one speed's numbers as texts."""
+    """Return one speed's numbers as text."""
     return (
         f"{row.speed_m_s:g}",
         f"{row.turning_ability_1_s:.4g}",

@@ -1,4 +1,4 @@
-"""`rambler-hil tune`: the delivered controller, or the paper's fixed gains, by artificial fish swarm."""
+"""`rambler-hil tune`: tune the delivered controller, or the paper's fixed gains, by artificial fish swarm."""
 
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ from hil.ship.disturbance_options import DisturbanceError
 from hil.sim.vehicle_file import load, model_of, standard_vehicle
 
 EVALUATIONS, FIXED_EVALUATIONS = 60, 400
-FEWEST, FIXED_FEWEST = 20, 150
+MIN_EVALUATIONS, FIXED_MIN_EVALUATIONS = 20, 150
 EPILOG = """\
 The delivered controller (CTL_PRICE and RUD_DBAND_DEG) is tuned in the compiled loop (hil/lab/twin), whose rudder
-commands are those of the autopilot to the last bit. Seas may have options of their own, as in
-"swell+float=0.3:0.6,leeway=8". The choice is checked in seas with other seeds; what is not better there too is not
-kept, and the file then holds the delivered defaults.
+commands equal those of the autopilot to the last bit. Scenarios may have disturbance options, as in
+"swell+float=0.3:0.6,leeway=8". The choice is checked in the same scenarios with other seeds; if it is not better there,
+the file holds the delivered defaults.
 
 The JSON holds:
-  seeds, fresh_seeds, scenarios, ships   what the trial runs were
+  seeds, fresh_seeds, scenarios, ships   the trial runs
   delivered   error (1 by definition) and travel_deg_per_h of the delivered defaults over all cases
-  chosen      the same of the choice, and travel by that of the delivered; why; kept_as_delivered; parameters
+  chosen      the same of the choice, and travel relative to delivered; why; kept_as_delivered; parameters
   fresh_seas  both with other waves and noise
   tried       every setting that was tried
-  cases       for each sea, ship and fresh seed the errors and the rudder travel of both
+  cases       errors and rudder travel of both for each sea, ship and fresh seed
   evaluations, trial_runs, seconds
 
-With --law what is searched are the four constants of firmware_py/control/law.py, over the seas and ships of the
-proofs. Its JSON holds seeds, fresh_seeds, delivered, found, cost and fresh_cost by that of the delivered, better,
-evaluations, and for each of fresh_seas the error and the rudder travel of both.
+With --law the search is over the four constants of firmware_py/control/law.py, in the seas and with the ships of the
+proofs. Its JSON holds seeds, fresh_seeds, delivered, found, cost and fresh_cost relative to delivered, better,
+evaluations, and error and rudder travel of both for each of fresh_seas.
 
-With --fixed-gains what is tuned is the paper's S-surface behind the plain observer (hil/lab/tune/loop_kernel.py): k1,
-k2, EST_TAU_S and RUD_DBAND_DEG. Its file switches the delivered controller off. Its JSON holds:
-  paper       for a 30 and a 90 deg step: k1, k2 and itae_deg_s2 of the least ITAE, what the paper's gains come to
+With --fixed-gains the paper's S-surface behind the plain observer (hil/lab/tune/loop_kernel.py) is tuned: k1, k2,
+EST_TAU_S and RUD_DBAND_DEG. Its file switches the delivered controller off. Its JSON holds:
+  paper       for a 30 and a 90 deg step: k1, k2 and itae_deg_s2 of the minimum ITAE, and those of the paper's gains
   reference   error (1 by definition) and travel_deg_per_h of the paper's gains over all cases
-  chosen      k1, k2, tau_s, deadband_deg; error and worst_error (of one case) by the reference; why; parameters
+  chosen      k1, k2, tau_s, deadband_deg; error and worst_error (of one case) relative to reference; why; parameters
   fresh_seas  the chosen setting with other waves and noise
   front       the settings that no other beats in both error and travel
-  cases       for each sea, speed, K_factor and T_factor the errors of the paper's gains and of the chosen setting
-  switched_off  in each sea rms_error_deg and rudder_travel_deg_per_h of the delivered controller and of this one
+  cases       errors of the paper's gains and of the choice for each sea, speed, K_factor and T_factor
+  switched_off  rms_error_deg and rudder_travel_deg_per_h of the delivered controller and of this one in each sea
   evaluations, trial_runs, seconds"""
-FRESH_SEED = 1_000_003  # added to the seed for the seas that the choice is checked in
+FRESH_SEED = 1_000_003  # offset of the seeds for the check of the choice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,11 +66,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=None,
         metavar="NAME",
-        help=f"seas to be good in, of {names} (default {' '.join(cases.DEFAULT_SCENARIOS)}; "
-        f"with --law {len(law.SEAS)} seas and ships)",
+        help=f"scenarios, of {names} (default {' '.join(cases.DEFAULT_SCENARIOS)}; "
+        f"with --law {len(law.SEAS)} scenarios and ships)",
     )
     parser.add_argument(
-        "--with", dest="disturbances", metavar="OPTIONS", help="options of every sea, as `run --with` takes"
+        "--with", dest="disturbances", metavar="OPTIONS", help="disturbances for all scenarios, as in `run --with`"
     )
     parser.add_argument(
         "--fixed-gains",
@@ -80,36 +80,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--law",
         action="store_true",
-        help="search the constants of the helm's law instead, which are the same for every vehicle",
+        help="search the constants of the control law instead, which are the same for every vehicle",
     )
     parser.add_argument(
         "--price",
         type=float,
         metavar="P",
-        help="what rudder travel costs against error, both in parts of what the delivered defaults, or the paper's "
-        "gains, come to (0: error alone; 1: both weigh the same); default: neither more than as delivered, or the "
-        f"knee of the front; with --law deg^2 for each deg/h (default {law.PRICE:g})",
+        help="weight of rudder travel against error, both relative to the delivered defaults or the paper's gains "
+        "(0: error alone; 1: equal weights); default: neither larger than as delivered, or the knee of the front; "
+        f"with --law in deg^2 per deg/h (default {law.PRICE:g})",
     )
     parser.add_argument(
         "--only-gains",
         action="store_true",
-        help="with --fixed-gains: search k1 and k2 alone, not EST_TAU_S and RUD_DBAND_DEG",
+        help="with --fixed-gains: search k1 and k2 only, not EST_TAU_S and RUD_DBAND_DEG",
     )
     parser.add_argument(
         "--evaluations",
         type=int,
         metavar="N",
-        help=f"how many settings the fish try (default {EVALUATIONS}), with --fixed-gains at each of some six prices "
+        help=f"number of settings to try (default {EVALUATIONS}); with --fixed-gains at each of about six prices "
         f"(default {FIXED_EVALUATIONS})",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of waves, noise and fish (default 1)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="write the picture there (.png, and a .html page)")
-    parser.add_argument("--out-params", type=Path, metavar="FILE", help="write the chosen parameters there")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="random seed (default 1)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="write the plot (.png) and a page (.html)")
+    parser.add_argument("--out-params", type=Path, metavar="FILE", help="write the chosen parameters to FILE")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune, print, and write what was asked for."""
+    """Tune, print, and write the requested files."""
     _check(arguments)
     if arguments.law:
         return _run_law(arguments)
@@ -118,8 +118,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_law(arguments: argparse.Namespace) -> int:
-    """Search the constants of the law; they stand in the code, so no parameter file is written."""
-    tell, first = progress.part_done(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
+    """Search the constants of the law; they are in the code, so no parameter file is written."""
+    report, first = progress.part_done(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
     price = law.PRICE if arguments.price is None else arguments.price
     try:
         trials, fresh = (
@@ -128,8 +128,8 @@ def _run_law(arguments: argparse.Namespace) -> int:
         )
     except (scenarios.UnknownScenarioError, DisturbanceError) as error:
         raise UsageError(f"--scenarios: {error}") from None
-    found = law.search(trials, fresh, arguments.evaluations or EVALUATIONS, arguments.seed, tell)
-    tell("", 1.0)
+    found = law.search(trials, fresh, arguments.evaluations or EVALUATIONS, arguments.seed, report)
+    report("", 1.0)
     print(law.text(trials, fresh, found))
     if arguments.json is not None:
         outputs.write("--json", arguments.json, json.dumps(law.as_json(trials, fresh, found), indent=2) + "\n")
@@ -145,7 +145,7 @@ def _run_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         outputs.write("--json", arguments.json, json.dumps(delivered_report.as_json(report), indent=2) + "\n")
     if arguments.plot is not None:
-        from hil.lab.tune import delivered_page  # noqa: PLC0415 - matplotlib is slow to import, and not always needed
+        from hil.lab.tune import delivered_page  # noqa: PLC0415 - matplotlib is slow to import and not always needed
 
         picture, html = delivered_page.write(report, arguments.plot)
         print(f"picture: {picture}, page: {html}")
@@ -159,9 +159,9 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
     model, names = model_of(vehicle), arguments.scenarios
     try:
         if any(scenarios.sea_of(name).disturbances.supply is not None for name in names):
-            raise UsageError("--with supply: the trial runs know no power; leave it out")
+            raise UsageError("--with supply: the trial runs do not simulate power; remove it")
         if any(scenarios.sea_of(name).disturbances.vessels is not None for name in names):
-            raise UsageError("--with vessels: the trial runs know no other ships; leave it out")
+            raise UsageError("--with vessels: the trial runs do not simulate other ships; remove it")
         trials, fresh = (
             delivered.Trials(model, parameters, names, range(first, first + count))
             for first, count in ((seed, delivered.SEEDS), (seed + FRESH_SEED, delivered.FRESH_SEEDS))
@@ -169,7 +169,7 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
     except (scenarios.UnknownScenarioError, DisturbanceError) as error:
         raise UsageError(f"--scenarios: {error}") from None
     except ValueError as error:
-        raise UsageError(f"the vehicle file describes no ship that can be tuned: {error}") from None
+        raise UsageError(f"vehicle file: invalid ship model: {error}") from None
     tuned = delivered_search.tune(
         trials,
         fresh,
@@ -186,12 +186,12 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
 
 
 def _notes(parameters: ParameterSet) -> tuple[str, ...]:
-    """Say what of the vehicle the trial runs do not have."""
+    """Return a note for each property of the vehicle that the trial runs do not have."""
     usual = ParameterSet()
     other = [name for name in ("LOOP_RATE_HZ", "LOOP_LOCK") if parameters[name] != usual[name]]
     off = [name for name in delivered_report.DELIVERED if parameters[name] == 0.0]
-    notes = [f"trial runs sail {name} {usual[name]:g}, not the vehicle's {parameters[name]:g}" for name in other]
-    notes += [f"the vehicle's {name} 0 is not what was tuned; the parameter file sets it to 1" for name in off]
+    notes = [f"the trial runs use {name} {usual[name]:g}, not the vehicle's {parameters[name]:g}" for name in other]
+    notes += [f"{name} is 0 in the vehicle file but was tuned as 1; the parameter file has 1" for name in off]
     return tuple(notes)
 
 
@@ -211,7 +211,7 @@ def _run_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         outputs.write("--json", arguments.json, json.dumps(as_json(report), indent=2) + "\n")
     if arguments.plot is not None:
-        from hil.lab.tune import page  # noqa: PLC0415 - matplotlib is slow to import, and not always needed
+        from hil.lab.tune import page  # noqa: PLC0415 - matplotlib is slow to import and not always needed
 
         picture, html = page.write(report, arguments.plot)
         print(f"picture: {picture}, page: {html}")
@@ -232,7 +232,7 @@ def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
     except scenarios.UnknownScenarioError as error:
         raise UsageError(f"--scenarios: {error}") from None
     except ValueError as error:
-        raise UsageError(f"the vehicle file describes no ship that can be tuned: {error}") from None
+        raise UsageError(f"vehicle file: invalid ship model: {error}") from None
     tuned = tune(
         trials,
         present,
@@ -249,26 +249,26 @@ def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Refuse what cannot be, before the minute that it takes, not after."""
+    """Check the options before the search, which takes a minute."""
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if arguments.price is not None and not (math.isfinite(arguments.price) and 0.0 <= arguments.price <= 1e6):
         raise UsageError(f"--price {arguments.price}: give a number from 0 to 1e6")
-    fewest, given = FIXED_FEWEST if arguments.fixed_gains else FEWEST, arguments.evaluations
-    if given is not None and not fewest <= given <= 1_000_000:
-        raise UsageError(f"--evaluations {given}: give a number from {fewest} to 1000000")
+    fewest, count = FIXED_MIN_EVALUATIONS if arguments.fixed_gains else MIN_EVALUATIONS, arguments.evaluations
+    if count is not None and not fewest <= count <= 1_000_000:
+        raise UsageError(f"--evaluations {count}: give a number from {fewest} to 1000000")
     if arguments.only_gains and not arguments.fixed_gains:
-        raise UsageError("--only-gains: the delivered controller has none; give --fixed-gains beside it")
+        raise UsageError("--only-gains needs --fixed-gains: the delivered controller has no such gains")
     if arguments.law:
         for option, value in (
             ("--fixed-gains", arguments.fixed_gains), ("--vehicle", arguments.vehicle),
             ("--plot", arguments.plot), ("--out-params", arguments.out_params),
         ):  # fmt: skip
             if value:
-                raise UsageError(f"{option}: the law is the same for every vehicle; leave it or --law out")
+                raise UsageError(f"{option}: the law is the same for every vehicle; remove {option} or --law")
     arguments.scenarios = _seas(arguments)
     if arguments.plot is not None and arguments.plot.suffix not in (".png", ".html"):
-        raise UsageError(f"--plot {arguments.plot}: the name must end in .png or .html; both are written")
+        raise UsageError(f"--plot {arguments.plot}: the name must end in .png or .html; both files are written")
     for option, path in (
         ("--json", arguments.json), ("--plot", arguments.plot), ("--out-params", arguments.out_params)
     ):  # fmt: skip
@@ -276,7 +276,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _seas(arguments: argparse.Namespace) -> list[str]:
-    """Return the seas, each with the options of all; a comma parts names as long as no options follow."""
+    """Return the scenarios, each with the options of --with; commas separate names without options."""
     words = arguments.scenarios or (law.SEAS if arguments.law else cases.DEFAULT_SCENARIOS)
     names = [name for word in words for name in ([word] if "+" in word else word.split(",")) if name]
     if not names:
@@ -284,5 +284,5 @@ def _seas(arguments: argparse.Namespace) -> list[str]:
     if arguments.disturbances is None:
         return names
     if arguments.fixed_gains:
-        raise UsageError("--with: the trial runs of --fixed-gains know no options; leave one of them out")
+        raise UsageError("--with: the trial runs of --fixed-gains have no disturbances; remove one of them")
     return [f"{name}{',' if '+' in name else '+'}{arguments.disturbances}" for name in names]

@@ -1,1 +1,1 @@
-"""The shore's side of a boat's satellite link: messages in, a ground station, messages out."""
+"""The shore side of a boat's satellite link: messages in, a ground station, messages out."""

@@ -1,4 +1,4 @@
-"""Between messages of a boat and a ground station: her MAVLink goes there, orders become messages."""
+"""Gateway between satellite messages and a ground station: MAVLink frames of the boat out, commands in."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from hil.shore.short_form import Numbers, encode
 
-LONGEST: Final = 270  # bytes of a message to the boat
-REPEAT_S: Final = 300.0  # a station that asks again within this is told to be patient, and nothing is sent
+MAX_BYTES: Final = 270  # of a message to the boat
+REPEAT_S: Final = 300.0  # a command repeated within this time is acknowledged as in progress and not sent again
 COMPONENT: Final = 1
 _COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
-# What is worth a message. Parameter lists, missions, logs and files are for other links.
+# Messages that are sent by satellite. Parameter lists, missions, logs and files are for other links.
 _SENT = _COMMANDS | {
     "SET_MODE",
     "PARAM_SET",
@@ -23,32 +23,32 @@ _SENT = _COMMANDS | {
     "SET_ATTITUDE_TARGET",
     "SET_POSITION_TARGET_GLOBAL_INT",
 }
-# Commands that only ask for messages: stations send them by habit.
-_ASKING = frozenset({410, 510, 511, 512, 519, 520, 521, 522, 524, 525, 526, 527, 528})
-# Said by stations all the time, and meant for nobody here.
-_HABITS = frozenset({"HEARTBEAT", "SYSTEM_TIME", "TIMESYNC", "PING", "REQUEST_DATA_STREAM"})
+# Commands that only request messages; stations send them automatically.
+_REQUESTS = frozenset({410, 510, 511, 512, 519, 520, 521, 522, 524, 525, 526, 527, 528})
+# Periodic messages of stations, ignored without a report.
+_PERIODIC = frozenset({"HEARTBEAT", "SYSTEM_TIME", "TIMESYNC", "PING", "REQUEST_DATA_STREAM"})
 
 
 class Station(Protocol):
-    """The ground station's side."""
+    """Link to the ground station."""
 
     def send(self, message: Any, system: int, component: int) -> None:
-        """Send it a message as somebody's."""
+        """Send a message with this system and component id."""
 
 
 @dataclass(slots=True)
 class _Order:
-    """One that is on its way, and since when."""
+    """A command under way and the time at which it was sent."""
 
     sent_s: float
     command: int | None
 
 
 class Gateway:
-    """Takes messages and orders one by one, time passed in; what it sends goes through `station` and `hand_over`.
+    """Process messages and commands one by one; time is an argument; output goes to `station` and `hand_over`.
 
-    `hand_over` takes the modem's IMEI and a message for it. The boat's system id is that of its first frame; frames in
-    the name of another, and of a kind that is not known here, are left out, counted and reported.
+    `hand_over` takes the modem's IMEI and a message for it. The boat's system id is that of its first frame. Frames of
+    another system and of an unknown kind are dropped, counted and reported.
     """
 
     def __init__(
@@ -60,13 +60,13 @@ class Gateway:
         key: bytes | None = None,
         imei: str = "",
     ) -> None:
-        """Take both sides; without a key orders go out as plain MAVLink."""
+        """Take both sides; without a key commands are sent as plain MAVLink."""
         self._station, self._hand_over, self._say = station, hand_over, say
         self._key = key
         self.imei = imei
         self.system = 1
-        self.left_out: Counter[str] = Counter()
-        self._heard = False  # the boat, so that its system id is known
+        self.dropped: Counter[str] = Counter()
+        self._boat_known = False  # after its first frame, which has its system id
         self._numbers = Numbers()
         self._orders: dict[bytes, _Order] = {}
         self._last: dict[str, Any] = {}
@@ -74,10 +74,10 @@ class Gateway:
 
     # ------------------------------------------------------------------ from the boat
 
-    def take_message(self, imei: str, content: bytes) -> int:
-        """Pass on what a message holds; return how many frames that was."""
+    def receive_message(self, imei: str, content: bytes) -> int:
+        """Forward the frames of a message; return their number."""
         if self.imei and imei != self.imei:
-            self._leave_out("message of another modem", f"{imei}; the boat's is {self.imei}")
+            self._drop("message of another modem", f"{imei}; the boat's is {self.imei}")
             return 0
         passed_on = [frame for frame in parse(content) if self._is_of_boat(frame)]
         for frame in passed_on:
@@ -91,37 +91,37 @@ class Gateway:
 
     def _is_of_boat(self, frame: Any) -> bool:
         if isinstance(frame, mavlink.MAVLink_unknown):
-            self._leave_out("frame of unknown kind", frame.get_type().removeprefix("UNKNOWN_"))
+            self._drop("frame of unknown kind", frame.get_type().removeprefix("UNKNOWN_"))
             return False
-        if not self._heard:
-            self._heard, self.system = True, frame.get_srcSystem()
+        if not self._boat_known:
+            self._boat_known, self.system = True, frame.get_srcSystem()
         if frame.get_srcSystem() != self.system:
-            self._leave_out("frame of another system", f"{frame.get_srcSystem()}; the boat is system {self.system}")
+            self._drop("frame of another system", f"{frame.get_srcSystem()}; the boat is system {self.system}")
             return False
         return True
 
-    def _leave_out(self, kind: str, what: str) -> None:
-        self.left_out[kind] += 1
-        self._say(f"{kind} {what}: left out ({self.left_out[kind]} so far)")
+    def _drop(self, kind: str, detail: str) -> None:
+        self.dropped[kind] += 1
+        self._say(f"{kind} {detail}: dropped ({self.dropped[kind]} so far)")
 
     def greet(self) -> None:
-        """Tell a station that has just come what was reported last."""
+        """Send the last report to a station that has just connected."""
         if (report := self._last.get("HIGH_LATENCY2")) is not None:
             self._station.send(report, report.get_srcSystem(), report.get_srcComponent())
 
     # ------------------------------------------------------------------ from the station
 
-    def take_order(self, message: Any, now_s: float, utc_s: float) -> None:
-        """Send an order to the boat as a message, or say why not."""
+    def receive_order(self, message: Any, now_s: float, utc_s: float) -> None:
+        """Send a command to the boat as a message, or report the reason if it is not sent."""
         name = message.get_type()
         target = getattr(message, "target_system", 0)
-        if name in _HABITS or target not in (0, self.system) or isinstance(message, mavlink.MAVLink_unknown):
+        if name in _PERIODIC or target not in (0, self.system) or isinstance(message, mavlink.MAVLink_unknown):
             return
         if name not in _SENT:
-            self._tell_once(name)
+            self._report_unsupported(name)
             return
         command = int(message.command) if name in _COMMANDS else None
-        if command in _ASKING:
+        if command in _REQUESTS:
             self._acknowledge(command, mavlink.MAV_RESULT_UNSUPPORTED, message)
             return
         order = _order_of(message)
@@ -132,7 +132,7 @@ class Gateway:
         problem = self._send(message, utc_s)
         if problem:
             self._say(f"{name} not sent: {problem}")
-            self._tell(mavlink.MAV_SEVERITY_WARNING, f"Not sent: {problem}")
+            self._report(mavlink.MAV_SEVERITY_WARNING, f"Not sent: {problem}")
             self._acknowledge(command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, message)
             return
         self._orders[order] = _Order(now_s, command)
@@ -140,48 +140,48 @@ class Gateway:
 
     def _send(self, message: Any, utc_s: float) -> str:
         if not self.imei:
-            return "no modem is known yet; give its IMEI"
+            return "modem unknown; give --imei"
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if self._key is None:
             content = message.pack(mavlink.MAVLink(None, srcSystem=sender[0], srcComponent=sender[1]))
         else:
             content = encode(message, sender, self._numbers.next(utc_s), self._key, self.imei)
-        if len(content) > LONGEST:
-            return f"{len(content)} bytes are too many"
+        if len(content) > MAX_BYTES:
+            return f"{len(content)} bytes exceed {MAX_BYTES}"
         self._hand_over(self.imei, bytes(content))
         self._say(f"sent to the boat: {message.get_type()}, {len(content)} bytes")
         return ""
 
-    def complain(self, text: str) -> None:
-        """Tell operator and station what has gone wrong with a message to the boat."""
+    def report_problem(self, text: str) -> None:
+        """Report a problem with a message to the operator and the station."""
         self._say(text)
-        self._tell(mavlink.MAV_SEVERITY_WARNING, text)
+        self._report(mavlink.MAV_SEVERITY_WARNING, text)
 
     # ------------------------------------------------------------------
 
     def _acknowledge(self, command: int | None, result: int, message: Any) -> None:
         if command is not None:
             sender = (message.get_srcSystem(), message.get_srcComponent())
-            answer = mavlink.MAVLink_command_ack_message(command, result, 255, 0, *sender)
-            self._station.send(answer, self.system, COMPONENT)
+            reply = mavlink.MAVLink_command_ack_message(command, result, 255, 0, *sender)
+            self._station.send(reply, self.system, COMPONENT)
 
-    def _tell_once(self, name: str) -> None:
+    def _report_unsupported(self, name: str) -> None:
         if name not in self._refused:
             self._refused.add(name)
-            self._tell(mavlink.MAV_SEVERITY_NOTICE, f"By satellite not: {name}")
+            self._report(mavlink.MAV_SEVERITY_NOTICE, f"Not supported by satellite: {name}")
 
-    def _tell(self, severity: int, text: str) -> None:
+    def _report(self, severity: int, text: str) -> None:
         self._station.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]), self.system, COMPONENT)
 
 
 def parse(content: bytes) -> list[Any]:
-    """Return the frames of a message; what is none is passed over."""
+    """Return the frames of a message; other bytes are skipped."""
     decoder = mavlink.MAVLink(None)
     decoder.robust_parsing = True
     return [frame for frame in decoder.parse_buffer(content) or () if frame.get_type() != "BAD_DATA"]
 
 
 def _order_of(message: Any) -> bytes:
-    """Return what makes an order the same as another: its payload without the count of its repetitions."""
+    """Return the identity of a command for the detection of repetitions: its payload without the confirmation."""
     fields: Mapping[str, Any] = message.to_dict()
     return repr(sorted((name, str(value)) for name, value in fields.items() if name != "confirmation")).encode()

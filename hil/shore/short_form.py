@@ -1,4 +1,4 @@
-"""A command for the boat in the keyed short form (docs/how-to/satellite.md), written from its description."""
+"""A command for the boat in the keyed short form (docs/how-to/satellite.md), independent of the boat's decoder."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _CODE_BYTES = 8
 
 
 class Numbers:
-    """The numbers of messages: the time of writing, and never the same twice."""
+    """Message numbers: the time of writing, strictly increasing."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without a message."""
         self._last = 0
 
     def next(self, utc_s: float) -> int:

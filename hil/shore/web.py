@@ -1,4 +1,4 @@
-"""Messages over HTTP, as RockBLOCK's service posts those of the boat and takes those for it."""
+"""Messages over HTTP in the RockBLOCK format: POST requests from and to the provider."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from hil.devices.message_post import IMEI_DIGITS, MessagePost
 from hil.errors import UsageError
 
-_MOST_BYTES = 16_384  # of a request
-_LONGEST_MESSAGE = 1960
+_MAX_BYTES = 16_384  # of a request
+_MAX_MESSAGE_BYTES = 1960
 _TIMEOUT_S = 10.0
 
 
@@ -23,7 +23,7 @@ def read_request(content_type: str, body: bytes) -> tuple[str, int, bytes]:
     if content_type.partition(";")[0].strip() == "application/json":
         values = json.loads(body)
         if not isinstance(values, dict):
-            raise ValueError("no object")
+            raise ValueError("not a JSON object")
         fields = {str(name): str(value) for name, value in values.items()}
     else:
         fields = dict(urllib.parse.parse_qsl(body.decode("ascii"), max_num_fields=32))
@@ -33,13 +33,13 @@ def read_request(content_type: str, body: bytes) -> tuple[str, int, bytes]:
     if not (number.isascii() and number.isdigit() and int(number[:6]) <= 65535 and len(number) <= 5):
         raise ValueError("momsn is not a number up to 65535")
     message = bytes.fromhex(data)
-    if len(message) > _LONGEST_MESSAGE:
+    if len(message) > _MAX_MESSAGE_BYTES:
         raise ValueError("data is too long")
     return imei, int(number), message
 
 
 class Inbox:
-    """Answers POST requests from a thread of its own: a message that is on disk is answered 200."""
+    """Serve POST requests in a thread; the reply is 200 once the message is on disk."""
 
     def __init__(self, place: tuple[str, int], post: MessagePost) -> None:
         """Listen, or raise UsageError."""
@@ -51,7 +51,7 @@ class Inbox:
 
             def do_POST(self) -> None:
                 size = self.headers.get("Content-Length", "")
-                if not (size.isascii() and size.isdigit() and len(size) < 8 and int(size) <= _MOST_BYTES):
+                if not (size.isascii() and size.isdigit() and len(size) < 8 and int(size) <= _MAX_BYTES):
                     self._answer(413, "give Content-Length, up to 16384")
                     return
                 try:
@@ -75,7 +75,7 @@ class Inbox:
                 self.wfile.write(body)
 
             def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - http.server's name
-                """Say nothing: what counts is told by the gateway."""
+                """Log nothing: the gateway reports messages."""
 
         try:
             self._server = ThreadingHTTPServer(place, Handler)
@@ -87,7 +87,7 @@ class Inbox:
         self._thread.start()
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop the server."""
         self._server.shutdown()
         self._server.server_close()
 
@@ -101,9 +101,9 @@ class Sender:
     password: str
 
     def send(self, imei: str, message: bytes) -> str:
-        """Hand a message over; return why the service refuses it, empty when it has taken it. OSError: try again."""
+        """Send a message; return the reason if the service rejects it, else an empty text. OSError: try again."""
         fields = {"imei": imei, "username": self.user, "password": self.password, "data": message.hex()}
         request = urllib.request.Request(self.url, urllib.parse.urlencode(fields).encode(), method="POST")  # noqa: S310 - http only, checked
-        with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as answer:  # noqa: S310
-            text = answer.read(400).decode("ascii", "replace").strip()
-        return "" if text.split(",")[0] == "OK" else text or "it says nothing"
+        with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as reply:  # noqa: S310
+            text = reply.read(400).decode("ascii", "replace").strip()
+        return "" if text.split(",")[0] == "OK" else text or "empty reply"

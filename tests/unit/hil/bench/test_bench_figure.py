@@ -12,32 +12,32 @@ from hil.bench.figure import Figure, paired_figure, percentile
 @pytest.mark.parametrize(
     ("figure", "met"),
     [
-        (Figure("x", "ms", 2.0, most=2.0), True),
-        (Figure("x", "ms", 2.1, most=2.0), False),
-        (Figure("x", "us", 500.0, 100.0, most_ratio=5.0), True),
-        (Figure("x", "us", 501.0, 100.0, most_ratio=5.0), False),
-        (Figure("x", "us", 1.0, None, most_ratio=5.0), False),
-        (Figure("x", "us", float("nan"), 100.0, most_ratio=5.0), False),
-        (Figure("x", "us", float("nan"), most=5.0), False),
+        (Figure("x", "ms", 2.0, maximum=2.0), True),
+        (Figure("x", "ms", 2.1, maximum=2.0), False),
+        (Figure("x", "us", 500.0, 100.0, maximum_ratio=5.0), True),
+        (Figure("x", "us", 501.0, 100.0, maximum_ratio=5.0), False),
+        (Figure("x", "us", 1.0, None, maximum_ratio=5.0), False),
+        (Figure("x", "us", float("nan"), 100.0, maximum_ratio=5.0), False),
+        (Figure("x", "us", float("nan"), maximum=5.0), False),
         (Figure("x", "us", 1e9, 1.0), None),
-        (Figure("x", "times", 15.0, least=15.0), True),
-        (Figure("x", "times", 14.9, least=15.0), False),
-        (Figure("x", "times", float("nan"), least=15.0), False),
-        (Figure("x", "us", 1.0, 1.0, most_ratio=0.5, paired_ratio=0.4), True),
-        (Figure("x", "us", 0.1, 1.0, most_ratio=0.5, paired_ratio=0.6), False),
+        (Figure("x", "times", 15.0, minimum=15.0), True),
+        (Figure("x", "times", 14.9, minimum=15.0), False),
+        (Figure("x", "times", float("nan"), minimum=15.0), False),
+        (Figure("x", "us", 1.0, 1.0, maximum_ratio=0.5, paired_ratio=0.4), True),
+        (Figure("x", "us", 0.1, 1.0, maximum_ratio=0.5, paired_ratio=0.6), False),
     ],
 )
-def test_an_aim_is_met_or_not_or_there_is_none(figure, met):
+def test_targets(figure, met):
     assert figure.met is met
 
 
-def test_without_a_bare_limit_there_is_no_ratio():
+def test_no_ratio_without_a_bare_limit():
     assert Figure("x", "ms", 3.0, 2.0).ratio == 1.5
     assert Figure("x", "ms", 3.0).ratio is None
     assert Figure("x", "ms", 3.0, 0.0).ratio is None
 
 
-def test_percentiles_are_those_of_numpy():
+def test_percentiles_equal_numpy():
     chances = random.Random(3)
     samples = [chances.expovariate(1.0) for _ in range(997)]
     for percent in (0.0, 50.0, 95.0, 99.9, 100.0):
@@ -47,7 +47,7 @@ def test_percentiles_are_those_of_numpy():
     assert math.isnan(percentile([], 50.0))
 
 
-def test_the_ratio_of_pairs_is_the_median_of_neighbours():
+def test_paired_ratio_is_the_median_of_neighbours():
     # In the second pair the machine was ten times as slow, for both programs.
     ours, bare = iter([1.0, 10.0, 1.1]), iter([2.0, 20.0, 2.0])
     order = []

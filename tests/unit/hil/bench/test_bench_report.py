@@ -12,8 +12,8 @@ FINDINGS = (
     Finding(
         "Speed",
         (
-            Figure("first", "ms", 1.5, 0.5, most=2.0, peer="another 14"),
-            Figure("second and longer", "us", 700.0, 100.0, most_ratio=5.0),
+            Figure("first", "ms", 1.5, 0.5, maximum=2.0, peer="another 14"),
+            Figure("second and longer", "us", 700.0, 100.0, maximum_ratio=5.0),
         ),
         ("how it was got",),
     ),
@@ -36,11 +36,11 @@ FINDINGS = (
         (math.inf, "-"),
     ],
 )
-def test_numbers_have_three_digits(value, text):
+def test_number_format(value, text):
     assert number(value) == text
 
 
-def test_each_figure_stands_beside_its_limit_its_aim_and_its_peers():
+def test_table():
     lines = table(FINDINGS).splitlines()
     first, second, third = (next(line for line in lines if name in line) for name in ("first", "second", "third"))
     assert " ".join(first.split()) == "first 1.50 ms 0.500 ms 3.00x <= 2 ms met another 14"
@@ -56,7 +56,7 @@ def test_columns_are_aligned():
     assert first.index("3.00x") == second.index("7.00x")
 
 
-def test_json_holds_the_ratio_the_verdict_and_the_circumstances():
+def test_json():
     found = json.loads(as_json(FINDINGS, {"cores": 2}))
     assert found["circumstances"] == {"cores": 2}
     speed, weight = found["findings"]
@@ -69,12 +69,12 @@ def test_json_holds_the_ratio_the_verdict_and_the_circumstances():
     assert weight["figures"][0]["met"] is None
 
 
-def test_json_has_no_numbers_that_json_does_not_know():
+def test_nan_is_null_in_json():
     text = as_json([Finding("Nothing", (Figure("x", "s", math.nan, math.inf),))], {})
     assert json.loads(text, parse_constant=pytest.fail)["findings"][0]["figures"][0]["value"] is None
 
 
-def test_an_aim_that_is_a_least_is_told():
-    shown = table([Finding("speed", (Figure("faster", "times", 14.0, least=15.0),))])
-    assert ">= 15 times" in shown
-    assert "MISSED" in shown
+def test_lower_limit():
+    text = table([Finding("speed", (Figure("faster", "times", 14.0, minimum=15.0),))])
+    assert ">= 15 times" in text
+    assert "MISSED" in text

@@ -18,7 +18,7 @@ def values():
 
 
 @pytest.fixture
-def asked(monkeypatch, tmp_path, values):
+def calls(monkeypatch, tmp_path, values):
     """Replace every measurement; the settings that they are given are noted."""
     found = []
 
@@ -42,27 +42,27 @@ def asked(monkeypatch, tmp_path, values):
     return found
 
 
-def test_everything_is_measured_in_one_run_and_nothing_is_left_behind(asked, capsys, tmp_path):
+def test_all_measurements_leave_no_files(calls, capsys, tmp_path):
     assert main(["bench"]) == 0
-    assert [name for name, _ in asked] == list(measurements.TABLE)
+    assert [name for name, _ in calls] == list(measurements.TABLE)
     assert "transfers figure" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_measurement_can_be_chosen_and_the_quick_one_is_shorter(asked):
+def test_only_and_quick(calls):
     assert main(["bench", "--only", "load", "--quick"]) == 0
     assert main(["bench", "--only", "load"]) == 0
-    assert [name for name, _ in asked] == ["load", "load"]
-    short, long = (setting for _, setting in asked)
+    assert [name for name, _ in calls] == ["load", "load"]
+    short, long = (setting for _, setting in calls)
     assert short.load_s < long.load_s
     assert long.load_s >= 30.0
 
 
-def test_several_can_be_chosen_and_each_is_repeated_in_rounds(asked, values, tmp_path):
+def test_repeats_in_rounds(calls, values, tmp_path):
     values += [1.0, 2.0, 3.0, 9.0, 2.0, 7.0]
     words = ["bench", "--only", "load", "--only", "start", "--repeat", "3", "--quick", "--figures", "figures.json"]
     assert main(words) == 0
-    assert [name for name, _ in asked] == ["load", "start"] * 3
+    assert [name for name, _ in calls] == ["load", "start"] * 3
     found = json.loads((tmp_path / "figures.json").read_text())
     assert (found["load_load_figure"]["value"], found["load_load_figure"]["repeats"]) == (2.0, [2.0, 6.0, 4.0])
     assert (found["start_start_figure"]["value"], found["start_start_figure"]["repeats"]) == (7.0, [4.0, 18.0, 14.0])
@@ -83,57 +83,57 @@ def baseline(tmp_path, machine):
     return str(path)
 
 
-def test_against_before_only_what_was_repeated_is_measured(asked, baseline, capsys):
+def test_against_measures_only_the_baseline(calls, baseline, capsys):
     assert main(["bench", "--against", baseline]) == 0
-    assert [name for name, _ in asked] == ["load"]
+    assert [name for name, _ in calls] == ["load"]
     assert "load figure: 2.00x before, 2.00x now" in capsys.readouterr().out
 
 
-def test_what_is_worse_three_times_in_a_row_ends_with_1(asked, values, baseline, capsys):
+def test_three_worse_results_in_a_row_exit_with_1(calls, values, baseline, capsys):
     values += [5.0, 4.0, 3.0]
     assert main(["bench", "--against", baseline]) == 1
-    assert capsys.readouterr().out.count("WORSE") == len(asked) == 3
+    assert capsys.readouterr().out.count("WORSE") == len(calls) == 3
 
 
-def test_what_is_worse_once_was_a_busy_moment(asked, values, baseline, capsys):
+def test_a_temporary_load_is_not_worse(calls, values, baseline, capsys):
     values += [5.0, 5.0, 1.0]
     assert main(["bench", "--against", baseline]) == 0
     assert capsys.readouterr().out.count("WORSE") == 2
-    assert len(asked) == 3
+    assert len(calls) == 3
 
 
 @pytest.mark.parametrize("machine", ["a board, 4 cores, Linux 6.1, Python 3.13.1, load 0.10 before the start"])
-def test_what_was_kept_on_another_machine_is_shown_and_not_judged(asked, values, baseline, capsys):
+def test_no_verdict_on_another_machine(calls, values, baseline, capsys):
     values += [5.0]
     assert main(["bench", "--against", baseline]) == 0
-    said = capsys.readouterr().out
-    assert "WORSE" in said
-    assert "not judged: kept on another machine (a board, 4 cores" in said
-    assert len(asked) == 1
+    output = capsys.readouterr().out
+    assert "WORSE" in output
+    assert "no verdict: baseline of another machine (a board, 4 cores" in output
+    assert len(calls) == 1
 
 
 @pytest.mark.parametrize(
-    ("series", "code", "said"), [("", 1, "not judged but what is counted"), ("9", 0, "shown only, not judged: kept")]
+    ("series", "code", "output"), [("", 1, "no verdict except counts: baseline"), ("9", 0, "no verdict: baseline")]
 )
-def test_what_is_counted_is_judged_on_any_machine_with_that_python(asked, values, tmp_path, series, code, said, capsys):
+def test_verdict_on_counts_with_the_same_python(calls, values, tmp_path, series, code, output, capsys):
     python = f"{circumstances()['python'].rpartition('.')[0]}{series}.99"
     machine = f"a board, 4 cores, Linux 6.1, Python {python}, load 0.10 before the start"
     path = tmp_path / "before.json"
     path.write_text(json.dumps({"work_work_figure": {"value": 1.0, "machine": machine, "repeats": [2.0] * 7}}))
     values += [1.15] * 3
     assert main(["bench", "--against", str(path)]) == code
-    assert said in capsys.readouterr().out
-    assert len(asked) == (3 if code else 1)
+    assert output in capsys.readouterr().out
+    assert len(calls) == (3 if code else 1)
 
 
-def test_json_is_written(asked, tmp_path):
+def test_json_file(calls, tmp_path):
     assert main(["bench", "--only", "start", "--json", "found.json"]) == 0
     found = json.loads((tmp_path / "found.json").read_text())
     assert found["findings"][0]["figures"][0]["ratio"] == 2.0
     assert found["circumstances"]["cores"] >= 1
 
 
-def test_figures_go_over_those_of_the_documentation_and_others_stay(asked, tmp_path):
+def test_figures_are_merged(calls, tmp_path):
     (tmp_path / "figures.json").write_text('{"start_start_figure": {"value": 9.0}, "of_a_proof": {"value": 2.0}}')
     assert main(["bench", "--only", "start", "--quick", "--figures", "figures.json"]) == 0
     found = json.loads((tmp_path / "figures.json").read_text())
@@ -157,8 +157,8 @@ def test_figures_go_over_those_of_the_documentation_and_others_stay(asked, tmp_p
         ["--nonsense"],
     ],
 )
-def test_bad_usage_is_one_line_and_measures_nothing(asked, capsys, words):
+def test_bad_usage(calls, capsys, words):
     assert main(["bench", *words]) == 2
-    said = capsys.readouterr()
-    assert len(said.err.splitlines()) == 1
-    assert asked == []
+    output = capsys.readouterr()
+    assert len(output.err.splitlines()) == 1
+    assert calls == []

@@ -9,16 +9,16 @@ import pytest
 from hil.bench.machine import Memory, children_of, cpu_of, memory, memory_of, parent, steady
 
 
-def test_the_parent_is_found_behind_any_name():
+def test_parent_with_any_process_name():
     assert parent("123 (a) b) (c) S 45 123 123 0 -1 4194304\n") == 45
 
 
-def test_memory_is_read_in_mib():
+def test_memory_in_mib():
     status = "Name:\tpython\nVmHWM:\t   30720 kB\nVmRSS:\t   20480 kB\nCpus_allowed:\t3\n"
     assert memory(status) == Memory(20.0, 30.0)
 
 
-def test_this_process_is_seen_as_it_is():
+def test_own_process():
     before_s = cpu_of(os.getpid())
     while cpu_of(os.getpid()) == before_s:
         pass
@@ -26,7 +26,7 @@ def test_this_process_is_seen_as_it_is():
     assert 5.0 < found.now_mib <= found.most_mib
 
 
-def test_children_are_found_while_they_live():
+def test_children():
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
         assert child.pid in children_of(os.getpid())
         child.stdin.close()
@@ -35,7 +35,7 @@ def test_children_are_found_while_they_live():
         cpu_of(child.pid)
 
 
-def test_steady_scheduling_ends_with_its_context_and_is_not_inherited():
+def test_steady_scheduling():
     before = os.sched_getscheduler(0)
     with steady() as real_time:
         if real_time:

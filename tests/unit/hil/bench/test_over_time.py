@@ -20,21 +20,21 @@ def finding(*values, bare=1.0, **more):
 
 
 def verdict(now, repeats=REPEATS, **more):
-    baseline = over_time.kept({"load_processor": {"value": 2.0, "repeats": list(repeats)}})
+    baseline = over_time.baseline_of({"load_processor": {"value": 2.0, "repeats": list(repeats)}})
     (only,) = over_time.compare(baseline, {"load": finding(now, **more)[0]})
     return only
 
 
-def test_the_middle_of_the_repeats_is_shown_with_its_own_limit_and_all_quantities():
+def test_median_of_repeats():
     repeats = [*finding(8.0, bare=2.0), *finding(1.0), *finding(9.0, bare=3.0)]
-    (figure,) = over_time.middle(repeats).figures
+    (figure,) = over_time.median(repeats).figures
     assert (figure.value, figure.bare, figure.ratio) == (9.0, 3.0, 3.0)
     assert figure.repeats == (4.0, 1.0, 3.0)
-    (alone,) = over_time.middle(finding(2.0)).figures
+    (alone,) = over_time.median(finding(2.0)).figures
     assert alone.repeats == ()
 
 
-def test_a_ratio_within_its_scatter_is_as_before_and_one_beyond_it_is_worse():
+def test_worse_beyond_the_scatter():
     assert not verdict(2.0).worse
     assert not verdict(1.0).worse
     assert not verdict(2.1).worse
@@ -44,13 +44,13 @@ def test_a_ratio_within_its_scatter_is_as_before_and_one_beyond_it_is_worse():
     assert "WORSE" in verdict(3.0).text
 
 
-def test_what_scatters_more_may_be_more():
+def test_limit_grows_with_the_scatter():
     steady, restless = verdict(2.0), verdict(2.0, (1.0, 3.0, 2.0, 1.5, 2.5, 2.0, 2.2))
     assert steady.allowed < 2.5 < restless.allowed
 
 
-def test_what_is_counted_does_not_scatter_and_may_hardly_grow():
-    baseline = over_time.kept({"work_a_tick": {"value": 2.0, "repeats": [2.1] * 7}})
+def test_tolerance_of_counts():
+    baseline = over_time.baseline_of({"work_a_tick": {"value": 2.0, "repeats": [2.1] * 7}})
 
     def now(value, unit=COUNTED):
         (only,) = over_time.compare(baseline, {"work": Finding("Work", (Figure("a tick", unit, value, 1.0),))})
@@ -60,11 +60,11 @@ def test_what_is_counted_does_not_scatter_and_may_hardly_grow():
     assert (now(2.1).counted, now(2.1, "ms").counted) == (True, False)
 
 
-def test_what_is_to_be_large_worsens_by_falling():
-    baseline = over_time.kept({"swarm_faster": {"value": 20.0, "repeats": [20.0, 21.0, 19.0, 20.5, 19.5]}})
+def test_lower_is_worse():
+    baseline = over_time.baseline_of({"swarm_faster": {"value": 20.0, "repeats": [20.0, 21.0, 19.0, 20.5, 19.5]}})
 
     def now(value):
-        found = Finding("Swarm", (Figure("faster", TIMES, value, least=15.0),))
+        found = Finding("Swarm", (Figure("faster", TIMES, value, minimum=15.0),))
         (only,) = over_time.compare(baseline, {"swarm": found})
         return only
 
@@ -73,7 +73,7 @@ def test_what_is_to_be_large_worsens_by_falling():
 
 
 @pytest.mark.proof
-def test_one_more_reading_of_the_same_hardly_ever_counts_as_worse():
+def test_false_alarm_rate():
     numbers = random.Random(1)
 
     def draw():
@@ -85,34 +85,34 @@ def test_one_more_reading_of_the_same_hardly_ever_counts_as_worse():
 
 
 @pytest.mark.parametrize("repeats", [None, [], [1.0] * 4, [1.0, 2.0, 3.0, 4.0, "5"], [1.0, 2.0, 3.0, 4.0, 0.0], 7.0])
-def test_too_few_repeats_or_none_are_no_baseline(repeats):
-    assert over_time.kept({"load_processor": {"value": 2.0, "repeats": repeats}, "other": 3.0}) == {}
+def test_invalid_baselines(repeats):
+    assert over_time.baseline_of({"load_processor": {"value": 2.0, "repeats": repeats}, "other": 3.0}) == {}
 
 
-def test_only_what_is_kept_is_measured_and_nothing_kept_is_an_error():
-    baseline = over_time.kept({"first_use_time": {"repeats": list(REPEATS)}, "load_processor": {"value": 2.0}})
+def test_measurements_of_the_baseline():
+    baseline = over_time.baseline_of({"first_use_time": {"repeats": list(REPEATS)}, "load_processor": {"value": 2.0}})
     assert over_time.measured_in(baseline, ("load", "first-use")) == ["first-use"]
     with pytest.raises(UsageError, match="--repeat 7 --figures"):
         over_time.measured_in(baseline, ("load",))
 
 
-def test_repeats_go_through_the_file_of_figures(tmp_path):
+def test_repeats_in_the_figure_file(tmp_path):
     path = tmp_path / "figures.json"
-    found = {"load": over_time.middle(finding(*REPEATS))}
+    found = {"load": over_time.median(finding(*REPEATS))}
     merge(path, as_entries(found, origin("rambler-hil bench --repeat 7", "here")))
     assert json.loads(path.read_text())["load_processor"]["value"] == 2.0
-    assert over_time.kept(read("--against", path)) == {"load_processor": REPEATS}
+    assert over_time.baseline_of(read("--against", path)) == {"load_processor": REPEATS}
 
 
-def test_repeats_of_another_day_join_those_that_are_there_and_the_oldest_go(tmp_path):
+def test_repeats_are_appended_and_limited(tmp_path):
     path = tmp_path / "figures.json"
     for value in (1.0, 2.0, 3.0):
-        found = {"load": over_time.middle(finding(*(value,) * 7))}
+        found = {"load": over_time.median(finding(*(value,) * 7))}
         merge(path, as_entries(found, origin("rambler-hil bench --repeat 7", "here")))
     entry = json.loads(path.read_text())["load_processor"]
     assert (entry["value"], entry["repeats"]) == (3.0, [2.0] * 7 + [3.0] * 7)
 
 
-def test_a_file_that_is_not_there_names_the_option(tmp_path):
+def test_missing_file(tmp_path):
     with pytest.raises(UsageError, match=r"--against .*none\.json cannot be read"):
         read("--against", tmp_path / "none.json")

@@ -25,35 +25,35 @@ OTHERS = (
 )
 
 
-def test_each_sentence_has_a_heading_of_its_own():
+def test_headings_are_distinct():
     compass = CountingCompass()
-    said = []
+    output = []
     for _ in range(3):
         due_s = compass.next_output_s()
         assert compass.take_output(due_s - 0.001) == b""
-        said.append(compass.take_output(due_s))
-    assert said == [whole_sentence(f"HEHDT,{text},T") for text in ("0.001", "0.002", "0.003")]
+        output.append(compass.take_output(due_s))
+    assert output == [whole_sentence(f"HEHDT,{text},T") for text in ("0.001", "0.002", "0.003")]
     assert compass.next_output_s() == pytest.approx(0.3, rel=1e-4)
 
 
-def test_a_late_caller_gets_one_sentence_and_the_pace_goes_on():
+def test_late_caller():
     compass = CountingCompass()
     assert compass.take_output(0.55) == whole_sentence("HEHDT,0.001,T")
     assert compass.next_output_s() == pytest.approx(0.6, rel=1e-4)
 
 
-def test_a_goal_counts_when_its_last_byte_has_come():
+def test_goal_frame_time():
     watch = GoalWatch()
-    watch.take(1.0, GOAL[:5])
+    watch.receive(1.0, GOAL[:5])
     assert watch.times_s == []
-    watch.take(1.001, GOAL[5:])
+    watch.receive(1.001, GOAL[5:])
     assert watch.times_s == [1.001]
 
 
 @pytest.mark.parametrize("data", OTHERS)
-def test_other_frames_do_not_count(data):
+def test_other_frames(data):
     watch = GoalWatch()
-    watch.take(1.0, data)
+    watch.receive(1.0, data)
     assert watch.times_s == []
-    watch.take(2.0, GOAL)
+    watch.receive(2.0, GOAL)
     assert watch.times_s == [2.0]

@@ -27,7 +27,7 @@ def packed(message, system=1):
 HEARTBEAT = packed(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
 
 
-def test_it_waits_for_what_it_is_asked_to_wait_for(link):
+def test_await_message(link):
     station, vehicle = link
     vehicle.send(packed(dialect.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)))
     vehicle.send(HEARTBEAT)
@@ -35,20 +35,20 @@ def test_it_waits_for_what_it_is_asked_to_wait_for(link):
     assert station.await_heartbeat(0.0) is None
 
 
-def test_it_answers_whom_it_has_heard_and_keeps_the_link_alive(link):
+def test_send_and_heartbeats(link):
     station, vehicle = link
     station.send(b"into the void")
     vehicle.send(HEARTBEAT)
     station.await_heartbeat(5.0)
     vehicle.send(HEARTBEAT)
     station.await_heartbeat(5.0)
-    heard = dialect.MAVLink(None).decode(bytearray(vehicle.recv(512)))
-    assert (heard.get_type(), heard.type) == ("HEARTBEAT", dialect.MAV_TYPE_GCS)
+    message = dialect.MAVLink(None).decode(bytearray(vehicle.recv(512)))
+    assert (message.get_type(), message.type) == ("HEARTBEAT", dialect.MAV_TYPE_GCS)
     station.send(b"hello")
     assert vehicle.recv(512) == b"hello"
 
 
-def test_all_messages_of_a_datagram_are_seen(link):
+def test_messages_of_a_datagram(link):
     station, vehicle = link
     value = packed(dialect.MAVLink_param_value_message(b"A", 1.0, 9, 1, 0))
     vehicle.send(HEARTBEAT + value)

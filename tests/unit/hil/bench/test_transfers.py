@@ -2,10 +2,10 @@
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from hil.bench.transfers import Heard, walk
+from hil.bench.transfers import Message, walk
 
 
-def test_frames_of_a_datagram_are_found_signed_ones_too():
+def test_frames_of_a_datagram():
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     data = mavlink.MAVLink_param_value_message(b"CTL_K1", 40.0, 9, 33, 7).pack(sender)
     sender.signing.secret_key, sender.signing.sign_outgoing = bytes(range(32)), True
@@ -18,7 +18,9 @@ def test_frames_of_a_datagram_are_found_signed_ones_too():
     assert bytes(part.payload[7:97]) == bytes(range(90))
 
 
-def test_what_is_no_frame_ends_the_walk():
+def test_walk_ends_at_other_bytes():
     assert list(walk(b"")) == []
     assert list(walk(b"\xfe" * 30)) == []
-    assert [heard.number for heard in walk(b"\xfd\x01\0\0\0\1\1\0\0\0\1\0\0" + b"rest of it")] == [Heard(0, b"").number]
+    assert [message.number for message in walk(b"\xfd\x01\0\0\0\1\1\0\0\0\1\0\0" + b"rest of it")] == [
+        Message(0, b"").number
+    ]

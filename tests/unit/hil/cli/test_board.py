@@ -4,16 +4,16 @@ from hil.__main__ import main
 from hil.sim.run_directory import locked_directory
 
 
-def test_a_board_overwrites_the_results_of_no_campaign(tmp_path, capsys):
+def test_board_does_not_overwrite_a_campaign(tmp_path, capsys):
     (tmp_path / "campaign.json").write_text("{}")
     (tmp_path / "truth.csv").write_text("kept")
     assert main(["board", str(tmp_path), "--seconds", "10"]) == 2
-    assert "whose results would be lost; give another" in capsys.readouterr().err
+    assert "which would be overwritten; give another" in capsys.readouterr().err
     assert (tmp_path / "truth.csv").read_text() == "kept"
 
 
 @pytest.mark.usefixtures("without_picture")
-def test_a_board_that_replaces_a_run_says_so_and_leaves_the_states_of_others_alone(tmp_path, capsys):
+def test_board_replaces_a_run_with_a_notice_but_no_other_state(tmp_path, capsys):
     (tmp_path / "run.json").write_text("{}")
     (tmp_path / "boat").mkdir()
     assert main(["board", str(tmp_path), "--seconds", "0.2"]) == 0
@@ -26,9 +26,9 @@ def test_a_board_that_replaces_a_run_says_so_and_leaves_the_states_of_others_alo
     assert (tmp_path / "state").is_dir()
 
 
-def test_two_boards_never_share_their_ports(tmp_path, capsys):
+def test_a_second_board_is_rejected(tmp_path, capsys):
     (tmp_path / "compass").symlink_to("/dev/null")
     with locked_directory(tmp_path):
         assert main(["board", str(tmp_path), "--seconds", "10"]) == 2
-    assert "another run is under way in it; give another, or wait for its end" in capsys.readouterr().err
+    assert "another run is under way in it; give another --out, or wait for its end" in capsys.readouterr().err
     assert (tmp_path / "compass").is_symlink()

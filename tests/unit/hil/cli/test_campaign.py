@@ -67,10 +67,10 @@ def test_a_scheduler_that_does_not_answer_leaves_no_directory(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("name", ["campaign.json", "run.json"])
-def test_a_comparison_replaces_the_page_of_no_campaign_and_of_no_run(name, tmp_path, capsys):
+def test_a_comparison_does_not_overwrite_a_campaign_or_a_run(name, tmp_path, capsys):
     pytest.importorskip("pyarrow")
     (tmp_path / name).write_text("{}")
     (tmp_path / "report.html").write_text("kept")
     assert main(["campaign", "compare", str(tmp_path), str(tmp_path), "--out", str(tmp_path)]) == 2
-    assert "whose results would be lost; give another" in capsys.readouterr().err
+    assert "which would be overwritten; give another" in capsys.readouterr().err
     assert (tmp_path / "report.html").read_text() == "kept"

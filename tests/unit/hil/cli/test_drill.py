@@ -11,7 +11,7 @@ from hil.cli import drill
 def test_a_file_that_cannot_be_written_is_reported_before_the_first_drill(option, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(drill, "sail", None)
     assert main(["drill", "--only", "killed", "--jobs", "1", option, str(tmp_path / "none" / "file")]) == 2
-    assert f"{option} {tmp_path}/none/file: there is no directory" in capsys.readouterr().err
+    assert f"{option} {tmp_path}/none/file: directory" in capsys.readouterr().err
 
 
 def test_sigterm_ends_drills_in_this_process(monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""The command line of `rambler-hil run`: what it takes and what it refuses."""
+"""The command line of `rambler-hil run`."""
 
 import argparse
 import contextlib
@@ -26,7 +26,7 @@ def options(*words):
     return command.read_options(parser.parse_args([*words, "--out", "unused"]))
 
 
-def test_the_defaults_are_the_task_of_the_specification():
+def test_defaults():
     found = options("tank")
     assert found.goals == (Goal(0.0, 0.0), Goal(120.0, 60.0), Goal(720.0, -90.0))
     assert (found.seconds, found.seed, found.speed) == (1320.0, 1, None)
@@ -34,7 +34,7 @@ def test_the_defaults_are_the_task_of_the_specification():
     assert not found.lockstep
 
 
-def test_everything_can_be_chosen():
+def test_options():
     found = options(
         *("sea", "--speed", "20", "--seed", "7", "--goal", "0:10,5:-20", "--compass", "pni", "--servo", "volz"),
         *("--link", "udpout:127.0.0.1:1", "tcpin:127.0.0.1:2", "--link", "udpin:0.0.0.0:3", "--set", "CTL_K1=30"),
@@ -47,15 +47,15 @@ def test_everything_can_be_chosen():
     assert options("calm", "--speed", "max").speed == math.inf
 
 
-def test_a_sea_is_sailed_with_more():
+def test_disturbances():
     found = options("swell", "--with", "float=0.3:0.6,leeway=8", "--with", "sway").scenario
     assert text_of(found.disturbances) == "float=0.3:0.6,leeway=8:0:0,sway=1"
     assert options("swell").scenario.disturbances == NO_DISTURBANCES
 
 
-def test_goals_after_the_end_are_left_out_and_told(capsys):
+def test_goals_after_the_end_are_ignored_with_a_warning(capsys):
     assert len(options("tank", "--seconds", "300").goals) == 2
-    assert "left out" in capsys.readouterr().err
+    assert "later goals are ignored" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -89,19 +89,19 @@ def test_goals_after_the_end_are_left_out_and_told(capsys):
 def test_bad_usage_is_one_line_and_code_2(words, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["run", *words]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    errors = [line for line in said.err.splitlines() if "left out" not in line]
+    output = capsys.readouterr()
+    assert output.out == ""
+    errors = [line for line in output.err.splitlines() if "ignored" not in line]
     assert len(errors) == 1
     assert errors[0].startswith("rambler-hil: ")
 
 
-def test_an_unknown_command_is_code_2(capsys):
+def test_unknown_command(capsys):
     assert main(["swim"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def test_runs_are_hidden_from_git_and_only_an_earlier_runs_state_is_cleared(tmp_path, monkeypatch):
+def test_output_directory_and_earlier_state(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     parser = argparse.ArgumentParser()
     command.add_arguments(parser)
@@ -114,7 +114,7 @@ def test_runs_are_hidden_from_git_and_only_an_earlier_runs_state_is_cleared(tmp_
     with pytest.raises(UsageError, match="not of an earlier run"):
         prepare_directory(tmp_path / "mine")
     assert kept.exists()
-    (tmp_path / "mine" / "vehicle.toml").write_text("")  # as of a board, whose autopilot is somebody else's
+    (tmp_path / "mine" / "vehicle.toml").write_text("")  # as of a board, whose autopilot is of another program
     with pytest.raises(UsageError, match="not of an earlier run"):
         prepare_directory(tmp_path / "mine")
     (tmp_path / "mine" / "firmware.log").write_text("")
@@ -123,15 +123,15 @@ def test_runs_are_hidden_from_git_and_only_an_earlier_runs_state_is_cleared(tmp_
     assert list((tmp_path / "mine").iterdir()) == []
 
 
-def test_a_run_replaces_nothing_of_a_campaign(tmp_path):
+def test_a_run_does_not_overwrite_a_campaign(tmp_path):
     for name in ("campaign.json", "summary.json", "report.html"):
         (tmp_path / name).write_text("kept")
-    with pytest.raises(UsageError, match="holds a campaign, whose results would be lost; give another"):
+    with pytest.raises(UsageError, match="holds a campaign, which would be overwritten; give another --out"):
         prepare_directory(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.json", "report.html", "summary.json"]
 
 
-def test_a_run_begins_with_the_state_of_the_one_that_it_replaces_and_keeps_what_it_cannot_replace(tmp_path):
+def test_a_run_can_start_with_the_state_of_the_earlier_one(tmp_path):
     state = tmp_path / "state"
     state.mkdir()
     (state / "mission").write_text("x")
@@ -143,7 +143,7 @@ def test_a_run_begins_with_the_state_of_the_one_that_it_replaces_and_keeps_what_
         assert sorted(path.name for path in tmp_path.iterdir()) == ["firmware.log", "state"]
         assert (state / "mission").read_text() == "x"
         (tmp_path / "vehicle.toml").write_text("")
-    with pytest.raises(UsageError, match=r"mistyped is not there; .* rambler plan load FILE --state .*mistyped$"):
+    with pytest.raises(UsageError, match=r"mistyped does not exist; .* rambler plan load FILE --state .*mistyped$"):
         prepare_directory(tmp_path, tmp_path / "mistyped")
     with pytest.raises(UsageError, match=r"vehicle.toml cannot be copied: Not a directory"):
         prepare_directory(tmp_path, tmp_path / "vehicle.toml")
@@ -151,13 +151,13 @@ def test_a_run_begins_with_the_state_of_the_one_that_it_replaces_and_keeps_what_
     assert (state / "mission").read_text() == "x"
 
 
-def test_an_output_directory_that_cannot_be_is_told(tmp_path):
+def test_unusable_output_directory(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="give another --out"):
         prepare_directory(tmp_path / "file" / "out")
 
 
-def test_the_signing_key_of_a_state_that_a_run_begins_with_stays_secret(tmp_path):
+def test_a_copied_state_keeps_its_permissions(tmp_path):
     state = tmp_path / "state"
     state.mkdir()
     for name, mode in (("signing.key.0", 0o600), ("parameters.param.0", 0o640)):
@@ -168,14 +168,14 @@ def test_the_signing_key_of_a_state_that_a_run_begins_with_stays_secret(tmp_path
     assert (tmp_path / "copy/parameters.param.0").read_bytes() == b"x"
 
 
-def test_a_run_that_replaces_another_says_so(tmp_path, monkeypatch, capsys):
+def test_a_replaced_run_is_reported(tmp_path, monkeypatch, capsys):
     for names in (["truth.csv"], ["vehicle.toml"], ["run.json"], ["vehicle.toml", "run.json"]):
         for name in names:
             (tmp_path / name).write_text("{}")
         prepare_directory(tmp_path)
         assert capsys.readouterr().err == ""
         remove_earlier(tmp_path)
-        line = f"rambler-hil: {tmp_path}: an earlier run is replaced; another --out keeps both\n"
+        line = f"rambler-hil: {tmp_path}: an earlier run is replaced; use another --out to keep both\n"
         assert capsys.readouterr().err == ("" if names == ["truth.csv"] else line)
     monkeypatch.setattr(run_directory.run_file, "read", lambda _out: argparse.Namespace(begun="yesterday"))
     (tmp_path / "vehicle.toml").touch()
@@ -207,16 +207,16 @@ def earlier_run(directory):
         ),
     ],
 )
-def test_a_run_that_is_refused_leaves_the_earlier_one_and_makes_no_report(tmp_path, capsys, words, reason):
+def test_a_rejected_run_keeps_the_earlier_one(tmp_path, capsys, words, reason):
     before = earlier_run(tmp_path)
     assert main(["run", "calm", "--speed", "max", "--out", str(tmp_path), *words]) == 2
-    said = capsys.readouterr()
-    assert reason in said.err
-    assert (said.err + said.out).count("\n") == 1
+    output = capsys.readouterr()
+    assert reason in output.err
+    assert (output.err + output.out).count("\n") == 1
     assert content(tmp_path) == before
 
 
-def test_a_run_replaces_the_earlier_one_from_its_begin_on_however_it_ends(tmp_path, capsys):
+def test_a_run_replaces_the_earlier_one_once_it_has_begun(tmp_path, capsys):
     earlier_run(tmp_path)
     options_here = replace(options("calm", "--speed", "max"), out=tmp_path)
     with contextlib.suppress(ZeroDivisionError), recorded_run(options_here, 0.0) as book:
@@ -229,7 +229,7 @@ def test_a_run_replaces_the_earlier_one_from_its_begin_on_however_it_ends(tmp_pa
 
 
 @pytest.mark.parametrize("moved", [1, 9])
-def test_a_run_that_was_killed_before_its_begin_leaves_the_earlier_one_to_the_next(tmp_path, monkeypatch, moved):
+def test_a_run_killed_before_it_has_begun_keeps_the_earlier_one(tmp_path, monkeypatch, moved):
     before = earlier_run(tmp_path)
     rename, count = Path.rename, itertools.count()
 
@@ -248,7 +248,7 @@ def test_a_run_that_was_killed_before_its_begin_leaves_the_earlier_one_to_the_ne
 
 
 @pytest.mark.parametrize("why", ["a state that is not there", "a campaign"])
-def test_a_run_that_is_refused_replaces_none_and_says_nothing_of_it(tmp_path, capsys, why):
+def test_a_rejected_run_reports_no_replacement(tmp_path, capsys, why):
     (tmp_path / "vehicle.toml").touch()
     if why == "a campaign":
         (tmp_path / "campaign.json").touch()

@@ -77,17 +77,17 @@ def test_a_port_that_is_taken_is_an_error_with_a_remedy(inbox, post):
 
 
 @pytest.mark.parametrize(
-    ("said", "refusal"), [("OK,4114651", ""), ("FAILED,10,Invalid login credentials", "FAILED,10")]
+    ("output", "refusal"), [("OK,4114651", ""), ("FAILED,10,Invalid login credentials", "FAILED,10")]
 )
-def test_a_message_is_handed_to_the_service(said, refusal):
-    asked = []
+def test_a_message_is_handed_to_the_service(output, refusal):
+    calls = []
 
     class Service(BaseHTTPRequestHandler):
         def do_POST(self):
-            asked.append(urllib.parse.parse_qs(self.rfile.read(int(self.headers["Content-Length"])).decode()))
+            calls.append(urllib.parse.parse_qs(self.rfile.read(int(self.headers["Content-Length"])).decode()))
             self.send_response(200)
             self.end_headers()
-            self.wfile.write(said.encode())
+            self.wfile.write(output.encode())
 
         def log_message(self, *_):
             pass
@@ -98,4 +98,4 @@ def test_a_message_is_handed_to_the_service(said, refusal):
         sender = Sender(f"http://127.0.0.1:{server.server_address[1]}/rockblock/MT", "me", "secret")
         assert sender.send(IMEI, b"\xb5x").startswith(refusal)
         thread.join()
-    assert asked == [{"imei": [IMEI], "username": ["me"], "password": ["secret"], "data": ["b578"]}]
+    assert calls == [{"imei": [IMEI], "username": ["me"], "password": ["secret"], "data": ["b578"]}]
