@@ -37,9 +37,8 @@ def test_other_trace_function_is_restored():
 def test_counted_ticks():
     counts, seen = [], []
     step = counting(lambda state, inputs: seen.append(inputs) or helper(state), counts)
-    assert [step(one, one) for one in range(WARM_UP_TICKS + 3 * COUNTED_EVERY)] == [
-        helper(one) for one in range(WARM_UP_TICKS + 3 * COUNTED_EVERY)
-    ]
+    ticks = range(WARM_UP_TICKS + 3 * COUNTED_EVERY)
+    assert [step(one, one) for one in ticks] == [helper(one) for one in ticks]
     assert seen == list(ticks)
     assert len(counts) == 3
     assert counts == sorted(set(counts))
