@@ -13,10 +13,10 @@ from firmware_py.cli.errors import print_error
 from firmware_py.cli.logged_ticks import read_ticks, with_parameters
 from firmware_py.common.angles import degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet, format_file
-from firmware_py.estimate import swing
+from firmware_py.estimate import deviation_filter
 from firmware_py.estimate.deviation import NAMES, deviation_of, deviation_rad
-from firmware_py.estimate.swing import Swing
-from firmware_py.estimate.swinging import Swinging
+from firmware_py.estimate.deviation_estimator import DeviationEstimator
+from firmware_py.estimate.deviation_filter import DeviationEstimate
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.reader import LoggedTick
 
@@ -27,13 +27,13 @@ _LIMITS = (
 )
 
 
-def swing_of(ticks: Iterable[LoggedTick]) -> Swinging:
+def swing_of(ticks: Iterable[LoggedTick]) -> DeviationEstimator:
     """Return the compass swing of logged ticks; raise ValueError for an unreadable checkpoint."""
-    swinging = Swinging(ParameterSet())
+    estimator = DeviationEstimator(ParameterSet())
     for tick, parameters, _armed in with_parameters(ticks):
-        swinging.set_parameters(parameters)
-        swinging.take(tick.inputs)
-    return swinging
+        estimator.set_parameters(parameters)
+        estimator.take(tick.inputs)
+    return estimator
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,31 +65,31 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _compass(arguments: argparse.Namespace, ticks: Iterable[LoggedTick]) -> tuple[int, Mapping[str, float]]:
-    swinging = swing_of(ticks)
-    result = swinging.result()
-    print(json.dumps(_record(swinging, result)) if arguments.json else "\n".join(_lines(swinging, result)))
+    estimator = swing_of(ticks)
+    result = estimator.result()
+    print(json.dumps(_record(estimator, result)) if arguments.json else "\n".join(_lines(estimator, result)))
     if result is None or not result.ready:
         return INSUFFICIENT_DATA, {}
     return 0, {name: round(degrees(value), 2) for name, value in zip(NAMES, result.coefficients_rad, strict=True)}
 
 
-def _record(swinging: Swinging, result: Swing | None) -> dict[str, Any]:
-    sectors = swinging.state.sectors
+def _record(estimator: DeviationEstimator, result: DeviationEstimate | None) -> dict[str, Any]:
+    sectors = estimator.state.sectors
     if result is None:
         return {"ready": False, "minutes": 0, "sectors": list(sectors)}
-    report = swinging.report()
+    report = estimator.report()
     return {
         "ready": result.ready,
         "minutes": sum(sectors),
         "sectors": list(sectors),
-        "in_force_deg": {name: swinging.parameters[name] for name in NAMES},
+        "in_force_deg": {name: estimator.parameters[name] for name in NAMES},
         "proposed_deg": _by_name(result.coefficients_rad),
         "sd_deg": _by_name(result.sds_rad),
         "worst_sd_deg": round(degrees(result.sd_rad), 3),
         "off_deg": round(degrees(result.off_rad), 3),
         "residual_before_deg": _residual(report.residual_before_rad),
         "residual_after_deg": _residual(report.residual_after_rad),
-        "mounting_deg": round(_mounting_deg(swinging, result), 3),
+        "mounting_deg": round(_mounting_deg(estimator, result), 3),
     }
 
 
@@ -97,26 +97,26 @@ def _residual(residual_rad: float | None) -> float | None:
     return None if residual_rad is None else round(degrees(residual_rad), 3)
 
 
-def _mounting_deg(swinging: Swinging, result: Swing) -> float:
+def _mounting_deg(estimator: DeviationEstimator, result: DeviationEstimate) -> float:
     """Return the mounting angle with the same effect as coefficient A."""
-    return degrees(wrap_pi(radians(swinging.parameters["CMP_OFFSET_DEG"]) + result.coefficients_rad[0]))
+    return degrees(wrap_pi(radians(estimator.parameters["CMP_OFFSET_DEG"]) + result.coefficients_rad[0]))
 
 
 def _by_name(values: Iterable[float]) -> dict[str, float]:
     return {name: round(degrees(value), 3) for name, value in zip(NAMES, values, strict=True)}
 
 
-def _lines(swinging: Swinging, result: Swing | None) -> Iterator[str]:
-    sectors = swinging.state.sectors
+def _lines(estimator: DeviationEstimator, result: DeviationEstimate | None) -> Iterator[str]:
+    sectors = estimator.state.sectors
     sailed = sum(minutes > 0 for minutes in sectors)
-    yield f"{sum(sectors)} minutes of steady motion in {sailed} of {swing.SECTORS} sectors"
+    yield f"{sum(sectors)} minutes of steady motion in {sailed} of {deviation_filter.SECTORS} sectors"
     if result is None:
         yield "no minute with headings and velocity over ground: no estimate"
         return
     yield f"{'':<10} in force  proposed  sd (deg)"
     for name, value, sd in zip(NAMES, result.coefficients_rad, result.sds_rad, strict=True):
-        yield f"{name:<10} {swinging.parameters[name]:8.2f}  {degrees(value):8.2f}  {degrees(sd):8.2f}"
-    in_force = deviation_of(swinging.parameters, "CMP")
+        yield f"{name:<10} {estimator.parameters[name]:8.2f}  {degrees(value):8.2f}  {degrees(sd):8.2f}"
+    in_force = deviation_of(estimator.parameters, "CMP")
     yield "compass    in force  proposed"
     for heading_deg in range(0, 360, 45):
         curves = (in_force, result.coefficients_rad)
@@ -124,15 +124,15 @@ def _lines(swinging: Swinging, result: Swing | None) -> Iterator[str]:
         yield f"{heading_deg:7d}    {before:8.2f}  {after:8.2f}"
     off_deg, sd_deg = degrees(result.off_rad), degrees(result.sd_rad)
     yield f"error in force up to {off_deg:.2f} deg; sd of the proposal up to {sd_deg:.2f} deg"
-    report = swinging.report()
+    report = estimator.report()
     if report.residual_before_rad is not None and report.residual_after_rad is not None:
         before_deg, after_deg = degrees(report.residual_before_rad), degrees(report.residual_after_rad)
         yield f"rms residual {before_deg:.1f} deg in force, {after_deg:.1f} deg with the proposal"
-    offset_deg, mounting_deg = swinging.parameters["CMP_OFFSET_DEG"], _mounting_deg(swinging, result)
+    offset_deg, mounting_deg = estimator.parameters["CMP_OFFSET_DEG"], _mounting_deg(estimator, result)
     yield f"alignment: CMP_OFFSET_DEG {mounting_deg:.2f} (now {offset_deg:.2f}) acts like CMP_DEV_A; set only one"
     yield from _LIMITS
     if not result.ready:
         yield (
-            f"not enough data: {swing.ENOUGH_SECTORS} sectors and an sd of {degrees(swing.ENOUGH_RAD):g} deg needed; "
-            "sail more courses, 15 min each"
+            f"not enough data: {deviation_filter.MIN_SECTORS} sectors and an sd of "
+            f"{degrees(deviation_filter.MAX_SD_RAD):g} deg needed; sail more courses, 15 min each"
         )

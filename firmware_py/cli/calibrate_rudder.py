@@ -24,7 +24,7 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import DeviceState, RudderCommand
 from firmware_py.control.rudder_limit import Linkage
-from firmware_py.estimate.rudder_centre import ENOUGH_SECTORS, ENOUGH_STRETCHES, SECTORS, CentreWatch
+from firmware_py.estimate.rudder_centre import MIN_SECTORS, MIN_STRETCHES, SECTORS, RudderCentreEstimator
 from firmware_py.log.reader import LoggedTick
 from firmware_py.system.clock import RealClock
 from firmware_py.vehicle import VehicleError, load
@@ -50,9 +50,9 @@ _NO_ANGLE = (
 Proposal = Mapping[str, float]
 
 
-def centre_of(ticks: Iterable[LoggedTick]) -> tuple[CentreWatch, ParameterSet]:
+def centre_of(ticks: Iterable[LoggedTick]) -> tuple[RudderCentreEstimator, ParameterSet]:
     """Return the rudder statistics of straight courses, and the parameters in force last."""
-    watch, parameters = CentreWatch(), ParameterSet()
+    watch, parameters = RudderCentreEstimator(), ParameterSet()
     for tick, parameters, armed in with_parameters(ticks):
         watch.take(tick.inputs, Linkage.of(parameters).to_rudder, steers=armed and tick.command.torque_on)
     return watch, parameters
@@ -86,9 +86,9 @@ def from_logs(ticks: Iterable[LoggedTick]) -> tuple[Proposal, dict[str, Any], li
     return {"RUD_CENTRE_DEG": round(centre_deg, 2)}, values, lines
 
 
-def _insufficient_data(watch: CentreWatch) -> Iterator[str]:
+def _insufficient_data(watch: RudderCentreEstimator) -> Iterator[str]:
     yield (
-        f"not enough data: {ENOUGH_STRETCHES} stretches of 10 min in {ENOUGH_SECTORS} of {SECTORS} sectors are needed, "
+        f"not enough data: {MIN_STRETCHES} stretches of 10 min in {MIN_SECTORS} of {SECTORS} sectors are needed, "
         f"armed and in calm water ({watch.unsteady} rejected)"
     )
 

@@ -43,9 +43,13 @@ MAX_REASON_LENGTH: Final = 120  # of a reason
 # By the name of the class: the former name of a field and its name of today.
 FORMER_NAMES: dict[str, dict[str, str]] = {
     "AsideState": {"going_on": "unchanged", "told": "is_refusal_reported"},
+    "Block": {"shown_rad": "compass_rad"},
+    "CompassState": {"stay": "plateau"},
     "ConvergenceState": {"told": "not_converging"},
     "DeviceReports": {"power_told_s": "power_reported_s"},
+    "Evidence": {"telling_s": "turn_time_s"},
     "HalfCycle": {"turned": "is_turn"},
+    "HeadingTick": {"silent": "uncorrected", "silent_s": "uncorrected_s", "swing_rad2": "wave_yaw_rad2"},
     "LastPosition": {"reckoning": "dead_reckoning"},
     "LoiterPlacement": {"asked_margin_m": "requested_margin_m", "found": "is_final"},
     "OscillationState": {
@@ -53,6 +57,7 @@ FORMER_NAMES: dict[str, dict[str, str]] = {
         "softness": "gain_reduction",
         "swung_s": "last_cycle_s",
     },
+    "PositionConsistency": {"still_told": "still_reported", "told_s": "reported_s"},
     "PositionState": {"reckoning": "dead_reckoning"},
     "ResponseState": {
         "felt_rad": "rudder_rad",

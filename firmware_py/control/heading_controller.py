@@ -1,6 +1,6 @@
 """Heading controllers that CTL_MODE chooses: from a heading error to a rudder demand.
 
-The arithmetic stands in law.py. A new controller is its law, a function here, one row of TABLE, and one value of the
+The arithmetic is in law.py. A new controller is its law, a function here, one row of TABLE, and one value of the
 parameter CTL_MODE; its state is a field of `LawState`.
 """
 
@@ -21,9 +21,9 @@ from firmware_py.model.heading_estimate import HeadingEstimate
 class HeadingControllerInput(msgspec.Struct, frozen=True):
     """Input of a controller in a tick.
 
-    `error_rad` is the goal less the heading, positive to starboard; on a turn the long way it stays at half a turn.
-    `estimate` is None while the plain observer knows heading and yaw rate alone. `command_rad` is the rudder command of
-    the tick before, `gain_reduction` the gain reduction, 1 or more.
+    `error_rad` is the goal less the heading, positive to starboard; on a turn the long way it is limited to half a
+    turn. `estimate` is None while only the fixed-gain observer is available. `command_rad` is the rudder command of the
+    tick before, `gain_reduction` the gain reduction, 1 or more.
     """
 
     error_rad: float
@@ -38,19 +38,19 @@ Controller = Callable[[LawState, HeadingControllerInput], tuple[LawState, float 
 """A controller with its settings: returns its state and the rudder demand [rad], None when it cannot steer."""
 
 
-def steer_by_fixed_gains(gains: Gains, _state: LawState, given: HeadingControllerInput) -> tuple[LawState, float]:
+def steer_by_fixed_gains(gains: Gains, _state: LawState, inputs: HeadingControllerInput) -> tuple[LawState, float]:
     """Return the rudder demand [rad] of fixed gains, which keep no state."""
-    return IDLE, law.s_surface(gains, given.error_rad, given.yaw_rate_rad_s)
+    return IDLE, law.s_surface(gains, inputs.error_rad, inputs.yaw_rate_rad_s)
 
 
 def steer_by_schedule(
-    settings: LawSettings, state: LawState, given: HeadingControllerInput
+    settings: LawSettings, state: LawState, inputs: HeadingControllerInput
 ) -> tuple[LawState, float | None]:
     """Return the rudder demand [rad] of the scheduled law with its state; None without an estimate."""
-    if given.estimate is None:
+    if inputs.estimate is None:
         return IDLE, None
     return law.steer(
-        settings, state, given.estimate, given.error_rad, given.command_rad, given.step_s, given.gain_reduction
+        settings, state, inputs.estimate, inputs.error_rad, inputs.command_rad, inputs.step_s, inputs.gain_reduction
     )
 
 
@@ -74,8 +74,8 @@ class HeadingControllerSettings(msgspec.Struct, frozen=True):
 
 
 def update(
-    settings: HeadingControllerSettings, state: LawState, given: HeadingControllerInput
+    settings: HeadingControllerSettings, state: LawState, inputs: HeadingControllerInput
 ) -> tuple[LawState, float]:
     """Return the state and the rudder demand [rad]; the fixed gains replace a controller that cannot steer."""
-    state, demand_rad = settings.controller(state, given)
-    return steer_by_fixed_gains(settings.stand_in, state, given) if demand_rad is None else (state, demand_rad)
+    state, demand_rad = settings.controller(state, inputs)
+    return steer_by_fixed_gains(settings.stand_in, state, inputs) if demand_rad is None else (state, demand_rad)

@@ -1,8 +1,8 @@
 """Heading control law: an S-surface with scheduled gains that follows a reference model.
 
 Numeric core: functions over floats and NamedTuples, without I/O and without None; NaN stands for a value that is
-absent. Python runs this text on the boat, and the laboratory compiles it as it stands (hil/lab/numeric_core.py). Both
-give the same result to the last bit.
+absent. Python runs this code on the boat, and the laboratory compiles it unchanged (hil/lab/numeric_core.py). Both give
+the same result to the last bit.
 
 S-surface (Wang et al. 2018, eq. 8):
 
@@ -67,17 +67,17 @@ REDUCED_BIAS_S: Final = 25.0  # time constant of the followed rudder bias per 1 
 class LawConstants(NamedTuple):
     """Constants of the law that `rambler-hil tune --law` searches (docs/decisions/0014 has the search).
 
-    `stiffness` is the proportional gain for a w of 1 rad/sqrt(s) where T / K is 1 s^2, `crossover_rad_s` the upper
+    `gain_factor` is the proportional gain for a w of 1 rad/sqrt(s) where T / K is 1 s^2, `crossover_rad_s` the upper
     bound of K k. The deadband, as an angle of heading error, is `rest_rad` + `band_sqrt_s` * w.
     """
 
-    stiffness: float = 136.0
+    gain_factor: float = 136.0
     crossover_rad_s: float = 0.264
     rest_rad: float = 0.00469
     band_sqrt_s: float = 1.94
 
 
-DELIVERED: Final = LawConstants()
+DEFAULT_CONSTANTS: Final = LawConstants()
 
 
 class LawSettings(NamedTuple):
@@ -88,7 +88,7 @@ class LawSettings(NamedTuple):
     trim_rad: float
     price: float
     min_speed_m_s: float
-    constants: LawConstants = DELIVERED
+    constants: LawConstants = DEFAULT_CONSTANTS
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> LawSettings:
@@ -113,7 +113,7 @@ class Ship(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """Heading and yaw rate that the boat should have now, and the rudder beyond the bias that they take."""
+    """Heading and yaw rate of the reference model, and its rudder angle without the bias."""
 
     heading_rad: float = math.nan
     yaw_rate_rad_s: float = math.nan
@@ -212,11 +212,13 @@ def ship_at_speed(settings: LawSettings, estimate: HeadingEstimate, bias_rad: fl
     )
 
 
-def proportional_gain(ship: Ship, correction_rad2_s: float, price: float, constants: LawConstants = DELIVERED) -> float:
+def proportional_gain(
+    ship: Ship, correction_rad2_s: float, price: float, constants: LawConstants = DEFAULT_CONSTANTS
+) -> float:
     """Return the rudder angle per angle of heading error."""
     walk_rad = math.sqrt(clamp(correction_rad2_s, MIN_GAIN_CORRECTION_RAD2_S, CORRECTIONS_RAD2_S[1]) / price)
     by_ship = math.exp(3.0 / 7.0 * math.log1p(ship.turning_lag_s / ship.turning_ability_1_s - 1.0))
-    return min(constants.stiffness * walk_rad * by_ship, constants.crossover_rad_s / ship.turning_ability_1_s)
+    return min(constants.gain_factor * walk_rad * by_ship, constants.crossover_rad_s / ship.turning_ability_1_s)
 
 
 def reduced_gain(
@@ -224,7 +226,7 @@ def reduced_gain(
     gain_reduction: float,
     estimated_1_s: float,
     nominal_1_s: float,
-    constants: LawConstants = DELIVERED,
+    constants: LawConstants = DEFAULT_CONSTANTS,
 ) -> float:
     """Return the proportional gain with its upper bound lowered by the gain reduction.
 
@@ -234,8 +236,8 @@ def reduced_gain(
     return min(gain, constants.crossover_rad_s / (gain_reduction * max(estimated_1_s, nominal_1_s)))
 
 
-def deadband(correction_rad2_s: float, gain: float, price: float, constants: LawConstants = DELIVERED) -> float:
-    """Return how far the demand may leave the command before the command follows [rad]."""
+def deadband(correction_rad2_s: float, gain: float, price: float, constants: LawConstants = DEFAULT_CONSTANTS) -> float:
+    """Return the half-width of the deadband [rad], in which the command does not follow the demand."""
     walk_rad = constants.band_sqrt_s * math.sqrt(clamp(correction_rad2_s, CORRECTIONS_RAD2_S[0], CORRECTIONS_RAD2_S[1]))
     return gain * math.sqrt(price) * (constants.rest_rad + walk_rad)
 

@@ -11,7 +11,7 @@ from firmware_py.common.records import CalibrationState, Event, Inputs, Severity
 from firmware_py.common.reports import SwingReport
 
 if TYPE_CHECKING:
-    from firmware_py.estimate.swinging import Swinging
+    from firmware_py.estimate.deviation_estimator import DeviationEstimator
 
 NOTHING = SwingReport()
 
@@ -21,14 +21,14 @@ class CompassSwing:
 
     def __init__(self) -> None:
         """Create an idle swing."""
-        self._swinging: Swinging | None = None
+        self._estimator: DeviationEstimator | None = None
         self._report = NOTHING
         self.former: Mapping[str, float] | None = None  # parameters replaced by an accepted proposal
 
     @property
     def running(self) -> bool:
         """Whether a swing is active."""
-        return self._swinging is not None
+        return self._estimator is not None
 
     @property
     def report(self) -> SwingReport:
@@ -38,27 +38,27 @@ class CompassSwing:
     def begin(self, parameters: ParameterSet) -> None:
         """Start a swing with the present parameters."""
         # Imported here because most runs do not need it.
-        from firmware_py.estimate.swinging import Swinging  # noqa: PLC0415
+        from firmware_py.estimate.deviation_estimator import DeviationEstimator  # noqa: PLC0415
 
-        self._swinging = Swinging(parameters)
+        self._estimator = DeviationEstimator(parameters)
         self._report = SwingReport(CalibrationState.RUNNING)
         self.former = None
 
     def end(self, former: Mapping[str, float] | None = None) -> None:
         """End the swing and discard its result; `former`: parameters that were replaced by accepting it."""
-        self._swinging, self._report, self.former = None, NOTHING, former
+        self._estimator, self._report, self.former = None, NOTHING, former
 
     def take(self, inputs: Inputs, parameters: ParameterSet) -> Iterator[Event]:
         """Process the inputs of a finished tick; yield an event when there is a proposal."""
-        swinging = self._swinging
-        if swinging is None:
+        estimator = self._estimator
+        if estimator is None:
             return
-        seen = swinging.state.seen
-        swinging.set_parameters(parameters)
-        swinging.take(inputs)
-        if swinging.state.seen is seen:
+        last_minute = estimator.state.last_minute
+        estimator.set_parameters(parameters)
+        estimator.take(inputs)
+        if estimator.state.last_minute is last_minute:
             return
-        before, self._report = self._report.state, swinging.report()
+        before, self._report = self._report.state, estimator.report()
         if self._report.state is CalibrationState.DONE and before is not CalibrationState.DONE:
             yield Event(Severity.NOTICE, f"Compass swing: {_proposal(self._report)}; accept with DO_ACCEPT_MAG_CAL")
 

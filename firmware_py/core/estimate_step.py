@@ -12,7 +12,7 @@ from firmware_py.common.records import Event, Inputs, PositionSample, RudderStat
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, last_position, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
-from firmware_py.estimate import dead_reckoning, heading_estimator, place_and_velocity, position, water
+from firmware_py.estimate import dead_reckoning, heading_estimator, position, position_consistency, water
 from firmware_py.estimate.position import PositionState
 from firmware_py.estimate.sources import Source
 from firmware_py.modes import PositionGoal
@@ -33,23 +33,23 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     credible: list[PositionSample] = []
     events: list[Event] = []
     for sample in inputs.positions:
-        if state.modes.armed and place_and_velocity.hangs(agreement, sample):
-            agreement, odd = place_and_velocity.update(agreement, sample, afloat=True)
+        if state.modes.armed and position_consistency.is_stuck(agreement, sample):
+            agreement, odd = position_consistency.update(agreement, sample, armed=True)
             events += odd
             continue
         before = place
         place, good = position.update(place, sample, settings.position.jump_s)
         if good:
             credible.append(sample)
-            if (leap_m := position.leap_m(before, sample)) is not None:
+            if (leap_m := position.accepted_jump_m(before, sample)) is not None:
                 events.append(Event(Severity.WARNING, f"GPS jump accepted: position moved by {leap_m:.0f} m"))
             elif state.modes.armed:
                 events += _fix_events(before, sample)
-            agreement, odd = place_and_velocity.update(agreement, sample, afloat=state.modes.armed)
+            agreement, odd = position_consistency.update(agreement, sample, armed=state.modes.armed)
             events += odd
             if state.home is None:
                 state = replace(state, home=_home_at(place.begun))
-            elif (wrong := position.withdrawn(before, place)) is not None:
+            elif (wrong := position.withdrawn_first_fix(before, place)) is not None:
                 state, correction_events = _corrected_first_position(state, wrong, sample)
                 events += correction_events
     heading_state, heading_events = heading_estimator.update(
@@ -94,7 +94,7 @@ def _predicted_position(state: State, now_s: float, heading_rad: float | None, t
         velocity_m_s = water.over_ground_m_s(known, math.nan if heading_rad is None else heading_rad)
         return position.predict(place, now_s, velocity_m_s)
     step_s = max(0.0, now_s - place.t_s)
-    sailed, over_ground_m_s = dead_reckoning.sail(
+    sailed, over_ground_m_s = dead_reckoning.advance(
         place.dead_reckoning, heading_rad, step_s, under_way=state.modes.armed
     )
     return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)
@@ -102,10 +102,10 @@ def _predicted_position(state: State, now_s: float, heading_rad: float | None, t
 
 def _fix_events(before: PositionState, fix: PositionSample) -> tuple[Event, ...]:
     """Return the event when a fix ends dead reckoning that was longer than a gap."""
-    unfixed_s = position.unfixed_s(before) + fix.t_s - before.t_s
-    if before.dead_reckoning is None or unfixed_s <= position.LONGEST_GAP_S:
+    unfixed_s = position.time_since_fix_s(before) + fix.t_s - before.t_s
+    if before.dead_reckoning is None or unfixed_s <= position.MAX_GAP_S:
         return ()
-    minutes, off_m = unfixed_s / 60.0, position.off_m(before, fix)
+    minutes, off_m = unfixed_s / 60.0, position.distance_from_estimate_m(before, fix)
     return (Event(Severity.NOTICE, f"GPS recovered after {minutes:.0f} min: position error {off_m:.0f} m"),)
 
 
@@ -136,7 +136,7 @@ def _corrected_first_position(
         home=home,
         modes=modes,
         guidance=replace(state.guidance, mode=None),  # restarts the mode
-        heading_estimator=heading_estimator.expecting(state.heading_estimator, expected),
+        heading_estimator=heading_estimator.with_expected_water(state.heading_estimator, expected),
     )
     text = f"First GPS position wrong by {1e-3 * off_m:.1f} km: home and tasks moved"
     return state, (Event(Severity.WARNING, text),)

@@ -41,7 +41,7 @@ def fault_input(
         ),
         compass_frozen=frozen,
         compass_jumping=jumping,
-        compasses_disagree=sources.disagree(compasses),
+        compasses_disagree=sources.compasses_disagree(compasses),
         position_old=freshness.position is Age.OLD
         and (position.fix is not None or _lacks_first_fix(state.modes, state.timing, now_s)),
         position_held_back=(
@@ -68,7 +68,7 @@ def fault_input(
         save_v=limits.save_v,
         keep_charge=limits.keep_charge,
         keep_v=limits.keep_v,
-        power_silent=power_monitor.silent(state.power, now_s),
+        power_silent=power_monitor.has_silent_source(state.power, now_s),
         current_too_strong=state.heading_estimator.water.verdict.too_strong > 0.5,
         mission_unusable=state.modes.armed and state.modes.mode is Mode.AUTO and state.guidance.mission.unusable,
         outside_fence=margin_m is not None and margin_m < 0.0,
@@ -97,13 +97,13 @@ def frozen_or_jumping(
 
     A compass that differs from the other one from the start, or drifts away slowly, does not jump: they disagree.
     """
-    frozen, jumping, disagree = False, False, sources.disagree(state)
+    frozen, jumping, disagree = False, False, sources.compasses_disagree(state)
     for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True):
         if sources.is_frozen(compass, now_s, frozen_s, timeout_s):
             frozen = True
         elif (
             sources.is_jumping(compass)
-            and sources.is_heard(compass, now_s, timeout_s)
+            and sources.is_received(compass, now_s, timeout_s)
             and (compass.agreed or not disagree)
         ):
             jumping = True

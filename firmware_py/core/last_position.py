@@ -37,7 +37,7 @@ def of_state(place: PositionState, water: WaterState) -> LastPosition | None:
     if place.fix is None and place.dead_reckoning is None:
         return None
     dead_reckoned = place.dead_reckoning or dead_reckoning.begin(water, place.t_s)
-    dead_reckoned = replace(dead_reckoned, begun_s=-position.unfixed_s(place))
+    dead_reckoned = replace(dead_reckoned, begun_s=-position.time_since_fix_s(place))
     return LastPosition(place.latitude_rad, place.longitude_rad, dead_reckoned)
 
 

@@ -88,14 +88,17 @@ def resume_of(state: State, now: Moment) -> Resume:
 def _modes_to_store(state: State) -> ModeState:
     """Return mode and goal; during a failsafe that always resumes, those before it."""
     supervisor = state.supervisor
-    fault, before = supervisor.failsafe.fault, supervisor.goes_on_with(resume=bool(state.parameters["FS_RESUME"]))
+    fault, before = (
+        supervisor.failsafe.fault,
+        supervisor.mode_after_failsafe(resume=bool(state.parameters["FS_RESUME"])),
+    )
     if fault is None or before is None or not TABLE[fault].always_resumes:
         return state.modes
     return replace(state.modes, mode=before.mode, goal=before.goal, by_failsafe=before.by_failsafe)
 
 
 def _expected_water(state: State) -> tuple[float, float, float]:
-    north_m_s, east_m_s, speed_m_s, _ = water.known(state.heading_estimator.water)
+    north_m_s, east_m_s, speed_m_s, _ = water.guidance_values(state.heading_estimator.water)
     step = CURRENT_STEP_M_S
     return _rounded(north_m_s, step), _rounded(east_m_s, step), _rounded(speed_m_s, step)
 
@@ -185,7 +188,7 @@ def restore(state: State, data: bytes, now: Moment) -> tuple[State, tuple[str, .
         home=resume.home,
         heading_estimator=state.heading_estimator
         if expected is None
-        else heading_estimator.expecting(state.heading_estimator, expected),
+        else heading_estimator.with_expected_water(state.heading_estimator, expected),
         greeting=greeting + (", incomplete" if notes else ""),
     )
     return state, notes

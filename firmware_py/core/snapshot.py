@@ -57,7 +57,7 @@ def snapshot_of(
         energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
         gain_reduction=state.supervisor.oscillation.gain_reduction,
         power=power_monitor.report(state.power, inputs.tick.t_s),
-        saving=power_saving.saving(state.fault_latch.active),
+        saving=power_saving.level_of(state.fault_latch.active),
         traffic=traffic_report(state),
         dead_reckoned=None
         if situation.dead_reckoning_sd_m is None
@@ -71,7 +71,7 @@ def _dead_reckoned(state: State, sd_m: float) -> DeadReckonedPosition | None:
     if place.dead_reckoning is None:
         return None
     heading = state.heading_estimator.heading.heading_rad
-    _, (north_m_s, east_m_s) = dead_reckoning.sail(place.dead_reckoning, heading, 0.0, under_way=True)
+    _, (north_m_s, east_m_s) = dead_reckoning.advance(place.dead_reckoning, heading, 0.0, under_way=True)
     return DeadReckonedPosition(
-        place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, position.unfixed_s(place)
+        place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, position.time_since_fix_s(place)
     )

@@ -22,8 +22,8 @@ from firmware_py.core.rudder import RudderSettings, RudderState
 from firmware_py.core.tick_timing import TickTiming
 from firmware_py.estimate import dead_reckoning, heading_estimator, position
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
-from firmware_py.estimate.place_and_velocity import AgreementState
 from firmware_py.estimate.position import PositionSettings, PositionState
+from firmware_py.estimate.position_consistency import PositionConsistency
 from firmware_py.estimate.sources import Source
 from firmware_py.faults.latch import LatchState, arming_refusal
 from firmware_py.guidance import guidance, step_aside
@@ -99,7 +99,7 @@ class State(msgspec.Struct, frozen=True):
     energy_meter: EnergyMeterState = EnergyMeterState()
     power: PowerMonitorState = PowerMonitorState()
     traffic: TrafficState = TrafficState()
-    agreement: AgreementState = AgreementState()
+    agreement: PositionConsistency = PositionConsistency()
     aside: AsideState = step_aside.IDLE
 
     @classmethod
@@ -118,7 +118,7 @@ def parameters_in_force(state: State) -> ParameterSet:
     faults = state.fault_latch.active
     if not faults:
         return state.parameters
-    return power_saving.parameters_in_force(state.parameters, power_saving.saving(faults))
+    return power_saving.parameters_in_force(state.parameters, power_saving.level_of(faults))
 
 
 def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTimeouts:
@@ -172,7 +172,7 @@ def _dead_reckoning_sd_m(settings: Settings, state: State, freshness: Freshness)
         return None
     if not settings.guidance.tasks.dead_reckoning_limit_m > 0.0:
         return None
-    return dead_reckoning.spread_m(place.dead_reckoning, position.unfixed_s(place))
+    return dead_reckoning.standard_deviation_m(place.dead_reckoning, position.time_since_fix_s(place))
 
 
 def situation_at(state: State, now_s: float) -> Situation:

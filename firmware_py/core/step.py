@@ -169,7 +169,7 @@ def _judge_steering(
         heading_sd_rad=heading_sd_rad,
         speed_m_s=speed_m_s,
         error_rad=or_nan(target.error_rad),
-        shown_rad=sources.compass_in_use(tick.sources).raw_rad,
+        compass_rad=sources.compass_in_use(tick.sources).raw_rad,
         diffusion_rad2_s=diffusion_rad2_s,
         trim_rad=trim_rad,
     )

@@ -18,13 +18,13 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "an active fault has changed the mode, by its parameter `FS_...`",
         "see the fault reported before; any command overrules the failsafe until the fault occurs again",
     ),
-    "Failsafe: <mode>, <mode> is impossible": (
+    "Failsafe: <mode>, <mode> not possible": (
         "a failsafe could not enter its mode and has entered the next one in order",
         "see the fault reported before, and the requirements of the mode (position, home, heading)",
     ),
-    "Failsafe over: <mode> goes on": ("the fault has ended, and the previous mode continues (`FS_RESUME`)", _NOTHING),
-    "Failsafe over: <mode> stays": ("the fault has ended, and `FS_RESUME` is 0", "choose a mode"),
-    "Failsafe over: <mode> stays, <why>": (
+    "Failsafe ended: <mode> resumed": ("the fault has ended, and the previous mode continues (`FS_RESUME`)", _NOTHING),
+    "Failsafe ended: <mode> kept": ("the fault has ended, and `FS_RESUME` is 0", "choose a mode"),
+    "Failsafe ended: <mode> kept, <why>": (
         "the fault has ended, and the previous mode is not possible now",
         "correct the named cause, or choose a mode",
     ),
@@ -68,11 +68,11 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "difference between the first fix and the position by dead reckoning",
         _NOTHING,
     ),
-    "Position moves <speed> m/s otherwise than its velocity says: is the receiver deceived?": (
+    "GPS position/velocity differ by <speed> m/s: spoofing?": (
         "for four minutes the positions have disagreed with the velocities of the receiver; the positions are used",
         "check the position; HOLD and STEERING need no position",
     ),
-    "Position has not moved for <number> min, to the last digit: does the receiver hold it?": (
+    "GPS position unchanged for <number> min: static hold?": (
         "while armed, the receiver repeats the same position: static hold at low speed, or a hung receiver",
         "switch off static hold (static navigation) in the receiver; STEERING needs no position",
     ),
@@ -106,12 +106,12 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "DO_PAUSE_CONTINUE (1), or set the next item",
     ),
     "Mission resumed": ("the pause has ended", _NOTHING),
-    "Heading from <source>": ("a source of the heading is available", _NOTHING),
-    "Heading from <source>, not <source>": (
+    "Heading source: <source>": ("a source of the heading is available", _NOTHING),
+    "Heading source: <source> (was <source>)": (
         "the source of the heading has changed: the better one has failed or recovered",
         "for a worse source, see the fault of the compass; steering by course over ground is less accurate",
     ),
-    "Heading lost: <source> fails": (
+    "Heading lost: <source> failed": (
         "no source of the heading is left; the rudder is held, then centred (fault COMPASS_LOST)",
         "check power and cable of the compass; ashore, use `rambler listen`",
     ),

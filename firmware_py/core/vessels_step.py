@@ -92,7 +92,7 @@ def _own_ways_m_s(state: State) -> tuple[Velocity, ...]:
         return ()
     if followed is None or target is None:
         return (water.over_ground_m_s(known, way_rad),)
-    north_m_s, east_m_s, speed_m_s, leeway_rad = water.known(known)
+    north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(known)
     courses = followed[1], target.angle_rad
     headings = [heading_for_course(one, speed_m_s, north_m_s, east_m_s, leeway_rad) for one in courses]
     return tuple(water.over_ground_m_s(known, heading_rad) for heading_rad in headings)

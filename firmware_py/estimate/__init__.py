@@ -1,1 +1,1 @@
-"""What is known of the boat: heading, yaw rate, drift."""
+"""State estimation: heading, yaw rate, rudder bias, waves, speed, current and position; pure."""

@@ -1,4 +1,4 @@
-"""Magnetic declination from the World Magnetic Model, evaluated anew after a long way or a long time.
+"""Magnetic declination from the World Magnetic Model, computed again after 10 km or 30 days.
 
 Spherical harmonics of degree 12 with Schmidt's semi-normalised Legendre functions on the WGS 84
 ellipsoid (Chulliat et al., The US/UK World Magnetic Model for 2025-2030, NOAA, section 1.2).
@@ -14,19 +14,19 @@ import msgspec
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.estimate.wmm2025 import COEFFICIENTS, DEGREE, EPOCH
 
-MOVED_RAD: Final = 10e3 / EARTH_RADIUS_M
-AGE_S: Final = 30.0 * 86400.0
+MAX_DISTANCE_RAD: Final = 10e3 / EARTH_RADIUS_M
+MAX_AGE_S: Final = 30.0 * 86400.0
 YEAR_S: Final = 365.25 * 86400.0
 EPOCH_S: Final = 1_735_689_600.0  # 2025-01-01 UTC
-LAST_YEAR: Final = 10.0  # a model that has run out is still nearer than none, but is not carried on for ever
+MAX_MODEL_YEARS: Final = 10.0  # the model is valid for 5 years; after 10 it is no longer extrapolated
 MAJOR_KM, MINOR_KM, REFERENCE_KM = 6378.137, 6356.7523142, 6371.2
-NEAR_POLE: Final = 1e-6
-# Where the horizontal field is weaker than this no compass shows north (nT; the model's authors: caution below 6000).
-WEAKEST_NT: Final = 2000.0
+MIN_COSINE: Final = 1e-6
+# Below this horizontal field [nT] a compass shows no north; the authors of the model advise caution below 6000 nT.
+MIN_HORIZONTAL_FIELD_NT: Final = 2000.0
 
 
 class Declination(msgspec.Struct, frozen=True):
-    """The declination, and where and when it was computed; None where no compass works."""
+    """Declination (None: no compass works there), and the place and time for which it was computed."""
 
     declination_rad: float | None = None
     latitude_rad: float = 0.0
@@ -35,11 +35,11 @@ class Declination(msgspec.Struct, frozen=True):
 
 
 def update(before: Declination, latitude_rad: float, longitude_rad: float, utc_s: float | None) -> Declination:
-    """Return the declination at a position, the one before where that place is still near."""
+    """Return the declination at a position; near the place of the last one, that one."""
     at_s = utc_s if utc_s is not None else before.utc_s if before.utc_s is not None else EPOCH_S
-    if before.utc_s is not None and abs(at_s - before.utc_s) < AGE_S:
+    if before.utc_s is not None and abs(at_s - before.utc_s) < MAX_AGE_S:
         east = (longitude_rad - before.longitude_rad) * math.cos(latitude_rad)
-        if math.hypot(latitude_rad - before.latitude_rad, east) < MOVED_RAD:
+        if math.hypot(latitude_rad - before.latitude_rad, east) < MAX_DISTANCE_RAD:
             return before
     return Declination(declination_rad(latitude_rad, longitude_rad, at_s), latitude_rad, longitude_rad, at_s)
 
@@ -47,17 +47,17 @@ def update(before: Declination, latitude_rad: float, longitude_rad: float, utc_s
 def declination_rad(latitude_rad: float, longitude_rad: float, utc_s: float) -> float | None:
     """Return the declination at sea level, east positive; None near the magnetic poles."""
     north_nt, east_nt = horizontal_field_nt(latitude_rad, longitude_rad, utc_s)
-    if math.hypot(north_nt, east_nt) < WEAKEST_NT:
+    if math.hypot(north_nt, east_nt) < MIN_HORIZONTAL_FIELD_NT:
         return None
     return math.atan2(east_nt, north_nt)
 
 
 def horizontal_field_nt(latitude_rad: float, longitude_rad: float, utc_s: float) -> tuple[float, float]:
     """Return the field's north and east components [nT] at sea level, geodetic."""
-    years = min(max((utc_s - EPOCH_S) / YEAR_S, 0.0), LAST_YEAR)
+    years = min(max((utc_s - EPOCH_S) / YEAR_S, 0.0), MAX_MODEL_YEARS)
     geocentric_rad, radius_km = _geocentric(latitude_rad)
     sine = math.sin(geocentric_rad)
-    cosine = max(math.cos(geocentric_rad), NEAR_POLE)
+    cosine = max(math.cos(geocentric_rad), MIN_COSINE)
     functions, slopes = _legendre(sine, cosine)
     ratio = REFERENCE_KM / radius_km
     north = east = down = 0.0

@@ -41,7 +41,7 @@ def begin_tick(test: DelayTest) -> DelayTest:
     return DelayTest(test.motion, test.first_rad, test.second_rad, test.third_rad, 0.0)
 
 
-def following(test: DelayTest, motion: Motion) -> DelayTest:
+def with_motion(test: DelayTest, motion: Motion) -> DelayTest:
     """Return the test with the late filter at the state of the other, where both cannot be compared."""
     return DelayTest(motion, test.first_rad, test.second_rad, test.third_rad, test.log_ratio)
 
@@ -58,14 +58,14 @@ def update(
     if step_s <= 0.0:
         return test
     if math.isnan(step_s) or not abs(rudder_rad) <= PI:
-        return following(test, after.motion)
+        return with_motion(test, after.motion)
     keep = decay_over(step_s, DELAY_S / 3.0)
     third_rad = test.second_rad + keep * (test.third_rad - test.second_rad)
     second_rad = test.first_rad + keep * (test.second_rad - test.first_rad)
     first_rad = rudder_rad + keep * (test.first_rad - rudder_rad)
     motion = heading_model.predict(test.motion, before.levels, model, third_rad, step_s)
     motion, innovation_rad, variance = heading_model.correct(motion, before.levels, heading_rad)
-    is_learning = after.begun_s != before.begun_s or after.t_s - after.begun_s < heading_filter.FIRST_S
+    is_learning = after.begun_s != before.begun_s or after.t_s - after.begun_s < heading_filter.CANDIDATE_PHASE_S
     if is_learning or not heading_model.is_valid(motion):
         return DelayTest(after.motion, first_rad, second_rad, third_rad, test.log_ratio)
     at_once = heading_model.log_likelihood(after.innovation_rad, after.innovation_sd_rad * after.innovation_sd_rad)

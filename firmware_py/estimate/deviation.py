@@ -1,4 +1,4 @@
-"""Deviation of a compass: what the boat's own iron adds, by the classical coefficients A to E.
+"""Deviation of a compass: the error by the iron of the boat, with the classical coefficients A to E.
 
 deviation = A + B sin h + C cos h + D sin 2h + E cos 2h        h = compass heading of the hull
 """
@@ -22,7 +22,7 @@ def deviation_of(parameters: ParameterSet, prefix: str) -> Deviation:
 
 
 def deviation_rad(deviation: Deviation, heading_rad: float) -> float:
-    """Return what is to be added to a compass heading."""
+    """Return the angle to add to a compass heading for the magnetic heading."""
     a, b, c, d, e = deviation
     if a == b == c == d == e == 0.0:
         return 0.0

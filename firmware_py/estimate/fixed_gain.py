@@ -11,7 +11,7 @@ from firmware_py.common.angles import clamp, wrap_pi, wrap_two_pi
 from firmware_py.model.kt import exact_step
 
 
-def predicted(
+def predict(
     heading_rad: float,
     yaw_rate_rad_s: float,
     rudder_rad: float,
@@ -26,7 +26,7 @@ def predicted(
     return wrap_two_pi(heading_rad + turned_rad), yaw_rate_rad_s
 
 
-def corrected(
+def correct(
     heading_rad: float,
     yaw_rate_rad_s: float,
     measured_rad: float,

@@ -36,7 +36,7 @@ NAMES: Final = {Source.COMPASS_A: "compass A", Source.COMPASS_B: "compass B", So
 
 
 class HeadingEstimatorSettings(msgspec.Struct, frozen=True):
-    """How the heading is estimated."""
+    """Settings of the heading estimate."""
 
     observer: ObserverSettings
     tick: HeadingSettings
@@ -68,24 +68,24 @@ class HeadingTimeouts(msgspec.Struct, frozen=True):
 class HeadingEstimatorState(msgspec.Struct, frozen=True):
     """Heading and yaw rate of the tick, the filter with its sources, the water, and the declination of the place.
 
-    `odd_variation`: what the compasses state and is not used, or not as it was stated.
+    `odd_variation`: variations that the compasses state and that are not used, or not as stated.
     """
 
     heading: HeadingState = HeadingState()
     tick: HeadingTick = heading_tick.START
     water: WaterState = water.START
     declination: Declination = Declination()
-    odd_variation: variation.Odd = (None, None)
+    odd_variation: variation.UnusedVariations = (None, None)
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> HeadingEstimatorState:
         """Return the state before the first heading."""
-        return expecting(cls(), (0.0, 0.0, parameters["CRUISE_SPEED"]))
+        return with_expected_water(cls(), (0.0, 0.0, parameters["CRUISE_SPEED"]))
 
 
-def expecting(state: HeadingEstimatorState, water_m_s: tuple[float, float, float]) -> HeadingEstimatorState:
+def with_expected_water(state: HeadingEstimatorState, water_m_s: tuple[float, float, float]) -> HeadingEstimatorState:
     """Return a state before the first position that expects this current, north and east, and speed [m/s]."""
-    return replace(state, water=water.expecting(*water_m_s))
+    return replace(state, water=water.initial_state(*water_m_s))
 
 
 def update(
@@ -97,9 +97,9 @@ def update(
     timeouts: HeadingTimeouts,
     now_s: float,
 ) -> tuple[HeadingEstimatorState, tuple[Event, ...]]:
-    """Take a tick's samples in; return the state, with the heading that is steered by, and the events.
+    """Return the state after the samples of a tick, with the heading to steer by, and the events.
 
-    `positions` are those that are believed; rudder_rad is the angle measured at this tick, NaN where it is not known.
+    `positions` are the accepted ones; rudder_rad is the angle measured at this tick, NaN: not known.
     """
     before, tick = state.heading, state.tick
     observer_settings = settings.observer
@@ -108,8 +108,8 @@ def update(
         if state.declination.declination_rad is not None:
             observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
     declination_rad = observer_settings.declination_rad or None
-    odd_variation, events = variation.notice(state.odd_variation, headings, declination_rad)
-    headings = [variation.reconciled(sample, declination_rad) for sample in headings]
+    odd_variation, events = variation.check(state.odd_variation, headings, declination_rad)
+    headings = [variation.apply(sample, declination_rad) for sample in headings]
     true_headings = [
         TrueHeadingSample(
             sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
@@ -160,7 +160,7 @@ def _steered(
     rudder_rad: float,
     now_s: float,
 ) -> HeadingState:
-    """Return heading and yaw rate to steer by at now_s, and the age of what they come from."""
+    """Return heading and yaw rate to steer by at now_s, with the time of the last sample."""
     before = state.heading
     if settings.observer_only:
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
@@ -169,7 +169,7 @@ def _steered(
     if not heading_filter.has_started(tick.filter):
         return before
     heading_rad, yaw_rate_rad_s = heading_tick.heading_at(tick, model, now_s)
-    # Fixes come rarely; their own time-out has judged whether they still come.
+    # Fixes are rare; their time-out has been checked already.
     sample_t_s: float | None = now_s
     if tick.sources.in_use != Source.COURSE:
         sample_t_s = tick.filter.t_s if before.sample_t_s is None else max(before.sample_t_s, tick.filter.t_s)
@@ -180,11 +180,13 @@ def _steered(
 def change_event(before: Source, after: Source) -> Event:
     """Return the event of a change of source."""
     if after is Source.NONE:
-        return Event(Severity.ERROR, f"Heading lost: {NAMES[before]} fails")
+        return Event(Severity.ERROR, f"Heading lost: {NAMES[before]} failed")
     if before is Source.NONE:
-        return Event(Severity.INFO, f"Heading from {NAMES[after]}")
+        return Event(Severity.INFO, f"Heading source: {NAMES[after]}")
     worse = after > before
-    return Event(Severity.WARNING if worse else Severity.NOTICE, f"Heading from {NAMES[after]}, not {NAMES[before]}")
+    return Event(
+        Severity.WARNING if worse else Severity.NOTICE, f"Heading source: {NAMES[after]} (was {NAMES[before]})"
+    )
 
 
 def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:
@@ -212,7 +214,7 @@ def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> 
         return None
     f, m, levels = tick.filter, tick.filter.motion, tick.filter.levels
     now = water.estimated(state.water, heading.t_s)
-    grown = prediction_check.inflation(tick.check)
+    grown = prediction_check.sd_inflation(tick.check)
     return Estimate(
         int(tick.sources.in_use),
         heading.heading_rad,
@@ -240,15 +242,15 @@ def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> 
 
 
 def water_report(state: HeadingEstimatorState) -> Water:
-    """Return the water to steer by; before the first position it is what was expected."""
-    north_m_s, east_m_s, speed_m_s, leeway_rad = water.known(state.water)
+    """Return speed, current and leeway for guidance; before the first position, the expected values."""
+    north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(state.water)
     now = water.estimated(state.water, state.heading.t_s)
     return Water(
         speed_m_s,
-        math.hypot(now.mean_speed_sd_m_s, water.CHANGES_M_S),
+        math.hypot(now.mean_speed_sd_m_s, water.EDDY_SD_M_S),
         north_m_s,
         east_m_s,
-        math.hypot(now.current_sd_m_s, water.CHANGES_M_S),
+        math.hypot(now.current_sd_m_s, water.EDDY_SD_M_S),
         leeway_rad,
         now.leeway_sd_rad,
         state.water.verdict.too_strong > 0.5,

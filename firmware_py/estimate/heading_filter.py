@@ -2,15 +2,15 @@
 
 Learning is recursive maximum likelihood (recursive prediction error method: Ljung and Soderstrom, Theory and Practice
 of Recursive Identification, 1983): beside the filter run two more per noise level, with the logarithm of that level
-moved up and down by MOVES. The difference of their log-likelihoods, sample by sample, is the score (the derivative of
-the log-likelihood) of that level; the sum of its squares, with a memory, is the information. Once in a window each
-level moves by
+moved up and down by LEVEL_OFFSETS. The difference of their log-likelihoods, sample by sample, is the score (the
+derivative of the log-likelihood) of that level; the sum of its squares, with a memory, is the information. Once in a
+window each level moves by
 
-    (score of the window + share of the prior) / (information + 1 / SPREAD^2)
+    (score of the window + share of the prior) / (information + 1 / PRIOR_SDS^2)
 
-which is the scoring step of a maximum a posteriori estimate with the log-normal prior PRIOR, SPREAD and a fading
+which is the scoring step of a maximum a posteriori estimate with the log-normal prior PRIOR, PRIOR_SDS and a fading
 memory. The memory grows from a minute to half an hour. The extra filters take at most one sample in LEARNING_STEP_S,
-which is enough for the waves of a boat.
+which resolves the waves.
 
 The likelihood has local maxima where the waves are much larger or longer than those of the prior, or where the heading
 wanders much more. So in the first minute the twelve extra filters are twelve candidates of diffusion, wave yaw and
@@ -26,7 +26,7 @@ import numpy as np
 
 from firmware_py.common.angles import PI, clamp, radians, wrap_pi
 from firmware_py.estimate import heading_model
-from firmware_py.estimate.heading_model import NUMBERS, Floats, Motion, NoiseLevels, store, stored
+from firmware_py.estimate.heading_model import ROW_LENGTH, Floats, Motion, NoiseLevels, read_row, write_row
 from firmware_py.model.kt import KtModel
 
 LEVELS = 6
@@ -36,23 +36,23 @@ PRIOR = NoiseLevels(
     math.log(radians(1.0) ** 2), math.log(radians(1.0)), math.log(2.8), math.log(0.2), math.log(radians(0.1)),
     math.log(radians(0.3)),
 )  # fmt: skip
-SPREAD = NoiseLevels(2.5, 1.0, 0.6, 0.5, 0.7, 1.0)
-LOWEST = NoiseLevels(
+PRIOR_SDS = NoiseLevels(2.5, 1.0, 0.6, 0.5, 0.7, 1.0)
+MIN_LEVELS = NoiseLevels(
     math.log(1e-5 * radians(1.0) ** 2), math.log(radians(0.02)), math.log(1.2), math.log(0.04), math.log(radians(0.01)),
     math.log(radians(0.003)),
 )  # fmt: skip
-HIGHEST = NoiseLevels(
+MAX_LEVELS = NoiseLevels(
     math.log(60.0 * radians(1.0) ** 2), math.log(radians(40.0)), math.log(16.0), math.log(0.7), math.log(radians(3.0)),
     math.log(radians(6.0)),
 )  # fmt: skip
-# By so much the extra filters differ: less than a likelihood bends within, more than rounding.
-MOVES = NoiseLevels(0.3, 0.2, 0.05, 0.3, 0.4, 0.4)
-LONGEST_MOVE = 0.5  # of any logarithm in a window
+# Offsets of the levels of the extra filters: small against the curvature of the likelihood, large against rounding.
+LEVEL_OFFSETS = NoiseLevels(0.3, 0.2, 0.05, 0.3, 0.4, 0.4)
+MAX_LEVEL_STEP = 0.5  # largest step of a logarithm in a window
 WINDOW_S = 15.0
-SHORTEST_MEMORY_S, LONGEST_MEMORY_S, MEMORY_SHARE = 100.0, 1800.0, 0.5  # of the time since the start
+MIN_MEMORY_S, MAX_MEMORY_S, MEMORY_SHARE = 100.0, 1800.0, 0.5  # of the time since the start
 LEARNING_STEP_S = 0.4
 UNKNOWN_RUDDER_WALK = math.log(radians(2.0))  # the bias follows a rudder that is not measured
-FIRST_S, CHOICE_S = 60.0, 5.0
+CANDIDATE_PHASE_S, CHOICE_INTERVAL_S = 60.0, 5.0
 # Diffusion of the heading [deg^2/s], wave yaw [deg] and period [s] of the candidates. Small waves are short. Without a
 # candidate of much diffusion, the wander of the heading would be taken for large waves, for hours.
 CANDIDATES = (
@@ -60,10 +60,10 @@ CANDIDATES = (
     (1.0, 4.0, 2.2), (1.0, 4.0, 3.6), (1.0, 4.0, 6.0), (1.0, 4.0, 10.0),
     (1.0, 16.0, 2.2), (1.0, 16.0, 3.6), (1.0, 16.0, 6.0), (1.0, 16.0, 10.0),
 )  # fmt: skip
-# A turn is unexplained when the innovations stay beyond 3 standard deviations for so long.
-UNEXPLAINED, UNEXPLAINED_S = 9.0, 2.0
-LONGEST_GAP_S = 600.0  # after it the filter starts again
-LATEST_S = 1.0  # a heading that is older than the state by more is not taken
+# A turn is unexplained when the innovations exceed 3 standard deviations for UNEXPLAINED_S.
+UNEXPLAINED_SQUARE, UNEXPLAINED_S = 9.0, 2.0
+MAX_GAP_S = 600.0  # after a longer gap the filter restarts
+MAX_SAMPLE_DELAY_S = 1.0  # a heading older than the state by more is ignored
 AVERAGE_S = 60.0
 
 FILTERS = 2 * LEVELS
@@ -78,7 +78,7 @@ class Learning(NamedTuple):
     the time of the last sample taken, `rudder_rad_s` the integral of the rudder angle since.
     """
 
-    motions: Floats = np.zeros((FILTERS, NUMBERS))
+    motions: Floats = np.zeros((FILTERS, ROW_LENGTH))
     sums: Floats = np.zeros(FILTERS)
     information: Floats = np.zeros(LEVELS)
     window_s: float = 0.0
@@ -104,7 +104,7 @@ class HeadingFilter(NamedTuple):
     innovation_square: float = 1.0
 
 
-def candidate(number: int) -> NoiseLevels:
+def candidate_levels(number: int) -> NoiseLevels:
     """Return the levels of a candidate of the first minute."""
     diffusion_deg2_s, wave_deg, period_s = CANDIDATES[number]
     return NoiseLevels(
@@ -117,83 +117,83 @@ def candidate(number: int) -> NoiseLevels:
     )
 
 
-def _first_learning(t_s: float, heading_rad: float) -> Learning:
+def _initial_learning(t_s: float, heading_rad: float) -> Learning:
     """Return the candidates at a heading."""
-    motions = np.empty((FILTERS, NUMBERS))
+    motions = np.empty((FILTERS, ROW_LENGTH))
     for number in range(FILTERS):
-        store(motions[number], heading_model.begin(heading_rad, candidate(number)))
+        write_row(motions[number], heading_model.begin(heading_rad, candidate_levels(number)))
     return Learning(motions, np.zeros(FILTERS), np.zeros(LEVELS), 0.0, t_s, 0.0)
 
 
-def _all_at(motion: Motion) -> Floats:
+def _extra_filters_at(motion: Motion) -> Floats:
     """Return all extra filters at one state."""
-    motions = np.empty((FILTERS, NUMBERS))
+    motions = np.empty((FILTERS, ROW_LENGTH))
     for number in range(FILTERS):
-        store(motions[number], motion)
+        write_row(motions[number], motion)
     return motions
 
 
 def begin(t_s: float, heading_rad: float) -> HeadingFilter:
     """Return the filter at its first heading."""
-    motion, sd_rad = heading_model.begin(heading_rad, PRIOR), math.sqrt(heading_model.FIRST_HEADING_VARIANCE)
-    return HeadingFilter(t_s, t_s, motion, PRIOR, _first_learning(t_s, heading_rad), 0.0, 0.0, sd_rad, 1.0)
+    motion, sd_rad = heading_model.begin(heading_rad, PRIOR), math.sqrt(heading_model.INITIAL_HEADING_VARIANCE)
+    return HeadingFilter(t_s, t_s, motion, PRIOR, _initial_learning(t_s, heading_rad), 0.0, 0.0, sd_rad, 1.0)
 
 
 def not_started() -> HeadingFilter:
     """Return the filter before its first heading."""
     motion, levels = heading_model.begin(0.0, PRIOR), PRIOR
-    return HeadingFilter(math.nan, math.nan, motion, levels, _first_learning(math.nan, 0.0), 0.0, 0.0, 0.0, 1.0)
+    return HeadingFilter(math.nan, math.nan, motion, levels, _initial_learning(math.nan, 0.0), 0.0, 0.0, 0.0, 1.0)
 
 
 def has_started(f: HeadingFilter) -> bool:
-    """Return whether the filter has had a heading."""
+    """Return whether the filter has received a heading."""
     return not math.isnan(f.t_s)
 
 
-def moved(levels: NoiseLevels, place: int, by: float) -> NoiseLevels:
-    """Return the levels with the one at that place moved by so much."""
+def with_level_offset(levels: NoiseLevels, index: int, offset: float) -> NoiseLevels:
+    """Return the levels with `offset` added to the one of this index."""
     return NoiseLevels(
-        levels.diffusion + (by if place == 0 else 0.0),
-        levels.wave_sd + (by if place == 1 else 0.0),
-        levels.wave_period + (by if place == 2 else 0.0),
-        levels.wave_damping + (by if place == 3 else 0.0),
-        levels.compass_noise + (by if place == 4 else 0.0),
-        levels.bias_walk + (by if place == 5 else 0.0),
+        levels.diffusion + (offset if index == 0 else 0.0),
+        levels.wave_sd + (offset if index == 1 else 0.0),
+        levels.wave_period + (offset if index == 2 else 0.0),
+        levels.wave_damping + (offset if index == 3 else 0.0),
+        levels.compass_noise + (offset if index == 4 else 0.0),
+        levels.bias_walk + (offset if index == 5 else 0.0),
     )
 
 
 def levels_for(levels: NoiseLevels, rudder_rad: float) -> NoiseLevels:
-    """Return the levels to filter by: the bias has to follow a rudder that is not measured (NaN)."""
+    """Return the levels in use; if the rudder is not measured (NaN), the bias has to follow it."""
     if math.isfinite(rudder_rad) or levels.bias_walk >= UNKNOWN_RUDDER_WALK:
         return levels
-    return moved(levels, 5, UNKNOWN_RUDDER_WALK - levels.bias_walk)
+    return with_level_offset(levels, 5, UNKNOWN_RUDDER_WALK - levels.bias_walk)
 
 
 def memory_s(age_s: float) -> float:
-    """Return the memory of the learning after so long."""
-    return clamp(MEMORY_SHARE * age_s, SHORTEST_MEMORY_S, LONGEST_MEMORY_S)
+    """Return the memory of the learning [s] at an age of the filter."""
+    return clamp(MEMORY_SHARE * age_s, MIN_MEMORY_S, MAX_MEMORY_S)
 
 
-def stepped(levels: NoiseLevels, information: Floats, sums: Floats, window_s: float, age_s: float) -> NoiseLevels:
-    """Return the levels after the scoring step of a window; each by the information of its own."""
+def scoring_step(levels: NoiseLevels, information: Floats, sums: Floats, window_s: float, age_s: float) -> NoiseLevels:
+    """Return the levels after the scoring step of a window, each with its own information."""
     step, largest, share = np.zeros(LEVELS), 0.0, 1.0 - math.exp(-window_s / memory_s(age_s))
     for i in range(LEVELS):
-        weight = 1.0 / (SPREAD[i] * SPREAD[i])
-        score = (sums[2 * i] - sums[2 * i + 1]) / (2.0 * MOVES[i]) + share * weight * (PRIOR[i] - levels[i])
+        weight = 1.0 / (PRIOR_SDS[i] * PRIOR_SDS[i])
+        score = (sums[2 * i] - sums[2 * i + 1]) / (2.0 * LEVEL_OFFSETS[i]) + share * weight * (PRIOR[i] - levels[i])
         step[i] = score / (information[i] + weight)
         largest = max(largest, abs(step[i]))
-    by = 1.0 if largest <= LONGEST_MOVE else LONGEST_MOVE / largest
+    by = 1.0 if largest <= MAX_LEVEL_STEP else MAX_LEVEL_STEP / largest
     return NoiseLevels(
-        clamp(levels.diffusion + by * float(step[0]), LOWEST.diffusion, HIGHEST.diffusion),
-        clamp(levels.wave_sd + by * float(step[1]), LOWEST.wave_sd, HIGHEST.wave_sd),
-        clamp(levels.wave_period + by * float(step[2]), LOWEST.wave_period, HIGHEST.wave_period),
-        clamp(levels.wave_damping + by * float(step[3]), LOWEST.wave_damping, HIGHEST.wave_damping),
-        clamp(levels.compass_noise + by * float(step[4]), LOWEST.compass_noise, HIGHEST.compass_noise),
-        clamp(levels.bias_walk + by * float(step[5]), LOWEST.bias_walk, HIGHEST.bias_walk),
+        clamp(levels.diffusion + by * float(step[0]), MIN_LEVELS.diffusion, MAX_LEVELS.diffusion),
+        clamp(levels.wave_sd + by * float(step[1]), MIN_LEVELS.wave_sd, MAX_LEVELS.wave_sd),
+        clamp(levels.wave_period + by * float(step[2]), MIN_LEVELS.wave_period, MAX_LEVELS.wave_period),
+        clamp(levels.wave_damping + by * float(step[3]), MIN_LEVELS.wave_damping, MAX_LEVELS.wave_damping),
+        clamp(levels.compass_noise + by * float(step[4]), MIN_LEVELS.compass_noise, MAX_LEVELS.compass_noise),
+        clamp(levels.bias_walk + by * float(step[5]), MIN_LEVELS.bias_walk, MAX_LEVELS.bias_walk),
     )
 
 
-def _filtered(
+def _update_extra_filters(
     motions: Floats,
     levels: NoiseLevels,
     choosing: bool,  # noqa: FBT001 - compiled
@@ -202,14 +202,14 @@ def _filtered(
     step_s: float,
     heading_rad: float,
 ) -> Floats:
-    """Take a sample into the extra filters around levels, or the candidates; return its log-likelihood by each."""
+    """Update the extra filters (in place) or the candidates with a sample; return its log-likelihood in each."""
     likelihoods = np.empty(FILTERS)
     for number in range(FILTERS):
-        by = MOVES[number // 2] if number % 2 == 0 else -MOVES[number // 2]
-        extra = candidate(number) if choosing else moved(levels, number // 2, by)
-        motion = heading_model.predict(stored(motions[number]), extra, model, rudder_rad, step_s)
+        by = LEVEL_OFFSETS[number // 2] if number % 2 == 0 else -LEVEL_OFFSETS[number // 2]
+        extra = candidate_levels(number) if choosing else with_level_offset(levels, number // 2, by)
+        motion = heading_model.predict(read_row(motions[number]), extra, model, rudder_rad, step_s)
         motion, innovation_rad, variance = heading_model.correct(motion, extra, heading_rad)
-        store(motions[number], motion)
+        write_row(motions[number], motion)
         likelihoods[number] = heading_model.log_likelihood(innovation_rad, variance)
     return likelihoods
 
@@ -223,29 +223,31 @@ def _best(sums: Floats) -> int:
     return best
 
 
-def _learned(f: HeadingFilter, levels: NoiseLevels, model: KtModel, t_s: float, heading_rad: float) -> HeadingFilter:
-    """Take a sample into the extra filters around levels; at the end of a window the filter gets its new levels."""
+def _learn(f: HeadingFilter, levels: NoiseLevels, model: KtModel, t_s: float, heading_rad: float) -> HeadingFilter:
+    """Return the filter with its extra filters updated; at the end of a window it gets new levels."""
     before, motions, information = f.learning, f.learning.motions.copy(), f.learning.information.copy()
     step_s, age_s = t_s - before.t_s, t_s - f.begun_s
-    choosing, window_s = age_s < FIRST_S, before.window_s + step_s
-    likelihoods = _filtered(motions, levels, choosing, model, before.rudder_rad_s / step_s, step_s, heading_rad)
+    choosing, window_s = age_s < CANDIDATE_PHASE_S, before.window_s + step_s
+    likelihoods = _update_extra_filters(
+        motions, levels, choosing, model, before.rudder_rad_s / step_s, step_s, heading_rad
+    )
     sums, motion, levels = np.empty(FILTERS), f.motion, f.levels
     for number in range(FILTERS):
         sums[number] = before.sums[number] + likelihoods[number]
     if choosing:
-        if window_s >= CHOICE_S:
+        if window_s >= CHOICE_INTERVAL_S:
             best, window_s = _best(sums), 0.0
-            motion, levels = stored(motions[best]), candidate(best)
-    elif before.t_s - f.begun_s < FIRST_S:
+            motion, levels = read_row(motions[best]), candidate_levels(best)
+    elif before.t_s - f.begun_s < CANDIDATE_PHASE_S:
         # The candidates end; the extra filters begin at the state of the filter.
-        motions, sums, window_s = _all_at(motion), np.zeros(FILTERS), 0.0
+        motions, sums, window_s = _extra_filters_at(motion), np.zeros(FILTERS), 0.0
     else:
         keep = math.exp(-step_s / memory_s(age_s))
         for i in range(LEVELS):
-            score = (likelihoods[2 * i] - likelihoods[2 * i + 1]) / (2.0 * MOVES[i])
+            score = (likelihoods[2 * i] - likelihoods[2 * i + 1]) / (2.0 * LEVEL_OFFSETS[i])
             information[i] = keep * information[i] + score * score
         if window_s >= WINDOW_S:
-            levels = stepped(levels, information, sums, window_s, age_s)
+            levels = scoring_step(levels, information, sums, window_s, age_s)
             sums, window_s = np.zeros(FILTERS), 0.0
     learning = Learning(motions, sums, information, window_s, t_s, 0.0)
     return HeadingFilter(
@@ -255,19 +257,19 @@ def _learned(f: HeadingFilter, levels: NoiseLevels, model: KtModel, t_s: float, 
 
 
 def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rudder_rad: float) -> HeadingFilter:
-    """Return the filter with one true heading taken in.
+    """Return the filter updated with a true heading.
 
-    rudder_rad is the measured rudder angle since the heading before, NaN where it is not measured; an angle beyond a
-    half turn is not taken. A heading that is not finite, or late, changes nothing; the first one, one after a long
+    rudder_rad is the measured rudder angle since the heading before, NaN if it is not measured; an angle beyond a
+    half turn is ignored. A heading that is not finite, or late, changes nothing; the first one, one after a long
     silence, and a state that is not finite start the filter again.
     """
     heading_rad = wrap_pi(heading_rad)
     if not (math.isfinite(t_s) and math.isfinite(heading_rad)):
         return f
     step_s = t_s - f.t_s
-    if not has_started(f) or step_s > LONGEST_GAP_S:
+    if not has_started(f) or step_s > MAX_GAP_S:
         return begin(t_s, heading_rad)
-    if step_s < -LATEST_S:
+    if step_s < -MAX_SAMPLE_DELAY_S:
         return f
     angle_rad = rudder_rad if abs(rudder_rad) <= PI else math.nan
     levels, motion = levels_for(f.levels, angle_rad), f.motion
@@ -276,26 +278,26 @@ def update(f: HeadingFilter, model: KtModel, t_s: float, heading_rad: float, rud
         motion = heading_model.predict(motion, levels, model, angle_rad, step_s)
     motion, innovation_rad, variance = heading_model.correct(motion, levels, heading_rad)
     square = innovation_rad * innovation_rad / variance
-    unexplained_s = f.unexplained_s + max(step_s, 0.0) if square > UNEXPLAINED else 0.0
+    unexplained_s = f.unexplained_s + max(step_s, 0.0) if square > UNEXPLAINED_SQUARE else 0.0
     if unexplained_s > UNEXPLAINED_S:
         unexplained_s, motion = 0.0, heading_model.with_unexplained_turn(motion)
     if not heading_model.is_valid(motion):
         return begin(t_s, heading_rad)
-    share, given = clamp(step_s / AVERAGE_S, 0.0, 0.5), f.learning
+    share, before = clamp(step_s / AVERAGE_S, 0.0, 0.5), f.learning
     learning = Learning(
-        given.motions, given.sums, given.information, given.window_s, given.t_s,
-        given.rudder_rad_s + angle_rad * max(step_s, 0.0),
+        before.motions, before.sums, before.information, before.window_s, before.t_s,
+        before.rudder_rad_s + angle_rad * max(step_s, 0.0),
     )  # fmt: skip
     f = HeadingFilter(
         max(t_s, f.t_s), f.begun_s, motion, f.levels, learning, unexplained_s, innovation_rad, math.sqrt(variance),
         f.innovation_square + share * (square - f.innovation_square),
     )  # fmt: skip
-    return f if t_s - given.t_s < LEARNING_STEP_S else _learned(f, levels, model, t_s, heading_rad)
+    return f if t_s - before.t_s < LEARNING_STEP_S else _learn(f, levels, model, t_s, heading_rad)
 
 
-def relearned(f: HeadingFilter) -> HeadingFilter:
-    """Return the filter with its learning started again, as in the first minute, because its levels fit no more."""
-    learning = _first_learning(f.t_s, f.motion.heading_rad + f.motion.wave_rad)
+def with_learning_restarted(f: HeadingFilter) -> HeadingFilter:
+    """Return the filter with its learning restarted, as in the first minute, because its levels no longer fit."""
+    learning = _initial_learning(f.t_s, f.motion.heading_rad + f.motion.wave_rad)
     return HeadingFilter(
         f.t_s, f.t_s, f.motion, f.levels, learning, 0.0, f.innovation_rad, f.innovation_sd_rad, f.innovation_square
     )
@@ -304,7 +306,7 @@ def relearned(f: HeadingFilter) -> HeadingFilter:
 def with_motion(f: HeadingFilter, t_s: float, motion: Motion) -> HeadingFilter:
     """Return the filter with another state; the extra filters start again from it."""
     before = f.learning
-    learning = Learning(_all_at(motion), before.sums, before.information, before.window_s, t_s, 0.0)
+    learning = Learning(_extra_filters_at(motion), before.sums, before.information, before.window_s, t_s, 0.0)
     return HeadingFilter(
         t_s, f.begun_s, motion, f.levels, learning, 0.0, f.innovation_rad, f.innovation_sd_rad, f.innovation_square
     )

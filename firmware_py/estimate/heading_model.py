@@ -1,4 +1,4 @@
-"""Kalman filter of heading, yaw rate, rudder bias and wave yaw, for given noise levels. Numeric core.
+"""Kalman filter of heading, yaw rate, rudder bias and wave yaw, at fixed noise levels. Numeric core.
 
 State vector x = (psi, r, b, w, v):
 
@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.model.kt import KtModel, decay_over, exact_step, held_cubic
 
-OUTLIER = 12.0  # a squared innovation counts as at most so many variances (3.5 standard deviations)
-FIRST_HEADING_VARIANCE = radians(18.0) ** 2  # the first heading lies anywhere on a wave
-FIRST_RATE_VARIANCE = radians(3.0) ** 2
-FIRST_BIAS_VARIANCE = radians(12.8) ** 2
+OUTLIER_SQUARE = 12.0  # a squared innovation counts as at most so many variances (3.5 standard deviations)
+INITIAL_HEADING_VARIANCE = radians(18.0) ** 2  # the first heading lies anywhere on a wave
+INITIAL_RATE_VARIANCE = radians(3.0) ** 2
+INITIAL_BIAS_VARIANCE = radians(12.8) ** 2
 # Added when the boat turns as neither rudder, wave nor disturbance explain: with a lost rudder, in a tow, by hand.
 UNEXPLAINED_RATE_VARIANCE = radians(2.0) ** 2
 UNEXPLAINED_BIAS_VARIANCE = radians(20.0) ** 2
@@ -78,18 +78,18 @@ class Motion(NamedTuple):
 
 
 STATES = 5
-NUMBERS = len(Motion._fields)
+ROW_LENGTH = len(Motion._fields)
 Floats = NDArray[np.float64]
 
 
-def store(row: Floats, m: Motion) -> None:
+def write_row(row: Floats, m: Motion) -> None:
     """Write the numbers of a state to a row of an array."""
-    for i in range(NUMBERS):
+    for i in range(ROW_LENGTH):
         row[i] = m[i]
 
 
-def stored(row: Floats) -> Motion:
-    """Return the state whose NUMBERS are in a row of an array."""
+def read_row(row: Floats) -> Motion:
+    """Return the state whose ROW_LENGTH are in a row of an array."""
     return Motion(
         float(row[0]), float(row[1]), float(row[2]), float(row[3]), float(row[4]),
         float(row[5]), float(row[6]), float(row[7]), float(row[8]), float(row[9]),
@@ -101,7 +101,7 @@ def stored(row: Floats) -> Motion:
 
 def begin(heading_rad: float, levels: NoiseLevels) -> Motion:
     """Return the state at the first heading: at rest, without bias."""
-    return begin_at(heading_rad, 0.0, FIRST_RATE_VARIANCE, 0.0, FIRST_BIAS_VARIANCE, levels)
+    return begin_at(heading_rad, 0.0, INITIAL_RATE_VARIANCE, 0.0, INITIAL_BIAS_VARIANCE, levels)
 
 
 def begin_at(
@@ -117,7 +117,7 @@ def begin_at(
     omega_rad_s = TWO_PI * math.exp(-levels.wave_period)
     return Motion(
         heading_rad, yaw_rate_rad_s, bias_rad, 0.0, 0.0,
-        FIRST_HEADING_VARIANCE, 0.0, 0.0, 0.0, 0.0,
+        INITIAL_HEADING_VARIANCE, 0.0, 0.0, 0.0, 0.0,
         rate_variance, 0.0, 0.0, 0.0,
         bias_variance, 0.0, 0.0,
         wave_variance, 0.0,
@@ -179,7 +179,7 @@ def predict(m: Motion, levels: NoiseLevels, model: KtModel, rudder_rad: float, s
     )  # fmt: skip
 
 
-def moved(m: Motion, k0: float, k1: float, k2: float, k3: float, k4: float, by: float, share: float) -> Motion:
+def corrected(m: Motion, k0: float, k1: float, k2: float, k3: float, k4: float, by: float, share: float) -> Motion:
     """Return the state x + k by, P - k k' share: k is P H', by and share are innovation and 1, by their variance."""
     return Motion(
         m.heading_rad + k0 * by, m.yaw_rate_rad_s + k1 * by, m.bias_rad + k2 * by,
@@ -196,20 +196,20 @@ def moved(m: Motion, k0: float, k1: float, k2: float, k3: float, k4: float, by: 
 def correct(m: Motion, levels: NoiseLevels, heading_rad: float) -> tuple[Motion, float, float]:
     """Return the state with a compass heading taken in, the innovation [rad] and its variance [rad^2].
 
-    An innovation beyond OUTLIER counts as one of so much noise that it is not: its influence falls with its size (a
-    Huber-type weight).
+    An innovation beyond OUTLIER_SQUARE counts as one of so much noise that it is not: its influence falls with its size
+    (a Huber-type weight).
     """
     k0, k1, k2, k3, k4 = m.p00 + m.p03, m.p01 + m.p13, m.p02 + m.p23, m.p03 + m.p33, m.p04 + m.p34
     variance = k0 + k3 + math.exp(2.0 * levels.compass_noise)
     innovation_rad = wrap_pi(heading_rad - m.heading_rad - m.wave_rad)
-    share = 1.0 / max(variance, innovation_rad * innovation_rad / OUTLIER)
+    share = 1.0 / max(variance, innovation_rad * innovation_rad / OUTLIER_SQUARE)
     by = innovation_rad * share
-    return moved(m, k0, k1, k2, k3, k4, by, share), innovation_rad, variance
+    return corrected(m, k0, k1, k2, k3, k4, by, share), innovation_rad, variance
 
 
 def log_likelihood(innovation_rad: float, variance: float) -> float:
-    """Return the log-likelihood of an innovation, without its constant; an outlier counts as one of OUTLIER."""
-    return -0.5 * (math.log(variance) + min(innovation_rad * innovation_rad / variance, OUTLIER))
+    """Return the log-likelihood of an innovation, without its constant; an outlier counts as one of OUTLIER_SQUARE."""
+    return -0.5 * (math.log(variance) + min(innovation_rad * innovation_rad / variance, OUTLIER_SQUARE))
 
 
 def with_unexplained_turn(m: Motion) -> Motion:
@@ -227,16 +227,16 @@ def is_valid(m: Motion) -> bool:
     """Return whether state and variances are finite and the variances positive."""
     numbers = m.heading_rad + m.yaw_rate_rad_s + m.bias_rad + m.wave_rad + m.wave_rate_rad_s
     variances = m.p00 + m.p11 + m.p22 + m.p33 + m.p44
-    least = min(m.p00, m.p11, m.p22, m.p33, m.p44)
-    return math.isfinite(numbers) and math.isfinite(variances) and least > 0.0
+    smallest = min(m.p00, m.p11, m.p22, m.p33, m.p44)
+    return math.isfinite(numbers) and math.isfinite(variances) and smallest > 0.0
 
 
 def correct_course(m: Motion, heading_rad: float, sd_rad: float) -> Motion:
     """Return the state with a heading taken in that has no wave yaw and its own standard deviation [rad]."""
     k0, k1, k2, k3, k4 = m.p00, m.p01, m.p02, m.p03, m.p04
     innovation_rad = wrap_pi(heading_rad - m.heading_rad)
-    share = 1.0 / max(k0 + sd_rad * sd_rad, innovation_rad * innovation_rad / OUTLIER)
-    return moved(m, k0, k1, k2, k3, k4, innovation_rad * share, share)
+    share = 1.0 / max(k0 + sd_rad * sd_rad, innovation_rad * innovation_rad / OUTLIER_SQUARE)
+    return corrected(m, k0, k1, k2, k3, k4, innovation_rad * share, share)
 
 
 def correct_rate(m: Motion, yaw_rate_rad_s: float, noise_variance: float) -> tuple[Motion, float, float]:
@@ -247,11 +247,11 @@ def correct_rate(m: Motion, yaw_rate_rad_s: float, noise_variance: float) -> tup
     k0, k1, k2, k3, k4 = m.p01 + m.p04, m.p11 + m.p14, m.p12 + m.p24, m.p13 + m.p34, m.p14 + m.p44
     variance = k1 + k4 + noise_variance
     innovation_rad_s = yaw_rate_rad_s - m.yaw_rate_rad_s - m.wave_rate_rad_s
-    share = 1.0 / max(variance, innovation_rad_s * innovation_rad_s / OUTLIER)
-    return moved(m, k0, k1, k2, k3, k4, innovation_rad_s * share, share), innovation_rad_s, variance
+    share = 1.0 / max(variance, innovation_rad_s * innovation_rad_s / OUTLIER_SQUARE)
+    return corrected(m, k0, k1, k2, k3, k4, innovation_rad_s * share, share), innovation_rad_s, variance
 
 
-def ahead(m: Motion, model: KtModel, rudder_rad: float, step_s: float) -> tuple[float, float]:
+def extrapolate(m: Motion, model: KtModel, rudder_rad: float, step_s: float) -> tuple[float, float]:
     """Return heading [rad] and yaw rate [rad/s] after a step, without their covariance."""
     divisor, cubic, _ = held_cubic(model.turning_lag_s, model.norrbin_s2, m.yaw_rate_rad_s, step_s)
     lag_s = model.turning_lag_s / divisor

@@ -4,11 +4,16 @@ A tick calls, in this order: `begin_tick`, `add_sample` for each heading of eith
 for each heading of the source in use (or `take_course` where there is no compass), and `end_tick`. The autopilot
 (heading_estimator.py) and the compiled loop of the laboratory call the same functions.
 
-A compass that repeats one number while the boat turns has stopped measuring. As long as the compass in use repeats
-itself, a second state is predicted without it. When its number has stood for longer than usual and is not what the
-boat can show by that state, or has stood for a whole period of waves that turn the boat, or for CMP_FROZEN_S while the
-track turned, the compass is not used any more, and the filter goes on from the second state. A coarse compass may stand
-for long on a straight course in a calm, or at the dock, where the rudder turns nothing: nothing contradicts it there.
+A compass that repeats one number while the boat turns has stopped measuring. While the compass in use repeats its
+number, a second state is predicted without it. The compass is no longer used, and the filter continues from the second
+state, if the number has been constant
+
+* for longer than usual and contradicts that state, or
+* for a whole period of waves that turn the boat, or
+* for CMP_FROZEN_S while the track turned.
+
+The number of a coarse compass may be constant for long on a straight course in a calm, or at the dock, where the rudder
+has no effect: nothing contradicts it there.
 """
 
 from __future__ import annotations
@@ -39,23 +44,23 @@ from firmware_py.model.kt import KtModel, decay_over
 if TYPE_CHECKING:
     from firmware_py.common.parameters import ParameterSet
 
-JUMP_SDS: Final = 4.0  # of the predicted wave yaw, that a heading which has not jumped may differ by
+JUMP_GATE_SDS: Final = 4.0  # of the predicted wave yaw: gate of a jump
 MAX_COURSE_SD_RAD: Final = radians(20.0)  # of a heading to steer by without a compass
 MIN_CONTRADICTION_RAD: Final = radians(5.0)
-# The fewer, the longer it stands beyond its usual time; and for one that swung to and fro until it stood.
+# Fewer with a longer standstill, and for a compass that showed the wave yaw until it stood still.
 CONTRADICTION_SDS, MIN_CONTRADICTION_SDS = 4.0, 2.5
-SWUNG_SDS, MIN_SWUNG_SDS = 3.0, 1.5
-MAX_SILENT_SD_RAD: Final = radians(10.0)  # of a motion without the compass; one that is less certain begins again
-MIN_SWING_RAD: Final = radians(3.0)  # wave yaw in which no fine compass can show one number for a period
-STILL_PERIODS: Final = 20.0  # for which a compass can, whose resolution is as large as the wave yaw
-SWING_S: Final = 20.0
-MIN_TRACK_RAD: Final = radians(30.0)  # by which the track must differ: wind and current set it, too
-MOORED_M_S: Final = 0.1  # over the ground; a boat that is slower may be moored, and the rudder turns nothing
-LEARNED_S: Final = 60.0  # in which the wave yaw is learned
+OSCILLATING_SDS, MIN_OSCILLATING_SDS = 3.0, 1.5
+MAX_UNCORRECTED_SD_RAD: Final = radians(10.0)  # of the state without the compass; a less certain one restarts
+MIN_WAVE_YAW_RAD: Final = radians(3.0)  # in such a wave yaw a fine compass cannot show one number for a period
+MAX_STANDSTILL_PERIODS: Final = 20.0  # for a compass whose resolution is as large as the wave yaw
+WAVE_YAW_MEMORY_S: Final = 20.0
+MIN_TRACK_DIFFERENCE_RAD: Final = radians(30.0)  # of the track, which wind and current change, too
+MOORED_SPEED_M_S: Final = 0.1  # over ground; a slower boat may be moored, without an effect of the rudder
+WAVE_LEARNING_S: Final = 60.0  # in which the wave yaw is learned
 BIAS_MEAN_S: Final = 300.0
-# The levels are learned by then. Only then are predictions checked; a filter that is rejected learns its levels again.
-LEARNING_S: Final = 600.0
-LONGEST_PREDICTION_S: Final = 600.0
+# Time in which the levels are learned. Predictions are checked afterwards; a rejected filter learns its levels again.
+LEVEL_LEARNING_S: Final = 600.0
+MAX_PREDICTION_S: Final = 600.0
 
 
 class HeadingSettings(NamedTuple):
@@ -91,23 +96,24 @@ NO_DELAY_TEST: Final = DelayTest()
 
 
 class HeadingTick(NamedTuple):
-    """State from tick to tick.
+    """State of the heading estimate.
 
-    `silent` is the state without the compass in use, while that repeats one number, at `silent_s` (NaN: it does not).
-    `bias_mean_rad` is the mean of the rudder bias over minutes, `rudder_rad` the angle measured at the last tick,
-    `swing_rad2` the mean square of the wave yaw in the last SWING_S in which the compass in use changed its number.
+    `uncorrected` is the state predicted without the compass in use while that repeats one number, at `uncorrected_s`
+    (NaN: it does not). `bias_mean_rad` is the mean of the rudder bias over minutes, `rudder_rad` the angle measured at
+    the last tick, `wave_yaw_rad2` the mean square of the wave yaw in the last WAVE_YAW_MEMORY_S in which the compass in
+    use changed its number.
     """
 
     sources: SourceState = sources.START
     filter: HeadingFilter = HeadingFilter()
-    silent: Motion = NO_MOTION
-    silent_s: float = math.nan
+    uncorrected: Motion = NO_MOTION
+    uncorrected_s: float = math.nan
     check: PredictionCheck = NO_CHECK
     delay: DelayTest = NO_DELAY_TEST
     smoothed: Smoothed = NO_SMOOTHED
     bias_mean_rad: float = 0.0
     rudder_rad: float = 0.0
-    swing_rad2: float = 0.0
+    wave_yaw_rad2: float = 0.0
 
 
 START: Final = HeadingTick()
@@ -116,12 +122,13 @@ START: Final = HeadingTick()
 def with_sources(s: HeadingTick, state: SourceState) -> HeadingTick:
     """Return the state with other sources."""
     return HeadingTick(
-        state, s.filter, s.silent, s.silent_s, s.check, s.delay, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
-    )
+        state, s.filter, s.uncorrected, s.uncorrected_s, s.check, s.delay, s.smoothed, s.bias_mean_rad, s.rudder_rad,
+        s.wave_yaw_rad2,
+    )  # fmt: skip
 
 
 def needs_restart(s: HeadingTick, now_s: float, timeouts_s: tuple[float, float]) -> bool:
-    """Return whether a compass contradicts the estimate with more credit than that has."""
+    """Return whether the estimate restarts because a compass contradicts it."""
     return sources.needs_restart(s.sources, now_s, timeouts_s)
 
 
@@ -134,23 +141,24 @@ def begin_tick(s: HeadingTick, now_s: float, step_s: float, timeouts_s: tuple[fl
         )
     state, delay = sources.decay_offsets(s.sources, clamp(step_s, 0.0, 1.0)), delay_test.begin_tick(s.delay)
     return HeadingTick(
-        state, s.filter, s.silent, s.silent_s, s.check, delay, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
-    )
+        state, s.filter, s.uncorrected, s.uncorrected_s, s.check, delay, s.smoothed, s.bias_mean_rad, s.rudder_rad,
+        s.wave_yaw_rad2,
+    )  # fmt: skip
 
 
 def add_sample(s: HeadingTick, model: KtModel, sample: TrueHeadingSample) -> HeadingTick:
-    """Return the state with a heading of either compass judged; it is not yet filtered.
+    """Return the state with a heading of either compass checked; it is not yet filtered.
 
     It is compared with the motion predicted to its time, since waves turn the boat by more than JUMP_RAD between two
     headings of a slow compass. Before the filter has first chosen its levels, large waves would look like a jump.
     """
-    f, expected_rad, gate_rad = s.filter, math.nan, sources.JUMP_RAD
+    f, expected_rad, gate_rad = s.filter, math.nan, sources.JUMP_GATE_RAD
     if heading_filter.has_started(f) and sample.t_s - f.begun_s > heading_filter.WINDOW_S:
         m, step_s = f.motion, sample.t_s - f.t_s
-        if 0.0 < step_s <= LONGEST_PREDICTION_S:
+        if 0.0 < step_s <= MAX_PREDICTION_S:
             angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
             m = heading_model.predict(m, f.levels, model, angle_rad, step_s)
-        expected_rad, gate_rad = m.heading_rad + m.wave_rad, max(gate_rad, JUMP_SDS * math.sqrt(m.p33))
+        expected_rad, gate_rad = m.heading_rad + m.wave_rad, max(gate_rad, JUMP_GATE_SDS * math.sqrt(m.p33))
     return with_sources(s, sources.add_sample(s.sources, sample, expected_rad, gate_rad))
 
 
@@ -163,21 +171,21 @@ def select(
     known: WaterState,
     fix_timeout_s: float,
 ) -> HeadingTick:
-    """Return the state with the source chosen; model: the ship at its present speed, in the water that is known."""
+    """Return the state with the source chosen; model: the boat at its present speed; known: the water estimate."""
     fixed = now_s - known.fix_t_s <= fix_timeout_s
     north_m_s, east_m_s = water.over_ground_m_s(known, s.filter.motion.heading_rad)
-    if fixed and math.sqrt(north_m_s * north_m_s + east_m_s * east_m_s) < MOORED_M_S:
-        s = with_silent(s, s.silent, math.nan)
+    if fixed and math.sqrt(north_m_s * north_m_s + east_m_s * east_m_s) < MOORED_SPEED_M_S:
+        s = with_uncorrected(s, s.uncorrected, math.nan)
     s = with_standstill(s, settings, model, now_s)
     course_ok = (
         heading_filter.has_started(s.filter)
         and fixed
         and s.filter.motion.p00 <= MAX_COURSE_SD_RAD * MAX_COURSE_SD_RAD
-        and water.known(known)[2] >= settings.course_speed_m_s
+        and water.guidance_values(known)[2] >= settings.course_speed_m_s
     )
     s = with_sources(s, sources.select(s.sources, now_s, settings.frozen_s, timeouts_s, course_ok))
     step_s = now_s - s.filter.t_s
-    if s.sources.in_use != sources.Source.COURSE or not 0.0 < step_s <= LONGEST_PREDICTION_S:
+    if s.sources.in_use != sources.Source.COURSE or not 0.0 < step_s <= MAX_PREDICTION_S:
         return s
     # Courses come rarely: in between the motion follows each rudder angle, and its variance grows.
     angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
@@ -187,74 +195,68 @@ def select(
 def with_motion(s: HeadingTick, t_s: float, motion: Motion) -> HeadingTick:
     """Return the state with a motion that no compass has corrected."""
     f = heading_filter.with_motion(s.filter, t_s, motion)
-    check, delay = prediction_check.restarted(s.check, motion, t_s), delay_test.following(s.delay, motion)
+    check, delay = prediction_check.restarted(s.check, motion, t_s), delay_test.with_motion(s.delay, motion)
     return HeadingTick(
-        s.sources, f, s.silent, s.silent_s, check, delay, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
-    )
+        s.sources, f, s.uncorrected, s.uncorrected_s, check, delay, s.smoothed, s.bias_mean_rad, s.rudder_rad,
+        s.wave_yaw_rad2,
+    )  # fmt: skip
 
 
 def with_standstill(s: HeadingTick, settings: HeadingSettings, model: KtModel, now_s: float) -> HeadingTick:
     """Return the state with the compass in use contradicted if it has stopped measuring."""
     compass, f = sources.compass_in_use(s.sources), s.filter
     if math.isnan(compass.t_s) or compass.t_s == compass.changed_s or not heading_filter.has_started(f):
-        return with_silent(s, s.silent, math.nan)
-    silent, since_s = s.silent, s.silent_s
-    if math.isnan(since_s) or silent.p00 > MAX_SILENT_SD_RAD * MAX_SILENT_SD_RAD:
-        silent, since_s = f.motion, f.t_s
+        return with_uncorrected(s, s.uncorrected, math.nan)
+    uncorrected, since_s = s.uncorrected, s.uncorrected_s
+    if math.isnan(since_s) or uncorrected.p00 > MAX_UNCORRECTED_SD_RAD * MAX_UNCORRECTED_SD_RAD:
+        uncorrected, since_s = f.motion, f.t_s
     step_s, angle_rad = now_s - since_s, s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
-    if 0.0 < step_s <= LONGEST_PREDICTION_S:
-        silent, since_s = heading_model.predict(silent, f.levels, model, angle_rad, step_s), now_s
+    if 0.0 < step_s <= MAX_PREDICTION_S:
+        uncorrected, since_s = heading_model.predict(uncorrected, f.levels, model, angle_rad, step_s), now_s
     ratio = sources.standstill_ratio(compass)
-    if settings.frozen_s > 0.0 and ratio > 1.0 and is_contradicted(s, compass, silent, ratio):
-        return without_compass(s, since_s, silent)
-    return with_silent(s, silent, since_s)
+    if settings.frozen_s > 0.0 and ratio > 1.0 and is_contradicted(s, compass, uncorrected, ratio):
+        return without_compass(s, since_s, uncorrected)
+    return with_uncorrected(s, uncorrected, since_s)
 
 
-def with_silent(s: HeadingTick, silent: Motion, silent_s: float) -> HeadingTick:
-    """Return the state with another motion without the compass, at silent_s."""
+def with_uncorrected(s: HeadingTick, uncorrected: Motion, uncorrected_s: float) -> HeadingTick:
+    """Return the state with another state without the compass, at uncorrected_s."""
     return HeadingTick(
-        s.sources, s.filter, silent, silent_s, s.check, s.delay, s.smoothed, s.bias_mean_rad, s.rudder_rad, s.swing_rad2
-    )
+        s.sources, s.filter, uncorrected, uncorrected_s, s.check, s.delay, s.smoothed, s.bias_mean_rad, s.rudder_rad,
+        s.wave_yaw_rad2,
+    )  # fmt: skip
 
 
 def without_compass(s: HeadingTick, t_s: float, motion: Motion) -> HeadingTick:
-    """Return the state with the compass in use contradicted, and the motion as it is known without it."""
-    f, state = heading_filter.with_motion(s.filter, t_s, motion), sources.contradict(s.sources)
+    """Return the state with the compass in use contradicted, and the motion predicted without it."""
+    f, state = heading_filter.with_motion(s.filter, t_s, motion), sources.mark_contradicted(s.sources)
     return HeadingTick(
-        state,
-        f,
-        motion,
-        math.nan,
-        s.check,
-        delay_test.following(s.delay, motion),
-        s.smoothed,
-        s.bias_mean_rad,
-        s.rudder_rad,
-        s.swing_rad2,
-    )
+        state, f, motion, math.nan, s.check, delay_test.with_motion(s.delay, motion), s.smoothed, s.bias_mean_rad,
+        s.rudder_rad, s.wave_yaw_rad2,
+    )  # fmt: skip
 
 
-def is_contradicted(s: HeadingTick, compass: sources.CompassState, silent: Motion, ratio: float) -> bool:
-    """Return whether a compass that stands cannot show what it shows; ratio: of its time to its usual one."""
+def is_contradicted(s: HeadingTick, compass: sources.CompassState, uncorrected: Motion, ratio: float) -> bool:
+    """Return whether a constant compass number is contradicted; ratio: of its duration to the usual one."""
     levels = s.filter.levels
-    noise_rad, swing_rad = math.exp(levels.compass_noise), min(math.exp(levels.wave_sd), math.sqrt(s.swing_rad2))
-    learned = compass.changed_s - compass.sound_since_s >= LEARNED_S
-    if learned and swing_rad >= MIN_SWING_RAD:
-        periods = max(1.0, STILL_PERIODS * compass.turns.resolution_rad / swing_rad)
+    noise_rad, wave_yaw_rad = math.exp(levels.compass_noise), min(math.exp(levels.wave_sd), math.sqrt(s.wave_yaw_rad2))
+    learned = compass.changed_s - compass.sound_since_s >= WAVE_LEARNING_S
+    if learned and wave_yaw_rad >= MIN_WAVE_YAW_RAD:
+        periods = max(1.0, MAX_STANDSTILL_PERIODS * compass.turns.resolution_rad / wave_yaw_rad)
         if compass.t_s - compass.changed_s > periods * math.exp(levels.wave_period):
             return True
-    off_rad = wrap_pi(compass.heading_rad + compass.offset_rad - silent.heading_rad - silent.wave_rad)
-    sd_rad = math.sqrt(silent.p00 + 2.0 * silent.p03 + silent.p33 + noise_rad * noise_rad)
+    off_rad = wrap_pi(compass.heading_rad + compass.offset_rad - uncorrected.heading_rad - uncorrected.wave_rad)
+    sd_rad = math.sqrt(uncorrected.p00 + 2.0 * uncorrected.p03 + uncorrected.p33 + noise_rad * noise_rad)
     sds = max(CONTRADICTION_SDS / math.sqrt(ratio), MIN_CONTRADICTION_SDS)
-    if compass.turns.swings >= sources.SWINGS:
-        sds = max(SWUNG_SDS / math.sqrt(ratio), MIN_SWUNG_SDS)
-    return abs(off_rad) > max(sources.least_turn(compass, MIN_CONTRADICTION_RAD), sds * sd_rad)
+    if compass.turns.swings >= sources.MIN_SWINGS:
+        sds = max(OSCILLATING_SDS / math.sqrt(ratio), MIN_OSCILLATING_SDS)
+    return abs(off_rad) > max(sources.min_contradiction(compass, MIN_CONTRADICTION_RAD), sds * sd_rad)
 
 
 def take_heading(
     s: HeadingTick, settings: HeadingSettings, model: KtModel, t_s: float, heading_rad: float, timeout_s: float
 ) -> HeadingTick:
-    """Return the state with a true heading of the compass in use taken in."""
+    """Return the state updated with a true heading of the compass in use."""
     heading_rad += sources.compass_in_use(s.sources).offset_rad
     before = s.filter
     f = heading_filter.update(before, model, t_s, heading_rad, s.rudder_rad)
@@ -263,38 +265,40 @@ def take_heading(
     delay = delay_test.update(s.delay, before, f, model, s.rudder_rad, heading_rad)
     check, bias_mean_rad = s.check, s.bias_mean_rad
     if f.begun_s == before.begun_s:
-        if f.t_s - f.begun_s < LEARNING_S:
+        if f.t_s - f.begun_s < LEVEL_LEARNING_S:
             check = prediction_check.restarted(check, f.motion, f.t_s)
         else:
             check = prediction_check.update(check, f.motion, before.levels, model, angle_rad, f.t_s, step_s)
             if check.is_rejected:
-                f = heading_filter.relearned(f)
+                f = heading_filter.with_learning_restarted(f)
         share = max(step_s, 0.0) / clamp(f.t_s - f.begun_s, 1.0, BIAS_MEAN_S)
         bias_mean_rad += min(share, 1.0) * (f.motion.bias_rad - bias_mean_rad)
     else:
         check = prediction_check.begin(f.motion, f.t_s)
     smoothed = smoothed_with(s.smoothed, settings, t_s, heading_rad, angle_rad, timeout_s)
-    swing_rad2, compass = s.swing_rad2, sources.compass_in_use(s.sources)
+    wave_yaw_rad2, compass = s.wave_yaw_rad2, sources.compass_in_use(s.sources)
     if compass.t_s == compass.changed_s:
-        swing_rad2 += clamp(step_s / SWING_S, 0.0, 1.0) * (f.motion.wave_rad * f.motion.wave_rad - swing_rad2)
+        wave_yaw_rad2 += clamp(step_s / WAVE_YAW_MEMORY_S, 0.0, 1.0) * (
+            f.motion.wave_rad * f.motion.wave_rad - wave_yaw_rad2
+        )
     return HeadingTick(
-        s.sources, f, s.silent, s.silent_s, check, delay, smoothed, bias_mean_rad, s.rudder_rad, swing_rad2
+        s.sources, f, s.uncorrected, s.uncorrected_s, check, delay, smoothed, bias_mean_rad, s.rudder_rad, wave_yaw_rad2
     )
 
 
 def smoothed_with(
     o: Smoothed, settings: HeadingSettings, t_s: float, heading_rad: float, rudder_rad: float, timeout_s: float
 ) -> Smoothed:
-    """Return the observer with a heading taken in; the first one, or one after a gap, restarts it."""
+    """Return the observer updated with a heading; the first one, or one after a gap, restarts it."""
     step_s = t_s - o.t_s
     if not 0.0 <= step_s <= timeout_s:
         return Smoothed(t_s, wrap_two_pi(heading_rad), 0.0)
     model = settings.model
-    predicted_rad, rate_rad_s = fixed_gain.predicted(
+    predicted_rad, rate_rad_s = fixed_gain.predict(
         o.heading_rad, o.yaw_rate_rad_s, rudder_rad, step_s, decay_over(step_s, model.turning_lag_s),
         model.turning_ability_1_s, model.turning_lag_s,
     )  # fmt: skip
-    corrected_rad, rate_rad_s = fixed_gain.corrected(
+    corrected_rad, rate_rad_s = fixed_gain.correct(
         predicted_rad, rate_rad_s, heading_rad, step_s, math.exp(-step_s / settings.smoothing_s),
         settings.yaw_rate_limit_rad_s,
     )  # fmt: skip
@@ -304,15 +308,15 @@ def smoothed_with(
 def take_course(
     s: HeadingTick, settings: HeadingSettings, t_s: float, heading_rad: float, sd_rad: float
 ) -> HeadingTick:
-    """Return the state with a heading from the track taken in, with its standard deviation (NaN: none).
+    """Return the state updated with a heading from the track and its standard deviation (NaN: none).
 
-    Beside a compass it is only compared: it contradicts one that has stood for long.
+    While a compass is used, it is only compared: it contradicts a compass whose number has long been constant.
     """
     if s.sources.in_use != sources.Source.COURSE:
         compass = sources.compass_in_use(s.sources)
         off_rad = abs(wrap_pi(heading_rad - compass.heading_rad - compass.offset_rad))
-        limit_rad = max(sources.least_turn(compass, MIN_TRACK_RAD), CONTRADICTION_SDS * sd_rad)
-        if sources.has_stood(compass, settings.frozen_s) and off_rad > limit_rad:
+        limit_rad = max(sources.min_contradiction(compass, MIN_TRACK_DIFFERENCE_RAD), CONTRADICTION_SDS * sd_rad)
+        if sources.has_stood_still(compass, settings.frozen_s) and off_rad > limit_rad:
             return without_compass(s, t_s, heading_model.begin(heading_rad, s.filter.levels))
         return s
     if not sd_rad <= water_results.MAX_HEADING_SD_RAD:
@@ -321,47 +325,39 @@ def take_course(
 
 
 def end_tick(s: HeadingTick, rudder_rad: float) -> HeadingTick:
-    """Return the state with the rudder angle that was measured at this tick, NaN: not known."""
+    """Return the state with the rudder angle measured at this tick; NaN: not known."""
     return HeadingTick(
-        s.sources,
-        s.filter,
-        s.silent,
-        s.silent_s,
-        s.check,
-        s.delay,
-        s.smoothed,
-        s.bias_mean_rad,
-        rudder_rad,
-        s.swing_rad2,
-    )
+        s.sources, s.filter, s.uncorrected, s.uncorrected_s, s.check, s.delay, s.smoothed, s.bias_mean_rad, rudder_rad,
+        s.wave_yaw_rad2,
+    )  # fmt: skip
 
 
 def is_trusted(s: HeadingTick) -> bool:
-    """Return whether the filter is steered by: it has started and its predictions are consistent."""
+    """Return whether the filter is used for steering: it has started and its predictions are consistent."""
     return heading_filter.has_started(s.filter) and not s.check.is_rejected
 
 
 def heading_at(s: HeadingTick, model: KtModel, now_s: float) -> tuple[float, float]:
     """Return heading in [0, 2 pi) and yaw rate at a time, of a filter that has started.
 
-    Where the check rejects the filter, they are those of the smoothed compass, while there is one.
+    While the check rejects the filter, they are those of the fixed-gain observer, if there is a compass.
     """
     angle_rad = s.rudder_rad if math.isfinite(s.rudder_rad) else 0.0
     if s.check.is_rejected and sources.uses_compass(s.sources):
-        step_s = clamp(now_s - s.smoothed.t_s, 0.0, LONGEST_PREDICTION_S)
-        return fixed_gain.predicted(
+        step_s = clamp(now_s - s.smoothed.t_s, 0.0, MAX_PREDICTION_S)
+        return fixed_gain.predict(
             s.smoothed.heading_rad, s.smoothed.yaw_rate_rad_s, angle_rad, step_s,
             decay_over(step_s, model.turning_lag_s), model.turning_ability_1_s, model.turning_lag_s,
         )  # fmt: skip
-    step_s = clamp(now_s - s.filter.t_s, 0.0, LONGEST_PREDICTION_S)
-    heading_rad, yaw_rate_rad_s = heading_model.ahead(s.filter.motion, model, angle_rad, step_s)
+    step_s = clamp(now_s - s.filter.t_s, 0.0, MAX_PREDICTION_S)
+    heading_rad, yaw_rate_rad_s = heading_model.extrapolate(s.filter.motion, model, angle_rad, step_s)
     return wrap_two_pi(heading_rad), yaw_rate_rad_s
 
 
 def estimate_of(s: HeadingTick, heading_rad: float, yaw_rate_rad_s: float, known: WaterState) -> HeadingEstimate:
     """Return the input of the control law at this heading and yaw rate."""
     m = s.filter.motion
-    # By place, which a NamedTuple takes in half the time of keywords.
+    # Positional arguments take half the time of keywords.
     return HeadingEstimate(
         heading_rad,
         max(2.0 * m.p01, 0.0),
@@ -376,15 +372,16 @@ def estimate_of(s: HeadingTick, heading_rad: float, yaw_rate_rad_s: float, known
 def learned_disturbance(s: HeadingTick) -> tuple[float, float]:
     """Return the diffusion of the heading [rad^2/s], 0 in the filter's first minute, and the mean rudder bias [rad].
 
-    The bias is 0 in the first LEARNING_S: a servo that is reversed from the start leads it astray, and shows by then.
+    The bias is 0 in the first LEVEL_LEARNING_S: a servo that is reversed from the start makes it wrong, and is
+    detected by then.
     """
     f = s.filter
     age_s = f.t_s - f.begun_s
-    if not age_s > heading_filter.FIRST_S:
+    if not age_s > heading_filter.CANDIDATE_PHASE_S:
         return 0.0, 0.0
-    return math.exp(f.levels.diffusion), s.bias_mean_rad if age_s > LEARNING_S else 0.0
+    return math.exp(f.levels.diffusion), s.bias_mean_rad if age_s > LEVEL_LEARNING_S else 0.0
 
 
 def heading_sd(s: HeadingTick) -> float:
-    """Return the standard deviation of the heading [rad], larger where predictions have failed; 0 before the start."""
-    return math.sqrt(s.filter.motion.p00) * prediction_check.inflation(s.check)
+    """Return the standard deviation of the heading [rad], with the inflation of the check; 0 before the start."""
+    return math.sqrt(s.filter.motion.p00) * prediction_check.sd_inflation(s.check)

@@ -40,7 +40,7 @@ class ObserverSettings(msgspec.Struct, frozen=True):
             declination_rad=radians(parameters["CMP_DECL_DEG"]),
             timeout_s=parameters["CMP_TIMEOUT_S"],
             model=model,
-            # A yaw rate beyond several times full rudder's is noise, at any speed of the boat.
+            # A yaw rate beyond several times that of full rudder is noise, at any speed of the boat.
             yaw_rate_limit_rad_s=10.0 * model.turning_ability_1_s * radians(parameters["RUD_LIMIT_DEG"]) + radians(5.0),
         )
 
@@ -74,7 +74,7 @@ def predict(settings: ObserverSettings, state: HeadingState, t_s: float, rudder_
     if step_s <= 0.0:
         return state
     model = settings.model
-    heading_rad, yaw_rate_rad_s = fixed_gain.predicted(
+    heading_rad, yaw_rate_rad_s = fixed_gain.predict(
         state.heading_rad,
         state.yaw_rate_rad_s,
         rudder_rad,
@@ -95,7 +95,7 @@ def correct(settings: ObserverSettings, state: HeadingState, sample: HeadingSamp
         return HeadingState(sample.t_s, measured_rad, 0.0, sample.t_s, sample.roll_rad, sample.pitch_rad)
     predicted = predict(settings, state, sample.t_s, rudder_rad)
     step_s = sample.t_s - state.sample_t_s if state.sample_t_s is not None else 0.0
-    heading_rad, yaw_rate_rad_s = fixed_gain.corrected(
+    heading_rad, yaw_rate_rad_s = fixed_gain.correct(
         predicted.heading_rad,
         predicted.yaw_rate_rad_s,
         measured_rad,

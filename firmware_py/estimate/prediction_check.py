@@ -1,4 +1,4 @@
-"""Check of the heading filter at run time: predictions are compared with what came. Numeric core.
+"""Check of the heading filter at run time: predictions are compared with later estimates. Numeric core.
 
 Innovations alone prove nothing: they look right for a filter that has learned a wrong noise, whose heading may be off
 by five of its standard deviations (true sea trials; docs/explanation/estimation.md). So every HORIZON_S a prediction
@@ -8,9 +8,9 @@ estimates are orthogonal: Bar-Shalom, Li and Kirubarajan, Estimation with Applic
 2001, section 5.4), so the mean of e^2 / variance is 1. Speed and K count as known within MODEL_SHARE only: a turn that
 differs by no more proves nothing.
 
-The mean over about MEMORY comparisons (10 minutes) has a standard deviation of 0.32 for Gaussian errors. Null
-hypothesis: the filter is consistent. It is rejected above REJECT: 20 independent comparisons of a consistent filter
-exceed that with a probability of 1e-8. A rejected filter is accepted again below ACCEPT.
+The mean over about MEMORY_COMPARISONS comparisons (10 minutes) has a standard deviation of 0.32 for Gaussian errors.
+Null hypothesis: the filter is consistent. It is rejected above REJECTION_LIMIT: 20 independent comparisons of a
+consistent filter exceed that with a probability of 1e-8. A rejected filter is accepted again below ACCEPTANCE_LIMIT.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from firmware_py.estimate.heading_model import Motion, NoiseLevels
 from firmware_py.model.kt import KtModel
 
 HORIZON_S: Final = 30.0
-MEMORY: Final = 20.0
-LARGEST_SQUARE: Final = 25.0  # one comparison beyond 5 standard deviations counts as this one: one gust proves little
+MEMORY_COMPARISONS: Final = 20.0
+MAX_SQUARE: Final = 25.0  # limits the weight of one comparison, as in a gust
 MIN_SD_RAD: Final = radians(0.5)  # of the compass itself, which the filter may follow exactly
 MODEL_SHARE: Final = 0.2  # of a turn: the accuracy of an identified K, and of the speed before it is estimated
-REJECT, ACCEPT = 3.5, 2.0
-ENOUGH: Final = 10.0  # comparisons before the first verdict
+REJECTION_LIMIT, ACCEPTANCE_LIMIT = 3.5, 2.0
+MIN_COMPARISONS: Final = 10.0  # comparisons before the first verdict
 
 
 class PredictionCheck(NamedTuple):
     """The prediction under way, since when and from which heading, the mean square and the number of comparisons in it.
 
-    `is_rejected`: the filter's standard deviations are too small for what came.
+    `is_rejected`: the filter's standard deviations are too small for the errors that occurred.
     """
 
     motion: Motion = Motion()
@@ -76,13 +76,13 @@ def update(
     turn_sd_rad = MODEL_SHARE * (ahead.heading_rad - check.from_rad)
     variance = max(ahead.p00 - m.p00, 0.0) + MIN_SD_RAD * MIN_SD_RAD + turn_sd_rad * turn_sd_rad
     off_rad = wrap_pi(m.heading_rad - ahead.heading_rad)
-    square = min(off_rad * off_rad / variance, LARGEST_SQUARE)
-    count = min(check.comparisons + 1.0, MEMORY)
+    square = min(off_rad * off_rad / variance, MAX_SQUARE)
+    count = min(check.comparisons + 1.0, MEMORY_COMPARISONS)
     mean_square = check.mean_square + (square - check.mean_square) / count
-    limit = ACCEPT if check.is_rejected else REJECT
-    return PredictionCheck(m, t_s, m.heading_rad, mean_square, count, count >= ENOUGH and mean_square > limit)
+    limit = ACCEPTANCE_LIMIT if check.is_rejected else REJECTION_LIMIT
+    return PredictionCheck(m, t_s, m.heading_rad, mean_square, count, count >= MIN_COMPARISONS and mean_square > limit)
 
 
-def inflation(check: PredictionCheck) -> float:
+def sd_inflation(check: PredictionCheck) -> float:
     """Return the factor by which the claimed standard deviation grows: 1 for a mean square that chance explains."""
     return math.sqrt(check.mean_square) if check.is_rejected else 1.0

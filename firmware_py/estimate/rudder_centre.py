@@ -1,8 +1,8 @@
-"""Where the rudder stands on the mean while she runs straight in calm water, from the ticks of her voyages.
+"""Offset of the rudder linkage, from the mean rudder angle on straight courses in calm water.
 
-Ten minutes in which her heading hardly moves are one observation: the mean measured angle. What wind and waves want of
-the rudder changes with the course, so the means of the eighths of the circle count alike; what is left over on all
-courses is the linkage's: she steers by a rudder whose amidships is not amidships. It looks on, and sets nothing.
+Ten minutes in which the heading hardly changes are one observation: the mean measured angle. The rudder angle that wind
+and waves need depends on the course, so the means of the eighths of the circle have equal weight. What remains on all
+courses is the offset of the linkage. It is only proposed, not set.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from firmware_py.common.records import Inputs
 
 STRETCH_S: Final = 600.0
 LONGEST_GAP_S: Final = 10.0
-CALM_RAD: Final = radians(6.0)  # standard deviation of the heading over a stretch: more is waves, or a turn
-TURNED_RAD: Final = radians(25.0)  # farther from its first heading than this a stretch is none
-LEAST_READINGS: Final = 100
+MAX_HEADING_SD_RAD: Final = radians(6.0)  # over a stretch: more means waves or a turn
+MAX_TURN_RAD: Final = radians(25.0)  # from the first heading of a stretch; beyond it the stretch is discarded
+MIN_READINGS: Final = 100
 SECTORS: Final = 8
-ENOUGH_STRETCHES, ENOUGH_SECTORS = 12, 5
-ENOUGH_RAD: Final = radians(0.5)
+MIN_STRETCHES, MIN_SECTORS = 12, 5
+MAX_SD_RAD: Final = radians(0.5)
 
 
-class Centre(msgspec.Struct, frozen=True):
-    """By how much the rudder's mean is off amidships, its standard deviation, and of how much that is made."""
+class RudderCentre(msgspec.Struct, frozen=True):
+    """Mean offset of the rudder from amidships, its standard deviation, and the numbers of stretches and sectors."""
 
     mean_rad: float
     sd_rad: float
@@ -38,14 +38,14 @@ class Centre(msgspec.Struct, frozen=True):
 
     @property
     def ready(self) -> bool:
-        """Whether it is enough for a proposal."""
-        enough = self.stretches >= ENOUGH_STRETCHES and self.sectors >= ENOUGH_SECTORS
-        return enough and self.sd_rad <= ENOUGH_RAD
+        """Whether the offset can be proposed."""
+        is_complete = self.stretches >= MIN_STRETCHES and self.sectors >= MIN_SECTORS
+        return is_complete and self.sd_rad <= MAX_SD_RAD
 
 
 @dataclass(slots=True)
 class _Stretch:
-    """A stretch under way: sums of what she has turned since its first heading, its square, and the rudder's angle."""
+    """Stretch in progress: sums of the angle turned since its first heading, of its square, and of the rudder angle."""
 
     begun_s: float
     last_s: float
@@ -57,17 +57,17 @@ class _Stretch:
     rudder_rad: float = 0.0
 
 
-class CentreWatch:
+class RudderCentreEstimator:
     """Collects the stretches of a voyage."""
 
     def __init__(self) -> None:
-        """Begin with nothing seen."""
+        """Begin without observations."""
         self.means_rad: list[list[float]] = [[] for _ in range(SECTORS)]
         self.unsteady = 0  # stretches broken off by a turn, or in waves
         self._stretch: _Stretch | None = None
 
     def take(self, inputs: Inputs, to_rudder: Callable[[float], float], *, steers: bool) -> None:
-        """Take a tick in; `to_rudder` makes a rudder angle of the shaft's. While nothing steers, it tells nothing."""
+        """Process a tick; `to_rudder` converts a shaft angle to a rudder angle. Ticks without steering are ignored."""
         now_s, stretch = inputs.tick.t_s, self._stretch
         if not steers:
             self._stretch = None
@@ -80,7 +80,7 @@ class CentreWatch:
                 if stretch.first_rad is None:
                     stretch.first_rad = heading.heading_rad
                 turned_rad = wrap_pi(heading.heading_rad - stretch.first_rad)
-                if abs(turned_rad) > TURNED_RAD:
+                if abs(turned_rad) > MAX_TURN_RAD:
                     self.unsteady += 1
                     self._stretch = None
                     return
@@ -95,21 +95,22 @@ class CentreWatch:
             self._finish(stretch)
             self._stretch = None
 
-    def result(self) -> Centre | None:
-        """Return what has been found, None with fewer than two stretches."""
+    def result(self) -> RudderCentre | None:
+        """Return the estimated offset; None with fewer than two stretches."""
         stretches = [mean for means in self.means_rad for mean in means]
         sailed = [fmean(means) for means in self.means_rad if means]
         if len(stretches) < 2:
             return None
-        # Of the sectors' means where there are several: what the wind does differs between them, and is no noise.
+        # From the means of the sectors if there are several: the effect of the wind differs between them and is no
+        # noise.
         sd_rad = stdev(sailed) / math.sqrt(len(sailed)) if len(sailed) > 1 else stdev(stretches)
-        return Centre(fmean(sailed), sd_rad, len(stretches), len(sailed))
+        return RudderCentre(fmean(sailed), sd_rad, len(stretches), len(sailed))
 
     def _finish(self, stretch: _Stretch) -> None:
-        if min(stretch.headings, stretch.readings) < LEAST_READINGS or stretch.first_rad is None:
+        if min(stretch.headings, stretch.readings) < MIN_READINGS or stretch.first_rad is None:
             return
         mean_rad = stretch.turned_rad / stretch.headings
-        if stretch.square / stretch.headings - mean_rad**2 > CALM_RAD**2:
+        if stretch.square / stretch.headings - mean_rad**2 > MAX_HEADING_SD_RAD**2:
             self.unsteady += 1
             return
         sector = int((stretch.first_rad + mean_rad) % TWO_PI / TWO_PI * SECTORS) % SECTORS

@@ -2,8 +2,8 @@
 
 Each compass is judged by itself: it has to send headings, they have to follow the boat's turns, and they have to stay
 inside the gate around the estimate. A coarse or damped compass may show one number for as long as the boat holds its
-heading. So a number that stays is no fault by itself; it is one when the boat has turned meanwhile, as rudder and
-waves (heading_tick.py), the other compass or the track show.
+heading. So a constant number is a fault only if the boat has turned meanwhile, as shown by rudder and waves
+(heading_tick.py), the other compass or the track.
 
 The first sound compass is in use. A change of source does not move the rudder: the new source starts with the offset at
 which it agrees with the estimate, and the offset then decays. A compass is used again only after it has been sound and
@@ -20,27 +20,33 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
-from firmware_py.estimate.stay import NO_STAY, SPIN_NOISE_RAD, SPIN_RAD_S, STAYED_S, Stay, stays
 
-JUMP_RAD: Final = radians(20.0)  # of a heading from the estimate with its wave yaw, where waves are small
-JUMP_S: Final = 1.5
-FIRST_JUMP_S: Final = 1.0  # counted for a first heading outside: one alone is no jump, however slow the compass
+JUMP_GATE_RAD: Final = radians(
+    20.0
+)  # largest difference of a heading from the estimate with its wave yaw, in small waves
+JUMP_TIME_S: Final = 1.5
+INITIAL_JUMP_TIME_S: Final = 1.0  # credited to the first heading outside: one alone is no jump, even of a slow compass
 PROBATION_S: Final = 10.0
-CONTRADICTED_S: Final = 60.0
-SLEW_RAD_S: Final = radians(0.5)
+MAX_CONTRADICTION_S: Final = 60.0
+OFFSET_SLEW_RAD_S: Final = radians(0.5)
 DISAGREEMENT_RAD: Final = radians(15.0)
 SMOOTHING_S: Final = 10.0
 MIN_STANDSTILL_S: Final = 1.5
-STANDSTILL_RATIO: Final = 2.0  # of the longest time with one number so far, after which the compass stands still
-FIRST_LONGEST_S: Final = 1.0
+STANDSTILL_RATIO: Final = 2.0  # by the longest time with one number so far: beyond it the compass stands still
+INITIAL_LONGEST_S: Final = 1.0
 LONGEST_MEMORY_S: Final = 600.0
-COARSEST_RAD: Final = radians(5.0)  # the resolution of a compass that has not yet changed its number
-RESOLUTIONS: Final = 2.5  # a turn by fewer of them, two steps, is none that a compass has to show
-SWINGS, SWINGS_MEMORY_S = 3.0, 20.0  # of a boat in waves; one in flat water overshoots once or twice after a turn
+MAX_RESOLUTION_RAD: Final = radians(5.0)  # assumed until the number has changed
+MIN_RESOLUTION_STEPS: Final = 2.5  # a smaller turn need not show in the number
+MIN_SWINGS, SWINGS_MEMORY_S = 3.0, 20.0  # of a boat in waves; one in flat water overshoots once or twice after a turn
+# A compass that settles outside the gate: a sea has turned the boat, or the compass has jumped.
+PLATEAU_TIME_S: Final = 2.0  # after which it has settled; a boat does not turn without end
+PLATEAU_RAD: Final = radians(15.0)
+MAX_YAW_RATE_RAD_S: Final = radians(90.0)  # of a boat that a breaking sea turns
+MAX_YAW_NOISE_RAD: Final = radians(3.0)
 
 
 class Source(IntEnum):
-    """Where the heading comes from."""
+    """Source of the heading."""
 
     COMPASS_A = 0
     COMPASS_B = 1
@@ -57,15 +63,48 @@ class TrueHeadingSample(NamedTuple):
     source: int
 
 
+class HeadingPlateau(NamedTuple):
+    """Heading outside the gate at which a compass has settled, its begin (NaN: not settled), and how it got there.
+
+    `turned`: the samples show the turn from the estimate to there, at a rate that a boat can have.
+    """
+
+    around_rad: float = 0.0
+    since_s: float = math.nan
+    turned: bool = False
+
+
+NO_PLATEAU: Final = HeadingPlateau()
+
+
+def plateau_after(
+    before: HeadingPlateau,
+    t_s: float,
+    heading_rad: float,
+    reach_rad: float,
+    last_rad: float,
+    left: bool,  # noqa: FBT001 - compiled
+) -> HeadingPlateau:
+    """Return the plateau after a heading outside of the gate.
+
+    `last_rad` is the heading before (NaN: none), `left`: that one was inside. A heading that differs from it by more
+    than reach_rad has jumped.
+    """
+    turns, stayed = abs(wrap_pi(heading_rad - last_rad)) <= reach_rad, not math.isnan(before.since_s)
+    if stayed and turns and not left and abs(wrap_pi(heading_rad - before.around_rad)) <= PLATEAU_RAD:
+        return before
+    return HeadingPlateau(heading_rad, t_s, turns and (left or (stayed and before.turned)))
+
+
 class CompassTurns(NamedTuple):
-    """How the number of a compass turns.
+    """Turns shown by the number of a compass.
 
     `resolution_rad` is its smallest change so far, `apart_rad` the smoothed difference from the other compass when it
     last changed (NaN: there was no other). `swings` is how often it recently swung back by a turn that the compass has
     to show, `farthest_rad` the number farthest in the direction `rising` (1, -1; 0: none).
     """
 
-    resolution_rad: float = COARSEST_RAD
+    resolution_rad: float = MAX_RESOLUTION_RAD
     apart_rad: float = math.nan
     swings: float = 0.0
     farthest_rad: float = math.nan
@@ -81,9 +120,9 @@ class CompassState(NamedTuple):
     `changed_s` is when the number last changed, `near_s` when the heading was last inside the gate around the estimate,
     `sound_since_s` since when the compass is sound. `difference_rad` is the smoothed difference from the estimate,
     `offset_rad` is added to the heading after a change of source. `longest_s` is the longest recent time with one
-    number; `contradicted`: the number stayed although the boat must have turned. `steady_rad` is the difference
+    number; `contradicted`: the number did not change although the boat must have turned. `steady_rad` is the difference
     smoothed also outside of the gate (NaN while the compass does not measure); `agreed`: it was small when the heading
-    was last inside, so that a heading outside is a jump. `stay`: where the compass stays outside of the gate.
+    was last inside, so that a heading outside is a jump. `plateau`: where the compass has settled outside the gate.
     """
 
     t_s: float = math.nan
@@ -93,12 +132,12 @@ class CompassState(NamedTuple):
     sound_since_s: float = math.nan
     difference_rad: float = 0.0
     offset_rad: float = 0.0
-    longest_s: float = FIRST_LONGEST_S
+    longest_s: float = INITIAL_LONGEST_S
     contradicted: bool = False
     steady_rad: float = math.nan
     agreed: bool = False
     heading_rad: float = 0.0
-    stay: Stay = NO_STAY
+    plateau: HeadingPlateau = NO_PLATEAU
     turns: CompassTurns = NO_TURNS
 
 
@@ -112,34 +151,34 @@ class SourceState(NamedTuple):
 START: Final = SourceState()
 
 
-def is_heard(compass: CompassState, now_s: float, timeout_s: float) -> bool:
+def is_received(compass: CompassState, now_s: float, timeout_s: float) -> bool:
     """Return whether the last heading is not older than the time-out."""
     return now_s - compass.t_s <= timeout_s
 
 
-def has_stopped(compass: CompassState, frozen_s: float) -> bool:
-    """Return whether the number had stayed while the boat turned, at the last heading; frozen_s 0: it may."""
+def has_stopped_measuring(compass: CompassState, frozen_s: float) -> bool:
+    """Return whether the number had not changed while the boat turned, at the last heading; frozen_s 0: disabled."""
     return frozen_s != 0.0 and compass.contradicted
 
 
-def has_stood(compass: CompassState, frozen_s: float) -> bool:
-    """Return whether the number has stayed for more than frozen_s; 0: no time is too long."""
+def has_stood_still(compass: CompassState, frozen_s: float) -> bool:
+    """Return whether the number has not changed for more than frozen_s; 0: disabled."""
     return frozen_s != 0.0 and compass.t_s - compass.changed_s > frozen_s
 
 
-def least_turn(compass: CompassState, turn_rad: float) -> float:
-    """Return the least turn that contradicts a standing compass: turn_rad, or a few steps of a coarser one."""
-    return max(turn_rad, RESOLUTIONS * compass.turns.resolution_rad)
+def min_contradiction(compass: CompassState, turn_rad: float) -> float:
+    """Return the smallest turn that contradicts a number that does not change: turn_rad, or a few resolution steps."""
+    return max(turn_rad, MIN_RESOLUTION_STEPS * compass.turns.resolution_rad)
 
 
 def is_frozen(compass: CompassState, now_s: float, frozen_s: float, timeout_s: float) -> bool:
     """Return whether a compass that sends headings has stopped measuring."""
-    return is_heard(compass, now_s, timeout_s) and has_stopped(compass, frozen_s)
+    return is_received(compass, now_s, timeout_s) and has_stopped_measuring(compass, frozen_s)
 
 
 def is_jumping(compass: CompassState) -> bool:
-    """Return whether the compass shows headings that the boat cannot have come to."""
-    return compass.t_s - compass.near_s > JUMP_S
+    """Return whether the compass shows headings that the boat cannot have turned to."""
+    return compass.t_s - compass.near_s > JUMP_TIME_S
 
 
 def standstill_ratio(compass: CompassState) -> float:
@@ -163,13 +202,13 @@ def compass_in_use(state: SourceState) -> CompassState:
 NO_COMPASS: Final = CompassState()
 
 
-def disagree(state: SourceState) -> bool:
-    """Return whether two compasses that measure differ by more than they should."""
+def compasses_disagree(state: SourceState) -> bool:
+    """Return whether two working compasses differ by more than DISAGREEMENT_RAD."""
     return abs(wrap_pi(state.compasses[0].steady_rad - state.compasses[1].steady_rad)) > DISAGREEMENT_RAD
 
 
 def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, float]) -> bool:
-    """Return whether no compass is in use, and one contradicts the estimate with more credit than that has.
+    """Return whether no compass is in use, and one contradicts the estimate with more evidence.
 
     The time-outs are those of the compasses.
     """
@@ -184,20 +223,20 @@ def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, flo
 def contradicts(compass: CompassState, now_s: float, timeout_s: float, alone: bool) -> bool:  # noqa: FBT001 - compiled
     """Return whether a compass that varies contradicts the estimate; `alone`: there is no other source.
 
-    One that was seen to turn does so as soon as it stays: a sea has turned the boat. One that jumped does so only
-    where there is no other source: after its probation if it stays, and after a minute in any case, because nothing
-    has corrected the estimate for so long.
+    One that showed the turn does so as soon as it has settled: a sea has turned the boat. One that jumped does so only
+    without another source: after its probation if it has settled, and after a minute in any case, because nothing has
+    corrected the estimate for that time.
     """
-    if not is_heard(compass, now_s, timeout_s) or compass.t_s != compass.changed_s:
+    if not is_received(compass, now_s, timeout_s) or compass.t_s != compass.changed_s:
         return False
-    stayed_s = compass.t_s - compass.stay.since_s
-    if stayed_s > STAYED_S and (compass.stay.turned or (alone and stayed_s > PROBATION_S)):
+    stayed_s = compass.t_s - compass.plateau.since_s
+    if stayed_s > PLATEAU_TIME_S and (compass.plateau.turned or (alone and stayed_s > PROBATION_S)):
         return True
-    return alone and compass.t_s - compass.near_s > CONTRADICTED_S
+    return alone and compass.t_s - compass.near_s > MAX_CONTRADICTION_S
 
 
 def update_compass(
-    compass: CompassState, sample: TrueHeadingSample, expected_rad: float, gate_rad: float = JUMP_RAD
+    compass: CompassState, sample: TrueHeadingSample, expected_rad: float, gate_rad: float = JUMP_GATE_RAD
 ) -> CompassState:
     """Return a compass after a sample.
 
@@ -209,17 +248,19 @@ def update_compass(
     changed = sample.raw_rad != compass.raw_rad
     difference_rad = wrap_pi(sample.heading_rad - expected_rad) if expected else 0.0
     near = abs(wrap_pi(difference_rad + compass.offset_rad)) <= gate_rad
-    near_s, stay = compass.near_s, compass.stay
+    near_s, plateau = compass.near_s, compass.plateau
     if near or first:
         near_s = sample.t_s
     elif compass.near_s == compass.t_s:
-        near_s = max(compass.near_s, sample.t_s - FIRST_JUMP_S)
+        near_s = max(compass.near_s, sample.t_s - INITIAL_JUMP_TIME_S)
     if near:
-        stay = NO_STAY
+        plateau = NO_PLATEAU
     else:
-        reach_rad = min(SPIN_RAD_S * (0.0 if first else since_s) + SPIN_NOISE_RAD, JUMP_RAD)
+        reach_rad = min(MAX_YAW_RATE_RAD_S * (0.0 if first else since_s) + MAX_YAW_NOISE_RAD, JUMP_GATE_RAD)
         last_rad = math.nan if math.isnan(compass.raw_rad) else compass.heading_rad
-        stay = stays(stay, sample.t_s, sample.heading_rad, reach_rad, last_rad, compass.near_s == compass.t_s)
+        plateau = plateau_after(
+            plateau, sample.t_s, sample.heading_rad, reach_rad, last_rad, compass.near_s == compass.t_s
+        )
     # Differences before the compass was sound, as while it was frozen, do not count.
     sound_s = 0.0 if math.isnan(compass.sound_since_s) else sample.t_s - compass.sound_since_s
     step_s = SMOOTHING_S if first else clamp(since_s, 0.0, SMOOTHING_S)
@@ -247,12 +288,12 @@ def update_compass(
         steady_rad if expected else math.nan,
         agreed,
         sample.heading_rad,
-        stay,
-        turns_of(compass, sample),
+        plateau,
+        turns_after(compass, sample),
     )
 
 
-def turns_of(compass: CompassState, sample: TrueHeadingSample) -> CompassTurns:
+def turns_after(compass: CompassState, sample: TrueHeadingSample) -> CompassTurns:
     """Return the turns of a compass after a sample."""
     t, raw_rad = compass.turns, sample.raw_rad
     if math.isnan(compass.raw_rad):
@@ -264,13 +305,13 @@ def turns_of(compass: CompassState, sample: TrueHeadingSample) -> CompassTurns:
     turned_rad = wrap_pi(raw_rad - t.farthest_rad)
     if t.rising == 0.0 or turned_rad * t.rising > 0.0:
         return CompassTurns(resolution_rad, t.apart_rad, swings, raw_rad, math.copysign(1.0, turned_rad))
-    if abs(turned_rad) < least_turn(compass, 0.0):
+    if abs(turned_rad) < min_contradiction(compass, 0.0):
         return CompassTurns(resolution_rad, t.apart_rad, swings, t.farthest_rad, t.rising)
     return CompassTurns(resolution_rad, t.apart_rad, swings + 1.0, raw_rad, -t.rising)
 
 
 def add_sample(
-    state: SourceState, sample: TrueHeadingSample, expected_rad: float, gate_rad: float = JUMP_RAD
+    state: SourceState, sample: TrueHeadingSample, expected_rad: float, gate_rad: float = JUMP_GATE_RAD
 ) -> SourceState:
     """Return the state after a sample of either compass."""
     a, b = state.compasses
@@ -279,8 +320,8 @@ def add_sample(
     return SourceState((update_compass(a, sample, expected_rad, gate_rad), b), state.in_use)
 
 
-def contradict(state: SourceState) -> SourceState:
-    """Return the state with the compass in use found to repeat its number although the boat must have turned."""
+def mark_contradicted(state: SourceState) -> SourceState:
+    """Return the state with the compass in use contradicted: it repeats its number although the boat has turned."""
     a, b = state.compasses
     if state.in_use == Source.COMPASS_A:
         a = with_turns(a, a.turns, True)
@@ -293,22 +334,22 @@ def with_turns(c: CompassState, turns: CompassTurns, contradicted: bool) -> Comp
     """Return a compass with other turns, contradicted or not."""
     return CompassState(
         c.t_s, c.raw_rad, c.changed_s, c.near_s, c.sound_since_s, c.difference_rad, c.offset_rad, c.longest_s,
-        contradicted, c.steady_rad, c.agreed, c.heading_rad, c.stay, turns,
+        contradicted, c.steady_rad, c.agreed, c.heading_rad, c.plateau, turns,
     )  # fmt: skip
 
 
-def compare(compass: CompassState, other: CompassState, frozen_s: float) -> CompassState:
-    """Return a compass compared with the other one; contradicted if it stands in waves, or while that one turned.
+def compare_with_other(compass: CompassState, other: CompassState, frozen_s: float) -> CompassState:
+    """Return a compass compared with the other; contradicted if it stands still in waves, or while the other turned.
 
     The other one has to measure, and must not have jumped.
     """
     t, apart_rad = compass.turns, wrap_pi(compass.steady_rad - other.steady_rad)
-    stood = has_stood(compass, frozen_s)
-    contradicted = compass.contradicted or (stood and t.swings >= SWINGS)
+    stood = has_stood_still(compass, frozen_s)
+    contradicted = compass.contradicted or (stood and t.swings >= MIN_SWINGS)
     if compass.t_s != compass.changed_s and not math.isnan(t.apart_rad):
         turned_rad, apart_rad = abs(wrap_pi(apart_rad - t.apart_rad)), t.apart_rad
-        follows = other.near_s == other.t_s or other.stay.turned
-        contradicted |= stood and follows and turned_rad > least_turn(compass, DISAGREEMENT_RAD)
+        follows = other.near_s == other.t_s or other.plateau.turned
+        contradicted |= stood and follows and turned_rad > min_contradiction(compass, DISAGREEMENT_RAD)
     turns = CompassTurns(t.resolution_rad, apart_rad, t.swings, t.farthest_rad, t.rising)
     return with_turns(compass, turns, contradicted)
 
@@ -317,7 +358,7 @@ def with_soundness(c: CompassState, sound_since_s: float, raw_rad: float, steady
     """Return a compass with the time since which it is sound, its number and its steady difference."""
     return CompassState(
         c.t_s, raw_rad, c.changed_s, c.near_s, sound_since_s, c.difference_rad, c.offset_rad, c.longest_s,
-        c.contradicted, steady_rad, c.agreed, c.heading_rad, c.stay, c.turns,
+        c.contradicted, steady_rad, c.agreed, c.heading_rad, c.plateau, c.turns,
     )  # fmt: skip
 
 
@@ -325,18 +366,18 @@ def with_offset(c: CompassState, offset_rad: float, near_s: float) -> CompassSta
     """Return a compass with an offset, and the time when its heading was last inside the gate."""
     return CompassState(
         c.t_s, c.raw_rad, c.changed_s, near_s, c.sound_since_s, c.difference_rad, offset_rad, c.longest_s,
-        c.contradicted, c.steady_rad, c.agreed, c.heading_rad, c.stay, c.turns,
+        c.contradicted, c.steady_rad, c.agreed, c.heading_rad, c.plateau, c.turns,
     )  # fmt: skip
 
 
-def judge(compass: CompassState, now_s: float, frozen_s: float, timeout_s: float) -> CompassState:
+def judge_soundness(compass: CompassState, now_s: float, frozen_s: float, timeout_s: float) -> CompassState:
     """Return a compass with `sound_since_s` for a tick."""
     sound_since_s, raw_rad, steady_rad = compass.sound_since_s, compass.raw_rad, compass.steady_rad
-    if not is_heard(compass, now_s, timeout_s):
+    if not is_received(compass, now_s, timeout_s):
         sound_since_s = steady_rad = math.nan
-        if not has_stopped(compass, frozen_s):
-            raw_rad = math.nan  # it may return with the same number, which did not stay meanwhile
-    elif has_stopped(compass, frozen_s):
+        if not has_stopped_measuring(compass, frozen_s):
+            raw_rad = math.nan  # the same number after a silence is no standstill
+    elif has_stopped_measuring(compass, frozen_s):
         sound_since_s = steady_rad = math.nan
     elif is_jumping(compass):
         sound_since_s = math.nan
@@ -354,11 +395,11 @@ def select(
 ) -> SourceState:
     """Judge the compasses, each with its time-out, and choose the source; `course_ok`: the course can be used."""
     a, b = state.compasses
-    a, b = compare(a, b, frozen_s), compare(b, a, frozen_s)
-    a, b = judge(a, now_s, frozen_s, timeouts_s[0]), judge(b, now_s, frozen_s, timeouts_s[1])
+    a, b = compare_with_other(a, b, frozen_s), compare_with_other(b, a, frozen_s)
+    a, b = judge_soundness(a, now_s, frozen_s, timeouts_s[0]), judge_soundness(b, now_s, frozen_s, timeouts_s[1])
     in_use = first_sound_source(state.in_use, a, b, now_s, course_ok)
     if in_use != state.in_use and state.in_use != Source.NONE:  # noqa: PLR1714 - compiled
-        # It starts at the estimate, and slowly comes to its own heading.
+        # The offset makes it agree with the estimate at first, and then decays.
         if in_use == Source.COMPASS_A:
             a = with_offset(a, wrap_pi(-a.difference_rad), now_s)
         elif in_use == Source.COMPASS_B:
@@ -397,10 +438,12 @@ def decay_offsets(state: SourceState, step_s: float) -> SourceState:
     a, b = state.compasses
     if a.offset_rad == 0.0 and b.offset_rad == 0.0:
         return state
-    return SourceState((decayed(a, SLEW_RAD_S * step_s), decayed(b, SLEW_RAD_S * step_s)), state.in_use)
+    return SourceState(
+        (decay_offset(a, OFFSET_SLEW_RAD_S * step_s), decay_offset(b, OFFSET_SLEW_RAD_S * step_s)), state.in_use
+    )
 
 
-def decayed(compass: CompassState, reach_rad: float) -> CompassState:
+def decay_offset(compass: CompassState, reach_rad: float) -> CompassState:
     """Return a compass with an offset that is nearer to zero by reach_rad."""
     rest_rad = max(abs(compass.offset_rad) - reach_rad, 0.0)
     offset_rad = math.copysign(rest_rad, compass.offset_rad) if rest_rad != 0.0 else 0.0

@@ -2,7 +2,7 @@
 
 Some instruments state a variation of 0.0 because they do not know any, some that of another place, and some (early
 versions of Signal K) state it in the field of the deviation. The configured declination wins over a stated one that is
-0.0 or differs from it by more than ODD_RAD. A declination of None is not configured.
+0.0 or differs from it by more than MAX_DIFFERENCE_RAD. A declination of None is not configured.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from msgspec.structs import replace
 from firmware_py.common.angles import degrees, radians, wrap_pi, wrap_two_pi
 from firmware_py.common.records import Event, HeadingSample, NorthReference, Severity
 
-ODD_RAD: Final = radians(3.0)
-LARGEST_DEVIATION_RAD: Final = radians(15.0)  # of a compass that steers a boat
+MAX_DIFFERENCE_RAD: Final = radians(3.0)
+MAX_DEVIATION_RAD: Final = radians(15.0)  # of a compass that steers a boat
 
-Odd = tuple[float | None, float | None]  # the variation that compass A and B state and that is not used
+UnusedVariations = tuple[float | None, float | None]  # the variation that compass A and B state and that is not used
 
 
 def stated_rad(sample: HeadingSample, declination_rad: float | None) -> float | None:
@@ -29,46 +29,50 @@ def stated_rad(sample: HeadingSample, declination_rad: float | None) -> float | 
     the declination.
     """
     stated = sample.variation_rad
-    if stated is None or sample.reference is NorthReference.TRUE or abs(stated) > LARGEST_DEVIATION_RAD:
+    if stated is None or sample.reference is NorthReference.TRUE or abs(stated) > MAX_DEVIATION_RAD:
         return stated
-    same = declination_rad is not None and abs(declination_rad) > ODD_RAD and abs(stated - declination_rad) <= ODD_RAD
+    same = (
+        declination_rad is not None
+        and abs(declination_rad) > MAX_DIFFERENCE_RAD
+        and abs(stated - declination_rad) <= MAX_DIFFERENCE_RAD
+    )
     return stated if same else None
 
 
-def reconciled(sample: HeadingSample, declination_rad: float | None) -> HeadingSample:
+def apply(sample: HeadingSample, declination_rad: float | None) -> HeadingSample:
     """Return the heading from true north if its variation is used, else from magnetic north."""
     stated = stated_rad(sample, declination_rad)
     if stated is None or not math.isfinite(sample.heading_rad):
         return sample
-    if declination_rad is not None and (stated == 0.0 or abs(wrap_pi(stated - declination_rad)) > ODD_RAD):
+    if declination_rad is not None and (stated == 0.0 or abs(wrap_pi(stated - declination_rad)) > MAX_DIFFERENCE_RAD):
         magnetic_rad = wrap_two_pi(sample.heading_rad - stated)
         return replace(sample, heading_rad=magnetic_rad, reference=NorthReference.MAGNETIC, variation_rad=None)
     return sample if sample.reference is NorthReference.TRUE else replace(sample, reference=NorthReference.TRUE)
 
 
-def notice(
-    before: Odd, samples: Sequence[HeadingSample], declination_rad: float | None
-) -> tuple[Odd, tuple[Event, ...]]:
-    """Return the stated variations that are not what they should be, and what is reported of a change."""
+def check(
+    before: UnusedVariations, samples: Sequence[HeadingSample], declination_rad: float | None
+) -> tuple[UnusedVariations, tuple[Event, ...]]:
+    """Return the stated variations that are not used, or not as stated, and the events of a change."""
     odd, events = list(before), []
     for sample in samples:
         stated, name = stated_rad(sample, declination_rad), "B" if sample.source == 1 else "A"
         if sample.variation_rad is None or sample.source not in {0, 1}:
             continue
         misplaced = stated is not None and sample.reference is NorthReference.MAGNETIC
-        differs = stated and declination_rad is not None and abs(wrap_pi(stated - declination_rad)) > ODD_RAD
-        found = stated if misplaced or differs else None
+        differs = stated and declination_rad is not None and abs(wrap_pi(stated - declination_rad)) > MAX_DIFFERENCE_RAD
+        unused = stated if misplaced or differs else None
         known = odd[sample.source]
-        if (found is None) == (known is None) and abs((found or 0.0) - (known or 0.0)) < ODD_RAD:
+        if (unused is None) == (known is None) and abs((unused or 0.0) - (known or 0.0)) < MAX_DIFFERENCE_RAD:
             continue
-        odd[sample.source] = found
-        if found is None:
+        odd[sample.source] = unused
+        if unused is None:
             events.append(Event(Severity.INFO, f"Compass {name}: stated variation agrees"))
             continue
-        text = f"Compass {name} states deviation {_text(found)}: used as variation"
+        text = f"Compass {name} states deviation {_text(unused)}: used as variation"
         if differs:
             field = "deviation" if misplaced else "variation"
-            text = f"Compass {name} states {field} {_text(found)}: {_text(declination_rad or 0.0)} is used"
+            text = f"Compass {name} states {field} {_text(unused)}: {_text(declination_rad or 0.0)} is used"
         events.append(Event(Severity.WARNING, text))
     return (odd[0], odd[1]), tuple(events)
 

@@ -1,11 +1,11 @@
 """Speed through the water, current and leeway in a tick, from positions. Numeric core; the filter is water_filter.py.
 
-On a steady heading only the sum of the speed and the current along it can be known; every turn separates the two, and
-the leeway from the current across. The standard deviations say so.
+On a steady heading only the sum of speed and current along it is observable; each turn separates the two, and the
+leeway from the current across. The standard deviations show this.
 
-The estimate scatters from position to position within its standard deviation; across a current nearly as fast as the
-boat, a course becomes a heading that scatters with it, and the rudder after it. So guidance steers by slow values,
-which follow the estimate within its standard deviation.
+The estimate scatters from position to position within its standard deviation. In a current nearly as fast as the boat,
+the heading for a course, and with it the rudder, would scatter, too. So guidance uses slow values, which follow the
+estimate within its standard deviation.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from firmware_py.estimate.water_filter import Water, WaterFilter
 from firmware_py.estimate.water_results import CurrentVerdict
 from firmware_py.model.kt import KtModel, scaled
 
-# Standard deviations of the water that is expected before any position.
+# Standard deviations of the values expected before the first position.
 FIRST_SPEED_SD_M_S, FIRST_CURRENT_SD_M_S, FIRST_SIDEWAYS_SD_M_S = 0.3, 0.3, 0.1
-SLOW_S: Final = 30.0
-CHANGES_M_S: Final = 0.03  # by which small eddies differ from the current that the filter averages
-FARTHEST_M: Final = 5000.0  # from the origin, which then moves
+SLOW_TIME_CONSTANT_S: Final = 30.0
+EDDY_SD_M_S: Final = 0.03  # by which small eddies differ from the filtered current
+MAX_ORIGIN_DISTANCE_M: Final = 5000.0  # from the origin, which then moves
 SPEED_RATIOS: Final = (0.1, 10.0)
-SURE_SPEED_SD_M_S: Final = 0.05
+KNOWN_SPEED_SD_M_S: Final = 0.05
 STRETCH_S: Final = 10.0  # of the track, for a heading from it
 
 
@@ -39,7 +39,7 @@ class Expected(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The origin of the positions."""
+    """Origin of the local coordinates."""
 
     latitude_rad: float = 0.0
     longitude_rad: float = 0.0
@@ -61,7 +61,7 @@ class Stretch(NamedTuple):
 
 NO_STRETCH: Final = Stretch()
 NO_PLACE: Final = Place()
-NOTHING_EXPECTED: Final = Expected()
+NO_EXPECTATION: Final = Expected()
 NO_FILTER: Final = WaterFilter()
 NO_VERDICT: Final = CurrentVerdict()
 
@@ -69,34 +69,34 @@ NO_VERDICT: Final = CurrentVerdict()
 class WaterState(NamedTuple):
     """Time of the last position (NaN: there was none), filter, verdict on the current, and the slow values.
 
-    `slow_t_s` is the time of the slow values; NaN: there are none, and `expected` is steered by.
+    `slow_t_s` is the time of the slow values; NaN: there are none, and guidance uses `expected`.
     """
 
     fix_t_s: float = math.nan
     filter: WaterFilter = NO_FILTER
     verdict: CurrentVerdict = NO_VERDICT
     slow_t_s: float = math.nan
-    slow: Expected = NOTHING_EXPECTED
-    expected: Expected = NOTHING_EXPECTED
+    slow: Expected = NO_EXPECTATION
+    expected: Expected = NO_EXPECTATION
     origin: Place = NO_PLACE
     stretch: Stretch = NO_STRETCH
 
 
 def begin_filter(t_s: float, e: Expected) -> WaterFilter:
-    """Return the filter at a first position, with the water that is expected."""
+    """Return the filter at the first position, with the expected speed and current."""
     return water_filter.begin(
         t_s, 0.0, 0.0, e.speed_m_s, FIRST_SPEED_SD_M_S, e.north_m_s, e.east_m_s, FIRST_CURRENT_SD_M_S, 0.0,
         FIRST_SIDEWAYS_SD_M_S,
     )  # fmt: skip
 
 
-def expecting(north_m_s: float, east_m_s: float, speed_m_s: float) -> WaterState:
-    """Return the state before the first position that expects this current and speed [m/s]."""
+def initial_state(north_m_s: float, east_m_s: float, speed_m_s: float) -> WaterState:
+    """Return the state before the first position, with the expected current and speed [m/s]."""
     e = Expected(north_m_s, east_m_s, speed_m_s)
     return WaterState(math.nan, begin_filter(0.0, e), NO_VERDICT, math.nan, e, e, NO_PLACE, NO_STRETCH)
 
 
-START: Final = expecting(0.0, 0.0, 0.5)
+START: Final = initial_state(0.0, 0.0, 0.5)
 
 
 def has_started(s: WaterState) -> bool:
@@ -122,7 +122,7 @@ def take_heading(s: WaterState, heading_rad: float, by_compass: bool, step_s: fl
 
 
 def offset_m(origin: Place, latitude_rad: float, longitude_rad: float) -> tuple[float, float]:
-    """Return how far north and east of the origin a position lies, on the meridians half way."""
+    """Return the offset of a position north and east of the origin [m], by the cosine of the middle latitude."""
     east_rad = wrap_pi(longitude_rad - origin.longitude_rad)
     middle_rad = 0.5 * (latitude_rad + origin.latitude_rad)
     return EARTH_RADIUS_M * (latitude_rad - origin.latitude_rad), EARTH_RADIUS_M * math.cos(middle_rad) * east_rad
@@ -140,8 +140,8 @@ def take_position(
         return with_filter(s, t_s, begin_filter(t_s, s.expected), here, NO_STRETCH), heading_rad, sd_rad
     f, origin, stretch = s.filter, s.origin, s.stretch
     north_m, east_m = offset_m(origin, latitude_rad, longitude_rad)
-    if abs(north_m) > FARTHEST_M or abs(east_m) > FARTHEST_M:
-        f, origin, stretch = water_filter.moved_origin(f, north_m, east_m), here, NO_STRETCH
+    if abs(north_m) > MAX_ORIGIN_DISTANCE_M or abs(east_m) > MAX_ORIGIN_DISTANCE_M:
+        f, origin, stretch = water_filter.with_moved_origin(f, north_m, east_m), here, NO_STRETCH
         north_m = east_m = 0.0
     f = water_filter.correct(f, t_s, north_m, east_m)
     duration_s = t_s - stretch.t_s
@@ -155,8 +155,8 @@ def take_position(
     return with_filter(s, t_s, f, origin, stretch), heading_rad, sd_rad
 
 
-def followed(before: float, now: float, part: float, sd: float) -> float:
-    """Return a value that follows slowly, and never farther off than the standard deviation."""
+def follow_slowly(before: float, now: float, part: float, sd: float) -> float:
+    """Return `before` moved towards `now` by a share, within the standard deviation of `now`."""
     return clamp(before + part * (now - before), now - sd, now + sd)
 
 
@@ -164,25 +164,25 @@ def update(s: WaterState, now_s: float) -> WaterState:
     """Return the state after a tick: the verdict on the current and the slow values."""
     if not has_started(s):
         return s
-    now = water_filter.water_of(s.filter, now_s)
+    now = water_filter.water_at(s.filter, now_s)
     verdict = water_results.judge_current(s.verdict, s.filter, now, now_s)
     north, east, speed = now.current_north_m_s, now.current_east_m_s, now.mean_speed_m_s
     if not math.isnan(s.slow_t_s):
-        part, p = clamp((now_s - s.slow_t_s) / SLOW_S, 0.0, 1.0), now.covariance
-        north = followed(s.slow.north_m_s, north, part, math.sqrt(max(p[0], 0.0)))
-        east = followed(s.slow.east_m_s, east, part, math.sqrt(max(p[4], 0.0)))
-        speed = followed(s.slow.speed_m_s, speed, part, now.mean_speed_sd_m_s)
+        part, p = clamp((now_s - s.slow_t_s) / SLOW_TIME_CONSTANT_S, 0.0, 1.0), now.covariance
+        north = follow_slowly(s.slow.north_m_s, north, part, math.sqrt(max(p[0], 0.0)))
+        east = follow_slowly(s.slow.east_m_s, east, part, math.sqrt(max(p[4], 0.0)))
+        speed = follow_slowly(s.slow.speed_m_s, speed, part, now.mean_speed_sd_m_s)
     slow = Expected(north, east, max(speed, water_filter.MIN_SPEED_M_S))
     return WaterState(s.fix_t_s, s.filter, verdict, now_s, slow, s.expected, s.origin, s.stretch)
 
 
 def estimated(s: WaterState, t_s: float) -> Water:
-    """Return the estimate at a time; before the first position, what is expected."""
-    return water_filter.water_of(s.filter, t_s if has_started(s) else s.filter.t_s)
+    """Return the estimate at a time; before the first position, the expected values."""
+    return water_filter.water_at(s.filter, t_s if has_started(s) else s.filter.t_s)
 
 
-def known(s: WaterState) -> tuple[float, float, float, float]:
-    """Return current north and east, speed through the water [m/s] and leeway [rad] to steer by."""
+def guidance_values(s: WaterState) -> tuple[float, float, float, float]:
+    """Return current north and east, speed through the water [m/s] and leeway [rad] for guidance."""
     if math.isnan(s.slow_t_s):
         return s.expected.north_m_s, s.expected.east_m_s, s.expected.speed_m_s, 0.0
     mean = s.filter.means[0]
@@ -192,18 +192,18 @@ def known(s: WaterState) -> tuple[float, float, float, float]:
 
 def mean_speed_sd(s: WaterState) -> float:
     """Return the standard deviation of the estimated mean speed through the water [m/s]."""
-    return water_filter.deviation(s.filter.covariances[0, water_filter.MEAN_SPEED, water_filter.MEAN_SPEED])
+    return water_filter.standard_deviation(s.filter.covariances[0, water_filter.MEAN_SPEED, water_filter.MEAN_SPEED])
 
 
 def model_speed(s: WaterState) -> float:
     """Return the speed through the water at which the ship's model is taken [m/s].
 
     A wrong speed would spoil the heading, and a wrong heading the speed. So it stays at the speed that is expected
-    until the estimate is better known than SURE_SPEED_SD_M_S.
+    until the estimate is better known than KNOWN_SPEED_SD_M_S.
     """
     if math.isnan(s.slow_t_s):
         return s.expected.speed_m_s
-    off = mean_speed_sd(s) / SURE_SPEED_SD_M_S
+    off = mean_speed_sd(s) / KNOWN_SPEED_SD_M_S
     return s.expected.speed_m_s + (s.slow.speed_m_s - s.expected.speed_m_s) / (1.0 + off * off)
 
 
@@ -216,7 +216,7 @@ def model_at_speed(model: KtModel, s: WaterState) -> KtModel:
 
 def over_ground_m_s(s: WaterState, heading_rad: float) -> tuple[float, float]:
     """Return the boat's velocity over ground north and east on a heading; that of the current for NaN."""
-    north_m_s, east_m_s, speed_m_s, leeway_rad = known(s)
+    north_m_s, east_m_s, speed_m_s, leeway_rad = guidance_values(s)
     if math.isnan(heading_rad):
         return north_m_s, east_m_s
     way_rad = heading_rad + leeway_rad
@@ -225,4 +225,4 @@ def over_ground_m_s(s: WaterState, heading_rad: float) -> tuple[float, float]:
 
 def speed_sd(s: WaterState) -> float:
     """Return the standard deviation of the mean speed through the water [m/s]."""
-    return math.hypot(mean_speed_sd(s), CHANGES_M_S)
+    return math.hypot(mean_speed_sd(s), EDDY_SD_M_S)

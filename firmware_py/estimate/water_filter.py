@@ -1,26 +1,27 @@
-"""Water filter: speed through the water, sideways speed and current from positions, with the heading as given.
+"""Water filter: speed through the water, sideways speed and current from positions, with the heading as input.
 
 Numeric core: functions over floats and small arrays, without I/O and without None; NaN stands for a value that is
-absent. Python runs this text on the boat, and the laboratory compiles it as it stands (hil/lab/numeric_core.py).
+absent. Python runs this code on the boat, and the laboratory compiles it unchanged (hil/lab/numeric_core.py).
 
 State vector, 7: speed deviation s, mean speed U and sideways speed V (to starboard) through the water, current c_N and
 c_E over the ground [m/s], position p_N and p_E [m]. With C and S, the means of cosine and sine of the heading:
 
-    ds = -s / tau dt + sigma sqrt(2 / tau) dB1         dU = MEAN_WALK dB2        dV = SIDE_WALK dB3       dc = q dB4
+    ds = -s / tau dt + sigma sqrt(2 / tau) dB1         dU = MEAN_WALK dB2        dV = SIDEWAYS_WALK dB3       dc = q dB4
     dp_N = ((s + U) C - V S + c_N) dt + g dB5          dp_E = ((s + U) S + V C + c_E) dt + g dB6
 
 The model is linear, because the leeway atan2(V, U) is a quotient of two states. Measurement: a position, at most one in
-EVERY_S, with white noise of standard deviation rho in each axis, which includes orbital motion and receiver noise. The
-receiver's velocity is not used: receivers smooth it by a lag that is not known.
+MIN_INTERVAL_S, with white noise of standard deviation rho in each axis, which includes orbital motion and receiver
+noise. The receiver's velocity is not used: receivers smooth it by a lag that is not known.
 
 Levels, 4, as natural logarithms: sigma, q, g, rho. They are learned by recursive maximum likelihood. Beside the filter
-run four more, each with one level higher by MOVE. The differences of their log-likelihoods are the scores. The sum of
-the squared scores, with a memory of MEMORY_S, and the information of the prior are the information. A level
-moves by score / information at each correction (Ljung and Soderstrom, Theory and Practice of Recursive
-Identification, 1983, ch. 3).
+run four more, each with one level higher by LEVEL_OFFSET. The differences of their log-likelihoods are the scores. The
+sum of the squared scores, with a memory of MEMORY_S, and the information of the prior are the information. A level
+moves by score / information at each correction (Ljung and Soderstrom, Theory and Practice of Recursive Identification,
+1983, ch. 3).
 
-Outliers: beyond HUBER2 (squared Mahalanobis distance) a position has less weight (Huber, Robust Statistics, 1981), and
-beyond GATE2 none. When all positions are refused for REFUSED_S the position restarts there and the water stays.
+Outliers: beyond HUBER_SQUARE (squared Mahalanobis distance) a position has less weight (Huber, Robust Statistics,
+1981), and beyond GATE_SQUARE none. When all positions are refused for REJECTION_TIME_S the position restarts there and
+the water stays.
 """
 
 from __future__ import annotations
@@ -35,29 +36,29 @@ from firmware_py.common.angles import clamp
 
 Floats = NDArray[np.float64]
 
-EVERY_S: Final = 4.5  # between two positions that are used: receiver noise is correlated for longer than a second
+MIN_INTERVAL_S: Final = 4.5  # between two positions that are used: receiver noise is correlated for seconds
 MEMORY_S: Final = 3600.0  # of the learning
-MOVE: Final = 0.02
-LONGEST_STEP: Final = 0.2  # of a level's logarithm, in one correction
+LEVEL_OFFSET: Final = 0.02
+MAX_LEVEL_STEP: Final = 0.2  # of a level's logarithm, in one correction
 # Middle, standard deviation and bounds of the logarithms: sigma [m/s], q [m/s/sqrt(s)], g [m/sqrt(s)], rho [m].
 # The middle of g is for a receiver error of 1 m with a memory of 60 s: sqrt(2 / 60) m/sqrt(s).
-START: Final = (math.log(0.1), math.log(0.0004), math.log(0.15), math.log(0.3))
-SPREAD: Final = (0.7, 0.7, 1.0, 1.0)
-LOW: Final = (math.log(0.01), math.log(0.0001), math.log(0.001), math.log(0.02))
-HIGH: Final = (math.log(0.5), math.log(0.005), math.log(1.0), math.log(20.0))
+PRIOR_LEVELS: Final = (math.log(0.1), math.log(0.0004), math.log(0.15), math.log(0.3))
+PRIOR_SDS: Final = (0.7, 0.7, 1.0, 1.0)
+MIN_LEVELS: Final = (math.log(0.01), math.log(0.0001), math.log(0.001), math.log(0.02))
+MAX_LEVELS: Final = (math.log(0.5), math.log(0.005), math.log(1.0), math.log(20.0))
 SPEED_MEMORY_S: Final = 30.0  # tau
 MEAN_WALK: Final = 0.001  # m/s/sqrt(s)
-SIDE_WALK: Final = 0.0005
-HUBER2: Final = 9.0  # chi-square of 2 degrees of freedom: 1.1 % of the positions are beyond it
-GATE2: Final = 25.0  # 4e-6, with GATE_SD_M added in each axis, for a filter that has not yet learned rho
+SIDEWAYS_WALK: Final = 0.0005
+HUBER_SQUARE: Final = 9.0  # chi-square of 2 degrees of freedom: 1.1 % of the positions are beyond it
+GATE_SQUARE: Final = 25.0  # 4e-6, with GATE_SD_M added in each axis, for a filter that has not yet learned rho
 GATE_SD_M: Final = 3.0
-REFUSED_S: Final = 30.0
-MIN_SPEED_M_S: Final = 0.02  # below it the leeway is no angle
+REJECTION_TIME_S: Final = 30.0
+MIN_SPEED_M_S: Final = 0.02  # below it the leeway is undefined
 MIN_DETERMINANT_M4: Final = 1e-8  # that of the lowest rho is 1.6e-7
-KNOWN_PART: Final = 0.9  # of the time between two positions in which the heading must be known
+MIN_KNOWN_SHARE: Final = 0.9  # of the time between two positions in which the heading must be known
 SUBSTEP_S: Final = 30.0
-SUBSTEPS: Final = 20.0  # at most: a longer silence is taken in longer steps
-LONGEST_S: Final = 86400.0
+MAX_SUBSTEPS: Final = 20.0  # at most: a longer silence is taken in longer steps
+MAX_GAP_S: Final = 86400.0
 
 
 LEVELS, FILTERS, STATES = 4, 5, 7
@@ -70,7 +71,7 @@ class WaterFilter(NamedTuple):
     `means` (FILTERS, STATES) and `covariances` (FILTERS, STATES, STATES) hold the filter in row 0, then one filter for
     each level, with that level higher; `levels` and `information` are (LEVELS,). The arrays are never changed in place.
     `cosine_s` and `sine_s` are the integrals of the heading's cosine and sine since t_s, over `known_s` seconds.
-    `refused_t_s` is the time of the first of the refused positions, NaN: the last one was used.
+    `refused_t_s` is the time of the first of the rejected positions; NaN: the last one was used.
     """
 
     t_s: float = math.nan
@@ -80,7 +81,7 @@ class WaterFilter(NamedTuple):
     refused_t_s: float = math.nan
     means: Floats = np.zeros((FILTERS, STATES))
     covariances: Floats = np.zeros((FILTERS, STATES, STATES))
-    levels: Floats = np.array(START)
+    levels: Floats = np.array(PRIOR_LEVELS)
     information: Floats = np.zeros(LEVELS)
 
 
@@ -105,18 +106,18 @@ class Water(NamedTuple):
     covariance: tuple[float, float, float, float, float, float, float, float, float, float]
 
 
-def fade(x: Floats, p: Floats, keep: float) -> None:
-    """Let the speed deviation fade to a part."""
+def decay_speed_deviation(x: Floats, p: Floats, keep: float) -> None:
+    """Multiply the speed deviation by `keep`, in mean x (STATES,) and covariance p (STATES, STATES), in place."""
     x[SPEED] *= keep
     for j in range(STATES):
         p[SPEED, j] *= keep
         p[j, SPEED] *= keep
 
 
-def move(x: Floats, p: Floats, step_s: float, cosine: float, sine: float) -> None:
+def apply_transition(x: Floats, p: Floats, step_s: float, cosine: float, sine: float) -> None:
     """Replace mean x (STATES,) and covariance p (STATES, STATES) by F x and F p F', with the transition F of a step."""
     keep = math.exp(-step_s / SPEED_MEMORY_S)
-    way_s = SPEED_MEMORY_S * (1.0 - keep)  # in which the deviation at the beginning of the step leads as far
+    way_s = SPEED_MEMORY_S * (1.0 - keep)  # time integral of the decaying deviation
     for place, along, across in ((NORTH, cosine, -sine), (EAST, sine, cosine)):
         current = CURRENT_NORTH if place == NORTH else CURRENT_EAST
         for state, by_s in (
@@ -127,15 +128,15 @@ def move(x: Floats, p: Floats, step_s: float, cosine: float, sine: float) -> Non
                 p[place, j] += by_s * p[state, j]
             for j in range(STATES):
                 p[j, place] += by_s * p[j, state]
-    fade(x, p, keep)
+    decay_speed_deviation(x, p, keep)
 
 
 def add_noise(p: Floats, levels: Floats, step_s: float, cosine: float, sine: float) -> None:
-    """Add to a covariance what a step adds; exact for the speed deviation and its way."""
+    """Add the process noise of a step to a covariance, in place; exact for the speed deviation and its integral."""
     keep, sigma, walk = math.exp(-step_s / SPEED_MEMORY_S), math.exp(levels[0]), math.exp(levels[1])
     p[SPEED, SPEED] += sigma * sigma * (1.0 - keep * keep)
     p[MEAN_SPEED, MEAN_SPEED] += MEAN_WALK * MEAN_WALK * step_s
-    p[SIDEWAYS, SIDEWAYS] += SIDE_WALK * SIDE_WALK * step_s
+    p[SIDEWAYS, SIDEWAYS] += SIDEWAYS_WALK * SIDEWAYS_WALK * step_s
     p[CURRENT_NORTH, CURRENT_NORTH] += walk * walk * step_s
     p[CURRENT_EAST, CURRENT_EAST] += walk * walk * step_s
     if math.isnan(cosine):
@@ -155,9 +156,9 @@ def add_noise(p: Floats, levels: Floats, step_s: float, cosine: float, sine: flo
 
 
 def predict(x: Floats, p: Floats, levels: Floats, step_s: float, cosine: float, sine: float) -> None:
-    """Move mean (STATES,) and covariance (STATES, STATES) by step_s, in place; NaN: the heading was not known.
+    """Predict mean (STATES,) and covariance (STATES, STATES) over step_s, in place; NaN: the heading was not known.
 
-    Without a heading the position may have gone anywhere and is no longer correlated with the water.
+    Without a heading the direction of the way is not known: the position is no longer correlated with the water.
     """
     if math.isnan(cosine):
         keep, speed_m_s = math.exp(-step_s / SPEED_MEMORY_S), x[MEAN_SPEED] + x[SPEED]
@@ -167,18 +168,18 @@ def predict(x: Floats, p: Floats, levels: Floats, step_s: float, cosine: float, 
             for j in range(NORTH):
                 p[i, j] = p[j, i] = 0.0
             p[i, i] += step_s * step_s * (way2 + p[current, current])
-        fade(x, p, keep)
+        decay_speed_deviation(x, p, keep)
         add_noise(p, levels, step_s, cosine, sine)
         return
-    left_s, substep_s = step_s, max(SUBSTEP_S, step_s / SUBSTEPS)
+    left_s, substep_s = step_s, max(SUBSTEP_S, step_s / MAX_SUBSTEPS)
     while left_s > 0.0:
         by_s = min(left_s, substep_s)
-        move(x, p, by_s, cosine, sine)
+        apply_transition(x, p, by_s, cosine, sine)
         add_noise(p, levels, by_s, cosine, sine)
         left_s -= substep_s
 
 
-def distance2(x: Floats, p: Floats, north_m: float, east_m: float, noise_m2: float) -> tuple[float, float]:
+def squared_distance(x: Floats, p: Floats, north_m: float, east_m: float, noise_m2: float) -> tuple[float, float]:
     """Return the squared Mahalanobis distance of a position, and the determinant of its covariance."""
     a, b, c = float(p[NORTH, NORTH]) + noise_m2, float(p[NORTH, EAST]), float(p[EAST, EAST]) + noise_m2
     off_north_m, off_east_m = north_m - float(x[NORTH]), east_m - float(x[EAST])
@@ -187,18 +188,18 @@ def distance2(x: Floats, p: Floats, north_m: float, east_m: float, noise_m2: flo
     return square / determinant, determinant
 
 
-def correct_one(x: Floats, p: Floats, levels: Floats, north_m: float, east_m: float) -> float:
+def update_state(x: Floats, p: Floats, levels: Floats, north_m: float, east_m: float) -> float:
     """Take a position into mean (STATES,) and covariance (STATES, STATES), in place; return its log-likelihood.
 
     The log-likelihood is Huber's.
     """
     noise_m2 = math.exp(2.0 * levels[3])
-    d2, determinant = distance2(x, p, north_m, east_m, noise_m2)
+    d2, determinant = squared_distance(x, p, north_m, east_m, noise_m2)
     likelihood = -0.5 * math.log(determinant)
-    if d2 > HUBER2:
-        likelihood -= math.sqrt(HUBER2 * d2) - 0.5 * HUBER2
-        noise_m2 += (p[NORTH, NORTH] + p[EAST, EAST] + 2.0 * noise_m2) * 0.5 * (math.sqrt(d2 / HUBER2) - 1.0)
-        _, determinant = distance2(x, p, north_m, east_m, noise_m2)
+    if d2 > HUBER_SQUARE:
+        likelihood -= math.sqrt(HUBER_SQUARE * d2) - 0.5 * HUBER_SQUARE
+        noise_m2 += (p[NORTH, NORTH] + p[EAST, EAST] + 2.0 * noise_m2) * 0.5 * (math.sqrt(d2 / HUBER_SQUARE) - 1.0)
+        _, determinant = squared_distance(x, p, north_m, east_m, noise_m2)
     else:
         likelihood -= 0.5 * d2
     a, b, c = (p[EAST, EAST] + noise_m2) / determinant, -p[NORTH, EAST] / determinant, (p[NORTH, NORTH] + noise_m2)
@@ -216,8 +217,8 @@ def correct_one(x: Floats, p: Floats, levels: Floats, north_m: float, east_m: fl
     return likelihood
 
 
-def restart_one(x: Floats, p: Floats, north_m: float, east_m: float) -> None:
-    """Set another position, in place; the water stays."""
+def restart_position(x: Floats, p: Floats, north_m: float, east_m: float) -> None:
+    """Set another position, in place; speed and current are kept."""
     x[NORTH], x[EAST] = north_m, east_m
     for i in (NORTH, EAST):
         for j in range(STATES):
@@ -236,11 +237,11 @@ def begin(
     sideways_m_s: float,
     sideways_sd_m_s: float,
 ) -> WaterFilter:
-    """Return the state at a first position, with the water that is expected and its standard deviations."""
+    """Return the state at the first position, with the expected speed and current and their standard deviations."""
     means, covariances = np.zeros((FILTERS, STATES)), np.zeros((FILTERS, STATES, STATES))
     levels, information = np.empty(LEVELS), np.empty(LEVELS)
     for i in range(LEVELS):
-        levels[i], information[i] = START[i], 1.0 / (SPREAD[i] * SPREAD[i])
+        levels[i], information[i] = PRIOR_LEVELS[i], 1.0 / (PRIOR_SDS[i] * PRIOR_SDS[i])
     mean = (0.0, speed_m_s, sideways_m_s, current_north_m_s, current_east_m_s, north_m, east_m)
     place_sd_m, speed_noise_m_s = math.exp(levels[3]), math.exp(levels[0])
     sds = (speed_noise_m_s, speed_sd_m_s, sideways_sd_m_s, current_sd_m_s, current_sd_m_s, place_sd_m, place_sd_m)
@@ -252,7 +253,7 @@ def begin(
 
 def take_heading(state: WaterFilter, heading_rad: float, step_s: float) -> WaterFilter:
     """Return the state after step_s on this heading; NaN: not known."""
-    if not (math.isfinite(heading_rad) and 0.0 < step_s < LONGEST_S):
+    if not (math.isfinite(heading_rad) and 0.0 < step_s < MAX_GAP_S):
         return state
     return WaterFilter(
         state.t_s,
@@ -269,7 +270,7 @@ def take_heading(state: WaterFilter, heading_rad: float, step_s: float) -> Water
 
 def mean_heading(state: WaterFilter, t_s: float) -> tuple[float, float]:
     """Return the means of the heading's cosine and sine since the last position, NaN when too little of it is known."""
-    if state.known_s <= 0.0 or state.known_s < KNOWN_PART * (t_s - state.t_s):
+    if state.known_s <= 0.0 or state.known_s < MIN_KNOWN_SHARE * (t_s - state.t_s):
         return math.nan, math.nan
     return state.cosine_s / state.known_s, state.sine_s / state.known_s
 
@@ -278,42 +279,42 @@ def learn(levels: Floats, information: Floats, likelihoods: Floats, step_s: floa
     """Move the levels by the log-likelihoods (FILTERS,) of a position, step_s after the one before, in place."""
     forget = min(step_s / MEMORY_S, 1.0)
     for i in range(LEVELS):
-        prior, score = 1.0 / (SPREAD[i] * SPREAD[i]), (likelihoods[i + 1] - likelihoods[0]) / MOVE
+        prior, score = 1.0 / (PRIOR_SDS[i] * PRIOR_SDS[i]), (likelihoods[i + 1] - likelihoods[0]) / LEVEL_OFFSET
         information[i] += score * score + forget * (prior - information[i])
-        change = (score + forget * prior * (START[i] - levels[i])) / information[i]
-        levels[i] = clamp(levels[i] + clamp(change, -LONGEST_STEP, LONGEST_STEP), LOW[i], HIGH[i])
+        change = (score + forget * prior * (PRIOR_LEVELS[i] - levels[i])) / information[i]
+        levels[i] = clamp(levels[i] + clamp(change, -MAX_LEVEL_STEP, MAX_LEVEL_STEP), MIN_LEVELS[i], MAX_LEVELS[i])
 
 
 def correct(state: WaterFilter, t_s: float, north_m: float, east_m: float) -> WaterFilter:
-    """Return the state at a position; the same state for one that is no number or comes too soon."""
+    """Return the state updated with a position; one that is not finite, or too soon, changes nothing."""
     step_s = t_s - state.t_s
-    if not (EVERY_S <= step_s < math.inf and abs(north_m) < math.inf and abs(east_m) < math.inf):
+    if not (MIN_INTERVAL_S <= step_s < math.inf and abs(north_m) < math.inf and abs(east_m) < math.inf):
         return state
-    step_s = min(step_s, LONGEST_S)
+    step_s = min(step_s, MAX_GAP_S)
     cosine, sine = mean_heading(state, t_s)
     means, covariances, restart = state.means.copy(), state.covariances.copy(), False
     levels, information, likelihoods = state.levels.copy(), state.information.copy(), np.zeros(FILTERS)
     for i in range(FILTERS):
         x, p, own = means[i], covariances[i], state.levels.copy()
         if i > 0:
-            own[i - 1] += MOVE
+            own[i - 1] += LEVEL_OFFSET
         predict(x, p, own, step_s, cosine, sine)
         if i == 0:
-            d2, _ = distance2(x, p, north_m, east_m, math.exp(2.0 * own[3]) + GATE_SD_M * GATE_SD_M)
-            restart = not d2 < GATE2
-            if restart and (math.isnan(state.refused_t_s) or t_s - state.refused_t_s < REFUSED_S):
-                return refused(state, t_s)
+            d2, _ = squared_distance(x, p, north_m, east_m, math.exp(2.0 * own[3]) + GATE_SD_M * GATE_SD_M)
+            restart = not d2 < GATE_SQUARE
+            if restart and (math.isnan(state.refused_t_s) or t_s - state.refused_t_s < REJECTION_TIME_S):
+                return with_rejected_position(state, t_s)
         if restart:
-            restart_one(x, p, north_m, east_m)
+            restart_position(x, p, north_m, east_m)
         else:
-            likelihoods[i] = correct_one(x, p, own, north_m, east_m)
+            likelihoods[i] = update_state(x, p, own, north_m, east_m)
     if not (restart or math.isnan(cosine)):
         learn(levels, information, likelihoods, step_s)
     return WaterFilter(t_s, 0.0, 0.0, 0.0, math.nan, means, covariances, levels, information)
 
 
-def refused(state: WaterFilter, t_s: float) -> WaterFilter:
-    """Return the state with a position noted as refused and not used."""
+def with_rejected_position(state: WaterFilter, t_s: float) -> WaterFilter:
+    """Return the state after a rejected position."""
     return WaterFilter(
         state.t_s,
         state.cosine_s,
@@ -327,7 +328,7 @@ def refused(state: WaterFilter, t_s: float) -> WaterFilter:
     )
 
 
-def moved_origin(state: WaterFilter, north_m: float, east_m: float) -> WaterFilter:
+def with_moved_origin(state: WaterFilter, north_m: float, east_m: float) -> WaterFilter:
     """Return the state for an origin that lies north_m and east_m from the one before."""
     means = state.means.copy()
     for number in range(FILTERS):
@@ -346,15 +347,15 @@ def moved_origin(state: WaterFilter, north_m: float, east_m: float) -> WaterFilt
     )
 
 
-def water_of(state: WaterFilter, t_s: float) -> Water:
-    """Return the water at a time, not before that of the last position."""
-    x, p, step_s = state.means[0], state.covariances[0], clamp(t_s - state.t_s, 0.0, LONGEST_S)
+def water_at(state: WaterFilter, t_s: float) -> Water:
+    """Return speed, current and leeway at a time, not before that of the last position."""
+    x, p, step_s = state.means[0], state.covariances[0], clamp(t_s - state.t_s, 0.0, MAX_GAP_S)
     keep, sigma, walk = math.exp(-step_s / SPEED_MEMORY_S), math.exp(state.levels[0]), math.exp(state.levels[1])
     u, v, north, east = float(x[MEAN_SPEED]), float(x[SIDEWAYS]), float(x[CURRENT_NORTH]), float(x[CURRENT_EAST])
     ss, su = float(p[SPEED, SPEED]), float(p[SPEED, MEAN_SPEED])
     ss = keep * keep * ss + sigma * sigma * (1.0 - keep * keep)
     uu = float(p[MEAN_SPEED, MEAN_SPEED]) + MEAN_WALK * MEAN_WALK * step_s
-    vv, uv = float(p[SIDEWAYS, SIDEWAYS]) + SIDE_WALK * SIDE_WALK * step_s, float(p[MEAN_SPEED, SIDEWAYS])
+    vv, uv = float(p[SIDEWAYS, SIDEWAYS]) + SIDEWAYS_WALK * SIDEWAYS_WALK * step_s, float(p[MEAN_SPEED, SIDEWAYS])
     nn = float(p[CURRENT_NORTH, CURRENT_NORTH]) + walk * walk * step_s
     ee, ne = float(p[CURRENT_EAST, CURRENT_EAST]) + walk * walk * step_s, float(p[CURRENT_NORTH, CURRENT_EAST])
     half, differ = 0.5 * (nn + ee), 0.5 * (nn - ee)
@@ -362,16 +363,16 @@ def water_of(state: WaterFilter, t_s: float) -> Water:
     leeway2 = (u * u * vv - 2.0 * u * v * uv + v * v * uu) / (way2 * way2)
     return Water(
         u + keep * float(x[SPEED]),
-        deviation(uu + ss + 2.0 * keep * su),
+        standard_deviation(uu + ss + 2.0 * keep * su),
         u,
-        deviation(uu),
+        standard_deviation(uu),
         v,
-        deviation(vv),
+        standard_deviation(vv),
         math.atan2(v, u),
-        min(deviation(leeway2), math.pi),
+        min(standard_deviation(leeway2), math.pi),
         north,
         east,
-        deviation(half + math.sqrt(differ * differ + ne * ne)),
+        standard_deviation(half + math.sqrt(differ * differ + ne * ne)),
         (
             nn, ne, float(p[MEAN_SPEED, CURRENT_NORTH]), float(p[SIDEWAYS, CURRENT_NORTH]),
             ee, float(p[MEAN_SPEED, CURRENT_EAST]), float(p[SIDEWAYS, CURRENT_EAST]),
@@ -380,6 +381,6 @@ def water_of(state: WaterFilter, t_s: float) -> Water:
     )  # fmt: skip
 
 
-def deviation(variance: float) -> float:
+def standard_deviation(variance: float) -> float:
     """Return the standard deviation; 0 for a variance below 0 by rounding."""
     return math.sqrt(max(variance, 0.0))

@@ -1,7 +1,7 @@
-"""What follows from the estimated water: a current too strong, dead reckoning, and a heading from the track.
+"""Results of the water filter: too strong a current, dead reckoning, and a heading from the track.
 
 Numeric core: functions over floats and NamedTuples, without I/O and without None; NaN stands for a value that is
-absent. The covariance is that of (c_N, c_E, U, V) of water_filter.Water, its upper triangle row by row.
+absent. The covariances are those of (c_N, c_E, U, V) of water_filter.Water, its upper triangle row by row.
 """
 
 from __future__ import annotations
@@ -11,26 +11,26 @@ from typing import Final, NamedTuple
 
 from firmware_py.common.angles import clamp, wrap_two_pi
 from firmware_py.estimate.water_filter import (
-    LONGEST_S,
+    MAX_GAP_S,
     MEAN_WALK,
     MIN_SPEED_M_S,
     SPEED_MEMORY_S,
     Water,
     WaterFilter,
-    deviation,
     mean_heading,
-    water_of,
+    standard_deviation,
+    water_at,
 )
 
-Ten = tuple[float, float, float, float, float, float, float, float, float, float]
+Covariance = tuple[float, float, float, float, float, float, float, float, float, float]
 
-STRONG_SDS: Final = 2.33  # one-sided normal quantile of 1 %
-PATIENCE_S: Final = 120.0
+STRONG_CURRENT_SDS: Final = 2.33  # one-sided normal quantile of 1 %
+DECISION_TIME_S: Final = 120.0
 TURNED_COSINE: Final = 0.85  # of 32 deg
-STALE_S: Final = 120.0  # without a position for longer the verdict stays
+MAX_POSITION_AGE_S: Final = 120.0  # without a newer position the verdict is kept
 FIX_SD_M: Final = 5.0
 TIDE_RAD_S: Final = 2.0 * math.pi / 44_712.0  # the principal lunar tide, 12.42 h
-MAX_HEADING_SD_RAD: Final = 1.0  # of a heading from the track that is taken; beyond it is no linear measurement
+MAX_HEADING_SD_RAD: Final = 1.0  # of a heading from the track; beyond it the measurement is not linear
 MAX_SPEED_SDS: Final = 3.0
 # Covariance of a record that lacks it: 0.3 m/s of current and speed, 0.1 m/s sideways.
 UNKNOWN_WATER: Final = (0.09, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.09, 0.0, 0.01)
@@ -51,7 +51,7 @@ class CurrentVerdict(NamedTuple):
 
 
 class DeadReckoning(NamedTuple):
-    """Water when the positions ceased, its covariance, growth of the error, and the way since.
+    """Speed and current at the last position, their covariance, the growth of the error, and the way since.
 
     `walk_m2_s3` is the variance that each axis of the current gains per second, `way_m2_s` that of the position by
     speed deviation and drift. `cosine_s` and `sine_s` are the integrals of the heading's cosine and sine, `blind_m` the
@@ -62,7 +62,7 @@ class DeadReckoning(NamedTuple):
     current_east_m_s: float = 0.0
     speed_m_s: float = 0.0
     sideways_m_s: float = 0.0
-    covariance: Ten = UNKNOWN_WATER
+    covariance: Covariance = UNKNOWN_WATER
     walk_m2_s3: float = 0.0
     way_m2_s: float = 0.0
     cosine_s: float = 0.0
@@ -70,7 +70,7 @@ class DeadReckoning(NamedTuple):
     blind_m: float = 0.0
 
 
-def quadratic(p: Ten, a: float, b: float, c: float, d: float) -> float:
+def quadratic(p: Covariance, a: float, b: float, c: float, d: float) -> float:
     """Return g' P g with g = (a, b, c, d)."""
     return (
         a * (a * p[0] + 2.0 * (b * p[1] + c * p[2] + d * p[3]))
@@ -92,25 +92,26 @@ def over_ground(water: Water, heading_rad: float) -> tuple[float, float]:
 
 
 def current_excess(water: Water) -> tuple[float, float]:
-    """Return by how much the current exceeds the mean speed through the water, and its standard deviation."""
+    """Return the excess of the current over the mean speed through the water [m/s], and its standard deviation."""
     north, east, u, v = water.current_north_m_s, water.current_east_m_s, water.mean_speed_m_s, water.sideways_m_s
     current, speed = math.sqrt(north * north + east * east), math.sqrt(u * u + v * v)
     over_current, over_speed = 1.0 / max(current, MIN_SPEED_M_S), 1.0 / max(speed, MIN_SPEED_M_S)
     variance = quadratic(water.covariance, north * over_current, east * over_current, -u * over_speed, -v * over_speed)
-    return current - speed, deviation(variance)
+    return current - speed, standard_deviation(variance)
 
 
 def judge_current(verdict: CurrentVerdict, state: WaterFilter, water: Water, t_s: float) -> CurrentVerdict:
     """Return the verdict whether the current is stronger than the boat; water: as the filter has it at t_s.
 
     Null hypothesis: the current is no faster than the boat's mean speed. It is rejected when the estimated excess is
-    more than STRONG_SDS standard deviations for PATIENCE_S, and accepted when the excess is below 0 for as long. For a
-    consistent filter and a current as fast as the boat, at most 1 % of the independent estimates exceed that limit.
+    more than STRONG_CURRENT_SDS standard deviations for DECISION_TIME_S, and accepted when the excess is below 0 for as
+    long. For a consistent filter and a current as fast as the boat, at most 1 % of the independent estimates exceed
+    that limit.
 
     On one heading only the sum of speed and current is seen. Until the boat has turned, the current counts only if it
     sets against the heading, so that the track itself shows it: errors of the heading look like a slower boat.
     """
-    if not 0.0 <= t_s - state.t_s <= STALE_S:
+    if not 0.0 <= t_s - state.t_s <= MAX_POSITION_AGE_S:
         return CurrentVerdict(math.nan, 0.0, verdict.too_strong, verdict.cosine, verdict.sine, verdict.turned)
     step_s = t_s - verdict.t_s if t_s > verdict.t_s else 0.0
     excess_m_s, sd_m_s = current_excess(water)
@@ -122,16 +123,16 @@ def judge_current(verdict: CurrentVerdict, state: WaterFilter, water: Water, t_s
         turned = 1.0
     along_m_s = water.current_north_m_s * now_cosine + water.current_east_m_s * now_sine
     is_seen = turned > 0.5 or along_m_s < 0.0
-    against = excess_m_s < 0.0 if verdict.too_strong > 0.5 else is_seen and excess_m_s > STRONG_SDS * sd_m_s
+    against = excess_m_s < 0.0 if verdict.too_strong > 0.5 else is_seen and excess_m_s > STRONG_CURRENT_SDS * sd_m_s
     against_s = verdict.against_s + step_s if against else 0.0
-    if against_s >= PATIENCE_S:
+    if against_s >= DECISION_TIME_S:
         return CurrentVerdict(t_s, 0.0, 1.0 - verdict.too_strong, cosine, sine, turned)
     return CurrentVerdict(t_s, against_s, verdict.too_strong, cosine, sine, turned)
 
 
 def begin_dead_reckoning(state: WaterFilter, t_s: float) -> DeadReckoning:
     """Return the dead reckoning that begins at a time, with the water as it was last known."""
-    water = water_of(state, t_s)
+    water = water_at(state, t_s)
     sigma, walk, drift = math.exp(state.levels[0]), math.exp(state.levels[1]), math.exp(state.levels[2])
     return DeadReckoning(
         water.current_north_m_s,
@@ -147,8 +148,10 @@ def begin_dead_reckoning(state: WaterFilter, t_s: float) -> DeadReckoning:
     )
 
 
-def sailed(dead_reckoning: DeadReckoning, heading_rad: float, step_s: float) -> tuple[DeadReckoning, float, float]:
-    """Return the reckoning after a step, and the velocity over ground in it, north and east; NaN: no heading."""
+def advance_dead_reckoning(
+    dead_reckoning: DeadReckoning, heading_rad: float, step_s: float
+) -> tuple[DeadReckoning, float, float]:
+    """Return the dead reckoning after a step, and the velocity over ground in it, north and east; NaN: no heading."""
     known, u, v = math.isfinite(heading_rad), dead_reckoning.speed_m_s, dead_reckoning.sideways_m_s
     cosine, sine = (math.cos(heading_rad), math.sin(heading_rad)) if known else (0.0, 0.0)
     blind_m = dead_reckoning.blind_m
@@ -171,13 +174,13 @@ def sailed(dead_reckoning: DeadReckoning, heading_rad: float, step_s: float) -> 
 
 
 def dead_reckoning_sd(dead_reckoning: DeadReckoning, lasted_s: float) -> float:
-    """Return the standard deviation of the reckoned position along the axis where it is largest.
+    """Return the standard deviation of the dead reckoned position along the axis where it is largest.
 
-    Parts: the error of the water when positions ceased, over the way since; the walks of current and mean speed; speed
-    deviation and drift; the current as if all of it were a tide; the way without a heading; the last position.
+    Parts: the error of the water when positions ceased, over the way since; the random walks of current and mean speed;
+    speed deviation and drift; the change of a current that is all tide; the way without a heading; the last position.
     """
     t, a, b, p = (
-        clamp(lasted_s, 0.0, LONGEST_S),
+        clamp(lasted_s, 0.0, MAX_GAP_S),
         dead_reckoning.cosine_s,
         dead_reckoning.sine_s,
         dead_reckoning.covariance,
@@ -193,7 +196,7 @@ def dead_reckoning_sd(dead_reckoning: DeadReckoning, lasted_s: float) -> float:
     off, turned = phase - math.sin(phase), 1.0 - math.cos(phase)
     tide = 0.5 * current2 / (TIDE_RAD_S * TIDE_RAD_S) * (off * off + turned * turned)
     fixed = FIX_SD_M * FIX_SD_M + dead_reckoning.blind_m * dead_reckoning.blind_m
-    return deviation(worst + walked + dead_reckoning.way_m2_s * t + tide + fixed)
+    return standard_deviation(worst + walked + dead_reckoning.way_m2_s * t + tide + fixed)
 
 
 def heading_from_track(
@@ -207,7 +210,7 @@ def heading_from_track(
     """
     if not (duration_s > 0.0 and abs(north_m) < math.inf and abs(east_m) < math.inf):
         return math.nan, math.nan
-    water = water_of(state, t_s)
+    water = water_at(state, t_s)
     x, y = north_m / duration_s - water.current_north_m_s, east_m / duration_s - water.current_east_m_s
     speed, u, v = math.sqrt(x * x + y * y), water.mean_speed_m_s, water.sideways_m_s
     way = math.sqrt(u * u + v * v)
@@ -217,7 +220,7 @@ def heading_from_track(
     noise_m2_s2 = (2.0 * noise * noise / duration_s + drift * drift) / duration_s
     cosine, sine, per2 = x / speed, y / speed, 1.0 / (way * way)
     along = quadratic(water.covariance, -cosine, -sine, -u / way, -v / way) + noise_m2_s2 + sigma * sigma
-    if abs(speed - way) > MAX_SPEED_SDS * deviation(along):
+    if abs(speed - way) > MAX_SPEED_SDS * standard_deviation(along):
         return math.nan, math.nan
     across = quadratic(water.covariance, sine / speed, -cosine / speed, v * per2, -u * per2)
-    return wrap_two_pi(math.atan2(y, x) - math.atan2(v, u)), deviation(across + noise_m2_s2 / (speed * speed))
+    return wrap_two_pi(math.atan2(y, x) - math.atan2(v, u)), standard_deviation(across + noise_m2_s2 / (speed * speed))

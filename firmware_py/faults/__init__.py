@@ -1,1 +1,1 @@
-"""The table of faults, and the latch that judges them over time; pure."""
+"""Table of faults, and the latch that applies their debounce and clear times; pure."""

@@ -1,1 +1,1 @@
-"""The K-T model of the boat, shared with the HIL so that there is one of it."""
+"""K-T model of the boat, the velocity triangle, and the estimate that the control law takes; shared with the HIL."""

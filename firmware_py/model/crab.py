@@ -1,4 +1,4 @@
-"""The triangle of velocities: through the water, of the water, over the ground."""
+"""Velocity triangle: speed through the water, current, and velocity over ground."""
 
 from __future__ import annotations
 
@@ -6,41 +6,41 @@ import math
 
 from firmware_py.common.angles import clamp, wrap_two_pi
 
-# The boat never steers further off a course than this, so that it keeps making way against the rest of the current.
-LARGEST_CRAB = 0.95  # sine of the angle
-EDGE_RAD = 2.0  # of course, for a current that is stronger by the boat's own speed
+# Limit of the crab angle, so that the boat always makes way against the current.
+MAX_CRAB_SINE = 0.95  # sine of the angle
+TRANSITION_RAD = 2.0  # of course, per excess of the current over the speed of the boat
 
 
 def heading_for_course(
     course_rad: float, speed_m_s: float, north_m_s: float, east_m_s: float, leeway_rad: float = 0.0
 ) -> float:
-    """Return the heading that makes a course over ground good in a current that sets north and east.
+    """Return the heading for a course over ground in a current that sets north and east.
 
-    The way through the water lies leeway_rad to starboard of the heading.
+    The course through the water lies leeway_rad to starboard of the heading.
 
-    Where the current across the course is as fast as the boat no heading does. In a weaker current the one that is
-    returned then points mostly into it. A stronger one leaves her only the courses to either side of its own: she goes
-    at its edge by the one that is nearest, and where that leads away, too, by the heading that loses least of the way.
+    If the cross current is as fast as the boat, no heading gives the course. In a current weaker than the boat, the
+    heading then points mostly into the cross current. In a stronger one only courses near that of the current can be
+    made good: the heading is that of the nearest of them or, if that leads away, that of the smallest loss.
     """
     across_m_s = east_m_s * math.cos(course_rad) - north_m_s * math.sin(course_rad)
     if speed_m_s <= 0.0:
         return wrap_two_pi(course_rad)
-    crab_rad = math.asin(clamp(across_m_s / speed_m_s, -LARGEST_CRAB, LARGEST_CRAB))
+    crab_rad = math.asin(clamp(across_m_s / speed_m_s, -MAX_CRAB_SINE, MAX_CRAB_SINE))
     current_m_s = math.hypot(north_m_s, east_m_s)
     if current_m_s > speed_m_s:
         along_m_s = north_m_s * math.cos(course_rad) + east_m_s * math.sin(course_rad)
         off_rad = math.acos(clamp(along_m_s / current_m_s, -1.0, 1.0))
-        most_rad = max(0.0, _edge_rad(current_m_s / speed_m_s) + 0.5 * math.pi - off_rad)
-        crab_rad = clamp(crab_rad, -most_rad, most_rad)
+        largest_rad = max(0.0, _edge_rad(current_m_s / speed_m_s) + 0.5 * math.pi - off_rad)
+        crab_rad = clamp(crab_rad, -largest_rad, largest_rad)
     return wrap_two_pi(course_rad - crab_rad - leeway_rad)
 
 
 def _edge_rad(ratio: float) -> float:
-    """Return how far off a current that is so many times as fast as the boat her courses reach.
+    """Return the largest angle between course over ground and a current that is `ratio` times as fast as the boat.
 
-    Barely stronger it takes them away all at once, by no more than estimates of it scatter: there it is less abrupt.
+    It drops abruptly where the ratio exceeds 1, within the scatter of the estimates, so the transition is smoothed.
     """
-    return max(math.asin(1.0 / ratio), 0.5 * math.pi - EDGE_RAD * (ratio - 1.0))
+    return max(math.asin(1.0 / ratio), 0.5 * math.pi - TRANSITION_RAD * (ratio - 1.0))
 
 
 def speed_made_good(course_rad: float, speed_m_s: float, north_m_s: float, east_m_s: float) -> float:

@@ -82,10 +82,10 @@ def yaw_acceleration(
 
 
 def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: float) -> float:
-    """Solve r + alpha r^3 = K delta for r [rad/s] by Newton's method from the linear answer.
+    """Solve r + alpha r^3 = K delta for r [rad/s] by Newton's method from the linear solution.
 
     The left side is monotonic and odd for alpha >= 0, and Newton from the linear
-    answer, which lies beyond the root, converges without overshoot.
+    solution, which lies beyond the root, converges without overshoot.
     """
     drive_rad_s = turning_ability_1_s * rudder_rad
     rate_rad_s = drive_rad_s
@@ -101,7 +101,7 @@ def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: f
 
 
 def decay_over(step_s: float, turning_lag_s: float) -> float:
-    """Return what a step leaves of the difference between a yaw rate and the steady one: exp(-step / T)."""
+    """Return exp(-step / T), the share of the difference from the steady yaw rate that remains after a step."""
     return math.exp(-step_s / turning_lag_s)
 
 
@@ -151,7 +151,7 @@ def rk4_step(
     """Advance (heading, yaw rate) by one fourth-order Runge-Kutta step at constant rudder.
 
     The caller keeps step_s well below the turning lag, and smaller still when
-    alpha r^2 is large (the equation is then stiff).
+    alpha r^2 is large, which makes the time constant short.
     """
     share = step_s / turning_lag_s
     r1 = yaw_rate_rad_s

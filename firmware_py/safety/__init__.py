@@ -1,1 +1,1 @@
-"""What watches over the rudder and the boat, and the failsafes; pure."""
+"""Monitors of rudder, steering and power, and the failsafes; pure."""

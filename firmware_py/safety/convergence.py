@@ -1,7 +1,7 @@
 """Detect a heading that does not converge: the rudder at its limit for minutes while the error does not decrease.
 
-Whether the boat responds to the rudder is another question, which steering_monitor.py answers from its turns: weed on
-the blade, wind or a tow may take all of the rudder. The boat then responds and keeps its heading, as in a calm.
+Whether the boat responds to the rudder is tested by steering_monitor.py. With weed on the blade, in wind or in a tow,
+all of the rudder may be needed to keep the heading: the boat responds, and does not converge.
 
 Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
 (hil/lab/numeric_core.py); NaN is absence.
@@ -17,11 +17,11 @@ from firmware_py.common.angles import radians
 LIMIT_SHARE: Final = 0.95  # of the rudder limit
 MIN_ERROR_RAD: Final = radians(15.0)
 DECREASE_RAD: Final = radians(5.0)
-PATIENCE_S: Final = 300.0
+DETECTION_TIME_S: Final = 300.0
 
 
 class ConvergenceState(NamedTuple):
-    """Since when (NaN: not), from what error, the rudder has been at its limit in vain, and whether that is long."""
+    """Begin of the time at the rudder limit (NaN: none), heading error then, and the verdict."""
 
     since_s: float = math.nan
     error_rad: float = 0.0
@@ -42,6 +42,6 @@ def update(
         return IDLE
     if math.isnan(state.since_s) or error_rad < state.error_rad - DECREASE_RAD:
         return ConvergenceState(now_s, error_rad, False)
-    if now_s - state.since_s < PATIENCE_S:
+    if now_s - state.since_s < DETECTION_TIME_S:
         return state
     return ConvergenceState(state.since_s, state.error_rad, True)

@@ -1,4 +1,4 @@
-"""Meters what steering costs: rudder travel, reversals, and the energy that the servo takes."""
+"""Rudder travel, rudder reversals and energy of the servo."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from firmware_py.common.angles import radians
 from firmware_py.common.records import RudderStatus
 from firmware_py.common.reports import Energy
 
-WINDOW_S: Final = 3600.0  # what is reported per hour is that of about the last hour
-REVERSAL_RAD: Final = radians(0.5)  # less than this the other way is no reversal
-LONGEST_GAP_S: Final = 2.0  # without feedback of the servo for longer nothing is known of its current
+WINDOW_S: Final = 3600.0  # time constant of the values per hour
+REVERSAL_RAD: Final = radians(0.5)  # a smaller movement the other way is no reversal
+LONGEST_GAP_S: Final = 2.0  # between two servo feedbacks; the energy in a longer gap is not counted
 
 
 class EnergyMeterState(msgspec.Struct, frozen=True):
     """The sums since start, those of about the last hour, and the last turning point of the rudder.
 
-    `extreme_rad` is the farthest angle on the present way, `direction` its sign. `power_w` is the servo's newest
-    power, `power_s` its time.
+    `extreme_rad` is the farthest angle in the present direction, `direction` the sign of that. `power_w` is the servo's
+    newest power, `power_s` its time.
     """
 
     travel_rad: float = 0.0
@@ -37,7 +37,7 @@ class EnergyMeterState(msgspec.Struct, frozen=True):
 
 
 def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> EnergyMeterState:
-    """Take a tick's rudder angle and the power of a new feedback in."""
+    """Return the state after a tick, with its rudder angle and the power of a new servo feedback."""
     angle_rad = rudder.angle_rad
     before_rad = angle_rad if state.angle_rad is None else state.angle_rad
     moved_rad = abs(angle_rad - before_rad)
@@ -64,7 +64,7 @@ def update(state: EnergyMeterState, rudder: RudderStatus, step_s: float) -> Ener
 
 
 def _turning_point(state: EnergyMeterState, angle_rad: float) -> tuple[float, int, int]:
-    """Return the farthest angle on the present way, its direction, and 1 when it has just been reversed."""
+    """Return the farthest angle in the present direction, that direction, and 1 if it has just been reversed."""
     if state.angle_rad is None:
         return angle_rad, 0, 0
     from_rad, direction = state.extreme_rad, state.direction
@@ -76,7 +76,7 @@ def _turning_point(state: EnergyMeterState, angle_rad: float) -> tuple[float, in
 
 
 def report(state: EnergyMeterState, *, resting: bool) -> Energy:
-    """Return what log and link show; `resting`: the servo's torque is released."""
+    """Return the report for log and link; `resting`: the torque of the servo is released."""
     per_hour = WINDOW_S / state.recent_s if state.recent_s > 0.0 else 0.0
     return Energy(
         state.travel_rad,

@@ -1,11 +1,12 @@
-"""Which fault decides the mode, and which mode: pure, and the only judge of failsafes.
+"""Failsafes: which fault decides the mode, and which mode it is. Pure.
 
-A fault for which a mode is chosen calls for it from when it is set until it goes, only while the boat is armed. It acts
-in a mode that steers. In MANUAL the operator does, so only the loss of the operator acts there; in a HOLD that was
-ordered the boat was told to do nothing. In a mode that a failsafe chose every fault acts: nobody has been asked.
-Of those that act the first of the table's order of precedence decides, the others wait until it has gone. It takes the
-best mode of its ladder that is possible, and a better one once it becomes possible. Any intent of the operator
-after that wins: none of the faults that stand acts again before it has gone and come back.
+A fault whose parameter chooses a mode calls for that mode while it is set and the boat is armed. It acts in a mode in
+which the autopilot steers. In MANUAL only the loss of the ground station acts, and in a HOLD that the operator ordered
+none. In a mode that a failsafe chose, every fault acts.
+
+Of the faults that act, the first in the order of precedence decides; the others wait until it has cleared. It takes the
+best possible mode of its ladder, and a better one once that becomes possible. A later intent of the operator overrules
+all faults that are set; each of them acts again only after it has cleared.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class FailsafeState(msgspec.Struct, frozen=True):
 
 
 class FailsafeInput(msgspec.Struct, frozen=True):
-    """What a decision depends on; `overruled`: the operator has decided in this tick."""
+    """Inputs of a decision; `overruled`: the operator has decided in this tick."""
 
     active: int
     mode: Mode
@@ -43,16 +44,16 @@ class FailsafeInput(msgspec.Struct, frozen=True):
 
 
 class Decision(msgspec.Struct, frozen=True):
-    """The mode to enter, or that what was interrupted goes on; and the events."""
+    """Mode to enter, whether the interrupted mode resumes, and the events."""
 
     enter: Mode | None = None
     resume: bool = False
     events: tuple[Event, ...] = ()
 
 
-NOTHING = Decision()
+NO_DECISION = Decision()
 
-# The faults that may act, as bits, by what moves the rudder.
+# Faults that may act, as bits, by the source of the rudder command.
 _ACTING: Mapping[RudderBy, int] = {
     RudderBy.NOTHING: 0,
     RudderBy.STICK: sum(1 << fault for fault, row in TABLE.items() if row.acts_in_manual),
@@ -60,42 +61,42 @@ _ACTING: Mapping[RudderBy, int] = {
 }
 
 
-def decide(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Decision]:
-    """Judge a tick."""
-    if not given.active and not state.active:
-        return state, NOTHING
-    overruled = given.overruled or not given.armed or (state.mode is not None and given.mode is not state.mode)
+def decide(state: FailsafeState, inputs: FailsafeInput) -> tuple[FailsafeState, Decision]:
+    """Return the state and the decision of a tick."""
+    if not inputs.active and not state.active:
+        return state, NO_DECISION
+    overruled = inputs.overruled or not inputs.armed or (state.mode is not None and inputs.mode is not state.mode)
     if overruled:
         state = FailsafeState(active=state.active)
-    # A fault whose parameter has been set to "alert only" meanwhile calls for nothing any more.
-    modes = {fault: mode for fault, mode in given.modes.items() if mode is not None}
-    choosable = given.active & sum(1 << fault for fault in modes)
+    # A fault whose parameter has been set to "alert only" meanwhile no longer calls for a mode.
+    modes = {fault: mode for fault, mode in inputs.modes.items() if mode is not None}
+    choosable = inputs.active & sum(1 << fault for fault in modes)
     calling = state.calling & choosable
-    if given.armed:
+    if inputs.armed:
         calling |= choosable & ~state.active
-    state = replace(state, active=given.active, calling=calling)
-    acting = calling & _ACTING[RudderBy.HEADING if given.by_failsafe else MODES[given.mode].rudder_by]
+    state = replace(state, active=inputs.active, calling=calling)
+    acting = calling & _ACTING[RudderBy.HEADING if inputs.by_failsafe else MODES[inputs.mode].rudder_by]
     fault = next((fault for fault in PRECEDENCE if acting >> fault & 1), None)
     if fault is None:
-        return _end(state, given)
+        return _end(state, inputs)
     ladder = failsafe_ladder(modes[fault])
-    mode = next((mode for mode in ladder if mode is Mode.HOLD or given.possible(mode)), Mode.HOLD)
+    mode = next((mode for mode in ladder if mode is Mode.HOLD or inputs.possible(mode)), Mode.HOLD)
     if state.fault is fault and state.mode in ladder and ladder.index(mode) >= ladder.index(state.mode):
-        return state, NOTHING
+        return state, NO_DECISION
     state = replace(state, fault=fault, mode=mode)
-    if mode is given.mode:
-        return state, NOTHING
-    lacking = "" if mode is ladder[0] else f", {ladder[0].name} is impossible"
-    event = Event(TABLE[fault].severity, f"Failsafe: {mode.name}{lacking}")
+    if mode is inputs.mode:
+        return state, NO_DECISION
+    impossible = "" if mode is ladder[0] else f", {ladder[0].name} not possible"
+    event = Event(TABLE[fault].severity, f"Failsafe: {mode.name}{impossible}")
     return state, Decision(enter=mode, events=(event,))
 
 
-def _end(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Decision]:
-    """Go on with what was interrupted, or stay, once nothing calls for a mode any more."""
+def _end(state: FailsafeState, inputs: FailsafeInput) -> tuple[FailsafeState, Decision]:
+    """Resume the interrupted mode, or keep the present one, once no fault calls for a mode."""
     if state.fault is None:
-        return state, NOTHING
-    resumes = given.resume or TABLE[state.fault].always_resumes
+        return state, NO_DECISION
+    resumes = inputs.resume or TABLE[state.fault].always_resumes
     state = FailsafeState(active=state.active, calling=state.calling)
     if resumes:
         return state, Decision(resume=True)
-    return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe over: {given.mode.name} stays"),))
+    return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe ended: {inputs.mode.name} kept"),))

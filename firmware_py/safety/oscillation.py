@@ -2,8 +2,8 @@
 
 Two conditions together are a limit cycle:
 
-* The boat responds late to its rudder: the evidence of the delay test (estimate/delay_test.py) has reached ENOUGH. In a
-  limit cycle, rudder and heading error alone show the control law and not the cause.
+* The boat responds late to its rudder: the evidence of the delay test (estimate/delay_test.py) has reached
+  DETECTION_EVIDENCE. In a limit cycle, rudder and heading error alone show the control law and not the cause.
 * The heading error changes sides, and the half cycle counts: the error exceeds the uncertainty of the heading, the
   rudder followed it to the same side, the goal did not turn meanwhile, and it has lasted longer than one of the waves.
   It counts up to its peak.
@@ -26,7 +26,7 @@ from firmware_py.model.kt import KtModel
 
 # Of the evidence, the logarithm of a likelihood ratio. In 32 minutes of turns it reached 28 at most without a delay, in
 # slow boats whose speed is not well known, and 31 to 448 with one of 12 s (docs/explanation/monitors.md).
-ENOUGH, MOST = 25.0, 50.0
+DETECTION_EVIDENCE, MAX_EVIDENCE = 25.0, 50.0
 MIN_ERROR_RAD: Final = radians(1.5)
 MIN_ERROR_SD: Final = 2.0  # of the heading's standard deviation
 MIN_RUDDER_RAD: Final = radians(2.0)  # well beyond the deadband
@@ -35,11 +35,11 @@ MIN_LAGS: Final = 1.5  # length of a half cycle, by the turning lag of the model
 MIN_WAVE_PERIODS: Final = 0.75
 REDUCTION_STEP: Final = 8.0
 MAX_REDUCTION: Final = 16.0  # where 8 was not enough; with more, a turn takes too long
-HALVES_A_PEAK: Final = 2.0  # length of a half cycle by the time to its peak
-QUIET_HALVES: Final = 1.5  # half cycles without one that counts, which end the limit cycle
-PATIENT_HALVES: Final = 2.0  # half cycles after a step before the next
+HALF_CYCLES_PER_PEAK: Final = 2.0  # length of a half cycle by the time to its peak
+QUIET_HALF_CYCLES: Final = 1.5  # half cycles without one that counts, which end the limit cycle
+WAIT_HALF_CYCLES: Final = 2.0  # half cycles after a step before the next
 HOLD_S, MAX_HOLD_S = 600.0, 86_400.0
-AGAIN_HOLDS: Final = 8.0  # after the first hold: half an hour at full gain
+REPEAT_HOLDS: Final = 8.0  # after the first hold: half an hour at full gain
 RELAX_S: Final = 1200.0  # by a factor of e
 
 
@@ -101,11 +101,11 @@ class OscillationState(NamedTuple):
 START: Final = OscillationState()
 
 
-def update(model: KtModel, state: OscillationState, given: OscillationInput, now_s: float) -> OscillationState:
+def update(model: KtModel, state: OscillationState, inputs: OscillationInput, now_s: float) -> OscillationState:
     """Return the state after a tick."""
-    state = relaxed(state, clamp(state.evidence + given.delay_log_ratio, 0.0, MOST), now_s)
-    error_rad, goal_rad, half = given.error_rad, given.goal_rad, state.half
-    if not math.isfinite(error_rad + goal_rad + given.rudder_rad):
+    state = with_relaxation(state, clamp(state.evidence + inputs.delay_log_ratio, 0.0, MAX_EVIDENCE), now_s)
+    error_rad, goal_rad, half = inputs.error_rad, inputs.goal_rad, state.half
+    if not math.isfinite(error_rad + goal_rad + inputs.rudder_rad):
         return OscillationState(
             NO_HALF, state.goal_rad, state.length_s, state.evidence, False, state.gain_reduction, state.hold_s,
             state.last_cycle_s, state.reduced_s, now_s,
@@ -114,13 +114,13 @@ def update(model: KtModel, state: OscillationState, given: OscillationInput, now
         first = HalfCycle(now_s, 1.0 if error_rad >= 0.0 else -1.0, goal_rad, 0.0, -math.pi, True, False, False)
         return with_half(state, first, goal_rad)
     beyond_rad = error_rad * half.side
-    if beyond_rad <= -RETURN_SHARE * max(MIN_ERROR_RAD, MIN_ERROR_SD * given.heading_sd_rad):
+    if beyond_rad <= -RETURN_SHARE * max(MIN_ERROR_RAD, MIN_ERROR_SD * inputs.heading_sd_rad):
         jumped = abs(wrap_pi(goal_rad - state.goal_rad)) > MIN_ERROR_RAD
         following = HalfCycle(now_s, -half.side, goal_rad, 0.0, -math.pi, jumped, False, half.counts)
         return with_half(state, following, goal_rad)
-    rudder_rad = max(half.rudder_rad, (given.rudder_rad - given.trim_rad) * half.side)
+    rudder_rad = max(half.rudder_rad, (inputs.rudder_rad - inputs.trim_rad) * half.side)
     is_turn = half.is_turn or abs(wrap_pi(goal_rad - half.goal_rad)) > 0.5 * MIN_ERROR_RAD
-    is_new_peak = beyond_rad > half.peak_rad and is_large(model, given, beyond_rad, now_s - half.begun_s)
+    is_new_peak = beyond_rad > half.peak_rad and is_large(model, inputs, beyond_rad, now_s - half.begun_s)
     counts = is_new_peak and rudder_rad >= MIN_RUDDER_RAD and not is_turn
     half = HalfCycle(
         half.begun_s, half.side, half.goal_rad, max(half.peak_rad, beyond_rad), rudder_rad, is_turn,
@@ -129,19 +129,19 @@ def update(model: KtModel, state: OscillationState, given: OscillationInput, now
     state = with_half(state, half, goal_rad)
     if not counts:
         return state
-    if state.evidence >= ENOUGH and (half.follows or state.gain_reduction < REDUCTION_STEP):
-        return reduced(state, half, now_s)
+    if state.evidence >= DETECTION_EVIDENCE and (half.follows or state.gain_reduction < REDUCTION_STEP):
+        return with_reduced_gain(state, half, now_s)
     if state.oscillating:
         return with_cycle(state, state.evidence, state.gain_reduction, state.hold_s, state.reduced_s, now_s)
     return state
 
 
-def is_large(model: KtModel, given: OscillationInput, error_rad: float, length_s: float) -> bool:
+def is_large(model: KtModel, inputs: OscillationInput, error_rad: float, length_s: float) -> bool:
     """Return whether an error on the side of a half cycle that has lasted so long can be one of a limit cycle."""
-    if error_rad < max(MIN_ERROR_RAD, MIN_ERROR_SD * given.heading_sd_rad):
+    if error_rad < max(MIN_ERROR_RAD, MIN_ERROR_SD * inputs.heading_sd_rad):
         return False
-    lag_s = model.turning_lag_s / (max(given.speed_m_s, 0.1 * model.speed_m_s) / model.speed_m_s)
-    return length_s >= max(MIN_LAGS * lag_s, MIN_WAVE_PERIODS * given.wave_period_s)
+    lag_s = model.turning_lag_s / (max(inputs.speed_m_s, 0.1 * model.speed_m_s) / model.speed_m_s)
+    return length_s >= max(MIN_LAGS * lag_s, MIN_WAVE_PERIODS * inputs.wave_period_s)
 
 
 def with_half(state: OscillationState, half: HalfCycle, goal_rad: float) -> OscillationState:
@@ -152,13 +152,13 @@ def with_half(state: OscillationState, half: HalfCycle, goal_rad: float) -> Osci
     )  # fmt: skip
 
 
-def reduced(state: OscillationState, half: HalfCycle, now_s: float) -> OscillationState:
+def with_reduced_gain(state: OscillationState, half: HalfCycle, now_s: float) -> OscillationState:
     """Return the state in a limit cycle, with the gain reduced by a step if the last step had time to act."""
     hold_s = state.hold_s
-    if state.gain_reduction == MAX_REDUCTION or half.begun_s - state.reduced_s <= PATIENT_HALVES * state.length_s:
+    if state.gain_reduction == MAX_REDUCTION or half.begun_s - state.reduced_s <= WAIT_HALF_CYCLES * state.length_s:
         return with_cycle(state, state.evidence, state.gain_reduction, hold_s, state.reduced_s, now_s)
     if not state.oscillating:
-        again = now_s - state.last_cycle_s < AGAIN_HOLDS * hold_s
+        again = now_s - state.last_cycle_s < REPEAT_HOLDS * hold_s
         hold_s = min(2.0 * hold_s, MAX_HOLD_S) if again else HOLD_S
     gain_reduction = REDUCTION_STEP if state.gain_reduction < REDUCTION_STEP else MAX_REDUCTION
     return with_cycle(state, 0.0, gain_reduction, hold_s, now_s, now_s)
@@ -168,19 +168,19 @@ def with_cycle(
     state: OscillationState, evidence: float, gain_reduction: float, hold_s: float, reduced_s: float, now_s: float
 ) -> OscillationState:
     """Return the state with the half cycle under way as the last of a limit cycle."""
-    length_s = HALVES_A_PEAK * (now_s - state.half.begun_s)
+    length_s = HALF_CYCLES_PER_PEAK * (now_s - state.half.begun_s)
     return OscillationState(
         state.half, state.goal_rad, length_s, evidence, True, gain_reduction, hold_s, now_s, reduced_s, state.updated_s,
     )  # fmt: skip
 
 
-def relaxed(state: OscillationState, evidence: float, now_s: float) -> OscillationState:
+def with_relaxation(state: OscillationState, evidence: float, now_s: float) -> OscillationState:
     """Return the state with a limit cycle that has not been seen for a while ended, and the gain rising after it."""
     gain_reduction, oscillating = state.gain_reduction, state.oscillating
     if gain_reduction != 1.0 or oscillating:
         step_s = 0.0 if math.isnan(state.updated_s) else clamp(now_s - state.updated_s, 0.0, 1.0)
         quiet_s = now_s - state.last_cycle_s
-        oscillating = oscillating and quiet_s < QUIET_HALVES * state.length_s
+        oscillating = oscillating and quiet_s < QUIET_HALF_CYCLES * state.length_s
         if quiet_s > state.hold_s:
             gain_reduction = max(gain_reduction * math.exp(-step_s / RELAX_S), 1.0)
     return OscillationState(

@@ -1,10 +1,11 @@
-"""What battery and panels do, put together from all who measure, and the energy that has flowed.
+"""State of battery and panels, combined from all power monitors and chargers, and the energy that has flowed.
 
-A monitor sees all of the battery's current, a charger only what goes through it. So the battery is as the first monitor
-says, the boat's own before another component's; without one it is as a charger says that has the loads on its load
-output. What panels give is what chargers put out. What the loads take is that less what goes into the battery.
+A monitor measures the whole current of the battery, a charger only its own. So voltage and current of the battery are
+those of the first monitor, that of the boat before that of another component; without a monitor, those of a charger
+with the loads on its load output. The power of the panels is the output of the chargers; that of the loads is the same
+less the power into the battery.
 
-Energy is power times the time since the word before, and the time for which that is known is counted beside it.
+Energy is the integral of power over the time between samples; the time for which the power is known is counted, too.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from msgspec.structs import replace
 from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Flow, Power
 
-FRESH_S: Final = 15.0  # another component may speak once in five seconds
+FRESH_S: Final = 15.0  # another component may send only once in 5 s
 COMPANION: Final = 2  # PowerSample.source of another MAVLink component
 Samples = tuple[PowerSample | None, PowerSample | None, PowerSample | None]
 
 
 class PowerMonitorState(msgspec.Struct, frozen=True):
-    """The newest sample by its source, the time of the newest, and what has flowed since start."""
+    """Newest sample of each source, time of the newest one, and energies since the start."""
 
     samples: Samples = (None, None, None)
     updated_s: float | None = None
@@ -35,7 +36,7 @@ class PowerMonitorState(msgspec.Struct, frozen=True):
 
 
 class Supply(msgspec.Struct, frozen=True):
-    """Battery, panels and loads at a moment, None for what nobody measures; a current into the battery is positive."""
+    """State of battery, panels and loads; None: not measured; a current into the battery is positive."""
 
     voltage_v: float | None = None
     current_a: float | None = None
@@ -46,7 +47,7 @@ class Supply(msgspec.Struct, frozen=True):
 
     @property
     def battery_w(self) -> float | None:
-        """What goes into the battery."""
+        """Power into the battery [W]."""
         if self.voltage_v is None or self.current_a is None:
             return None
         return self.voltage_v * self.current_a
@@ -56,7 +57,7 @@ UNKNOWN: Final = Supply()
 
 
 def supply(state: PowerMonitorState, now_s: float) -> Supply:
-    """Return what is known of the supply at now_s."""
+    """Return the state of the supply from the samples of the last FRESH_S."""
     if state.updated_s is None:
         return UNKNOWN
     fresh = [one for one in state.samples if one is not None and now_s - one.t_s <= FRESH_S]
@@ -65,8 +66,8 @@ def supply(state: PowerMonitorState, now_s: float) -> Supply:
     voltage_v = _first(monitors, lambda one: one.voltage_v)
     if voltage_v is None:
         voltage_v = _first(chargers, lambda one: one.voltage_v)
-    solar_w = _sum([_given_w(one) for one in chargers])
-    output_w = _sum([_output_w(one) for one in chargers])
+    solar_w = _sum([_charger_output_w(one) for one in chargers])
+    output_w = _sum([_load_output_w(one) for one in chargers])
     current_a, load_w = _first(monitors, lambda one: one.current_a), output_w
     if current_a is not None and voltage_v is not None and solar_w is not None:
         load_w = solar_w - voltage_v * current_a
@@ -83,7 +84,7 @@ def supply(state: PowerMonitorState, now_s: float) -> Supply:
 
 
 def update(state: PowerMonitorState, samples: Sequence[PowerSample]) -> PowerMonitorState:
-    """Take samples in, in the order in which they have come, and what has flowed by then."""
+    """Return the state after samples, in the order of their arrival, with the energies up to then."""
     for sample in samples:
         newest: list[PowerSample | None] = list(state.samples)
         newest[sample.source] = sample
@@ -95,21 +96,21 @@ def update(state: PowerMonitorState, samples: Sequence[PowerSample]) -> PowerMon
         battery_w = known.battery_w
         state = replace(
             state,
-            solar=_flown(state.solar, known.solar_w, step_s),
-            load=_flown(state.load, known.load_w, step_s),
-            charged=_flown(state.charged, None if battery_w is None else max(0.0, battery_w), step_s),
-            discharged=_flown(state.discharged, None if battery_w is None else max(0.0, -battery_w), step_s),
+            solar=_integrated(state.solar, known.solar_w, step_s),
+            load=_integrated(state.load, known.load_w, step_s),
+            charged=_integrated(state.charged, None if battery_w is None else max(0.0, battery_w), step_s),
+            discharged=_integrated(state.discharged, None if battery_w is None else max(0.0, -battery_w), step_s),
         )
     return state
 
 
-def silent(state: PowerMonitorState, now_s: float) -> bool:
-    """Whether one who was heard says nothing any more."""
+def has_silent_source(state: PowerMonitorState, now_s: float) -> bool:
+    """Return whether a source that has sent samples is silent."""
     return state.updated_s is not None and any(one is not None and now_s - one.t_s > FRESH_S for one in state.samples)
 
 
 def report(state: PowerMonitorState, now_s: float) -> Power | None:
-    """Return what log and link show; None when nobody has ever measured anything."""
+    """Return the report for log and link; None before the first sample."""
     if state.updated_s is None:
         return None
     known = supply(state, now_s)
@@ -127,19 +128,19 @@ def report(state: PowerMonitorState, now_s: float) -> Power | None:
     )
 
 
-def _flown(flow: Flow, power_w: float | None, step_s: float) -> Flow:
+def _integrated(flow: Flow, power_w: float | None, step_s: float) -> Flow:
     return flow if power_w is None else Flow(flow.energy_j + power_w * step_s, flow.measured_s + step_s)
 
 
-def _given_w(charger: PowerSample) -> float | None:
-    """Return what a charger puts out: finer than the power of its panels, which it tells in whole watts."""
+def _charger_output_w(charger: PowerSample) -> float | None:
+    """Return the output of a charger from voltage and current; the power of its panels is rounded to whole watts."""
     if charger.voltage_v is None or charger.current_a is None:
         return charger.solar_w
     return max(0.0, charger.voltage_v * (charger.current_a + (charger.load_a or 0.0)))
 
 
-def _output_w(charger: PowerSample) -> float | None:
-    """Return what a charger's load output takes."""
+def _load_output_w(charger: PowerSample) -> float | None:
+    """Return the power of the load output of a charger."""
     return None if charger.voltage_v is None or charger.load_a is None else charger.voltage_v * charger.load_a
 
 
@@ -148,6 +149,6 @@ def _first(samples: Sequence[PowerSample], read: Callable[[PowerSample], float |
 
 
 def _sum(values: Sequence[float | None]) -> float | None:
-    """Return the sum of values, None when one is not known or there is none."""
+    """Return the sum of values; None if one is not known or there is none."""
     known = [value for value in values if value is not None]
     return sum(known) if known and len(known) == len(values) else None

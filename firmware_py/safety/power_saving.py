@@ -1,4 +1,4 @@
-"""How she saves power: which parameters hold instead of those that were set, by how far the battery is down."""
+"""Power saving: which parameters replace those that were set while the battery is low."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.faults.table import Fault
 
 
-class Saving(IntEnum):
-    """How far she saves; the mode of the last step is the failsafe's (FS_BATT_ACT)."""
+class PowerSaving(IntEnum):
+    """Level of power saving; the mode at HEADING_ONLY is that of the failsafe (FS_BATT_ACT)."""
 
-    NOTHING = 0
-    SAVES = 1
-    KEEPS_HEADING = 2
+    OFF = 0
+    SAVING = 1
+    HEADING_ONLY = 2
 
 
 class BatteryLimits(msgspec.Struct, frozen=True):
-    """Charge (0 to 1) and voltage of the battery below which she saves, and only keeps her heading; 0: never."""
+    """Charge (0 to 1) and voltage of the battery below which power is saved, and only the heading is kept; 0: never."""
 
     save_charge: float
     save_v: float
@@ -41,24 +41,24 @@ class BatteryLimits(msgspec.Struct, frozen=True):
         )
 
 
-# What holds while she saves, from what was set.
+# Replaced values, from those that were set.
 _WHILE_SAVING: Final[Mapping[str, Callable[[ParameterSet], float]]] = {
     "CTL_PRICE": lambda values: min(values["CTL_PRICE"] * values["PWR_PRICE"], TABLE[INDEX["CTL_PRICE"]].maximum),
     "LOOP_RATE_HZ": lambda values: min(values["LOOP_RATE_HZ"], values["PWR_LOOP_HZ"]),
 }
 
 
-def saving(active: int) -> Saving:
-    """Return how far she saves while these faults (as bits) are set."""
+def level_of(active: int) -> PowerSaving:
+    """Return the level of power saving while these faults (as bits) are set."""
     if active >> Fault.BATTERY_CRITICAL & 1:
-        return Saving.KEEPS_HEADING
-    return Saving.SAVES if active >> Fault.BATTERY_LOW & 1 else Saving.NOTHING
+        return PowerSaving.HEADING_ONLY
+    return PowerSaving.SAVING if active >> Fault.BATTERY_LOW & 1 else PowerSaving.OFF
 
 
 @functools.lru_cache(maxsize=8)
-def parameters_in_force(parameters: ParameterSet, how: Saving) -> ParameterSet:
-    """Return the parameters that hold while she saves."""
-    if how is Saving.NOTHING:
+def parameters_in_force(parameters: ParameterSet, level: PowerSaving) -> ParameterSet:
+    """Return the parameters in force at a level of power saving."""
+    if level is PowerSaving.OFF:
         return parameters
     held = parameters
     for name, value in _WHILE_SAVING.items():

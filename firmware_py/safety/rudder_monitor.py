@@ -1,9 +1,9 @@
-"""Whether the rudder goes where it is sent, and when to stop pulling at it.
+"""Monitor of the rudder: does it follow its command, is it jammed, is the servo current too high.
 
-Judged by motion toward the command and not by a model of the servo: a slow one is not at
-fault, one that stands still is jammed, one that moves elsewhere deviates. A rudder that is
-jammed or draws too much is relieved: the command follows the measured angle, so that nothing
-pulls, and it is tried again now and then for a moment shorter than a stall that hurts.
+The test is motion towards the command, not a model of the servo: a slow rudder is no fault, one that stands still is
+jammed, one that moves elsewhere deviates. A rudder that is jammed or draws too much current is relieved: the command
+follows the measured angle, so that the servo does not pull. At intervals it is tried again, for less time than a stall
+that damages the servo.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import RudderStatus
 
-AT_COMMAND_RAD: Final = radians(3.0)  # nearer than this to the command it is where it shall be
+AT_COMMAND_RAD: Final = radians(3.0)  # tolerance of the angle at the command
 MOVED_RAD: Final = radians(0.5)  # six counts of a coarse encoder
 FREE_RAD: Final = radians(1.0)
 RESPONSE_S: Final = 1.5
@@ -29,7 +29,7 @@ WIGGLE_RAD: Final = radians(6.0)
 
 
 class RudderMonitorSettings(msgspec.Struct, frozen=True):
-    """The servo current that may flow, 0 for any."""
+    """Maximum servo current; 0: no limit."""
 
     current_limit_a: float
 
@@ -40,11 +40,11 @@ class RudderMonitorSettings(msgspec.Struct, frozen=True):
 
 
 class RudderMonitorState(msgspec.Struct, frozen=True):
-    """The angle and time of the last progress toward the command and of the last motion, and what follows.
+    """Angle and time of the last progress towards the command and of the last motion, and the verdicts.
 
-    `side` is to which side the command lies. `jammed_rad` is where it jammed, `high_current_s`
-    since when the current is too high, `overloaded` whether that has lasted; `relieved_s` is when
-    it was last relieved, None while it is not; `release_rad` is the command that does not pull at it.
+    `side`: side on which the command lies. `jammed_rad`: angle at which the rudder jammed. `high_current_s`: since when
+    the current is too high. `overloaded`: for OVERLOAD_S. `relieved_s`: when the rudder was last relieved, None: it is
+    not. `release_rad`: the command that does not load the servo.
     """
 
     progress_rad: float | None = None
@@ -62,18 +62,18 @@ class RudderMonitorState(msgspec.Struct, frozen=True):
 
     @property
     def jammed(self) -> bool:
-        """Whether it stood still when it should have moved, and has not moved since."""
+        """Whether the rudder stood still when it should have moved, and has not moved since."""
         return self.jammed_rad is not None
 
     def trial(self, now_s: float) -> bool:
-        """Whether a relieved rudder is being tried at now_s."""
+        """Return whether a relieved rudder is being tried at now_s."""
         return self.relieved_s is not None and now_s - self.relieved_s >= RELIEF_S
 
 
 def update(
     settings: RudderMonitorSettings, state: RudderMonitorState, rudder: RudderStatus, *, engaged: bool
 ) -> RudderMonitorState:
-    """Judge a tick; `engaged`: the motor shall pull, and is not known to be without torque."""
+    """Return the state after a tick; `engaged`: the servo torque is on, as far as it is known."""
     state = _judge_current(state, rudder, settings.current_limit_a)
     if rudder.is_new and rudder.measured:
         state = _judge_motion(state, rudder, engaged=engaged)
@@ -83,7 +83,7 @@ def update(
         return replace(state, relieved_s=rudder.t_s)
     if rudder.t_s - state.relieved_s < RELIEF_S + TRIAL_S:
         return state
-    # The trial is over: what did not pull too hard in it is sound again.
+    # The trial is over: without too high a current in it, the overload has ended.
     if state.high_current_s is None:
         state = replace(state, overloaded=False)
     return replace(state, relieved_s=rudder.t_s if state.jammed or state.overloaded else None)
@@ -133,9 +133,9 @@ def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, engaged: b
 
 
 def _release_rad(state: RudderMonitorState, rudder: RudderStatus) -> float:
-    """Return the angle where it stands, and halfway there while it moves.
+    """Return the measured angle or, while the rudder moves, half way from it to the command.
 
-    What it answers is older than where it is: sent to where it was it would swing to and fro for ever.
+    The measured angle is older than the true one: a rudder commanded to it would oscillate.
     """
     angle_rad, before_rad, kept_rad = rudder.angle_rad, state.measured_rad, state.release_rad
     if before_rad is None or abs(angle_rad - before_rad) >= MOVED_RAD:
@@ -144,7 +144,7 @@ def _release_rad(state: RudderMonitorState, rudder: RudderStatus) -> float:
 
 
 def release_command(state: RudderMonitorState, command_rad: float, now_s: float) -> float:
-    """Return the command that does not pull while the rudder is relieved; a trial goes to the command, or wiggles."""
+    """Return the command that relieves the servo; in a trial, the true command or, if the rudder is there, a wiggle."""
     measured_rad, release_rad = state.measured_rad, state.release_rad
     if state.relieved_s is None or measured_rad is None:
         return command_rad

@@ -1,7 +1,7 @@
 """Detect loss of steering: a sequential test (Page, 1954) of responding boats against one that does not respond.
 
-Each of BOATS turns by a good part of what the model says, late and slower or not, or the other way. One more turns by
-the disturbance alone: trim, wind and current, a rudder angle that wanders about a mean as a first-order Gauss-Markov
+Each of RESPONSES turns by a good part of what the model says, late and slower or not, or the other way. One more turns
+by the disturbance alone: trim, wind and current, a rudder angle that wanders about a mean as a first-order Gauss-Markov
 process. For each boat, a Kalman filter of two states, heading and that angle, gives the likelihood of the observed
 headings. Its gain is the same for all, so that of each boat without a rudder only the difference to it is kept. The
 log-likelihood ratio is summed up from where it last favoured the responding boat. Once the sum is against every boat,
@@ -31,16 +31,16 @@ from firmware_py.model.kt import KtModel, decay_over, scaled
 class Response(NamedTuple):
     """A responding boat: its delay in blocks, its turning lag by that of the model, and its part of the turn.
 
-    `least_part` is the smallest part of the turn that the test allows for.
+    `min_part` is the smallest part of the turn that the test allows for.
     """
 
     delay_blocks: int
     lags: float
     part: float
-    least_part: float
+    min_part: float
 
 
-BOATS: Final = (
+RESPONSES: Final = (
     Response(0, 1.0, 1.0, 0.6),  # nominal
     Response(2, 1.0, 1.0, 0.6),
     Response(4, 1.0, 1.0, 0.6),
@@ -58,25 +58,25 @@ BOATS: Final = (
     Response(0, 3.0, -1.0, -0.6),
     Response(4, 3.0, -1.0, -0.6),
 )
-SPEED_S: Final = 200.0  # memory of the mean speed: at first the estimate takes a turn that does not come for lost speed
-FAR_OFF_RAD: Final = radians(10.0)
+SPEED_MEMORY_S: Final = 200.0  # of the mean speed: at first the estimate explains a missing turn by lost speed
+LARGE_ERROR_RAD: Final = radians(10.0)
 # Disturbance as a rudder angle: initial standard deviation about its mean, correlation time, and time in which both are
 # learned.
-DISTURBANCE_RAD: Final = radians(2.0)
+INITIAL_DISTURBANCE_RAD: Final = radians(2.0)
 CORRELATION_S: Final = 100.0
-LEARNED_S: Final = 1800.0
-GUSTS_SQUARE_S: Final = radians(6.0) ** 2  # white part of the disturbance in a second, at least
+DISTURBANCE_MEMORY_S: Final = 1800.0
+MIN_GUST_RAD2_S: Final = radians(6.0) ** 2  # white part of the disturbance in a second, at least
 DIFFUSION_PART: Final = 0.5  # of the learned diffusion: a part of it is the wander that is learned here
 NOISE_SHARE: Final = 0.7  # of the heading's standard deviation, from block to block
 # A turn of so many standard deviations beyond any rudder: a breaking sea turned the boat.
 FULL_RUDDER_RAD: Final = radians(45.0)
-KNOCK_SIGMAS: Final = 3.0
-ENOUGH: Final = 7.0  # of a log-likelihood ratio; 6.8 were reached in 38 days of turns in eleven seas
-AGAIN: Final = 20.0  # for a recovery: a disturbance without a rudder looks like one
+KNOCK_SDS: Final = 3.0
+LOSS_EVIDENCE: Final = 7.0  # of a log-likelihood ratio; 6.8 were reached in 38 days of turns in eleven seas
+RECOVERY_EVIDENCE: Final = 20.0  # for a recovery: a disturbance without a rudder looks like one
 
 
 class ResponseState(NamedTuple):
-    """State of one of BOATS: its rudder after the lag, its filter, and the evidence against it.
+    """State of one of RESPONSES: its rudder after the lag, its filter, and the evidence against it.
 
     `beyond_rad` is the innovation of the heading after the update, `disturbance_rad` the disturbance, `mean_rad` its
     mean. `lacks_rad` and `lacks_disturbance_rad`: by how much heading and disturbance would be less without a rudder
@@ -92,11 +92,13 @@ class ResponseState(NamedTuple):
     evidence: float = 0.0
 
 
-FIRST: Final = ResponseState()
+INITIAL_RESPONSE: Final = ResponseState()
 S = ResponseState
 Boats = tuple[S, S, S, S, S, S, S, S, S, S, S, S, S, S, S, S]
-START_OF_ALL: Final[Boats] = (
-    FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST, FIRST,
+INITIAL_BOATS: Final[Boats] = (
+    INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE,
+    INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE,
+    INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE, INITIAL_RESPONSE,
 )  # fmt: skip
 Rudders = tuple[float, float, float, float, float, float, float]
 
@@ -115,16 +117,16 @@ class SteeringLossState(NamedTuple):
     near_s: float = 0.0
     heading_variance: float = math.nan
     covariance: float = 0.0
-    disturbance_variance: float = DISTURBANCE_RAD * DISTURBANCE_RAD
-    wander: float = DISTURBANCE_RAD * DISTURBANCE_RAD
-    boats: Boats = START_OF_ALL
+    disturbance_variance: float = INITIAL_DISTURBANCE_RAD * INITIAL_DISTURBANCE_RAD
+    wander: float = INITIAL_DISTURBANCE_RAD * INITIAL_DISTURBANCE_RAD
+    boats: Boats = INITIAL_BOATS
     lost: bool = False
 
 
 class Block(NamedTuple):
-    """A block as all boats see it: the turn, its length, the lag of the model, the turn by a rudder, and the filter.
+    """Inputs of a block, the same for all boats: turn, duration, lag of the model, turn per rudder angle, filter gains.
 
-    `near`: the boat is about where it is to be. `side`: of its goal; 0 by hand.
+    `near`: the heading error is small. `side`: sign of the error; 0 by hand.
     """
 
     turned_rad: float
@@ -139,11 +141,11 @@ class Block(NamedTuple):
     side: float
 
 
-def interrupted(state: SteeringLossState) -> SteeringLossState:
-    """Begin the sums again, with the verdict and what has been learned: there was no heading for a while."""
+def restart_after_gap(state: SteeringLossState) -> SteeringLossState:
+    """Restart the sums after a time without a heading; the verdict and the learned values are kept."""
     return SteeringLossState(
         state.rudders_rad, state.speed_m_s, state.seen_s, state.near_s, math.nan, 0.0, state.disturbance_variance,
-        state.wander, restarted(state.boats, INTERRUPTED), state.lost,
+        state.wander, restart_all(state.boats, INTERRUPTED), state.lost,
     )  # fmt: skip
 
 
@@ -159,15 +161,15 @@ def update(
     diffusion_rad2_s: float,
 ) -> SteeringLossState:
     """Return the state after a block: its mean rudder, its turn and its length; an error of NaN is by hand."""
-    near, by_hand = abs(error_rad) < FAR_OFF_RAD, math.isnan(error_rad)
-    seen_s = min(state.seen_s + step_s, SPEED_S)
+    near, by_hand = abs(error_rad) < LARGE_ERROR_RAD, math.isnan(error_rad)
+    seen_s = min(state.seen_s + step_s, SPEED_MEMORY_S)
     speed_m_s = state.speed_m_s + step_s / seen_s * (speed_m_s - state.speed_m_s)
     nominal_m_s = model.speed_m_s
     ability_1_s, lag_s, _ = scaled(model, clamp(speed_m_s, 0.1 * nominal_m_s, 10.0 * nominal_m_s) / nominal_m_s)
     by_rudder, keep = ability_1_s * step_s, math.exp(-step_s / CORRELATION_S)
     noise = (NOISE_SHARE * heading_sd_rad) * (NOISE_SHARE * heading_sd_rad)
     heading = noise if math.isnan(state.heading_variance) else state.heading_variance
-    gusts = max(GUSTS_SQUARE_S, DIFFUSION_PART * diffusion_rad2_s / (ability_1_s * ability_1_s)) / step_s
+    gusts = max(MIN_GUST_RAD2_S, DIFFUSION_PART * diffusion_rad2_s / (ability_1_s * ability_1_s)) / step_s
     heading += by_rudder * (2.0 * state.covariance + by_rudder * (state.disturbance_variance + gusts))
     covariance = keep * (state.covariance + by_rudder * state.disturbance_variance)
     disturbance = keep * keep * state.disturbance_variance + (1.0 - keep * keep) * state.wander
@@ -175,44 +177,44 @@ def update(
     by_heading, by_disturbance = heading / variance, covariance / variance
     rudders_rad = (rudder_rad, *state.rudders_rad[:-1])
     by_any_rudder_rad = by_rudder * FULL_RUDDER_RAD
-    if turned_rad * turned_rad > KNOCK_SIGMAS * KNOCK_SIGMAS * (variance + by_any_rudder_rad * by_any_rudder_rad):
-        return interrupted(state)
-    near_s = min(state.near_s + step_s, LEARNED_S) if near else state.near_s
+    if turned_rad * turned_rad > KNOCK_SDS * KNOCK_SDS * (variance + by_any_rudder_rad * by_any_rudder_rad):
+        return restart_after_gap(state)
+    near_s = min(state.near_s + step_s, DISTURBANCE_MEMORY_S) if near else state.near_s
     disturbance_variance = disturbance - by_disturbance * covariance
     side = 0.0 if by_hand else math.copysign(1.0, error_rad)
     block = Block(turned_rad, step_s, lag_s, by_rudder, keep, by_heading, by_disturbance, variance, near, side)
-    boats = advanced(state.boats, rudders_rad, state.lost, near_s, block)
+    boats = advance_all(state.boats, rudders_rad, state.lost, near_s, block)
     first, wander = boats[0], state.wander
     if first.evidence == 0.0 and not state.lost:
         off_rad = first.disturbance_rad - first.mean_rad
-        wander += step_s / LEARNED_S * (off_rad * off_rad + disturbance_variance - wander)
-    lost = most_evidence(boats) <= AGAIN if state.lost else least_evidence(boats) > ENOUGH
+        wander += step_s / DISTURBANCE_MEMORY_S * (off_rad * off_rad + disturbance_variance - wander)
+    lost = max_evidence(boats) <= RECOVERY_EVIDENCE if state.lost else min_evidence(boats) > LOSS_EVIDENCE
     if lost != state.lost:
-        boats = restarted(boats, LOST if lost else RECOVERED)
+        boats = restart_all(boats, LOST if lost else RECOVERED)
     return SteeringLossState(
         rudders_rad, speed_m_s, seen_s, near_s, heading * (1.0 - by_heading), covariance * (1.0 - by_heading),
         disturbance_variance, wander, boats, lost,
     )  # fmt: skip
 
 
-def least_evidence(boats: Boats) -> float:
-    """Return the least evidence against a boat."""
-    least = boats[0].evidence
+def min_evidence(boats: Boats) -> float:
+    """Return the smallest evidence against a boat."""
+    smallest = boats[0].evidence
     for boat in boats:
-        least = min(least, boat.evidence)
-    return least
+        smallest = min(smallest, boat.evidence)
+    return smallest
 
 
-def most_evidence(boats: Boats) -> float:
+def max_evidence(boats: Boats) -> float:
     """Return the largest evidence for a boat that does not turn the other way."""
-    most = boats[0].evidence
+    largest = boats[0].evidence
     for i in range(len(boats)):
-        if BOATS[i].part > 0.0:
-            most = max(most, boats[i].evidence)
-    return most
+        if RESPONSES[i].part > 0.0:
+            largest = max(largest, boats[i].evidence)
+    return largest
 
 
-def advanced(
+def advance_all(
     b: Boats,
     rudders_rad: Rudders,
     lost: bool,  # noqa: FBT001 - compiled
@@ -250,8 +252,8 @@ def advance(
     block: Block,
     first: ResponseState,
 ) -> ResponseState:
-    """Return the boat of this number in BOATS after a block; `first` is the nominal one after it."""
-    kind, step_s, by_rudder = BOATS[number], block.step_s, block.by_rudder
+    """Return the boat of this number in RESPONSES after a block; `first` is the nominal one after it."""
+    kind, step_s, by_rudder = RESPONSES[number], block.step_s, block.by_rudder
     commanded_rad, part = rudders_rad[kind.delay_blocks], kind.part
     lag_s, over_rad = kind.lags * block.lag_s, boat.rudder_rad - commanded_rad
     gone = 1.0 - decay_over(step_s, lag_s)
@@ -259,11 +261,11 @@ def advance(
     beyond_rad = boat.beyond_rad + block.turned_rad - by_rudder * boat.disturbance_rad
     lacks_rad = boat.lacks_rad + by_rudder * (boat.lacks_disturbance_rad + rudder_rad)
     if lost:
-        with_rad = beyond_rad - kind.least_part * lacks_rad
+        with_rad = beyond_rad - kind.min_part * lacks_rad
         gained = 0.5 * (beyond_rad * beyond_rad - with_rad * with_rad) / block.variance
     else:
         beyond_rad -= by_rudder * part * rudder_rad
-        with_rad, without_rad = beyond_rad + (part - kind.least_part) * lacks_rad, beyond_rad + part * lacks_rad
+        with_rad, without_rad = beyond_rad + (part - kind.min_part) * lacks_rad, beyond_rad + part * lacks_rad
         gained = 0.5 * (with_rad * with_rad - without_rad * without_rad) / block.variance
         if block.near or block.side * rudder_rad < 0.0:
             gained = min(gained, 0.0)
@@ -286,32 +288,32 @@ def advance(
     )  # fmt: skip
 
 
-INTERRUPTED, LOST, RECOVERED = 0, 1, 2  # why the sums begin again
+INTERRUPTED, LOST, RECOVERED = 0, 1, 2  # reasons of a restart
 
 
-def restarted(b: Boats, why: int) -> Boats:
+def restart_all(b: Boats, reason: int) -> Boats:
     """Return the boats with new sums, and filters that fit the verdict."""
     return (
-        restart(0, b[0], why, b[0]), restart(1, b[1], why, b[0]), restart(2, b[2], why, b[0]),
-        restart(3, b[3], why, b[0]), restart(4, b[4], why, b[0]), restart(5, b[5], why, b[0]),
-        restart(6, b[6], why, b[0]), restart(7, b[7], why, b[0]), restart(8, b[8], why, b[0]),
-        restart(9, b[9], why, b[0]), restart(10, b[10], why, b[0]), restart(11, b[11], why, b[0]),
-        restart(12, b[12], why, b[0]), restart(13, b[13], why, b[0]), restart(14, b[14], why, b[0]),
-        restart(15, b[15], why, b[0]),
+        restart(0, b[0], reason, b[0]), restart(1, b[1], reason, b[0]), restart(2, b[2], reason, b[0]),
+        restart(3, b[3], reason, b[0]), restart(4, b[4], reason, b[0]), restart(5, b[5], reason, b[0]),
+        restart(6, b[6], reason, b[0]), restart(7, b[7], reason, b[0]), restart(8, b[8], reason, b[0]),
+        restart(9, b[9], reason, b[0]), restart(10, b[10], reason, b[0]), restart(11, b[11], reason, b[0]),
+        restart(12, b[12], reason, b[0]), restart(13, b[13], reason, b[0]), restart(14, b[14], reason, b[0]),
+        restart(15, b[15], reason, b[0]),
     )  # fmt: skip
 
 
-def restart(number: int, boat: ResponseState, why: int, first: ResponseState) -> ResponseState:
+def restart(number: int, boat: ResponseState, reason: int, first: ResponseState) -> ResponseState:
     """Return a boat with a new sum.
 
     After a loss, the filters are those of the nominal boat without a rudder; after a recovery, each is that of its boat
     with one.
     """
-    beyond_rad, disturbance_rad, part = 0.0, boat.disturbance_rad, BOATS[number].part
-    if why == LOST:
+    beyond_rad, disturbance_rad, part = 0.0, boat.disturbance_rad, RESPONSES[number].part
+    if reason == LOST:
         beyond_rad = first.beyond_rad + first.lacks_rad
         disturbance_rad = first.disturbance_rad - first.lacks_disturbance_rad
-    elif why == RECOVERED:
+    elif reason == RECOVERED:
         beyond_rad = boat.beyond_rad - part * boat.lacks_rad
         disturbance_rad += part * boat.lacks_disturbance_rad
     return ResponseState(boat.rudder_rad, beyond_rad, disturbance_rad, boat.mean_rad, 0.0, 0.0, 0.0)

@@ -16,17 +16,16 @@ from firmware_py.common.angles import clamp, wrap_pi
 from firmware_py.model.kt import KtModel, scaled
 from firmware_py.safety import steering_loss, steering_reversal
 from firmware_py.safety.steering_loss import SteeringLossState
-from firmware_py.safety.steering_reversal import ReversalState, Turn
-from firmware_py.safety.turn_order import ordered_s
+from firmware_py.safety.steering_reversal import ReversalState, Turn, commanded_turn_s
 
-SLOW_S: Final = 60.0  # slower changes of the rudder are trim
+TRIM_TIME_CONSTANT_S: Final = 60.0  # slower changes of the rudder are trim
 BLOCK_S: Final = 2.0
 
 
 class SteeringInput(NamedTuple):
     """Measured rudder of a tick, estimated heading and its standard deviation, speed, heading error.
 
-    `heading_rad` is NaN while nothing can be learned. `shown_rad` is the heading of the compass (NaN: none),
+    `heading_rad` is NaN while nothing can be learned. `compass_rad` is the heading of the compass (NaN: none),
     `error_rad` the goal less the heading (NaN: the boat does not steer for a heading), `diffusion_rad2_s` that of the
     heading and `trim_rad` the mean rudder bias, as they have been learned (0: not yet).
     """
@@ -36,7 +35,7 @@ class SteeringInput(NamedTuple):
     heading_sd_rad: float
     speed_m_s: float
     error_rad: float
-    shown_rad: float = math.nan
+    compass_rad: float = math.nan
     diffusion_rad2_s: float = 0.0
     trim_rad: float = 0.0
 
@@ -48,7 +47,7 @@ class Block(NamedTuple):
     heading_rad: float = 0.0
     t_s: float = 0.0
     rudder_rad_s: float = 0.0
-    shown_rad: float = math.nan
+    compass_rad: float = math.nan
 
 
 class SteeringMonitorState(NamedTuple):
@@ -75,7 +74,7 @@ def update(
     model: KtModel,
     servo_reversed: bool,  # noqa: FBT001 - compiled
     state: SteeringMonitorState,
-    given: SteeringInput,
+    inputs: SteeringInput,
     now_s: float,
 ) -> SteeringMonitorState:
     """Return the state after a tick. The turn is that of the heading over a block, the rudder its mean.
@@ -88,45 +87,48 @@ def update(
     if servo_reversed != reversal.servo_reversed:
         reversal = steering_reversal.begin(servo_reversed)
     step_s = now_s - block.begun_s
-    rudder_rad_s = block.rudder_rad_s + given.rudder_rad * (now_s - block.t_s)
-    if not math.isfinite(given.heading_rad) or not math.isfinite(given.rudder_rad):
+    rudder_rad_s = block.rudder_rad_s + inputs.rudder_rad * (now_s - block.t_s)
+    if not math.isfinite(inputs.heading_rad) or not math.isfinite(inputs.rudder_rad):
         if not math.isnan(block.begun_s):
-            loss = steering_loss.interrupted(loss)
+            loss = steering_loss.restart_after_gap(loss)
         block = NO_BLOCK
     elif step_s < BLOCK_S and now_s >= block.t_s:
-        block = Block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad)
+        block = Block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.compass_rad)
     else:
         if step_s >= BLOCK_S and now_s >= block.t_s:
-            turn = turn_of(block, given, rudder_rad_s, step_s)
-            speed_m_s = given.speed_m_s if math.isnan(slow_speed_m_s) else slow_speed_m_s
+            turn = turn_of(block, inputs, rudder_rad_s, step_s)
+            speed_m_s = inputs.speed_m_s if math.isnan(slow_speed_m_s) else slow_speed_m_s
             loss = steering_loss.update(
-                model, loss, turn.rudder_rad, turn.turned_rad, step_s, given.heading_sd_rad, given.speed_m_s,
-                given.error_rad, given.diffusion_rad2_s,
+                model, loss, turn.rudder_rad, turn.turned_rad, step_s, inputs.heading_sd_rad, inputs.speed_m_s,
+                inputs.error_rad, inputs.diffusion_rad2_s,
             )  # fmt: skip
             reversal = steering_reversal.update(
                 at_speed(model, speed_m_s),
                 reversal,
                 turn,
                 slow_rudder_rad,
-                given.error_rad,
-                given.heading_sd_rad,
-                given.diffusion_rad2_s, given.trim_rad,
+                inputs.error_rad,
+                inputs.heading_sd_rad,
+                inputs.diffusion_rad2_s, inputs.trim_rad,
             )  # fmt: skip
             over_rad = turn.rudder_rad - slow_rudder_rad
-            order_s = ordered_s(order_s, over_rad, given.error_rad, step_s)
+            order_s = commanded_turn_s(order_s, over_rad, inputs.error_rad, step_s)
             # By hand the boat may be kept straight with any trim.
-            if order_s == 0.0 or math.isnan(given.error_rad):
-                part = 1.0 - math.exp(-step_s / SLOW_S)
+            if order_s == 0.0 or math.isnan(inputs.error_rad):
+                part = 1.0 - math.exp(-step_s / TRIM_TIME_CONSTANT_S)
                 slow_rudder_rad += part * over_rad
-                slow_speed_m_s = speed_m_s + part * (given.speed_m_s - speed_m_s)
-        block = Block(now_s, given.heading_rad, now_s, 0.0, given.shown_rad)
+                slow_speed_m_s = speed_m_s + part * (inputs.speed_m_s - speed_m_s)
+        block = Block(now_s, inputs.heading_rad, now_s, 0.0, inputs.compass_rad)
     return SteeringMonitorState(order_s, slow_rudder_rad, slow_speed_m_s, block, reversal, loss)
 
 
-def turn_of(block: Block, given: SteeringInput, rudder_rad_s: float, step_s: float) -> Turn:
+def turn_of(block: Block, inputs: SteeringInput, rudder_rad_s: float, step_s: float) -> Turn:
     """Return the turn of a block that ends, 0 by a compass that was absent."""
-    turned_rad, shown_rad = wrap_pi(given.heading_rad - block.heading_rad), wrap_pi(given.shown_rad - block.shown_rad)
-    return Turn(rudder_rad_s / step_s, turned_rad, 0.0 if math.isnan(shown_rad) else shown_rad, step_s)
+    turned_rad, compass_turn_rad = (
+        wrap_pi(inputs.heading_rad - block.heading_rad),
+        wrap_pi(inputs.compass_rad - block.compass_rad),
+    )
+    return Turn(rudder_rad_s / step_s, turned_rad, 0.0 if math.isnan(compass_turn_rad) else compass_turn_rad, step_s)
 
 
 def at_speed(model: KtModel, speed_m_s: float) -> KtModel:

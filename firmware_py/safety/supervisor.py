@@ -1,4 +1,4 @@
-"""The supervisor of a tick: rudder, steering, failsafes, and the rudder without a heading."""
+"""Supervisor of a tick: monitors of rudder and steering, failsafes, and the rudder without a heading."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from firmware_py.safety.oscillation import OscillationInput, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorState
 
-HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
+HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind need
 HARD_OVER_S: Final = 30.0
 # An intent after which a failsafe that has acted is over.
 OVERRULING: Final[tuple[type[Intent], ...]] = (
@@ -37,9 +37,9 @@ OVERRULING: Final[tuple[type[Intent], ...]] = (
 
 
 class SupervisorSettings(msgspec.Struct, frozen=True):
-    """What each fault does to the mode, whether what was interrupted goes on after it, and when a fault stands.
+    """Failsafe mode of each fault, whether the interrupted mode resumes after it, and limits of the faults.
 
-    `failsafe_modes` are of the faults whose parameters choose; None: alert only.
+    `failsafe_modes`: of the faults with a parameter; None: alert only.
     """
 
     rudder_monitor: RudderMonitorSettings
@@ -73,10 +73,10 @@ class SupervisorSettings(msgspec.Struct, frozen=True):
 
 
 class SupervisorState(msgspec.Struct, frozen=True):
-    """What the supervisor remembers.
+    """State of the supervisor.
 
-    `interrupted`: what a failsafe broke off; `left`: where one has left her that ends without FS_RESUME.
-    `hard_over_s`: since when the rudder is far over without a heading; `kept_amidships`: that has been ended.
+    `interrupted`: mode and goal before the failsafe. `left`: those that the failsafe chose, which stay without
+    FS_RESUME. `hard_over_s`: since when the rudder is far over without a heading. `kept_amidships`: that has ended.
     """
 
     rudder_monitor: RudderMonitorState = RudderMonitorState()
@@ -89,15 +89,15 @@ class SupervisorState(msgspec.Struct, frozen=True):
     hard_over_s: float | None = None
     kept_amidships: bool = False
 
-    def goes_on_with(self, *, resume: bool) -> ModeState | None:
-        """Return what she goes on with after the failsafe that acts, None while none does; `resume`: FS_RESUME."""
+    def mode_after_failsafe(self, *, resume: bool) -> ModeState | None:
+        """Return mode and goal after the failsafe that acts; None: none acts. `resume`: FS_RESUME."""
         return self.interrupted if resume or self.left is None else self.left
 
 
 def update(
     settings: SupervisorSettings, state: SupervisorState, rudder: RudderStatus, *, engaged: bool
 ) -> SupervisorState:
-    """Judge a tick's rudder; `engaged`: its motor shall pull, and is not known to be without torque."""
+    """Update the rudder monitor; `engaged`: the servo torque is on, as far as it is known."""
     monitor = rudder_monitor.update(settings.rudder_monitor, state.rudder_monitor, rudder, engaged=engaged)
     return state if monitor is state.rudder_monitor else replace(state, rudder_monitor=monitor)
 
@@ -105,19 +105,23 @@ def update(
 def judge_steering(
     settings: SupervisorSettings,
     state: SupervisorState,
-    shown: SteeringInput,
-    seen: OscillationInput,
+    steering: SteeringInput,
+    oscillation_input: OscillationInput,
     now_s: float,
 ) -> SupervisorState:
     """Update the monitors of steering, limit cycle and convergence of the heading."""
     return replace(
         state,
         steering_monitor=steering_monitor.update(
-            settings.model, settings.servo_reversed, state.steering_monitor, shown, now_s
+            settings.model, settings.servo_reversed, state.steering_monitor, steering, now_s
         ),
-        oscillation=oscillation.update(settings.model, state.oscillation, seen, now_s),
+        oscillation=oscillation.update(settings.model, state.oscillation, oscillation_input, now_s),
         convergence=convergence.update(
-            state.convergence, seen.error_rad, seen.rudder_rad, settings.rudder_limit_rad, now_s
+            state.convergence,
+            oscillation_input.error_rad,
+            oscillation_input.rudder_rad,
+            settings.rudder_limit_rad,
+            now_s,
         ),
     )
 
@@ -131,7 +135,7 @@ def apply_failsafe(
     *,
     overruled: bool,
 ) -> tuple[SupervisorState, ModeState, tuple[Event, ...]]:
-    """Let the failsafes decide about the mode."""
+    """Return state and mode after the decision of the failsafes, and the events."""
     failsafe_input = FailsafeInput(
         active,
         modes.mode,
@@ -148,9 +152,9 @@ def apply_failsafe(
         return state, modes, ()
     if failsafe.fault is None:
         ended = replace(state, failsafe=failsafe, interrupted=None, left=None)
-        goes_on = state.goes_on_with(resume=settings.resume)
-        if decision.resume and goes_on is not None:
-            return ended, *_resumed(modes, goes_on, situation)
+        resumed = state.mode_after_failsafe(resume=settings.resume)
+        if decision.resume and resumed is not None:
+            return ended, *_resumed(modes, resumed, situation)
         return ended, modes, decision.events
     interrupted, left = state.interrupted, state.left
     if before.fault is None or overruled:
@@ -166,21 +170,21 @@ def apply_failsafe(
 
 def _resumed(modes: ModeState, before: ModeState, situation: Situation) -> tuple[ModeState, tuple[Event, ...]]:
     if before.mode is modes.mode:
-        stays = Event(Severity.NOTICE, f"Failsafe over: {modes.mode.name} stays")
+        stays = Event(Severity.NOTICE, f"Failsafe ended: {modes.mode.name} kept")
         return replace(modes, by_failsafe=before.by_failsafe), (stays,) if before.by_failsafe else ()
-    # A mode that a stick steers is the operator's to choose: whether there is a hand on it is not known.
+    # The operator has to choose MANUAL again, because it is not known whether the stick is in use.
     by_stick = MODES[before.mode].rudder_by is RudderBy.STICK
-    if obstacle := "nobody at the stick" if by_stick else obstacle_to(before.mode, situation):
-        text = f"Failsafe over: {modes.mode.name} stays, {obstacle}"
+    if obstacle := "no stick input" if by_stick else obstacle_to(before.mode, situation):
+        text = f"Failsafe ended: {modes.mode.name} kept, {obstacle}"
         return modes, (Event(Severity.NOTICE, text[:50]),)
     resumed = replace(modes, mode=before.mode, goal=before.goal, by_failsafe=before.by_failsafe)
-    return resumed, (Event(Severity.NOTICE, f"Failsafe over: {before.mode.name} goes on"),)
+    return resumed, (Event(Severity.NOTICE, f"Failsafe ended: {before.mode.name} resumed"),)
 
 
 def limit_without_heading(
     state: SupervisorState, demand_rad: float, command_rad: float, modes: ModeState, now_s: float, *, heading_ok: bool
 ) -> tuple[SupervisorState, float]:
-    """Never let the rudder stay far over without a heading: after a while it goes amidships until one is back."""
+    """Return the rudder demand limited without a heading: amidships after HARD_OVER_S with the rudder far over."""
     if heading_ok or MODES[modes.mode].rudder_by is RudderBy.STICK or not modes.armed:
         if state.hard_over_s is None and not state.kept_amidships:
             return state, demand_rad

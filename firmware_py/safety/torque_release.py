@@ -1,7 +1,7 @@
-"""Lets the rudder servo rest: torque is released while the command stands and nothing pulls.
+"""Release of the servo torque while the command is constant and the load is small.
 
-The torque is back before the rudder moves, and at once when the released rudder is pushed away; then
-it is not released again for a while. A servo that cannot be released says so and is left alone.
+The torque is on again before the rudder moves, and at once when the released rudder is pushed away; then it is not
+released again for AFTER_PUSH_S. A servo that does not release its torque is not asked again meanwhile.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ STEADY_RAD: Final = radians(0.05)
 AT_COMMAND_RAD: Final = radians(1.0)
 PUSHED_RAD: Final = radians(1.0)
 IDLE_A: Final = 0.1
-RELEASE_TIME_S: Final = 1.0  # how long a servo may take to release
+RELEASE_TIME_S: Final = 1.0  # maximum time that a servo takes to release
 AFTER_PUSH_S: Final = 300.0
 
 
 class TorqueReleaseSettings(msgspec.Struct, frozen=True):
-    """How long the command must have stood before the torque is released, 0 for never."""
+    """Time of a constant command after which the torque is released; 0: never."""
 
     release_after_s: float
 
@@ -36,7 +36,7 @@ class TorqueReleaseSettings(msgspec.Struct, frozen=True):
 
 
 class TorqueReleaseState(msgspec.Struct, frozen=True):
-    """The command that stands and since when; since when the torque is released, and until when it must not be."""
+    """The constant command and its begin; since when the torque is released, and until when it must not be."""
 
     command_rad: float = 0.0
     steady_since_s: float = 0.0
@@ -52,7 +52,7 @@ class TorqueReleaseState(msgspec.Struct, frozen=True):
 def update(
     settings: TorqueReleaseSettings, state: TorqueReleaseState, command_rad: float, rudder: RudderStatus, now_s: float
 ) -> TorqueReleaseState:
-    """Decide whether the torque is released from now on."""
+    """Return the state after a tick, with the decision whether the torque is released."""
     if settings.release_after_s <= 0.0 and not state.released:
         return state
     if settings.release_after_s <= 0.0 or abs(command_rad - state.command_rad) > STEADY_RAD:

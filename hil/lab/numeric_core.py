@@ -34,7 +34,6 @@ from firmware_py.estimate import (
     heading_tick,
     prediction_check,
     sources,
-    stay,
     water,
     water_filter,
     water_results,
@@ -48,14 +47,13 @@ from firmware_py.safety import (
     steering_loss,
     steering_monitor,
     steering_reversal,
-    turn_order,
 )
 
 __all__ = [
     "ERROR_MODEL", "MODULES", "Gains", "HeadingSettings", "LawConstants", "LawSettings", "Motion", "NoiseLevels",
     "angles", "convergence", "delay_test", "fixed_gain", "functions_of", "heading_estimate", "heading_filter",
     "heading_model", "heading_tick", "inner", "kt", "law", "oscillation", "prediction_check", "rudder_limit",
-    "sample_timeout", "sources", "stay", "steering_loss", "steering_monitor", "steering_reversal", "turn_order",
+    "sample_timeout", "sources", "steering_loss", "steering_monitor", "steering_reversal",
     "water", "water_filter", "water_results",
 ]  # fmt: skip
 
@@ -63,9 +61,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 ERROR_MODEL: Final = "numpy"
 MODULES: Final = (
-    angles, sample_timeout, kt, heading_estimate, fixed_gain, stay, sources, heading_model, heading_filter,
+    angles, sample_timeout, kt, heading_estimate, fixed_gain, sources, heading_model, heading_filter,
     prediction_check, delay_test, water_filter, water_results, water, heading_tick, law, rudder_limit, oscillation,
-    convergence, turn_order, steering_loss, steering_reversal, steering_monitor,
+    convergence, steering_loss, steering_reversal, steering_monitor,
 )  # fmt: skip
 
 

@@ -176,7 +176,7 @@ def test_what_is_no_goal_is_refused_and_changes_nothing(start_hil, connect):
     assert (beat.custom_mode, beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) == (GUIDED, 128)
     happened = re.findall(r"(?:info|notice) +(.*)", hil.firmware_log.read_text())
     # At start, and by the HIL's operator, whose two orders may fall into one tick or into two.
-    assert happened[:2] == ["Mode HOLD", "Heading from compass A"]
+    assert happened[:2] == ["Mode HOLD", "Heading source: compass A"]
     assert sorted(happened[2:]) == ["Armed", "Mode GUIDED"]
     hil.end()
 

@@ -100,7 +100,7 @@ KNOWN = (
     r"AP: RC override does nothing in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING",
     r"AP: Restart refused: armed", r"AP: Bench rudder refused: armed",
     r"AP: Mission unusable: keeping station", r"AP: Mission problem cleared",
-    r"AP: Heading from compass A", r"AP: AUTO refused: .*mission.*",
+    r"AP: Heading source: compass A", r"AP: AUTO refused: .*mission.*",
     r"AP: Control loop is (?:late|in time again)", r"AP: Ground station (?:silent|heard again)",
 )  # fmt: skip
 

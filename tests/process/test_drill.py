@@ -48,7 +48,7 @@ MUTATIONS = (
     ("safety/rudder_monitor.py", "if state.relieved_s is None or", "if state is not None or", "rudder jammed"),
     ("safety/rudder_monitor.py", "if state.relieved_s is None or", "if state is not None or", "servo overloaded"),
     ("faults/table.py", 'text="Fence breached"', 'text="Fence"', "outside the fence"),
-    ("safety/failsafe.py", "given.resume or TABLE", "TABLE", "station silent"),
+    ("safety/failsafe.py", "inputs.resume or TABLE", "TABLE", "station silent"),
     ("faults/table.py", "VOLTAGE_MARGIN_FACTOR: Final = 1.03", "VOLTAGE_MARGIN_FACTOR: Final = 1.0", "supply low"),
     ("faults/table.py", "TEMPERATURE_MARGIN_C: Final = 5.0", "TEMPERATURE_MARGIN_C: Final = 0.0", "servo hot"),
     (
@@ -63,9 +63,9 @@ MUTATIONS = (
     ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),
     ("safety/failsafe.py", "(active=state.active)\n    # A", "()\n    # A", "operator steers on"),
     ("safety/failsafe.py", "in PRECEDENCE if", "in reversed(PRECEDENCE) if", "servo hot and supply low"),
-    ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if False else", "another failsafe"),
-    ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if state.fault else", "another failsafe"),
-    ("estimate/stay.py", "STAYED_S: Final = 2.0", "STAYED_S: Final = 2e3", "knocked round by a sea"),
+    ("safety/failsafe.py", "HEADING if inputs.by_failsafe else", "HEADING if False else", "another failsafe"),
+    ("safety/failsafe.py", "HEADING if inputs.by_failsafe else", "HEADING if state.fault else", "another failsafe"),
+    ("estimate/sources.py", "PLATEAU_TIME_S: Final = 2.0", "PLATEAU_TIME_S: Final = 2e3", "knocked round by a sea"),
     ("core/estimate_step.py", "return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)",
      "return replace(place, dead_reckoning=sailed)", "position lost on a mission"),
 )  # fmt: skip

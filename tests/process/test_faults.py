@@ -61,7 +61,7 @@ def held_then_amidships(bench, t0_s):
 
 def steers_by_course(bench, _t0_s):
     """Go on steering, by the course over ground."""
-    assert any(text.startswith("Heading from course") for text in bench.texts_since(0.0))
+    assert any(text.startswith("Heading source: course") for text in bench.texts_since(0.0))
     assert bench.mode() == "GUIDED"
     assert abs(bench.heading_error_deg()) < 10.0
 

@@ -49,8 +49,8 @@ def test_a_change_of_the_last_bits_of_a_gain_is_found(capsys, monkeypatch):
 
     right = law.gains_of
 
-    def nearly_right(ship, stiffness):
-        gains = right(ship, stiffness)
+    def nearly_right(ship, gain):
+        gains = right(ship, gain)
         return gains._replace(k1=gains.k1 * (1.0 + 16.0 * sys.float_info.epsilon))
 
     monkeypatch.setattr(law, "gains_of", nearly_right)

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from firmware_py.common.angles import radians
 from firmware_py.estimate import heading_model
 from firmware_py.estimate.heading_filter import PRIOR, HeadingFilter, begin, update
-from firmware_py.estimate.heading_model import NUMBERS, Motion, store
+from firmware_py.estimate.heading_model import ROW_LENGTH, Motion, write_row
 from firmware_py.model.kt import KtModel
 from hil.lab.compiled import compiled
 
@@ -263,10 +263,10 @@ def informed(sea: Sea, recording: Recording, *, rudder_known: bool = True) -> Es
 @compiled
 def learned_rows(t_s, compass_rad, rudder_rad, model):
     """Run the heading filter of the boat; return it as it is at the end, and its numbers at each row."""
-    f, rows = begin(t_s[0], compass_rad[0]), np.empty((t_s.size, NUMBERS))
+    f, rows = begin(t_s[0], compass_rad[0]), np.empty((t_s.size, ROW_LENGTH))
     for row in range(t_s.size):
         f = update(f, model, t_s[row], compass_rad[row], rudder_rad[row - 1] if row else 0.0)
-        store(rows[row], f.motion)
+        write_row(rows[row], f.motion)
     return f, rows
 
 

@@ -61,14 +61,14 @@ def voyage(at, waters, a, taken, helm, task, record, levels, informed, fixed):
             s = heading_tick.HeadingTick(
                 s.sources,
                 f,
-                s.silent,
-                s.silent_s,
+                s.uncorrected,
+                s.uncorrected_s,
                 s.check,
                 s.delay,
                 s.smoothed,
                 s.bias_mean_rad,
                 s.rudder_rad,
-                s.swing_rad2,
+                s.wave_yaw_rad2,
             )
             taken = EstimatorState(
                 s, taken.water, taken.heading_s, taken.heading_interval_s, taken.fix_s, taken.fix_interval_s

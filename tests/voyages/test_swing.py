@@ -9,7 +9,7 @@ import pytest
 from firmware_py.common.angles import TWO_PI, clamp, degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, HeadingSample, Inputs, NorthReference, PositionSample, Tick
-from firmware_py.estimate.swinging import Swinging
+from firmware_py.estimate.deviation_estimator import DeviationEstimator
 from hil.ship.noise import NormalNumbers, Stream, generator
 from support import rig
 from support.plans import placed
@@ -21,7 +21,7 @@ RESOLUTION_RAD = radians(0.1)
 def sailed(name, seed, hours, leg_s=LEG_S):
     """Sail courses drawn by chance, by a helm that knows her true heading; return what her sensors have told."""
     scenario, courses = rig.sea(name), random.Random(seed)
-    hull, swinging = rig.FineHull(scenario, seed), Swinging(ParameterSet())
+    hull, estimator = rig.FineHull(scenario, seed), DeviationEstimator(ParameterSet())
     noise, goal_rad, rudder_rad = NormalNumbers(generator(seed, Stream.COMPASS)), 0.0, 0.0
     for tick in range(round(hours * 36000)):
         t_s = 0.1 * tick
@@ -39,9 +39,9 @@ def sailed(name, seed, hours, leg_s=LEG_S):
             course_rad = math.atan2(east, north) % TWO_PI
             fixes = (PositionSample(t_s, FixType.FIX_3D, *place, 0.0, math.hypot(north, east), course_rad),)
         headings = (HeadingSample(t_s, shown_rad, NorthReference.TRUE),)
-        swinging.take(Inputs(Tick(tick, t_s, 0.0, 0, 10.0), headings, fixes))
+        estimator.take(Inputs(Tick(tick, t_s, 0.0, 0, 10.0), headings, fixes))
         hull.step(rudder_rad)
-    return swinging
+    return estimator
 
 
 def truth_of(name):
@@ -57,14 +57,14 @@ def truth_of(name):
     return np.degrees(np.linalg.lstsq(parts(true_rad - deviation), deviation, rcond=None)[0])
 
 
-def errors_of(swinging, name):
-    return np.array([degrees(one) for one in swinging.result().coefficients_rad]) - truth_of(name)
+def errors_of(estimator, name):
+    return np.array([degrees(one) for one in estimator.result().coefficients_rad]) - truth_of(name)
 
 
 def test_an_hour_on_two_courses_is_no_proposal():
-    swinging = sailed("ocean-2", 1, 0.2, leg_s=360.0)
-    assert sum(swinging.state.sectors) >= 5
-    assert not swinging.result().ready
+    estimator = sailed("ocean-2", 1, 0.2, leg_s=360.0)
+    assert sum(estimator.state.sectors) >= 5
+    assert not estimator.result().ready
 
 
 @pytest.mark.proof

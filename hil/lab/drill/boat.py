@@ -224,8 +224,8 @@ class DrillBoat:
 
     def steers_by_course(self) -> bool:
         """Return whether the heading now comes from the course over ground, as the autopilot last reported."""
-        sources = [text for _, _, text in self.station.texts if text.startswith("Heading from")]
-        return bool(sources) and sources[-1].startswith("Heading from course")
+        sources = [text for _, _, text in self.station.texts if text.startswith("Heading source")]
+        return bool(sources) and sources[-1].startswith("Heading source: course")
 
     def rudder_deg(self) -> float:
         """Return the true rudder angle."""

@@ -89,26 +89,28 @@ class Drill:
 BOOK: tuple[Drill, ...] = (
     Drill(
         "no heading", "No valid heading", "Heading recovered", compass_and_receiver(True), compass_and_receiver(False),
-        15.0, 70.0, 32.0, centred, ("Compass: no data", "GPS position lost", "Heading from", "Heading lost"),
+        15.0, 70.0, 32.0, centred, ("Compass: no data", "GPS position lost", "Heading source", "Heading lost"),
         settings={"CTL_HOLD_S": 5.0},
     ),
     Drill(
         "compass silent", "Compass: no data", "Compass: data recovered", put("compass.silent", True),
-        put("compass.silent", False), 2.0, 4.0, 30.0, on_course, ("Heading from", "Compass heading jumped"), pair=True,
+        put("compass.silent", False), 2.0, 4.0, 30.0, on_course,
+        ("Heading source", "Compass heading jumped"), pair=True,
     ),
     Drill(
         "compass frozen", "Compass frozen: not used", "Compass no longer frozen", put("compass.frozen", True),
-        put("compass.frozen", False), 32.0, 5.0, 5.0, on_course, ("Heading from", "Compass heading jumped"), pair=True,
+        put("compass.frozen", False), 32.0, 5.0, 5.0, on_course,
+        ("Heading source", "Compass heading jumped"), pair=True,
     ),
     Drill(
         "compass turned by 180 deg", "Compass heading jumped", "Compass heading plausible again",
         put("attitude.error_rad", radians(180.0)), put("attitude.error_rad", 0.0), 4.0, 70.0, 20.0, on_course,
-        ("Heading from", "Heading estimate", "No valid heading"),
+        ("Heading source", "Heading estimate", "No valid heading"),
     ),
     Drill(
         "turned by a breaking wave", "Compass heading jumped", "Compass heading plausible again",
         turned_by_wave(radians(90.0), 1.5), nothing, 4.0, 12.0, 4.0, on_course,
-        ("Heading from", "Heading estimate", "No valid heading"),
+        ("Heading source", "Heading estimate", "No valid heading"),
     ),
     Drill(
         "turned by a breaking wave without a receiver", "Compass heading jumped", "Compass heading plausible again",
@@ -123,7 +125,7 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "compass loses and flips bytes", "", "", lambda boat: spoil(boat, 0.02), lambda boat: spoil(boat, 0.0),
-        0.0, 0.0, 60.0, on_course, ("Compass", "Heading from"), pair=True,
+        0.0, 0.0, 60.0, on_course, ("Compass", "Heading source"), pair=True,
     ),
     Drill(
         "position lost", "GPS position lost", "GPS position recovered", put("receiver.fix", False),
@@ -249,8 +251,8 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "first of two compasses silent", "Compass: no data", "Compass: data recovered", put("compass.silent", True),
-        put("compass.silent", False), 2.0, 4.0, 30.0, both(on_course, also_reported("Heading from compass B")),
-        ("Heading from",), "turning", fitted=("compass_b",),
+        put("compass.silent", False), 2.0, 4.0, 30.0, both(on_course, also_reported("Heading source: compass B")),
+        ("Heading source",), "turning", fitted=("compass_b",),
     ),
     Drill(
         "position lost on a mission", "GPS position lost", "GPS position recovered",
@@ -270,7 +272,8 @@ BOOK: tuple[Drill, ...] = (
             4.0, put("servo.motor.temperature_c", 75.0), put("servo.motor.temperature_c", 60.0),
             put("servo.motor.voltage_v", 10.5),
         ),
-        put("servo.motor.voltage_v", 12.0), 16.0, 12.0, 1.0, both(also_reported("Failsafe over: HOLD"), in_mode("RTL")),
+        put("servo.motor.voltage_v", 12.0), 16.0, 12.0, 1.0,
+        both(also_reported("Failsafe ended: HOLD"), in_mode("RTL")),
         ("Rudder servo", "Failsafe", "Mode", "Return"), "straight",
         settings={"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0, "FS_RUD_ACT": 1.0}, check_after=in_mode("RTL"),
     ),

@@ -83,7 +83,7 @@ def predicted(
     for row in range(at_s.shape[0]):
         if not math.isfinite(motions[row, 0]):
             continue
-        motion = heading_model.stored(motions[row])
+        motion = heading_model.read_row(motions[row])
         level = levels[row]
         noise = heading_model.NoiseLevels(level[0], level[1], level[2], level[3], level[4], level[5])
         model = kt.KtModel(models[row, 0], models[row, 1], models[row, 2], 0.0, 1.0)

@@ -155,7 +155,7 @@ def _filter_row(settings: Settings, state: State, now_s: float) -> tuple[float, 
     if tick.filter.t_s != now_s:
         return (math.nan,) * (len(Motion._fields) + LEVELS + 4)
     model = water.model_at_speed(settings.heading_estimator.tick.model, estimator.water)
-    inflation = prediction_check.inflation(tick.check)
+    inflation = prediction_check.sd_inflation(tick.check)
     return (*tick.filter.motion, *tick.filter.levels, *model[:3], inflation)
 
 

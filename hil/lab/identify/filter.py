@@ -21,7 +21,7 @@ from hil.lab.numeric_core import Motion, NoiseLevels, heading_model, inner, kt
 LN_K, LN_T, ALPHA, OFFSET, DELAY, LAG, EXPONENT, DIFFUSION, WAVE, PERIOD, DAMPING, COMPASS, WALK, GYRO = range(14)
 UNKNOWNS = 14
 
-OUTLIER = heading_model.OUTLIER
+OUTLIER = heading_model.OUTLIER_SQUARE
 UNKNOWN_RATE_VARIANCE = 1.0  # at the first row of a recording without yaw rates
 BIAS_MEMORY_S = 300.0  # the bias at the first row lies around delta0 as after a walk of so long
 

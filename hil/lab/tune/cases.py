@@ -96,7 +96,7 @@ def pilot_of(parameters: ParameterSet) -> Pilot:
 
 
 def steps_within(ship: KtModel, step_s: float) -> int:
-    """Return how many Runge-Kutta steps a time step takes, as stiffness asks; ValueError for what is no ship.
+    """Return the number of Runge-Kutta steps of a time step; ValueError for what is no ship.
 
     By similarity the time step is one of LARGEST_STEP_S of a ship that is so much faster, so that
     the plant's own bound on the step, which is for reading it in between, does not count.

@@ -98,7 +98,7 @@ def pilot_steers(
     """Return the rudder command of a tick from compass and servo; the first sample is in the state already."""
     heading_rad, yaw_rate_rad_s = state[HEADING_RAD], state[YAW_RATE_RAD_S]
     if tick > 0:
-        heading_rad, yaw_rate_rad_s = fixed_gain.predicted(
+        heading_rad, yaw_rate_rad_s = fixed_gain.predict(
             heading_rad,
             yaw_rate_rad_s,
             rudder_rad,
@@ -107,7 +107,7 @@ def pilot_steers(
             pilot.turning_ability_1_s,
             pilot.turning_lag_s,
         )
-        heading_rad, yaw_rate_rad_s = fixed_gain.corrected(
+        heading_rad, yaw_rate_rad_s = fixed_gain.correct(
             heading_rad, yaw_rate_rad_s, measured_rad, step_s, state[THETA], pilot.rate_limit_rad_s
         )
         state[HEADING_RAD], state[YAW_RATE_RAD_S] = heading_rad, yaw_rate_rad_s

@@ -100,7 +100,7 @@ class ControlState(NamedTuple):
 
 def initial_state(boat: Boat) -> tuple[EstimatorState, ControlState]:
     """Return the states before the first tick."""
-    expected = water.expecting(0.0, 0.0, boat.cruise_speed_m_s)
+    expected = water.initial_state(0.0, 0.0, boat.cruise_speed_m_s)
     taken = EstimatorState(heading_tick.START, expected, np.nan, np.nan, np.nan, np.nan)
     return taken, ControlState(law.IDLE, oscillation.START, steering_monitor.START)
 

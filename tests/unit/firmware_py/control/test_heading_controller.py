@@ -37,23 +37,23 @@ def test_an_error_to_starboard_gives_rudder_to_starboard(mode, estimate):
 
 
 @pytest.mark.parametrize("mode", TABLE)
-def test_without_an_estimate_the_s_surface_stands_in_and_nothing_is_remembered(mode):
+def test_without_an_estimate_the_fixed_gains_are_used_and_no_state_is_kept(mode):
     expected_rad = s_surface(Gains.of(ParameterSet()), 0.1, 0.01)
     assert steered(mode, 0.1, estimate=None) == (IDLE, expected_rad)
 
 
-def test_fixed_gains_steer_by_error_and_yaw_rate_alone_and_forget_the_turn_of_another_controller():
+def test_fixed_gains_use_error_and_yaw_rate_alone():
     assert steered(0, 0.1) == steered(0, 0.1, estimate=None, state=IDLE, command_rad=0.3)
 
 
-def test_the_scheduled_controller_carries_its_turn_on():
+def test_the_scheduled_controller_keeps_its_reference():
     state, _ = steered(1, 0.5)
     assert state.reference != UNDER_WAY.reference
     again, _ = steered(1, 0.5, state=state)
     assert again.reference.yaw_rate_rad_s > state.reference.yaw_rate_rad_s > 0.0
 
 
-def test_the_scheduled_controller_leaves_the_rudder_near_its_demand_and_without_steerage_way():
+def test_the_scheduled_controller_keeps_the_rudder_in_the_deadband_and_without_steerage_way():
     low_rad, high_rad = (steered(1, 0.001, command_rad=command_rad)[1] for command_rad in (-0.5, 0.5))
     assert low_rad < high_rad
     near_rad = 0.4 * low_rad + 0.6 * high_rad

@@ -30,7 +30,7 @@ def turned(ship, step_deg, seconds, step_s=0.1, gain_reduction=1.0):
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.4, 0.9, 1.2])
 @pytest.mark.parametrize("step_deg", [-170.0, -90.0, 10.0, 60.0])
 @pytest.mark.parametrize("bias_deg", [0.0, 5.0])
-def test_it_comes_to_the_goal_without_overshoot(speed_m_s, step_deg, bias_deg):
+def test_it_reaches_the_goal_without_overshoot(speed_m_s, step_deg, bias_deg):
     ship = ship_at(speed_m_s, math.radians(bias_deg))
     headings, rudders = turned(ship, step_deg, 260.0)
     goal = math.radians(step_deg)
@@ -46,7 +46,7 @@ def test_it_is_fast_enough_in_the_tank():
 
 
 @pytest.mark.parametrize("gain_reduction", [2.0, 4.0, 8.0])
-def test_softened_it_turns_with_less_rudder_and_comes_to_the_goal(gain_reduction):
+def test_with_reduced_gain_it_turns_with_less_rudder_and_reaches_the_goal(gain_reduction):
     """In the time that each 1 of gain reduction beyond the first stands for it turns by LEAD_RAD at most."""
     ship = ship_at(0.4)
     headings, rudders = turned(ship, 100.0, 400.0, gain_reduction=gain_reduction)
@@ -58,13 +58,13 @@ def test_softened_it_turns_with_less_rudder_and_comes_to_the_goal(gain_reduction
 
 
 @pytest.mark.parametrize("step_s", [0.02, 1.0])
-def test_it_stays_calm_at_other_rates_of_the_loop(step_s):
+def test_it_is_stable_at_other_loop_rates(step_s):
     headings, _ = turned(ship_at(1.2), 60.0, 100.0, step_s)
     assert headings[-1] == pytest.approx(math.radians(60.0), abs=math.radians(0.5))
     assert max(headings) < math.radians(62.0)
 
 
-def test_the_angle_run_on_is_that_of_the_equation():
+def test_the_stopping_angle_solves_the_equation():
     ship, rate, angle, brake = ship_at(0.4), 0.02, 0.0, 0.4
     expected = stopping_angle(ship, rate, brake)
     while rate > 0.0:

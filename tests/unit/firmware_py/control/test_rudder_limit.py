@@ -11,26 +11,26 @@ LIMITS = RudderLimits(limit_rad=0.5, slew_rad_s=0.5, deadband_rad=0.02)
 
 
 @given(st.floats(-0.5, 0.5), st.floats(), st.floats(0.0, 1.0))
-def test_the_command_stays_within_limit_and_slew_whatever_is_asked(command_rad, demand_rad, step_s):
+def test_the_command_stays_within_limit_and_slew(command_rad, demand_rad, step_s):
     next_rad = limited_command(LIMITS, command_rad, demand_rad, step_s)
     assert abs(next_rad) <= LIMITS.limit_rad + 1e-12
     assert abs(next_rad - command_rad) <= LIMITS.slew_rad_s * step_s + 1e-12
 
 
-def test_a_demand_within_the_deadband_moves_nothing():
+def test_a_demand_within_the_deadband_does_not_move_the_command():
     assert limited_command(LIMITS, 0.1, 0.119, 1.0) == 0.1
     assert limited_command(LIMITS, 0.1, 0.121, 1.0) == pytest.approx(0.121)
 
 
-def test_nan_moves_nothing():
+def test_nan_does_not_move_the_command():
     assert limited_command(LIMITS, 0.1, math.nan, 1.0) == 0.1
 
 
-def test_a_smaller_limit_brings_the_command_back():
+def test_a_smaller_limit_reduces_the_command():
     assert limited_command(LIMITS, 0.7, 0.7, 1.0) == pytest.approx(0.5)
 
 
-def test_without_reverse_the_shaft_turns_with_the_rudder_as_far():
+def test_without_reversal_shaft_and_rudder_turn_alike():
     linkage = Linkage.of(ParameterSet())
     assert (linkage.to_shaft(0.1), linkage.to_rudder(0.1)) == (0.1, 0.1)
 

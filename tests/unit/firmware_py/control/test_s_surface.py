@@ -33,12 +33,12 @@ def test_it_is_odd_and_limited(error_rad, rate_rad_s):
 
 
 @given(st.floats(-3.0, 3.0), st.floats(0.0, 0.1), st.floats(-0.05, 0.05))
-def test_more_error_never_asks_for_less_rudder(error_rad, more_rad, rate_rad_s):
+def test_a_larger_error_never_demands_less_rudder(error_rad, more_rad, rate_rad_s):
     assert s_surface(PAPER, error_rad + more_rad, rate_rad_s) >= s_surface(PAPER, error_rad, rate_rad_s)
 
 
 @pytest.mark.parametrize(("step_deg", "overshoot_percent"), [(30.0, 1.6), (90.0, 0.6)])
-def test_overshoot_on_the_noiseless_model_is_the_paper_s(step_deg, overshoot_percent):
+def test_the_overshoot_without_noise_is_that_of_the_paper(step_deg, overshoot_percent):
     """physics.md section 4: 1.6 % for a 30 degree step, 0.6 % for 90 degrees."""
     model = OCEAN_RAMBLER
     goal_rad = math.radians(step_deg)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control import law
 from firmware_py.control.law import (
-    DELIVERED,
+    DEFAULT_CONSTANTS,
     IDLE,
     REDUCED_BIAS_S,
     LawSettings,
@@ -32,30 +32,30 @@ def at(estimate):
     return Reference(estimate.heading_rad, estimate.yaw_rate_rad_s)
 
 
-def test_on_the_goal_the_rudder_asks_for_the_bias_alone():
+def test_at_the_goal_the_demand_is_the_bias():
     _, demand_rad, _ = demand_of(at(ESTIMATE), ESTIMATE, 0.0)
     assert demand_rad == pytest.approx(0.05, abs=1e-9)
 
 
-def test_the_ship_is_the_model_at_the_estimated_speed():
+def test_the_model_is_scaled_to_the_estimated_speed():
     model = SETTINGS.model
     ship = ship_at_speed(SETTINGS, ESTIMATE._replace(speed_m_s=2.0 * model.speed_m_s), 0.05)
     assert ship.turning_ability_1_s == pytest.approx(2.0 * model.turning_ability_1_s)
     assert ship.turning_lag_s == pytest.approx(0.5 * model.turning_lag_s)
 
 
-def test_small_errors_meet_the_optimal_regulator():
-    ship, stiffness = ship_at_speed(SETTINGS, ESTIMATE, 0.05), 1.7
-    gains = gains_of(ship, stiffness)
+def test_for_small_errors_the_law_is_the_optimal_regulator():
+    ship, gain = ship_at_speed(SETTINGS, ESTIMATE, 0.05), 1.7
+    gains = gains_of(ship, gain)
     by_error = s_surface(gains, 1e-5, 0.0) / 1e-5
     by_rate = -s_surface(gains, 0.0, 1e-6) / 1e-6
     k, t = ship.turning_ability_1_s, ship.turning_lag_s
-    assert by_error == pytest.approx(stiffness, rel=1e-6)
-    # The algebraic Riccati equation of min integral of error^2 + (rudder / stiffness)^2 gives both gains.
-    assert k * by_rate**2 + 2.0 * by_rate == pytest.approx(2.0 * t * stiffness, rel=1e-6)
+    assert by_error == pytest.approx(gain, rel=1e-6)
+    # The algebraic Riccati equation of min integral of error^2 + (rudder / gain)^2 gives both gains.
+    assert k * by_rate**2 + 2.0 * by_rate == pytest.approx(2.0 * t * gain, rel=1e-6)
 
 
-def test_a_softer_helm_asks_for_less_rudder_in_a_narrower_band_about_the_same_trim():
+def test_a_reduced_gain_demands_less_rudder_in_a_narrower_deadband():
     on_goal = Reference(ESTIMATE.heading_rad + 0.02, 0.0)
     _, full_rad, full_band_rad = demand_of(on_goal, ESTIMATE, 0.02)
     _, reduced_rad, reduced_band_rad = demand_of(on_goal, ESTIMATE, 0.02, gain_reduction=4.0)
@@ -80,23 +80,23 @@ def turned(gain_reduction, late_s=0.0, slower=1.0, seconds=300.0):
     return headings
 
 
-def test_a_softened_helm_makes_a_turn_in_twice_the_time_of_a_stiff_one():
+def test_a_reduced_gain_turns_in_twice_the_time():
     """With the rudder fed forward divided by the gain reduction, it took five times as long."""
-    soft, stiff = turned(8.0), turned(1.0)
-    assert sum(heading < 95.0 for heading in soft) <= 2.2 * sum(heading < 95.0 for heading in stiff)
-    assert max(soft) < 102.0
+    reduced, full = turned(8.0), turned(1.0)
+    assert sum(heading < 95.0 for heading in reduced) <= 2.2 * sum(heading < 95.0 for heading in full)
+    assert max(reduced) < 102.0
 
 
 @pytest.mark.parametrize(("late_s", "slower"), [(12.0, 1.0), (8.0, 3.0)])
-def test_a_softened_helm_turns_a_late_boat_without_a_swing(late_s, slower):
+def test_a_reduced_gain_turns_a_delayed_boat_without_oscillation(late_s, slower):
     assert max(turned(1.0, late_s, slower)) > 112.0
     headings = turned(8.0, late_s, slower)
     assert max(headings) < 108.0
     assert headings[-1] == pytest.approx(100.0, abs=1.5)
 
 
-def test_a_softer_helm_follows_the_bias_slowly_from_its_mean_on_and_a_stiff_one_at_once():
-    """While she swung the estimate of it swung with her: from there a softened helm lay 14 deg off for ten minutes."""
+def test_a_reduced_gain_follows_the_bias_slowly_from_its_mean():
+    """From the estimate of an oscillating boat, a reduced gain would be 14 deg off for ten minutes."""
     state, _ = law.steer(SETTINGS, IDLE, ESTIMATE._replace(bias_rad=-0.24), 0.0, 0.0, 1.0, 3.0)
     assert state.bias_rad == ESTIMATE.bias_mean_rad
     other = ESTIMATE._replace(bias_rad=0.15)
@@ -109,7 +109,7 @@ def test_a_softer_helm_follows_the_bias_slowly_from_its_mean_on_and_a_stiff_one_
 DRIFTING = ESTIMATE._replace(speed_m_s=0.05, speed_sd_m_s=0.02)
 
 
-def test_without_steerage_way_nothing_is_ordered_on_the_goal():
+def test_without_steerage_way_the_rudder_stays_at_the_goal():
     assert law.without_way(SETTINGS, DRIFTING, 0.04)
     assert law.steer(SETTINGS, IDLE, DRIFTING, 0.04, 0.3, 0.1, 1.0) == (
         law.LawState(at(DRIFTING), pytest.approx(math.nan, nan_ok=True)), 0.3
@@ -119,8 +119,8 @@ def test_without_steerage_way_nothing_is_ordered_on_the_goal():
 
 
 @pytest.mark.parametrize("error_rad", [0.5, -0.5, math.pi, -math.pi])
-def test_a_turn_is_ordered_without_steerage_way_too(error_rad):
-    """The rudder stayed as it was, be it against the turn, until her speed was estimated to be enough again."""
+def test_without_steerage_way_a_turn_is_still_commanded(error_rad):
+    """Otherwise the rudder would stay, even against the turn, until the estimated speed rises again."""
     assert not law.without_way(SETTINGS, DRIFTING, error_rad)
     reference = at(DRIFTING)
     for _ in range(51):
@@ -128,7 +128,7 @@ def test_a_turn_is_ordered_without_steerage_way_too(error_rad):
     assert demand_rad == pytest.approx(math.copysign(LIMIT_RAD, error_rad), abs=0.05)
 
 
-def test_a_turn_ordered_the_long_way_goes_that_way():
+def test_a_turn_commanded_the_long_way_goes_that_way():
     for sign in (1.0, -1.0):
         reference = at(ESTIMATE)
         for _ in range(51):
@@ -157,14 +157,14 @@ def test_the_command_moves_only_at_the_edge_of_the_deadband(command, error):
     st.floats(0.0, 1.0),
     st.floats(0.0, 1.0),
 )
-def test_any_knowledge_gives_a_rudder_within_its_limits(error, rate, bias, speed, spread, step):
+def test_any_estimate_gives_a_rudder_within_its_limits(error, rate, bias, speed, spread, step):
     estimate = HeadingEstimate(2.0, spread * spread, rate, bias, bias, speed, 0.1)
     reference = at(estimate)
     for _ in range(4):
         reference, demand_rad, band_rad = demand_of(reference, estimate, error, step)
         # The deadband is at most 3.3 deg of heading error times the proportional gain, which grows as the speed falls.
         ability_1_s = scaled(SETTINGS.model, speed / SETTINGS.model.speed_m_s)[0]
-        most_rad = math.radians(3.3) * DELIVERED.crossover_rad_s / ability_1_s
+        most_rad = math.radians(3.3) * DEFAULT_CONSTANTS.crossover_rad_s / ability_1_s
         assert abs(demand_rad) <= LIMIT_RAD
         assert 0.0 < band_rad < most_rad
         assert math.isfinite(reference.heading_rad)

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.core.fault_conditions import frozen_or_jumping
-from firmware_py.estimate.sources import Source, SourceState, TrueHeadingSample, add_sample, disagree, select
+from firmware_py.estimate.sources import Source, SourceState, TrueHeadingSample, add_sample, compasses_disagree, select
 
 FROZEN, JUMPING, DISAGREE = (True, False, False), (False, True, False), (False, False, True)
 WELL, BOTH = (False, False, False), (False, True, True)
@@ -33,7 +33,7 @@ class Compasses:
                     sample = TrueHeadingSample(now_s, heading_rad, heading_rad, source)
                     self.state = add_sample(self.state, sample, expected_rad)
             self.state = select(self.state, now_s, FROZEN_S, TIMEOUTS_S, False)
-            found = (*frozen_or_jumping(FROZEN_S, self.state, TIMEOUTS_S, now_s), disagree(self.state))
+            found = (*frozen_or_jumping(FROZEN_S, self.state, TIMEOUTS_S, now_s), compasses_disagree(self.state))
             said += [found] if said[-1:] != [found] else []
         return said
 

@@ -16,8 +16,8 @@ from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_b
 from firmware_py.core.resume_keeper import FINE_INTERVAL_S, REFRESH_S, ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.estimate import dead_reckoning, water_results
-from firmware_py.estimate.dead_reckoning import ANYWHERE_M, DeadReckoning
-from firmware_py.estimate.position import PositionState, unfixed_s
+from firmware_py.estimate.dead_reckoning import UNUSABLE_SD_M, DeadReckoning
+from firmware_py.estimate.position import PositionState, time_since_fix_s
 from firmware_py.estimate.water import Expected
 from firmware_py.modes import ModeState
 
@@ -44,15 +44,18 @@ def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert notes == ()
     assert last_position.at_first_tick(state.position, 7.0) == dead_reckoned(7.0, -33.0)
-    assert unfixed_s(state.position) == 40.0
+    assert time_since_fix_s(state.position) == 40.0
     assert state.heading_estimator.water.expected == Expected(0.1, -0.05, 0.5)  # not in steps of 0.1
 
 
 def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_headed():
     state = last_position.restored(LAST, 20.0)
     assert HERE.offset_m(Place(state.latitude_rad, state.longitude_rad)) == pytest.approx((2.0, -1.0), abs=1e-6)
-    assert (state.dead_reckoning.water.blind_m, unfixed_s(state)) == (5.0 + 20.0 * 0.5, 60.0)
-    sure_m, unsure_m = dead_reckoning.spread_m(WATER, 60.0), dead_reckoning.spread_m(state.dead_reckoning, 60.0)
+    assert (state.dead_reckoning.water.blind_m, time_since_fix_s(state)) == (5.0 + 20.0 * 0.5, 60.0)
+    sure_m, unsure_m = (
+        dead_reckoning.standard_deviation_m(WATER, 60.0),
+        dead_reckoning.standard_deviation_m(state.dead_reckoning, 60.0),
+    )
     assert unsure_m == pytest.approx(math.sqrt(sure_m**2 - 5.0**2 + 15.0**2))
 
 
@@ -62,7 +65,7 @@ def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_hea
 def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
     text = to_bytes(resume_of(at_sea(dead_reckoned()), THEN))
     state, _ = restore(at_sea(PositionState()), text, Moment(utc_s, "a", 520.0))
-    assert (unfixed_s(state.position), state.position.dead_reckoning.water.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
+    assert (time_since_fix_s(state.position), state.position.dead_reckoning.water.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
     assert state.greeting == "Resumed LOITER, 20 s old"
 
 
@@ -78,7 +81,7 @@ def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
 def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(stored, now):
     state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(dead_reckoned()), stored)), now)
     assert (state.position.latitude_rad, state.position.longitude_rad) == (0.6, 2.0)
-    assert dead_reckoning.spread_m(state.position.dead_reckoning, 40.0) >= ANYWHERE_M
+    assert dead_reckoning.standard_deviation_m(state.position.dead_reckoning, 40.0) >= UNUSABLE_SD_M
     assert state.greeting == "Resumed LOITER, 20 s old"  # as far as the calendar knows
 
 

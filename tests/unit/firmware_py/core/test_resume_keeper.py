@@ -11,7 +11,7 @@ from firmware_py.common.reports import Home
 from firmware_py.core.resume import Moment, from_bytes
 from firmware_py.core.resume_keeper import BURST, FINE_INTERVAL_S, RATE_HZ, REFRESH_S, ResumeKeeper
 from firmware_py.core.state import State
-from firmware_py.estimate.heading_estimator import expecting
+from firmware_py.estimate.heading_estimator import with_expected_water
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.modes import HeadingGoal, ModeState
@@ -77,7 +77,9 @@ def test_what_is_ordered_or_decided_is_written_in_the_same_tick(change):
 
 FINE = {
     "elapsed": lambda state: with_mission(state, elapsed_s=300.0),
-    "current": lambda state: replace(state, heading_estimator=expecting(state.heading_estimator, (0.5, 0.5, 1.0))),
+    "current": lambda state: replace(
+        state, heading_estimator=with_expected_water(state.heading_estimator, (0.5, 0.5, 1.0))
+    ),
     "turned": lambda state: replace(
         state,
         guidance=replace(

@@ -420,7 +420,7 @@ def test_the_stick_is_not_given_back_by_itself(mode, after):
     assert boat.run(6.0).snapshot.mode is Mode.LOITER
     boat.tick(devices=heard(boat))
     assert boat.run(1.0).snapshot.mode is after
-    assert ("Failsafe over: LOITER stays, nobody at the stick" in boat.events) is (mode is Mode.MANUAL)
+    assert ("Failsafe ended: LOITER kept, no stick input" in boat.events) is (mode is Mode.MANUAL)
 
 
 def test_a_delay_until_a_time_of_day_ends_without_the_receiver_that_told_it():
@@ -711,7 +711,7 @@ def test_a_battery_that_runs_low_is_saved_step_by_step_and_all_of_it_is_undone()
         "Battery critical",
         "Failsafe: STEERING",
         "Battery no longer critical",
-        "Failsafe over: GUIDED goes on",
+        "Failsafe ended: GUIDED resumed",
         "Battery no longer low: power saving off",
     ]
 
@@ -737,7 +737,7 @@ def test_a_hold_that_no_one_ordered_is_not_the_operator_s_before_and_after_a_res
     assert boat.run(2.0).snapshot.mode is Mode.HOLD
     boat.hardware_error = 0
     assert boat.run(3.0).snapshot.mode is Mode.HOLD
-    assert "Failsafe over: HOLD stays" in boat.events
+    assert "Failsafe ended: HOLD kept" in boat.events
     if ordered:
         state, _ = accept(boat.state, Request(boat.t_s, SetMode(Mode.HOLD)))
         assert not resume_of(

@@ -19,24 +19,24 @@ VECTORS = [
 
 
 @pytest.mark.parametrize(("latitude", "longitude", "year", "degrees"), VECTORS)
-def test_it_is_the_model_s(latitude, longitude, year, degrees):
+def test_the_declination_is_that_of_the_model(latitude, longitude, year, degrees):
     utc_s = EPOCH_S + (year - 2025.0) * YEAR_S
     found = declination_rad(math.radians(latitude), math.radians(longitude), utc_s)
     assert math.degrees(found) == pytest.approx(degrees, abs=0.006)
 
 
-def test_no_compass_shows_north_at_the_magnetic_pole():
+def test_there_is_no_declination_at_the_magnetic_pole():
     assert declination_rad(math.radians(85.8), math.radians(139.3), EPOCH_S) is None
 
 
 @pytest.mark.parametrize("latitude", [-90.0, -89.999999, 90.0])
-def test_the_poles_of_the_earth_are_no_exception(latitude):
+def test_the_poles_of_the_earth_are_valid(latitude):
     north, east = horizontal_field_nt(math.radians(latitude), 1.0, EPOCH_S)
     assert math.isfinite(north)
     assert 1000.0 < math.hypot(north, east) < 25000.0
 
 
-def test_it_is_computed_anew_only_far_away_or_much_later():
+def test_it_is_computed_again_only_after_10_km_or_30_days():
     here = update(Declination(), 0.6, 2.1, EPOCH_S)
     assert here.declination_rad is not None
     assert update(here, 0.6 + 1e-4, 2.1, EPOCH_S + 86400.0) is here
@@ -45,5 +45,5 @@ def test_it_is_computed_anew_only_far_away_or_much_later():
     assert update(here, 0.6, 2.1, EPOCH_S + 40.0 * 86400.0) is not here
 
 
-def test_without_a_date_it_is_that_of_the_model_s_beginning():
+def test_without_a_date_it_is_that_of_the_model_epoch():
     assert update(Declination(), 0.6, 2.1, None).declination_rad == declination_rad(0.6, 2.1, EPOCH_S)

@@ -24,7 +24,7 @@ class Boat:
     def __init__(self, delay_s, seed):
         self.numbers, self.truth = np.random.default_rng(seed), Motion()
         self.waiting = [0.0] * round(delay_s / STEP_S)
-        self.filter = heading_filter.begin(0.0, 0.0)._replace(begun_s=-heading_filter.FIRST_S, levels=LEVELS)
+        self.filter = heading_filter.begin(0.0, 0.0)._replace(begun_s=-heading_filter.CANDIDATE_PHASE_S, levels=LEVELS)
         self.test, self.t_s, self.evidence = DelayTest(self.filter.motion), 0.0, 0.0
 
     def sail(self, seconds, measured=True):
@@ -33,7 +33,7 @@ class Boat:
             self.t_s += STEP_S
             rudder_rad = -GAIN * self.filter.motion.heading_rad
             self.waiting.append(rudder_rad)
-            heading_rad, rate_rad_s = heading_model.ahead(self.truth, OCEAN_RAMBLER, self.waiting.pop(0), STEP_S)
+            heading_rad, rate_rad_s = heading_model.extrapolate(self.truth, OCEAN_RAMBLER, self.waiting.pop(0), STEP_S)
             heading_rad += radians(math.sqrt(STEP_S)) * draws[0]
             self.truth = self.truth._replace(heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s)
             shown_rad = heading_rad + radians(0.3) * draws[1]
@@ -47,12 +47,12 @@ class Boat:
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
-def test_a_delay_is_told_from_none_without_a_commanded_turn(seed):
+def test_a_delay_is_detected_without_a_commanded_turn(seed):
     assert Boat(12.0, seed).sail(1500.0) > 25.0
     assert Boat(0.0, seed).sail(600.0) < 0.0
 
 
-def test_a_rudder_that_is_not_measured_shows_nothing():
+def test_a_rudder_that_is_not_measured_adds_no_evidence():
     boat = Boat(12.0, 1)
     assert boat.sail(300.0, measured=False) == 0.0
     assert boat.test.motion == boat.filter.motion
@@ -73,4 +73,4 @@ def test_nothing_is_compared_in_the_first_minute_nor_after_a_restart():
 def test_the_first_heading_and_an_impossible_rudder_leave_it_finite(rudder_rad):
     first = heading_filter.begin(1.0, 2.0)
     test = delay_test.update(DelayTest(), heading_filter.not_started(), first, OCEAN_RAMBLER, rudder_rad, 2.0)
-    assert test == delay_test.following(DelayTest(), first.motion)
+    assert test == delay_test.with_motion(DelayTest(), first.motion)

@@ -33,11 +33,11 @@ def test_each_compass_has_its_own_corrections():
         parameters(CMP_OFFSET_DEG=10, CMPB_OFFSET_DEG=-20, CMPB_DEV_A=5, CMP_DECL_DEG=7, CMP_DEV_C=0)
     )
 
-    def shown(source, reference):
+    def compass_heading(source, reference):
         return math.degrees(true_heading_rad(settings, HeadingSample(0.0, 1.0, reference, source=source)))
 
     bare = math.degrees(1.0)
-    assert shown(0, NorthReference.TRUE) == pytest.approx(bare + 10.0, abs=1e-4)
-    assert shown(0, NorthReference.MAGNETIC) == pytest.approx(bare + 17.0, abs=1e-4)
-    assert shown(1, NorthReference.TRUE) == pytest.approx(bare - 15.0, abs=1e-4)
-    assert shown(1, NorthReference.MAGNETIC) == pytest.approx(bare - 8.0, abs=1e-4)
+    assert compass_heading(0, NorthReference.TRUE) == pytest.approx(bare + 10.0, abs=1e-4)
+    assert compass_heading(0, NorthReference.MAGNETIC) == pytest.approx(bare + 17.0, abs=1e-4)
+    assert compass_heading(1, NorthReference.TRUE) == pytest.approx(bare - 15.0, abs=1e-4)
+    assert compass_heading(1, NorthReference.MAGNETIC) == pytest.approx(bare - 8.0, abs=1e-4)

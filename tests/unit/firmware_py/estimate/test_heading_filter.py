@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from firmware_py.common.angles import radians
 from firmware_py.estimate import heading_filter, heading_model
 from firmware_py.estimate.heading_filter import (
-    HIGHEST,
+    LEVEL_OFFSETS,
     LEVELS,
-    LONGEST_MOVE,
-    LOWEST,
-    MOVES,
+    MAX_LEVEL_STEP,
+    MAX_LEVELS,
+    MIN_LEVELS,
     PRIOR,
-    SPREAD,
+    PRIOR_SDS,
     UNKNOWN_RUDDER_WALK,
     begin,
     update,
@@ -89,7 +89,7 @@ def assert_foresees(found, shortfall: float = 0.05) -> None:
     "name",
     ["D 0, bias 5 deg, 900 s, rudder", "D 2, bias 12 deg, 3000 s, rudder", "D 6, bias 2 deg, 900 s, no rudder"],
 )
-def test_it_is_honest_and_near_the_filter_that_is_given_all_levels(name):
+def test_it_is_consistent_and_near_the_filter_with_the_true_levels(name):
     found = comparison_of(name, seeds=2)
     assert_honest_and_accurate(found)
     assert_foresees(found)
@@ -97,7 +97,7 @@ def test_it_is_honest_and_near_the_filter_that_is_given_all_levels(name):
 
 @pytest.mark.proof
 @pytest.mark.parametrize("name", GRID)
-def test_it_is_honest_and_accurate_on_the_whole_grid(name):
+def test_it_is_consistent_and_accurate_on_the_whole_grid(name):
     ours, best, low_pass_deg = found = comparison_of(name)
     r2 = " ".join(f"{a:.2f}/{b:.2f}" for a, b in zip(ours.r2, best.r2, strict=True))
     print(
@@ -121,13 +121,13 @@ def test_it_is_honest_and_accurate_on_the_whole_grid(name):
         if known
     ],
 )
-def test_it_foresees_nearly_as_well_on_the_whole_grid(name):
+def test_predictions_are_nearly_as_good_on_the_whole_grid(name):
     assert_foresees(comparison_of(name))
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize(("name", "shortfall"), SHORTFALLS.items())
-def test_where_it_falls_short_it_is_by_no_more_than_is_known(name, shortfall):
+def test_known_shortfalls_do_not_grow(name, shortfall):
     assert_foresees(comparison_of(name), shortfall)
 
 
@@ -155,13 +155,13 @@ def test_it_learns_the_levels(sea, tolerance):
         assert found == pytest.approx(level, abs=near)
 
 
-def test_without_yaw_disturbance_it_learns_that_there_is_hardly_any():
+def test_without_yaw_disturbance_the_learned_diffusion_is_small():
     _, f = learned(Sea(0.0), recorded(Sea(0.0), 1))
     assert f.levels.diffusion < math.log(0.01 * radians(1.0) ** 2)
 
 
 @pytest.mark.parametrize(("diffusion_deg2_s", "seed"), [(6.0, 20), (10.0, 11)])
-def test_much_diffusion_is_not_taken_for_large_waves(diffusion_deg2_s, seed):
+def test_large_diffusion_is_not_mistaken_for_large_waves(diffusion_deg2_s, seed):
     """Candidates of little diffusion alone led to waves of 12 deg for hours, and an error of 4 deg."""
     sea = Sea(diffusion_deg2_s)
     recording = recorded(sea, seed, 900.0)
@@ -224,7 +224,7 @@ def sampled(f, samples):
 STEADY = [(0.5 * i, 1.0 + 0.02 * math.sin(1.3 * i), 0.02) for i in range(400)]
 
 
-def test_a_long_silence_starts_it_again():
+def test_a_long_gap_restarts_it():
     f = sampled(begin(0.0, 1.0), STEADY)
     assert sampled(f, [(f.t_s + 599.0, 1.0, 0.0)]).begun_s == 0.0
     again = sampled(f, [(f.t_s + 601.0, -2.0, 0.0)])
@@ -248,7 +248,7 @@ def test_late_headings_count_for_a_second_only_and_do_not_move_the_time():
 
 
 @pytest.mark.parametrize("sample", [(math.nan, 1.0), (math.inf, 1.0), (300.0, math.nan), (300.0, -math.inf)])
-def test_what_is_not_finite_changes_nothing(sample):
+def test_values_that_are_not_finite_change_nothing(sample):
     f = sampled(begin(0.0, 1.0), STEADY)
     assert sampled(f, [(*sample, 0.0)]) is f
 
@@ -276,7 +276,7 @@ def test_hostile_samples_leave_it_valid_and_it_recovers(steps, is_learning):
         f = sampled(f, [(t_s + step_s, heading_rad, rudder_rad)])
         t_s = max(t_s, t_s + step_s)
         assert heading_model.is_valid(f.motion)
-        assert all(low <= level <= high for low, level, high in zip(LOWEST, f.levels, HIGHEST, strict=True))
+        assert all(low <= level <= high for low, level, high in zip(MIN_LEVELS, f.levels, MAX_LEVELS, strict=True))
         assert math.isfinite(f.innovation_rad)
         assert f.innovation_sd_rad > 0.0
     f = sampled(f, [(t_s + i, 2.0 + 0.01 * math.sin(2.3 * i), 0.0) for i in range(200)])
@@ -296,15 +296,15 @@ def test_an_unknown_rudder_raises_the_bias_walk_for_as_long_as_it_is_unknown():
     assert missed.levels.bias_walk == pytest.approx(whole.levels.bias_walk, abs=0.2)
 
 
-def test_the_candidates_and_the_moves_differ_in_one_place_each():
-    candidates = {heading_filter.candidate(number) for number in range(2 * LEVELS)}
+def test_candidates_and_level_offsets_differ_in_one_level_each():
+    candidates = {heading_filter.candidate_levels(number) for number in range(2 * LEVELS)}
     assert len(candidates) == 2 * LEVELS
     for candidate in candidates:
         same = {"diffusion": PRIOR.diffusion, "wave_sd": PRIOR.wave_sd, "wave_period": PRIOR.wave_period}
         assert candidate._replace(**same) == PRIOR
     for place in range(LEVELS):
         expected = [level + (0.25 if place == i else 0.0) for i, level in enumerate(PRIOR)]
-        assert list(heading_filter.moved(PRIOR, place, 0.25)) == expected
+        assert list(heading_filter.with_level_offset(PRIOR, place, 0.25)) == expected
 
 
 @pytest.mark.parametrize(("age_s", "memory_s"), [(0.0, 100.0), (600.0, 300.0), (3600.0, 1800.0), (1e6, 1800.0)])
@@ -314,26 +314,26 @@ def test_the_memory_grows_from_minutes_to_half_an_hour(age_s, memory_s):
 
 def sums_of(scores) -> np.ndarray:
     """Return the sums of log-likelihoods of a window in which the levels have these scores."""
-    return np.column_stack([np.multiply(scores, MOVES), -np.multiply(scores, MOVES)]).ravel()
+    return np.column_stack([np.multiply(scores, LEVEL_OFFSETS), -np.multiply(scores, LEVEL_OFFSETS)]).ravel()
 
 
 def test_a_window_moves_the_levels_by_the_scoring_step():
     numbers = np.random.default_rng(1)
     information, score = numbers.uniform(0.0, 60.0, LEVELS), numbers.standard_normal(LEVELS)
     levels = NoiseLevels(*(level + 0.2 for level in PRIOR))
-    weight, share = 1.0 / np.array(SPREAD) ** 2, 1.0 - math.exp(-15.0 / heading_filter.memory_s(2000.0))
+    weight, share = 1.0 / np.array(PRIOR_SDS) ** 2, 1.0 - math.exp(-15.0 / heading_filter.memory_s(2000.0))
     step = (score + share * weight * (np.array(PRIOR) - np.array(levels))) / (information + weight)
-    assert np.abs(step).max() < LONGEST_MOVE
-    found = heading_filter.stepped(levels, information, sums_of(score), 15.0, 2000.0)
+    assert np.abs(step).max() < MAX_LEVEL_STEP
+    found = heading_filter.scoring_step(levels, information, sums_of(score), 15.0, 2000.0)
     assert list(found) == pytest.approx(list(np.array(levels) + step), rel=1e-9)
     assert {type(level) for level in found} == {float}
 
 
 def test_a_window_moves_no_level_by_more_than_the_limit_or_beyond_its_bounds():
     zero = np.zeros(LEVELS)
-    found = heading_filter.stepped(PRIOR, zero, sums_of((100.0, 0.0, 0.0, 0.0, 0.0, -100.0)), 15.0, 100.0)
+    found = heading_filter.scoring_step(PRIOR, zero, sums_of((100.0, 0.0, 0.0, 0.0, 0.0, -100.0)), 15.0, 100.0)
     moves = [after - before for after, before in zip(found, PRIOR, strict=True)]
-    assert max(map(abs, moves)) == pytest.approx(LONGEST_MOVE)
+    assert max(map(abs, moves)) == pytest.approx(MAX_LEVEL_STEP)
     assert moves[5] < 0.0 < moves[0]
-    high = NoiseLevels(*HIGHEST)
-    assert heading_filter.stepped(high, zero, sums_of((9.0,) * LEVELS), 15.0, 100.0) == high
+    high = NoiseLevels(*MAX_LEVELS)
+    assert heading_filter.scoring_step(high, zero, sums_of((9.0,) * LEVELS), 15.0, 100.0) == high

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from firmware_py.common.angles import radians
 from firmware_py.estimate import heading_model
-from firmware_py.estimate.heading_filter import HIGHEST, LOWEST, PRIOR
-from firmware_py.estimate.heading_model import OUTLIER, Motion, NoiseLevels
+from firmware_py.estimate.heading_filter import MAX_LEVELS, MIN_LEVELS, PRIOR
+from firmware_py.estimate.heading_model import OUTLIER_SQUARE, Motion, NoiseLevels
 from firmware_py.model.kt import KtModel, rk4_step
 from support.heading_recording import discrete
 
@@ -39,7 +39,7 @@ def drawn(seed: int) -> tuple[Motion, NoiseLevels, float]:
     """Return a random state with a full covariance, noise levels within their bounds, and a rudder angle."""
     numbers = np.random.default_rng(seed)
     root = numbers.standard_normal((N, N + 2)) * np.array([[0.1], [0.02], [0.2], [0.1], [0.2]])
-    levels = NoiseLevels(*(numbers.uniform(low, high) for low, high in zip(LOWEST, HIGHEST, strict=True)))
+    levels = NoiseLevels(*(numbers.uniform(low, high) for low, high in zip(MIN_LEVELS, MAX_LEVELS, strict=True)))
     state = numbers.uniform(-1.0, 1.0, N) * (3.0, 0.05, 0.3, 0.3, 0.3)
     return motion_of(state, root @ root.T), levels, float(numbers.uniform(-0.5, 0.5))
 
@@ -83,7 +83,7 @@ def test_a_step_is_the_exact_solution_of_the_linear_model(seed, step_s):
     assert (np.abs(covariance_of(after) - covariance) <= 1e-9 * scale).all()
 
 
-def test_what_the_bias_walks_within_a_sampling_interval_is_negligible():
+def test_the_bias_walk_within_a_sampling_interval_is_negligible():
     certain, levels = motion_of(np.zeros(N), np.zeros((N, N))), PRIOR
     for step_s, part in ((0.1, 1e-6), (0.5, 1e-4), (2.0, 1e-3), (60.0, 0.2)):
         noise = np.diag(discrete(*matrices(levels, LINEAR), step_s)[1])
@@ -138,7 +138,7 @@ def test_without_headings_the_waves_stay_as_they_are_and_the_heading_diffuses():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_heading_corrects_as_the_textbook_says(seed):
+def test_a_correction_is_that_of_the_kalman_filter(seed):
     motion, levels, _ = drawn(seed)
     shows, covariance = np.array([1.0, 0.0, 0.0, 1.0, 0.0]), covariance_of(motion)
     variance = shows @ covariance @ shows + math.exp(2.0 * levels.compass_noise)
@@ -154,7 +154,7 @@ def test_a_heading_corrects_as_the_textbook_says(seed):
 def test_the_influence_of_an_outlier_falls_with_its_size():
     motion, levels = heading_model.begin(0.0, PRIOR)._replace(p00=1e-4, p01=1e-5), PRIOR
     variance = heading_model.correct(motion, levels, 0.0)[2]
-    limit_rad = math.sqrt(OUTLIER * variance)
+    limit_rad = math.sqrt(OUTLIER_SQUARE * variance)
     moved = []
     for times in (1.0, 2.0, 4.0, 8.0):
         after, _, _ = heading_model.correct(motion, levels, times * limit_rad)

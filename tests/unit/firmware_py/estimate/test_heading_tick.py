@@ -37,7 +37,7 @@ class Boat:
         return self.heading_rad + self.waves.angle_rad(0.0) if source == 0 else LEFT_OUT
 
     def water(self):
-        return water.expecting(self.current_m_s, 0.0, self.speed_m_s)._replace(fix_t_s=self.t_s)
+        return water.initial_state(self.current_m_s, 0.0, self.speed_m_s)._replace(fix_t_s=self.t_s)
 
     def samples(self):
         for source in (0, 1):
@@ -87,7 +87,7 @@ class Boat:
 
 
 def stands(boat):
-    """Return what a compass shows that stands at the heading of now."""
+    """Return the readings of a compass that is frozen at the present heading."""
     shown_rad, boat.noise_rad = boat.heading_rad, 0.0
     return lambda source: shown_rad if source == 0 else LEFT_OUT
 
@@ -99,7 +99,7 @@ def by_compass(boat):
 # ---------------------------------------------------------------------------------- a compass that stands
 
 
-def test_a_compass_that_stands_in_a_turn_is_contradicted_and_the_estimate_goes_on_without_it():
+def test_a_compass_that_freezes_in_a_turn_is_contradicted_and_the_estimate_continues():
     boat = Boat().run(90.0)
     boat.run(3.0, radians(25.0))
     boat.shows, since_s = stands(boat), boat.t_s
@@ -111,16 +111,14 @@ def test_a_compass_that_stands_in_a_turn_is_contradicted_and_the_estimate_goes_o
 
 
 @pytest.mark.parametrize("resolution_deg", [0.1, 1.0])
-def test_a_compass_that_stands_on_a_straight_course_in_a_calm_is_not_contradicted(resolution_deg):
+def test_a_constant_compass_on_a_straight_course_in_a_calm_is_not_contradicted(resolution_deg):
     boat = Boat(resolution_deg=resolution_deg, noise_deg=0.0).run(90.0)
     boat.shows = stands(boat)
     assert by_compass(boat.run(10.0 * SETTINGS.frozen_s))
 
 
 @pytest.mark.parametrize(("over_ground_m_s", "contradicts"), [(0.02, False), (0.2, True)])
-def test_a_compass_that_stands_is_contradicted_by_the_rudder_unless_the_boat_may_be_moored(
-    over_ground_m_s, contradicts
-):
+def test_a_constant_compass_is_contradicted_by_the_rudder_unless_the_boat_may_be_moored(over_ground_m_s, contradicts):
     boat = Boat(resolution_deg=1.0)
     boat.heading_rad = 0.0
     boat.run(90.0)
@@ -130,7 +128,7 @@ def test_a_compass_that_stands_is_contradicted_by_the_rudder_unless_the_boat_may
 
 
 @pytest.mark.parametrize(("off_deg", "contradicts"), [(20.0, False), (90.0, True)])
-def test_a_compass_that_has_stood_for_long_is_contradicted_by_a_track_that_has_turned(off_deg, contradicts):
+def test_a_compass_constant_for_long_is_contradicted_by_a_turn_of_the_track(off_deg, contradicts):
     boat = Boat(noise_deg=0.0).run(5.0)
     boat.shows, course_rad = stands(boat), boat.heading_rad + radians(off_deg)
     for _ in range(200):
@@ -143,7 +141,7 @@ def test_a_compass_that_has_stood_for_long_is_contradicted_by_a_track_that_has_t
         assert abs(wrap_pi(boat.estimates_rad[-1] - course_rad)) < radians(10.0)
 
 
-def test_a_compass_of_whole_degrees_may_stand_where_waves_have_died():
+def test_a_compass_of_whole_degrees_may_be_constant_after_the_waves_have_died():
     boat = Boat(wave_deg=4.0, resolution_deg=1.0).run(200.0)
     waves, begun_s = boat.waves.angle_rad, boat.t_s
     boat.waves.angle_rad = lambda since_s: max(0.0, 1.0 - (boat.t_s - begun_s) / 60.0) * waves(since_s)
@@ -151,21 +149,21 @@ def test_a_compass_of_whole_degrees_may_stand_where_waves_have_died():
     assert set(boat.sources) == {Source.COMPASS_A}
 
 
-def test_a_compass_that_varied_and_stands_is_contradicted_after_a_while():
+def test_a_compass_that_varied_and_froze_is_contradicted_after_a_while():
     boat = Boat(wave_deg=1.0, period_s=3.0).run(30.0)
     boat.shows, since_s = stands(boat), boat.t_s
     boat.run(60.0, until=lambda boat: not by_compass(boat))
     assert boat.t_s - since_s == pytest.approx(SETTINGS.frozen_s, abs=1.0)
 
 
-def test_a_compass_that_stands_in_waves_is_contradicted_after_about_a_period():
+def test_a_constant_compass_in_waves_is_contradicted_after_about_a_period():
     boat = Boat(wave_deg=10.0).run(150.0)
     boat.shows, since_s = stands(boat), boat.t_s
     boat.run(30.0, until=lambda boat: not by_compass(boat))
     assert boat.t_s - since_s < 12.0
 
 
-def test_no_standing_compass_is_contradicted_where_any_time_is_allowed():
+def test_no_constant_compass_is_contradicted_with_cmp_frozen_s_0():
     boat = Boat(wave_deg=10.0)
     boat.settings = SETTINGS._replace(frozen_s=0.0)
     boat.run(90.0)
@@ -191,10 +189,10 @@ def test_a_compass_that_measures_again_is_used_after_its_probation():
 
 
 @pytest.mark.parametrize("seed", range(1, 3))
-def test_a_swell_is_no_jump_of_the_compass_from_the_first_heading_on(seed):
+def test_a_swell_is_no_jump_from_the_first_heading_on(seed):
     boat = Boat(wave_deg=20.0, period_s=8.0, seed=seed, noise_deg=0.3).run(90.0)
     assert set(boat.sources) == {Source.COMPASS_A}
-    assert math.isnan(boat.state.sources.compasses[0].stay.since_s)
+    assert math.isnan(boat.state.sources.compasses[0].plateau.since_s)
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
@@ -215,7 +213,7 @@ def test_a_jump_of_the_compass_is_not_followed():
     assert boat.off_deg < 20.0
 
 
-def test_another_compass_takes_over_without_a_step_and_slowly_comes_to_its_own_heading():
+def test_a_change_of_compass_causes_no_step_and_its_offset_decays():
     boat, off_rad = Boat(), radians(10.0)
     boat.shows = lambda source: boat.heading_rad + (off_rad if source == 1 else 0.0)
     boat.run(90.0)
@@ -229,7 +227,7 @@ def test_another_compass_takes_over_without_a_step_and_slowly_comes_to_its_own_h
     assert boat.off_deg == pytest.approx(10.0, abs=1.0)
 
 
-def test_without_any_source_a_compass_that_stays_elsewhere_starts_the_estimate_again():
+def test_without_any_source_a_compass_that_settles_elsewhere_restarts_the_estimate():
     boat = Boat().run(90.0)
     begun_s, smoothed = boat.state.filter.begun_s, boat.state.smoothed
     boat.shows, boat.speed_m_s = lambda _: LEFT_OUT, 0.0
@@ -276,7 +274,7 @@ def rejected(boat):
     return boat.state._replace(check=PredictionCheck(boat.state.filter.motion, boat.t_s, 0.0, 9.0, 20.0, True))
 
 
-def test_a_filter_whose_predictions_fail_is_not_trusted_and_the_smoothed_compass_is_steered_by():
+def test_a_rejected_filter_is_replaced_by_the_fixed_gain_observer():
     boat = Boat(wave_deg=4.0).run(60.0)
     sd_rad = heading_tick.heading_sd(boat.state)
     assert heading_tick.is_trusted(boat.state)
@@ -290,7 +288,7 @@ def test_a_filter_whose_predictions_fail_is_not_trusted_and_the_smoothed_compass
     assert abs(wrap_pi(heading_rad - boat.heading_rad)) < radians(12.0)  # with the wave yaw
 
 
-def test_without_a_compass_the_filter_is_steered_by_although_its_predictions_failed():
+def test_without_a_compass_a_rejected_filter_is_still_used():
     boat = Boat().run(60.0)
     state = rejected(boat)
     blind = state._replace(sources=state.sources._replace(in_use=Source.COURSE))
@@ -298,7 +296,7 @@ def test_without_a_compass_the_filter_is_steered_by_although_its_predictions_fai
     assert heading_tick.heading_at(blind, OCEAN_RAMBLER, boat.t_s) == expected
 
 
-def test_the_smoothed_compass_starts_again_after_a_gap():
+def test_the_fixed_gain_observer_restarts_after_a_gap():
     start = heading_tick.smoothed_with(heading_tick.NO_SMOOTHED, SETTINGS, 0.0, 1.0, 0.0, 2.0)
     assert start == heading_tick.Smoothed(0.0, 1.0, 0.0)
     near = heading_tick.smoothed_with(start, SETTINGS, 0.1, 1.1, 0.0, 2.0)
@@ -306,18 +304,18 @@ def test_the_smoothed_compass_starts_again_after_a_gap():
     assert heading_tick.smoothed_with(near, SETTINGS, 5.0, 2.0, 0.0, 2.0) == heading_tick.Smoothed(5.0, 2.0, 0.0)
 
 
-def test_a_boat_that_moves_as_its_model_is_never_rejected_by_the_whole_tick():
+def test_a_boat_that_moves_as_its_model_is_never_rejected():
     boat = Boat(wave_deg=4.0, step_s=0.5)
     for number in range(60):
         boat.run(20.0, radians(15.0) * (-1.0) ** number)
         assert not boat.state.check.is_rejected
-    assert boat.state.check.comparisons == prediction_check.MEMORY
+    assert boat.state.check.comparisons == prediction_check.MEMORY_COMPARISONS
 
 
 # ---------------------------------------------------------------------------------- what the control law takes
 
 
-def test_the_mean_of_the_bias_follows_over_minutes():
+def test_the_mean_bias_follows_over_minutes():
     boat, means, biases = Boat(step_s=0.5, bias_deg=6.0), [], []
     for number in range(60):
         boat.run(20.0, radians(6.0) + radians(5.0) * (-1.0) ** number)
@@ -343,7 +341,7 @@ def test_without_a_measured_rudder_the_heading_is_still_estimated():
     assert all(math.isfinite(part) for part in boat.state.filter.motion)
 
 
-def test_the_heading_of_a_tick_is_carried_on_from_the_last_heading():
+def test_the_heading_of_a_tick_is_predicted_from_the_last_heading():
     boat = Boat().run(60.0)
     boat.run(10.0, radians(20.0))
     now_rad, rate_rad_s = heading_tick.heading_at(boat.state, OCEAN_RAMBLER, boat.state.filter.t_s)
@@ -354,25 +352,25 @@ def test_the_heading_of_a_tick_is_carried_on_from_the_last_heading():
 
 def test_a_late_heading_changes_nothing():
     boat = Boat().run(60.0)
-    late_s = boat.state.filter.t_s - heading_filter.LATEST_S - 0.5
+    late_s = boat.state.filter.t_s - heading_filter.MAX_SAMPLE_DELAY_S - 0.5
     after = heading_tick.take_heading(boat.state, SETTINGS, OCEAN_RAMBLER, late_s, 3.0, 2.0)
     assert after.filter == boat.state.filter
     assert after.bias_mean_rad == boat.state.bias_mean_rad
     assert after.check == boat.state.check
 
 
-def test_the_monitors_are_given_what_has_been_learned():
+def test_the_monitors_receive_the_learned_disturbance():
     boat = Boat().run(50.0)
     assert heading_tick.learned_disturbance(boat.state) == (0.0, 0.0)
     boat.run(20.0)
     diffusion_rad2_s, trim_rad = heading_tick.learned_disturbance(boat.state)
     assert diffusion_rad2_s == math.exp(boat.state.filter.levels.diffusion)
     assert trim_rad == 0.0
-    old = boat.state.filter._replace(begun_s=boat.state.filter.t_s - heading_tick.LEARNING_S - 1.0)
+    old = boat.state.filter._replace(begun_s=boat.state.filter.t_s - heading_tick.LEVEL_LEARNING_S - 1.0)
     assert heading_tick.learned_disturbance(boat.state._replace(filter=old))[1] == boat.state.bias_mean_rad
 
 
-def test_both_motions_of_the_delay_test_are_the_same_after_one_without_a_compass():
+def test_both_filters_of_the_delay_test_agree_after_a_motion_without_a_compass():
     boat = Boat(wave_deg=5.0).run(70.0).run(20.0, radians(20.0))
     s, other = boat.state, boat.state.filter.motion._replace(heading_rad=2.0)
     assert s.delay.motion != s.filter.motion

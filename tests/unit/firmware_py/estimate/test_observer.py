@@ -17,7 +17,7 @@ def sample(t_s, heading_rad, reference=NorthReference.TRUE):
     return HeadingSample(t_s, heading_rad % (2 * math.pi), reference)
 
 
-def test_the_first_sample_starts_it():
+def test_the_first_sample_starts_the_observer():
     state = update(SETTINGS, HeadingState(), [sample(1.0, 2.0)], 0.0, 1.0)
     assert state.heading_rad == pytest.approx(2.0)
     assert state.yaw_rate_rad_s == 0.0
@@ -25,7 +25,7 @@ def test_the_first_sample_starts_it():
     assert not state.fresh(2.1, SETTINGS.timeout_s)
 
 
-def test_declination_only_to_magnetic_and_offset_to_both():
+def test_declination_applies_to_magnetic_headings_only_and_the_offset_to_both():
     settings = replace(SETTINGS, declination_rad=0.1, offset_rad=(0.01, 0.0))
     true = correct(settings, HeadingState(), sample(0.0, 1.0), 0.0)
     magnetic = correct(settings, HeadingState(), sample(0.0, 1.0, NorthReference.MAGNETIC), 0.0)
@@ -33,7 +33,7 @@ def test_declination_only_to_magnetic_and_offset_to_both():
     assert magnetic.heading_rad == pytest.approx(1.11)
 
 
-def test_it_follows_a_turn_through_north_with_noise_and_irregular_samples():
+def test_it_follows_a_noisy_irregular_turn_through_north():
     rng = random.Random(2)
     heading_rad, rate_rad_s, t_s = 5.5, 0.0, 0.0
     state = HeadingState()
@@ -52,7 +52,7 @@ def test_it_follows_a_turn_through_north_with_noise_and_irregular_samples():
     assert math.degrees(max(abs(error) for error in rate_errors[settled])) < 0.4
 
 
-def test_prediction_is_the_model_s_and_stable_at_any_interval():
+def test_the_prediction_is_that_of_the_model_and_stable_at_any_interval():
     state = HeadingState(0.0, 1.0, 0.02, 0.0)
     exact_heading_rad, exact_rate_rad_s = 1.0, 0.02
     for _ in range(100):
@@ -62,11 +62,11 @@ def test_prediction_is_the_model_s_and_stable_at_any_interval():
     predicted = predict(SETTINGS, state, 1.0, 0.2)
     assert predicted.heading_rad == pytest.approx(exact_heading_rad, abs=1e-6)
     assert predicted.yaw_rate_rad_s == pytest.approx(exact_rate_rad_s, abs=1e-6)
-    stiff = replace(SETTINGS, model=SETTINGS.model._replace(turning_lag_s=0.05))
-    assert abs(predict(stiff, state, 100.0, 0.2).yaw_rate_rad_s) < 0.05
+    fast_model = replace(SETTINGS, model=SETTINGS.model._replace(turning_lag_s=0.05))
+    assert abs(predict(fast_model, state, 100.0, 0.2).yaw_rate_rad_s) < 0.05
 
 
-def test_a_gap_starts_anew_instead_of_jumping_the_rate():
+def test_a_gap_restarts_the_observer_without_a_jump_of_the_rate():
     state = update(SETTINGS, HeadingState(), [sample(0.0, 0.0)], 0.0, 0.0)
     state = update(SETTINGS, state, [sample(30.0, 3.0)], 0.0, 30.0)
     assert state.heading_rad == pytest.approx(3.0)
@@ -80,6 +80,6 @@ def test_a_hostile_sample_changes_nothing():
     assert correct(SETTINGS, state, HeadingSample(math.nan, 1.0, NorthReference.TRUE), 0.0) == state
 
 
-def test_two_samples_of_one_instant_do_no_harm():
+def test_two_samples_at_one_time_are_safe():
     state = update(SETTINGS, HeadingState(), [sample(0.0, 1.0), sample(0.0, 1.5)], 0.0, 0.1)
     assert math.isfinite(state.yaw_rate_rad_s)

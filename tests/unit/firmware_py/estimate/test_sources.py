@@ -6,7 +6,7 @@ import pytest
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.estimate.heading_estimator import change_event
 from firmware_py.estimate.sources import (
-    JUMP_RAD,
+    JUMP_GATE_RAD,
     PROBATION_S,
     CompassState,
     Source,
@@ -14,10 +14,10 @@ from firmware_py.estimate.sources import (
     TrueHeadingSample,
     add_sample,
     compass_in_use,
-    contradict,
     decay_offsets,
     is_frozen,
     is_jumping,
+    mark_contradicted,
     select,
     standstill_ratio,
     update_compass,
@@ -34,11 +34,11 @@ class Watch:
         self.state = SourceState()
         self.t_s = 0.0
         self.rng = random.Random(3)
-        self.told = []
+        self.texts = []
         self.used = []
 
     def run(self, seconds, a=0.0, b=None, *, course_ok=False, expected=1.0):
-        """Each compass shows the estimate plus what is given here; None is silent, a text is frozen."""
+        """Each compass shows the estimate plus its offset here; None: silent, a text: frozen."""
         for _ in range(round(10 * seconds)):
             self.t_s += 0.1
             self.state = decay_offsets(self.state, 0.1)
@@ -52,41 +52,41 @@ class Watch:
             before = self.state.in_use
             self.state = select(self.state, self.t_s, self.frozen_s, (TIMEOUT_S, TIMEOUT_S), course_ok)
             if self.state.in_use != before:
-                self.told.append(change_event(before, self.state.in_use).text)
+                self.texts.append(change_event(before, self.state.in_use).text)
             offset_rad = compass_in_use(self.state).offset_rad
             self.used = [sample.heading_rad + offset_rad for sample in samples if sample.source == self.state.in_use]
         return self.state.in_use
 
 
-def test_the_first_compass_that_speaks_is_taken_at_once():
+def test_the_first_compass_with_data_is_used_at_once():
     watch = Watch()
     assert watch.run(0.1) is Source.COMPASS_A
-    assert watch.told == ["Heading from compass A"]
+    assert watch.texts == ["Heading source: compass A"]
     assert len(watch.used) == 1
 
 
-def test_b_alone_serves_too_and_a_takes_over_after_its_probation():
+def test_compass_b_is_used_alone_and_a_takes_over_after_its_probation():
     watch = Watch()
     assert watch.run(5.0, a=None, b=0.0) is Source.COMPASS_B
     assert watch.run(PROBATION_S - 1.0, b=0.0) is Source.COMPASS_B
     assert watch.run(2.0, b=0.0) is Source.COMPASS_A
-    assert watch.told[-1] == "Heading from compass A, not compass B"
+    assert watch.texts[-1] == "Heading source: compass A (was compass B)"
 
 
-@pytest.mark.parametrize(("fault", "within_s"), [(None, 1.2), (math.pi, 2.0), (JUMP_RAD + 0.05, 2.0)])
-def test_a_dead_or_jumping_compass_is_left_for_the_other(fault, within_s):
+@pytest.mark.parametrize(("fault", "within_s"), [(None, 1.2), (math.pi, 2.0), (JUMP_GATE_RAD + 0.05, 2.0)])
+def test_a_silent_or_jumping_compass_is_replaced_by_the_other(fault, within_s):
     watch = Watch()
     watch.run(20.0, b=0.1)
-    watch.told.clear()
+    watch.texts.clear()
     assert watch.run(within_s, a=fault, b=0.1) is Source.COMPASS_B
-    assert watch.told == ["Heading from compass B, not compass A"]
+    assert watch.texts == ["Heading source: compass B (was compass A)"]
     # Healed, it comes back, after it has proved itself; and is heard of only once.
     assert watch.run(5.0, b=0.1) is Source.COMPASS_B
     assert watch.run(PROBATION_S, b=0.1) is Source.COMPASS_A
-    assert len(watch.told) == 2
+    assert len(watch.texts) == 2
 
 
-def test_a_change_of_source_does_not_jump_and_is_slewed_away():
+def test_a_change_of_source_causes_no_step_and_its_offset_decays():
     watch = Watch()
     off = radians(8.0)
     watch.run(30.0, b=off)
@@ -98,13 +98,13 @@ def test_a_change_of_source_does_not_jump_and_is_slewed_away():
     assert wrap_pi(watch.used[0] - 1.0) == pytest.approx(off, abs=radians(1.6))
 
 
-def test_one_that_comes_back_starts_with_what_it_is_off_by_now_and_not_by_what_it_was():
-    """Frozen while she turned by 120 deg it came back 40 deg off, and was not believed for a minute."""
+def test_a_recovered_compass_starts_with_its_present_offset():
+    """After a turn of 120 deg while it was frozen, it would be 40 deg off and not used for a minute."""
     watch = Watch()
     watch.run(20.0, course_ok=True)
     for step in range(50):
         watch.run(1.0, a="frozen", course_ok=True, expected=1.0 + radians(min(4.0 * step, 120.0)))
-        watch.state = contradict(watch.state)
+        watch.state = mark_contradicted(watch.state)
     assert watch.state.in_use is Source.COURSE
     goal = 1.0 + radians(120.0)
     assert watch.run(PROBATION_S + 0.5, course_ok=True, expected=goal) is Source.COMPASS_A
@@ -112,39 +112,39 @@ def test_one_that_comes_back_starts_with_what_it_is_off_by_now_and_not_by_what_i
     assert watch.run(5.0, course_ok=True, expected=goal) is Source.COMPASS_A
 
 
-def test_the_course_is_the_last_resort_and_nothing_is_worse():
+def test_the_course_is_the_last_source():
     watch = Watch()
     watch.run(5.0)
     assert watch.run(2.0, a=None, course_ok=True) is Source.COURSE
     assert watch.used == []
     assert watch.run(1.0, a=None) is Source.NONE
-    assert watch.told[-2:] == [
-        "Heading from course over ground, not compass A",
-        "Heading lost: course over ground fails",
+    assert watch.texts[-2:] == [
+        "Heading source: course over ground (was compass A)",
+        "Heading lost: course over ground failed",
     ]
     assert watch.run(0.2) is Source.COMPASS_A
 
 
-def test_a_course_alone_starts_nothing():
+def test_a_course_alone_does_not_start_the_estimate():
     assert Watch().run(5.0, a=None, course_ok=True) is Source.NONE
 
 
-def test_ashore_a_compass_may_be_as_steady_as_it_likes():
+def test_a_constant_compass_ashore_is_not_frozen():
     watch = Watch(frozen_s=0.0)
     assert watch.run(10.0 * FROZEN_S, a="frozen") is Source.COMPASS_A
 
 
-def test_a_compass_that_differs_by_a_number_only_now_and_then_is_not_frozen():
+def test_a_compass_that_rarely_changes_its_number_is_not_frozen():
     watch = Watch()
     for value in range(20):
         watch.run(FROZEN_S / 2.0, a="frozen")
         watch.run(0.1, a=radians(0.1) * (value % 2))
     assert watch.state.in_use is Source.COMPASS_A
-    assert len(watch.told) == 1
+    assert len(watch.texts) == 1
 
 
 @pytest.mark.parametrize("interval_s", [0.1, 1.0, 2.0])
-def test_one_heading_far_off_is_no_jump_however_slow_the_compass(interval_s):
+def test_one_distant_heading_is_no_jump_even_of_a_slow_compass(interval_s):
     state = CompassState()
     for number in range(10):
         state = update_compass(state, TrueHeadingSample(number * interval_s, 1.0, 1.0, 0), 1.0)
@@ -166,11 +166,11 @@ def stopped():
     watch = Watch()
     watch.run(20.0)
     watch.run(1.0, a="frozen")
-    watch.state = contradict(watch.state)
+    watch.state = mark_contradicted(watch.state)
     return watch
 
 
-def test_a_compass_that_stood_while_the_boat_turned_is_left_until_its_number_changes():
+def test_a_compass_that_froze_in_a_turn_is_not_used_until_its_number_changes():
     watch = stopped()
     assert watch.run(1.0, a="frozen", b=0.0) is Source.COMPASS_B
     assert frozen(watch)
@@ -179,11 +179,11 @@ def test_a_compass_that_stood_while_the_boat_turned_is_left_until_its_number_cha
 
 
 @pytest.mark.parametrize("b", [None, 0.0, "frozen"])
-def test_a_number_that_stays_is_no_fault_while_nothing_shows_that_the_boat_turned(b):
+def test_a_constant_number_without_a_turn_is_no_fault(b):
     watch = Watch()
     assert watch.run(20.0 * FROZEN_S, a="frozen", b=b) is Source.COMPASS_A
     assert not frozen(watch)
-    assert len(watch.told) == 1
+    assert len(watch.texts) == 1
 
 
 def turn(watch, rate_deg_s, seconds):
@@ -193,7 +193,7 @@ def turn(watch, rate_deg_s, seconds):
 
 
 @pytest.mark.parametrize("rate_deg_s", [0.5, 2.0])
-def test_a_compass_that_stands_while_the_other_turns_is_frozen(rate_deg_s):
+def test_a_constant_compass_while_the_other_turns_is_frozen(rate_deg_s):
     watch = Watch()
     watch.run(10.0, a="frozen", b=0.0)
     turn(watch, rate_deg_s, 60.0)
@@ -201,7 +201,7 @@ def test_a_compass_that_stands_while_the_other_turns_is_frozen(rate_deg_s):
 
 
 @pytest.mark.parametrize("off_deg", [5.0, 90.0, 170.0])
-def test_another_that_is_off_or_jumps_does_not_contradict_a_compass_that_stands(off_deg):
+def test_another_compass_that_is_off_or_jumps_contradicts_no_constant_one(off_deg):
     watch = Watch()
     watch.run(10.0, a="frozen", b=0.0)
     assert watch.run(3.0 * FROZEN_S, a="frozen", b=radians(off_deg)) is Source.COMPASS_A
@@ -209,8 +209,8 @@ def test_another_that_is_off_or_jumps_does_not_contradict_a_compass_that_stands(
 
 
 @pytest.mark.parametrize(("period_s", "steps", "waves"), [(0.6, 3.5, True), (0.6, 2.5, False), (30.0, 20.0, False)])
-def test_a_compass_that_swung_to_and_fro_and_stands_is_frozen(period_s, steps, waves):
-    """Swings of fewer steps, and seldom ones as of a boat that turns, do not count."""
+def test_a_compass_that_oscillated_and_is_constant_is_frozen(period_s, steps, waves):
+    """Swings of fewer steps, and rare ones as of a boat that turns, do not count."""
     watch, step_rad = Watch(), radians(0.5)
     for tick in range(600):
         off_rad = step_rad * round(0.5 * steps * math.sin(2.0 * math.pi * tick / (10.0 * period_s)) + 0.25)
@@ -223,7 +223,7 @@ def test_a_compass_that_swung_to_and_fro_and_stands_is_frozen(period_s, steps, w
 
 
 @pytest.mark.parametrize(
-    ("shown", "standing_s"),
+    ("reading", "standing_s"),
     [
         (((0.1, 1),), 2.0),  # of a compass not known yet
         (((5.0, 2),), 10.0),
@@ -231,9 +231,9 @@ def test_a_compass_that_swung_to_and_fro_and_stands_is_frozen(period_s, steps, w
         (((0.5, 1200),), 1.5),  # at least
     ],
 )
-def test_a_compass_stands_still_after_twice_the_longest_time_with_one_number(shown, standing_s):
+def test_a_compass_stands_still_after_twice_the_longest_time_with_one_number(reading, standing_s):
     state, t_s, number = CompassState(sound_since_s=0.0), 0.0, 0
-    for interval_s, count in shown:
+    for interval_s, count in reading:
         for _ in range(count):
             t_s, number = t_s + interval_s, number + 1
             state = update_compass(state, TrueHeadingSample(t_s, 1.0, 0.01 * (number % 2), 0), 1.0)
@@ -242,7 +242,7 @@ def test_a_compass_stands_still_after_twice_the_longest_time_with_one_number(sho
         assert standstill_ratio(update_compass(state, sample, 1.0)) == pytest.approx(part, rel=0.01)
 
 
-def test_each_turn_back_of_a_compass_is_a_swing_with_a_memory_of_20_s_and_its_first_turn_is_none():
+def test_each_reversal_of_a_compass_is_a_swing_with_a_memory_of_20_s():
     state, swings = CompassState(), []
     for number, t_s in enumerate((0.00, 0.01, 0.02, 0.03, 20.03)):
         raw_rad = 1.0 - radians(20.0) * (number % 2)
@@ -253,7 +253,7 @@ def test_each_turn_back_of_a_compass_is_a_swing_with_a_memory_of_20_s_and_its_fi
 
 def test_a_turn_of_less_than_a_few_steps_contradicts_no_coarse_compass():
     watch = Watch()
-    steps = (0.0, radians(10.0), 0.0)  # of one that has shown no smaller ones
+    steps = (0.0, radians(10.0), 0.0)  # of one that has reading no smaller ones
     for off_rad in steps:
         watch.state = add_sample(watch.state, TrueHeadingSample(watch.t_s, 1.0 + off_rad, 1.0 + off_rad, 0), 1.0)
     watch.run(2.0, a="frozen", b=0.0)
@@ -273,7 +273,7 @@ def test_the_resolution_of_a_compass_is_learned(resolution_deg):
     assert state.turns.resolution_rad == pytest.approx(radians(resolution_deg))
 
 
-def test_a_compass_that_comes_back_with_the_number_that_it_left_with_is_not_frozen():
+def test_a_compass_that_recovers_with_the_same_number_is_not_frozen():
     """As one that is switched off for a night: its number has not stood, it was not there."""
     watch = Watch()
     watch.run(20.0)
@@ -283,7 +283,7 @@ def test_a_compass_that_comes_back_with_the_number_that_it_left_with_is_not_froz
     assert not frozen(watch)
 
 
-def test_a_frozen_compass_that_is_silent_for_a_while_is_frozen_still():
+def test_a_frozen_compass_stays_frozen_after_a_silence():
     watch = stopped()
     watch.run(5.0, a="frozen")
     watch.run(5.0, a=None)
@@ -301,7 +301,7 @@ def test_a_frozen_compass_that_is_silent_for_a_while_is_frozen_still():
         (10.0, 5.0, math.exp(-0.5)),
     ],
 )
-def test_what_it_differs_by_is_the_mean_of_all_at_first_and_of_ten_seconds_later(before_s, after_s, share):
+def test_the_difference_is_the_mean_of_all_samples_at_first_and_of_10_s_later(before_s, after_s, share):
     """A new source starts with what it differs by: the less of chance in it the better."""
     state = CompassState(sound_since_s=0.0)
     for tick in range(1, round(10 * (before_s + after_s)) + 1):
@@ -310,35 +310,35 @@ def test_what_it_differs_by_is_the_mean_of_all_at_first_and_of_ten_seconds_later
     assert state.difference_rad == pytest.approx(0.1 * share, rel=0.02)
 
 
-def shown(seconds, off_rad, state=CompassState(sound_since_s=0.0), begin_s=0.0, expected=1.0):  # noqa: B008 - frozen
-    """A compass that has shown so much beside the estimate for so long, ten times a second."""
+def reading(seconds, off_rad, state=CompassState(sound_since_s=0.0), begin_s=0.0, expected=1.0):  # noqa: B008 - frozen
+    """A compass that has reading so much beside the estimate for so long, ten times a second."""
     for tick in range(1, round(10 * seconds) + 1):
         sample = TrueHeadingSample(begin_s + 0.1 * tick, 1.0 + off_rad, off_rad + 0.01 * (tick % 7), 0)
         state = update_compass(state, sample, expected)
     return state
 
 
-def test_what_it_was_off_by_before_it_was_sound_is_nothing_that_it_starts_with():
-    unsound = shown(20.0, 0.3, CompassState())
-    assert shown(0.1, 0.1, unsound, begin_s=20.0).difference_rad == pytest.approx(0.1)
+def test_differences_before_the_compass_is_sound_do_not_count():
+    unsound = reading(20.0, 0.3, CompassState())
+    assert reading(0.1, 0.1, unsound, begin_s=20.0).difference_rad == pytest.approx(0.1)
 
 
-def test_it_agrees_by_what_it_differed_by_before_it_jumped():
-    assert shown(60.0, radians(14.0)).agreed
-    assert not shown(60.0, radians(16.0)).agreed
+def test_agreement_is_judged_by_the_difference_before_a_jump():
+    assert reading(60.0, radians(14.0)).agreed
+    assert not reading(60.0, radians(16.0)).agreed
     for off_deg, agrees in ((14.0, True), (16.0, False)):
-        assert shown(30.0, radians(90.0), shown(60.0, radians(off_deg)), begin_s=60.0).agreed is agrees
+        assert reading(30.0, radians(90.0), reading(60.0, radians(off_deg)), begin_s=60.0).agreed is agrees
 
 
 def test_a_source_is_judged_with_the_offset_that_it_started_with():
     offset = CompassState(t_s=0.0, sound_since_s=0.0, offset_rad=radians(-40.0))
-    followed = shown(5.0, radians(40.0), offset)
+    followed = reading(5.0, radians(40.0), offset)
     assert (followed.near_s, followed.agreed) == (pytest.approx(5.0), True)
-    assert shown(5.0, radians(-40.0), offset).near_s < 1.5
+    assert reading(5.0, radians(-40.0), offset).near_s < 1.5
 
 
-def test_without_an_estimate_nothing_is_known_of_how_far_it_is_off():
-    state = shown(5.0, 0.3, expected=math.nan)
+def test_without_an_estimate_there_is_no_difference():
+    state = reading(5.0, 0.3, expected=math.nan)
     assert (state.difference_rad, state.agreed) == (0.0, False)
     assert math.isnan(state.steady_rad)
     assert state.near_s == pytest.approx(5.0)

@@ -13,7 +13,7 @@ from firmware_py.estimate.sources import Source
 from firmware_py.faults.table import TABLE, Fault
 from support import rig
 
-TOLD, OVER = TABLE[Fault.COMPASS_FROZEN].text, TABLE[Fault.COMPASS_FROZEN].recovery
+FAULT_TEXT, RECOVERY_TEXT = TABLE[Fault.COMPASS_FROZEN].text, TABLE[Fault.COMPASS_FROZEN].recovery
 
 
 def under_way(name, seed=1, resolution_deg=0.1, noise_deg=0.3, **parameters):
@@ -46,15 +46,15 @@ def off_deg(boat):
 
 
 @pytest.mark.parametrize(("turn_deg", "seed"), [(40.0, 1), pytest.param(-120.0, 2, marks=pytest.mark.proof)])
-def test_one_that_freezes_in_a_turn_is_reported_early_and_is_not_followed(freeze, turn_deg, seed):
+def test_a_compass_that_freezes_in_a_turn_is_reported_early_and_not_followed(freeze, turn_deg, seed):
     boat = under_way("tank", seed)
-    for leg_deg in (120.0, -120.0, 0.0):  # a turn tells speed and current apart, by which the course gives a heading
+    for leg_deg in (120.0, -120.0, 0.0):  # a turn separates speed and current, so that the course gives a heading
         boat.tick(SteerHeading(radians(leg_deg)))
         boat.run(90.0)
     boat.tick(SteerHeading(radians(turn_deg)))
     freeze(boat.run(4.0), still=True)
     begun_s = boat.t_s
-    boat.run(20.0, until=lambda boat: boat.said(TOLD))
+    boat.run(20.0, until=lambda boat: boat.said(FAULT_TEXT))
     assert boat.t_s - begun_s < 15.0
     assert boat.state.heading_estimator.tick.sources.in_use == Source.COURSE
     assert off_deg(boat) < 5.0
@@ -63,7 +63,7 @@ def test_one_that_freezes_in_a_turn_is_reported_early_and_is_not_followed(freeze
     assert boat.said("Compass heading jumped") == []
     freeze(boat, still=False)
     boat.run(20.0)
-    assert len(boat.said(TOLD)) == len(boat.said(OVER)) == 1
+    assert len(boat.said(FAULT_TEXT)) == len(boat.said(RECOVERY_TEXT)) == 1
     assert boat.said("No valid heading") == []  # not for a tick
     assert boat.state.heading_estimator.tick.sources.in_use == Source.COMPASS_A
 
@@ -75,8 +75,8 @@ def test_a_coarse_compass_in_flat_water_is_sound_from_the_dock_on(monkeypatch, r
     boat.resolution_rad, boat.noise_rad = radians(resolution_deg), radians(noise_deg)
     monkeypatch.setattr(boat, "fixes", tuple)
     inputs = rig.Inputs
-    seldom = lambda tick, headings, *more, **named: inputs(tick, () if tick.index % every else headings, *more, **named)  # noqa: E731
-    monkeypatch.setattr(rig, "Inputs", seldom)
+    rarely = lambda tick, headings, *more, **named: inputs(tick, () if tick.index % every else headings, *more, **named)  # noqa: E731
+    monkeypatch.setattr(rig, "Inputs", rarely)
     boat.run(60.0)
     boat.tick(Arm(armed=True), SetMode(Mode.GUIDED))
     boat.tick(SteerHeading(radians(60.0)))
@@ -87,7 +87,7 @@ def test_a_coarse_compass_in_flat_water_is_sound_from_the_dock_on(monkeypatch, r
 
 
 def turning(name, resolution_deg, noise_deg, legs, leg_s):
-    """Sail turns with a compass that is judged by them alone; return when it was told and its longest standstill."""
+    """Sail turns; return the times of reports of the compass that only turns contradict, and its longest standstill."""
     boat, longest_s = under_way(name, 1, resolution_deg, noise_deg, CMP_FROZEN_S=3600.0), 0.0
     numbers = random.Random(legs)
     for _ in range(legs):
@@ -95,13 +95,13 @@ def turning(name, resolution_deg, noise_deg, legs, leg_s):
         for _ in range(round(10.0 * leg_s)):
             boat.tick()
             longest_s = max(longest_s, compass_of(boat).t_s - compass_of(boat).changed_s)
-    return boat.said(TOLD), longest_s
+    return boat.said(FAULT_TEXT), longest_s
 
 
 def test_a_coarse_compass_that_stands_still_in_a_calm_is_not_frozen():
     """From the start on, and through turns."""
-    told_s, longest_s = turning("calm", 1.0, 0.1, 2, 60.0)
-    assert told_s == []
+    reported_s, longest_s = turning("calm", 1.0, 0.1, 2, 60.0)
+    assert reported_s == []
     assert longest_s > 1.5  # it has shown one and the same number
 
 
@@ -110,17 +110,17 @@ def test_a_coarse_compass_that_stands_still_in_a_calm_is_not_frozen():
 @pytest.mark.parametrize("noise_deg", [0.3, 0.1, 0.02, 0.0])
 @pytest.mark.parametrize("resolution_deg", [1.0, 0.1])
 @pytest.mark.parametrize("name", ["calm", "tank"])
-def test_no_coarse_compass_is_taken_for_frozen_in_hours_of_turns(name, resolution_deg, noise_deg):
+def test_a_coarse_compass_is_not_frozen_in_hours_of_turns(name, resolution_deg, noise_deg):
     """`pytest -m proof -s tests/unit/firmware_py/estimate/test_standstill.py`: two hours of each."""
-    told_s, longest_s = turning(name, resolution_deg, noise_deg, 24, 300.0)
+    reported_s, longest_s = turning(name, resolution_deg, noise_deg, 24, 300.0)
     print(f"{name} {resolution_deg:g} deg, noise {noise_deg:g}: stood {longest_s:.1f} s at most")
-    assert told_s == []
+    assert reported_s == []
 
 
-def test_how_long_it_has_stood_frozen_is_not_its_way(freeze):
+def test_the_time_frozen_does_not_count_as_the_usual_standstill(freeze):
     boat = under_way("sea")
     freeze(boat, still=True)
     boat.run(40.0)
-    assert boat.said(TOLD)
+    assert boat.said(FAULT_TEXT)
     freeze(boat, still=False)
     assert compass_of(boat.run(20.0)).longest_s < 2.0

@@ -10,7 +10,7 @@ from firmware_py.common.records import FixType, HeadingSample, NorthReference, P
 from firmware_py.core.state import State, heading_timeouts_of, settings_of
 from firmware_py.estimate import heading_estimator
 from firmware_py.estimate.declination import declination_rad
-from firmware_py.estimate.variation import notice, reconciled
+from firmware_py.estimate.variation import apply, check
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from hil.devices.nmea_text import whole_sentence
 from support.line import FakeLine
@@ -55,7 +55,7 @@ def steered(body, settings, *more):
         ("100.0,20.0,E,,", ["Compass A states deviation 20.0 E: 7.7 W is used"]),
     ],
 )
-def test_the_configured_declination_wins_over_a_stated_one_that_cannot_be(settings, fields, texts):
+def test_the_configured_declination_replaces_an_implausible_variation(settings, fields, texts):
     assert steered(f"HCHDG,{fields}", settings) == (pytest.approx(100.0 + BY_MODEL_DEG, abs=0.1), texts)
 
 
@@ -70,38 +70,38 @@ def test_the_configured_declination_wins_over_a_stated_one_that_cannot_be(settin
         ("100.0,4.0,E,6.0,W", CONFIGURED, 98.0),
     ],
 )
-def test_a_variation_that_can_be_is_used_and_not_reported(fields, settings, true_deg):
+def test_a_plausible_variation_is_used_and_not_reported(fields, settings, true_deg):
     assert steered(f"HCHDG,{fields}", settings) == (pytest.approx(true_deg, abs=0.1), [])
 
 
-def test_a_true_heading_without_a_variation_is_taken_as_it_is():
+def test_a_true_heading_without_a_variation_is_unchanged():
     assert steered("HEHDT,100.0,T", CONFIGURED) == (pytest.approx(100.0), [])
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_a_true_heading_that_the_instrument_made_with_its_variation_is_corrected_too(reverse):
+def test_a_true_heading_of_the_same_instrument_is_corrected_too(reverse):
     both = ["HCHDG,100.0,,,12.0,E", "HCHDT,112.0,T"][:: -1 if reverse else 1]
     true_deg, texts = steered(both[0], CONFIGURED, both[1])
     assert true_deg == pytest.approx(100.0 + BY_MODEL_DEG, abs=2.0)
     assert len(texts) == 1
 
 
-def test_a_true_heading_of_another_instrument_on_the_line_is_not_corrected():
+def test_a_true_heading_of_another_instrument_is_not_corrected():
     true_deg, _ = steered("HCHDG,100.0,,,12.0,E", CONFIGURED, "HEHDT,92.3,T")
     assert true_deg == pytest.approx(100.0 + BY_MODEL_DEG, abs=0.2)
 
 
 def test_each_compass_is_reported_once_and_when_it_agrees_again():
     wrong, right = (HeadingSample(0.0, 1.0, NorthReference.TRUE, radians(deg), source=1) for deg in (12.0, -7.0))
-    odd, events = notice((None, None), [wrong, wrong], radians(-7.6))
+    odd, events = check((None, None), [wrong, wrong], radians(-7.6))
     assert [event.text for event in events] == ["Compass B states variation 12.0 E: 7.6 W is used"]
-    assert notice(odd, [wrong], radians(-7.6)) == (odd, ())
-    odd, events = notice(odd, [right], radians(-7.6))
+    assert check(odd, [wrong], radians(-7.6)) == (odd, ())
+    odd, events = check(odd, [right], radians(-7.6))
     assert [event.text for event in events] == ["Compass B: stated variation agrees"]
     assert odd == (None, None)
 
 
 @pytest.mark.parametrize("heading_rad", [math.nan, math.inf])
-def test_no_heading_is_made_of_none(heading_rad):
+def test_a_missing_heading_stays_missing(heading_rad):
     sample = HeadingSample(0.0, heading_rad, NorthReference.TRUE, 0.0)
-    assert reconciled(sample, 0.1) is sample
+    assert apply(sample, 0.1) is sample

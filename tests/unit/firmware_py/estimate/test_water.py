@@ -63,19 +63,19 @@ class Passage:
 def test_after_a_few_legs_speed_and_current_are_known(speed, current):
     passage = Passage(speed, *current)
     assert passage.errors(passage.square()) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
-    north_m_s, east_m_s, speed_m_s, leeway_rad = water.known(passage.state)
+    north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(passage.state)
     assert (north_m_s, east_m_s, speed_m_s) == pytest.approx((*current, speed), abs=0.06)
     assert abs(leeway_rad) < 0.3
 
 
-def test_the_standard_deviations_are_right_over_random_passages():
+def test_the_standard_deviations_are_consistent_over_random_passages():
     squares = []
     for seed in range(6):
         rng = random.Random(seed)
         passage = Passage(rng.uniform(0.2, 0.9), rng.gauss(0.0, 0.2), rng.gauss(0.0, 0.2), seed)
         for _ in range(6):
             passage.sail(rng.uniform(0.0, 360.0), rng.uniform(60.0, 400.0))
-        speed_m_s = water.known(passage.state)[2]
+        speed_m_s = water.guidance_values(passage.state)[2]
         squares.append(((speed_m_s - passage.speed_m_s) / water.speed_sd(passage.state)) ** 2)
     assert 0.1 < sum(squares) / len(squares) < 1.8
     assert sum(square > 9.0 for square in squares) <= 1
@@ -84,7 +84,7 @@ def test_the_standard_deviations_are_right_over_random_passages():
 def test_leeway_is_separated_from_a_current_across_by_turns():
     passage = Passage(0.7, 0.1, -0.2, leeway_deg=8.0)
     passage.square()
-    assert math.degrees(water.known(passage.state)[3]) == pytest.approx(8.0, abs=3.0)
+    assert math.degrees(water.guidance_values(passage.state)[3]) == pytest.approx(8.0, abs=3.0)
     way_rad = math.radians(45.0 + 8.0)
     expected = (0.1 + 0.7 * math.cos(way_rad), -0.2 + 0.7 * math.sin(way_rad))
     assert water.over_ground_m_s(passage.state, math.radians(45.0)) == pytest.approx(expected, abs=0.06)
@@ -124,13 +124,13 @@ def test_a_weaker_current_is_never_reported(drift):
     assert max(verdicts) == 0.0
 
 
-def test_the_origin_moves_with_the_boat_over_the_date_line_and_the_estimate_does_not_notice():
+def test_a_moved_origin_over_the_date_line_does_not_change_the_estimate():
     passage, moves = Passage(2.0, 0.1, -0.1, fix_s=10.0, longitude_rad=math.pi - 2000.0 / EARTH_RADIUS_M), 0
     for leg in range(20):
         before = passage.state.origin
         passage.sail((60.0, 100.0)[leg % 2], 400.0)
         north_m, east_m = passage.state.filter.means[0, water_filter.NORTH :]
-        assert math.hypot(north_m, east_m) < math.sqrt(2.0) * water.FARTHEST_M + 100.0
+        assert math.hypot(north_m, east_m) < math.sqrt(2.0) * water.MAX_ORIGIN_DISTANCE_M + 100.0
         assert math.isnan(passage.state.filter.refused_t_s)
         moves += leg > 0 and passage.state.origin != before
     assert moves >= 2
@@ -180,7 +180,7 @@ def test_the_slow_values_start_at_the_estimate_and_stay_within_its_standard_devi
     passage = Passage(0.4, 0.0, 0.33)
     passage.sail(300.0, STEP_S)
     now = water.estimated(passage.state, passage.t_s)
-    assert water.known(passage.state)[:3] == (now.current_north_m_s, now.current_east_m_s, now.mean_speed_m_s)
+    assert water.guidance_values(passage.state)[:3] == (now.current_north_m_s, now.current_east_m_s, now.mean_speed_m_s)
     for heading_deg in (300.0, 200.0, 240.0):
         for _ in range(40):
             now = passage.sail(heading_deg, 5.0)
@@ -196,7 +196,7 @@ def test_the_heading_of_a_course_across_a_strong_current_does_not_move_with_each
     moved_rad, before = [0.0, 0.0], None
     for _ in range(300):
         now = passage.sail(240.0, STEP_S)
-        north_m_s, east_m_s, speed_m_s, _ = water.known(passage.state)
+        north_m_s, east_m_s, speed_m_s, _ = water.guidance_values(passage.state)
         slow_rad = heading_for_course(math.pi, speed_m_s, north_m_s, east_m_s)
         own_rad = heading_for_course(math.pi, now.mean_speed_m_s, now.current_north_m_s, now.current_east_m_s)
         if before is not None:
@@ -206,23 +206,23 @@ def test_the_heading_of_a_course_across_a_strong_current_does_not_move_with_each
     assert moved_rad[0] < 0.7 * moved_rad[1]
 
 
-def test_a_calm_is_steered_by_as_soon_as_it_is_known():
+def test_a_calm_is_used_for_guidance_as_soon_as_it_is_estimated():
     passage = Passage(0.4, 0.0, 0.1)
     passage.square(200.0)
     passage.speed_m_s = 0.02
     for heading_deg in (200.0, 20.0, 200.0):
         now = passage.sail(heading_deg, 300.0)
-    speed_m_s = water.known(passage.state)[2]
+    speed_m_s = water.guidance_values(passage.state)[2]
     assert abs(speed_m_s - now.mean_speed_m_s) <= now.mean_speed_sd_m_s
     assert speed_m_s < 0.2
 
 
-def test_before_the_first_position_the_water_is_what_was_expected():
-    state = water.expecting(0.1, -0.2, 0.6)
-    assert water.known(state) == (0.1, -0.2, 0.6, 0.0)
+def test_before_the_first_position_the_expected_values_apply():
+    state = water.initial_state(0.1, -0.2, 0.6)
+    assert water.guidance_values(state) == (0.1, -0.2, 0.6, 0.0)
     assert water.over_ground_m_s(state, math.nan) == (0.1, -0.2)
     assert water.over_ground_m_s(state, 0.0) == pytest.approx((0.7, -0.2))
-    assert water.speed_sd(state) == pytest.approx(math.hypot(water.FIRST_SPEED_SD_M_S, water.CHANGES_M_S))
+    assert water.speed_sd(state) == pytest.approx(math.hypot(water.FIRST_SPEED_SD_M_S, water.EDDY_SD_M_S))
     assert water.update(state, 5.0) == state
     assert water.take_heading(state, 1.0, True, 0.1) is state
     now = water.estimated(state, 1000.0)
@@ -230,17 +230,17 @@ def test_before_the_first_position_the_water_is_what_was_expected():
 
 
 def test_the_model_follows_the_speed_within_bounds():
-    at_half = water.model_at_speed(OCEAN_RAMBLER, water.expecting(0.0, 0.0, 0.5 * OCEAN_RAMBLER.speed_m_s))
+    at_half = water.model_at_speed(OCEAN_RAMBLER, water.initial_state(0.0, 0.0, 0.5 * OCEAN_RAMBLER.speed_m_s))
     assert at_half.turning_ability_1_s == pytest.approx(0.5 * OCEAN_RAMBLER.turning_ability_1_s)
     assert at_half.turning_lag_s == pytest.approx(2.0 * OCEAN_RAMBLER.turning_lag_s)
     for speed_m_s, ratio in ((0.0, 0.1), (1e3, 10.0)):
-        model = water.model_at_speed(OCEAN_RAMBLER, water.expecting(0.0, 0.0, speed_m_s))
+        model = water.model_at_speed(OCEAN_RAMBLER, water.initial_state(0.0, 0.0, speed_m_s))
         assert model.turning_ability_1_s == pytest.approx(ratio * OCEAN_RAMBLER.turning_ability_1_s)
 
 
-def test_the_model_keeps_the_expected_speed_until_the_estimate_is_sure():
+def test_the_model_keeps_the_expected_speed_until_the_estimate_is_certain():
     """In swell the estimated speed fell to 0 before the first turn, K and T with it: the heading was 20 deg off."""
-    state = water.expecting(0.0, 0.0, 0.5)
+    state = water.initial_state(0.0, 0.0, 0.5)
     filter_ = water_filter.begin(0.0, 0.0, 0.0, 0.05, 0.3, 0.0, 0.0, 0.3, 0.0, 0.1)
     unsure = water.update(state._replace(fix_t_s=0.0, filter=filter_), 1.0)
     assert water.model_speed(unsure) > 0.45

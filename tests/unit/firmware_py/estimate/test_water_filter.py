@@ -11,24 +11,24 @@ from hypothesis import strategies as st
 
 from firmware_py.estimate.water_filter import (
     NORTH,
-    REFUSED_S,
+    REJECTION_TIME_S,
     WaterFilter,
     begin,
     correct,
-    moved_origin,
     take_heading,
-    water_of,
+    water_at,
+    with_moved_origin,
 )
 from firmware_py.estimate.water_results import (
-    PATIENCE_S,
+    DECISION_TIME_S,
     CurrentVerdict,
+    advance_dead_reckoning,
     begin_dead_reckoning,
     current_excess,
     dead_reckoning_sd,
     heading_from_track,
     judge_current,
     over_ground,
-    sailed,
 )
 from hil.lab.compiled import compiled
 from hil.lab.numeric_core import water_filter, water_results
@@ -77,7 +77,7 @@ class Boat:
 
     @property
     def water(self):
-        return water_of(self.state, self.t_s)
+        return water_at(self.state, self.t_s)
 
     @property
     def place_m2(self):
@@ -122,7 +122,7 @@ def test_turns_separate_speed_current_and_leeway(speed_m_s, current_m_s, leeway_
     assert abs(boat.water.leeway_rad - math.radians(leeway_deg)) < 3.0 * boat.water.leeway_sd_rad
 
 
-def test_on_one_heading_only_the_sum_of_speed_and_current_is_known():
+def test_on_one_heading_only_the_sum_of_speed_and_current_is_observable():
     boat = Boat(0.6, (-0.3, 0.1)).sail(0.0, 3600.0)
     water = boat.water
     north_m_s, east_m_s = over_ground(water, 0.0)
@@ -134,14 +134,14 @@ def test_on_one_heading_only_the_sum_of_speed_and_current_is_known():
     assert max(map(abs, boat.off_in_sds)) < 3.0
 
 
-def test_over_many_passages_the_errors_are_as_large_as_claimed():
+def test_over_many_passages_the_errors_match_their_standard_deviations():
     boats = [Boat(0.5, (0.2, -0.2), 0.1, seed, 0.1) for seed in range(8)]
     ends = [boat.square(4, step_s=10.0, fix_s=10.0).off_in_sds for boat in boats]
     assert 0.1 < np.mean(np.square(ends)) < 1.5
 
 
 @pytest.mark.parametrize(("step_s", "fix_s"), [(0.5, 0.5), (1.0, 1.0), (1.0, 5.0), (5.0, 5.0), (1.0, 60.0)])
-def test_any_rate_of_positions_serves(step_s, fix_s):
+def test_any_rate_of_positions_is_sufficient(step_s, fix_s):
     boat = Boat(0.5, (0.15, -0.15)).square(4, step_s=step_s, fix_s=fix_s)
     assert max(map(abs, boat.off_in_sds)) < 3.5
     assert boat.water.current_sd_m_s < 0.08
@@ -172,7 +172,7 @@ def test_without_a_heading_the_water_stays_and_the_position_becomes_uncertain(bo
     assert max(map(abs, boat.off_in_sds)) < 3.0
 
 
-def test_single_outliers_are_refused(boat):
+def test_single_outliers_are_rejected(boat):
     for _ in range(20):
         boat.sail(0.5, 5.0, jump_m=200.0)
         assert not math.isnan(boat.state.refused_t_s)
@@ -190,7 +190,7 @@ def test_a_jump_within_the_gate_hardly_moves_the_water(boat, jump_m):
 
 
 def test_a_lasting_jump_restarts_the_position_and_keeps_the_water(boat):
-    boat.sail(0.5, REFUSED_S, jump_m=500.0)
+    boat.sail(0.5, REJECTION_TIME_S, jump_m=500.0)
     assert boat.state.means[0, NORTH] < boat.place_m[0] + 100.0
     boat.sail(0.5, 60.0, jump_m=500.0)
     assert abs(boat.state.means[0, NORTH] - boat.place_m[0] - 500.0) < 5.0
@@ -200,14 +200,14 @@ def test_a_lasting_jump_restarts_the_position_and_keeps_the_water(boat):
 
 def test_another_origin_changes_nothing_but_the_position():
     boat = Boat(0.5, (0.15, -0.15)).square(3)
-    moved = moved_origin(boat.state, 1000.0, -500.0)
-    assert water_of(moved, boat.t_s) == boat.water
+    moved = with_moved_origin(boat.state, 1000.0, -500.0)
+    assert water_at(moved, boat.t_s) == boat.water
     one = correct(take_heading(boat.state, 0.1, 5.0), boat.t_s + 5.0, 700.0, 20.0)
     other = correct(take_heading(moved, 0.1, 5.0), boat.t_s + 5.0, -300.0, 520.0)
-    assert flat(water_of(other, boat.t_s)) == pytest.approx(flat(water_of(one, boat.t_s)), abs=1e-9)
+    assert flat(water_at(other, boat.t_s)) == pytest.approx(flat(water_at(one, boat.t_s)), abs=1e-9)
 
 
-def test_a_stored_water_is_known_from_the_first_position_on():
+def test_a_stored_current_is_known_from_the_first_position_on():
     stored = begin(0.0, 0.0, 0.0, 0.5, 0.03, 0.15, -0.15, 0.02, 0.0, 0.02)
     boat = Boat(0.5, (0.15, -0.15), state=stored).sail(0.5, 600.0)
     assert max(map(abs, boat.off_in_sds)) < 3.0
@@ -217,27 +217,27 @@ def test_a_stored_water_is_known_from_the_first_position_on():
 def test_the_current_is_too_strong_only_where_it_exceeds_the_speed():
     assert math.isnan(Boat(0.5, (0.2, -0.2), speed_sd_m_s=0.2).square(8, 900.0, step_s=2.5).strong_s)
     boat = Boat(0.5, (0.7, 0.4), speed_sd_m_s=0.1).square(4, 900.0, step_s=2.5)
-    assert 900.0 < boat.strong_s < 900.0 + 3.0 * PATIENCE_S  # before the first turn the two are not known apart
+    assert 900.0 < boat.strong_s < 900.0 + 3.0 * DECISION_TIME_S  # before the first turn the two are not known apart
     boat.speed_m_s, boat.current_m_s = 1.5, (0.2, 0.0)
     boat.square(4, 900.0, step_s=2.5)
     assert boat.verdict.too_strong == 0.0
 
 
-def test_the_verdict_stays_while_there_are_no_positions():
+def test_the_verdict_is_kept_without_positions():
     boat = Boat(0.5, (0.7, 0.4)).square(4, 900.0, step_s=2.5)
     assert (
-        judge_current(boat.verdict, boat.state, water_of(boat.state, boat.t_s + 1e4), boat.t_s + 1e4).too_strong == 1.0
+        judge_current(boat.verdict, boat.state, water_at(boat.state, boat.t_s + 1e4), boat.t_s + 1e4).too_strong == 1.0
     )
 
 
-def test_current_excess_takes_the_sum_as_known_on_one_heading():
+def test_the_current_excess_uses_the_covariance_on_one_heading():
     boat = Boat(0.5, (0.9, 0.0)).sail(0.0, 3600.0)
     excess_m_s, sd_m_s = current_excess(boat.water)
     assert abs(excess_m_s - 0.4) < 3.0 * sd_m_s
     assert sd_m_s > 0.2
 
 
-def test_the_reckoned_position_errs_as_it_claims():
+def test_the_error_of_dead_reckoning_is_consistent():
     off_in_sds = []
     for seed in range(5):
         boat = Boat(0.5, (0.15, -0.1), 0.1, seed, 0.1).square(4, step_s=10.0, fix_s=10.0)
@@ -246,7 +246,7 @@ def test_the_reckoned_position_errs_as_it_claims():
         for heading_rad in (0.0, 1.0, 2.5):
             boat.sail(heading_rad, 600.0, fix_s=1e9)
             for _ in range(60):
-                dead_reckoning, north_m_s, east_m_s = sailed(dead_reckoning, heading_rad, 10.0)
+                dead_reckoning, north_m_s, east_m_s = advance_dead_reckoning(dead_reckoning, heading_rad, 10.0)
                 north_m, east_m = north_m + 10.0 * north_m_s, east_m + 10.0 * east_m_s
         sd_m = dead_reckoning_sd(dead_reckoning, 1800.0)
         assert 5.0 < sd_m < 250.0
@@ -254,15 +254,15 @@ def test_the_reckoned_position_errs_as_it_claims():
     assert np.mean(np.square(off_in_sds)) < 1.5
 
 
-def test_reckoning_without_a_heading_goes_with_the_current_and_counts_the_way_as_unknown():
+def test_dead_reckoning_without_a_heading_follows_the_current():
     boat = Boat(0.5, (0.15, -0.1)).square(4)
     dead_reckoning = begin_dead_reckoning(boat.state, boat.t_s)
-    blind, north_m_s, east_m_s = sailed(dead_reckoning, math.nan, 600.0)
+    blind, north_m_s, east_m_s = advance_dead_reckoning(dead_reckoning, math.nan, 600.0)
     assert (north_m_s, east_m_s) == (dead_reckoning.current_north_m_s, dead_reckoning.current_east_m_s)
     assert dead_reckoning_sd(blind, 600.0) > 0.9 * 600.0 * 0.5
 
 
-def test_the_track_gives_the_heading_with_an_honest_spread():
+def test_the_heading_from_the_track_is_consistent():
     boat, off_in_sds = Boat(0.5, (0.2, -0.2), 0.2, speed_sd_m_s=0.1).square(4), []
     for number in range(60):
         before, heading_rad = list(boat.place_m), 0.1 * number
@@ -273,7 +273,7 @@ def test_the_track_gives_the_heading_with_an_honest_spread():
     assert 0.1 < np.mean(np.square(off_in_sds)) < 1.5
 
 
-def test_no_heading_from_a_track_that_shows_none():
+def test_an_unusable_track_gives_no_heading():
     boat = Boat(0.5, (0.0, 0.0)).square(4)
     for track in ((0.0, 0.0, 30.0), (300.0, 0.0, 30.0), (math.nan, 0.0, 30.0), (9.0, 9.0, 0.0)):
         assert all(map(math.isnan, heading_from_track(boat.state, boat.t_s, *track))), track
@@ -305,9 +305,9 @@ def test_no_input_makes_the_state_infinite(steps):
         t_s += step_s if 0.0 < step_s < 1e6 else 0.0
         state = take_heading(state, heading_rad, step_s)
         state = correct(state, t_s if math.isfinite(step_s) else step_s, north_m, east_m)
-        water = water_of(state, t_s)
+        water = water_at(state, t_s)
         verdict = judge_current(verdict, state, water, t_s)
-        dead_reckoning, _, _ = sailed(begin_dead_reckoning(state, t_s), heading_rad, 10.0)
+        dead_reckoning, _, _ = advance_dead_reckoning(begin_dead_reckoning(state, t_s), heading_rad, 10.0)
         assert all(map(math.isfinite, flat((state.means, state.covariances, state.levels, state.information))))
         assert all(map(math.isfinite, flat(water)))
         assert math.isfinite(dead_reckoning_sd(dead_reckoning, 10.0))
@@ -324,11 +324,11 @@ def follow(heading_rad, north_m, east_m, out):
         state = water_filter.take_heading(state, heading_rad[number - 1], 1.0)
         state = water_filter.correct(state, t_s, north_m[number], east_m[number])
         if number % 500 == 0:
-            state = water_filter.moved_origin(state, 0.5, -0.25)
-        water = water_filter.water_of(state, t_s)
+            state = water_filter.with_moved_origin(state, 0.5, -0.25)
+        water = water_filter.water_at(state, t_s)
         verdict = water_results.judge_current(verdict, state, water, t_s)
         north_m_s, east_m_s = water_results.over_ground(water, heading_rad[number])
-        dead_reckoning, _, dead_reckoned_m_s = water_results.sailed(
+        dead_reckoning, _, dead_reckoning_m_s = water_results.advance_dead_reckoning(
             water_results.begin_dead_reckoning(state, t_s), heading_rad[number], 100.0
         )
         found_rad, sd_rad = water_results.heading_from_track(state, t_s, 10.0 * north_m_s, 10.0 * east_m_s, 10.0)
@@ -336,7 +336,7 @@ def follow(heading_rad, north_m, east_m, out):
         row[0], row[1], row[2], row[3] = water.speed_m_s, water.current_sd_m_s, water.leeway_rad, water.leeway_sd_rad
         row[4], row[5], row[6], row[7] = verdict.against_s, verdict.too_strong, north_m_s, east_m_s
         row[8], row[9], row[10] = water_results.dead_reckoning_sd(dead_reckoning, 100.0), found_rad, sd_rad
-        row[11], row[12], row[13] = dead_reckoned_m_s, state.levels[0], state.levels[1]
+        row[11], row[12], row[13] = dead_reckoning_m_s, state.levels[0], state.levels[1]
         row[14], row[15] = state.levels[2], state.levels[3]
 
 

@@ -18,18 +18,18 @@ def run(conditions_at, fault=Fault.RUDDER_ERROR):
         yield t_s, state.is_set(fault), events
 
 
-def test_a_fault_is_set_after_its_debounce_and_told_once():
+def test_a_fault_is_set_after_its_debounce_time_and_reported_once():
     seen = list(run([(0.0, False), (1.0, True), (1.2, True), (1.31, True), (1.4, True), (2.0, False), (3.0, False)]))
     assert [is_set for _, is_set, _ in seen] == [False, False, False, True, True, True, False]
-    told = [(t_s, event.severity, event.text) for t_s, _, events in seen for event in events]
+    reported = [(t_s, event.severity, event.text) for t_s, _, events in seen for event in events]
     row = TABLE[Fault.RUDDER_ERROR]
-    assert told == [(1.31, row.severity, row.text), (3.0, Severity.NOTICE, row.recovery)]
+    assert reported == [(1.31, row.severity, row.text), (3.0, Severity.NOTICE, row.recovery)]
 
 
-def test_a_disk_that_fails_by_turns_fails_all_the_while():
+def test_an_intermittent_disk_error_is_one_fault():
     falters = [(0.2 * tick, tick % 20 < 12) for tick in range(500)]  # 2.4 s of it, then 1.6 s well
-    told = [event.text for _, _, events in run(falters, Fault.STORAGE_FAILING) for event in events]
-    assert told == [TABLE[Fault.STORAGE_FAILING].text]
+    reported = [event.text for _, _, events in run(falters, Fault.STORAGE_FAILING) for event in events]
+    assert reported == [TABLE[Fault.STORAGE_FAILING].text]
 
 
 def test_a_short_condition_is_not_a_fault():
@@ -45,7 +45,7 @@ def test_the_table_is_in_the_order_of_its_bits_and_its_texts_fit_a_status_text()
         assert row.condition in markdown()
 
 
-def test_a_condition_that_began_at_time_zero_and_went_is_forgotten():
+def test_a_condition_that_began_at_time_0_is_forgotten():
     seen = list(run([(0.0, True), (0.1, False), (5.0, True), (5.1, True)]))
     assert not any(is_set for _, is_set, _ in seen)
 
@@ -66,7 +66,7 @@ STEPS = st.lists(st.tuples(st.sampled_from([0.1, 0.3, 1.0, 7.0]), st.frozensets(
 
 
 @given(STEPS)
-def test_each_fault_is_set_by_its_own_times_and_told_when_it_comes_and_goes(steps):
+def test_each_fault_is_set_and_cleared_by_its_own_times_and_reported(steps):
     times_s = list(accumulate(step_s for step_s, _ in steps))
     wanted = {
         fault: list(judged(row, [(t_s, fault in standing) for t_s, (_, standing) in zip(times_s, steps, strict=True)]))
@@ -86,12 +86,12 @@ def test_each_fault_is_set_by_its_own_times_and_told_when_it_comes_and_goes(step
 
 
 @pytest.mark.parametrize("fault", Fault)
-def test_a_fault_forbids_arming_by_its_own_words_and_the_first_of_several_speaks(fault):
+def test_arming_is_refused_with_the_reason_of_the_first_fault(fault):
     assert arming_refusal(1 << fault) == TABLE[fault].arming_refusal
     later = sum(1 << other for other in Fault if other > fault)
     first = next((TABLE[other].arming_refusal for other in Fault if other >= fault and TABLE[other].arming_refusal), "")
     assert arming_refusal(1 << fault | later) == first
 
 
-def test_nothing_set_forbids_nothing():
+def test_without_a_fault_arming_is_not_refused():
     assert arming_refusal(0) == ""

@@ -59,7 +59,7 @@ def standing(**changes):
     ]
 
 
-def test_nothing_stands_while_all_is_well_or_nothing_is_known():
+def test_no_condition_is_present_in_normal_operation_or_without_data():
     assert standing() == []
     assert (
         standing(
@@ -95,7 +95,7 @@ def test_nothing_stands_while_all_is_well_or_nothing_is_known():
         ),
     ],
 )
-def test_a_condition_stands_from_its_limit_on_and_no_other_with_it(fault, before, at):
+def test_each_condition_is_present_from_its_limit_on(fault, before, at):
     assert standing(**before) == []
     assert standing(**at) == [fault]
 
@@ -110,13 +110,13 @@ def test_a_condition_stands_from_its_limit_on_and_no_other_with_it(fault, before
         (Fault.BATTERY_CRITICAL, {"battery_charge": 0.149, "save_charge": 0.0}, {"battery_charge": 0.36}),
     ],
 )
-def test_a_limit_lies_further_back_once_its_fault_is_set(fault, kept, gone):
+def test_a_limit_has_hysteresis_once_its_fault_is_set(fault, kept, gone):
     assert standing(**kept) == []
     assert standing(**kept, faults=1 << fault) == [fault]
     assert standing(**gone, faults=1 << fault) == []
 
 
-def test_a_disk_that_was_full_and_then_fails_has_not_got_room_again():
+def test_a_full_disk_that_fails_stays_full():
     both = sum(1 << fault for fault in (Fault.STORAGE_FULL, Fault.STORAGE_FAILING))
     assert standing(storage=DeviceState.FAULTY) == [Fault.STORAGE_FAILING]
     assert set(standing(storage=DeviceState.FAULTY, faults=both)) == {Fault.STORAGE_FULL, Fault.STORAGE_FAILING}
@@ -126,13 +126,13 @@ def test_a_disk_that_was_full_and_then_fails_has_not_got_room_again():
 LOW_AND_CRITICAL = [Fault.BATTERY_LOW, Fault.BATTERY_CRITICAL]
 
 
-def test_an_empty_battery_is_both_low_and_critical_unless_nothing_is_to_be_done_then():
+def test_an_empty_battery_is_low_and_critical_unless_a_limit_is_0():
     assert standing(battery_charge=0.05) == LOW_AND_CRITICAL
     assert standing(battery_charge=0.05, keep_charge=0.0, keep_v=0.0) == LOW_AND_CRITICAL[:1]
     assert standing(battery_charge=0.0, battery_v=0.0, save_charge=0.0, save_v=0.0, keep_charge=0.0, keep_v=0.0) == []
 
 
-def test_what_is_not_known_of_the_battery_keeps_the_step_and_a_limit_that_was_taken_away_ends_it():
+def test_without_battery_data_the_faults_stay_until_their_limits_are_0():
     both = sum(1 << fault for fault in LOW_AND_CRITICAL)
     unknown = {"battery_charge": None, "battery_v": None}
     assert standing(**unknown, faults=both) == LOW_AND_CRITICAL
@@ -140,9 +140,9 @@ def test_what_is_not_known_of_the_battery_keeps_the_step_and_a_limit_that_was_ta
     assert standing(battery_charge=None, faults=both) == []  # the voltage is right
 
 
-def test_a_station_that_was_never_silent_for_its_device_is_not_silent_for_its_age():
+def test_a_ground_station_is_not_silent_by_its_age_alone():
     assert standing(station_age_s=1e6) == []
 
 
-def test_every_parameter_that_a_row_names_is_one():
+def test_every_parameter_of_a_row_exists():
     assert all(row.parameter in INDEX for row in TABLE.values() if row.parameter)

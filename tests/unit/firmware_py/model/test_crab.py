@@ -10,7 +10,7 @@ angles, currents = st.floats(0.0, 6.28), st.floats(-0.6, 0.6)
 
 
 @given(angles, currents, currents)
-def test_the_heading_makes_the_course_good_in_any_weaker_current(course_rad, north_m_s, east_m_s):
+def test_the_heading_gives_the_course_in_any_weaker_current(course_rad, north_m_s, east_m_s):
     speed_m_s = 1.0
     heading_rad = heading_for_course(course_rad, speed_m_s, north_m_s, east_m_s)
     v_north = speed_m_s * math.cos(heading_rad) + north_m_s
@@ -19,9 +19,9 @@ def test_the_heading_makes_the_course_good_in_any_weaker_current(course_rad, nor
     assert math.hypot(v_north, v_east) == pytest.approx(speed_made_good(course_rad, speed_m_s, north_m_s, east_m_s))
 
 
-def test_a_current_as_fast_as_she_is_is_met_mostly_head_on_and_a_faster_one_gone_with_at_its_edge():
+def test_headings_in_a_current_as_fast_as_the_boat_and_faster():
     assert math.degrees(heading_for_course(0.0, 0.4, 0.0, 0.399)) == pytest.approx(360.0 - 71.8, abs=0.1)
-    # Setting east at twice her speed, and she is to go north: she comes as far north as she can for each metre east.
+    # Current to the east at twice the speed, course north: as far north as possible for each metre east.
     assert math.degrees(heading_for_course(0.0, 0.4, 0.0, 0.8)) == pytest.approx(330.0)
     assert speed_made_good(0.0, 0.4, 0.0, 0.8) <= 0.0
     assert speed_made_good(math.pi / 2, 0.4, 0.0, 0.8) == pytest.approx(1.2)
@@ -31,9 +31,7 @@ def test_a_current_as_fast_as_she_is_is_met_mostly_head_on_and_a_faster_one_gone
 
 
 @given(angles, st.floats(1.4, 3.0), angles)
-def test_in_a_stronger_current_she_goes_as_near_to_the_course_as_she_can_or_loses_least_of_it(
-    course_rad, current_m_s, toward_rad
-):
+def test_in_a_stronger_current_the_heading_is_best_for_the_course(course_rad, current_m_s, toward_rad):
     north_m_s, east_m_s = current_m_s * math.cos(toward_rad), current_m_s * math.sin(toward_rad)
 
     def over_ground(heading_rad):
@@ -57,8 +55,8 @@ def test_in_a_stronger_current_she_goes_as_near_to_the_course_as_she_can_or_lose
 
 
 @given(angles, angles)
-def test_whether_a_current_is_just_weaker_or_just_stronger_turns_her_little(course_rad, toward_rad):
-    """It is what the estimate scatters by: the crab angle turns her as much where it is largest, 8.3 deg."""
+def test_the_heading_changes_little_where_the_current_exceeds_the_speed(course_rad, toward_rad):
+    """Within the scatter of the estimate; the largest change of the crab angle is 8.3 deg."""
     weaker_rad, stronger_rad = (
         heading_for_course(course_rad, 1.0, ratio * math.cos(toward_rad), ratio * math.sin(toward_rad))
         for ratio in (0.97, 1.03)

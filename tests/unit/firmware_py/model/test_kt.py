@@ -37,12 +37,12 @@ def test_the_steady_rate_solves_its_equation(rudder_rad, ability_1_s, norrbin_s2
     assert rate_rad_s + norrbin_s2 * rate_rad_s**3 == pytest.approx(ability_1_s * rudder_rad, rel=1e-9, abs=1e-15)
 
 
-def test_similarity_is_the_paper_s():
+def test_similarity_is_that_of_the_paper():
     fast = OCEAN_RAMBLER.at_speed(0.8)
     assert (fast.turning_ability_1_s, fast.turning_lag_s, fast.norrbin_s2) == pytest.approx((0.098, 2.0, 4.25))
 
 
-def test_a_step_agrees_with_the_exact_linear_answer():
+def test_a_step_agrees_with_the_exact_linear_solution():
     heading_rad, rate_rad_s = 0.0, 0.0
     for _ in range(200):
         heading_rad, rate_rad_s = rk4_step(heading_rad, rate_rad_s, 0.3, 0.05, 0.049, 4.0, 0.0, 0.02)
@@ -52,12 +52,12 @@ def test_a_step_agrees_with_the_exact_linear_answer():
     assert heading_rad == pytest.approx(drive_rad_s * (10.0 - 4.0 * (1.0 - decay)), rel=1e-8)
 
 
-def test_the_defaults_of_the_parameters_are_the_tank_s_numbers():
+def test_the_default_parameters_are_those_of_the_tank():
     # As near as the single precision in which parameters travel.
     assert tuple(KtModel.of(ParameterSet())) == pytest.approx(tuple(OCEAN_RAMBLER), rel=1e-7)
 
 
-def test_one_exact_step_is_as_many_small_ones():
+def test_one_exact_step_equals_many_small_ones():
     steady, lag_s = 0.03, 4.0
     turned, rate = exact_step(-0.01, steady, decay_over(20.0, lag_s), 20.0, lag_s)
     heading, small = 0.0, -0.01
@@ -73,7 +73,7 @@ def test_an_exact_step_of_any_length_ends_between_the_rate_and_the_steady_one(ra
     assert min(rate, steady) - 1e-16 <= after <= max(rate, steady) + 1e-16
 
 
-def test_the_equation_s_terms():
+def test_the_terms_of_the_equation():
     assert yaw_acceleration(0.02, 0.3, 0.049, 4.0, 17.0, 0.1) == pytest.approx(
         (0.049 * 0.2 - 0.02 - 17.0 * 0.02**3) / 4.0
     )
@@ -94,12 +94,12 @@ def test_a_step_with_the_held_cubic_term_is_stable_and_tends_to_the_steady_yaw_r
         assert rate == pytest.approx(steady_yaw_rate(rudder_rad, ability_1_s, norrbin_s2), rel=1e-3)
 
 
-def test_an_ordinary_boat_has_its_cubic_term_held_as_it_is():
+def test_the_cubic_term_of_an_ordinary_boat_is_not_linearised():
     for rate_rad_s in (0.0, 0.02, 0.1, -0.3):
         cubic = 17.0 * rate_rad_s * rate_rad_s
         assert held_cubic(4.0, 17.0, rate_rad_s, 0.1) == (1.0, cubic, 3.0 * cubic)
 
 
-def test_a_yaw_rate_beyond_all_bounds_is_reduced():
+def test_an_unbounded_yaw_rate_is_reduced():
     divisor, cubic, _ = held_cubic(4.0, 17.0, 1e200, 0.1)
     assert 0.0 < -cubic * 1e200 / divisor < 1e200

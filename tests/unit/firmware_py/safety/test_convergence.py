@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.safety.convergence import IDLE, PATIENCE_S, update
+from firmware_py.safety.convergence import DETECTION_TIME_S, IDLE, update
 
 LIMIT_RAD = math.radians(30.0)
 
@@ -23,7 +23,7 @@ def reported_s(error_deg, rudder_deg, seconds=900):
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_it_is_reported_once_after_five_minutes_on_either_side(side):
-    assert reported_s(lambda t: side * (70.0 + 4.0 * math.sin(t)), lambda _: side * 30.0) == [PATIENCE_S]
+    assert reported_s(lambda t: side * (70.0 + 4.0 * math.sin(t)), lambda _: side * 30.0) == [DETECTION_TIME_S]
 
 
 @pytest.mark.parametrize(
@@ -42,4 +42,4 @@ def test_it_is_not_reported(error_deg, rudder_deg):
 
 
 def test_it_is_reported_again_after_the_error_decreased():
-    assert reported_s(lambda t: 70.0 if t < 400 else 50.0, lambda _: 30.0) == [PATIENCE_S, 400 + PATIENCE_S]
+    assert reported_s(lambda t: 70.0 if t < 400 else 50.0, lambda _: 30.0) == [DETECTION_TIME_S, 400 + DETECTION_TIME_S]

@@ -14,7 +14,7 @@ def run(state, angles_rad, power_w=None, step_s=0.1, start_s=0.0):
     return state
 
 
-def test_travel_reversals_and_energy_of_a_rudder_that_goes_to_and_fro():
+def test_travel_reversals_and_energy_of_an_oscillating_rudder():
     # 0.2 rad to either side with a period of 10 s for an hour: 0.8 rad of travel and two reversals each.
     angles = [0.2 * math.sin(math.tau * index / 100) for index in range(36000)]
     energy = report(run(EnergyMeterState(), angles, 3.0), resting=False)
@@ -26,19 +26,19 @@ def test_travel_reversals_and_energy_of_a_rudder_that_goes_to_and_fro():
     assert energy.power_w == 3.0
 
 
-def test_the_chatter_of_an_encoder_is_travel_but_no_reversal():
+def test_encoder_noise_is_travel_but_no_reversal():
     state = run(EnergyMeterState(), [0.001 * (index % 2) for index in range(1000)])
     assert state.reversals == 0
     assert state.travel_rad == pytest.approx(0.999)
 
 
-def test_a_gap_in_the_servo_s_word_costs_no_invented_energy():
+def test_a_gap_of_the_servo_feedback_adds_no_energy():
     state = run(EnergyMeterState(), [0.0] * 11, 10.0)
     assert state.energy_j == pytest.approx(10.0)
     assert run(state, [0.0] * 11, 10.0, start_s=100.0).energy_j == pytest.approx(20.0)
 
 
-def test_what_is_told_per_hour_forgets_what_was_long_ago():
+def test_the_values_per_hour_have_a_memory_of_an_hour():
     state = run(EnergyMeterState(), [0.3 * (index % 2) for index in range(100)], step_s=1.0)
     busy = report(state, resting=False).reversals_per_h
     quiet = report(run(state, [0.0] * 20000, step_s=1.0), resting=True)

@@ -25,7 +25,7 @@ class Boat:
     def __init__(self, mode, chosen, *, resume=False):
         self.settings = replace(SETTINGS, failsafe_modes=dict.fromkeys(PRECEDENCE) | chosen, resume=resume)
         self.state, self.modes = SupervisorState(), ModeState(mode, armed=True)
-        self.said = []
+        self.texts = []
 
     def tick(self, *faults, order=None):
         if order is not None:
@@ -35,7 +35,7 @@ class Boat:
             self.state, self.modes, events = apply_failsafe(
                 self.settings, self.state, self.modes, active, EVERYTHING, overruled=order is not None
             )
-            self.said += [event.text for event in events]
+            self.texts += [event.text for event in events]
             order = None
         return self.modes.mode
 
@@ -48,7 +48,7 @@ def acts(fault, mode):
 def wanted(ordered, chosen, stood):
     """The mode at last, of the sets of faults that have stood one after the other since an order, the last not empty.
 
-    Once a failsafe has taken her every fault acts.
+    In a mode that a failsafe chose, every fault acts.
     """
     mode, taken = ordered, False
     for faults in stood:
@@ -58,11 +58,11 @@ def wanted(ordered, chosen, stood):
 
 
 def left_by(fault, chosen, before):
-    """Where she is once a failsafe has ended without FS_RESUME."""
+    """Return the mode after a failsafe that has ended without FS_RESUME."""
     return before if TABLE[fault].always_resumes else chosen[fault]
 
 
-def test_the_graver_comes_first_and_every_fault_with_a_choice_has_its_place():
+def test_precedence_is_by_severity_and_has_every_fault_with_a_parameter():
     assert set(PRECEDENCE) == {fault for fault, row in TABLE.items() if row.parameter}
     severities = [TABLE[fault].severity for fault in PRECEDENCE]
     assert severities == sorted(severities)
@@ -80,7 +80,7 @@ def test_of_every_pair_the_first_in_precedence_decides_whichever_came_first(orde
 
 
 @pytest.mark.parametrize("ordered", [Mode.AUTO, Mode.GUIDED, Mode.LOITER])
-def test_after_every_pair_she_goes_on_with_what_was_ordered_where_she_is_to(ordered):
+def test_after_every_pair_the_ordered_mode_resumes(ordered):
     for (first, second), modes in itertools.product(PAIRS, CHOICES):
         chosen = dict(zip((first, second), modes, strict=True))
         for gone in (first, second):
@@ -93,7 +93,7 @@ def test_after_every_pair_she_goes_on_with_what_was_ordered_where_she_is_to(orde
 
 
 @pytest.mark.parametrize("ordered", [Mode.AUTO, Mode.GUIDED])
-def test_what_is_left_after_a_pair_is_what_the_one_that_decided_last_leaves(ordered):
+def test_after_a_pair_the_mode_of_the_last_decision_is_kept(ordered):
     for (first, second), modes in itertools.product(PAIRS, CHOICES):
         chosen = dict(zip((first, second), modes, strict=True))
         boat = Boat(ordered, chosen)
@@ -105,8 +105,8 @@ def test_what_is_left_after_a_pair_is_what_the_one_that_decided_last_leaves(orde
         assert boat.modes.by_failsafe is (boat.modes.mode is not ordered)
 
 
-def test_where_a_failsafe_has_left_her_every_later_fault_acts():
-    """A hot servo had put her into HOLD and was long gone; a low supply found her there and did nothing, for months."""
+def test_in_the_mode_of_a_failsafe_every_later_fault_acts():
+    """A low supply acts in a HOLD that an earlier fault of the servo has left."""
     for (first, second), mode in itertools.product(PAIRS, (Mode.RTL, Mode.STEERING, Mode.HOLD)):
         boat = Boat(Mode.AUTO, {first: Mode.HOLD, second: mode})
         boat.tick(first)
@@ -115,7 +115,7 @@ def test_where_a_failsafe_has_left_her_every_later_fault_acts():
 
 
 @pytest.mark.parametrize("order", ORDERED)
-def test_an_order_wins_over_all_that_stand_and_over_none_that_comes_later(order):
+def test_an_order_overrules_all_faults_that_are_set_and_none_that_comes_later(order):
     for first, second in PAIRS:
         chosen = {first: Mode.HOLD, second: Mode.RTL}
         boat = Boat(Mode.AUTO, chosen, resume=True)
@@ -124,11 +124,11 @@ def test_an_order_wins_over_all_that_stand_and_over_none_that_comes_later(order)
         assert boat.tick(second) is order
         came_back = chosen[first] if acts(first, order) else order
         assert boat.tick(first, second) is came_back, (first, second)
-        # Nobody is given the stick back.
+        # MANUAL does not resume.
         assert boat.tick() is (came_back if order is Mode.MANUAL else order)
 
 
-def test_in_manual_the_others_wait_for_the_loss_of_the_operator():
+def test_in_manual_only_the_loss_of_the_ground_station_acts():
     for fault in PRECEDENCE:
         if TABLE[fault].acts_in_manual:
             continue
@@ -144,16 +144,16 @@ def test_in_manual_the_others_wait_for_the_loss_of_the_operator():
         assert boat.tick(fault, lost) is Mode.LOITER
 
 
-def test_what_is_told_of_a_hot_servo_a_low_supply_and_their_end():
+def test_the_reports_of_a_hot_servo_a_low_supply_and_their_end():
     hot, low = Fault.RUDDER_HOT, Fault.SUPPLY_LOW
     boat = Boat(Mode.AUTO, {hot: Mode.HOLD, low: Mode.RTL})
     for faults in ((hot,), (hot, low), (hot,), (), (low,), ()):
         boat.tick(*faults)
-    assert boat.said == [
+    assert boat.texts == [
         "Failsafe: HOLD",
         "Failsafe: RTL",
         "Failsafe: HOLD",
-        "Failsafe over: HOLD stays",
+        "Failsafe ended: HOLD kept",
         "Failsafe: RTL",
-        "Failsafe over: RTL stays",
+        "Failsafe ended: RTL kept",
     ]

@@ -5,14 +5,14 @@ import pytest
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel
 from firmware_py.safety.oscillation import (
-    ENOUGH,
+    DETECTION_EVIDENCE,
     HOLD_S,
+    MAX_EVIDENCE,
     MAX_HOLD_S,
     MAX_REDUCTION,
-    MOST,
     NO_HALF,
-    PATIENT_HALVES,
     REDUCTION_STEP,
+    WAIT_HALF_CYCLES,
     OscillationInput,
     OscillationState,
     update,
@@ -74,7 +74,7 @@ def test_a_cycle_of_a_boat_that_responds_late_is_a_limit_cycle_and_reduces_the_g
 
 
 @pytest.mark.parametrize("ratio_1_s", [-1.0, 0.0, 0.02])
-def test_without_evidence_of_a_delay_no_cycle_is_one(ratio_1_s):
+def test_without_evidence_of_a_delay_no_cycle_is_detected(ratio_1_s):
     watch = Watch().see(1200.0, swings(5.0, 30.0), ratio_1_s=ratio_1_s)
     assert watch.reports == []
     assert watch.state.evidence == pytest.approx(max(0.0, 1200.0 * ratio_1_s))
@@ -82,15 +82,18 @@ def test_without_evidence_of_a_delay_no_cycle_is_one(ratio_1_s):
 
 def test_the_evidence_is_bounded_and_counter_evidence_lowers_it_again():
     watch = Watch().see(100.0, lambda _t_s: 0.1)
-    assert watch.state.evidence == MOST
-    assert watch.see((MOST - ENOUGH) / 2.0 + 1.0, lambda _t_s: 0.1, ratio_1_s=-2.0).state.evidence < ENOUGH
+    assert watch.state.evidence == MAX_EVIDENCE
+    assert (
+        watch.see((MAX_EVIDENCE - DETECTION_EVIDENCE) / 2.0 + 1.0, lambda _t_s: 0.1, ratio_1_s=-2.0).state.evidence
+        < DETECTION_EVIDENCE
+    )
     assert watch.see(16.0, swings(5.0, 30.0), ratio_1_s=0.0).reports == []
 
 
 def test_an_oscillation_that_continues_reduces_the_gain_by_a_second_step():
     """With 8 as the maximum, a boat with a very slow float continued to oscillate by 10 to 40 deg."""
-    assert Watch().see((1.0 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0)).state.gain_reduction == REDUCTION_STEP
-    watch = Watch().see((3.0 + PATIENT_HALVES) * 15.0, swings(5.0, 30.0))
+    assert Watch().see((1.0 + WAIT_HALF_CYCLES) * 15.0, swings(5.0, 30.0)).state.gain_reduction == REDUCTION_STEP
+    watch = Watch().see((3.0 + WAIT_HALF_CYCLES) * 15.0, swings(5.0, 30.0))
     assert watch.state.gain_reduction == MAX_REDUCTION
     assert [oscillates for _, oscillates in watch.reports] == [True]
 
@@ -105,7 +108,7 @@ def test_with_a_reduced_gain_one_half_cycle_beyond_a_turn_is_no_limit_cycle():
     assert watch.state.gain_reduction == REDUCTION_STEP
 
 
-def test_a_goal_that_jumps_to_and_fro_is_no_limit_cycle():
+def test_a_goal_that_alternates_is_no_limit_cycle():
     """Each jump changes the side of the error at once, and the half cycle that it begins is a turn."""
     watch, at_s = Watch(), 0
     while at_s < 600:

@@ -1,4 +1,4 @@
-"""What battery, panels and loads do, from those who measure parts of it."""
+"""State of battery, panels and loads, from the samples of monitors and chargers."""
 
 import itertools
 
@@ -17,10 +17,6 @@ from support.line import FakeLine
 MIDNIGHT_UTC_S = 1_782_000_000.0 - 1_782_000_000.0 % 86_400.0
 
 
-def known(*samples, now_s=1.0):
-    return supply(update(PowerMonitorState(), samples), now_s)
-
-
 def charger(source=0, voltage_v=13.0, current_a=2.0, solar_w=40.0, **more):
     return PowerSample(1.0, source, voltage_v, current_a, solar_w=solar_w, **more)
 
@@ -29,58 +25,67 @@ def monitor(source=1, voltage_v=12.9, current_a=0.5, charge=0.8, **more):
     return PowerSample(1.0, source, voltage_v, current_a, charge, **more)
 
 
-def test_nobody_measures_anything():
+def test_without_samples_nothing_is_known():
     assert supply(PowerMonitorState(), 1.0) == power_monitor.Supply()
     assert power_monitor.report(PowerMonitorState(), 1.0) is None
 
 
-def test_a_charger_alone_knows_neither_battery_current_nor_loads():
-    found = known(charger())
-    assert (found.voltage_v, found.solar_w) == (13.0, pytest.approx(26.0))
-    assert (found.current_a, found.load_w, found.charge) == (None, None, None)
+@pytest.mark.parametrize(
+    ("samples", "expected"),
+    [
+        pytest.param(
+            [charger()],
+            {"voltage_v": 13.0, "solar_w": 26.0, "current_a": None, "load_w": None, "charge": None},
+            id="charger alone: no battery current and no load",
+        ),
+        pytest.param(
+            [charger(current_a=-0.1, load_a=0.4, solar_w=4.0)],
+            {"current_a": -0.1, "load_w": 5.2, "solar_w": 3.9, "battery_w": -1.3},
+            id="charger with load output",
+        ),
+        pytest.param(
+            [charger(current_a=-0.01, solar_w=0.0)], {"solar_w": 0.0}, id="charger that draws current at night"
+        ),
+        pytest.param(
+            [monitor(current_a=-0.4, temperature_c=9.0)],
+            {
+                "voltage_v": 12.9,
+                "current_a": -0.4,
+                "charge": 0.8,
+                "temperature_c": 9.0,
+                "solar_w": None,
+                "load_w": None,
+            },
+            id="monitor alone: no panels",
+        ),
+        pytest.param(
+            [charger(), monitor()],
+            {"voltage_v": 12.9, "current_a": 0.5, "load_w": 26.0 - 12.9 * 0.5},
+            id="both: load is panel output less battery power",
+        ),
+        pytest.param([charger(), charger(source=1, current_a=1.0)], {"solar_w": 39.0}, id="sum of two chargers"),
+        pytest.param(
+            [monitor(charge=None), monitor(source=COMPANION, voltage_v=11.0, current_a=9.0, charge=0.3)],
+            {"voltage_v": 12.9, "current_a": 0.5, "charge": 0.3},
+            id="own monitor before that of another component",
+        ),
+    ],
+)
+def test_the_supply_combines_monitors_and_chargers(samples, expected):
+    found = supply(update(PowerMonitorState(), samples), 1.0)
+    for name, value in expected.items():
+        assert getattr(found, name) == (None if value is None else pytest.approx(value)), name
 
 
-def test_a_charger_with_the_loads_on_it_knows_both():
-    found = known(charger(current_a=-0.1, load_a=0.4, solar_w=4.0))
-    assert found.current_a == -0.1
-    assert (found.load_w, found.solar_w) == (pytest.approx(5.2), pytest.approx(3.9))
-    assert found.battery_w == pytest.approx(found.solar_w - found.load_w)
-
-
-def test_a_charger_that_draws_for_itself_at_night_gives_nothing():
-    assert known(charger(current_a=-0.01, solar_w=0.0)).solar_w == 0.0
-
-
-def test_a_monitor_alone_knows_the_battery_and_not_what_panels_hide():
-    found = known(monitor(current_a=-0.4, temperature_c=9.0))
-    assert (found.voltage_v, found.current_a, found.charge, found.temperature_c) == (12.9, -0.4, 0.8, 9.0)
-    assert (found.solar_w, found.load_w) == (None, None)
-
-
-def test_with_both_the_loads_take_what_does_not_reach_the_battery():
-    found = known(charger(), monitor())
-    assert (found.voltage_v, found.current_a) == (12.9, 0.5)
-    assert found.load_w == pytest.approx(26.0 - 12.9 * 0.5)
-
-
-def test_the_panels_of_two_chargers_add_up():
-    assert known(charger(), charger(source=1, current_a=1.0)).solar_w == pytest.approx(39.0)
-
-
-def test_her_own_monitor_goes_before_that_of_another_component_which_fills_what_is_lacking():
-    found = known(monitor(charge=None), monitor(source=COMPANION, voltage_v=11.0, current_a=9.0, charge=0.3))
-    assert (found.voltage_v, found.current_a, found.charge) == (12.9, 0.5, 0.3)
-
-
-def test_what_is_old_is_not_known_and_who_has_fallen_silent_is_told():
+def test_old_samples_do_not_count_and_a_silent_source_is_detected():
     state = update(PowerMonitorState(), [monitor()])
     assert supply(state, 1.0 + FRESH_S).charge == 0.8
-    assert not power_monitor.silent(state, 1.0 + FRESH_S)
+    assert not power_monitor.has_silent_source(state, 1.0 + FRESH_S)
     assert supply(state, 1.1 + FRESH_S).charge is None
-    assert power_monitor.silent(state, 1.1 + FRESH_S)
+    assert power_monitor.has_silent_source(state, 1.1 + FRESH_S)
 
 
-def test_a_gap_is_not_measured_and_not_guessed():
+def test_a_gap_adds_neither_time_nor_energy():
     times = [0.0, 1.0, 2.0, 2.0 + FRESH_S + 1.0, 3.0 + FRESH_S + 1.0]
     state = update(PowerMonitorState(), [PowerSample(t_s, 1, 10.0, -1.0) for t_s in times])
     assert (state.discharged.energy_j, state.discharged.measured_s) == (pytest.approx(30.0), pytest.approx(3.0))
@@ -89,7 +94,7 @@ def test_a_gap_is_not_measured_and_not_guessed():
 
 @pytest.mark.parametrize("kinds", [(Kind.CHARGER, Kind.MONITOR), (Kind.CHARGER_WITH_LOAD,)])
 @pytest.mark.parametrize("hours", [(18.0, 20.0), pytest.param((0.0, 48.0), marks=pytest.mark.proof)])
-def test_an_evening_under_clouds_adds_up_within_one_percent_of_what_really_flowed(kinds, hours):
+def test_the_energy_of_a_cloudy_evening_is_accurate_to_1_percent(kinds, hours):
     begin_utc_s = MIDNIGHT_UTC_S + 3600.0 * hours[0]
     plant = PowerPlant(Plan(clouds=0.5, charge=0.4), Place(36.0, 0.0, begin_utc_s), np.random.default_rng(3), servo())
     devices = [

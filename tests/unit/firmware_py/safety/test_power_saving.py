@@ -1,10 +1,10 @@
-"""Which parameters hold while she saves power."""
+"""Parameters in force at each level of power saving."""
 
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.faults.table import Fault
-from firmware_py.safety.power_saving import BatteryLimits, Saving, parameters_in_force, saving
+from firmware_py.safety.power_saving import BatteryLimits, PowerSaving, level_of, parameters_in_force
 
 LOW, CRITICAL = 1 << Fault.BATTERY_LOW, 1 << Fault.BATTERY_CRITICAL
 
@@ -12,15 +12,15 @@ LOW, CRITICAL = 1 << Fault.BATTERY_LOW, 1 << Fault.BATTERY_CRITICAL
 @pytest.mark.parametrize(
     ("active", "how"),
     [
-        (0, Saving.NOTHING),
-        (1 << Fault.SUPPLY_LOW, Saving.NOTHING),
-        (LOW, Saving.SAVES),
-        (CRITICAL, Saving.KEEPS_HEADING),
-        (LOW | CRITICAL | 1, Saving.KEEPS_HEADING),
+        (0, PowerSaving.OFF),
+        (1 << Fault.SUPPLY_LOW, PowerSaving.OFF),
+        (LOW, PowerSaving.SAVING),
+        (CRITICAL, PowerSaving.HEADING_ONLY),
+        (LOW | CRITICAL | 1, PowerSaving.HEADING_ONLY),
     ],
 )
-def test_how_far_she_saves(active, how):
-    assert saving(active) is how
+def test_the_level_of_power_saving(active, how):
+    assert level_of(active) is how
 
 
 def changed(before, how):
@@ -28,21 +28,21 @@ def changed(before, how):
     return {name: value for name, value in after.items() if before[name] != value}
 
 
-def test_with_a_full_battery_what_was_set_holds():
+def test_with_a_full_battery_no_parameter_is_replaced():
     values = ParameterSet()
-    assert parameters_in_force(values, Saving.NOTHING) == values
+    assert parameters_in_force(values, PowerSaving.OFF) == values
 
 
-@pytest.mark.parametrize("how", [Saving.SAVES, Saving.KEEPS_HEADING])
-def test_she_saves_on_the_rudder_and_on_the_loop_and_on_nothing_else(how):
+@pytest.mark.parametrize("how", [PowerSaving.SAVING, PowerSaving.HEADING_ONLY])
+def test_power_saving_replaces_price_and_loop_rate_alone(how):
     values = ParameterSet().replaced("CTL_PRICE", 1.5)
     assert changed(values, how) == {"CTL_PRICE": 4.5, "LOOP_RATE_HZ": 5.0}
 
 
-def test_a_loop_that_is_slower_already_stays_and_no_parameter_leaves_its_range():
+def test_a_slower_loop_is_kept_and_no_parameter_leaves_its_range():
     values = ParameterSet().replaced("CTL_PRICE", 8.0).replaced("LOOP_RATE_HZ", 2)
-    assert changed(values, Saving.SAVES) == {"CTL_PRICE": 10.0}
-    assert changed(ParameterSet().replaced("PWR_PRICE", 1.0).replaced("PWR_LOOP_HZ", 50), Saving.SAVES) == {}
+    assert changed(values, PowerSaving.SAVING) == {"CTL_PRICE": 10.0}
+    assert changed(ParameterSet().replaced("PWR_PRICE", 1.0).replaced("PWR_LOOP_HZ", 50), PowerSaving.SAVING) == {}
 
 
 def test_limits_are_shares_of_the_charge():

@@ -41,7 +41,7 @@ class Servo:
             yield self.state
 
     def status(self):
-        """What is known of it; while it is silent, what was known last."""
+        """Return its feedback; while it is silent, the last one."""
         angle_deg = self.angles_deg[-1 - self.late :][0]
         return RudderStatus(
             self.t_s,
@@ -57,12 +57,12 @@ class Servo:
 @pytest.mark.parametrize(
     "demand_deg", [30.0, lambda t_s: 25.0 * math.sin(t_s), lambda t_s: 30.0 if t_s % 8 < 4 else -30.0]
 )
-def test_a_servo_that_follows_is_not_at_fault_however_slow(slew_deg_s, demand_deg):
+def test_a_slow_servo_that_follows_is_no_fault(slew_deg_s, demand_deg):
     states = list(Servo(slew_deg_s).run(60.0, demand_deg))
     assert not any(state.jammed or state.deviating or state.overloaded for state in states)
 
 
-def test_one_that_stands_still_is_jammed_relieved_and_tried_again_until_it_moves():
+def test_a_servo_that_stands_still_is_jammed_and_retried_until_it_moves():
     servo = Servo()
     list(servo.run(3.0, 20.0))
     servo.jammed = True
@@ -83,7 +83,7 @@ def test_one_that_stands_still_is_jammed_relieved_and_tried_again_until_it_moves
     assert servo.angle_deg == pytest.approx(-10.0)
 
 
-def test_a_jam_where_she_wants_the_rudder_is_found_gone_by_a_wiggle():
+def test_the_end_of_a_jam_at_the_command_is_detected_by_a_wiggle():
     servo = Servo()
     list(servo.run(2.0, 20.0))
     servo.jammed = True
@@ -94,7 +94,7 @@ def test_a_jam_where_she_wants_the_rudder_is_found_gone_by_a_wiggle():
     assert not servo.state.jammed
 
 
-def test_one_that_moves_the_wrong_way_deviates_and_is_not_jammed():
+def test_a_servo_that_moves_the_wrong_way_deviates_and_is_not_jammed():
     servo = Servo()
     list(servo.run(1.0, 20.0))
     servo.jammed = True
@@ -104,7 +104,7 @@ def test_one_that_moves_the_wrong_way_deviates_and_is_not_jammed():
     assert not servo.state.jammed
 
 
-def test_one_that_draws_too_much_is_relieved_and_sound_again_after_a_quiet_trial():
+def test_an_overloaded_servo_is_relieved_and_recovers_after_a_quiet_trial():
     servo = Servo()
     servo.current_a = 4.0
     list(servo.run(1.8, 0.0))
@@ -120,14 +120,14 @@ def test_one_that_draws_too_much_is_relieved_and_sound_again_after_a_quiet_trial
 
 
 @pytest.mark.parametrize("state", ["released", "silent"])
-def test_nothing_is_said_of_a_released_or_silent_servo(state):
+def test_a_released_or_silent_servo_is_not_judged(state):
     servo = Servo()
     setattr(servo, state, True)
     servo.jammed = True
     assert not any(state.jammed or state.deviating for state in servo.run(20.0, 25.0))
 
 
-def test_no_limit_means_any_current_and_nonsense_is_not_measured():
+def test_without_a_limit_any_current_is_allowed_and_nan_is_ignored():
     servo = Servo(limit_a=0.0)
     servo.current_a = 50.0
     assert not any(state.overloaded for state in servo.run(10.0, 0.0))
@@ -140,7 +140,7 @@ def test_no_limit_means_any_current_and_nonsense_is_not_measured():
 
 @pytest.mark.parametrize("late", [0, 1, 2])
 @pytest.mark.parametrize("slew_deg_s", [10.0, 30.0, 60.0])
-def test_a_relieved_servo_comes_to_rest_though_its_answers_are_older_than_its_angle(slew_deg_s, late):
+def test_a_relieved_servo_comes_to_rest_with_delayed_feedback(slew_deg_s, late):
     servo = Servo(slew_deg_s)
     servo.late = late
 
@@ -167,7 +167,7 @@ def overloaded():
     return servo
 
 
-def test_one_that_draws_too_much_at_each_trial_rests_between_them_for_ever():
+def test_a_servo_overloaded_in_each_trial_is_relieved_between_them():
     servo, tried = overloaded(), []
     for _ in range(600):
         servo.current_a = 5.0 if servo.state.trial(servo.t_s) else 0.2
@@ -179,7 +179,7 @@ def test_one_that_draws_too_much_at_each_trial_rests_between_them_for_ever():
     assert sum(tried) * 0.1 == pytest.approx(trials * TRIAL_S, abs=1.5)
 
 
-def test_a_relieved_rudder_that_is_pushed_away_is_not_held_against_it():
+def test_a_relieved_rudder_that_is_pushed_away_is_not_driven_back():
     servo = overloaded()
     servo.current_a = 0.2
     servo.jammed = True  # the sea alone moves it

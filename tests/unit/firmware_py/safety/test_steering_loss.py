@@ -7,13 +7,13 @@ import pytest
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER, decay_over
 from firmware_py.safety.steering_loss import (
-    BOATS,
     CORRELATION_S,
-    DISTURBANCE_RAD,
-    GUSTS_SQUARE_S,
+    INITIAL_DISTURBANCE_RAD,
+    MIN_GUST_RAD2_S,
     NOISE_SHARE,
+    RESPONSES,
     SteeringLossState,
-    interrupted,
+    restart_after_gap,
     update,
 )
 
@@ -64,7 +64,7 @@ def test_wind_that_turns_the_boat_to_its_goal_is_no_response(error_rad):
 
 @pytest.mark.parametrize("late", [0, 1, 3, 6])
 @pytest.mark.parametrize(("answers", "lags"), [(0.5, 1.0), (1.0, 1.0), (2.0, 1.0), (1.0, 3.0), (0.5, 3.0), (-1.0, 1.0)])
-def test_a_late_weak_or_opposite_response_is_a_response(answers, lags, late):
+def test_a_delayed_weak_or_opposite_response_is_a_response(answers, lags, late):
     boat = Boat(answers, late, lags)
     assert boat.hold(120.0, radians(5.0), 0.0) is None
     for side in (-1.0, 1.0, -1.0):
@@ -84,15 +84,15 @@ def test_a_boat_that_a_breaking_sea_turns_has_steering(turned_deg, blocks):
     assert boat.hold(60.0, radians(-28.5), -1.0) is not None
 
 
-def test_each_response_predicts_its_boat_and_needs_half_of_its_least_part():
+def test_each_response_predicts_its_boat_and_needs_half_of_its_min_part():
     parts = ((1.0, 0.6, (0, 2, 4, 6)), (0.5, 0.5, (0, 4)), (-1.0, -0.6, (0, 4)))
-    kinds = [(part, least, lags, late) for part, least, lates in parts for lags in (1.0, 3.0) for late in lates]
-    for number, (part, least_part, lags, late) in enumerate(kinds):
+    kinds = [(part, smallest, lags, late) for part, smallest, lates in parts for lags in (1.0, 3.0) for late in lates]
+    for number, (part, min_part, lags, late) in enumerate(kinds):
         boat = Boat(part, late, lags, wind_rad=0.0)
         boat.hold(40.0, radians(20.0), math.nan)
         assert boat.state.boats[number].beyond_rad == pytest.approx(0.0, abs=1e-9)
         for share, against in ((0.49, True), (0.51, False)):
-            boat = Boat(share * least_part, late, lags, wind_rad=0.0)
+            boat = Boat(share * min_part, late, lags, wind_rad=0.0)
             boat.hold((late + 1) * BLOCK_S, radians(20.0), math.nan)
             assert (boat.state.boats[number].evidence > 0.0) is against
 
@@ -126,7 +126,7 @@ def test_the_detection_time_depends_on_speed_and_heading_uncertainty(speed_m_s, 
 
 
 @pytest.mark.parametrize(("diffusion_deg2_s", "reported"), [(0.1, True), (6.0, False)])
-def test_where_the_heading_is_known_to_diffuse_a_turn_that_does_not_come_proves_less(diffusion_deg2_s, reported):
+def test_with_a_large_diffusion_a_missing_turn_is_weaker_evidence(diffusion_deg2_s, reported):
     boat = Boat()
     boat.diffusion_rad2_s = radians(1.0) ** 2 * diffusion_deg2_s
     boat.hold(400.0, radians(5.0), 0.0)
@@ -174,7 +174,7 @@ def test_the_wander_of_wind_and_trim_is_learned_in_half_an_hour():
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_evidence_is_the_likelihood_ratio_of_all_headings(seed):
-    """Computed at once, with the covariance of all headings, for the least nominal response and for none."""
+    """Computed at once, with the covariance of all headings, for the smallest nominal response and for none."""
     boat, numbers, turned_rad, count = Boat(answers=0.0, wind_rad=0.0, sd_rad=radians(6.0)), random.Random(seed), [], 12
     for _ in range(count):
         turned_rad.append(boat.block(radians(25.0), math.nan, noise_rad=numbers.gauss(0.0, radians(0.1))))
@@ -184,11 +184,13 @@ def test_the_evidence_is_the_likelihood_ratio_of_all_headings(seed):
     felt_rad = radians(25.0) * (1.0 - decay * gone * boat.ship.turning_lag_s / BLOCK_S)
     by_rudder, until_now = boat.ship.turning_ability_1_s * BLOCK_S, np.tril(np.ones((count, count)))
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    others = DISTURBANCE_RAD**2 * np.exp(-BLOCK_S * apart / CORRELATION_S) + GUSTS_SQUARE_S / BLOCK_S * np.eye(count)
+    others = INITIAL_DISTURBANCE_RAD**2 * np.exp(-BLOCK_S * apart / CORRELATION_S) + MIN_GUST_RAD2_S / BLOCK_S * np.eye(
+        count
+    )
     unsure = (NOISE_SHARE * boat.sd_rad) ** 2 * (np.eye(count) + np.ones((count, count)))
     inverse = np.linalg.inv(by_rudder**2 * until_now @ others @ until_now.T + unsure)
     heading_rad = until_now @ turned_rad
-    beyond_rad = heading_rad - BOATS[0].least_part * by_rudder * until_now @ felt_rad
+    beyond_rad = heading_rad - RESPONSES[0].min_part * by_rudder * until_now @ felt_rad
     ratio = 0.5 * (beyond_rad @ inverse @ beyond_rad - heading_rad @ inverse @ heading_rad)
     assert boat.state.boats[0].evidence == pytest.approx(ratio)
 
@@ -197,13 +199,13 @@ def test_an_interruption_keeps_verdict_and_learned_values():
     boat = Boat(answers=0.0)
     boat.hold(120.0, radians(5.0), 0.0)
     boat.hold(20.0, radians(-25.0), -1.0)
-    state = interrupted(boat.state)
+    state = restart_after_gap(boat.state)
     assert all(before.evidence > 0.0 for before in boat.state.boats[:4])
     assert {(after.evidence, after.lacks_rad, after.beyond_rad) for after in state.boats} == {(0.0, 0.0, 0.0)}
     assert [after.mean_rad for after in state.boats] == [before.mean_rad for before in boat.state.boats]
     assert (state.wander, state.speed_m_s) == (boat.state.wander, boat.state.speed_m_s)
     assert boat.hold(120.0, radians(-25.0), -1.0) is not None
-    assert interrupted(boat.state).lost
+    assert restart_after_gap(boat.state).lost
 
 
 def test_a_lost_blade_stays_lost_while_the_wind_turns_the_boat():

@@ -6,7 +6,7 @@ import pytest
 from firmware_py.common.angles import wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, rk4_step
-from firmware_py.safety.steering_loss import interrupted
+from firmware_py.safety.steering_loss import restart_after_gap
 from firmware_py.safety.steering_monitor import NO_BLOCK, SteeringInput, SteeringMonitorState, update
 
 K, T = 0.049, 4.0
@@ -42,20 +42,13 @@ class Boat:
         return self
 
     def weave(self, seconds, **ship):
-        """Put the rudder over by hand, to and fro."""
+        """Put the rudder over to alternating sides by hand."""
         for tick in range(round(10 * seconds)):
             self.tick(0.1 + 0.4 * math.copysign(1.0, math.sin(0.1 * tick / 8.0)), **ship)
         return self
 
 
-def test_normal_turns_are_no_loss():
-    boat = Boat()
-    for goal_rad in (7.0, 5.0, 8.0, 5.5, 8.6):
-        boat.steer(120.0, goal_rad)
-    assert boat.reported == []
-
-
-@pytest.mark.parametrize(("answers", "later"), [(0.5, 1.0), (1.0, 3.0), (1.0 / 3.0, 3.0), (3.0, 1.0)])
+@pytest.mark.parametrize(("answers", "later"), [(1.0, 1.0), (0.5, 1.0), (1.0, 3.0), (1.0 / 3.0, 3.0), (3.0, 1.0)])
 def test_a_boat_that_differs_from_its_model_has_not_lost_steering(answers, later):
     boat = Boat()
     for goal_rad in (7.0, 5.0, 8.0):
@@ -71,7 +64,7 @@ def test_a_rudder_that_has_just_moved_is_no_evidence():
     assert boat.steer(120.0, boat.heading + 1.0).reported == []
 
 
-def test_a_blade_lost_in_a_turn_is_found_within_a_minute_and_its_return_too():
+def test_a_blade_lost_in_a_turn_is_detected_within_a_minute_and_its_return_too():
     boat = Boat().steer(60.0, 6.0)
     boat.steer(60.0, 7.5, answers=0.0)
     assert [lost for _, lost in boat.reported] == [True]
@@ -80,7 +73,7 @@ def test_a_blade_lost_in_a_turn_is_found_within_a_minute_and_its_return_too():
 
 
 @pytest.mark.parametrize("lost_s", [360.0, 1800.0])
-def test_the_return_of_a_blade_is_found_as_soon_after_any_time(lost_s):
+def test_the_return_of_a_blade_is_detected_as_soon_after_any_time(lost_s):
     boat = Boat().steer(60.0, 6.0)
     for _ in range(round(lost_s / 120.0)):
         boat.steer(60.0, boat.heading - 1.5, answers=0.0).steer(60.0, boat.heading + 1.5, answers=0.0)
@@ -99,7 +92,7 @@ def test_gusts_that_the_rudder_balances_are_no_lost_blade():
     assert boat.reported == []
 
 
-def test_a_reversed_servo_is_found_and_its_repair_too():
+def test_a_reversed_servo_is_detected_and_its_repair_too():
     boat = Boat(bias_rad=0.0).steer(120.0, 7.0, answers=-1.0)
     assert boat.state.reversal.reversed
     for goal_rad in (9.0, 6.0, 9.0):
@@ -109,12 +102,12 @@ def test_a_reversed_servo_is_found_and_its_repair_too():
 
 def test_the_reversal_test_restarts_when_the_parameter_changes():
     boat = Boat(bias_rad=0.0).steer(120.0, 7.0, answers=-1.0)
-    given = SteeringInput(0.0, math.nan, SD_RAD, 0.4, math.nan)
-    assert update(MODEL, False, boat.state, given, boat.t_s).reversal.reversed
-    assert not update(MODEL, True, boat.state, given, boat.t_s).reversal.reversed
+    inputs = SteeringInput(0.0, math.nan, SD_RAD, 0.4, math.nan)
+    assert update(MODEL, False, boat.state, inputs, boat.t_s).reversal.reversed
+    assert not update(MODEL, True, boat.state, inputs, boat.t_s).reversal.reversed
 
 
-def test_an_estimate_that_takes_an_opposite_turn_for_waves_hides_nothing():
+def test_an_opposite_turn_mistaken_for_waves_is_detected():
     """The estimated heading is constant, the compass turns."""
     state = SteeringMonitorState()
     for tick in range(1800):
@@ -131,7 +124,7 @@ def test_a_lost_or_weak_rudder_is_not_reversed(answers):
         assert not boat.state.reversal.reversed
 
 
-def test_a_blade_lost_while_steering_by_hand_is_found():
+def test_a_blade_lost_while_steering_by_hand_is_detected():
     assert Boat().weave(300.0).reported == []
     assert Boat().weave(300.0, answers=0.0).state.loss.lost
 
@@ -171,29 +164,6 @@ def test_a_turn_that_the_heading_could_have_missed_is_no_evidence():
     assert reported == [True, False]
 
 
-def test_a_rudder_at_rest_is_no_evidence():
-    boat = Boat()
-    for _ in range(6000):
-        boat.tick(boat.bias_rad, 0.0, answers=0.0)
-    assert boat.reported == []
-
-
-def test_a_rudder_that_balances_the_wind_is_no_evidence():
-    """The boat is at its heading, so it does not turn, however much the rudder moves."""
-    state = SteeringMonitorState()
-    for tick in range(6000):
-        gust_rad = 0.3 * max(0.0, math.sin(0.1 * tick / 8.0)) ** 2
-        state = update(MODEL, False, state, SteeringInput(0.05 + gust_rad, 1.0, SD_RAD, 0.4, 0.1), 0.1 * tick)
-        assert not state.loss.lost
-
-
-def test_a_rudder_that_stops_a_turn_commands_none():
-    state = SteeringMonitorState()
-    for tick in range(6000):
-        state = update(MODEL, False, state, SteeringInput(-0.5, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick)
-        assert not state.loss.lost
-
-
 def test_a_turn_that_is_under_way_at_the_start_is_not_taken_for_the_trim():
     """Its rudder is far from the next one, with which the boat rightly does not turn."""
     boat = Boat()
@@ -206,10 +176,10 @@ def test_a_turn_that_is_under_way_at_the_start_is_not_taken_for_the_trim():
 
 def test_absent_heading_or_rudder_begins_a_new_block():
     boat = Boat().steer(20.0, 7.0)
-    given = SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0)
-    for odd in (given._replace(heading_rad=math.nan), given._replace(rudder_rad=math.nan)):
+    inputs = SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0)
+    for odd in (inputs._replace(heading_rad=math.nan), inputs._replace(rudder_rad=math.nan)):
         state = update(MODEL, False, boat.state, odd, boat.t_s + 0.1)
-        assert state == boat.state._replace(block=NO_BLOCK, loss=interrupted(boat.state.loss))
+        assert state == boat.state._replace(block=NO_BLOCK, loss=restart_after_gap(boat.state.loss))
         assert update(MODEL, False, state, odd, boat.t_s + 0.2) == state
 
 

@@ -120,10 +120,10 @@ def sail(settings, limits, model, goal_rad, seen_rad, offset_rad, gain_reduction
     heading_rad, rate_rad_s, bias_rad = 0.0, 0.0, 0.0
     for tick in range(command_rad.size):
         measured_rad = angles.wrap_two_pi(psi + seen_rad[tick])
-        heading_rad, rate_rad_s = fixed_gain.predicted(
+        heading_rad, rate_rad_s = fixed_gain.predict(
             heading_rad, rate_rad_s, command, STEP_S, decay, model.turning_ability_1_s, model.turning_lag_s
         )
-        heading_rad, rate_rad_s = fixed_gain.corrected(heading_rad, rate_rad_s, measured_rad, STEP_S, theta, 0.5)
+        heading_rad, rate_rad_s = fixed_gain.correct(heading_rad, rate_rad_s, measured_rad, STEP_S, theta, 0.5)
         bias_rad += 0.001 * (command - bias_rad)
         known = HeadingEstimate(heading_rad, 2e-5, rate_rad_s, bias_rad, 0.5 * bias_rad, 0.4, 0.02)
         error_rad = angles.wrap_pi(goal_rad[tick] - heading_rad)

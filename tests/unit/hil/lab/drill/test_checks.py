@@ -106,7 +106,7 @@ def test_combined_checks_return_all_deviations():
     boat = Boat(final_rudder_deg=-29.0)
     deviations = checks.both(checks.centred_at_end, checks.in_mode("HOLD"), checks.in_mode("GUIDED"))(boat, 95.0)
     assert deviations == "rudder left at -29.0 deg; mode GUIDED, not HOLD"
-    assert checks.also_reported("Heading from compass B")(boat, 95.0)
+    assert checks.also_reported("Heading source: compass B")(boat, 95.0)
     assert not checks.also_reported("Heading")(Boat(texts={"Heading": 96.0}), 95.0)
 
 

@@ -88,7 +88,7 @@ def test_a_stiff_ship_takes_more_steps_and_an_impossible_one_is_refused():
         seas_of(cases_of(["calm"]), KtModel(1.0, -1.0, 0.0, 0.0, 0.4), TASK, 1)
 
 
-def test_steps_follow_stiffness_alone():
+def test_the_steps_follow_the_time_constant_alone():
     assert steps_within(OCEAN_RAMBLER, 0.1) == 1
     assert steps_within(KtModel(0.049, 400.0, 0.0, 0.0, 0.4), 10.0) == 1
     # A fifth of the lag a step, without a cubic term.

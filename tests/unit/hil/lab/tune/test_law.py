@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.control.law import DELIVERED
+from firmware_py.control.law import DEFAULT_CONSTANTS
 from hil.__main__ import main
 from hil.lab.tune import law
 
@@ -24,9 +24,9 @@ class MadeUp(law.LawTrials):
         return np.array([[[rms, travel]], [[2.0 * rms, 3.0 * travel]]])
 
 
-def hollow(stiffness, *_):
-    """Least at a stiffness of 100."""
-    return 1.0 + math.log(stiffness / 100.0) ** 2
+def hollow(gain_factor, *_):
+    """Least at a gain_factor of 100."""
+    return 1.0 + math.log(gain_factor / 100.0) ** 2
 
 
 def flat(*_):
@@ -39,10 +39,11 @@ def silent(_text, _part):
 
 def test_the_constants_are_those_of_the_law_and_of_its_twin():
     assert (
-        DELIVERED.stiffness, DELIVERED.crossover_rad_s, DELIVERED.rest_rad, DELIVERED.band_sqrt_s
+        DEFAULT_CONSTANTS.gain_factor, DEFAULT_CONSTANTS.crossover_rad_s, DEFAULT_CONSTANTS.rest_rad,
+        DEFAULT_CONSTANTS.band_sqrt_s,
     ) == law.DELIVERED_SETTING  # fmt: skip
     assert all(bound.low < value < bound.high for bound, value in zip(law.BOUNDS, law.DELIVERED_SETTING, strict=True))
-    assert tuple(bound.field for bound in law.BOUNDS) == DELIVERED._fields
+    assert tuple(bound.field for bound in law.BOUNDS) == DEFAULT_CONSTANTS._fields
 
 
 def test_a_setting_costs_what_its_seas_cost_by_what_they_cost_as_delivered():
@@ -76,7 +77,7 @@ def test_as_many_settings_are_sailed_as_were_asked_for(evaluations):
 
 
 def test_what_fresh_seas_do_not_bear_out_leaves_the_delivered_constants():
-    contrary = MadeUp(lambda stiffness, *_: 1.0 / hollow(stiffness), flat)
+    contrary = MadeUp(lambda gain_factor, *_: 1.0 / hollow(gain_factor), flat)
     found = law.search(MadeUp(hollow, flat), contrary, 400, 1, silent)
     assert (found.better, found.fresh_cost > 1.0) == (False, True)
     assert "the delivered constants stay" in law.text(MadeUp(hollow, flat), contrary, found)
@@ -97,4 +98,4 @@ def test_the_command_prints_seas_seeds_and_constants(tmp_path, capsys, monkeypat
     assert found["trial_runs"] == found["evaluations"]
     assert [row["scenario"] for row in found["fresh_seas"]] == ["tank"]
     assert found["better"] == (found["fresh_cost"] < 1.0 and found["found"] != found["delivered"])
-    assert found["delivered"]["stiffness"] == DELIVERED.stiffness
+    assert found["delivered"]["gain_factor"] == DEFAULT_CONSTANTS.gain_factor

@@ -14,9 +14,9 @@ from support.paths import ROOT
 CHANGES = (
     ("control/law.py", r"gains\.k1 \* error \+ ", "gains.k1 * error + 0.5 * error * error * error + "),
     ("control/law.py", r"(?<=^RATE_GAIN: Final = )[\d.]+", "0.45"),
-    ("estimate/heading_model.py", r"(?<=^OUTLIER = )[\d.]+", "2.0"),
+    ("estimate/heading_model.py", r"(?<=^OUTLIER_SQUARE = )[\d.]+", "2.0"),
     ("estimate/heading_filter.py", r"(?<=^WINDOW_S = )[\d.]+", "10.0"),
-    ("estimate/water.py", r"(?<=^SLOW_S: Final = )[\d.]+", "20.0"),
+    ("estimate/water.py", r"(?<=^SLOW_TIME_CONSTANT_S: Final = )[\d.]+", "20.0"),
 )
 FUNCTIONS = """
 from hil.lab.compiled import compiled

@@ -7,7 +7,8 @@ import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.estimate.sources import (
-    CONTRADICTED_S,
+    MAX_CONTRADICTION_S,
+    PLATEAU_TIME_S,
     PROBATION_S,
     SourceState,
     TrueHeadingSample,
@@ -15,7 +16,6 @@ from firmware_py.estimate.sources import (
     needs_restart,
     select,
 )
-from firmware_py.estimate.stay import STAYED_S
 
 EXPECTED, FROZEN_S, TIMEOUTS_S = 1.0, 30.0, (1.0, 1.0)
 
@@ -41,12 +41,12 @@ def knocked(degrees, seconds):
 
 @pytest.mark.parametrize("course", [False, True])
 @pytest.mark.parametrize("degrees", [-170.0, -90.0, 45.0, 90.0, 180.0])
-def test_one_that_is_seen_to_turn_there_is_believed_soon_after_it_has_come_to_rest(degrees, course):
+def test_a_compass_that_shows_the_turn_restarts_the_estimate_soon_after_it_settles(degrees, course):
     seconds = abs(degrees) / 60.0
-    assert seconds < believed_s(knocked(degrees, seconds), course=course) < seconds + STAYED_S + 0.3
+    assert seconds < believed_s(knocked(degrees, seconds), course=course) < seconds + PLATEAU_TIME_S + 0.3
 
 
-def test_one_that_is_there_of_a_sudden_is_believed_after_its_probation_and_only_where_there_is_nothing_else():
+def test_a_compass_that_jumped_restarts_the_estimate_after_its_probation_and_only_without_another_source():
     sudden = knocked(90.0, 1e-9)
     assert believed_s(sudden) == pytest.approx(PROBATION_S, abs=0.3)
     assert believed_s(sudden, course=True) is None
@@ -63,17 +63,17 @@ def test_one_that_is_there_of_a_sudden_is_believed_after_its_probation_and_only_
         lambda t_s: 60.0 * t_s,  # it turns without end
     ],
 )
-def test_spikes_and_what_does_not_stay_are_not_believed(off_deg, course):
+def test_headings_that_do_not_settle_do_not_restart_the_estimate(off_deg, course):
     assert believed_s(off_deg, course=course) is None
 
 
-def test_what_leaps_about_is_believed_after_a_minute_as_nothing_else_is_there():
+def test_without_another_source_a_jumping_compass_restarts_the_estimate_after_a_minute():
     leaps = lambda t_s: 120.0 if round(10.0 * t_s) % 2 else -100.0  # noqa: E731
-    assert believed_s(leaps) == pytest.approx(CONTRADICTED_S, abs=0.3)
+    assert believed_s(leaps) == pytest.approx(MAX_CONTRADICTION_S, abs=0.3)
     assert believed_s(leaps, course=True) is None
 
 
-def test_a_slow_compass_cannot_be_seen_to_turn_fast():
+def test_a_slow_compass_cannot_show_a_fast_turn():
     """Between two headings of 1 Hz anything may have happened; 15 deg in a second is a boat's own way."""
     assert believed_s(knocked(90.0, 2.0), course=True, interval_s=1.0) is None
-    assert believed_s(knocked(90.0, 6.0), course=True, interval_s=1.0) == pytest.approx(6.0 + STAYED_S, abs=1.1)
+    assert believed_s(knocked(90.0, 6.0), course=True, interval_s=1.0) == pytest.approx(6.0 + PLATEAU_TIME_S, abs=1.1)

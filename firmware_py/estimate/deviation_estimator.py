@@ -1,4 +1,4 @@
-"""A swing of the compass from the inputs of ticks, as they come or as a log has them; and what is left over of it."""
+"""Compass swing under way: feed the inputs of ticks, live or from a log, to the deviation filter; residual error."""
 
 from __future__ import annotations
 
@@ -14,69 +14,69 @@ from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import CalibrationState, Inputs
 from firmware_py.common.reports import SwingReport
-from firmware_py.estimate import declination, position, swing, variation
+from firmware_py.estimate import declination, deviation_filter, position, variation
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.deviation import Deviation
+from firmware_py.estimate.deviation_filter import DeviationEstimate, DeviationInput, DeviationSettings, DeviationState
 from firmware_py.estimate.position import PositionSettings, PositionState
-from firmware_py.estimate.swing import Swing, SwingInput, SwingSettings, SwingState
 
-SMOOTHING_S: Final = 15.0  # of the compass, to see whether she turns
-LONGEST_STEP_S: Final = 2.0
-MOST_MINUTES: Final = 1440
-WATCH_S: Final = 7200.0  # current and speed count as one and the same for so long, where it is told what is left over
-LEAST_MINUTES: Final = 10
+SMOOTHING_S: Final = 15.0  # of the compass heading, to detect turns
+MAX_STEP_S: Final = 2.0
+MAX_MINUTES: Final = 1440
+SEGMENT_S: Final = 7200.0  # in which current and speed count as constant for the residual
+MIN_MINUTES: Final = 10
 
 
 def residual_rad(minutes: Iterable[tuple[float, ...]], deviation: Deviation) -> float:
-    """Return by what angle (rms) the way over the ground leaves the compass with this deviation.
+    """Return the rms angle between the course over ground and the course by the compass with this deviation.
 
-    `minutes` are SwingState.seen. Current and speed are fitted to each WATCH_S, the same for any deviation; NaN for
-    fewer minutes than tell anything.
+    `minutes` are those of DeviationState.last_minute. Current and speed are fitted to each SEGMENT_S. NaN: too few
+    minutes.
     """
     square, count = 0.0, 0.0
-    for _, group in groupby(minutes, key=lambda minute: minute[0] // WATCH_S):
-        watch = np.array(list(group))
-        if len(watch) < LEAST_MINUTES:
+    for _, group in groupby(minutes, key=lambda minute: minute[0] // SEGMENT_S):
+        segment = np.array(list(group))
+        if len(segment) < MIN_MINUTES:
             continue
-        way_rad = watch[:, 1] + deviation[0] + watch[:, 2:6] @ np.array(deviation[1:])
-        cosine, sine, ones, zeros = np.cos(way_rad), np.sin(way_rad), np.ones(len(watch)), np.zeros(len(watch))
+        way_rad = segment[:, 1] + deviation[0] + segment[:, 2:6] @ np.array(deviation[1:])
+        cosine, sine, ones, zeros = np.cos(way_rad), np.sin(way_rad), np.ones(len(segment)), np.zeros(len(segment))
         design = np.concatenate([np.stack([cosine, ones, zeros], 1), np.stack([sine, zeros, ones], 1)])
-        (speed_m_s, north_m_s, east_m_s), *_ = np.linalg.lstsq(design, watch[:, 6:8].T.reshape(-1), rcond=None)
-        across_m_s = cosine * (watch[:, 7] - east_m_s) - sine * (watch[:, 6] - north_m_s)
-        square += float(np.sum((across_m_s / max(float(speed_m_s), swing.SLOWEST_M_S)) ** 2))
-        count += len(watch)
+        (speed_m_s, north_m_s, east_m_s), *_ = np.linalg.lstsq(design, segment[:, 6:8].T.reshape(-1), rcond=None)
+        across_m_s = cosine * (segment[:, 7] - east_m_s) - sine * (segment[:, 6] - north_m_s)
+        square += float(np.sum((across_m_s / max(float(speed_m_s), deviation_filter.MIN_SPEED_M_S)) ** 2))
+        count += len(segment)
     return math.sqrt(square / count) if count else math.nan
 
 
-class Swinging:
-    """Feeds the ticks of a voyage to the swing; the parameters are those in force."""
+class DeviationEstimator:
+    """Feeds the ticks of a voyage to the deviation filter."""
 
     def __init__(self, parameters: ParameterSet) -> None:
-        """Begin with nothing seen."""
+        """Begin without observations."""
         self.parameters = parameters
-        self.state = SwingState()
-        self._settings = SwingSettings.of(parameters)
+        self.state = DeviationState()
+        self._settings = DeviationSettings.of(parameters)
         self._place = PositionState()
         self._declination = Declination()
         self._smooth = (0.0, 0.0)
         self._heading_s: float | None = None
         self._skipped_s = 0.0  # clocks of several runs, one behind the other
         self._last_s: float | None = None
-        self._minutes: deque[tuple[float, ...]] = deque(maxlen=MOST_MINUTES)
+        self._minutes: deque[tuple[float, ...]] = deque(maxlen=MAX_MINUTES)
 
     def set_parameters(self, parameters: ParameterSet) -> None:
-        """Go on with other parameters."""
+        """Use other parameters from now on."""
         if parameters is not self.parameters and parameters != self.parameters:
             self.parameters = parameters
-            self._settings = SwingSettings.of(parameters)
+            self._settings = DeviationSettings.of(parameters)
 
     def take(self, inputs: Inputs) -> None:
-        """Take a tick in; one that is earlier than the one before is of another run."""
+        """Process the inputs of a tick; a time before that of the last tick begins another run."""
         now_s = inputs.tick.t_s
         if self._last_s is not None and now_s < self._last_s:
             self._skipped_s += self._last_s - now_s
             self._place, self._heading_s = PositionState(), None
-            self.state = swing.without_minute(self.state)
+            self.state = deviation_filter.without_minute(self.state)
         self._last_s = now_s
         fix = self._place.fix
         for sample in inputs.positions:
@@ -89,31 +89,31 @@ class Swinging:
                 self._smooth_in(heading.heading_rad, heading.t_s)
         by_model = self._declination.declination_rad if self.parameters["CMP_DECL_AUTO"] == 1 else None
         declination_rad = radians(self.parameters["CMP_DECL_DEG"]) if by_model is None else by_model
-        given = SwingInput(
-            headings=[variation.reconciled(heading, declination_rad or None) for heading in inputs.headings],
+        inputs_of_tick = DeviationInput(
+            headings=[variation.apply(heading, declination_rad or None) for heading in inputs.headings],
             declination_rad=declination_rad,
             fix=fix,
             heading_rad=math.atan2(self._smooth[1], self._smooth[0]),
             water=(0.0, 0.0, self.parameters["CRUISE_SPEED"]),
         )
         before = self.state
-        self.state = swing.update(self._settings, before, given, now_s + self._skipped_s)
+        self.state = deviation_filter.update(self._settings, before, inputs_of_tick, now_s + self._skipped_s)
         if not self.state.x:
             self._minutes.clear()
-        elif self.state.seen is not before.seen:
-            self._minutes.append(self.state.seen)
+        elif self.state.last_minute is not before.last_minute:
+            self._minutes.append(self.state.last_minute)
 
-    def result(self) -> Swing | None:
-        """Return what has been found, None without a minute."""
-        return swing.result(self._settings, self.state)
+    def result(self) -> DeviationEstimate | None:
+        """Return the estimated deviation; None before the first minute."""
+        return deviation_filter.result(self._settings, self.state)
 
     def report(self) -> SwingReport:
-        """Return how far it is and, as soon as there is enough for a proposal, what is left over with it."""
+        """Return the progress and, once a deviation can be proposed, the residual error with it."""
         found, sectors = self.result(), self.state.sectors
         if found is None:
             return SwingReport(CalibrationState.RUNNING)
         sailed = sum(minutes > 0 for minutes in sectors)
-        share = min(sailed / swing.ENOUGH_SECTORS, swing.ENOUGH_RAD / found.sd_rad)
+        share = min(sailed / deviation_filter.MIN_SECTORS, deviation_filter.MAX_SD_RAD / found.sd_rad)
         curves = (self._settings.deviation, found.coefficients_rad) if found.ready else ()
         left_rad = [value if math.isfinite(value := residual_rad(self._minutes, curve)) else None for curve in curves]
         return SwingReport(
@@ -129,7 +129,7 @@ class Swinging:
         )
 
     def _smooth_in(self, heading_rad: float, t_s: float) -> None:
-        step_s = LONGEST_STEP_S if self._heading_s is None else min(max(t_s - self._heading_s, 0.0), LONGEST_STEP_S)
+        step_s = MAX_STEP_S if self._heading_s is None else min(max(t_s - self._heading_s, 0.0), MAX_STEP_S)
         part = 1.0 if self._heading_s is None else -math.expm1(-step_s / SMOOTHING_S)
         north, east = self._smooth
         self._smooth = (north + part * (math.cos(heading_rad) - north), east + part * (math.sin(heading_rad) - east))
