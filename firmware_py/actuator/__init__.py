@@ -1,1 +1,1 @@
-"""Rudder servo drivers: one codec and one driver a protocol, and the half-duplex bus they share."""
+"""Rudder servo drivers: a codec and a driver for each protocol, and the common half-duplex bus."""

@@ -1,4 +1,4 @@
-"""Codec of Robotis Dynamixel protocol 2.0: bytes in, bytes out, no I/O and no time.
+"""Codec of Robotis Dynamixel protocol 2.0, without I/O and time.
 
 A frame is FF FF FD 00 | ID | LEN u16 LE | INSTRUCTION | parameters | CRC16 LE. Within
 instruction and parameters every FF FF FD is followed by a stuffed FD, so the header
@@ -17,13 +17,13 @@ from firmware_py.common import crc16
 
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
-LARGEST_ID = 252
-BROADCAST_ID = 254  # nobody answers what is sent to all but a ping and a read
+MAX_ID = 252
+BROADCAST_ID = 254  # servos reply only to a broadcast ping or read
 
 PING, READ, WRITE, REBOOT, SYNC_WRITE = 0x01, 0x02, 0x03, 0x08, 0x83
 STATUS = 0x55
 
-ALERT_BIT = 0x80  # of a status packet's error byte: read the hardware error register
+ALERT_BIT = 0x80  # in the error byte of a status packet: the hardware error register is not 0
 ERROR_TEXT = {
     1: "result fail",
     2: "instruction error",
@@ -34,9 +34,9 @@ ERROR_TEXT = {
     7: "access error",
 }
 
-_HEAD_SIZE = 7  # header, id and length: the length counts what follows them
+_HEAD_SIZE = 7  # header, id and length; the length field covers the bytes after them
 _CRC_SIZE = 2
-_SMALLEST_LENGTH = 4  # of a status packet: instruction, error, CRC
+_MIN_LENGTH = 4  # of a status packet: instruction, error, CRC
 
 
 def _frame(device_id: int, body: bytes) -> bytes:
@@ -66,7 +66,7 @@ def write(device_id: int, address: int, data: bytes) -> bytes:
 
 
 def sync_write(device_id: int, address: int, data: bytes) -> bytes:
-    """Return the instruction that writes a range and is not answered, so that another may follow at once."""
+    """Return the instruction that writes a range without a reply, so that another may follow at once."""
     return instruction(BROADCAST_ID, SYNC_WRITE, struct.pack("<HHB", address, len(data), device_id) + data)
 
 
@@ -76,7 +76,7 @@ def reboot(device_id: int) -> bytes:
 
 
 class StatusPacket(msgspec.Struct, frozen=True):
-    """The answer of a device, stuffing removed."""
+    """The reply of a device, without stuffing."""
 
     device_id: int
     error: int
@@ -89,37 +89,37 @@ class StatusPacket(msgspec.Struct, frozen=True):
 
     @property
     def code(self) -> int:
-        """Why the instruction was refused (ERROR_TEXT), 0 when it was obeyed."""
+        """The error code (ERROR_TEXT), 0 if the instruction was accepted."""
         return self.error & ~ALERT_BIT
 
 
 class StatusParser:
-    """Finds status packets in a stream of any bytes, and never raises.
+    """Finds status packets in a stream of any bytes; raises no errors.
 
-    Instruction packets, such as the echo of a half-duplex adapter, are passed over. The
-    buffer holds less than one packet of the largest length between calls. `rejected`
-    counts status packets with a bad CRC or length, cut ones included.
+    Instruction packets, such as the echo of a half-duplex adapter, are skipped. Between calls the buffer holds less
+    than one packet of maximum length. `rejected` is the number of status packets with a wrong CRC or length, including
+    truncated ones.
     """
 
-    __slots__ = ("_buffer", "_largest_length", "rejected")
+    __slots__ = ("_buffer", "_max_length", "rejected")
 
-    def __init__(self, largest_length: int = 256) -> None:
-        """Take the largest length field believed: a damaged one makes the parser wait for that many bytes."""
+    def __init__(self, max_length: int = 256) -> None:
+        """Set the maximum length field: a damaged one makes the parser wait for that many bytes."""
         self._buffer = bytearray()
-        self._largest_length = largest_length
+        self._max_length = max_length
         self.rejected = 0
 
     @property
     def pending(self) -> int:
-        """How many bytes wait for the rest of their packet."""
+        """The number of bytes of an unfinished packet."""
         return len(self._buffer)
 
     def clear(self) -> None:
-        """Forget the bytes of an unfinished packet."""
+        """Discard the bytes of an unfinished packet."""
         self._buffer.clear()
 
     def feed(self, data: bytes) -> list[StatusPacket]:
-        """Take bytes as they arrived and return the packets that they complete."""
+        """Add bytes; return the completed packets."""
         buffer = self._buffer
         buffer += data
         packets: list[StatusPacket] = []
@@ -129,12 +129,12 @@ class StatusParser:
             if step == 0:
                 break
             done = start + step
-        # Without a header, the last three bytes may still be the beginning of one.
+        # Without a header, the last three bytes may be the start of one.
         del buffer[: start if start >= 0 else max(done, len(buffer) - len(HEADER) + 1)]
         return packets
 
     def _examine(self, start: int, packets: list[StatusPacket]) -> int:
-        """Judge the header at start; return how far to go on, 0 to wait for more bytes."""
+        """Check the header at start; return the number of bytes to skip, 0 to wait for more bytes."""
         buffer = self._buffer
         available = len(buffer) - start
         if available <= _HEAD_SIZE:
@@ -142,11 +142,11 @@ class StatusParser:
         if buffer[start + _HEAD_SIZE] != STATUS:
             return 1
         length = buffer[start + 5] | buffer[start + 6] << 8
-        if not _SMALLEST_LENGTH <= length <= self._largest_length:
+        if not _MIN_LENGTH <= length <= self._max_length:
             self.rejected += 1
             return 1
         size = _HEAD_SIZE + length
-        # A header before the CRC of this one proves this one cut: the rest belongs to the next packet.
+        # A header before the CRC shows that this packet is truncated: the rest belongs to the next one.
         inner = buffer.find(HEADER, start + _HEAD_SIZE, min(start + size - _CRC_SIZE, len(buffer)))
         if inner >= 0:
             self.rejected += 1

@@ -1,7 +1,6 @@
-"""The part of the Dynamixel X control table that a rudder needs, and what its values mean.
+"""The part of the Dynamixel X control table that the driver uses.
 
-Source: Robotis e-Manual, XW540-T260. Addresses below 64 are EEPROM, which is locked while
-the torque is on.
+Source: Robotis e-Manual, XW540-T260. Addresses below 64 are EEPROM, which is locked while the torque is on.
 """
 
 from __future__ import annotations
@@ -13,11 +12,11 @@ import msgspec
 
 from firmware_py.common.angles import TWO_PI, clamp
 
-RAM_BEGINS = 64
+RAM_START = 64
 
 COUNTS_PER_TURN = 4096
 CENTRE_COUNTS = 2048
-LARGEST_COUNTS = 4095
+MAX_COUNTS = 4095
 RADIANS_PER_COUNT = TWO_PI / COUNTS_PER_TURN
 AMPERES_PER_COUNT = 2.69e-3
 VOLTS_PER_COUNT = 0.1
@@ -26,8 +25,8 @@ POSITION_MODE = 3
 ANSWER_EVERYTHING = 2  # status return level
 WATCHDOG_TRIPPED = -1
 
-AT_LIMIT = "goal is at a position limit of the servo's own"
-AT_LIMIT_COUNTS = 12  # a degree
+AT_LIMIT = "goal at a position limit of the servo"
+AT_LIMIT_COUNTS = 12  # 1 degree
 HARDWARE_ERRORS = {
     0x01: "input voltage",
     0x04: "overheating",
@@ -38,13 +37,12 @@ HARDWARE_ERRORS = {
 ENCODER_ERROR, OVERHEATING_ERROR = 0x08, 0x04
 
 
-class Block(msgspec.Struct, frozen=True, eq=False):  # each is one of its kind: looked up by identity, many times a tick
+class Block(msgspec.Struct, frozen=True, eq=False):  # compared by identity, for speed
     """A range that is read in one exchange.
 
-    Every block has a length of its own (and a ping has 3): a status packet does not say
-    what it answers, so its length tells a late one from the one awaited. The goal is asked
-    for again and again, and each answer means another goal: LOOKS are the ranges by which
-    it is asked for, each from a register further on before it.
+    Every block has a different length (and a ping has 3): a status packet does not name its request, so its length
+    distinguishes a late reply from the expected one. Each reply with a goal refers to a different goal; GOAL_READS are
+    ranges of different lengths that contain it.
     """
 
     name: str
@@ -58,13 +56,16 @@ STATE = Block("state", 64, 7)
 WATCHDOG = Block("bus watchdog", 98, 1)
 TELEMETRY = Block("telemetry", 126, 21)
 GOAL_AND_TELEMETRY = Block("goal position and telemetry", 116, 31)
-# From registers that every X has: not from 102, where those without a goal current have nothing.
-LOOKS = (GOAL_AND_TELEMETRY, *(Block("goal position and more", first, 147 - first) for first in (112, 108, 104, 100)))
-WHOLE = Block("state, goal position and telemetry", 64, 83)  # asked for in place of a look, where there is time for it
+# The start registers exist in every X: not 102, which servos without a goal current do not have.
+GOAL_READS = (
+    GOAL_AND_TELEMETRY,
+    *(Block("goal position and more", first, 147 - first) for first in (112, 108, 104, 100)),
+)
+COMBINED = Block("state, goal position and telemetry", 64, 83)
 
 # Present current at 126, position at 132, voltage at 144, temperature at 146.
 _TELEMETRY = struct.Struct("<h4xi8xHb")
-_LIMITS = struct.Struct("<II")  # the largest position at 48, the smallest at 52
+_LIMITS = struct.Struct("<II")  # maximum position at 48, minimum at 52
 
 Image = Mapping[Block, bytes]
 
@@ -79,12 +80,12 @@ class Register(msgspec.Struct, frozen=True):
     signed: bool = False
 
     @property
-    def eeprom(self) -> bool:
-        """Whether it can only be written with the torque off, and not for ever."""
-        return self.address < RAM_BEGINS
+    def is_eeprom(self) -> bool:
+        """Whether it can only be written with the torque off, and wears."""
+        return self.address < RAM_START
 
     def value(self, image: Image) -> int | None:
-        """Return the value last read, None when its block is not known."""
+        """Return the last value read, None if its block is not known."""
         data = image.get(self.block)
         return None if data is None else self.decoded(data)
 
@@ -109,9 +110,9 @@ GOAL_POSITION = Register("goal position", GOAL_AND_TELEMETRY, 116, 4, signed=Tru
 
 
 class Setting(msgspec.Struct, frozen=True):
-    """What the masked bits of a register shall be; the rest stays as the owner set it.
+    """The required value of the masked bits of a register; other bits are not changed.
 
-    A servo that refuses an essential one cannot be steered; without another it can.
+    The servo can be used only if the essential settings are correct.
     """
 
     register: Register
@@ -120,12 +121,12 @@ class Setting(msgspec.Struct, frozen=True):
     essential: bool = False
 
     def corrected(self, present: int) -> int:
-        """Return what to write over the present value; the same when it is right."""
+        """Return the value to write; the present one if it is correct."""
         return (present & ~self.mask) | self.value
 
 
-SETTINGS_WANTED = (
-    # Torque only by the torque register (bit 3), profile velocity in speed and not in time (bit 2).
+REQUIRED_SETTINGS = (
+    # Torque only by the torque register (bit 3); profile velocity as speed, not time (bit 2).
     Setting(DRIVE_MODE, 0, mask=0x0C),
     Setting(OPERATING_MODE, POSITION_MODE, essential=True),
     Setting(RETURN_DELAY, 0),
@@ -139,56 +140,55 @@ def goal_counts(shaft_rad: float, image: Image) -> int:
 
 
 def _limits(image: Image) -> tuple[int, int]:
-    """Return the smallest and the largest position."""
+    """Return the minimum and maximum position."""
     limits = image.get(LIMITS)
-    high, low = (LARGEST_COUNTS, 0) if limits is None else _LIMITS.unpack(limits)
-    high = min(high, LARGEST_COUNTS)
-    return (low, high) if low <= high else (0, LARGEST_COUNTS)  # those that contradict each other bind nobody
+    high, low = (MAX_COUNTS, 0) if limits is None else _LIMITS.unpack(limits)
+    high = min(high, MAX_COUNTS)
+    return (low, high) if low <= high else (0, MAX_COUNTS)  # contradictory limits are ignored
 
 
 def at_limit(counts: int, image: Image) -> bool:
-    """Return whether a goal position lies at a limit of the servo, as one beyond does that was moved there."""
+    """Return whether a goal position is at a limit of the servo, also because it was limited."""
     low, high = _limits(image)
     return not low + AT_LIMIT_COUNTS <= counts <= high - AT_LIMIT_COUNTS
 
 
 class Telemetry(msgspec.Struct, frozen=True):
-    """The values of the telemetry block in SI units, None where one is impossible."""
+    """The values of the telemetry block in SI units, None for values out of range."""
 
     shaft_rad: float | None
     current_a: float | None
     voltage_v: float | None
     temperature_c: float | None
-    impossible: int
+    invalid_values: int
 
 
 def part_of(data: bytes, block: Block) -> bytes:
-    """Return a block within the bytes of WHOLE."""
-    begin = block.address - WHOLE.address
+    """Return a block within the bytes of COMBINED."""
+    begin = block.address - COMBINED.address
     return data[begin : begin + block.length]
 
 
 def goal_of(data: bytes) -> int:
-    """Return the goal position within the bytes of any of LOOKS, or of WHOLE."""
+    """Return the goal position within the bytes of any of GOAL_READS, or of COMBINED."""
     return GOAL_POSITION.decoded(data[-GOAL_AND_TELEMETRY.length :])
 
 
 def telemetry_of(data: bytes) -> bytes:
-    """Return the telemetry block within the bytes of any of LOOKS, or of WHOLE."""
+    """Return the telemetry block within the bytes of any of GOAL_READS, or of COMBINED."""
     return data[-TELEMETRY.length :]
 
 
 def decode_telemetry(data: bytes) -> Telemetry:
-    """Return the values of a telemetry block; ranges are those of the register or the maker's hardware.
+    """Return the values of a telemetry block, checked against the ranges of the register or the hardware.
 
-    Position: a turn and the homing offset of up to a quarter turn either side. Current:
-    8 A, above the largest stall current. Voltage: 40 V, above the largest supply.
-    Temperature: -40 to 125 deg C, the range of the electronics.
+    Position: one turn and the homing offset of up to a quarter turn on either side. Current: 8 A, above the maximum
+    stall current. Voltage: 40 V, above the maximum supply. Temperature: -40 to 125 deg C, the range of the electronics.
     """
     current, position, voltage, temperature = _TELEMETRY.unpack(data)
-    near = -COUNTS_PER_TURN // 4 <= position <= COUNTS_PER_TURN * 5 // 4
+    is_valid = -COUNTS_PER_TURN // 4 <= position <= COUNTS_PER_TURN * 5 // 4
     values = (
-        (position - CENTRE_COUNTS) * RADIANS_PER_COUNT if near else None,
+        (position - CENTRE_COUNTS) * RADIANS_PER_COUNT if is_valid else None,
         current * AMPERES_PER_COUNT if -3000 <= current <= 3000 else None,
         voltage * VOLTS_PER_COUNT if voltage <= 400 else None,
         float(temperature) if -40 <= temperature <= 125 else None,
@@ -197,7 +197,7 @@ def decode_telemetry(data: bytes) -> Telemetry:
 
 
 def hardware_error_text(bits: int) -> str:
-    """Name the hardware errors of a set of bits."""
+    """Return the names of the hardware errors in a bit mask."""
     names = [name for bit, name in HARDWARE_ERRORS.items() if bits & bit]
     unknown = bits & ~sum(HARDWARE_ERRORS)
     return ", ".join(names + ([f"unknown 0x{unknown:02x}"] if unknown else []))

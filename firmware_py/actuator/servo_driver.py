@@ -1,10 +1,8 @@
-"""The skeleton of a rudder driver: any servo that answers each frame it is sent, on a half-duplex bus.
+"""The common part of rudder drivers, for servos that reply to each frame on a half-duplex bus.
 
-The skeleton has what no protocol changes: one exchange at a time, the goal as soon as the
-bus is free, replies that come late, the cable that comes and goes, silence, the counters and
-the feedback that waits for the loop. The servo's own part, a `Servo`, knows frames and
-registers, and neither reads nor writes: it is asked what to send next and is given what was
-answered.
+It handles the parts that do not depend on the protocol: one exchange at a time, the goal as soon as the bus is free,
+late replies, reopened lines, silence, counters and queued feedback. The `Servo` of each protocol has the frames and
+registers and does no I/O: it returns the next request and processes the replies.
 """
 
 from __future__ import annotations
@@ -17,15 +15,15 @@ from typing import Generic, Protocol, TypeVar
 
 import msgspec
 
-from firmware_py.actuator.half_duplex import LONGEST_REPLY_TIMEOUT_S, HalfDuplex
+from firmware_py.actuator.half_duplex import MAX_REPLY_TIMEOUT_S, HalfDuplex
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
 
-FEEDBACK_KEPT = 8
+MAX_FEEDBACK = 8
 
 
 class Frame(Protocol):
-    """A request of a servo's own kind."""
+    """A request of a protocol."""
 
     @property
     def frame(self) -> bytes:
@@ -37,11 +35,11 @@ ReplyT = TypeVar("ReplyT")
 ReplyT_co = TypeVar("ReplyT_co", covariant=True)
 
 
-class Answer(msgspec.Struct, frozen=True):
-    """What a reply came to: `impossible` counts values that cannot be."""
+class ReplyResult(msgspec.Struct, frozen=True):
+    """The result of a reply; `invalid_values` is the number of values out of range."""
 
-    obeyed: bool = True
-    impossible: int = 0
+    is_accepted: bool = True
+    invalid_values: int = 0
     feedback: RudderFeedback | None = None
 
 
@@ -50,125 +48,125 @@ class ReplyParser(Protocol[ReplyT_co]):
 
     @property
     def rejected(self) -> int:
-        """How many looked like replies and were damaged."""
+        """The number of damaged replies."""
 
     def clear(self) -> None:
-        """Forget the bytes of an unfinished reply."""
+        """Discard the bytes of an unfinished reply."""
 
     def feed(self, data: bytes) -> Sequence[ReplyT_co]:
-        """Take bytes as they arrived and return the replies that they complete."""
+        """Add bytes; return the completed replies."""
 
 
 class Servo(Protocol[RequestT, ReplyT]):
-    """The servo's own part of a driver."""
+    """The protocol-specific part of a driver."""
 
     @property
     def device_id(self) -> int:
-        """The number of the servo on its bus."""
+        """The id of the servo on its bus."""
 
     @property
     def parser(self) -> ReplyParser[ReplyT]:
-        """What finds its replies."""
+        """The parser of its replies."""
 
     def restart(self) -> None:
-        """Forget what was known of the servo: its line is a new one."""
+        """Discard the state of the servo: its line was reopened."""
 
     def command(self, shaft_rad: float | None, now_s: float, *, torque_on: bool) -> None:
-        """Take what the shaft shall do; None before any angle is known."""
+        """Store the goal of the shaft; None before the first angle."""
 
     def next_request(self, now_s: float) -> RequestT | None:
-        """Return what to send now, None when nothing is due; called while the bus is free."""
+        """Return the request to send now, None without one; called while the bus is free."""
 
     def needs_prompt_io(self) -> bool:
-        """Return whether something waits for the bus, and so for the reply to what was asked."""
+        """Return whether a request waits for the bus, and so for the reply to the previous one."""
 
     def note_sent(self, request: RequestT, now_s: float) -> None:
-        """Note that the line has taken a request."""
+        """Note that a request was sent."""
 
     def note_lost(self, request: RequestT) -> None:
-        """Note that the reply to a request is given up; it may still come."""
+        """Note that a request is given up; its reply may still arrive."""
 
     def note_silence(self) -> None:
-        """Note that the servo has stopped answering; called again while it is silent."""
+        """Note that the servo has stopped replying; called repeatedly while it is silent."""
 
     def answers(self, reply: ReplyT, request: RequestT) -> bool:
-        """Return whether a reply can be that of the request: it may be an earlier one's, or another device's."""
+        """Return whether a reply matches the request; it may belong to an earlier request or another device."""
 
-    def take_answer(self, request: RequestT, reply: ReplyT, asked_s: float, *, sure: bool) -> Answer:
+    def process_reply(self, request: RequestT, reply: ReplyT, asked_s: float, *, is_certain: bool) -> ReplyResult:
         """Take the reply to a request, which may have been given up; what it says is of when it was asked, or later.
 
-        Not `sure`: it may also be that of a later request which it fits as well.
+        Not `is_certain`: it may also be that of a later request which it fits as well.
         """
 
     def condition(self, *, answered: bool) -> tuple[DeviceState, str]:
-        """The state of a servo that is not silent, and the text beside it.
+        """Return the state of a servo that is not silent, and its text.
 
-        `answered`: whether it has ever answered on this line.
+        `answered`: whether it has replied since the line was opened.
         """
 
 
 class ServoDriver(Generic[RequestT, ReplyT]):
-    """An interfaces.Rudder around a servo."""
+    """An interfaces.Rudder for a servo."""
 
     def __init__(self, line: ByteLine, servo: Servo[RequestT, ReplyT], *, reply_timeout_s: float) -> None:
-        """Take the line and the servo on it; ValueError for a timeout that is not above 0 and at most 1 s."""
-        if not 0.0 < reply_timeout_s <= LONGEST_REPLY_TIMEOUT_S:
+        """Set the line and the servo; raises ValueError for a timeout outside 0 to MAX_REPLY_TIMEOUT_S."""
+        if not 0.0 < reply_timeout_s <= MAX_REPLY_TIMEOUT_S:
             raise ValueError(
-                f"reply timeout {reply_timeout_s:g} s of a servo: allowed are 0 to {LONGEST_REPLY_TIMEOUT_S:g} s"
+                f"reply timeout {reply_timeout_s:g} s of a servo: allowed are 0 to {MAX_REPLY_TIMEOUT_S:g} s"
             )
         self._line = line
         self._servo = servo
         self._bus: HalfDuplex[RequestT] = HalfDuplex(line, reply_timeout_s)
-        self._feedback: deque[RudderFeedback] = deque(maxlen=FEEDBACK_KEPT)
+        self._feedback: deque[RudderFeedback] = deque(maxlen=MAX_FEEDBACK)
         self._accepted = 0
         self._rejected = 0
         self._answered = False  # since the line was opened
         self._shaft_rad: float | None = None
 
     def fileno(self) -> int:
-        """The descriptor whose bytes `receive` wants, or -1."""
+        """Return the descriptor to wait for, or -1."""
         return self._line.fileno()
 
     def needs_prompt_io(self) -> bool:
-        """Say whether a reply must be taken when it comes, because something is to be sent then."""
+        """Return whether the next reply must be read at once, because another request waits."""
         return self._bus.outstanding is not None and self._servo.needs_prompt_io()
 
     def command(self, command: RudderCommand, now_s: float) -> None:
-        """Send the goal, at once when the bus is free; a goal that is not finite is refused and the last one kept."""
+        """Send the goal, at once if the bus is free; a goal that is not finite is rejected."""
         if math.isfinite(command.shaft_rad):
             self._shaft_rad = command.shaft_rad
         else:
             self._rejected += 1
         self._notice_reopening()
         self._servo.command(self._shaft_rad, now_s, torque_on=command.torque_on)
-        if self._bus.outstanding is not None:  # its reply may be there, not yet read
+        if self._bus.outstanding is not None:  # its reply may have arrived
             self._read()
         self._send(now_s)
 
     def receive(self, now_s: float) -> None:
-        """Take what has arrived and send the next request, at most one a call."""
+        """Process the received bytes and send at most one request."""
         self._notice_reopening()
         self._read()
         self._send(now_s)
 
     def poll(self) -> Sequence[RudderFeedback]:
-        """The feedback since the last poll, oldest first, at most FEEDBACK_KEPT."""
+        """Return the feedback since the last poll, oldest first, at most MAX_FEEDBACK."""
         feedback = tuple(self._feedback)
         self._feedback.clear()
         return feedback
 
     def health(self, now_s: float) -> DeviceHealth:
-        """The state of the servo and its counters at now_s."""
+        """Return the state of the servo and its counters at now_s."""
         state, text = self._condition(now_s)
         rejected = self._rejected + self._servo.parser.rejected
         return DeviceHealth(now_s, DeviceRole.RUDDER, state, self._accepted, rejected, text)
 
     def _condition(self, now_s: float) -> tuple[DeviceState, str]:
         if not self._line.connected:
-            return DeviceState.ABSENT, f"{self._line.name} is away"
+            return DeviceState.ABSENT, f"port {self._line.name} not connected"
         if self._bus.is_silent(now_s):
             state = DeviceState.SILENT if self._answered else DeviceState.STARTING
-            return state, f"no answer from servo id {self._servo.device_id}"
+            return state, f"no reply from servo id {self._servo.device_id}"
         return self._servo.condition(answered=self._answered)
 
     def _notice_reopening(self) -> None:
@@ -180,17 +178,17 @@ class ServoDriver(Generic[RequestT, ReplyT]):
     def _read(self) -> None:
         data = self._line.read()
         for reply in self._servo.parser.feed(data) if data else ():
-            answered = self._bus.take_answered(partial(self._servo.answers, reply))
+            answered = self._bus.match_reply(partial(self._servo.answers, reply))
             if answered is None:
                 self._rejected += 1
                 continue
             self._answered = True
-            request, asked_s, sure, doubtful = answered
-            answer = self._servo.take_answer(request, reply, asked_s, sure=sure)
-            if doubtful is not None:
-                self._servo.note_lost(doubtful)
-            self._accepted += answer.obeyed
-            self._rejected += answer.impossible + (not answer.obeyed)
+            request, asked_s, is_certain, uncertain = answered
+            answer = self._servo.process_reply(request, reply, asked_s, is_certain=is_certain)
+            if uncertain is not None:
+                self._servo.note_lost(uncertain)
+            self._accepted += answer.is_accepted
+            self._rejected += answer.invalid_values + (not answer.is_accepted)
             if answer.feedback is not None:
                 self._feedback.append(answer.feedback)
 

@@ -1,11 +1,10 @@
-"""Codec of the Volz DA servo protocol: bytes in, bytes out, no I/O and no time.
+"""Codec of the Volz DA servo protocol, without I/O and time.
 
-Requests and replies are six bytes without a header: code | id | argument 1 | argument 2 |
-CRC16 BE. The CRC (polynomial 0x8005, initial value 0xFFFF, not reflected) covers the first
-four. A reply has a code of its own, so an echoed request is no reply.
-Source: Volz DA 26 RS-485 protocol specification; for voltage, current and temperature
-argument 1 is the first supply or the motor, argument 2 the second supply or the circuit
-board (so also ArduPilot's AP_Volz_Protocol).
+Requests and replies are six bytes without a header: code | id | argument 1 | argument 2 | CRC16 BE. The CRC (polynomial
+0x8005, initial value 0xFFFF, not reflected) covers the first four. Replies have other codes than requests, so an echo
+is not taken for a reply. Source: Volz DA 26 RS-485 protocol specification; for voltage, current and temperature,
+argument 1 is the first supply or the motor, argument 2 the second supply or the circuit board (as in ArduPilot's
+AP_Volz_Protocol).
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ REPLY_OF = {
 FRAME_SIZE = 6
 CENTRE_COUNTS = 0x0800
 LOWEST_COUNTS, HIGHEST_COUNTS = 0x0080, 0x0F80  # -100 and +100 deg
-LARGEST_COUNTS = 0x0FFF  # of the sensor: a shaft pushed beyond its range
+MAX_COUNTS = 0x0FFF  # of the sensor: a shaft pushed beyond its range
 RADIANS_PER_COUNT = radians(100.0) / (HIGHEST_COUNTS - CENTRE_COUNTS)
 AMPERES_PER_COUNT = 0.02
 VOLTS_PER_COUNT = 0.2
@@ -46,63 +45,63 @@ def request(code: int, device_id: int, argument: int = 0) -> bytes:
 
 
 def set_position(device_id: int, shaft_rad: float) -> bytes:
-    """Return the request to go to a finite shaft angle, within +-100 deg."""
+    """Return the request to move to a finite shaft angle, limited to +-100 deg."""
     counts = round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, LOWEST_COUNTS, HIGHEST_COUNTS))
     return request(SET_POSITION, device_id, counts)
 
 
 class Reply(msgspec.Struct, frozen=True):
-    """A reply with a good checksum; its values are not yet judged."""
+    """A reply with a valid checksum; its values are not checked yet."""
 
     code: int
     first: int
     second: int
 
     def shaft_rad(self) -> float | None:
-        """The measured angle of a position reply, None when the sensor cannot give it."""
+        """Return the measured angle of a position reply, None if out of the range of the sensor."""
         counts = self.first << 8 | self.second
-        return (counts - CENTRE_COUNTS) * RADIANS_PER_COUNT if counts <= LARGEST_COUNTS else None
+        return (counts - CENTRE_COUNTS) * RADIANS_PER_COUNT if counts <= MAX_COUNTS else None
 
     def current_a(self) -> float:
-        """The current of both supplies together."""
+        """Return the total current of both supplies."""
         return (self.first + self.second) * AMPERES_PER_COUNT
 
     def voltage_v(self) -> float | None:
-        """The higher of the two supplies, which is the one that feeds the motor; None for a servo that has neither."""
+        """Return the higher of the two supplies, which feeds the motor; None if both are 0."""
         counts = max(self.first, self.second)
         return counts * VOLTS_PER_COUNT if counts else None
 
     def temperature_c(self) -> float | None:
-        """The hotter of motor and circuit board, None when no servo survives it."""
+        """Return the higher temperature of motor and circuit board, None if out of range."""
         hotter_c = max(self.first, self.second) + TEMPERATURE_OFFSET_C
         return hotter_c if hotter_c <= HIGHEST_TEMPERATURE_C else None
 
 
 class ReplyParser:
-    """Finds the replies of one servo in a stream of any bytes, and never raises.
+    """Finds the replies of one servo in a stream of any bytes; raises no errors.
 
-    `rejected` counts what began like a reply and had a bad checksum.
+    `rejected` is the number of replies with a wrong checksum.
     """
 
     __slots__ = ("_buffer", "_device_id", "rejected")
 
     def __init__(self, device_id: int) -> None:
-        """Take the id of the servo."""
+        """Set the id of the servo."""
         self._buffer = bytearray()
         self._device_id = device_id
         self.rejected = 0
 
     @property
     def pending(self) -> int:
-        """How many bytes wait for the rest of their frame: fewer than a frame."""
+        """The number of bytes of an unfinished frame."""
         return len(self._buffer)
 
     def clear(self) -> None:
-        """Forget the bytes of an unfinished frame."""
+        """Discard the bytes of an unfinished frame."""
         self._buffer.clear()
 
     def feed(self, data: bytes) -> list[Reply]:
-        """Take bytes as they arrived and return the replies that they complete."""
+        """Add bytes; return the completed replies."""
         buffer = self._buffer
         buffer += data
         replies: list[Reply] = []
@@ -118,7 +117,7 @@ class ReplyParser:
                 self.rejected += code in _REPLIES
                 start += 1
                 continue
-            if code in _REPLIES:  # else our own request, echoed
+            if code in _REPLIES:  # otherwise the echo of a request
                 replies.append(Reply(code, frame[2], frame[3]))
             start += FRAME_SIZE
         del buffer[:start]

@@ -124,13 +124,13 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "log names and time stamps are wrong by this; steering is not affected",
         "install the service (`rambler service install`), which may set the clock",
     ),
-    "GPS date <date> cannot be: its time is not used": (
+    "GPS date <date> invalid: time not used": (
         "the date of the receiver is before the build of this program, or far in the future",
         "if it persists, replace the receiver: an old one may have a week number rollover",
     ),
     "<how long> ago: <text>": ("an earlier warning, or an active fault, for a new ground station", "see the text"),
-    "GPS date is right again": ("the time of the receiver is used again", _NOTHING),
-    "GPS week rolled over: <date> is taken for <date>": (
+    "GPS date recovered": ("the time of the receiver is used again", _NOTHING),
+    "GPS week rollover: <date> corrected to <date>": (
         "the week number of an old receiver restarts after 1024 weeks; the date is corrected",
         "nothing; a firmware update of the receiver solves it",
     ),
@@ -156,7 +156,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     ),
     "Compass calibrated and saved: score <score>": ("the compass has stored its calibration", _NOTHING),
     "Compass calibration was broken off": ("by COMMAND_CANCEL, or because the compass stopped", "try again"),
-    "Compass calibration: <problem>": (
+    "Compass calibration failed: <problem>": (
         "the calibration has failed; the old one stays active",
         "check power and cable of the compass; try again, turning more slowly",
     ),

@@ -1,7 +1,7 @@
-"""What an AIS message means: records in SI units of what it tells, each number range-checked.
+"""Converts AIS messages to records in SI units with range checks.
 
-The numbers that the standard has for "not available", and those that it has no meaning for, are unknown. A position
-report without a position is none. ITU-R M.1371-5, annex 8, tables 46 to 88.
+Numbers for "not available" and numbers without a defined meaning become None. A position report without a position is
+ignored. Source: ITU-R M.1371-5, annex 8, tables 46 to 88.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from firmware_py.common.vessels import (
 from firmware_py.sensors.ais_payload import Payload
 from firmware_py.sensors.message_error import RANGE, MessageError
 
-MOST_MMSI = 999_999_999
-_TENTH_MINUTES, _FINE_MINUTES = 600.0, 600_000.0  # of a degree: type 27, all others
-_UNKNOWN_SPEED, _UNKNOWN_COURSE, _UNKNOWN_HEADING = 1023, 3600, 511  # tenths of a knot and of a degree, degrees
+MAX_MMSI = 999_999_999
+_TENTH_MINUTES, _FINE_MINUTES = 600.0, 600_000.0  # units per degree: type 27, all others
+_UNKNOWN_SPEED, _UNKNOWN_COURSE, _UNKNOWN_HEADING = 1023, 3600, 511  # 0.1 knots, 0.1 degrees, degrees
 _COARSE_SPEED, _COARSE_COURSE = 63, 360  # knots, degrees: type 27
 _LONG_RANGE = 27
-_SHARPEST_TURN = 126  # 127 and -127 tell the side alone
-_TURN_SCALE = 4.733  # the number is this times the root of degrees a minute
+_MAX_TURN = 126  # 127 and -127 state only the direction
+_TURN_SCALE = 4.733  # the number is this times the square root of degrees per minute
 _SIZES = ("to_bow", "to_stern", "to_port", "to_starboard")
 _KINDS: Mapping[int, VesselKind] = {
     1: VesselKind.CLASS_A,
@@ -41,13 +41,13 @@ _KINDS: Mapping[int, VesselKind] = {
 
 
 def reports_of(payload: Payload, now_s: float) -> tuple[VesselReport, ...]:
-    """Return what a message tells, its position first; MessageError for a number or a place that cannot be."""
-    if not 0 < payload.mmsi <= MOST_MMSI:
-        raise MessageError(RANGE, f"no vessel has the number {payload.mmsi}")
+    """Return the reports of a message, the position first; raises MessageError for an invalid MMSI or position."""
+    if not 0 < payload.mmsi <= MAX_MMSI:
+        raise MessageError(RANGE, f"MMSI {payload.mmsi} is invalid")
     position = _position(payload, now_s) if payload.kind in _KINDS else None
     identity = _identity(payload, now_s)
     if position is None and identity is None and is_distress_number(payload.mmsi):
-        identity = VesselIdentity(now_s, payload.mmsi)  # it has no position yet, but it calls
+        identity = VesselIdentity(now_s, payload.mmsi)  # a distress beacon without a position yet
     return tuple(report for report in (position, identity) if report is not None)
 
 
@@ -58,7 +58,7 @@ def _position(payload: Payload, now_s: float) -> VesselPosition | None:
     if latitude_deg == 91.0 or longitude_deg == 181.0:
         return None
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
-        raise MessageError(RANGE, f"{payload.mmsi:09d} is nowhere: {latitude_deg:.1f}, {longitude_deg:.1f}")
+        raise MessageError(RANGE, f"{payload.mmsi:09d}: position {latitude_deg:.1f}, {longitude_deg:.1f} is invalid")
     return VesselPosition(
         t_s=now_s,
         mmsi=payload.mmsi,
@@ -91,14 +91,14 @@ def _heading_rad(number: int) -> float | None:
 
 
 def _turn_rad_s(number: int | None) -> float | None:
-    if number is None or abs(number) > _SHARPEST_TURN:
+    if number is None or abs(number) > _MAX_TURN:
         return None
     turn_deg_min = (number / _TURN_SCALE) ** 2
     return radians(turn_deg_min / 60.0) * (-1.0 if number < 0 else 1.0)
 
 
 def _identity(payload: Payload, now_s: float) -> VesselIdentity | None:
-    """Return what a message says of the vessel itself, None when that is nothing."""
+    """Return the static data of a message, None if it has none."""
     numbers, texts = payload.numbers, payload.texts
     sizes = tuple(numbers.get(name, 0) for name in _SIZES)
     identity = VesselIdentity(
@@ -107,7 +107,7 @@ def _identity(payload: Payload, now_s: float) -> VesselIdentity | None:
         name=texts.get("name", ""),
         call_sign=texts.get("call_sign", ""),
         ship_type=numbers.get("ship_type", 0),
-        # An auxiliary craft sends the number of its mother ship where others have their size.
+        # An auxiliary craft (MMSI 98...) sends the MMSI of its mother ship in place of its dimensions.
         dimensions_m=(sizes[0], sizes[1], sizes[2], sizes[3]) if any(sizes) and payload.mmsi // 10**7 != 98 else None,
     )
     known = identity.name or identity.call_sign or identity.ship_type or identity.dimensions_m

@@ -1,7 +1,7 @@
-"""The bits of an AIS message: from the letters of a payload to the numbers in it, by a table of fields.
+"""Decodes the bits of an AIS payload into numbers and texts by a table of fields.
 
-ITU-R M.1371-5, annex 8. Only what the boat uses of a message has a row; each type has the lengths at which all of that
-is in it.
+Source: ITU-R M.1371-5, annex 8. The table has only the fields that the boat uses, and for each type the lengths of
+messages that contain all of them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import msgspec
 
 from firmware_py.sensors.message_error import MALFORMED, MessageError
 
-LEAST_LETTERS, MOST_LETTERS = 7, 5 * 62  # type, number and part of a message; five sentences
+MIN_LETTERS, MAX_LETTERS = 7, 5 * 62  # type, MMSI and part number; five sentences
 _ARMOUR = b"0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVW`abcdefghijklmnopqrstuvw"
 _BASE64 = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 _TO_BASE64 = bytes.maketrans(_ARMOUR, _BASE64)
@@ -21,13 +21,13 @@ _LETTERS = "@ABCDEFGHIJKLMNOPQRSTUVWXYZ[\\]^_ !\"#$%&'()*+,-./0123456789:;<=>?"
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """One sort of message: its least and greatest length in bits, and the first bit and width of each field.
+    """One message type: minimum and maximum length in bits, and the first bit and width of each field.
 
-    A negative width is that of a number with a sign.
+    A negative width marks a signed number.
     """
 
-    shortest: int
-    longest: int
+    min_bits: int
+    max_bits: int
     fields: Mapping[str, tuple[int, int]]
     texts: Mapping[str, tuple[int, int]]
 
@@ -67,8 +67,8 @@ def _dimensions(start: int) -> dict[str, tuple[int, int]]:
     }
 
 
-# Part B of 24 is 25 here. Some stations leave spare bits at the end out or count them wrongly, and the extension of
-# the name of a mark comes with bits to fill: the lengths are those that all that is read here is in.
+# Part B of 24 is 25 here. Some stations omit the spare bits at the end or count them wrongly, and the name extension of
+# an aid to navigation has fill bits, so each minimum length is that of the fields in the table.
 STATIC_B = 25
 LAYOUTS: Mapping[int, Layout] = {
     1: _CLASS_A,
@@ -109,7 +109,7 @@ LAYOUTS: Mapping[int, Layout] = {
 
 
 class Payload(msgspec.Struct, frozen=True):
-    """The numbers and texts of one message as they were sent; None for a text that is empty."""
+    """The numbers and texts of one message as sent."""
 
     kind: int
     mmsi: int
@@ -118,19 +118,19 @@ class Payload(msgspec.Struct, frozen=True):
 
 
 def read_payload(letters: bytes, fill_bits: int) -> Payload | None:
-    """Return what a payload holds; None for a type that is not read; MessageError for one that cannot be."""
+    """Decode a payload; None for a type that is not used; raises MessageError for an invalid one."""
     if not letters:
-        return None  # as some receivers tell of an empty slot
-    if not LEAST_LETTERS <= len(letters) <= MOST_LETTERS or letters.translate(None, _ARMOUR):
-        raise MessageError(MALFORMED, "payload has no such letters, or is too long")
+        return None  # some receivers report an empty slot this way
+    if not MIN_LETTERS <= len(letters) <= MAX_LETTERS or letters.translate(None, _ARMOUR):
+        raise MessageError(MALFORMED, "payload has invalid letters or an invalid length")
     length = 6 * len(letters) - fill_bits
     packed = binascii.a2b_base64(letters.translate(_TO_BASE64) + b"A" * (-len(letters) % 4))
-    bits = int.from_bytes(packed)
+    packed_bits = int.from_bytes(packed)
     width = 8 * len(packed)
 
     def number(start: int, size: int) -> int:
         count = abs(size)
-        value = bits >> (width - start - count) & ((1 << count) - 1)
+        value = packed_bits >> (width - start - count) & ((1 << count) - 1)
         return value - (1 << count) if size < 0 and value >> (count - 1) else value
 
     kind = number(0, 6)
@@ -141,14 +141,14 @@ def read_payload(letters: bytes, fill_bits: int) -> Payload | None:
     layout = LAYOUTS.get(kind)
     if layout is None:
         return None
-    if not layout.shortest <= length <= layout.longest:
+    if not layout.min_bits <= length <= layout.max_bits:
         raise MessageError(MALFORMED, f"{length} bits for a message of type {24 if kind == STATIC_B else kind}")
-    numbers = {name: number(*place) for name, place in layout.fields.items()}
-    texts = {name: _text(number(*place), place[1]) for name, place in layout.texts.items()}
+    numbers = {name: number(*bits) for name, bits in layout.fields.items()}
+    texts = {name: _text(number(*bits), bits[1]) for name, bits in layout.texts.items()}
     return Payload(kind, number(8, 30), numbers, texts)
 
 
 def _text(value: int, size: int) -> str:
-    """Return a text of six-bit letters; it ends at the first @."""
+    """Decode a text of six-bit letters, which ends at the first @."""
     letters = (_LETTERS[value >> shift & 63] for shift in range(size - 6, -1, -6))
     return "".join(letters).partition("@")[0].rstrip()

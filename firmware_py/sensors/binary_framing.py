@@ -1,4 +1,4 @@
-"""Finds checksummed binary packets in any stream of bytes."""
+"""Finds binary packets with checksums in a stream of bytes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from firmware_py.sensors.message_error import CHECKSUM, MALFORMED
 
 
 class Packet(msgspec.Struct, frozen=True):
-    """A whole packet, or a run of bytes that is none.
+    """A whole packet, or a run of bytes without one.
 
-    `offset` counts the bytes of the stream; `fault` is empty, CHECKSUM (something in
-    the run looked like a packet) or MALFORMED. A run has no data.
+    `offset` is the position in the stream; `fault` is empty, CHECKSUM (part of the run looked like a packet) or
+    MALFORMED. A run has no data.
     """
 
     offset: int
@@ -25,23 +25,23 @@ class Packet(msgspec.Struct, frozen=True):
 
 
 class Check(Protocol):
-    """Tells whether a packet is whole; follows the framer's buffer, so that it can sum up in advance."""
+    """Verifies packets; follows the framer's buffer, so that it can accumulate checksums."""
 
     def extend(self, data: bytes) -> None:
-        """Take bytes that were put at the end of the buffer."""
+        """Note bytes that were appended to the buffer."""
 
     def drop(self, count: int) -> None:
-        """Forget bytes that were taken from its beginning."""
+        """Note that bytes were removed from the start of the buffer."""
 
     def holds(self, buffer: bytearray, begin: int, end: int) -> bool:
         """Return whether buffer[begin:end] is a whole packet."""
 
 
-class EachAlone:
-    """Checks each packet by itself: for short ones."""
+class PacketCheck:
+    """Verifies each packet separately: for short packets."""
 
     def __init__(self, verify: Callable[[bytes], bool]) -> None:
-        """Take what checks a packet."""
+        """Store the function that verifies a packet."""
         self._verify = verify
 
     def extend(self, data: bytes) -> None:
@@ -56,13 +56,11 @@ class EachAlone:
 
 
 class PacketFramer:
-    """Cuts a stream into packets and resynchronises after any garbage.
+    """Splits a stream into packets and resynchronises after garbage.
 
-    A packet that is still incomplete does not hold back a good one that begins inside
-    it: its length was then the damaged part. However the stream is cut into pieces, the
-    result is the same. At most one packet of the longest kind stays in the buffer, and
-    each header is looked for, and its packet checked, once: crafted noise in small
-    pieces costs no more than in large ones.
+    An incomplete packet does not delay a valid one that starts inside it: the length of the first was damaged. The
+    result does not depend on the sizes of the pieces. The buffer holds at most one packet of maximum length. Each
+    header is searched and each packet verified once, so crafted noise in small pieces costs no more than in large ones.
     """
 
     def __init__(
@@ -72,21 +70,22 @@ class PacketFramer:
         measure: Callable[[bytes], int],
         check: Check,
     ) -> None:
-        """Search `header`, at most `header_size` long; `measure` gives the bytes of a packet from its header."""
+        """Search for `header`, at most `header_size` long; `measure` returns the packet size from a header."""
         self._header = header
         self._header_size = header_size
         self._measure = measure
         self._check = check
         self._buffer = bytearray()
-        self._offset = 0  # of the first byte in the buffer, as all that follow
-        self._searched = 0  # no header begins before this that is not known
-        self._open: list[tuple[int, int]] = []  # begin and end of what may become packets
-        self._false: list[int] = []  # begins of what looked like packets and were none
-        self._run = 0  # bytes skipped just before the buffer
+        # Positions in the stream:
+        self._offset = 0  # first byte in the buffer
+        self._searched = 0  # end of the part that was searched for headers
+        self._open: list[tuple[int, int]] = []  # start and end of possible packets
+        self._false: list[int] = []  # starts of possible packets that failed the check
+        self._run = 0  # number of bytes skipped before the buffer
         self._run_fault = MALFORMED
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Take more bytes and return the packets, and the runs between them, that they complete."""
+        """Add bytes; return the completed packets and the runs between them."""
         buffer = self._buffer
         buffer += data
         self._check.extend(data)
@@ -97,7 +96,7 @@ class PacketFramer:
         done = self._offset
         for begin, end in self._open:
             if begin < done:
-                continue  # inside a good packet
+                continue  # inside a valid packet
             if end > present:
                 still_open.append((begin, end))
             elif self._check.holds(buffer, begin - self._offset, end - self._offset):
@@ -118,7 +117,7 @@ class PacketFramer:
         return packets
 
     def finish(self) -> list[Packet]:
-        """Return what the end of a capture leaves as a run."""
+        """Return the rest of a capture as a run."""
         packets: list[Packet] = []
         if self._header.search(self._buffer):
             self._run_fault = CHECKSUM
@@ -131,15 +130,15 @@ class PacketFramer:
         return packets
 
     def _search(self) -> None:
-        """Find the headers in what has not been searched yet."""
+        """Find the headers in the part that was not searched yet."""
         buffer = self._buffer
-        place = max(0, self._searched - self._offset)
-        while match := self._header.search(buffer, place):
+        index = max(0, self._searched - self._offset)
+        while match := self._header.search(buffer, index):
             begin = match.start()
             size = self._measure(bytes(buffer[begin : begin + self._header_size]))
             self._open.append((self._offset + begin, self._offset + begin + size))
-            place = begin + 1
-        self._searched = self._offset + max(place, len(buffer) - self._header_size + 1)
+            index = begin + 1
+        self._searched = self._offset + max(index, len(buffer) - self._header_size + 1)
 
     def _skip(self, start: int, stop: int, still_open: list[tuple[int, int]]) -> None:
         self._run += stop - start

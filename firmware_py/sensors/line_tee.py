@@ -1,4 +1,4 @@
-"""One port read by two drivers: a satellite compass speaks headings and positions on one line."""
+"""One port for two drivers: a satellite compass sends headings and positions on one line."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from collections.abc import Callable
 from firmware_py.common.interfaces import ByteLine
 
 READ_LIMIT = 4096
-QUEUE_LIMIT = 65536  # a second driver that is never served must not eat the memory
+QUEUE_LIMIT = 65536  # a second driver that does not read must not fill the memory
 
 
 class LineTee:
-    """Gives every byte of a line to each of its two views.
+    """Passes every byte of a line to two views.
 
-    Only `first` reads the port and owns its descriptor; `second` takes what `first`
-    has read, so it wants to be served after it. Either may write.
+    Only `first` reads the port and owns its descriptor; `second` returns the bytes that `first` has read, so it is
+    served after `first`. Both may write.
     """
 
     def __init__(self, line: ByteLine) -> None:
-        """Share the line; nobody else may read it."""
+        """Share the line; only the views may read it."""
         self._line = line
         self._openings = line.openings
         self._queue = bytearray()
         self.first: ByteLine = _View(line, self._pull, line.fileno)
-        self.second: ByteLine = _View(line, self._take, _nothing_to_wait_on)
+        self.second: ByteLine = _View(line, self._take, lambda: -1)
 
     def _pull(self) -> bytes:
-        """Read the port and keep a copy for the second view."""
+        """Read the port and queue a copy for the second view."""
         self._forget_old()
         data = self._line.read()
         self._queue += data
@@ -35,7 +35,7 @@ class LineTee:
         return data
 
     def _take(self) -> bytes:
-        """Hand out what the first view has read."""
+        """Return bytes that the first view has read."""
         self._forget_old()
         data = bytes(self._queue[:READ_LIMIT])
         del self._queue[:READ_LIMIT]
@@ -49,7 +49,7 @@ class LineTee:
 
 
 class _View:
-    """The line as one of the two sees it: what it reads, and the descriptor on which it waits."""
+    """The line as seen by one driver, with its own `read` and `fileno`."""
 
     def __init__(self, line: ByteLine, read: Callable[[], bytes], fileno: Callable[[], int]) -> None:
         self._line = line
@@ -72,8 +72,3 @@ class _View:
     @property
     def connected(self) -> bool:
         return self._line.connected
-
-
-def _nothing_to_wait_on() -> int:
-    """Return the descriptor of a view that takes what the other has read."""
-    return -1

@@ -1,4 +1,4 @@
-"""Why a message is refused, in the words of `rambler decode`."""
+"""Reasons for the rejection of a message, as reported by `rambler decode`."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ RANGE = "range"
 
 
 class MessageError(ValueError):
-    """A message is refused by its content; never leaves this package.
+    """A message is rejected for its content; not raised outside this package.
 
-    `error` is MALFORMED or RANGE; the text says which value and why, short and printable.
+    `error` is MALFORMED or RANGE; the text is a short printable reason with the name of the value.
     """
 
     def __init__(self, error: str, text: str) -> None:
-        """Keep the error and the text."""
+        """Store the error and the text."""
         super().__init__(text)
         self.error = error
 
 
 def within(value: float, low: float, high: float, name: str = "") -> float:
-    """Return the value, or raise MessageError when it is outside [low, high] or not a number."""
+    """Return the value, or raise MessageError if it is outside [low, high] or NaN."""
     if low <= value <= high:
         return value
     raise MessageError(RANGE, f"{name} {value:.10g} out of range".lstrip())

@@ -1,4 +1,4 @@
-"""The binary protocol Xbus of Xsens (Movella) MTi motion trackers: framing, states, output configuration.
+"""Binary protocol Xbus of Xsens (Movella) MTi motion trackers: framing, states, output configuration.
 
 Sources: MTi User Manual MT0605P, section 5.3 (message structure, GoToConfig,
 GoToMeasurement, SetOutputConfiguration, MTData2); MT Low Level Communication Protocol
@@ -17,9 +17,9 @@ from enum import IntEnum
 from firmware_py.sensors.binary_framing import PacketFramer
 from firmware_py.sensors.message_error import MALFORMED, MessageError
 
-_PREAMBLE, _BUS_ID = 0xFA, 0xFF  # 0xFF is the address of a device that is alone on its line
-_EXTENDED = 0xFF  # a length byte of 255 says that two bytes of length follow
-EACH_MESSAGE = 0xFFFF  # the rate that stands for data which come with every message
+_PREAMBLE, _BUS_ID = 0xFA, 0xFF  # 0xFF is the address of a single device on a line
+_EXTENDED = 0xFF  # a length byte of 255: two bytes of length follow
+EACH_MESSAGE = 0xFFFF  # the rate of data that are in every message
 
 
 class Message(IntEnum):
@@ -38,12 +38,12 @@ class Message(IntEnum):
     ERROR = 0x42
     WARNING = 0x43
     CALIBRATION = 0x91  # eMTS, for the maker's own software
-    OUTPUT_CONFIGURATION = 0xC0  # empty: asks for the list; else sets it
+    OUTPUT_CONFIGURATION = 0xC0  # empty: requests the list; otherwise sets it
     OUTPUT_CONFIGURATION_ACK = 0xC1
 
 
 class DataId(IntEnum):
-    """Data identifiers, without the bits of their format, that mean something to a helmsman."""
+    """Data identifiers used by the driver, without the format bits."""
 
     TEMPERATURE = 0x0810
     EULER_ANGLES = 0x2030
@@ -61,7 +61,7 @@ class Frame(IntEnum):
 
 FORMAT_BITS = 0x000F  # precision in bits 0 and 1, frame in bits 2 and 3
 
-_SAID_BY_DEVICE = (
+_DEVICE_MESSAGES = (
     Message.DEVICE_ID,
     Message.CONFIGURATION,
     Message.GO_TO_MEASUREMENT_ACK,
@@ -74,15 +74,15 @@ _SAID_BY_DEVICE = (
     Message.CALIBRATION,
     Message.OUTPUT_CONFIGURATION_ACK,
 )
-# Preamble, bus id, a message that a device sends, then the length in one byte or in three (up to 2048):
-# this much must be right before bytes are waited for, for the checksum is only a sum.
+# Preamble, bus id, a message that a device sends, then the length in one byte or in three (up to 2048).
+# The header is this strict because the checksum is only a sum.
 _HEADER = re.compile(
     rb"\xfa\xff[%b](?:[\x00-\xfe]|\xff(?:[\x00-\x07][\x00-\xff]|\x08\x00))"
-    % b"".join(b"\\x%02x" % message for message in _SAID_BY_DEVICE)
+    % b"".join(b"\\x%02x" % message for message in _DEVICE_MESSAGES)
 )
-_LONGEST_HEADER = 6
+_MAX_HEADER_SIZE = 6
 
-# What the Error message means, in the words of a bench.
+# The codes of the Error message.
 _ERRORS: Mapping[int, str] = {
     3: "period out of range",
     4: "message invalid or not known",
@@ -98,7 +98,7 @@ _ERRORS: Mapping[int, str] = {
 
 
 def encode(message: int, data: bytes = b"") -> bytes:
-    """Wrap the data of a command; ValueError for more than the 254 bytes of the short form."""
+    """Return the packet of a command; raises ValueError for more than the 254 bytes of the short form."""
     if len(data) >= _EXTENDED:
         raise ValueError(f"a command has at most 254 bytes, not {len(data)}")
     body = bytes((_BUS_ID, message, len(data))) + data
@@ -106,35 +106,34 @@ def encode(message: int, data: bytes = b"") -> bytes:
 
 
 def framer() -> PacketFramer:
-    """Make a framer for this protocol."""
-    return PacketFramer(_HEADER, _LONGEST_HEADER, _packet_size, _ByteSum())
+    """Return a framer for this protocol."""
+    return PacketFramer(_HEADER, _MAX_HEADER_SIZE, _packet_size, _ByteSum())
 
 
 def _packet_size(header: bytes) -> int:
     if header[3] == _EXTENDED:
-        return _LONGEST_HEADER + int.from_bytes(header[4:6], "big") + 1
+        return _MAX_HEADER_SIZE + int.from_bytes(header[4:6], "big") + 1
     return 4 + header[3] + 1
 
 
 class _ByteSum:
-    """The checksum: all bytes after the preamble add up to 0 modulo 256.
+    """The checksum: the sum of all bytes after the preamble is 0 modulo 256.
 
-    The sums are carried along, so that noise full of long false headers costs no more
-    than its bytes.
+    It is computed from cumulative sums, so false headers with long lengths cost no extra time.
     """
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._sums = [0]  # of all bytes before each place
+        self._sums = [0]  # sum of all bytes before each index
 
     def extend(self, data: bytes) -> None:
-        """Take bytes that were put at the end of the buffer."""
+        """Note bytes that were appended to the buffer."""
         self._sums += list(itertools.accumulate(data, initial=self._sums[-1]))[1:]
 
     def drop(self, count: int) -> None:
-        """Forget bytes that were taken from its beginning."""
+        """Note that bytes were removed from the start of the buffer."""
         if count == len(self._sums) - 1:
-            self._sums = [0]  # the numbers do not grow for ever
+            self._sums = [0]  # limits the size of the numbers
         else:
             del self._sums[:count]
 
@@ -144,42 +143,42 @@ class _ByteSum:
 
 
 def message_id(packet: bytes) -> int:
-    """The message id of a whole packet."""
+    """Return the message id of a packet."""
     return packet[2]
 
 
 def payload(packet: bytes) -> bytes:
-    """The data of a whole packet."""
-    return packet[_LONGEST_HEADER if packet[3] == _EXTENDED else 4 : -1]
+    """Return the data of a packet."""
+    return packet[_MAX_HEADER_SIZE if packet[3] == _EXTENDED else 4 : -1]
 
 
 def output_configuration(rows: Iterable[tuple[int, int]]) -> bytes:
-    """The data of an OUTPUT_CONFIGURATION from rows of data identifier and rate in Hz."""
+    """Return the data of an OUTPUT_CONFIGURATION from rows of data identifier and rate in Hz."""
     return b"".join(struct.pack(">HH", *row) for row in rows)
 
 
 def parse_output_configuration(data: bytes) -> dict[int, int]:
-    """Read {data identifier: rate in Hz or EACH_MESSAGE}, or raise MessageError."""
+    """Return {data identifier: rate in Hz or EACH_MESSAGE}, or raise MessageError."""
     if len(data) % 4:
         raise MessageError(MALFORMED, "output configuration malformed")
     return dict(struct.iter_unpack(">HH", data))
 
 
 def parse_items(data: bytes) -> dict[int, bytes]:
-    """Read the data of an MT_DATA2 into {data identifier: value bytes}, or raise MessageError."""
+    """Return the items of an MT_DATA2 as {data identifier: value bytes}, or raise MessageError."""
     items: dict[int, bytes] = {}
-    place = 0
-    while place < len(data):
-        value = data[place + 3 : place + 3 + data[place + 2]] if place + 3 <= len(data) else b""
-        if place + 3 > len(data) or len(value) < data[place + 2]:
+    index = 0
+    while index < len(data):
+        value = data[index + 3 : index + 3 + data[index + 2]] if index + 3 <= len(data) else b""
+        if index + 3 > len(data) or len(value) < data[index + 2]:
             raise MessageError(MALFORMED, "data message malformed")
-        items[int.from_bytes(data[place : place + 2], "big")] = value
-        place += 3 + len(value)
+        items[int.from_bytes(data[index : index + 2], "big")] = value
+        index += 3 + len(value)
     return items
 
 
 def error_text(data: bytes) -> str:
-    """What an ERROR message says: its code, and the meaning of the code where it is known."""
+    """Return the text of an ERROR message: its code and, if known, the meaning."""
     if not data:
         return "device error without a code"
     meaning = _ERRORS.get(data[0])

@@ -1,12 +1,11 @@
-"""Judges one data message of an MTi.
+"""Converts and checks one data message of an MTi.
 
-Sources: MT0101P (formats of the values, units), MT0605P, section 4.13 (status word) and
-its table of yaw by reference frame.
+Sources: MT0101P (formats of the values, units), MT0605P, section 4.13 (status word) and its table of yaw by reference
+frame.
 
-Yaw is "the angle from a horizontal navigation axis to the projection of the longitudinal
-axis, right-handed about the vertical axis". In NED the first axis is north and the
-vertical one points down, so yaw is the heading, clockwise from north, and only NED is
-read as a heading. In ENU, the device's default, yaw counts from east, the other way.
+Yaw is "the angle from a horizontal navigation axis to the projection of the longitudinal axis, right-handed about the
+vertical axis". In NED the first axis is north and the vertical one points down, so yaw is the heading, clockwise from
+north. Only NED is used. In ENU, the device's default, yaw is counterclockwise from east.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ from firmware_py.sensors.mti_protocol import (
 )
 
 _PRECISION_BITS, _FRAME_BITS = 0x3, 0xC
-_STEEPEST_PITCH_DEG = 80.0  # toward 90 degrees heading and roll turn about the same axis
-_FASTEST_RAD_S = 40.0  # the widest gyroscope that is sold measures 2000 degrees a second, 35 rad/s
+_MAX_PITCH_DEG = 80.0  # near 90 degrees heading and roll have the same axis
+_MAX_TURN_RAD_S = 40.0  # the largest range of a gyroscope is 2000 deg/s, 35 rad/s
 
 # Bits of the status word.
 _SELF_TEST_PASSED, _FILTER_VALID = 1 << 0, 1 << 1
@@ -47,9 +46,9 @@ _CLIPPED: Mapping[str, int] = {
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """What a data message says of the boat; None where the message does not have it.
+    """The values of a data message; None if the message does not have them.
 
-    `frame` is None without Euler angles; the angles of other frames than NED are left out.
+    `frame` is None without Euler angles; angles in frames other than NED are left out.
     """
 
     frame: Frame | None
@@ -61,21 +60,21 @@ class Reading(msgspec.Struct, frozen=True):
     status: int | None
 
     @property
-    def believable(self) -> bool:
-        """Whether the device itself stands by its orientation."""
+    def is_valid(self) -> bool:
+        """Whether the device marks its orientation as valid."""
         return self.status is not None and bool(self.status & _FILTER_VALID)
 
     @property
     def fault(self) -> str:
-        """What the device reports against itself, empty for nothing."""
+        """The fault that the device reports, empty for none."""
         return "" if self.status is None else status_fault(self.status)
 
 
 def status_fault(status: int) -> str:
-    """What a status word says against the device, the worst first; empty for nothing."""
+    """Return the faults in a status word, the most severe first; empty for none."""
     faults = []
     if not status & _FILTER_VALID:
-        faults.append("orientation not valid yet or any more")
+        faults.append("orientation not valid")
     if not status & _SELF_TEST_PASSED:
         faults.append("self-test failed")
     clipped = [name for name, bits in _CLIPPED.items() if status & bits]
@@ -85,7 +84,7 @@ def status_fault(status: int) -> str:
 
 
 def read_data(data: bytes) -> Reading:
-    """Read the data of an MT_DATA2, or raise MessageError."""
+    """Return the values of an MT_DATA2, or raise MessageError."""
     frame: Frame | None = None
     euler_deg: tuple[float, ...] | None = None
     turn_rad_s: tuple[float, ...] | None = None
@@ -98,7 +97,7 @@ def read_data(data: bytes) -> Reading:
         elif kind == DataId.RATE_OF_TURN:
             turn_rad_s = _numbers(value, precision, 3, "rate of turn")
             for number in turn_rad_s:
-                within(number, -_FASTEST_RAD_S, _FASTEST_RAD_S, "rate of turn")
+                within(number, -_MAX_TURN_RAD_S, _MAX_TURN_RAD_S, "rate of turn")
         elif kind == DataId.TEMPERATURE:
             temperature_c = within(_numbers(value, precision, 1, "temperature")[0], -100.0, 150.0, "temperature")
         elif kind == DataId.STATUS_WORD:
@@ -125,18 +124,16 @@ def _frame(identifier: int) -> Frame:
     try:
         return Frame(identifier & _FRAME_BITS)
     except ValueError:
-        raise MessageError(MALFORMED, "frame of the Euler angles not known") from None
+        raise MessageError(MALFORMED, "frame of the Euler angles is unknown") from None
 
 
 def _yaw_rate_deg_s(roll_deg: float, pitch_deg: float, turn_rad_s: tuple[float, ...]) -> float | None:
-    """The rate of the heading: how fast the vertical turns under a tilted device.
+    """Return the rate of the heading of a tilted device from its gyroscopes, None for a nearly vertical device.
 
-    The gyroscopes turn with the device, and the frame bits do not apply to them: of a
-    device with its label up the z axis points up, and z is the rate to port. The device
-    then gives a roll near 180 degrees, and the cosine turns the sign. None near the
-    vertical, where a heading means nothing.
+    The gyroscope axes are those of the device; the frame bits do not apply to them. If the label is up, the z axis
+    points up and z is the rate to port; the device then has a roll near 180 degrees, and the cosine changes the sign.
     """
-    if abs(pitch_deg) > _STEEPEST_PITCH_DEG:
+    if abs(pitch_deg) > _MAX_PITCH_DEG:
         return None
     roll_rad, pitch_rad = radians(roll_deg), radians(pitch_deg)
     _, y_rad_s, z_rad_s = turn_rad_s
@@ -144,10 +141,10 @@ def _yaw_rate_deg_s(roll_deg: float, pitch_deg: float, turn_rad_s: tuple[float, 
 
 
 def _upright_deg(roll_deg: float) -> float:
-    """The boat's roll: of a device with its label up, NED has a roll that is half a turn away.
+    """Return the roll of the boat: if the label of the device is up, its roll in NED differs by 180 degrees.
 
-    Heading and pitch are the same either way, for roll is the last of the three turns. A
-    boat on its back cannot be told from a device that was mounted the other way up.
+    Heading and pitch do not differ, because roll is the last of the three rotations. A capsized boat cannot be
+    distinguished from a device that is mounted upside down.
     """
     if roll_deg > 90.0:
         return roll_deg - 180.0
@@ -155,11 +152,11 @@ def _upright_deg(roll_deg: float) -> float:
 
 
 def _numbers(value: bytes, precision: int, count: int, name: str) -> tuple[float, ...]:
-    """Unpack so many numbers of one of the four precisions, or raise MessageError."""
+    """Unpack `count` numbers of one of the four precisions, or raise MessageError."""
     size, unpack = _PRECISIONS[precision]
     if len(value) != size * count:
         raise MessageError(MALFORMED, f"{name} malformed")
-    return tuple(unpack(value[place : place + size]) for place in range(0, len(value), size))
+    return tuple(unpack(value[index : index + size]) for index in range(0, len(value), size))
 
 
 def _float32(raw: bytes) -> float:
@@ -171,7 +168,7 @@ def _fixed_12_20(raw: bytes) -> float:
 
 
 def _fixed_16_32(raw: bytes) -> float:
-    """Read six bytes: the four of the fraction come first, then the two of the whole part."""
+    """Convert six bytes: four of the fraction, then two of the integer part."""
     return int.from_bytes(raw[4:] + raw[:4], "big", signed=True) / float(1 << 32)
 
 
@@ -202,7 +199,7 @@ def _result(packet: bytes) -> Result:
     values = msgspec.structs.asdict(reading)
     values["frame"] = None if reading.frame is None else reading.frame.name
     values["status"] = None if reading.status is None else f"{reading.status:08X}"
-    if reading.heading_magnetic_deg is None:  # another frame or none: only what there is
+    if reading.heading_magnetic_deg is None:  # another frame or none: only the present values
         return {"type": "other", **head, **{name: value for name, value in values.items() if value is not None}}
     fault = {"fault": reading.fault} if reading.fault else {}
     return {"type": "heading", **head, **values_of("heading", values), **fault}

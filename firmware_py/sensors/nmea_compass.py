@@ -1,4 +1,4 @@
-"""Drives a compass that speaks NMEA 0183."""
+"""Driver of a compass with NMEA 0183."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from firmware_py.sensors.nmea_sentences import Decoded, Numbers
 
 HEADING_SENTENCES = ("HDG", "HDT", "HDM", "THS", "PASHR")
 SIDE_SENTENCES = ("ROT", "XDR")
-TURN_RATE_KEPT_S = 1.0
-ATTITUDE_KEPT_S = 2.5  # XDR comes once a second
-TRUE_ESTABLISHED = 3
-TRUE_KEPT_S = 2.0
-SMALL_DEVIATION_DEG = 3.0
-SAME_S, SAME_DEG = 0.3, 1.5  # between two sentences of one heading
-SAMPLES_KEPT = 512  # more than one read of 4096 bytes can hold
+TURN_RATE_HOLD_S = 1.0
+ATTITUDE_HOLD_S = 2.5  # XDR has a period of 1 s
+MIN_TRUE_HEADINGS = 3
+TRUE_HOLD_S = 2.0
+MAX_DEVIATION_DEG = 3.0
+SAME_HEADING_S, SAME_HEADING_DEG = 0.3, 1.5  # maximum differences between two sentences of one heading
+MAX_SAMPLES = 512  # more than in one read of 4096 bytes
 
 # THS: A autonomous, E estimated (a satellite compass coasting on its gyro); not manual, simulated or invalid.
 _THS_MODES = frozenset("AE")
@@ -31,14 +31,14 @@ _THS_MODES = frozenset("AE")
 
 @dataclass(frozen=True, slots=True)
 class NmeaCompassOptions:
-    """What the vehicle file may say of an NMEA compass; ValueError for what cannot be."""
+    """Options of the vehicle file for an NMEA compass; raises ValueError."""
 
     sentences: tuple[str, ...] = option(
-        "the only sentences whose heading is taken; none: all, by the driver's rule",
+        "heading sentences to use; empty: all, true headings preferred",
         default=(),
         choices=HEADING_SENTENCES,
     )
-    require_checksum: bool = option("whether a sentence without a checksum is refused", default=True)
+    require_checksum: bool = option("whether to reject sentences without a checksum", default=True)
 
     def __post_init__(self) -> None:
         """Check the sentences."""
@@ -46,14 +46,12 @@ class NmeaCompassOptions:
 
 
 class NmeaCompass:
-    """Gives every heading of HDG, HDT, HDM, THS and PASHR, with ROT as its yaw rate and XDR as its roll and pitch.
+    """Returns every heading of HDG, HDT, HDM, THS and PASHR, with the yaw rate of ROT and roll and pitch of XDR.
 
-    HDG is true where it states its variation and magnetic otherwise; the estimate judges the variation. VHW repeats
-    the heading for a speed log, later and slower, and is not taken. Several true
-    sentences on a line all state the one heading and are all given; a magnetic one is
-    not, once three true headings have come, none more than 2 s after the other, and while
-    the last of them is younger than that, because the two would differ by whatever is
-    wrong with the variation.
+    HDG is true if it states its variation, otherwise magnetic; the estimator checks the variation. VHW repeats the
+    heading later and at a lower rate and is ignored. All true sentences are returned. Magnetic ones are ignored after
+    MIN_TRUE_HEADINGS true ones at intervals of at most TRUE_HOLD_S, until the last one is older than that: the two
+    would differ by the error of the variation.
     """
 
     def __init__(self, line: ByteLine, options: NmeaCompassOptions) -> None:
@@ -66,20 +64,20 @@ class NmeaCompass:
             {*(options.sentences or HEADING_SENTENCES), *SIDE_SENTENCES},
             require_checksum=options.require_checksum,
         )
-        self._samples: deque[HeadingSample] = deque(maxlen=SAMPLES_KEPT)
-        self._turn: tuple[float, float] | None = None  # when, rad/s
-        self._attitude: dict[str, tuple[float, float]] = {}  # when, rad
+        self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
+        self._turn: tuple[float, float] | None = None  # time, rad/s
+        self._attitude: dict[str, tuple[float, float]] = {}  # time, rad
         self._true_count = 0
         self._true_s = 0.0
-        self._stated: tuple[float, float, float] | None = None  # when, true heading and variation of HDG
-        self._is_derived = False  # other true headings from it
+        self._stated: tuple[float, float, float] | None = None  # time, true heading and variation of HDG
+        self._is_derived = False  # whether other true headings contain the variation of HDG
 
     def fileno(self) -> int:
-        """The descriptor of the line, or -1."""
+        """Return the descriptor of the line, or -1."""
         return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
-        """Read what has arrived and decode it, stamped now_s."""
+        """Decode the received bytes with the time stamp now_s."""
         if self._monitor.notice_reopening():
             self._reader.restart()
             self._turn = None
@@ -98,13 +96,13 @@ class NmeaCompass:
                 self._handle_heading(sentence.address, decoded.numbers, now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
-        """The samples since the last poll, oldest first."""
+        """Return the samples since the last poll, oldest first."""
         samples = tuple(self._samples)
         self._samples.clear()
         return samples
 
     def health(self, now_s: float) -> DeviceHealth:
-        """The state; only a heading counts as accepted, a sentence without one as neither."""
+        """Return the state; only headings count as accepted, sentences without one are not counted."""
         return self._monitor.health(now_s)
 
     def _handle_turn(self, decoded: Decoded, now_s: float) -> None:
@@ -115,31 +113,31 @@ class NmeaCompass:
             self._turn = (now_s, radians(turn_rate_deg_min / 60.0))
 
     def _yaw_rate_rad_s(self, now_s: float) -> float | None:
-        if self._turn is None or now_s - self._turn[0] > TURN_RATE_KEPT_S:
+        if self._turn is None or now_s - self._turn[0] > TURN_RATE_HOLD_S:
             return None
         return self._turn[1]
 
     def _attitude_rad(self, name: str, numbers: Numbers, now_s: float) -> float | None:
-        """Return an angle of the sentence itself, else that of the last XDR."""
+        """Return an angle of the sentence itself, otherwise that of the last XDR."""
         if name in numbers:
             return _radians(numbers[name])
         t_s, angle_rad = self._attitude.get(name, (-math.inf, 0.0))
-        return angle_rad if now_s - t_s <= ATTITUDE_KEPT_S else None
+        return angle_rad if now_s - t_s <= ATTITUDE_HOLD_S else None
 
     def _variation_of(self, true_deg: float, now_s: float) -> float | None:
-        """The variation in a true heading: the instrument has added what it states in HDG, if both are the same."""
-        if self._stated is None or now_s - self._stated[0] > TRUE_KEPT_S:
+        """Return the variation in a true heading: that of HDG if both headings agree."""
+        if self._stated is None or now_s - self._stated[0] > TRUE_HOLD_S:
             return None
         stated_s, stated_deg, variation_deg = self._stated
-        if now_s - stated_s <= SAME_S:
-            self._is_derived = abs((true_deg - stated_deg + 180.0) % 360.0 - 180.0) <= SAME_DEG
+        if now_s - stated_s <= SAME_HEADING_S:
+            self._is_derived = abs((true_deg - stated_deg + 180.0) % 360.0 - 180.0) <= SAME_HEADING_DEG
         return variation_deg if self._is_derived else None
 
     def _handle_heading(self, address: str, numbers: Numbers, now_s: float) -> None:
         true_deg, magnetic_deg = numbers.get("heading_true_deg"), numbers.get("heading_magnetic_deg")
         variation_deg, deviation_deg = numbers.get("variation_deg"), numbers.get("deviation_deg")
-        if deviation_deg is not None and abs(deviation_deg) > SMALL_DEVIATION_DEG and not variation_deg:
-            true_deg, variation_deg = None, deviation_deg  # which it may be (estimate/variation.py)
+        if deviation_deg is not None and abs(deviation_deg) > MAX_DEVIATION_DEG and not variation_deg:
+            true_deg, variation_deg = None, deviation_deg  # a large deviation may be the variation
         if true_deg is not None and variation_deg is None:
             variation_deg = self._variation_of(true_deg, now_s)
         elif true_deg is not None and variation_deg is not None:
@@ -149,10 +147,10 @@ class NmeaCompass:
             self._monitor.note(f"{address}: no heading")
             return
         if true_deg is not None:
-            # What comes too seldom to be steered by alone has no quicker one wait for it.
-            self._true_count = self._true_count + 1 if now_s - self._true_s <= TRUE_KEPT_S else 1
+            # True headings at long intervals do not suppress magnetic ones.
+            self._true_count = self._true_count + 1 if now_s - self._true_s <= TRUE_HOLD_S else 1
             self._true_s = now_s
-        elif self._true_count >= TRUE_ESTABLISHED and now_s - self._true_s <= TRUE_KEPT_S:
+        elif self._true_count >= MIN_TRUE_HEADINGS and now_s - self._true_s <= TRUE_HOLD_S:
             return
         self._monitor.accept(now_s)
         self._monitor.note("")

@@ -1,6 +1,6 @@
-"""Reads single fields of an NMEA sentence, strictly: a field is empty (None), a value in range, or refused.
+"""Strict readers of single fields of an NMEA sentence: a field is empty (None), a value in range, or an error.
 
-`float()` alone would take "nan", "1e999", "1_0" and " 7"; nothing here does.
+Unlike `float()`, they reject "nan", "1e999", "1_0" and " 7".
 """
 
 from __future__ import annotations
@@ -17,35 +17,35 @@ Fields = Sequence[str]
 Reader = Callable[[Fields], float | None]
 
 SECONDS_PER_DAY = 86400
-FASTEST_M_S = 200.0
-FIRST_YEAR = 1980  # of GPS: what a receiver says that knows no date yet
+MAX_SPEED_M_S = 200.0
+FIRST_YEAR = 1980  # start of GPS time: a receiver without a date reports it
 _EPOCH_ORDINAL = dt.date(1970, 1, 1).toordinal()
 _METRES_PER_SECOND = {"N": METRES_PER_SECOND_PER_KNOT, "K": 1.0 / 3.6, "M": 1.0, "S": 0.44704}
 
 _NUMBER = re.compile(r"[+-]?(?:[0-9]{1,9}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})")
-# A plotter that prints whole and fraction of a negative number apart: "0.-6" is -0.6, "-1.-2" is -1.2.
-_NEGATIVE_APART = re.compile(r"(?:0|-([0-9]{1,9}))\.-([0-9]{1,12})")
+# Some plotters print the integer and the fraction of a negative number separately: "0.-6" is -0.6, "-1.-2" is -1.2.
+_SPLIT_NEGATIVE = re.compile(r"(?:0|-([0-9]{1,9}))\.-([0-9]{1,12})")
 _LATITUDE = re.compile(r"([0-9]{2})([0-9]{2}(?:\.[0-9]{0,10})?)")
-# Some receivers print two digits of degrees below 100; the minutes have two in any case, so that nothing is ambiguous.
+# Some receivers print two digits of degrees below 100; minutes always have two, so this is not ambiguous.
 _LONGITUDE = re.compile(r"([0-9]{2,3})([0-9]{2}(?:\.[0-9]{0,10})?)")
 _TIME = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2}(?:\.[0-9]{0,9})?)")
 _DATE = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2})")
 
 
 def to_number(text: str) -> float | None:
-    """Read a decimal number; None when empty, MessageError when it is anything else."""
+    """Read a decimal number; None if empty; raises MessageError."""
     if not text:
         return None
     if _NUMBER.fullmatch(text):
         return float(text)
-    apart = _NEGATIVE_APART.fullmatch(text)
+    apart = _SPLIT_NEGATIVE.fullmatch(text)
     if apart:
         return -float(f"{apart[1] or 0}.{apart[2]}")
     raise MessageError(MALFORMED, "not a number")
 
 
 def number(index: int, low: float, high: float, *, unit: str = "", scale: float = 1.0) -> Reader:
-    """Read a number in [low, high]; with `unit` the next field must be that letter."""
+    """Return a reader of a number in [low, high]; with `unit` the next field must be that letter."""
 
     def read(fields: Fields) -> float | None:
         value = to_number(fields[index])
@@ -59,7 +59,7 @@ def number(index: int, low: float, high: float, *, unit: str = "", scale: float 
 
 
 def speed(index: int, unit: str = "") -> Reader:
-    """Read a speed in m/s whose unit letter (N, K, M or S) is the next field, or given."""
+    """Return a reader of a speed in m/s; the unit letter (N, K, M or S) is `unit` or the next field."""
 
     def read(fields: Fields) -> float | None:
         value = to_number(fields[index])
@@ -67,14 +67,14 @@ def speed(index: int, unit: str = "") -> Reader:
             return None
         factor = _METRES_PER_SECOND.get(unit or fields[index + 1])
         if factor is None:
-            raise MessageError(MALFORMED, "unit is not of a speed")
-        return within(value * factor, 0.0, FASTEST_M_S)
+            raise MessageError(MALFORMED, "not a unit of speed")
+        return within(value * factor, 0.0, MAX_SPEED_M_S)
 
     return read
 
 
 def signed(index: int, limit: float, signs: Mapping[str, float]) -> Reader:
-    """Read a magnitude up to `limit` whose sign is the letter in the next field; zero needs none."""
+    """Return a reader of a magnitude up to `limit` with its sign letter in the next field; zero needs none."""
 
     def read(fields: Fields) -> float | None:
         value = to_number(fields[index])
@@ -107,17 +107,17 @@ def _coordinate(index: int, shape: re.Pattern[str], limit_deg: float, signs: Map
 
 
 def latitude(index: int) -> Reader:
-    """Read ddmm.mmm and N or S in the next field as degrees, north positive."""
+    """Return a reader of ddmm.mmm and N or S in the next field as degrees, north positive."""
     return _coordinate(index, _LATITUDE, 90.0, {"N": 1.0, "S": -1.0})
 
 
 def longitude(index: int) -> Reader:
-    """Read dddmm.mmm, or ddmm.mmm, and E or W in the next field as degrees, east positive."""
+    """Return a reader of dddmm.mmm or ddmm.mmm and E or W in the next field as degrees, east positive."""
     return _coordinate(index, _LONGITUDE, 180.0, {"E": 1.0, "W": -1.0})
 
 
 def time_of_day(index: int) -> Reader:
-    """Read hhmmss.sss as seconds since midnight UTC; a leap second is allowed."""
+    """Return a reader of hhmmss.sss as seconds since midnight UTC; a leap second is allowed."""
 
     def read(fields: Fields) -> float | None:
         if not fields[index]:
@@ -127,16 +127,16 @@ def time_of_day(index: int) -> Reader:
             raise MessageError(MALFORMED, "not a time")
         hours, minutes, seconds = int(match[1]), int(match[2]), float(match[3])
         if hours > 23 or minutes > 59 or seconds >= 61.0:
-            raise MessageError(RANGE, "no such time")
+            raise MessageError(RANGE, "time out of range")
         return hours * 3600 + minutes * 60 + seconds
 
     return read
 
 
 def utc_of_short_date(time_index: int, date_index: int) -> Reader:
-    """Read a time and ddmmyy, the year nearest to this version's, as seconds since 1970-01-01 UTC.
+    """Return a reader of a time and ddmmyy as seconds since 1970-01-01 UTC; the year is nearest to this version's.
 
-    A date that cannot be is none, because the position in the same sentence counts.
+    An invalid date gives None, because the position in the same sentence is still valid.
     """
     read_time = time_of_day(time_index)
 
@@ -154,7 +154,7 @@ def utc_of_short_date(time_index: int, date_index: int) -> Reader:
 
 
 def utc_of_long_date(time_index: int, day_index: int) -> Reader:
-    """Read a time and the fields day, month, year (1980 to 2099) as seconds since 1970-01-01 UTC."""
+    """Return a reader of a time and the fields day, month, year (1980 to 2099) as seconds since 1970-01-01 UTC."""
     read_time = time_of_day(time_index)
 
     def read(fields: Fields) -> float | None:
@@ -172,6 +172,6 @@ def _utc_s(year: int, month: int, day: int, seconds: float | None) -> float | No
     try:
         days = dt.date(year, month, day).toordinal() - _EPOCH_ORDINAL
     except ValueError:
-        raise MessageError(RANGE, "no such date") from None
+        raise MessageError(RANGE, "date out of range") from None
     within(year, FIRST_YEAR, 2099)
     return None if seconds is None else days * SECONDS_PER_DAY + seconds

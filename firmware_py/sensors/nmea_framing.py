@@ -1,4 +1,4 @@
-"""Finds the sentences of NMEA 0183 in any stream of bytes."""
+"""Finds NMEA 0183 sentences in a stream of bytes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import msgspec
 
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, NO_CHECKSUM
 
-# The standard says 82 bytes, u-blox's $PUBX,03 takes 500 and more.
-LONGEST_BODY = 1024
+# The limit of the standard is 82 bytes, but $PUBX,03 of u-blox has 500 and more.
+MAX_BODY_LENGTH = 1024
 
 _START = re.compile(rb"[$!]")
 _BODY_END = re.compile(rb"[\x00-\x1f\x7f$!*]")
@@ -20,10 +20,10 @@ _HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
 
 
 class Sentence(msgspec.Struct, frozen=True):
-    """What stood between `$` or `!` and the checksum, and what is wrong with it, if anything.
+    """The content between `$` or `!` and the checksum.
 
-    `line` counts LF from 1; `fields` are those after the address; `fault` is empty,
-    CHECKSUM, NO_CHECKSUM or MALFORMED (cut off or far too long).
+    `line` is the line number from 1; `fields` are those after the address; `fault` is empty, CHECKSUM, NO_CHECKSUM or
+    MALFORMED (truncated or too long).
     """
 
     line: int
@@ -38,26 +38,25 @@ class Sentence(msgspec.Struct, frozen=True):
 
     @property
     def talker(self) -> str:
-        """Who speaks, such as HC; P for every proprietary sentence."""
+        """The talker id, such as HC; P for every proprietary sentence."""
         return "P" if self.address[0] == "P" else self.address[:2]
 
 
 class NmeaFramer:
-    """Cuts a stream into sentences and resynchronises after any garbage.
+    """Splits a stream into sentences and resynchronises after garbage.
 
-    `$` and `!` always begin a sentence, also inside another one, which is then
-    MALFORMED. A start that no address of capitals and digits follows is noise, like
-    all that stands between sentences (binary protocols, a logger's prefixes), and is
-    passed over. However the stream is cut into pieces, the result is the same.
+    `$` and `!` always start a sentence, also inside another one, which is then MALFORMED. A start without an address of
+    capitals and digits is skipped, like everything between sentences (binary protocols, prefixes of a logger). The
+    result does not depend on the sizes of the pieces.
     """
 
     def __init__(self) -> None:
-        """Begin at line 1 with nothing in the buffer."""
+        """Start at line 1 with an empty buffer."""
         self._buffer = bytearray()
         self._line = 1
 
     def feed(self, data: bytes) -> list[Sentence]:
-        """Take more bytes and return the sentences that they complete."""
+        """Add bytes; return the completed sentences."""
         buffer = self._buffer
         buffer += data
         sentences: list[Sentence] = []
@@ -68,14 +67,14 @@ class NmeaFramer:
             position = start
             ending = _BODY_END.search(buffer, start + 1)
             stop = ending.start() if ending else len(buffer)
-            if stop - start - 1 > LONGEST_BODY:
-                self._append(sentences, bytes(buffer[start + 1 : start + 1 + LONGEST_BODY]), MALFORMED)
+            if stop - start - 1 > MAX_BODY_LENGTH:
+                self._append(sentences, bytes(buffer[start + 1 : start + 1 + MAX_BODY_LENGTH]), MALFORMED)
                 position = stop
                 continue
             if ending is None or (buffer[stop] == ord("*") and len(buffer) < stop + 3):
                 break
             body = bytes(buffer[start + 1 : stop])
-            fault, position = self._judge(body, stop)
+            fault, position = self._check(body, stop)
             self._append(sentences, body, fault)
         else:
             self._line += buffer.count(b"\n", position)
@@ -84,7 +83,7 @@ class NmeaFramer:
         return sentences
 
     def finish(self) -> list[Sentence]:
-        """Return what the end of a capture completes."""
+        """Return the sentences that the end of a capture completes."""
         return self.feed(b"\n\n")
 
     def _append(self, sentences: list[Sentence], body: bytes, fault: str) -> None:
@@ -93,8 +92,8 @@ class NmeaFramer:
             words = body.decode("latin-1").split(",")
             sentences.append(Sentence(self._line, words[0], tuple(words[1:]), fault))
 
-    def _judge(self, body: bytes, stop: int) -> tuple[str, int]:
-        """Return the fault of a body that ends at `stop`, and where to read on."""
+    def _check(self, body: bytes, stop: int) -> tuple[str, int]:
+        """Return the fault of a body that ends at `stop`, and the position after it."""
         ending = self._buffer[stop]
         if ending in b"\r\n":
             return NO_CHECKSUM, stop
@@ -103,7 +102,7 @@ class NmeaFramer:
         high, low = self._buffer[stop + 1 : stop + 3]
         if high not in _HEX_DIGITS:
             return CHECKSUM, stop + 1
-        # Some plotters write a checksum below 16 with one digit; the line must end there.
+        # Some plotters print a checksum below 16 with one digit; the line must end there.
         if low in b"\r\n":
             digits = 1
         elif low in _HEX_DIGITS:

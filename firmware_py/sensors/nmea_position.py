@@ -1,4 +1,4 @@
-"""Drives a satellite receiver that speaks NMEA 0183."""
+"""Driver of a GNSS receiver with NMEA 0183."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from firmware_py.sensors.nmea_sentences import Decoded
 
 FIX_SENTENCES = frozenset({"RMC", "GGA", "GNS", "GLL"})
 TIME_AND_COURSE = frozenset({"VTG", "ZDA"})
-EPOCH_ENDS_AFTER_S = 0.5  # an epoch is one burst; a sentence it lost must not hold it back for long
-TIME_STANDS_S = 3.0  # whole seconds are repeated by a quick receiver; longer by one that has hung, or by a router
-SAMPLES_KEPT = 512
+EPOCH_TIMEOUT_S = 0.5  # an epoch is one burst; a lost sentence must not delay it for long
+TIME_FROZEN_S = 3.0  # receivers above 1 Hz repeat whole seconds; a hanging receiver or a router repeats them for longer
+MAX_SAMPLES = 512
 
-# GGA field 6; dead reckoning (6), manual input (7) and a simulator (8) are no fix to steer by.
+# GGA field 6; dead reckoning (6), manual input (7) and simulation (8) are not used.
 _QUALITIES: Mapping[float, FixType] = {
     1: FixType.FIX_3D,
     2: FixType.DGPS,
@@ -30,7 +30,7 @@ _QUALITIES: Mapping[float, FixType] = {
     4: FixType.RTK_FIXED,
     5: FixType.RTK_FLOAT,
 }
-# The mode letter of RMC, GLL, GNS; estimated, manual, simulated and not valid are no fix.
+# The mode letter of RMC, GLL, GNS; estimated, manual, simulated and invalid are not used.
 _MODES: Mapping[str, FixType] = {
     "A": FixType.FIX_3D,
     "P": FixType.FIX_3D,
@@ -42,23 +42,23 @@ _MODES: Mapping[str, FixType] = {
 
 @dataclass(slots=True)
 class _Epoch:
-    """What the sentences of one instant say together; `t_s` is when the last of them came."""
+    """The merged sentences of one instant; `t_s` is the arrival of the last one."""
 
     t_s: float
-    timed: bool = False  # VTG has no time, and may come first
+    has_time: bool = False  # VTG has no time and may come first
     time_of_day_s: float | None = None
     kinds: set[str] = field(default_factory=set)
     fixes: list[FixType] = field(default_factory=list)
     values: dict[str, float] = field(default_factory=dict)
-    given: bool = False
+    is_emitted: bool = False
 
     def is_over(self, kind: str, decoded: Decoded, now_s: float) -> bool:
-        """Whether a sentence belongs to the next epoch."""
+        """Return whether a sentence belongs to the next epoch."""
         if kind in self.kinds:
             return True
         if kind == "VTG":
-            return now_s - self.t_s > EPOCH_ENDS_AFTER_S
-        return self.timed and decoded.numbers["time_of_day_s"] != self.time_of_day_s
+            return now_s - self.t_s > EPOCH_TIMEOUT_S
+        return self.has_time and decoded.numbers["time_of_day_s"] != self.time_of_day_s
 
     def add(self, kind: str, decoded: Decoded, now_s: float) -> None:
         """Merge a sentence."""
@@ -66,29 +66,27 @@ class _Epoch:
         self.kinds.add(kind)
         self.values.update({name: value for name, value in decoded.numbers.items() if value is not None})
         if kind in FIX_SENTENCES:
-            self.timed = True
+            self.has_time = True
             self.time_of_day_s = decoded.numbers["time_of_day_s"]
             self.fixes.append(_stated_fix(decoded))
 
 
 @dataclass(frozen=True, slots=True)
 class NmeaPositionOptions:
-    """What the vehicle file may say of an NMEA receiver."""
+    """Options of the vehicle file for an NMEA receiver."""
 
-    require_checksum: bool = option("whether a sentence without a checksum is refused", default=True)
+    require_checksum: bool = option("whether to reject sentences without a checksum", default=True)
 
 
 class NmeaPosition:
-    """Gives one sample for each epoch, merged from RMC, GGA, GNS, GLL and VTG.
+    """Returns one sample per epoch, merged from RMC, GGA, GNS, GLL and VTG.
 
-    Sentences of the same time of day are one epoch; VTG, which has no time, belongs to
-    the burst it comes in; a kind that comes again begins the next. An epoch is given
-    as soon as all kinds of the epoch before have come, or when the next one begins, or
-    0.5 s after its last sentence, stamped with the arrival of that sentence. Any
-    sentence that denies the fix (status V, quality 0, a mode that is not a measured
-    position) makes it NONE, and so does a time of day that stands still: a receiver that
-    has hung would have her sail on past every place. The date is that of RMC, else of
-    ZDA, and the UTC of an epoch without one is carried on from the last.
+    Sentences with the same time of day form an epoch. VTG has no time and belongs to the burst in which it arrives. A
+    repeated kind starts the next epoch. An epoch is complete when all kinds of the previous epoch have arrived, when
+    the next one starts, or EPOCH_TIMEOUT_S after its last sentence; its time stamp is the arrival of that sentence.
+    The fix is NONE if any sentence reports no valid fix (status V, quality 0, a mode without a measured position), or
+    if the time of day does not advance: the position of a hanging receiver must not be used. The date is that of RMC,
+    otherwise of ZDA; without a date the UTC is extrapolated from the last one.
     """
 
     def __init__(self, line: ByteLine, options: NmeaPositionOptions) -> None:
@@ -101,18 +99,18 @@ class NmeaPosition:
             FIX_SENTENCES | TIME_AND_COURSE,
             require_checksum=options.require_checksum,
         )
-        self._samples: deque[PositionSample] = deque(maxlen=SAMPLES_KEPT)
+        self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
         self._epoch: _Epoch | None = None
         self._expected: frozenset[str] = frozenset()
-        self._utc: tuple[float, float] | None = None  # when, UTC
-        self._time: tuple[float, float] | None = None  # the last time of day, and when it was new
+        self._utc: tuple[float, float] | None = None  # time of arrival, UTC
+        self._time: tuple[float, float] | None = None  # the last time of day and its first arrival
 
     def fileno(self) -> int:
-        """The descriptor of the line, or -1."""
+        """Return the descriptor of the line, or -1."""
         return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
-        """Read what has arrived and decode it, stamped now_s."""
+        """Decode the received bytes with the time stamp now_s."""
         if self._monitor.notice_reopening():
             self._reader.restart()
             self._epoch = self._utc = self._time = None
@@ -123,43 +121,43 @@ class NmeaPosition:
                 self._note_utc(decoded.numbers["utc_s"], now_s)
             else:
                 self._join(sentence.kind, decoded, now_s)
-        if self._epoch is not None and now_s - self._epoch.t_s > EPOCH_ENDS_AFTER_S:
-            self._give(self._epoch)
+        if self._epoch is not None and now_s - self._epoch.t_s > EPOCH_TIMEOUT_S:
+            self._emit(self._epoch)
 
     def poll(self) -> Sequence[PositionSample]:
-        """The fixes since the last poll, oldest first."""
+        """Return the fixes since the last poll, oldest first."""
         samples = tuple(self._samples)
         self._samples.clear()
         return samples
 
     def health(self, now_s: float) -> DeviceHealth:
-        """The state; every good sentence about the position counts, also one without a fix."""
+        """Return the state; every valid position sentence counts as accepted, also one without a fix."""
         return self._monitor.health(now_s)
 
     def _join(self, kind: str, decoded: Decoded, now_s: float) -> None:
-        """Add a sentence to its epoch, closing the one before."""
+        """Add a sentence to its epoch; complete the previous one if necessary."""
         epoch = self._epoch
         if epoch is None or epoch.is_over(kind, decoded, now_s):
             if epoch is not None and epoch.fixes:
-                self._give(epoch)
+                self._emit(epoch)
                 self._expected = frozenset(epoch.kinds)
             epoch = self._epoch = _Epoch(now_s)
         epoch.add(kind, decoded, now_s)
         if self._expected and epoch.kinds >= self._expected:
-            self._give(epoch)
+            self._emit(epoch)
 
-    def _give(self, epoch: _Epoch) -> None:
-        """Make the sample of an epoch, once."""
-        if epoch.given or not epoch.fixes:
+    def _emit(self, epoch: _Epoch) -> None:
+        """Append the sample of an epoch, once."""
+        if epoch.is_emitted or not epoch.fixes:
             return
-        epoch.given = True
+        epoch.is_emitted = True
         values = epoch.values
         fix = FixType.NONE if FixType.NONE in epoch.fixes else max(epoch.fixes)
-        reason = "its time stands still: no fix" if self._time_stands(epoch) else ""
+        reason = "time not advancing: no fix" if self._is_time_frozen(epoch) else ""
         if fix is FixType.NONE or "lat_deg" not in values or "lon_deg" not in values:
             reason = reason or "no fix"
         elif not is_possible_position(radians(values["lat_deg"]), radians(values["lon_deg"])):
-            reason = reason or "its place cannot be: no fix"
+            reason = reason or "position invalid: no fix"
         if reason:
             self._monitor.note(reason)
             self._samples.append(PositionSample(epoch.t_s, FixType.NONE, satellites=_whole(values.get("satellites"))))
@@ -181,20 +179,20 @@ class NmeaPosition:
             )
         )
 
-    def _time_stands(self, epoch: _Epoch) -> bool:
-        """Say whether what is given is of long ago, said again and again."""
+    def _is_time_frozen(self, epoch: _Epoch) -> bool:
+        """Return whether the receiver repeats an old time of day."""
         if epoch.time_of_day_s is None:
             return False
         if self._time is None or self._time[0] != epoch.time_of_day_s:
             self._time = (epoch.time_of_day_s, epoch.t_s)
-        return epoch.t_s - self._time[1] > TIME_STANDS_S
+        return epoch.t_s - self._time[1] > TIME_FROZEN_S
 
     def _note_utc(self, utc_s: float | None, now_s: float) -> None:
         if utc_s is not None:
             self._utc = (now_s, utc_s)
 
     def _utc_of(self, epoch: _Epoch) -> float | None:
-        """The UTC of an epoch: stated, or its time of day on the day nearest to what it must be by now."""
+        """Return the UTC of an epoch: as stated, or its time of day on the day nearest to the expected UTC."""
         stated_s = epoch.values.get("utc_s")
         if stated_s is not None or self._utc is None or epoch.time_of_day_s is None:
             self._note_utc(stated_s, epoch.t_s)
@@ -205,12 +203,12 @@ class NmeaPosition:
 
 
 def _stated_fix(decoded: Decoded) -> FixType:
-    """What one sentence says of the fix."""
+    """Return the fix type of one sentence."""
     if "quality" in decoded.numbers:
         return _QUALITIES.get(decoded.numbers["quality"] or 0.0, FixType.NONE)
     if decoded.letters.get("status", "A") != "A":
         return FixType.NONE
-    mode = decoded.letters["mode"]  # GNS has a letter for each constellation; before NMEA 2.3 there is none
+    mode = decoded.letters["mode"]  # GNS has one letter per constellation; none before NMEA 2.3
     if not mode:
         return FixType.FIX_3D
     return max(_MODES.get(letter, FixType.NONE) for letter in mode)

@@ -1,4 +1,4 @@
-"""What the NMEA drivers have in common: from a line, or a capture, to the values of its sentences."""
+"""Reads the sentences of a line or a capture: the common part of the NMEA drivers."""
 
 from __future__ import annotations
 
@@ -11,41 +11,43 @@ from firmware_py.sensors.message_error import NO_CHECKSUM, MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer, Sentence
 from firmware_py.sensors.nmea_sentences import IGNORED, Decoded, decode_sentence
 
-MOST_UNKNOWN = 32  # transducers that are remembered
+MAX_UNKNOWN_TRANSDUCERS = 32  # reported names that are stored
 
 
 def _unreported(decoded: Decoded, reported: set[str]) -> str:
-    """Return the transducers of a sentence that are not known and not yet reported, "" for none, and note them."""
-    fresh = [name for name in decoded.unknown if name not in reported] if len(reported) < MOST_UNKNOWN else []
-    reported.update(fresh)
-    return ", ".join(dict.fromkeys(fresh))
+    """Return the unknown transducers of a sentence that were not reported yet, and add them to `reported`."""
+    if len(reported) >= MAX_UNKNOWN_TRANSDUCERS:
+        return ""
+    new = [name for name in decoded.unknown if name not in reported]
+    reported.update(new)
+    return ", ".join(dict.fromkeys(new))
 
 
 class NmeaReader:
-    """Reads a line, counts what is refused and returns what is wanted."""
+    """Reads a line, counts rejected sentences and returns those of the selected kinds."""
 
     def __init__(
         self,
         line: ByteLine,
         monitor: DeviceMonitor,
-        wanted: Collection[str],
+        kinds: Collection[str],
         *,
         require_checksum: bool = True,
     ) -> None:
-        """Take the kinds `wanted`; without a checksum only if it is not required."""
+        """Read sentences of these kinds; without a checksum only if it is not required."""
         self._line = line
         self._monitor = monitor
-        self._wanted = frozenset(wanted)
+        self._kinds = frozenset(kinds)
         self._require_checksum = require_checksum
         self._framer = NmeaFramer()
         self._reported: set[str] = set()
 
     def restart(self) -> None:
-        """Forget a sentence that was begun."""
+        """Discard an incomplete sentence."""
         self._framer = NmeaFramer()
 
     def read(self, now_s: float) -> list[tuple[Sentence, Decoded]]:
-        """Return the wanted sentences that have arrived, all of them without fault."""
+        """Return the valid sentences of the selected kinds that have arrived."""
         data = self._line.read()
         if not data:
             return []
@@ -61,23 +63,23 @@ class NmeaReader:
                 continue
             if decoded is not None:
                 if decoded.unknown and (names := _unreported(decoded, self._reported)):
-                    self._monitor.reject(now_s, f"not known: {names}", count=0)
+                    self._monitor.reject(now_s, f"unknown transducer: {names}", count=0)
                 sentences.append((sentence, decoded))
         return sentences
 
     def _passes(self, sentence: Sentence, now_s: float) -> bool:
-        """Whether a sentence is wanted and whole; what is damaged counts, whatever it was."""
-        wanted = sentence.kind in self._wanted
-        # A missing checksum is no damage, so it counts only where it costs something.
-        if sentence.fault == NO_CHECKSUM and not (wanted and self._require_checksum):
-            return wanted
+        """Return whether a sentence is of a selected kind and valid; damaged ones of any kind are counted."""
+        is_selected = sentence.kind in self._kinds
+        # A missing checksum is not damage, so it is counted only for the selected kinds.
+        if sentence.fault == NO_CHECKSUM and not (is_selected and self._require_checksum):
+            return is_selected
         if sentence.fault:
-            remedy = "; require_checksum = false takes it" if sentence.fault == NO_CHECKSUM else ""
+            remedy = "; accept it with require_checksum = false" if sentence.fault == NO_CHECKSUM else ""
             self._monitor.reject(now_s, f"{sentence.address}: {sentence.fault}{remedy}")
             return False
-        if not wanted:
-            self._monitor.pass_over(f"only {sentence.address} and the like: another device's port?")
-        return wanted
+        if not is_selected:
+            self._monitor.note_unused(f"only {sentence.address} and similar: port of another device?")
+        return is_selected
 
 
 def _decode_capture(data: bytes) -> Iterator[Result]:

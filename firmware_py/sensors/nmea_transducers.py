@@ -1,4 +1,4 @@
-"""The transducers of XDR: what a group of type, value, unit and name measures.
+"""The transducers of XDR: the quantity of each group of type, value, unit and name.
 
 Names are those of NMEA 0183 4.11 and of the instruments and programs that docs/reference/nmea-sentences.md lists.
 """
@@ -11,11 +11,11 @@ from typing import NamedTuple
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.nmea_fields import Fields, to_number
 
-MOST_LETTERS = 20  # of an unknown name, in a report
+MAX_NAME_LETTERS = 20  # of an unknown transducer in a report
 
 
 class Quantity(NamedTuple):
-    """A measured value: the transducer type, the allowed range and the names in capitals; "" for a group without."""
+    """A quantity: transducer type, allowed range and names in capitals; "" for a group without a name."""
 
     kind: str
     low: float
@@ -47,7 +47,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "humidity_percent": Quantity("H", 0.0, 100.0, ("AIR", "HUMIDITY", "RH", "ENV_OUTSIDE_H", "0", "")),
     "inside_humidity_percent": Quantity("H", 0.0, 100.0, ("ENV_INSIDE_H",)),
 }  # fmt: skip
-# By type and unit, what the value is multiplied by, and what is added then.
+# Factor and offset by type and unit.
 UNITS: Mapping[tuple[str, str], tuple[float, float]] = {
     ("A", "D"): (1.0, 0.0),
     ("C", "C"): (1.0, 0.0),
@@ -64,31 +64,31 @@ UNITS: Mapping[tuple[str, str], tuple[float, float]] = {
     ("S", "N"): (1852.0 / 3600.0, 0.0),
     ("S", "S"): (0.44704, 0.0),
 }
-_HECTOPASCALS = 500.0  # "bars" from here on: programs write 1013.2,B
+_HECTOPASCALS = 500.0  # a higher pressure in "bar" is in hPa: some programs write 1013.2,B
 _VALUES = {(row.kind, name): value for value, row in QUANTITIES.items() for name in row.names}
 _KINDS = {name: kind for kind, name in _VALUES if len(name) > 1}
 
 
 def read_transducers(fields: Fields) -> tuple[dict[str, float | None], tuple[str, ...]]:
-    """Return the values of an XDR sentence, None for an empty one, and the transducers that are not known.
+    """Return the values of an XDR sentence (None for an empty field) and the unknown transducers.
 
-    Some plotters double or leave out the type of a group, so a known name is where its group ends. A known transducer
-    with another unit, or with a value that is no number or out of range, raises MessageError.
+    Some plotters repeat or omit the type of a group, so a known name marks the end of its group. Raises MessageError
+    for a known transducer with an invalid unit or value.
     """
     numbers: dict[str, float | None] = {}
     unknown: list[str] = []
-    place = 0
-    while place < len(fields):
-        ahead = range(place, min(place + 5, len(fields)))
-        end = next((at for at in ahead if fields[at].strip().upper() in _KINDS), place + 3)
-        group = [fields[at] if place <= at < len(fields) else "" for at in range(end - 3, end + 1)]
-        place = end + 1
+    start = 0
+    while start < len(fields):
+        ahead = range(start, min(start + 5, len(fields)))
+        end = next((at for at in ahead if fields[at].strip().upper() in _KINDS), start + 3)
+        group = [fields[at] if start <= at < len(fields) else "" for at in range(end - 3, end + 1)]
+        start = end + 1
         kind, text, unit, name = group
         kind, name = kind.strip(), name.strip().upper().removesuffix("#0")  # the first of several instances
         value = _VALUES.get((kind or _KINDS.get(name, ""), name))
         if value is None:
             if any(group):
-                unknown.append(f"{group[3][:MOST_LETTERS] or 'no name'} (type {kind[:3]}, unit {unit[:3]})")
+                unknown.append(f"{group[3][:MAX_NAME_LETTERS] or 'no name'} (type {kind[:3]}, unit {unit[:3]})")
         elif numbers.get(value) is None:
             numbers[value] = _number(value, text, unit)
     return numbers, tuple(unknown)

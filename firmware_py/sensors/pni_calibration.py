@@ -1,8 +1,8 @@
-"""The user calibration of a PNI compass: turned slowly through a full circle, it learns the iron around it.
+"""The user calibration of a PNI compass for hard and soft iron, while the boat turns slowly through a full circle.
 
-Source: TCM user manual, DOC#1014688 r06, sections 7.3.10 to 7.3.18. The 2D calibration, for what
-cannot be tilted at will. The module samples by itself as its heading changes and sends a
-score; only a good one is saved. It gives no headings meanwhile.
+Source: TCM user manual, DOC#1014688 r06, sections 7.3.10 to 7.3.18. This is the 2D calibration, for a boat that cannot
+be tilted. The module takes samples as its heading changes and sends a score; only a good result is saved. During the
+calibration there are no headings.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from firmware_py.sensors import pni_protocol as pni
 from firmware_py.sensors.pni_protocol import Frame
 
 POINTS = 12
-WORST_SCORE = 2.0  # acceptable for all calibrations but the full range one
-STEP_S = 0.2  # between two commands
-SAMPLING_S = 600.0  # for the whole circle
-SCORING_S = 150.0  # the manual: it may take more than a minute
+MAX_SCORE = 2.0  # acceptable for all calibrations but the full-range one
+COMMAND_INTERVAL_S = 0.2  # between two commands
+SAMPLING_S = 600.0  # limit for the full circle
+SCORING_S = 150.0  # more than a minute according to the manual
 SAVING_S = 5.0
 _TWO_DIMENSIONS = 20
 _POINTS_ID, _AUTOMATIC_ID = 12, 13
@@ -33,76 +33,74 @@ _BEGIN = (
 
 
 class PniCalibration:
-    """Runs one calibration: hands out the frames to send and takes what the module answers."""
+    """One calibration: returns the frames to send and processes the replies of the module."""
 
     def __init__(self, now_s: float) -> None:
-        """Begin now."""
+        """Start at now_s."""
         self._frames = list(_BEGIN)
         self._due_s = now_s
-        self._give_up_s = now_s + SAMPLING_S
+        self._timeout_s = now_s + SAMPLING_S
         self._points = 0
         self._report = Calibration(CalibrationState.RUNNING)
-        self._takers: Mapping[int, Callable[[bytes, float], None]] = {
-            Frame.CAL_SAMPLE_COUNT: self._take_count,
-            Frame.CAL_SCORE: self._take_score,
-            Frame.SAVE_DONE: self._take_saving,
+        self._handlers: Mapping[int, Callable[[bytes, float], None]] = {
+            Frame.CAL_SAMPLE_COUNT: self._handle_count,
+            Frame.CAL_SCORE: self._handle_score,
+            Frame.SAVE_DONE: self._handle_save_done,
         }
 
     @property
     def report(self) -> Calibration:
-        """How far it is."""
+        """The progress."""
         return self._report
 
     def next_frame(self, now_s: float) -> bytes | None:
-        """Return the command that is due, None when none is; end it when the module has been silent for too long."""
-        if now_s > self._give_up_s:
-            self._end(CalibrationState.FAILED, f"Compass calibration: no end after {self._points} points")
+        """Return the command that is due, None without one; after a timeout the calibration fails."""
+        if now_s > self._timeout_s:
+            self._end(CalibrationState.FAILED, f"Compass calibration failed: timeout after {self._points} points")
         if not self._frames or now_s < self._due_s:
             return None
         return self._frames[0]
 
     def note_sent(self, now_s: float) -> None:
-        """Note that the command has left."""
+        """Note that the command was sent."""
         self._frames.pop(0)
-        self._due_s = now_s + STEP_S
+        self._due_s = now_s + COMMAND_INTERVAL_S
 
     def take(self, frame_id: int, payload: bytes, now_s: float) -> None:
-        """Take a frame of the module; those of other matters, and malformed ones, say nothing here."""
-        taker = self._takers.get(frame_id)
-        if taker is not None and self._report.state is CalibrationState.RUNNING:
-            taker(payload, now_s)
+        """Process a frame of the module; unrelated and malformed frames are ignored."""
+        handler = self._handlers.get(frame_id)
+        if handler is not None and self._report.state is CalibrationState.RUNNING:
+            handler(payload, now_s)
 
-    def _take_count(self, payload: bytes, now_s: float) -> None:
+    def _handle_count(self, payload: bytes, now_s: float) -> None:
         if len(payload) != 4:
             return
         self._points = min(POINTS, int.from_bytes(payload, "big"))
         self._report = Calibration(CalibrationState.RUNNING, 95 * self._points // POINTS)
         if self._points == POINTS:
-            self._give_up_s = now_s + SCORING_S
+            self._timeout_s = now_s + SCORING_S
 
-    def _take_score(self, payload: bytes, now_s: float) -> None:
+    def _handle_score(self, payload: bytes, now_s: float) -> None:
         if len(payload) != 24:
             return
         (score,) = struct.unpack_from(">f", payload)
-        # Written so that NaN fails the comparison.
-        if not 0.0 <= score <= WORST_SCORE:
-            shown = f"{score:.1f}" if math.isfinite(score) else "none"
-            text = (
-                f"Compass calibration not saved: score {shown}, at most {WORST_SCORE:g}; switch the compass off and on"
-            )
+        # This form rejects NaN.
+        if not 0.0 <= score <= MAX_SCORE:
+            value = f"{score:.1f}" if math.isfinite(score) else "none"
+            text = f"Compass calibration not saved: score {value}, at most {MAX_SCORE:g}; switch the compass off and on"
             self._end(CalibrationState.FAILED, text)
             return
         self._report = Calibration(CalibrationState.RUNNING, 99, f"Compass calibrated and saved: score {score:.1f}")
         self._frames = [pni.encode(Frame.SAVE)]
-        self._due_s, self._give_up_s = now_s, now_s + SAVING_S
+        self._due_s, self._timeout_s = now_s, now_s + SAVING_S
 
-    def _take_saving(self, payload: bytes, _now_s: float) -> None:
+    def _handle_save_done(self, payload: bytes, _now_s: float) -> None:
         if self._report.percent < 99:
             return
         if payload == b"\x00\x00":
             self._end(CalibrationState.DONE, self._report.text)
         else:
-            self._end(CalibrationState.FAILED, "Compass calibration: the compass could not save it")
+            self._end(CalibrationState.FAILED, "Compass calibration failed: the compass could not save it")
 
     def _end(self, state: CalibrationState, text: str) -> None:
         if self._report.state is CalibrationState.RUNNING:

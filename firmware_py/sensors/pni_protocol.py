@@ -1,4 +1,4 @@
-"""The binary protocol of PNI's TCM, Prime and TRAX compass modules.
+"""Binary protocol of PNI TCM, Prime and TRAX compass modules.
 
 Source: TRAX user manual, DOC#1016505 r06, section 7.
 """
@@ -11,15 +11,14 @@ from collections.abc import Mapping
 from enum import IntEnum
 
 from firmware_py.common.crc16 import xmodem
-from firmware_py.sensors.binary_framing import EachAlone, PacketFramer
+from firmware_py.sensors.binary_framing import PacketCheck, PacketFramer
 
-# Byte count (all components of a TRAX together take less than 128), then a known frame
-# id: this much must be right before bytes are waited for.
+# Byte count (all components of a TRAX together take less than 128), then a known frame id.
 _HEADER = re.compile(rb"\x00[\x05-\x80][\x01-\x1f\x24\x25\x2b\x2c\x34\x35\x4f-\x51\x6b-\x6e\x77-\x79\x80-\x82]")
 
 
 class Frame(IntEnum):
-    """Frame ids that the driver sends or understands."""
+    """Frame ids that the driver sends or receives."""
 
     GET_MODULE_INFO = 1
     MODULE_INFO = 2
@@ -41,7 +40,7 @@ class Frame(IntEnum):
 
 
 class Component(IntEnum):
-    """Component ids of a DATA frame that mean something to a helmsman."""
+    """Component ids of a DATA frame that the driver uses."""
 
     HEADING = 5
     TEMPERATURE = 7
@@ -56,14 +55,14 @@ _SIZES: Mapping[int, int] = {**dict.fromkeys(_FLOATS, 4), 8: 1, 9: 1, 77: 16, 79
 
 
 def encode(frame_id: int, payload: bytes = b"") -> bytes:
-    """Wrap a payload: byte count, frame id, payload, CRC-16 (poly 0x1021, init 0), big endian."""
+    """Return a frame: byte count, frame id, payload, CRC-16 (poly 0x1021, init 0), big endian."""
     body = struct.pack(">HB", len(payload) + 5, frame_id) + payload
     return body + struct.pack(">H", xmodem(body))
 
 
 def framer() -> PacketFramer:
-    """Make a framer for this protocol."""
-    return PacketFramer(_HEADER, 3, lambda header: header[1], EachAlone(_is_whole))
+    """Return a framer for this protocol."""
+    return PacketFramer(_HEADER, 3, lambda header: header[1], PacketCheck(_is_whole))
 
 
 def _is_whole(packet: bytes) -> bool:
@@ -71,32 +70,32 @@ def _is_whole(packet: bytes) -> bool:
 
 
 def frame_id(packet: bytes) -> int:
-    """The frame id of a whole packet."""
+    """Return the frame id of a packet."""
     return packet[2]
 
 
 def payload(packet: bytes) -> bytes:
-    """The payload of a whole packet."""
+    """Return the payload of a packet."""
     return packet[3:-2]
 
 
 def parse_data(data: bytes) -> dict[int, float] | None:
-    """Read the payload of a DATA frame into {component id: value}; None when it does not add up.
+    """Return the components of a DATA frame as {component id: value}; None if the sizes do not match.
 
-    Multi-value components are passed over. The values are as sent: any float.
+    Multi-value components are skipped. The values are not checked.
     """
     if not data:
         return None
     values: dict[int, float] = {}
-    place = 1
+    index = 1
     for _ in range(data[0]):
-        size = _SIZES.get(data[place], 0) if place < len(data) else 0
-        raw = data[place + 1 : place + 1 + size]
+        size = _SIZES.get(data[index], 0) if index < len(data) else 0
+        raw = data[index + 1 : index + 1 + size]
         if not size or len(raw) < size:
             return None
         if size == 4:
-            values[data[place]] = struct.unpack(">f", raw)[0]
+            values[data[index]] = struct.unpack(">f", raw)[0]
         elif size == 1:
-            values[data[place]] = raw[0]
-        place += 1 + size
-    return values if place == len(data) else None
+            values[data[index]] = raw[0]
+        index += 1 + size
+    return values if index == len(data) else None

@@ -1,4 +1,4 @@
-"""Judges one DATA frame of a PNI compass."""
+"""Converts and checks one DATA frame of a PNI compass."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, va
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.pni_protocol import Component, Frame, frame_id, framer, parse_data, payload
 
-# Component, lowest, highest value in degrees or degrees Celsius.
+# Component, minimum, maximum in degrees or degrees Celsius.
 _RANGES = (
     (Component.HEADING, 0.0, 360.0),
     (Component.PITCH, -90.0, 90.0),
@@ -20,7 +20,7 @@ _RANGES = (
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """What a DATA frame says; None where it does not have the component."""
+    """The values of a DATA frame; None for a missing component."""
 
     heading_magnetic_deg: float | None
     pitch_deg: float | None
@@ -30,7 +30,7 @@ class Reading(msgspec.Struct, frozen=True):
 
 
 def read_data(data: bytes) -> Reading:
-    """Read the payload of a DATA frame, or raise MessageError."""
+    """Return the values of a DATA frame, or raise MessageError."""
     values = parse_data(data)
     if values is None:
         raise MessageError(MALFORMED, "data frame malformed")

@@ -1,4 +1,4 @@
-"""Drives a PNI TCM, Prime or TRAX compass module over its binary protocol."""
+"""Driver of a PNI TCM, Prime or TRAX compass module with its binary protocol."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from firmware_py.sensors.pni_calibration import PniCalibration
 from firmware_py.sensors.pni_protocol import Component, Frame
 from firmware_py.sensors.pni_reading import Reading, read_data
 
-STEP_S = 0.05  # between two commands; the module confirms within milliseconds and has no error reply
-PATIENCE_S = 1.0  # without a heading for this long the module is set up again
-SAMPLES_KEPT = 512
+COMMAND_INTERVAL_S = 0.05  # the module confirms within milliseconds and has no error reply
+DATA_TIMEOUT_S = 1.0  # without a heading for this time, the module is configured again
+MAX_SAMPLES = 512
 
 _COMPONENTS = (Component.HEADING, Component.PITCH, Component.ROLL, Component.DISTORTION, Component.TEMPERATURE)
 _TRUE_NORTH, _BIG_ENDIAN, _MILS = 2, 6, 15  # configuration ids; nothing is saved, so the flash does not wear
@@ -38,10 +38,10 @@ _CONFIRMATIONS = (Frame.SET_CONFIG_DONE, Frame.SET_ACQUISITION_DONE)
 
 @dataclass(frozen=True, slots=True)
 class PniOptions:
-    """What the vehicle file may say of a PNI compass; ValueError for what cannot be."""
+    """Options of the vehicle file for a PNI compass; raises ValueError."""
 
     rate_hz: float = option(
-        "headings a second; a module gives its own fastest when that is slower",
+        "headings per second; at most the maximum rate of the module",
         default=10.0,
         minimum=0.5,
         maximum=100.0,
@@ -53,16 +53,16 @@ class PniOptions:
 
 
 def set_up_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
-    """The commands that make a module of any history push its magnetic heading in degrees at a rate.
+    """Return the commands that make a module in any state push its magnetic heading in degrees at a rate.
 
-    `push_mode` is the acquisition mode that means push: 0 in the manuals of the TCM and
-    Prime ("polling mode" false), 1 in later ones.
+    `push_mode` is the acquisition mode for push: 0 in the manuals of the TCM and Prime ("polling mode" false), 1 in
+    later ones.
     """
     return (
         pni.encode(Frame.STOP_CONTINUOUS),
         pni.encode(Frame.SET_CONFIG, bytes((_BIG_ENDIAN, 1))),
         pni.encode(Frame.SET_CONFIG, bytes((_TRUE_NORTH, 0))),
-        pni.encode(Frame.SET_CONFIG, bytes((_MILS, 0))),  # of which 6400 are a turn: a few of them look like degrees
+        pni.encode(Frame.SET_CONFIG, bytes((_MILS, 0))),  # 6400 mils per turn could pass for degrees
         pni.encode(Frame.SET_DATA_COMPONENTS, bytes((len(_COMPONENTS), *_COMPONENTS))),
         # Mode; no flush of the filters; acquisition time 0; the interval between frames.
         pni.encode(Frame.SET_ACQUISITION, struct.pack(">BBff", push_mode, 0, 0.0, 1.0 / rate_hz)),
@@ -71,37 +71,37 @@ def set_up_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
 
 
 class PniCompass:
-    """Sets the module up, gives its magnetic headings, and sets it up again when they stop.
+    """Configures the module, returns its magnetic headings, and configures it again if they stop.
 
-    After a power loss the module is silent, because nothing is saved in it: after 1 s
-    without a heading the commands are sent again, one each 50 ms or on the confirmation of
-    the one before, then 1 s is waited, for ever. Until the first heading, every other round
-    tries the other push mode. A module that says it has powered up is set up at once.
+    The configuration is not saved in the module, so after a power loss it is silent. After 1 s without a heading the
+    driver sends the commands again, one every 50 ms or after the confirmation of the previous one, and waits for 1 s;
+    this repeats without limit. Until the first heading, every other round uses the other push mode. A module that
+    reports power-up is configured at once.
     """
 
     def __init__(self, line: ByteLine, options: PniOptions) -> None:
-        """Set the module up with the first `receive`."""
+        """Initialise; the first `receive` starts the set-up."""
         rate_hz = options.rate_hz
         self._line = line
         self._rounds = (set_up_frames(rate_hz, 0), set_up_frames(rate_hz, 1))
         self._frames = self._rounds[0]
-        self._patience_s = max(PATIENCE_S, 3.0 / rate_hz)
+        self._data_timeout_s = max(DATA_TIMEOUT_S, 3.0 / rate_hz)
         self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / rate_hz))
         self._framer = pni.framer()
-        self._samples: deque[HeadingSample] = deque(maxlen=SAMPLES_KEPT)
-        self._step = 0  # the next of the frames; past the last one data is waited for
-        self._due_s = 0.0  # when the next frame is sent, or patience ends
-        self._answered = False  # whether a set-up has brought headings since the port was opened
+        self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
+        self._step = 0  # index of the next frame; after the last one the driver waits for data
+        self._due_s = 0.0  # time of the next frame or of the timeout
+        self._answered = False  # whether there were headings after a set-up since the port was opened
         self._distorted = False
         self._calibration: PniCalibration | None = None
         self._last_calibration = Calibration()
 
     def fileno(self) -> int:
-        """The descriptor of the line, or -1."""
+        """Return the descriptor of the line, or -1."""
         return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
-        """Read what has arrived, stamped now_s, and send at most one command."""
+        """Decode the received bytes with the time stamp now_s, and send at most one command."""
         if self._monitor.notice_reopening():
             self._framer = pni.framer()
             self._distorted = self._answered = False
@@ -118,17 +118,17 @@ class PniCompass:
             self._continue_calibration(self._calibration, now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
-        """The samples since the last poll, oldest first."""
+        """Return the samples since the last poll, oldest first."""
         samples = tuple(self._samples)
         self._samples.clear()
         return samples
 
     def health(self, now_s: float) -> DeviceHealth:
-        """The state; FAULTY while the module says that the magnetic field is distorted."""
+        """Return the state; FAULTY while the module reports a distorted magnetic field."""
         return self._monitor.health(now_s, "magnetic field distorted" if self._distorted else "")
 
     def calibrate(self, now_s: float) -> bool:
-        """Begin the 2D user calibration; False when it is under way or the port is away."""
+        """Start the 2D user calibration; False if it is running or the port is closed."""
         if self._calibration is not None or not self._line.connected:
             return False
         self._calibration = PniCalibration(now_s)
@@ -136,7 +136,7 @@ class PniCompass:
         return True
 
     def calibration(self) -> Calibration:
-        """How far it is, or how the last one ended."""
+        """Return the progress, or the result of the last calibration."""
         return self._last_calibration
 
     def cancel(self) -> None:
@@ -145,7 +145,7 @@ class PniCompass:
             self._line.write(pni.encode(Frame.STOP_CAL))
             self._calibration = None
             self._last_calibration = Calibration()
-            self._step = 0  # set up anew with the next call
+            self._step = 0  # the next call configures the module again
 
     def _continue_calibration(self, calibration: PniCalibration, now_s: float) -> None:
         frame = calibration.next_frame(now_s)
@@ -170,23 +170,23 @@ class PniCompass:
             self._begin(now_s)
         if self._line.write(self._frames[self._step]):
             self._step += 1
-        self._due_s = now_s + (self._patience_s if self._step == len(self._frames) else STEP_S)
+        self._due_s = now_s + (self._data_timeout_s if self._step == len(self._frames) else COMMAND_INTERVAL_S)
 
     def _handle_packet(self, packet: Packet, now_s: float) -> None:
         if packet.fault:
-            # A run without the look of a packet is noise on the line, or another protocol.
+            # A run without a header is noise, or another protocol.
             if packet.fault == CHECKSUM:
                 self._monitor.reject(now_s, CHECKSUM)
             return
         frame_id = pni.frame_id(packet.data)
-        self._monitor.pass_over(NO_HEADING_YET)
+        self._monitor.note_unused(NO_HEADING_YET)
         if frame_id == Frame.DATA:
             self._handle_data(pni.payload(packet.data), now_s)
         elif frame_id == Frame.POWER_UP_DONE:
             if self._calibration is not None:
                 self._calibration = None
                 self._last_calibration = Calibration(
-                    CalibrationState.FAILED, 0, "Compass calibration: it lost its power"
+                    CalibrationState.FAILED, 0, "Compass calibration failed: the compass lost power"
                 )
             self._begin(now_s)
         elif self._calibration is not None:
@@ -208,7 +208,7 @@ class PniCompass:
         self._monitor.note("")
         if self._step == len(self._frames):
             self._answered = True
-            self._due_s = now_s + self._patience_s
+            self._due_s = now_s + self._data_timeout_s
         self._samples.append(_sample(reading, reading.heading_magnetic_deg, now_s))
 
 

@@ -1,4 +1,4 @@
-"""A second device of a sort: any driver, its samples and health marked as those of the second."""
+"""A second device of the same kind: a driver whose samples and health are marked as those of the second."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ SampleT_co = TypeVar("SampleT_co", HeadingSample, PowerSample, covariant=True)
 
 
 class Sensor(Device, Protocol[SampleT_co]):
-    """What gives samples that say of which device they are."""
+    """A device whose samples have a source number."""
 
     def poll(self) -> Sequence[SampleT_co]:
-        """The samples since the last poll, oldest first."""
+        """Return the samples since the last poll, oldest first."""
 
 
 class Relabelled(Generic[SampleT]):
-    """A compass or power monitor around another."""
+    """A wrapper of a compass or power monitor."""
 
     def __init__(self, sensor: Sensor[SampleT], role: DeviceRole) -> None:
-        """Take the driver, and the role of the second."""
+        """Wrap a driver; `role` is that of the second device."""
         self._sensor: Sensor[SampleT] = sensor
         self._role = role
 
     def fileno(self) -> int:
-        """The descriptor whose bytes `receive` wants, or -1."""
+        """Return the descriptor to wait for, or -1."""
         return self._sensor.fileno()
 
     def receive(self, now_s: float) -> None:
-        """Read what has arrived."""
+        """Read the received bytes."""
         self._sensor.receive(now_s)
 
     def poll(self) -> Sequence[SampleT]:
-        """The samples since the last poll, as of source 1."""
+        """Return the samples since the last poll with source 1."""
         return tuple(replace(sample, source=1) for sample in self._sensor.poll())
 
     def health(self, now_s: float) -> DeviceHealth:
-        """The state of the device, in its role."""
+        """Return the state of the device in its role."""
         return replace(self._sensor.health(now_s), role=self._role)

@@ -1,4 +1,4 @@
-"""Drives a u-blox receiver that sends NAV-PVT."""
+"""Driver of a u-blox receiver that sends NAV-PVT."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from firmware_py.sensors.binary_framing import Packet
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
 
-SAMPLES_KEPT = 64  # one read of 4096 bytes holds 40
-POOREST_M = 50.0  # a sound fix is no farther off (estimate.position); one of a cold start, or under jamming, may be
+MAX_SAMPLES = 64  # one read of 4096 bytes holds 40
+MAX_POSITION_ERROR_M = 50.0  # the assumption of estimate.position; exceeded after a cold start or under jamming
 _NOT_ENABLED = "no NAV-PVT: enable UBX-NAV-PVT in the receiver"
 
 
 @dataclass(frozen=True, slots=True)
 class UbxOptions:
-    """Nothing: all there is to choose is set in the receiver."""
+    """No options: the receiver is configured with the tools of the manufacturer."""
 
 
 class UbxPosition:
-    """Gives one sample for each NAV-PVT; the receiver is set up to send them beforehand.
+    """Returns one sample per NAV-PVT; the receiver must be configured to send them.
 
-    NMEA on the same line is passed over. hdop stays None: NAV-PVT has only PDOP. A fix that the receiver itself gives
-    for worse than 50 m is none.
+    NMEA on the same line is ignored. hdop is None: NAV-PVT has only PDOP. A fix with a stated accuracy worse than
+    MAX_POSITION_ERROR_M is not used.
     """
 
     def __init__(self, line: ByteLine) -> None:
@@ -37,14 +37,14 @@ class UbxPosition:
         self._line = line
         self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
         self._framer = ubx.framer()
-        self._samples: deque[PositionSample] = deque(maxlen=SAMPLES_KEPT)
+        self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
 
     def fileno(self) -> int:
-        """The descriptor of the line, or -1."""
+        """Return the descriptor of the line, or -1."""
         return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
-        """Read what has arrived and decode it, stamped now_s."""
+        """Decode the received bytes with the time stamp now_s."""
         if self._monitor.notice_reopening():
             self._framer = ubx.framer()
         data = self._line.read()
@@ -52,18 +52,18 @@ class UbxPosition:
             return
         self._monitor.note_bytes(now_s)
         if b"$G" in data:
-            self._monitor.pass_over(_NOT_ENABLED)
+            self._monitor.note_unused(_NOT_ENABLED)
         for packet in self._framer.feed(data):
             self._handle_packet(packet, now_s)
 
     def poll(self) -> Sequence[PositionSample]:
-        """The fixes since the last poll, oldest first."""
+        """Return the fixes since the last poll, oldest first."""
         samples = tuple(self._samples)
         self._samples.clear()
         return samples
 
     def health(self, now_s: float) -> DeviceHealth:
-        """The state; every good NAV-PVT counts, also one without a fix."""
+        """Return the state; every valid NAV-PVT counts as accepted, also one without a fix."""
         return self._monitor.health(now_s)
 
     def _handle_packet(self, packet: Packet, now_s: float) -> None:
@@ -72,7 +72,7 @@ class UbxPosition:
                 self._monitor.reject(now_s, CHECKSUM)
             return
         if ubx.message(packet.data) != ubx.NAV_PVT:
-            self._monitor.pass_over(_NOT_ENABLED)
+            self._monitor.note_unused(_NOT_ENABLED)
             return
         try:
             solution = ubx.parse_nav_pvt(ubx.payload(packet.data))
@@ -80,13 +80,13 @@ class UbxPosition:
             self._monitor.reject(now_s, str(error))
             return
         self._monitor.accept(now_s)
-        if solution.accuracy_m is not None and solution.accuracy_m > POOREST_M:
-            self._monitor.note(f"no fix: it may be {solution.accuracy_m:.0f} m off")
+        if solution.accuracy_m is not None and solution.accuracy_m > MAX_POSITION_ERROR_M:
+            self._monitor.note(f"no fix: accuracy {solution.accuracy_m:.0f} m")
             solution = ubx.NavPvt(FixType.NONE, solution.satellites)
         elif solution.lat_deg is not None and not is_possible_position(
             radians(solution.lat_deg), radians(solution.lon_deg or 0.0)
         ):
-            self._monitor.note("its place cannot be: no fix")
+            self._monitor.note("position invalid: no fix")
             solution = ubx.NavPvt(FixType.NONE, solution.satellites)
         else:
             self._monitor.note("no fix" if solution.fix is FixType.NONE else "")

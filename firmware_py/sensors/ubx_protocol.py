@@ -1,4 +1,4 @@
-"""The binary protocol UBX of u-blox receivers: framing, and the message NAV-PVT.
+"""Binary protocol UBX of u-blox receivers: framing, and the message NAV-PVT.
 
 Source: u-blox 8 / M8 receiver description, UBX-13003221, sections 32.2 and 32.17.14.
 """
@@ -19,18 +19,18 @@ from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, va
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 
 NAV_PVT = 0x0107
-_NAV_PVT_SIZE = 84  # of u-blox 7; 92 since u-blox 8, which may call the position invalid beside its fix
+_NAV_PVT_SIZE = 84  # of u-blox 7; 92 since u-blox 8, which has a flag for an invalid position
 _FLAGS3, _FLAGS3_SINCE = 78, 92
 
 # B5 62, class and id, then the length, little endian, below 2560 (RXM-RAWX of 72 measurements is 2320).
 _HEADER = re.compile(rb"\xb5\x62..[\x00-\xff][\x00-\x09]", re.DOTALL)
 _NAV_PVT = struct.Struct("<IHBBBBBBIiBBBBiiiiIIiiiiiIIH")
-_FIX_TYPES = {2: FixType.FIX_2D, 3: FixType.FIX_3D, 4: FixType.FIX_3D}  # 1 is dead reckoning alone, 5 time alone
+_FIX_TYPES = {2: FixType.FIX_2D, 3: FixType.FIX_3D, 4: FixType.FIX_3D}  # 1: dead reckoning only, 5: time only
 _CARRIER = {1: FixType.RTK_FLOAT, 2: FixType.RTK_FIXED}
 
 
 class NavPvt(msgspec.Struct, frozen=True):
-    """A navigation solution; all but fix and satellites are None without a valid fix."""
+    """A navigation solution; without a valid fix all fields but fix and satellites are None."""
 
     fix: FixType
     satellites: int
@@ -40,36 +40,35 @@ class NavPvt(msgspec.Struct, frozen=True):
     sog_m_s: float | None = None
     cog_deg: float | None = None
     utc_s: float | None = None
-    accuracy_m: float | None = None  # horizontal, one standard deviation as the receiver estimates it
+    accuracy_m: float | None = None  # horizontal standard deviation estimated by the receiver
 
 
 def framer() -> PacketFramer:
-    """Make a framer for this protocol."""
+    """Return a framer for this protocol."""
     return PacketFramer(_HEADER, 6, lambda header: int.from_bytes(header[4:6], "little") + 8, _Fletcher())
 
 
 class _Fletcher:
-    """The checksum, Fletcher's of 8 bits over class to payload, from sums that are carried along.
+    """The 8-bit Fletcher checksum from class to payload, computed from cumulative sums.
 
-    A packet of any length then costs the same, and noise full of long false ones no more
-    than its bytes.
+    The time per packet does not depend on its length, so false headers with long lengths cost no extra time.
     """
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._sums = [0]  # of all bytes before each place
+        self._sums = [0]  # sum of all bytes before each index
         self._sums_of_sums = [0]
 
     def extend(self, data: bytes) -> None:
-        """Take bytes that were put at the end of the buffer."""
+        """Note bytes that were appended to the buffer."""
         sums = list(itertools.accumulate(data, initial=self._sums[-1]))[1:]
         self._sums += sums
         self._sums_of_sums += list(itertools.accumulate(sums, initial=self._sums_of_sums[-1]))[1:]
 
     def drop(self, count: int) -> None:
-        """Forget bytes that were taken from its beginning."""
+        """Note that bytes were removed from the start of the buffer."""
         if count == len(self._sums) - 1:
-            self._sums, self._sums_of_sums = [0], [0]  # the numbers do not grow for ever
+            self._sums, self._sums_of_sums = [0], [0]  # limits the size of the numbers
         else:
             del self._sums[:count], self._sums_of_sums[:count]
 
@@ -82,17 +81,17 @@ class _Fletcher:
 
 
 def message(packet: bytes) -> int:
-    """Class and id of a whole packet as one number."""
+    """Return class and id of a packet as one number."""
     return int.from_bytes(packet[2:4], "big")
 
 
 def payload(packet: bytes) -> bytes:
-    """The payload of a whole packet."""
+    """Return the payload of a packet."""
     return packet[6:-2]
 
 
 def parse_nav_pvt(data: bytes) -> NavPvt:
-    """Read the payload of NAV-PVT; MessageError when it is out of range or too short."""
+    """Return the solution of a NAV-PVT; raises MessageError if it is too short or out of range."""
     if len(data) < _NAV_PVT_SIZE:
         raise MessageError(MALFORMED, f"NAV-PVT of {len(data)} bytes")
     fields = _NAV_PVT.unpack_from(data)
@@ -118,7 +117,7 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
 
 
 def _utc_s(fields: tuple[int, ...]) -> float | None:
-    """Return the time if the receiver calls it valid and knows the leap second; None for one that cannot be."""
+    """Return the UTC, None unless the receiver marks it as valid with known leap seconds and it is in range."""
     _, year, month, day, hour, minute, second, valid, _, nanosecond = fields[:10]
     if valid & 7 != 7:
         return None

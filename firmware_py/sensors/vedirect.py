@@ -1,4 +1,4 @@
-"""Reads a Victron charger or battery monitor on its VE.Direct port; nothing is ever sent to it."""
+"""Driver of a Victron charger or battery monitor on its VE.Direct port; it only reads."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, PowerSample
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import MessageError
-from firmware_py.sensors.vedirect_blocks import Block, BlockFramer, Measured, measured
+from firmware_py.sensors.vedirect_blocks import Block, BlockFramer, Measurement, read_measurement
 
-SAMPLES_KEPT = 64  # one read of 4096 bytes holds 60
-SILENT_AFTER_S = 5.0  # a block a second, and a monitor's every other one is its history
+MAX_SAMPLES = 64  # one read of 4096 bytes holds 60
+SILENT_AFTER_S = 5.0  # one block per second; every other block of a monitor is its history
 
 
 @dataclass(frozen=True, slots=True)
 class VeDirectOptions:
-    """Nothing: all there is to choose is set in the device."""
+    """No options: the device is configured with the tools of the manufacturer."""
 
 
 class VeDirectPower:
-    """Gives one sample for each block that measures something; what the device is, its blocks tell."""
+    """Returns one sample per block with measurements, of any device type."""
 
     def __init__(self, line: ByteLine) -> None:
         """Read the line."""
         self._line = line
         self._monitor = DeviceMonitor(line, DeviceRole.POWER, SILENT_AFTER_S)
         self._framer = BlockFramer()
-        self._samples: deque[PowerSample] = deque(maxlen=SAMPLES_KEPT)
+        self._samples: deque[PowerSample] = deque(maxlen=MAX_SAMPLES)
         self._fault = ""
 
     def fileno(self) -> int:
-        """The descriptor of the line, or -1."""
+        """Return the descriptor of the line, or -1."""
         return self._line.fileno()
 
     def receive(self, now_s: float) -> None:
-        """Read what has arrived and decode it, stamped now_s."""
+        """Decode the received bytes with the time stamp now_s."""
         if self._monitor.notice_reopening():
             self._framer = BlockFramer()
             self._fault = ""
@@ -49,13 +49,13 @@ class VeDirectPower:
             self._handle(block, now_s)
 
     def poll(self) -> Sequence[PowerSample]:
-        """The samples since the last poll, oldest first."""
+        """Return the samples since the last poll, oldest first."""
         samples = tuple(self._samples)
         self._samples.clear()
         return samples
 
     def health(self, now_s: float) -> DeviceHealth:
-        """The state; every good block counts, FAULTY while a charger reports an error."""
+        """Return the state; every valid block counts as accepted; FAULTY while a charger reports an error."""
         return self._monitor.health(now_s, self._fault)
 
     def _handle(self, block: Block, now_s: float) -> None:
@@ -63,18 +63,18 @@ class VeDirectPower:
             self._monitor.reject(now_s, block.fault)
             return
         try:
-            found = measured(block)
+            found = read_measurement(block)
         except MessageError as error:
             self._monitor.reject(now_s, str(error))
             return
         self._monitor.accept(now_s)
         if found is not None:
             self._fault = f"charger reports error {found.error}" if found.error else ""
-            self._monitor.note(f"in alarm, reasons {found.alarm}" if found.alarm else "")
+            self._monitor.note(f"alarm, reason code {found.alarm}" if found.alarm else "")
             self._samples.append(_sample(found, now_s))
 
 
-def _sample(found: Measured, now_s: float) -> PowerSample:
+def _sample(found: Measurement, now_s: float) -> PowerSample:
     return PowerSample(
         t_s=now_s,
         voltage_v=found.voltage_v,

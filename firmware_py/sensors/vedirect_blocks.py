@@ -1,8 +1,8 @@
-"""The text protocol of Victron's VE.Direct port: blocks of labelled values, each with a checksum.
+"""Text protocol of Victron's VE.Direct port: blocks of labelled values, each with a checksum.
 
-A field is CR LF, the label, a tab and the value; the byte behind the last label, Checksum, makes the sum of all bytes
-of the block 0 modulo 256 and may be any byte. Answers of the hexadecimal protocol, a colon to a line feed, may stand
-between the fields and count for nothing. Source: Victron, VE.Direct Protocol, version 3.32.
+A field is CR LF, the label, a tab and the value. The byte after the last label, Checksum, makes the sum of all bytes of
+the block 0 modulo 256. Replies of the hexadecimal protocol, from a colon to a line feed, may occur between the fields
+and are ignored. Source: Victron, VE.Direct Protocol, version 3.32.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import msgspec
 from firmware_py.sensors.decode import CaptureFormat, Result, chunks, values_of
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError, within
 
-LONGEST_BLOCK = 1024  # 22 fields of 43 bytes at most
+MAX_BLOCK_BYTES = 1024  # 22 fields of 43 bytes at most
 _END = b"\r\nChecksum\t"
 _HEX = re.compile(rb":[0-9A-F]*\n")
 _FIELD = re.compile(r"[A-Za-z0-9#_]{1,9}\t[ -~]{0,40}", re.ASCII)
@@ -24,17 +24,16 @@ _UNKNOWN = "---"
 
 
 class Block(msgspec.Struct, frozen=True):
-    """The values of a block by label; `fault` is empty, CHECKSUM or MALFORMED (cut off or far too long)."""
+    """The values of a block by label; `fault` is empty, CHECKSUM or MALFORMED (truncated or too long)."""
 
     fields: Mapping[str, str]
     fault: str = ""
 
 
-class Measured(msgspec.Struct, frozen=True):
-    """What a block says, None for what it does not; a current into the battery is positive.
+class Measurement(msgspec.Struct, frozen=True):
+    """The values of a block, None if missing; a current into the battery is positive.
 
-    `error` is a charger's number of what it reports against itself, 0 for nothing; `alarm` the reasons, as bits, of a
-    monitor that is in alarm.
+    `error` is the error code of a charger, 0 for none; `alarm` are the alarm reasons of a monitor as bits.
     """
 
     voltage_v: float | None = None
@@ -48,18 +47,18 @@ class Measured(msgspec.Struct, frozen=True):
 
 
 class BlockFramer:
-    """Cuts a stream into blocks; however it is cut into pieces, the result is the same.
+    """Splits a stream into blocks; the result does not depend on the sizes of the pieces.
 
-    A first block that is not whole was under way when the port was opened, and is passed over.
+    An incomplete first block, from before the port was opened, is skipped.
     """
 
     def __init__(self) -> None:
-        """Begin with nothing in the buffer."""
+        """Start with an empty buffer."""
         self._buffer = bytearray()
-        self._begun = False  # whether the buffer begins where a block ended
+        self._is_aligned = False  # whether the buffer starts after the end of a block
 
     def feed(self, data: bytes) -> list[Block]:
-        """Take more bytes and return the blocks that they complete."""
+        """Add bytes; return the completed blocks."""
         self._buffer += data
         blocks: list[Block] = []
         while (end := self._buffer.find(_END)) >= 0 and len(self._buffer) > end + len(_END):
@@ -67,19 +66,19 @@ class BlockFramer:
             whole = bytes(self._buffer[:size])
             del self._buffer[:size]
             block = _block(whole)
-            if self._begun or not block.fault:
+            if self._is_aligned or not block.fault:
                 blocks.append(block)
-            self._begun = True
-        if len(self._buffer) > LONGEST_BLOCK:
+            self._is_aligned = True
+        if len(self._buffer) > MAX_BLOCK_BYTES:
             del self._buffer[: -len(_END)]
-            if self._begun:
+            if self._is_aligned:
                 blocks.append(Block({}, MALFORMED))
-            self._begun = False
+            self._is_aligned = False
         return blocks
 
 
 def _block(data: bytes) -> Block:
-    """Return what stands in the bytes from behind a checksum to the next one, that included."""
+    """Parse the bytes of a block including its checksum."""
     body = _HEX.sub(b"", data[: -len(_END) - 1])
     if sum(body) + sum(data[-len(_END) - 1 :]) & 0xFF:
         return Block({}, CHECKSUM)
@@ -89,7 +88,7 @@ def _block(data: bytes) -> Block:
     return Block(dict(line.split("\t", 1) for line in lines[1:]))
 
 
-# What of a block is of use: its label, the field, how many of its units make one of ours, and what it may be.
+# Label, field of Measurement, unit in SI, minimum and maximum of each used value.
 _QUANTITIES = (
     ("V", "voltage_v", 1e-3, 0.0, 1000.0),
     ("I", "current_a", 1e-3, -5000.0, 5000.0),
@@ -100,14 +99,14 @@ _QUANTITIES = (
 )
 
 
-def measured(block: Block) -> Measured | None:
-    """Return what a whole block measures, None for one without (a monitor's history); MessageError out of range."""
+def read_measurement(block: Block) -> Measurement | None:
+    """Return the values of a block, None for one without (history of a monitor); raises MessageError."""
     values = {field: _number(block, label, unit, low, high) for label, field, unit, low, high in _QUANTITIES}
     error, alarm = _number(block, "ERR", 1.0, 0.0, 255.0), _number(block, "AR", 1.0, 0.0, 65535.0)
     if all(value is None for value in values.values()) and error is None:
         return None
     in_alarm = block.fields.get("Alarm", "OFF").upper() == "ON"
-    return Measured(**values, error=int(error or 0), alarm=int(alarm or 0) if in_alarm else 0)
+    return Measurement(**values, error=int(error or 0), alarm=int(alarm or 0) if in_alarm else 0)
 
 
 def _number(block: Block, label: str, unit: float, low: float, high: float) -> float | None:
@@ -115,7 +114,7 @@ def _number(block: Block, label: str, unit: float, low: float, high: float) -> f
     if text == _UNKNOWN:
         return None
     if not _NUMBER.fullmatch(text):
-        raise MessageError(MALFORMED, f"{label} {text[:12]!r} is no number")
+        raise MessageError(MALFORMED, f"{label} {text[:12]!r} is not a number")
     return within(int(text) * unit, low, high, label)
 
 
@@ -132,7 +131,7 @@ def _result(block: Block) -> Result:
     if block.fault:
         return {"type": "error", "error": block.fault}
     try:
-        found = measured(block)
+        found = read_measurement(block)
     except MessageError as error:
         return {"type": "error", "error": error.error, "detail": str(error)}
     if found is None:

@@ -11,14 +11,14 @@ from firmware_py.common.records import Event, PositionSample, Severity
 
 SET_NEVER, SET_IF_INVALID, SET_IF_UNSYNCHRONISED = range(3)  # CLK_SET
 
-AGREEING = 5  # times in a row that must agree before one is believed
-AGREEMENT_S = 1.0
+MIN_AGREEING_TIMES = 5  # times in a row that must agree before one is believed
+AGREEMENT_TOLERANCE_S = 1.0
 TOLERANCE_S = {
     SET_IF_INVALID: DAY_S,
     SET_IF_UNSYNCHRONISED: 2.0,
 }  # a receiver's sentence may come a second after its time
-LOOK_S = 60.0
-AGAIN_S = 3600.0  # after a clock that may not be set
+CHECK_INTERVAL_S = 60.0
+RETRY_S = 3600.0  # after a clock that may not be set
 
 
 class ClockSetter:
@@ -37,8 +37,8 @@ class ClockSetter:
         self._utc_s = utc_s
         self._set_utc_s = set_utc_s
         self._is_kept = is_kept
-        self._gps: deque[float] = deque(maxlen=AGREEING)
-        self._station: deque[float] = deque(maxlen=AGREEING)
+        self._gps: deque[float] = deque(maxlen=MIN_AGREEING_TIMES)
+        self._station: deque[float] = deque(maxlen=MIN_AGREEING_TIMES)
         self._due_s = -math.inf
 
     def add_station_time(self, utc_s: float, now_s: float) -> None:
@@ -57,12 +57,12 @@ class ClockSetter:
             offset_s, source = _agreed_offset_s(self._station, now_s), "a ground station"
         if offset_s is None:
             return ()
-        self._due_s = now_s + LOOK_S
+        self._due_s = now_s + CHECK_INTERVAL_S
         error_s = utc_s - (offset_s + now_s)
         if not wrong and (abs(error_s) <= TOLERANCE_S[policy] or self._is_kept()):
             return ()
         if not self._set_utc_s(offset_s + now_s):
-            self._due_s = now_s + AGAIN_S
+            self._due_s = now_s + RETRY_S
             text = f"Clock is {error_s:.0f} s off and may not be set (needs CAP_SYS_TIME)"
             return (Event(Severity.WARNING, text),)
         return (Event(Severity.NOTICE, f"Clock set from {source}: it was {error_s:.0f} s off"),)
@@ -70,8 +70,8 @@ class ClockSetter:
 
 def _agreed_offset_s(offsets_s: deque[float], now_s: float) -> float | None:
     """Return the latest difference, None unless enough agree and the time is a possible one; NaN never does."""
-    if len(offsets_s) < AGREEING:
+    if len(offsets_s) < MIN_AGREEING_TIMES:
         return None
     latest_s = offsets_s[-1]
-    agree = all(abs(offset_s - latest_s) <= AGREEMENT_S for offset_s in offsets_s)
+    agree = all(abs(offset_s - latest_s) <= AGREEMENT_TOLERANCE_S for offset_s in offsets_s)
     return latest_s if agree and is_possible(latest_s + now_s) else None

@@ -34,5 +34,5 @@ def test_a_device_with_another_protocol_is_distinguished_from_a_silent_one(make_
     code, told = check(boat, "--json")
     found = by_subject(told)
     assert (code, told["verdict"], found["compass"]["level"]) == (1, "fail", "fail")
-    assert "bytes, but nothing understood: baud rate?" in found["compass"]["text"]
+    assert "data not understood: wrong baud rate?" in found["compass"]["text"]
     assert found["position"]["level"] == "pass"

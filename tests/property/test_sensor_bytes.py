@@ -17,7 +17,7 @@ from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.mti import MtiCompass, MtiOptions
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from firmware_py.sensors.nmea_fields import to_number
-from firmware_py.sensors.nmea_framing import LONGEST_BODY, NmeaFramer
+from firmware_py.sensors.nmea_framing import MAX_BODY_LENGTH, NmeaFramer
 from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 
 HDG = b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n"
@@ -129,7 +129,7 @@ def test_memory_is_bounded(make, noise):
     framer = make()
     for _ in range(4):
         framer.feed(noise)
-        assert len(framer._buffer) <= max(LONGEST_BODY + 4, 0x9FF + 8)
+        assert len(framer._buffer) <= max(MAX_BODY_LENGTH + 4, 0x9FF + 8)
 
 
 @pytest.mark.parametrize(

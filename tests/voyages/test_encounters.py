@@ -30,7 +30,7 @@ from firmware_py.core.step import step
 from firmware_py.faults.table import Fault
 from firmware_py.guidance.traffic import MAX_VESSELS
 from firmware_py.model.kt import OCEAN_RAMBLER
-from firmware_py.sensors.ais import MOST_REPORTS, AisOptions, AisReceiver
+from firmware_py.sensors.ais import MAX_REPORTS_PER_TICK, AisOptions, AisReceiver
 from hil.devices.ais import AisEmulator
 from hil.ship.kt_plant import KtPlant
 from hil.ship.traffic import OWN_MMSI, PATTERNS, Ship
@@ -285,7 +285,7 @@ def test_among_ghosts_leapers_and_her_own_number_the_real_ship_is_told():
         boat.tick()
     assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")
     assert not boat.said("DOUBLE")
-    assert boat.said(f"AIS: another ship sends her number {OWN_MMSI:09d}")
+    assert boat.said(f"AIS: another station uses the boat's MMSI {OWN_MMSI:09d}")
     assert len(boat.said(": closest ")) <= 30
 
 
@@ -305,7 +305,7 @@ def test_in_a_flood_of_ten_thousand_each_tick_has_a_bounded_piece_of_work_and_th
     while boat.t_s < 100.0:
         boat.tick()
         assert len(boat.state.traffic.vessels) <= MAX_VESSELS
-        assert boat.reports <= MOST_REPORTS
+        assert boat.reports <= MAX_REPORTS_PER_TICK
     assert boat.transponder.unsent > 50_000
     assert boat.state.traffic.rejected > 1000
     assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")

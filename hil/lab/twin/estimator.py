@@ -12,7 +12,7 @@ from hil.lab.twin.devices import ARRIVAL_S, LATITUDE_RAD, LONGITUDE_RAD, LOST, M
 from hil.lab.twin.plant import Plant
 from hil.lab.twin.ship import Floats
 
-EPOCH_ENDS_AFTER_S = 0.5
+EPOCH_TIMEOUT_S = 0.5
 
 
 @inner
@@ -86,7 +86,7 @@ def update(
 @inner
 def count_fixes(plant_state: Plant, now_s: float) -> int:
     """Return the number of received fixes; the first epoch is complete after a time without further sentences."""
-    if not (plant_state.first_given or now_s - plant_state.first_fix_s > EPOCH_ENDS_AFTER_S):
+    if not (plant_state.first_given or now_s - plant_state.first_fix_s > EPOCH_TIMEOUT_S):
         return 0
     count = 0
     while count < plant_state.fix_count and plant_state.fixes[count, ARRIVAL_S] <= now_s:

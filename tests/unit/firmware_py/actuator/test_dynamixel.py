@@ -202,7 +202,7 @@ def test_goal_is_clipped_to_the_servos_limits(sail, servo):
     servo.put(52, 1500, 4)
     sail.ticks(4, shaft_deg=90.0)
     assert servo.goal == 2600
-    assert sail.health().text == "goal is at a position limit of the servo's own"
+    assert sail.health().text == "goal at a position limit of the servo"
     sail.ticks(2, shaft_deg=-90.0)
     assert servo.goal == 1500
     sail.ticks(2, shaft_deg=45.0)
@@ -516,7 +516,7 @@ def test_a_servo_without_watchdog_is_steered(sail, servo):
     assert servo.goal == 2048 + round(math.radians(11.0) / COUNT_RAD)
     health = sail.health()
     assert health.state is DeviceState.RUNNING
-    assert health.text == "servo refuses bus watchdog: access error"
+    assert health.text == "servo rejects bus watchdog: access error"
 
 
 def test_what_a_servo_can_do_without_is_tried_thrice_and_then_now_and_then(sail, servo):
@@ -535,7 +535,7 @@ def test_a_servo_that_does_not_tell_what_it_is_set_to_is_faulty_until_it_does(sa
     servo.refuse[address] = 7
     sail.ticks(10)
     assert sail.health().state is DeviceState.FAULTY
-    assert sail.health().text == f"servo refuses {name}: access error"
+    assert sail.health().text == f"servo rejects {name}: access error"
     servo.refuse.clear()
     sail.ticks(20, shaft_deg=5.0)
     assert sail.health().state is DeviceState.RUNNING
@@ -547,7 +547,7 @@ def test_a_servo_that_refuses_the_mode_is_faulty_until_it_does_not(sail, servo):
     servo.refuse[11] = 7
     feedback = sail.ticks(10)
     assert sail.health().state is DeviceState.FAULTY
-    assert sail.health().text == "servo refuses operating mode: access error"
+    assert sail.health().text == "servo rejects operating mode: access error"
     assert feedback
     servo.refuse.clear()
     sail.ticks(20)
@@ -561,7 +561,7 @@ def test_a_setting_without_effect_does_not_wear_out_the_eeprom(sail, servo):
     sail.ticks(400, shaft_deg=1.0)
     assert len(servo.eeprom_writes) == 3
     assert (64, 0) not in servo.ram_writes  # no torque cut under way for another attempt
-    assert sail.health().text == "servo does not keep return delay"
+    assert sail.health().text == "servo does not store return delay"
     assert servo.goal != 2048
 
 
@@ -570,7 +570,7 @@ def test_a_servo_that_refuses_every_goal_is_faulty(sail, servo):
     servo.refuse[116] = 7
     sail.ticks(6)
     assert sail.health().state is DeviceState.FAULTY
-    assert sail.health().text == "servo refuses goal position"
+    assert sail.health().text == "servo rejects goal position"
     servo.refuse.clear()
     sail.ticks(3)
     assert sail.health().state is DeviceState.RUNNING

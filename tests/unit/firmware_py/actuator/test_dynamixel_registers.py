@@ -10,7 +10,15 @@ COUNT_RAD = math.radians(360.0 / 4096)
 
 
 def test_lengths_tell_the_blocks_apart():
-    blocks = [table.SETTINGS, table.LIMITS, table.STATE, table.WATCHDOG, table.TELEMETRY, *table.LOOKS, table.WHOLE]
+    blocks = [
+        table.SETTINGS,
+        table.LIMITS,
+        table.STATE,
+        table.WATCHDOG,
+        table.TELEMETRY,
+        *table.GOAL_READS,
+        table.COMBINED,
+    ]
     lengths = [block.length for block in blocks]
     assert len(set(lengths)) == len(blocks)
     assert 3 not in lengths  # a ping
@@ -18,7 +26,7 @@ def test_lengths_tell_the_blocks_apart():
 
 
 def test_the_whole_has_what_is_asked_for_by_itself():
-    whole = bytes(range(table.WHOLE.address, table.WHOLE.address + table.WHOLE.length))
+    whole = bytes(range(table.COMBINED.address, table.COMBINED.address + table.COMBINED.length))
     for block in (table.STATE, table.WATCHDOG, table.GOAL_AND_TELEMETRY, table.TELEMETRY):
         alone = bytes(range(block.address, block.address + block.length))
         assert table.part_of(whole, block) == alone
@@ -65,11 +73,11 @@ def test_telemetry():
     assert values.current_a == pytest.approx(-0.269)
     assert values.voltage_v == pytest.approx(11.8)
     assert values.temperature_c == -3.0
-    assert values.impossible == 0
+    assert values.invalid_values == 0
 
 
 @pytest.mark.parametrize(
-    "impossible",
+    "invalid_values",
     [
         {"current": 3001},
         {"current": -3001},
@@ -81,9 +89,9 @@ def test_telemetry():
     ],
     ids=str,
 )
-def test_impossible_telemetry(impossible):
-    values = table.decode_telemetry(telemetry(**impossible))
-    assert values.impossible == 1
+def test_impossible_telemetry(invalid_values):
+    values = table.decode_telemetry(telemetry(**invalid_values))
+    assert values.invalid_values == 1
     assert [values.current_a, values.shaft_rad, values.voltage_v, values.temperature_c].count(None) == 1
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.actuator.half_duplex import LONGEST_REPLY_TIMEOUT_S, HalfDuplex, Pace, reply_timeout_s
+from firmware_py.actuator.half_duplex import MAX_REPLY_TIMEOUT_S, HalfDuplex, ReadingWindow, reply_timeout_s
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_silence_needs_half_a_second_and_three_requests(bus):
 def test_after_a_sign_of_life_silence_needs_as_much_anew(bus, late):
     ask_in_vain(bus, "a1", "b1", "c1", "d1")
     if late:
-        bus.take_answered(starts_with("c"))  # d1 may still come
+        bus.match_reply(starts_with("c"))  # d1 may still come
     else:
         bus.finish()
         bus.ask(b"?", "question", 3.0)
@@ -87,42 +87,42 @@ def ask_in_vain(bus, *requests):
 
 
 def test_a_reply_that_fits_nothing_answers_nothing(bus):
-    assert bus.take_answered(starts_with("a")) is None
+    assert bus.match_reply(starts_with("a")) is None
     ask_in_vain(bus, "b1", "b2")
-    assert bus.take_answered(starts_with("a")) is None
+    assert bus.match_reply(starts_with("a")) is None
     assert bus.outstanding == "b2"
 
 
 def test_a_late_reply_is_that_of_its_own_question_and_ends_the_wait_for_older_ones(bus):
     ask_in_vain(bus, "a1", "b1", "c1", "d1")
-    assert bus.take_answered(starts_with("b")) == ("b1", 1.0, True, None)
+    assert bus.match_reply(starts_with("b")) == ("b1", 1.0, True, None)
     assert bus.outstanding == "d1"
-    assert bus.take_answered(starts_with("a")) is None  # replies keep their order
-    assert bus.take_answered(starts_with("d")) == ("d1", 3.0, True, None)
+    assert bus.match_reply(starts_with("a")) is None  # replies keep their order
+    assert bus.match_reply(starts_with("d")) == ("d1", 3.0, True, None)
     assert bus.outstanding is None
-    assert bus.take_answered(starts_with("c")) is None
+    assert bus.match_reply(starts_with("c")) is None
 
 
 def test_of_several_that_it_fits_a_reply_is_that_of_the_oldest_and_not_sure(bus):
     ask_in_vain(bus, "a1", "a2")
-    assert bus.take_answered(starts_with("a")) == ("a1", 0.0, False, "a2")
+    assert bus.match_reply(starts_with("a")) == ("a1", 0.0, False, "a2")
     assert bus.outstanding is None  # it may have been the answer to a2
-    assert bus.take_answered(starts_with("a")) == ("a2", 1.0, True, None)  # or that one is
+    assert bus.match_reply(starts_with("a")) == ("a2", 1.0, True, None)  # or that one is
     ask_in_vain(bus, "a3", "a4", "b1")
-    assert bus.take_answered(starts_with("a")) == ("a3", 0.0, False, None)
+    assert bus.match_reply(starts_with("a")) == ("a3", 0.0, False, None)
     assert bus.outstanding == "b1"
 
 
 def test_a_reply_that_is_later_than_any_adapter_holds_it_answers_nothing(bus):
     ask_in_vain(bus, "a1", "b1", "c1", "d1", "e1")
-    assert bus.take_answered(starts_with("a")) is None
-    assert bus.take_answered(starts_with("c")) == ("c1", 2.0, True, None)
+    assert bus.match_reply(starts_with("a")) is None
+    assert bus.match_reply(starts_with("c")) == ("c1", 2.0, True, None)
 
 
 def test_a_late_reply_is_a_sign_of_life(bus):
     ask_in_vain(bus, "a1", "b1", "c1", "d1")
     assert bus.is_silent(3.0)
-    bus.take_answered(starts_with("c"))
+    bus.match_reply(starts_with("c"))
     assert not bus.is_silent(9.0)
 
 
@@ -133,12 +133,12 @@ def test_reopening_forgets_what_waited(bus, line):
     line.plug()
     assert bus.notice_reopening()
     assert bus.outstanding is None
-    assert bus.take_answered(starts_with("early")) is None
+    assert bus.match_reply(starts_with("early")) is None
     assert not bus.notice_reopening()
 
 
 def test_pace():
-    pace = Pace()
+    pace = ReadingWindow()
     assert not pace.is_early(0.0)  # no command, no moment for a reading but the overdue one
     assert pace.is_overdue(0.25)
     pace.note_command(10.0)
@@ -156,4 +156,4 @@ def test_a_slow_line_is_waited_for_as_long_as_its_bytes_take():
     """At 9600 baud a Dynamixel's telemetry takes longer than any exchange at 57600."""
     assert reply_timeout_s(57600, 110) == pytest.approx(0.0351, abs=1e-4)
     assert reply_timeout_s(9600, 110) > 0.016 + 70 * 10 / 9600
-    assert reply_timeout_s(300, 110) == LONGEST_REPLY_TIMEOUT_S
+    assert reply_timeout_s(300, 110) == MAX_REPLY_TIMEOUT_S

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
-from firmware_py.actuator.dynamixel_registers import LOOKS
+from firmware_py.actuator.dynamixel_registers import GOAL_READS
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState, RudderCommand
 
@@ -121,7 +121,7 @@ def test_a_goal_that_is_refused_is_told_by_late_answers_too(fakes, servo):
     sail.ticks(CONFIGURED_TICKS)
     servo.refuse[116] = 7
     sail.ticks(20)
-    assert sail.rudder.health(sail.now_s).text == "servo refuses goal position"
+    assert sail.rudder.health(sail.now_s).text == "servo rejects goal position"
     servo.refuse.clear()
     sail.ticks(10)
     assert sail.rudder.health(sail.now_s).state is DeviceState.RUNNING
@@ -145,7 +145,7 @@ def test_an_answer_in_time_brings_the_short_question_back(fakes, servo):
     delay_s = [0.002]
     sail, _ = late_sail(fakes, servo, lambda: delay_s[0])
     sail.ticks(CONFIGURED_TICKS)
-    longer = {look.address for look in LOOKS[1:]}
+    longer = {look.address for look in GOAL_READS[1:]}
     for held_back_s, asked in ((0.002, set()), (0.12, longer), (0.002, set())):
         delay_s[0] = held_back_s
         sail.ticks(4)

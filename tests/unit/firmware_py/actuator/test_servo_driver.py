@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from firmware_py.actuator.servo_driver import FEEDBACK_KEPT, Answer, ServoDriver
+from firmware_py.actuator.servo_driver import MAX_FEEDBACK, ReplyResult, ServoDriver
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand, RudderFeedback
 
 
@@ -66,11 +66,11 @@ class PlainServo:
     def answers(self, reply, request):
         return reply == request.frame
 
-    def take_answer(self, request, reply, now_s, *, sure):
-        self.answered.append((request.frame, sure))
+    def process_reply(self, request, reply, now_s, *, is_certain):
+        self.answered.append((request.frame, is_certain))
         if reply == b"None":
-            return Answer(obeyed=False)
-        return Answer(impossible=1, feedback=RudderFeedback(now_s, float(reply), None, None, None))
+            return ReplyResult(is_accepted=False)
+        return ReplyResult(invalid_values=1, feedback=RudderFeedback(now_s, float(reply), None, None, None))
 
     def condition(self, *, answered):
         return (DeviceState.RUNNING if answered else DeviceState.STARTING), "well"
@@ -173,7 +173,7 @@ def test_silence_is_told_to_the_servo_and_by_the_health(line, driver, servo):
         driver.command(RudderCommand(0.1, torque_on=True), 0.1 * tick)
     assert servo.silences > 0
     health = driver.health(0.8)
-    assert (health.state, health.text) == (DeviceState.STARTING, "no answer from servo id 7")
+    assert (health.state, health.text) == (DeviceState.STARTING, "no reply from servo id 7")
     reply(line, driver, b"0.1", 0.81)
     assert driver.health(0.81).state is DeviceState.RUNNING
     for tick in range(8):
@@ -205,9 +205,9 @@ def test_a_line_that_takes_nothing_is_tried_again(line, driver, servo):
 
 
 def test_feedback_that_nobody_takes_is_bounded(line, driver):
-    for number in range(3 * FEEDBACK_KEPT):
+    for number in range(3 * MAX_FEEDBACK):
         driver.command(RudderCommand(float(number), torque_on=True), float(number))
         reply(line, driver, repr(float(number)).encode(), number + 0.01)
     assert [sample.shaft_rad for sample in driver.poll()] == [
-        float(number) for number in range(2 * FEEDBACK_KEPT, 3 * FEEDBACK_KEPT)
+        float(number) for number in range(2 * MAX_FEEDBACK, 3 * MAX_FEEDBACK)
     ]

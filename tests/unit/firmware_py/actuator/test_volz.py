@@ -134,7 +134,7 @@ def test_released_it_is_read_and_not_steered(sail, servo):
     assert feedback[-1].torque_on is None
     assert feedback[-1].shaft_rad is None
     assert feedback[-1].voltage_v == pytest.approx(28.0)
-    assert "cannot release" in sail.health().text
+    assert "no position sent" in sail.health().text
 
 
 def test_only_readings_before_the_first_command(servo, line):

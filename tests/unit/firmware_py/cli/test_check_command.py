@@ -249,7 +249,7 @@ NO_FIX, FIX = PositionSample(2.0, FixType.NONE), PositionSample(2.0, FixType.FIX
         (HEADING, DeviceState.ABSENT, 30, 0, "no port x", Level.FAIL, "no port x"),
         (NO_FIX, DeviceState.RUNNING, 30, 0, "no fix", Level.WARN, "no fix yet"),
         (FIX, DeviceState.RUNNING, 30, 0, "", Level.PASS, "FIX_3D"),
-        (None, DeviceState.STARTING, 0, 0, "bytes, but nothing understood: baud rate?", Level.FAIL, "baud rate?"),
+        (None, DeviceState.STARTING, 0, 0, "data not understood: wrong baud rate?", Level.FAIL, "baud rate?"),
         (None, DeviceState.STARTING, 0, 9, "checksum", Level.FAIL, "checksum"),
     ],
 )

@@ -14,7 +14,7 @@ PATTERNS = {
 }
 # Texts that are put together from parts, which support.told_texts does not find.
 PUT_TOGETHER = (
-    "AIS: another ship sends her number 235000007",
+    "AIS: another station uses the boat's MMSI 235000007",
     "Mission item 2 is 778 m outside the fence",
     "Leg to mission item 2 leaves the fence by 55 m",
     "mission.plan.0 is damaged: there is no mission",

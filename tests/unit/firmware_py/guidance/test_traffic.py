@@ -183,7 +183,7 @@ def test_what_the_receiver_refuses_is_told_now_and_then():
 
     state, events = traffic.receiver_events(TrafficState(), health("checksum"), 0.0)
     assert [event.text for event in events] == ["AIS: checksum"]
-    assert traffic.receiver_events(state, health("more than she reads, dropped"), 10.0)[1] == ()
+    assert traffic.receiver_events(state, health("too many sentences, some dropped"), 10.0)[1] == ()
     assert len(traffic.receiver_events(state, health("checksum"), 700.0)[1]) == 1
     assert traffic.receiver_events(TrafficState(), health("checksum", DeviceRole.COMPASS), 0.0)[1] == ()
 

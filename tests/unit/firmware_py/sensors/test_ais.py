@@ -5,7 +5,7 @@ import random
 
 from firmware_py.common.records import DeviceRole, DeviceState
 from firmware_py.common.vessels import VesselIdentity, VesselPosition
-from firmware_py.sensors.ais import MOST_REPORTS, MOST_SENTENCES_HZ, MOST_WAITING, AisOptions, AisReceiver
+from firmware_py.sensors.ais import MAX_PENDING_REPORTS, MAX_REPORTS_PER_TICK, MAX_SENTENCES_HZ, AisOptions, AisReceiver
 from hil.devices.ais_frames import position_a, position_b, sentences, static_a, static_b
 from support.line import FakeLine
 
@@ -50,7 +50,7 @@ def test_what_she_sends_herself_is_no_vessel_and_teaches_her_number():
     own = sentences(position_b(235000007, 36.0, 121.0, 0.8, 0.0), own=True)
     assert take(line, device, own) == ()
     assert take(line, device, ship(235000007)) == ()
-    assert "another ship sends her number 235000007" in device.health(0.0).text
+    assert "another station uses the boat's MMSI 235000007" in device.health(0.0).text
     assert device.health(0.0).rejected == 1
     assert len(take(line, device, ship(235000008))) == 1
 
@@ -80,9 +80,9 @@ def test_ten_thousand_vessels_cost_a_bounded_piece_of_each_tick():
         now = device.health(0.1 * tick).accepted - before
         most_decoded, most_reports = max(most_decoded, now), max(most_reports, given)
         decoded, reports = decoded + now, reports + given
-        assert len(device._waiting) <= MOST_WAITING
-    assert most_reports <= MOST_REPORTS
-    assert decoded <= MOST_SENTENCES_HZ * 60.0 + 100
+        assert len(device._waiting) <= MAX_PENDING_REPORTS
+    assert most_reports <= MAX_REPORTS_PER_TICK
+    assert decoded <= MAX_SENTENCES_HZ * 60.0 + 100
     health = device.health(60.0)
     assert health.rejected > 0
     assert "dropped" in health.text

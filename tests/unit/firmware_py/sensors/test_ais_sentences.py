@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.sensors.ais_sentences import MOST_WAITING, Assembler, SentenceFinder
+from firmware_py.sensors.ais_sentences import MAX_INCOMPLETE, Assembler, SentenceFinder
 from firmware_py.sensors.message_error import MessageError
 
 ONE = b"!AIVDM,1,1,,B,15M67FC000G?ufbE`FepT@3n00Sa,0*5C\r\n"
@@ -76,4 +76,4 @@ def test_beginnings_without_an_end_are_bounded():
     assembler = Assembler()
     for number in range(1000):
         joined(part(1, sequence=b"%d" % (number % 10), channel=b"%d" % number), float(number), assembler)
-    assert len(assembler._begun) <= MOST_WAITING
+    assert len(assembler._incomplete) <= MAX_INCOMPLETE

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from firmware_py.sensors import pni_protocol, ubx_protocol
-from firmware_py.sensors.binary_framing import EachAlone, PacketFramer
+from firmware_py.sensors.binary_framing import PacketCheck, PacketFramer
 
 INFO = bytes.fromhex("000501efd4")
 DATA = bytes.fromhex("000504bf71")
@@ -59,7 +59,7 @@ def test_crafted_noise_is_searched_and_checked_once_however_it_is_cut(piece):
         ubx_protocol._HEADER,
         6,
         lambda header: measured.append(header) or int.from_bytes(header[4:6], "little") + 8,
-        EachAlone(lambda packet: bool(checked.append(len(packet)))),
+        PacketCheck(lambda packet: bool(checked.append(len(packet)))),
     )
     noise = b"\xb5\x62\x01\x07\xff\x09" * 2000
     for start in range(0, len(noise), piece):

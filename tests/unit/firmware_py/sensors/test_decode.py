@@ -132,7 +132,7 @@ def test_an_unknown_transducer_is_reported_once(nmea):
 
 def test_a_sentence_without_a_use_is_named_as_such(nmea):
     answer, unheard_of = decode("nmea", nmea("PAMTR,EN,1,1") + nmea("GPABC,1"))
-    assert (answer["type"], answer["detail"]) == ("other", "orders to an Airmar instrument and its answers: not used")
+    assert (answer["type"], answer["detail"]) == ("other", "commands to an Airmar instrument and its replies: not used")
     assert unheard_of == {"line": 2, "type": "other", "sentence": "GPABC"}
 
 

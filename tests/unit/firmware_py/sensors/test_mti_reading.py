@@ -32,7 +32,7 @@ def test_in_ned_yaw_is_the_heading():
     reading = read_data(status(GOOD) + euler(-178.0, 1.5, -90.5) + item(0x0810, floats(18.5)))
     assert (reading.heading_magnetic_deg, reading.pitch_deg, reading.temperature_c) == (269.5, 1.5, 18.5)
     assert reading.roll_deg == 2.0  # the label is up: half a turn of roll is the mounting, not the boat
-    assert (reading.yaw_rate_deg_s, reading.believable, reading.fault) == (None, True, "")
+    assert (reading.yaw_rate_deg_s, reading.is_valid, reading.fault) == (None, True, "")
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_no_rate_where_it_means_nothing():
     [
         (0x03, ""),
         (0x0180_0047, ""),  # filter profile, clock: nothing against it
-        (0x01, "orientation not valid yet or any more"),
+        (0x01, "orientation not valid"),
         (0x02, "self-test failed"),
         (0x03 | 1 << 8, "out of range: accelerometer"),
         (0x02 | 1 << 12 | 1 << 16, "self-test failed; out of range: gyroscope, magnetometer"),
@@ -109,9 +109,9 @@ def test_the_status_word_in_plain_text(word, text):
 
 
 def test_only_a_stated_good_status_is_believed():
-    assert not read_data(euler(0.0, 0.0, 0.0)).believable
-    assert not read_data(euler(0.0, 0.0, 0.0) + status(0x01)).believable
-    assert read_data(euler(0.0, 0.0, 0.0) + status(0x02)).believable
+    assert not read_data(euler(0.0, 0.0, 0.0)).is_valid
+    assert not read_data(euler(0.0, 0.0, 0.0) + status(0x01)).is_valid
+    assert read_data(euler(0.0, 0.0, 0.0) + status(0x02)).is_valid
 
 
 @pytest.mark.parametrize(

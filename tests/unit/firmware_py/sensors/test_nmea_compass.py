@@ -71,7 +71,7 @@ def test_xdr_brings_roll_and_pitch_while_they_are_fresh(line, hear, near):
 def test_an_unknown_transducer_is_reported_once_and_is_no_rejected_sentence(line, hear):
     compass = NmeaCompass(line, NmeaCompassOptions())
     hear(compass, "SDXDR,C,23.1,C,WTHI", "HCHDT,10.0,T", now_s=1.0)
-    assert compass.health(1.0).text == "not known: WTHI (type C, unit C)"
+    assert compass.health(1.0).text == "unknown transducer: WTHI (type C, unit C)"
     hear(compass, "SDXDR,C,23.1,C,WTHI", "HCHDT,10.0,T", now_s=15.0)
     assert (compass.health(15.0).text, compass.health(15.0).rejected) == ("", 0)
 
@@ -123,7 +123,7 @@ def test_a_missing_checksum_is_refused_unless_the_vehicle_allows_it(line, hear):
     assert strict.poll() == ()
     assert (strict.health(1.0).rejected, strict.health(1.0).text) == (
         1,
-        "HEHDT: no checksum; require_checksum = false takes it",
+        "HEHDT: no checksum; accept it with require_checksum = false",
     )
     # Without a checksum, what a cut leaves of 274.07 must not become a heading.
     line.inbox += b"$HEHDT,341.8,T\r\n$GPHDT,27\r\n$GPHDT,274.07,\r\n$HEHDT,341.9,T*21\r\n$HCHDG,98.3,0.0,E,12\r\n"

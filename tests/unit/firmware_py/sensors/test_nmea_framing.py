@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.sensors.nmea_framing import LONGEST_BODY, NmeaFramer
+from firmware_py.sensors.nmea_framing import MAX_BODY_LENGTH, NmeaFramer
 
 HDG = b"$HCHDG,98.3,0.0,E,12.6,W*57"
 HDT = b"$HEHDT,341.8,T*21"
@@ -70,6 +70,6 @@ def test_an_endless_sentence_is_refused_and_what_follows_is_read():
     found = framer.feed(b"$HEHDT," + b"1" * 100_000)
     found += framer.feed(b"1" * 100_000 + b"\r\n" + HDT)
     assert [(sentence.address, sentence.fault) for sentence in found] == [("HEHDT", "malformed"), ("HEHDT", "")]
-    longest = b"$PUBX,03," + b"1" * (LONGEST_BODY - 8)
+    longest = b"$PUBX,03," + b"1" * (MAX_BODY_LENGTH - 8)
     assert [found[2] for found in frame(longest + b"*00\r\n")] == ["checksum"]
     assert [found[2] for found in frame(longest + b"1*00\r\n")] == ["malformed"]

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState, FixType
-from firmware_py.sensors.nmea_position import EPOCH_ENDS_AFTER_S, NmeaPosition, NmeaPositionOptions
+from firmware_py.sensors.nmea_position import EPOCH_TIMEOUT_S, NmeaPosition, NmeaPositionOptions
 
 NORTH_SEA = "5327.03942,N,00214.42462,W"
 
@@ -46,7 +46,7 @@ def one_epoch(line, hear):
     def give(*bodies):
         receiver = NmeaPosition(line, NmeaPositionOptions())
         assert hear(receiver, *bodies) == ()
-        (sample,) = hear(receiver, now_s=1.1 + EPOCH_ENDS_AFTER_S)
+        (sample,) = hear(receiver, now_s=1.1 + EPOCH_TIMEOUT_S)
         return sample
 
     return give
@@ -149,7 +149,7 @@ def test_a_receiver_that_says_one_time_again_and_again_has_no_fix(line, hear):
     fixes = [sample.fix for second in range(60) for sample in hear(receiver, rmc(), gga(), now_s=float(second))]
     assert fixes[:3] == [FixType.FIX_3D] * 3
     assert set(fixes[4:]) == {FixType.NONE}
-    assert receiver.health(60.0).text == "its time stands still: no fix"
+    assert receiver.health(60.0).text == "time not advancing: no fix"
     later = [rmc(time=f"10370{second}.00") for second in range(3)]
     again = [sample.fix for second, body in enumerate(later) for sample in hear(receiver, body, now_s=60.0 + second)]
     assert again[-1] is FixType.FIX_2D
@@ -189,7 +189,7 @@ def test_a_place_that_cannot_be_is_no_fix(line, hear, where):
     hear(receiver, rmc(where=where))
     (sample,) = hear(receiver, now_s=9.0)
     assert (sample.fix, sample.latitude_rad) == (FixType.NONE, None)
-    assert receiver.health(9.0).text == "its place cannot be: no fix"
+    assert receiver.health(9.0).text == "position invalid: no fix"
 
 
 def test_on_the_equator_and_on_the_meridian_there_are_fixes(line, hear):

@@ -41,9 +41,9 @@ def test_whole_sentences_of_another_device_are_told_from_another_baud_rate(line,
     monitor.notice_reopening()
     line.inbox += b"\x80\xfe\x00"
     reader.read(1.0)
-    assert monitor.health(1.0).text == "bytes, but nothing understood: baud rate?"
+    assert monitor.health(1.0).text == "data not understood: wrong baud rate?"
     line.inbox += nmea("GPGSV,1,1,00")
     reader.read(1.1)
-    assert monitor.health(1.1).text == "only GPGSV and the like: another device's port?"
+    assert monitor.health(1.1).text == "only GPGSV and similar: port of another device?"
     monitor.accept(1.2)
     assert monitor.health(1.2).text == ""

@@ -173,7 +173,7 @@ def test_unknown_sentences_and_namesakes_are_no_error(nmea):
 def test_no_row_reads_past_its_fewest_fields(nmea):
     for kind, layout in TABLE.items():
         address = kind if kind[0] == "P" else "GP" + kind
-        empty = decode(nmea(address + "," * layout.fewest))
+        empty = decode(nmea(address + "," * layout.min_fields))
         if empty is not None:  # PASHR without a T is another sentence
             assert all(value is None for value in empty.numbers.values()), kind
 

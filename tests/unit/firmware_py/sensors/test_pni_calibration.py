@@ -84,7 +84,7 @@ def test_one_that_is_not_turned_ends_in_time(bench):
     bench.deg_s = 0.0
     bench.run(602.0)
     assert bench.compass.calibration().state is FAILED
-    assert "no end after" in bench.compass.calibration().text
+    assert "timeout after" in bench.compass.calibration().text
     assert len(bench.run(3.0)) > 20
 
 

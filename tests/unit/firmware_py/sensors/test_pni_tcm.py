@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from firmware_py.common.records import DeviceState, NorthReference
-from firmware_py.sensors.pni_tcm import PATIENCE_S, STEP_S, PniCompass, PniOptions
+from firmware_py.sensors.pni_tcm import COMMAND_INTERVAL_S, DATA_TIMEOUT_S, PniCompass, PniOptions
 from hil.devices.pni_tcm import PniTcmEmulator
 
 DATA, CONFIG_DONE, POWER_UP, ACQUISITION_DONE = 5, 19, 23, 26
@@ -30,7 +30,7 @@ def set_up(line, compass):
     now_s = 0.0
     while len(line.written) < 7:
         compass.receive(now_s)
-        now_s += STEP_S
+        now_s += COMMAND_INTERVAL_S
     return now_s
 
 
@@ -52,8 +52,8 @@ def test_one_command_at_a_time_and_never_a_flood(line, compass):
         before = len(line.written)
         compass.receive(step / 100)
         times += [step / 100] * (len(line.written) - before)
-    assert all(later - earlier >= STEP_S - 1e-9 for earlier, later in itertools.pairwise(times))
-    rounds = 30 / (6 * STEP_S + PATIENCE_S)
+    assert all(later - earlier >= COMMAND_INTERVAL_S - 1e-9 for earlier, later in itertools.pairwise(times))
+    rounds = 30 / (6 * COMMAND_INTERVAL_S + DATA_TIMEOUT_S)
     assert rounds - 2 <= len(times) / 7 <= rounds + 1
     assert ids(line.written[:14]) == [22, 6, 6, 6, 3, 24, 21] * 2
     modes = [frame[3] for frame in line.written if frame[2] == 24]
@@ -62,13 +62,13 @@ def test_one_command_at_a_time_and_never_a_flood(line, compass):
 
 def test_a_confirmation_brings_the_next_command_at_once(line, compass, pni):
     compass.receive(0.0)
-    compass.receive(STEP_S)
+    compass.receive(COMMAND_INTERVAL_S)
     line.inbox += pni(CONFIG_DONE)
-    compass.receive(STEP_S + 0.004)
+    compass.receive(COMMAND_INTERVAL_S + 0.004)
     assert ids(line.written) == [22, 6, 6]
-    assert compass.health(STEP_S).text == "it answers, but gives no heading yet"
+    assert compass.health(COMMAND_INTERVAL_S).text == "connected, no heading yet"
     line.inbox += pni(ACQUISITION_DONE) * 50
-    compass.receive(STEP_S + 0.008)
+    compass.receive(COMMAND_INTERVAL_S + 0.008)
     assert ids(line.written) == [22, 6, 6, 6]
 
 
@@ -98,12 +98,12 @@ def test_nothing_is_sent_while_headings_come(line, compass, pni_heading, set_up)
 def test_a_module_that_lost_its_power_is_set_up_again(line, compass, pni, pni_heading, set_up):
     line.inbox += pni_heading(98.5)
     compass.receive(set_up)
-    compass.receive(set_up + PATIENCE_S - 0.01)
+    compass.receive(set_up + DATA_TIMEOUT_S - 0.01)
     assert len(line.written) == 7
-    compass.receive(set_up + PATIENCE_S)
+    compass.receive(set_up + DATA_TIMEOUT_S)
     assert ids(line.written[7:]) == [22]
     line.inbox += pni(POWER_UP)
-    compass.receive(set_up + PATIENCE_S + 0.01)
+    compass.receive(set_up + DATA_TIMEOUT_S + 0.01)
     assert ids(line.written[7:]) == [22, 22]  # it said that it has just come up: from the beginning, at once
     assert compass.health(set_up + 3.0).state is DeviceState.SILENT
 
@@ -142,7 +142,7 @@ def test_with_an_emulator_that_was_written_from_the_manual(line, compass, push_m
     back_s = next(time_s for time_s in times if time_s > 5.1)
     assert begun_s < 0.5 + 1.5 * push_mode
     # Power and 0.3 s of boot, at worst a round that came just too early, and one more in the mode that worked.
-    assert back_s < 6.3 + PATIENCE_S + 7 * STEP_S + 0.15
+    assert back_s < 6.3 + DATA_TIMEOUT_S + 7 * COMMAND_INTERVAL_S + 0.15
     assert len(times) == pytest.approx(10.0 * (5.0 - begun_s + 10.0 - back_s), abs=4)
     assert compass.health(10.0).rejected == 0
 
@@ -164,9 +164,9 @@ def test_a_full_line_repeats_the_command(line, compass):
     line.full = True
     compass.receive(0.0)
     line.full = False
-    compass.receive(STEP_S / 2)
+    compass.receive(COMMAND_INTERVAL_S / 2)
     assert line.written == []
-    compass.receive(STEP_S)
+    compass.receive(COMMAND_INTERVAL_S)
     assert ids(line.written) == [22]
 
 
@@ -209,5 +209,5 @@ def test_a_rate_that_cannot_be_is_refused(line):
             PniCompass(line, PniOptions(rate_hz=rate_hz))
     slow = PniCompass(line, PniOptions(rate_hz=0.5))
     for step in range(8):
-        slow.receive(step * STEP_S)
+        slow.receive(step * COMMAND_INTERVAL_S)
     assert struct.unpack(">f", line.written[5][9:13]) == (2.0,)

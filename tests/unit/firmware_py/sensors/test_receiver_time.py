@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.common.calendar import ROLLOVER_S
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, FixType, PositionSample
-from firmware_py.sensors.receiver_time import AGREEING, DatedPosition
+from firmware_py.sensors.receiver_time import MIN_AGREEING_FIXES, DatedPosition
 
 NOW_S = dt.datetime(2026, 11, 22, tzinfo=dt.UTC).timestamp()
 
@@ -55,18 +55,18 @@ def test_rolled_over_weeks_are_mended_from_the_first_fix_and_told_once():
     dated = Dated(NOW_S + 2.0)
     early = [NOW_S - ROLLOVER_S + second for second in range(20)]
     assert dated.times(*early) == [NOW_S + second for second in range(20)]
-    assert dated.said == ["GPS week rolled over: 2007-04-08 is taken for 2026-11-22"]
-    assert dated.times(*[NOW_S] * AGREEING) == [NOW_S] * AGREEING
-    assert dated.said[1:] == ["GPS date is right again"]
+    assert dated.said == ["GPS week rollover: 2007-04-08 corrected to 2026-11-22"]
+    assert dated.times(*[NOW_S] * MIN_AGREEING_FIXES) == [NOW_S] * MIN_AGREEING_FIXES
+    assert dated.said[1:] == ["GPS date recovered"]
 
 
 def test_a_date_that_cannot_be_is_left_out_and_told_once():
     dated = Dated(0.0)
     assert dated.times(*[315_964_800.0] * 30) == [None] * 30
-    assert dated.said == ["GPS date 1980-01-06 cannot be: its time is not used"]
+    assert dated.said == ["GPS date 1980-01-06 invalid: time not used"]
 
 
-@pytest.mark.parametrize("count", range(1, AGREEING))
+@pytest.mark.parametrize("count", range(1, MIN_AGREEING_FIXES))
 def test_what_a_receiver_says_as_it_starts_is_not_worth_a_word(count):
     dated = Dated(NOW_S)
     assert dated.times(*[315_964_800.0] * count, NOW_S) == [None] * count + [NOW_S]

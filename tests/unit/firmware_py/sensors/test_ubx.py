@@ -64,7 +64,7 @@ def test_a_place_that_cannot_be_is_no_fix(line, hear, solution, lat, lon):
     receiver = UbxPosition(line)
     (sample,) = hear(receiver, solution(lat=lat, lon=lon))
     assert (sample.fix, sample.latitude_rad) == (FixType.NONE, None)
-    assert receiver.health(1.0).text == "its place cannot be: no fix"
+    assert receiver.health(1.0).text == "position invalid: no fix"
 
 
 def test_a_time_that_the_receiver_does_not_trust_is_not_given(line, hear, solution):
@@ -78,7 +78,7 @@ def test_a_position_that_the_receiver_calls_invalid_beside_a_good_fix_is_none(li
     assert [sample.fix for sample in samples] == [FixType.NONE, FixType.FIX_3D]
 
 
-@pytest.mark.parametrize(("accuracy_mm", "text"), [(50_000, ""), (83_400, "no fix: it may be 83 m off")])
+@pytest.mark.parametrize(("accuracy_mm", "text"), [(50_000, ""), (83_400, "no fix: accuracy 83 m")])
 def test_a_fix_of_a_cold_start_or_under_jamming_counts_from_fifty_metres(line, hear, solution, accuracy_mm, text):
     receiver = UbxPosition(line)
     (sample,) = hear(receiver, solution(accuracy_mm=accuracy_mm))

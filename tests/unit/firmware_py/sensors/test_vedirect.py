@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from firmware_py.common.records import DeviceRole, DeviceState, PowerSample
 from firmware_py.devices import decode
 from firmware_py.sensors.vedirect import VeDirectPower
-from firmware_py.sensors.vedirect_blocks import LONGEST_BLOCK, BlockFramer
+from firmware_py.sensors.vedirect_blocks import MAX_BLOCK_BYTES, BlockFramer
 
 END = b"\r\nChecksum\t"
 
@@ -86,8 +86,8 @@ def test_a_checksum_may_be_any_byte(line, hear, checksum):
     ("data", "text"),
     [
         (MONITOR[:-1] + b"!", "checksum"),
-        (block(V="x"), "V 'x' is no number"),
-        (block(V="1_0"), "V '1_0' is no number"),
+        (block(V="x"), "V 'x' is not a number"),
+        (block(V="1_0"), "V '1_0' is not a number"),
         (block(V="-1"), "V -0.001 out of range"),
         (block(SOC="1001"), "SOC 1.001 out of range"),
         (block(I="99999999"), "I 99999.999 out of range"),
@@ -113,7 +113,7 @@ def test_an_error_of_the_charger_is_a_fault_of_the_device_until_it_goes(line, he
 def test_an_alarm_of_the_monitor_is_told(line, hear):
     device = VeDirectPower(line)
     hear(device, block(V="10100", I="-10", Alarm="ON", AR="1"))
-    assert device.health(1.0).text == "in alarm, reasons 1"
+    assert device.health(1.0).text == "alarm, reason code 1"
 
 
 def test_who_says_nothing_is_silent(line, hear):
@@ -138,7 +138,7 @@ def test_however_the_stream_is_cut_the_blocks_are_the_same(pieces, data):
 def test_a_stream_without_an_end_is_forgotten_and_counted_once_it_is_too_long():
     framer = BlockFramer()
     framer.feed(HISTORY)
-    found = framer.feed(b"\r\nV\t1" * LONGEST_BLOCK)
+    found = framer.feed(b"\r\nV\t1" * MAX_BLOCK_BYTES)
     assert [one.fault for one in found] == ["malformed"]
     assert [one.fault for one in framer.feed(MONITOR + CHARGER)] == [""]
 

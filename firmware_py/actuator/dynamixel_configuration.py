@@ -1,7 +1,7 @@
-"""Keeps the registers of a Dynamixel as the rudder needs them: what to read or correct next.
+"""Configuration of a Dynamixel: the registers to read or to correct next.
 
-An image of the registers is compared with what they shall be. Start-up, a power loss and
-a tripped watchdog differ only in what the image says, so there is no procedure for each.
+An image of the registers is compared with their required values. Start-up, power loss and a tripped watchdog differ
+only in the image, so they need no separate procedures.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from firmware_py.actuator import dynamixel_frames as frames
 from firmware_py.actuator import dynamixel_registers as table
 
 WATCHDOG_UNITS = 100  # of 20 ms
-MAY_HAVE_TRIPPED_S = 0.9 * 0.02 * WATCHDOG_UNITS  # without an instruction
-ATTEMPTS = 3
-REST_S, OPTIONAL_REST_S = 1.0, 30.0  # before one more attempt
+WATCHDOG_MARGIN_S = 0.9 * 0.02 * WATCHDOG_UNITS  # after this time without an instruction it may have tripped
+MAX_ATTEMPTS = 3
+RETRY_S, OPTIONAL_RETRY_S = 1.0, 30.0  # pause after MAX_ATTEMPTS
 
 
 class Kind(Enum):
-    """What a request is for."""
+    """The purpose of a request."""
 
     PING = auto()
     READ = auto()
@@ -32,14 +32,14 @@ class Kind(Enum):
 
 
 class Request(msgspec.Struct, frozen=True):
-    """An instruction, and what is expected of its answer."""
+    """An instruction and its expected reply."""
 
     kind: Kind
     frame: bytes
     name: str
-    parameters: int = 0  # number of bytes of the answer
-    block: table.Block | None = None  # read, or changed
-    counts: int = 0  # of the goal that is sent with it
+    parameters: int = 0  # number of bytes of the reply
+    block: table.Block | None = None  # the block that is read or changed
+    counts: int = 0  # the goal that is sent with it
 
 
 def read_request(device_id: int, block: table.Block) -> Request:
@@ -49,41 +49,41 @@ def read_request(device_id: int, block: table.Block) -> Request:
 
 
 class RestartCounter:
-    """Counts how often the servo has lost its power: its torque is gone, without an error and unasked.
+    """Counts power losses of the servo: its torque is off without an error or a command.
 
-    A cable out and in takes no torque away.
+    An interrupted bus cable does not switch the torque off.
     """
 
     def __init__(self) -> None:
-        """Start with none."""
+        """Start at 0."""
         self.count = 0
         self._had_torque = False
 
     def note_sent(self, request: Request) -> None:
-        """Note what takes the torque away on purpose."""
+        """Note requests that switch the torque off."""
         if request.kind is Kind.REBOOT or (request.kind is Kind.CORRECT and request.name == table.TORQUE_ENABLE.name):
             self._had_torque = False
 
     def take_result(self, request: Request, data: bytes) -> None:
-        """Take the answer to a read."""
+        """Process the reply to a read."""
         if request.kind is Kind.READ and request.block is table.STATE:
             torque, error = table.TORQUE_ENABLE.decoded(data), table.HARDWARE_ERROR.decoded(data)
             self.count += self._had_torque and not torque and not error
             self._had_torque = bool(torque)
 
 
-class Upkeep:
-    """The image of one servo and the next request that brings it nearer to what it shall be.
+class Configurator:
+    """The image of the registers of one servo and the next request to correct them.
 
-    EEPROM is written only where it differs, only with the torque off and only before the
-    rudder is in use. A correction is always read back. What fails three times rests
-    before the next attempt; the rudder is used meanwhile if it can do without.
+    EEPROM is written only if it differs, with the torque off and before the rudder is in use. Every correction is read
+    back. After MAX_ATTEMPTS failures there is a pause before the next attempt; the rudder is used meanwhile unless the
+    register is essential.
     """
 
     def __init__(self, device_id: int) -> None:
-        """Take the id of the servo."""
+        """Set the id of the servo."""
         self._id = device_id
-        settings = (*table.SETTINGS_WANTED, table.Setting(table.BUS_WATCHDOG, WATCHDOG_UNITS))
+        settings = (*table.REQUIRED_SETTINGS, table.Setting(table.BUS_WATCHDOG, WATCHDOG_UNITS))
         blocks = (table.SETTINGS, table.LIMITS, table.STATE, table.WATCHDOG)
         self._settings = settings
         self._torque = {on: table.Setting(table.TORQUE_ENABLE, int(on), essential=True) for on in (False, True)}
@@ -92,108 +92,108 @@ class Upkeep:
         self._essential = {table.TORQUE_ENABLE.name, *(row.register.name for row in settings if row.essential)}
         self._essential |= {block.name for block in blocks if block not in self._optional_blocks}
         self._attempts: Counter[str] = Counter()
-        self._rests_until_s: dict[str, float] = {}
-        self._sent_s = -math.inf  # the last instruction of any kind
-        self.settled_for: bool | None = None  # the torque with which there is nothing to read or to correct
+        self._paused_until_s: dict[str, float] = {}
+        self._sent_s = -math.inf  # time of the last instruction of any kind
+        self.settled_for: bool | None = None  # the torque command for which all registers are correct
         self.torque_on: bool | None = None  # as last read; None: not known
         self.hardware_error = 0  # the bits as last read
         self.image: dict[table.Block, bytes] = {}
-        self.complete = False  # as next_request() last saw it: the rudder can be used
-        self.stuck = False  # something essential has failed and rests
-        self.trouble = ""  # the last refusal or failure
+        self.complete = False  # result of the last next_request(): the rudder can be used
+        self.has_failed = False  # an essential read or correction has failed and is paused
+        self.problem = ""  # the last error or failure
 
     def reset(self) -> None:
-        """Know nothing of the servo any more."""
+        """Discard all knowledge of the servo."""
         self.forget(*self.image)
         self._attempts.clear()
-        self._rests_until_s.clear()
-        self.trouble = ""
-        self.complete = self.stuck = False
+        self._paused_until_s.clear()
+        self.problem = ""
+        self.complete = self.has_failed = False
 
     def forget(self, *blocks: table.Block) -> None:
-        """Have blocks read again."""
+        """Discard blocks, so that they are read again."""
         self.settled_for = None
         for block in blocks:
             self.image.pop(block, None)
         if table.STATE in blocks:
             self.torque_on, self.hardware_error = None, 0
 
-    # ------------------------------------------------------------------ what is next
+    # ------------------------------------------------------------------ requests
 
-    def next_request(self, now_s: float, *, torque_wanted: bool | None, in_use: bool) -> Request | None:
-        """Return the next request, set `complete` and `stuck`; nothing is written while torque_wanted is None."""
-        if now_s - self._sent_s >= MAY_HAVE_TRIPPED_S:  # the autopilot stood still, or the line took nothing
+    def next_request(self, now_s: float, *, torque_command: bool | None, in_use: bool) -> Request | None:
+        """Return the next request, set `complete` and `has_failed`; nothing is written while torque_command is None."""
+        if now_s - self._sent_s >= WATCHDOG_MARGIN_S:  # the autopilot was suspended, or the line was blocked
             self.forget(table.WATCHDOG)
-        if torque_wanted is not None and torque_wanted is self.settled_for:
+        if torque_command is not None and torque_command is self.settled_for:
             return None
-        self.complete = self.stuck = False
+        self.complete = self.has_failed = False
         for request in self._reads:
             if request.block in self.image:
                 continue
-            if not self._resting(request.name, now_s):
+            if not self._is_paused(request.name, now_s):
                 return request
             if request.block not in self._optional_blocks:
-                self.stuck = True
+                self.has_failed = True
                 return None
-        if torque_wanted is not None:
-            for setting in self._wanted(torque_wanted=torque_wanted, in_use=in_use):
+        if torque_command is not None:
+            for setting in self._required_settings(torque_command=torque_command, in_use=in_use):
                 present = setting.register.value(self.image)
-                if present is None or self._right(setting, present):
+                if present is None or self._is_correct(setting, present):
                     continue
-                if not self._resting(setting.register.name, now_s):
+                if not self._is_paused(setting.register.name, now_s):
                     return self._correction(setting, present)
                 if setting.essential:
-                    self.stuck = True
+                    self.has_failed = True
                     return None
-            self.settled_for = torque_wanted
-            if not self._rests_until_s:
-                self.trouble = ""
+            self.settled_for = torque_command
+            if not self._paused_until_s:
+                self.problem = ""
         self.complete = True
         return None
 
-    def _wanted(self, *, torque_wanted: bool, in_use: bool) -> tuple[table.Setting, ...]:
-        # The torque-off that EEPROM needs is no option with the rudder in use; there it cannot have changed either.
-        settings = tuple(row for row in self._settings if not (in_use and row.register.eeprom))
-        if torque_wanted and self.hardware_error:  # after a shutdown only a reboot gives the torque back
+    def _required_settings(self, *, torque_command: bool, in_use: bool) -> tuple[table.Setting, ...]:
+        # EEPROM needs the torque off, which is not possible with the rudder in use; it cannot have changed either.
+        settings = tuple(row for row in self._settings if not (in_use and row.register.is_eeprom))
+        if torque_command and self.hardware_error:  # only a reboot switches the torque on again
             return settings
-        return (*settings, self._torque[torque_wanted])
+        return (*settings, self._torque[torque_command])
 
-    def _right(self, setting: table.Setting, present: int) -> bool:
+    def _is_correct(self, setting: table.Setting, present: int) -> bool:
         if setting.corrected(present) != present:
             return False
         self._attempts.pop(setting.register.name, None)
-        self._rests_until_s.pop(setting.register.name, None)
+        self._paused_until_s.pop(setting.register.name, None)
         return True
 
-    def _resting(self, name: str, now_s: float) -> bool:
-        until_s = self._rests_until_s.get(name)
+    def _is_paused(self, name: str, now_s: float) -> bool:
+        until_s = self._paused_until_s.get(name)
         if until_s is None:
             return False
         if now_s < until_s:
             return True
-        del self._rests_until_s[name]
-        self._attempts[name] = ATTEMPTS - 1
+        del self._paused_until_s[name]
+        self._attempts[name] = MAX_ATTEMPTS - 1
         return False
 
     def _correction(self, setting: table.Setting, present: int) -> Request:
         register, value = setting.register, setting.corrected(present)
-        if register.eeprom and self.torque_on:
+        if register.is_eeprom and self.torque_on:
             register, value = table.TORQUE_ENABLE, 0
         elif register is table.BUS_WATCHDOG and present == table.WATCHDOG_TRIPPED:
-            value = 0  # only 0 clears a trip; the next correction sets it again
+            value = 0  # only 0 clears a trip; the next correction sets the time again
         frame = frames.write(self._id, register.address, register.encoded(value))
         return Request(Kind.CORRECT, frame, register.name, 0, register.block)
 
-    # ------------------------------------------------------------------ what became of it
+    # ------------------------------------------------------------------ results
 
     def note_sent(self, request: Request, now_s: float) -> None:
-        """Note that the watchdog is fed, and count an attempt at a correction."""
+        """Record the time for the watchdog, and count an attempt of a correction."""
         self._sent_s = now_s
         if request.kind is Kind.CORRECT:
             self._count(request, now_s)
 
     def take_result(self, request: Request, data: bytes) -> None:
-        """Take the answer to a read, or have a correction read back."""
+        """Process the reply to a read; after a correction, read the block back."""
         if request.block is None:
             return
         self.forget(request.block)
@@ -204,21 +204,21 @@ class Upkeep:
                 self.hardware_error = table.HARDWARE_ERROR.decoded(data)
 
     def take_refusal(self, request: Request, code: int, now_s: float) -> None:
-        """Note a refusal; what was believed of the block may be wrong."""
-        self.trouble = f"servo refuses {request.name}: {frames.ERROR_TEXT.get(code, f'error {code}')}"
+        """Process an error reply; the image of the block may be wrong."""
+        self.problem = f"servo rejects {request.name}: {frames.ERROR_TEXT.get(code, f'error {code}')}"
         if request.kind is Kind.READ:
             self._count(request, now_s)
         elif request.block is not None:
             self.forget(request.block)
 
     def note_lost(self, request: Request) -> None:
-        """Look before writing again: a correction without an answer may have been obeyed."""
+        """Read the block again: a correction without a reply may have been executed."""
         if request.kind is Kind.CORRECT and request.block is not None:
             self.forget(request.block)
 
     def _count(self, request: Request, now_s: float) -> None:
         name = request.name
         self._attempts[name] += 1
-        if self._attempts[name] >= ATTEMPTS:
-            self._rests_until_s[name] = now_s + (REST_S if name in self._essential else OPTIONAL_REST_S)
-            self.trouble = self.trouble or f"servo does not keep {name}"
+        if self._attempts[name] >= MAX_ATTEMPTS:
+            self._paused_until_s[name] = now_s + (RETRY_S if name in self._essential else OPTIONAL_RETRY_S)
+            self.problem = self.problem or f"servo does not store {name}"
