@@ -65,7 +65,7 @@ TABLE: tuple[Scenario, ...] = (
     Scenario(
         "surge", "the swell, with wave orbital motion of the receiver", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0, orbital_m_s=0.4
     ),
-    # The voyages of docs/explanation/seamanship.md: several disturbances at a time.
+    # The voyages of docs/explanation/capabilities.md: several disturbances at a time.
     Scenario(
         "ocean-1",
         "a trade wind sea: float on an umbilical, some leeway, a realistic receiver",
