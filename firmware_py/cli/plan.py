@@ -12,8 +12,8 @@ from typing import Any
 
 from firmware_py.cli.state_owner import check_directory, check_owner, check_readable
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
-from firmware_py.files.making import exact_modes
 from firmware_py.files.reading import read_regular
+from firmware_py.files.writing import exact_modes
 from firmware_py.plans.fence import Breach, breaches
 from firmware_py.plans.items import ROWS, Command, has_place, markdown
 from firmware_py.plans.numbers import PlanFileError

@@ -16,7 +16,7 @@ from firmware_py.assemble.supervision import Supervision
 from firmware_py.assemble.wiring import Assembly, Options, assemble
 from firmware_py.cli.errors import print_error
 from firmware_py.core.liveness import StuckError
-from firmware_py.files.making import exact_modes
+from firmware_py.files.writing import exact_modes
 from firmware_py.link.wire.urls import LinkError
 from firmware_py.link.wire.worker import THREAD as FILES_THREAD
 from firmware_py.loop import run as run_loop

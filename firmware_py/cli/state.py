@@ -21,8 +21,8 @@ from firmware_py.cli.errors import print_error
 from firmware_py.cli.state_owner import check_directory, check_owner, check_readable
 from firmware_py.common.records import Stored
 from firmware_py.core.resume import from_bytes as resume_from_bytes
-from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, exact_modes, write_whole
 from firmware_py.files.reading import read_regular
+from firmware_py.files.writing import FILE_MODE, PRIVATE_MODE, exact_modes, write_atomically
 from firmware_py.link.satellite.record import from_bytes as satellite_from_bytes
 from firmware_py.link.signing import KeyState, Signing, find_key, timestamp_of
 from firmware_py.system.directory_lock import DirectoryLock, StoreError
@@ -116,7 +116,7 @@ def _export(arguments: argparse.Namespace) -> int:
     }  # fmt: skip
     try:
         mode = PRIVATE_MODE if SIGNING_FILE in files else FILE_MODE
-        write_whole(arguments.file, pack(Export(files, about)), mode)
+        write_atomically(arguments.file, pack(Export(files, about)), mode)
     except OSError as error:
         raise StoreError(f"{arguments.file}: cannot be written: {error.strerror}") from None
     sizes = {name: "nothing" if content is None else f"{len(content)} bytes" for name, content in files.items()}

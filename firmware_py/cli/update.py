@@ -11,7 +11,7 @@ from firmware_py.cli.errors import print_error
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.service_files import UNIT
 from firmware_py.install.unit import installation_of
-from firmware_py.install.update import SIGNERS, Permissions, await_trial, go_back, update
+from firmware_py.install.update import SIGNERS, Permissions, await_trial, roll_back, update
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         if installation.blocked_reason:
             return print_error("update", installation.blocked_reason)
         if arguments.back:
-            go_back(installation, may, _say)
+            roll_back(installation, may, _say)
         else:
             update(installation, arguments.bundle, signers, may, _say)
     except UpdateError as error:

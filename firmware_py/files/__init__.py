@@ -1,1 +1,1 @@
-"""What the disk is read and written by: regular files within a limit, and the modes of what is made."""
+"""Reading and writing of files: regular files up to a size limit, file modes, atomic writes."""

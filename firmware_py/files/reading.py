@@ -1,6 +1,6 @@
-"""Opens and reads what is a regular file and no larger than it may be: nothing is waited for, nothing read without end.
+"""Opens and reads regular files up to a size limit.
 
-A pipe would be waited for until somebody writes, a device may have no end or act on being opened.
+Pipes and devices are refused: opening them may block or have effects, and reading may never end.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-# Of what cannot be read because of what it is: no regular file, too large, or closed to its reader.
+# Errors of entries that are not usable as such: not a regular file, too large, or not readable.
 UNFIT = (errno.EINVAL, errno.EISDIR, errno.EFBIG, errno.ELOOP, errno.ENXIO, errno.EACCES)
 _CHUNK_BYTES = 1 << 20
-MOST_DEPTH, LARGEST = 12, 1e15
+MAX_DEPTH, MAX_NUMBER = 12, 1e15
 _KINDS = {
     stat.S_IFIFO: "is a pipe",
     stat.S_IFSOCK: "is a socket",
@@ -27,69 +27,69 @@ _KINDS = {
 
 
 def open_regular(
-    path: Path, *, flags: int = os.O_RDONLY, mode: int = 0, follow: bool = True, most_bytes: int | None = None
+    path: Path, *, flags: int = os.O_RDONLY, mode: int = 0, follow: bool = True, max_bytes: int | None = None
 ) -> int:
-    """Open a regular file and return its descriptor; OSError, whose strerror says what is wrong, for anything else.
+    """Open a regular file and return its descriptor; raise OSError with an explanatory strerror for anything else.
 
-    Without `follow` a symbolic link is refused too; a file of more than most_bytes is refused unread.
+    Without `follow` symbolic links are refused; files larger than max_bytes are refused unread.
     """
     try:
-        # Looked at first: opening a device may do something.
-        _check(path.stat(follow_symlinks=follow), most_bytes)
+        # Checked before opening: opening a device may have effects.
+        _check(path.stat(follow_symlinks=follow), max_bytes)
     except FileNotFoundError:
         if not flags & os.O_CREAT:
             raise
     except ValueError:
-        raise OSError(errno.EINVAL, "its name holds a NUL") from None
-    # And once more, for it may have been exchanged meanwhile.
+        raise OSError(errno.EINVAL, "its name contains a NUL") from None
+    # Checked again: it may have been replaced meanwhile.
     flags |= os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY | (0 if follow else os.O_NOFOLLOW)
     descriptor = os.open(path, flags, mode)
     try:
-        _check(os.fstat(descriptor), most_bytes)
+        _check(os.fstat(descriptor), max_bytes)
     except OSError:
         os.close(descriptor)
         raise
     return descriptor
 
 
-def read_regular(path: Path, most_bytes: int, *, follow: bool = True, owners: Collection[int] | None = None) -> bytes:
-    """Return the content of a regular file of at most so many bytes; OSError, whose strerror says what is wrong.
+def read_regular(path: Path, max_bytes: int, *, follow: bool = True, owners: Collection[int] | None = None) -> bytes:
+    """Return the content of a regular file up to max_bytes; raise OSError with an explanatory strerror.
 
     With `owners`, the file must belong to one of these users and not be writable by others; otherwise EPERM.
     """
-    descriptor = open_regular(path, follow=follow, most_bytes=most_bytes)
+    descriptor = open_regular(path, follow=follow, max_bytes=max_bytes)
     try:
         status = os.fstat(descriptor)
         if owners is not None and status.st_uid not in owners:
             raise PermissionError(errno.EPERM, f"belongs to user {status.st_uid}, who is not trusted here")
         if owners is not None and status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-            raise PermissionError(errno.EPERM, "can be written by others")
-        parts, left = [], most_bytes + 1  # it may grow meanwhile
+            raise PermissionError(errno.EPERM, "is writable by other users")
+        parts, left = [], max_bytes + 1  # the file may grow meanwhile
         while left and (part := os.read(descriptor, min(left, _CHUNK_BYTES))):
             parts.append(part)
             left -= len(part)
     finally:
         os.close(descriptor)
     if not left:
-        raise _too_large(most_bytes)
+        raise _too_large(max_bytes)
     return b"".join(parts)
 
 
-def read_text(path: Path, most_bytes: int) -> str:
-    """Return the content of a text file in UTF-8 as `read_regular` does; OSError also for what is no text."""
+def read_text(path: Path, max_bytes: int) -> str:
+    """Return the content of a UTF-8 text file as `read_regular` does; raise OSError for other encodings."""
     try:
-        return read_regular(path, most_bytes).decode("utf-8")
+        return read_regular(path, max_bytes).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise OSError(errno.EILSEQ, f"is no text in UTF-8: {error.reason} at byte {error.start}") from None
+        raise OSError(errno.EILSEQ, f"is not UTF-8 text: {error.reason} at byte {error.start}") from None
 
 
 def read_json(data: bytes) -> Any:
-    """Return JSON of bounded depth, with numbers that are finite and no larger than LARGEST; ValueError for other data.
+    """Return JSON with at most MAX_DEPTH levels and numbers up to MAX_NUMBER; raise ValueError for other data.
 
-    Characters that a terminal would act on are replaced by their escapes.
+    Control characters are replaced by their escapes.
     """
     try:
-        return _bounded(json.loads(data, parse_constant=float), MOST_DEPTH)
+        return _bounded(json.loads(data, parse_constant=float), MAX_DEPTH)
     except (RecursionError, OverflowError):
         raise ValueError("it is nested too deeply, or a number is too large") from None
 
@@ -103,8 +103,8 @@ def _bounded(value: Any, depth: int) -> Any:
         return [_bounded(part, depth - 1) for part in value]
     if isinstance(value, str):
         return _printable(value)
-    if isinstance(value, (int, float)) and not abs(value) <= LARGEST:
-        raise ValueError("a number is too large, or none")
+    if isinstance(value, (int, float)) and not abs(value) <= MAX_NUMBER:
+        raise ValueError("a number is too large or NaN")
     return value
 
 
@@ -112,16 +112,16 @@ def _printable(text: str) -> str:
     return text if text.isprintable() else ascii(text)[1:-1]
 
 
-def _check(status: os.stat_result, most_bytes: int | None) -> None:
+def _check(status: os.stat_result, max_bytes: int | None) -> None:
     kind = stat.S_IFMT(status.st_mode)
     if kind == stat.S_IFDIR:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if kind != stat.S_IFREG:
-        raise OSError(errno.EINVAL, f"{_KINDS.get(kind, 'is something else')}, no regular file")
-    if most_bytes is not None and status.st_size > most_bytes:
-        raise _too_large(most_bytes)
+        raise OSError(errno.EINVAL, f"{_KINDS.get(kind, 'is of another type')}, not a regular file")
+    if max_bytes is not None and status.st_size > max_bytes:
+        raise _too_large(max_bytes)
 
 
-def _too_large(most_bytes: int) -> OSError:
-    size = f"{most_bytes >> 20} MiB" if most_bytes >= 1 << 20 else f"{most_bytes >> 10} KiB"
+def _too_large(max_bytes: int) -> OSError:
+    size = f"{max_bytes >> 20} MiB" if max_bytes >= 1 << 20 else f"{max_bytes >> 10} KiB"
     return OSError(errno.EFBIG, f"is larger than {size}")

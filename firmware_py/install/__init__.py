@@ -1,1 +1,1 @@
-"""What makes a program on a computer a service of it: unit, user, device names, directories, and how they get there."""
+"""Installation as a systemd service: unit, user, device names, directories; updates on trial."""

@@ -1,10 +1,10 @@
-"""Which installation of the autopilot is in force: a link, and beside it what a trial of another one needs.
+"""The link to the installed program, and the files of a trial.
 
-`rambler` leads to the program of one environment; the service starts what it leads to. On trial there are, in the same
-directory, `.rambler.before`, a link to the program that was in force, and `.rambler.trial`, whose first line is the
-program on trial and which grows by a line with each start. What starts the service (templates/rambler.trial) counts,
-and after STARTS starts without a passed trial renames the first over `rambler` and the second to `.rambler.failed`.
-Each step is one rename, and whatever ends between two of them leaves a program that can be started.
+The service starts the program that the link `rambler` points to. During a trial the same directory contains
+`.rambler.before`, a link to the previous program, and `.rambler.trial`: its first line is the program on trial, each
+start appends a line. The start script (templates/rambler.trial) counts the lines. After STARTS starts without a passed
+trial it renames the first file to `rambler` and the second to `.rambler.failed`. Each step is one rename, so that an
+interruption between two steps leaves a program that can be started.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import msgspec
 from firmware_py.files.reading import read_regular
 
 STARTS: Final = 3
-TRIAL_S: Final = 120.0  # a run that has lived so long has passed
-UPDATE_FILE: Final = "update.state"  # in the state directory: which program has passed its trial
-_MOST_BYTES = 1 << 16
+TRIAL_S: Final = 120.0  # run time that passes the trial
+UPDATE_FILE: Final = "update.state"  # in the state directory: the program that has passed its trial
+_MAX_BYTES = 1 << 16
 
 
 class Trial(msgspec.Struct, frozen=True):
-    """A trial under way, or one that has failed: the program, and how often it was started."""
+    """A running or failed trial: the program and its number of starts."""
 
     program: Path
     starts: int
@@ -37,12 +37,12 @@ class Trial(msgspec.Struct, frozen=True):
 
 
 def passed_text(program: Path) -> str:
-    """Return what the state directory keeps of a trial that was passed; what starts the service looks for that line."""
+    """Return the line that records a passed trial in the state directory; the start script searches for it."""
     return f"passed {program}\n"
 
 
 class ProgramLink:
-    """The link to the program in force; every method that changes something raises OSError when it cannot."""
+    """The link to the installed program; methods that change files raise OSError on failure."""
 
     def __init__(self, path: Path) -> None:
         """Take the path of the link."""
@@ -52,44 +52,44 @@ class ProgramLink:
         )
 
     def target(self) -> Path | None:
-        """Return the program in force, None when there is no such link."""
+        """Return the installed program; None without a link."""
         return _target(self.path)
 
     def before(self) -> Path | None:
-        """Return the program that was in force before, None when there is none."""
+        """Return the previous program; None without one."""
         return _target(self._before)
 
     def trial(self) -> Trial | None:
-        """Return the trial under way of the program in force, None when there is none."""
+        """Return the running trial of the installed program; None without one."""
         trial = _read(self._trial)
         return trial if trial is not None and trial.program == self.target() else None
 
     def failed(self) -> Trial | None:
-        """Return the last trial that has failed, None when there is none since the last switch."""
+        """Return the failed trial since the last switch; None without one."""
         return _read(self._failed)
 
     def switch(self, program: Path) -> None:
-        """Put a program in force, on trial; the one before is what it returns to."""
+        """Install a program on trial; a failed trial returns to the present one."""
         before = self.target()
         if before is None:
-            raise FileNotFoundError(2, "is no link to a program", str(self.path))
+            raise FileNotFoundError(2, "is not a link to a program", str(self.path))
         for remnant in (self._failed, self._trial):
             remnant.unlink(missing_ok=True)
-        self._lead(self._before, before)
+        self._point(self._before, before)
         with self._new.open("wb") as file:
             file.write(f"{program}\n".encode())
             file.flush()
             os.fsync(file.fileno())
         self._new.replace(self._trial)
         self._sync()
-        self._lead(self.path, program)
+        self._point(self.path, program)
         self._sync()
 
     def end_trial(self) -> None:
-        """Let the program in force stay."""
+        """End the trial; the installed program stays."""
         self._trial.unlink(missing_ok=True)
 
-    def _lead(self, link: Path, target: Path) -> None:
+    def _point(self, link: Path, target: Path) -> None:
         self._new.unlink(missing_ok=True)
         self._new.symlink_to(target)
         self._new.replace(link)
@@ -111,7 +111,7 @@ def _target(link: Path) -> Path | None:
 
 def _read(path: Path) -> Trial | None:
     with contextlib.suppress(OSError, ValueError):
-        lines = read_regular(path, _MOST_BYTES, follow=False).decode("utf-8").splitlines()
+        lines = read_regular(path, _MAX_BYTES, follow=False).decode("utf-8").splitlines()
         if lines and lines[0].startswith("/"):
             return Trial(Path(lines[0]), len(lines) - 1)
     return None

@@ -1,7 +1,8 @@
-"""What a new environment must do before it is put in force, beside the autopilot that sails meanwhile.
+"""Checks of a new environment before it is installed, while the autopilot keeps running.
 
-Nothing here touches her devices, her links or her state: the new program works on a copy of the state directory, on
-ports that are not there, and in the box. Each check is a row; it returns what is told of it, or raises UpdateError.
+The checks use neither the devices nor the links nor the state of the boat: the new program works on a copy of the
+state directory, on ports that do not exist, and in simulation. Each returns a line for the operator or raises
+UpdateError.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ from firmware_py.install.service_files import UNIT
 from firmware_py.log.disk import log_files
 from firmware_py.system.state_directory import LOG_DIRECTORY, PARAMETER_FILE
 
-READY_S, LIFE_S, COMMAND_S, REPLAY_S, BOX_S = 60.0, 3.0, 120.0, 300.0, 600.0
+READY_S, ALIVE_S, COMMAND_S, REPLAY_S, BOX_S = 60.0, 3.0, 120.0, 300.0, 600.0
 BOX_GOALS, BOX_SECONDS, BOX_ERROR_DEG = "0:0,20:30", 320, 20.0
 _DIFFERS, _CANNOT = 1, 2  # exit codes of `rambler replay` and `rambler-hil`
-_MOST_STATE_BYTES, _MOST_VEHICLE_BYTES = 4 << 20, 1 << 20
+_MAX_STATE_BYTES, _MAX_VEHICLE_BYTES = 4 << 20, 1 << 20
 _IMPORT_ALL = (
     "import importlib, pkgutil, firmware_py\n"
     "for module in pkgutil.walk_packages(firmware_py.__path__, 'firmware_py.'):\n"
@@ -39,7 +40,7 @@ _IMPORT_ALL = (
 
 
 class Candidate(msgspec.Struct, frozen=True):
-    """What is checked: an environment of a bundle, for a vehicle file and a state directory; and where to work."""
+    """The environment of a bundle to check, with vehicle file, state directory and work directory."""
 
     environment: Environment
     bundle: Bundle
@@ -54,29 +55,29 @@ class Candidate(msgspec.Struct, frozen=True):
 
     @property
     def dry_vehicle(self) -> Path:
-        """Return the vehicle file with ports that are not there and without links."""
+        """Return the vehicle file with ports that do not exist and without links."""
         return self.work / "dry.toml"
 
 
 def self_check(candidate: Candidate) -> Iterator[str]:
-    """Do all checks and yield a line for each; UpdateError for the first that fails."""
+    """Run all checks and yield a line for each; raise UpdateError for the first that fails."""
     _copy_state(candidate.state, candidate.copy)
     candidate.dry_vehicle.write_text(dry_text(candidate.vehicle, candidate.work), encoding="utf-8")
     for name, check in CHECKS.items():
         try:
             yield f"{name}: {check(candidate)}"
         except subprocess.TimeoutExpired as error:
-            raise UpdateError(f"{name}: not done within {error.timeout:.0f} s") from None
+            raise UpdateError(f"{name}: not finished within {error.timeout:.0f} s") from None
 
 
 def dry_text(vehicle: Path, work: Path) -> str:
-    """Return a vehicle file's text with each port led into `work`, where there are none, and without links."""
+    """Return the text of a vehicle file without links and with ports in `work`, which do not exist."""
     try:
-        sections: dict[str, Any] = tomllib.loads(read_text(vehicle, _MOST_VEHICLE_BYTES))
+        sections: dict[str, Any] = tomllib.loads(read_text(vehicle, _MAX_VEHICLE_BYTES))
     except (OSError, ValueError) as error:
         raise UpdateError(f"vehicle file {vehicle}: {error}") from None
     sections.pop("link", None)
-    ports: dict[str, str] = {}  # two devices may hang on one
+    ports: dict[str, str] = {}  # two devices may share one
     lines = []
     for name, section in sections.items():
         if not isinstance(section, dict):
@@ -92,11 +93,11 @@ def dry_text(vehicle: Path, work: Path) -> str:
 
 
 def _copy_state(state: Path, copy: Path) -> None:
-    """Copy what is kept of earlier runs, the logs left out."""
+    """Copy the stored state without the logs."""
     copy.mkdir(mode=0o700)
     for path in sorted(state.glob("*.*.[01]")):
         try:
-            (copy / path.name).write_bytes(read_regular(path, _MOST_STATE_BYTES, follow=False))
+            (copy / path.name).write_bytes(read_regular(path, _MAX_STATE_BYTES, follow=False))
             (copy / path.name).chmod(0o600)
         except OSError as error:
             raise UpdateError(f"{path} cannot be copied: {error.strerror}") from None
@@ -104,31 +105,33 @@ def _copy_state(state: Path, copy: Path) -> None:
 
 def _imports(candidate: Candidate) -> str:
     python, program = str(candidate.environment.python), str(candidate.environment.program)
-    _good(_run([python, "-I", "-c", _IMPORT_ALL]), "it cannot be imported")
-    said = _good(_run([program, "--version"]), "it does not run").strip()
-    if said != f"rambler {candidate.bundle.title}":
-        raise UpdateError(f"it says that it is {said!r}, and its list {candidate.bundle.title!r}; make it anew")
-    return said
+    _output(_run([python, "-I", "-c", _IMPORT_ALL]), "the new version cannot be imported")
+    version = _output(_run([program, "--version"]), "the new version does not run").strip()
+    if version != f"rambler {candidate.bundle.title}":
+        raise UpdateError(
+            f"the program reports {version!r}, its bundle {candidate.bundle.title!r}; build the bundle again"
+        )
+    return version
 
 
 def _reads_state(candidate: Candidate) -> str:
-    """Have it read the vehicle file and the copy of the state; what hangs on ports is not looked at here."""
+    """Check that it reads the vehicle file and the copy of the state; ignore findings about ports."""
     words = ["check", str(candidate.dry_vehicle), "--state", str(candidate.copy), "--json"]
-    done = _run([str(candidate.environment.program), *words])
+    process = _run([str(candidate.environment.program), *words])
     try:
-        findings = json.loads(done.stdout)["findings"]
-        told = [finding for finding in findings if finding["subject"] in ("parameters", "state")]
-        wrong = [str(finding["text"]) for finding in told if finding["level"] == "fail"]
-        notes = [str(finding["text"]) for finding in told if finding["level"] == "warn"]
+        findings = json.loads(process.stdout)["findings"]
+        relevant = [finding for finding in findings if finding["subject"] in ("parameters", "state")]
+        errors = [str(finding["text"]) for finding in relevant if finding["level"] == "fail"]
+        notes = [str(finding["text"]) for finding in relevant if finding["level"] == "warn"]
     except (ValueError, KeyError, TypeError):
-        raise UpdateError(f"its preflight fails: {_last_line(done)}") from None
-    if wrong:
-        raise UpdateError(f"it cannot use the state: {wrong[0]}")
-    return "; ".join(notes) or "all of it is read"
+        raise UpdateError(f"the preflight check of the new version fails: {_last_line(process)}") from None
+    if errors:
+        raise UpdateError(f"the new version cannot use the state: {errors[0]}")
+    return "; ".join(notes) or "read completely"
 
 
 def _starts(candidate: Candidate) -> str:
-    """Start it without devices and wait until its loop is alive, as the service does, and for some time after."""
+    """Start it without devices and wait until its loop reports ready, and some time more."""
     address = f"\0rambler-update-{secrets.token_hex(8)}"
     words = [
         str(candidate.environment.program), "run", str(candidate.dry_vehicle), "--state", str(candidate.copy), "--wait",
@@ -136,14 +139,14 @@ def _starts(candidate: Candidate) -> str:
     ]  # fmt: skip
     environment = {**os.environ, "NOTIFY_SOCKET": "@" + address[1:]}
     log = candidate.work / "start.log"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard, log.open("wb") as output:
-        heard.bind(address)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notify_socket, log.open("wb") as output:
+        notify_socket.bind(address)
         begun_s = time.monotonic()
-        process = subprocess.Popen(words, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output)  # noqa: S603 - words of our own
+        process = subprocess.Popen(words, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output)  # noqa: S603 - fixed arguments
         try:
-            ready_s = _await_ready(process, heard, begun_s)
+            ready_s = _await_ready(process, notify_socket, begun_s)
             if ready_s is not None:
-                time.sleep(LIFE_S)
+                time.sleep(ALIVE_S)
             alive = ready_s is not None and process.poll() is None
             process.terminate()
             code = process.wait(COMMAND_S)
@@ -153,20 +156,20 @@ def _starts(candidate: Candidate) -> str:
             process.kill()
             process.wait()
     if not alive or code != 0:
-        last = (log.read_text(encoding="utf-8", errors="replace").strip().splitlines() or ["it says nothing"])[-1]
-        raise UpdateError(f"it does not start: {last[:300]}")
-    return f"its loop is alive after {ready_s:.1f} s"
+        last = (log.read_text(encoding="utf-8", errors="replace").strip().splitlines() or ["no output"])[-1]
+        raise UpdateError(f"the new version does not start: {last[:300]}")
+    return f"control loop ready after {ready_s:.1f} s"
 
 
-def _await_ready(process: subprocess.Popen[bytes], heard: socket.socket, begun_s: float) -> float | None:
+def _await_ready(process: subprocess.Popen[bytes], notify_socket: socket.socket, begun_s: float) -> float | None:
     while process.poll() is None and time.monotonic() < begun_s + READY_S:
-        if select.select([heard], [], [], 0.1)[0] and b"READY=1" in heard.recv(4096).splitlines():
+        if select.select([notify_socket], [], [], 0.1)[0] and b"READY=1" in notify_socket.recv(4096).splitlines():
             return time.monotonic() - begun_s
     return None
 
 
 def _sails_in_box(candidate: Candidate) -> str:
-    """Have it steer a stand-in of the boat, with her parameters and without her plans: the sea is another one."""
+    """Check that it steers a simulated boat with the parameters of this one, without its plans."""
     out, tuned = candidate.work / "box", candidate.work / "tuned"
     tuned.mkdir()
     for path in candidate.copy.glob(f"{PARAMETER_FILE}.[01]"):
@@ -175,40 +178,40 @@ def _sails_in_box(candidate: Candidate) -> str:
         "run", "tank", "--speed", "max", "--vehicle", str(candidate.vehicle), "--state", str(tuned),
         "--goal", BOX_GOALS, "--seconds", str(BOX_SECONDS), "--out", str(out),
     ]  # fmt: skip
-    done = _run([str(candidate.environment.path / "bin" / "rambler-hil"), *words], BOX_S)
-    if done.returncode == _CANNOT:
-        return f"not tried: {_last_line(done)}"
-    _good(done, "it does not sail in the box")
+    process = _run([str(candidate.environment.path / "bin" / "rambler-hil"), *words], BOX_S)
+    if process.returncode == _CANNOT:
+        return f"not checked: {_last_line(process)}"
+    _output(process, "the new version fails in simulation")
     try:
         last = json.loads((out / "summary.json").read_text(encoding="utf-8"))["goals"][-1]
         error_deg = max(abs(float(last["mean_error_deg"])), float(last["rms_error_deg"]))
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
-        raise UpdateError(f"it leaves no figures of its run in the box: {error}") from None
+        raise UpdateError(f"no results of the simulation: {error}") from None
     if not error_deg < BOX_ERROR_DEG:
-        raise UpdateError(f"in the box it is {error_deg:.0f} deg off its heading")
-    return f"it holds its heading to {error_deg:.1f} deg (rms)"
+        raise UpdateError(f"heading error of {error_deg:.0f} deg in simulation")
+    return f"heading error {error_deg:.1f} deg (rms)"
 
 
 def _replays(candidate: Candidate) -> str:
-    """Have it compute the newest log anew; one that another version wrote may come out otherwise, which is told."""
+    """Replay the newest complete log; report a difference, which is expected for a log of another version."""
     directory = candidate.state / LOG_DIRECTORY
     logs = log_files(directory) if directory.is_dir() else {}
     if not logs:
-        return "there is no log"
-    log = logs[sorted(logs)[-2:][0]]  # the newest one of all may still be written
+        return "no log"
+    log = logs[sorted(logs)[-2:][0]]  # the last one may still be written
     try:
-        done = _run([str(candidate.environment.program), "replay", str(log)], REPLAY_S)
+        process = _run([str(candidate.environment.program), "replay", str(log)], REPLAY_S)
     except subprocess.TimeoutExpired:
-        return f"{log.name} not done within {REPLAY_S:.0f} s, left"
-    if done.returncode == _CANNOT:
-        return f"{log.name}: {_last_line(done)}"
-    if done.returncode == _DIFFERS and (lines := done.stdout.splitlines()):
+        return f"{log.name} not finished within {REPLAY_S:.0f} s, skipped"
+    if process.returncode == _CANNOT:
+        return f"{log.name}: {_last_line(process)}"
+    if process.returncode == _DIFFERS and (lines := process.stdout.splitlines()):
         differ = [line for line in lines if "differ" in line]
         if not differ:
-            return f"{log.name} is not whole: {'; '.join(lines[:-1])}"
-        return f"it would have steered otherwise: {log.name}, {differ[0]}"
-    _good(done, f"it cannot replay {log.name}")
-    return f"{log.name} comes out the same, bit for bit"
+            return f"{log.name} is incomplete: {'; '.join(lines[:-1])}"
+        return f"the new version steers differently: {log.name}, {differ[0]}"
+    _output(process, f"the new version cannot replay {log.name}")
+    return f"{log.name} bit-identical"
 
 
 CHECKS: Mapping[str, Callable[[Candidate], str]] = {
@@ -221,32 +224,32 @@ CHECKS: Mapping[str, Callable[[Candidate], str]] = {
 
 
 def printed_unit(program: Path, words: Sequence[str]) -> str | None:
-    """Return the unit that a program prints for a service, None when it prints none."""
-    head, between = f"# {UNIT}\n", "\n\n# /"
+    """Return the unit that a program prints for a service; None if it prints none."""
+    header, separator = f"# {UNIT}\n", "\n\n# /"
     try:
-        done = _run([str(program), "service", "print", *words])
+        process = _run([str(program), "service", "print", *words])
     except (UpdateError, subprocess.TimeoutExpired):
         return None
-    unit, found, _ = done.stdout.removeprefix(head).partition(between)
-    return f"{unit}\n" if done.returncode == 0 and done.stdout.startswith(head) and found else None
+    unit, found, _ = process.stdout.removeprefix(header).partition(separator)
+    return f"{unit}\n" if process.returncode == 0 and process.stdout.startswith(header) and found else None
 
 
-def _run(words: Sequence[str], patience_s: float = COMMAND_S) -> subprocess.CompletedProcess[str]:
+def _run(words: Sequence[str], timeout_s: float = COMMAND_S) -> subprocess.CompletedProcess[str]:
     try:
-        return subprocess.run(  # noqa: S603 - words of our own
-            words, capture_output=True, text=True, errors="replace", timeout=patience_s, check=False,
+        return subprocess.run(  # noqa: S603 - fixed arguments
+            words, capture_output=True, text=True, errors="replace", timeout=timeout_s, check=False,
             stdin=subprocess.DEVNULL,
         )  # fmt: skip
     except OSError as error:
         raise UpdateError(f"{words[0]} cannot be run: {error.strerror}") from None
 
 
-def _good(done: subprocess.CompletedProcess[str], wrong: str) -> str:
-    if done.returncode != 0:
-        raise UpdateError(f"{wrong}: {_last_line(done)}")
-    return done.stdout
+def _output(process: subprocess.CompletedProcess[str], error: str) -> str:
+    if process.returncode != 0:
+        raise UpdateError(f"{error}: {_last_line(process)}")
+    return process.stdout
 
 
-def _last_line(done: subprocess.CompletedProcess[str]) -> str:
-    lines = (done.stderr or done.stdout).strip().splitlines()
-    return lines[-1][:300] if lines else f"exit code {done.returncode}"
+def _last_line(process: subprocess.CompletedProcess[str]) -> str:
+    lines = (process.stderr or process.stdout).strip().splitlines()
+    return lines[-1][:300] if lines else f"exit code {process.returncode}"

@@ -1,4 +1,4 @@
-"""The files of the service, as text with their places: systemd's unit, udev's rules, its user and its directory."""
+"""Paths and texts of the service files: systemd unit, udev rules, user and directory."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from firmware_py import ROOT
 from firmware_py.install.program_link import STARTS
 
 NAME = "rambler"
-PAGE = "rambler-view"  # the page of the boat under way, a service of its own
+PAGE = "rambler-view"  # the service of the live page
 STATE = Path("/var/lib/rambler")
 UNIT = Path("/etc/systemd/system/rambler.service")
 PAGE_UNIT = Path("/etc/systemd/system/rambler-view.service")
 TRIAL = Path("/usr/local/lib/rambler/trial")
-# What is for nobody but its user, or away for a service that is kept from it (ProtectHome, PrivateTmp).
-HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/tmp")))  # noqa: S108 - they are refused
+# Directories that the service cannot see (ProtectHome, PrivateTmp).
+HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/tmp")))  # noqa: S108 - these are refused
 _TEMPLATES = Path(__file__).parent / "templates"
-# Of a checkout, and of a built package (pyproject.toml).
+# In a checkout, and in an installed package (pyproject.toml).
 _PARAMS = (ROOT / "params", Path(__file__).parents[1] / "params")
 
 
 class Page(msgspec.Struct, frozen=True):
-    """Where browsers find the page of the boat under way, and the file with the token that it asks for, if any."""
+    """Address of the live page, and its token file if there is one."""
 
     listen: str
     token: Path | None = None
 
 
 class Service(msgspec.Struct, frozen=True):
-    """What the service runs: the program, the vehicle file, the state directory; watchdog device and page, if any."""
+    """Program, vehicle file and state directory of the service; watchdog device and live page if there are any."""
 
     program: tuple[str, ...]
     vehicle: Path
@@ -40,14 +40,14 @@ class Service(msgspec.Struct, frozen=True):
 
 
 class ServiceFile(msgspec.Struct, frozen=True):
-    """One file: its place and its text."""
+    """One file: path and text."""
 
     path: Path
     text: str
 
 
 def service_files(service: Service) -> tuple[ServiceFile, ...]:
-    """Return all of them, the unit first."""
+    """Return all files, the unit first."""
     page = () if service.page is None else (ServiceFile(PAGE_UNIT, page_unit_text(service, service.page)),)
     return (
         ServiceFile(UNIT, unit_text(service)),
@@ -59,19 +59,19 @@ def service_files(service: Service) -> tuple[ServiceFile, ...]:
     )
 
 
-def file_places() -> tuple[Path, ...]:
-    """Return where they are."""
+def file_paths() -> tuple[Path, ...]:
+    """Return the paths of all files."""
     return tuple(file.path for file in service_files(Service((), Path("/"), page=Page(""))))
 
 
 def unit_text(service: Service) -> str:
-    """Return the unit."""
+    """Return the text of the unit."""
     words = [*service.program, "run", str(service.vehicle), "--state", str(service.state), "--wait"]
     watchdog = ""
     if service.watchdog is not None:
         words += ["--watchdog", str(service.watchdog)]
         watchdog = f"DeviceAllow={_specifiers_escaped(str(service.watchdog))} rw\n"
-    # Where it is not there at the start, it is taken up when it comes.
+    # The leading `-`: the directory may appear after the start.
     elsewhere = service.state != STATE and STATE not in service.state.parents
     writable = f"ReadWritePaths={_quoted(_specifiers_escaped(f'-{service.state}'))}\n" if elsewhere else ""
     text = _template("rambler.service")
@@ -86,7 +86,7 @@ def unit_text(service: Service) -> str:
 
 
 def page_unit_text(service: Service, page: Page) -> str:
-    """Return the unit of the page; its token stays with root, and is handed over at each start."""
+    """Return the unit of the live page; systemd passes the token, which only root can read, at each start."""
     words = [*service.program, "view", "--state", str(service.state), "--listen", page.listen]
     token, credential = "", ""
     if page.token is not None:
@@ -100,17 +100,17 @@ def trial_text() -> str:
     return _template("rambler.trial").replace("@STARTS@", str(STARTS))
 
 
-def hidden(path: Path) -> bool:
-    """Whether the service could not see a path."""
-    return any(place == path or place in path.parents for place in HIDDEN)
+def is_hidden(path: Path) -> bool:
+    """Return whether a path is invisible to the service."""
+    return any(directory == path or directory in path.parents for directory in HIDDEN)
 
 
 def example(name: str) -> Path:
-    """Return an example or a page that comes with the program; OSError when it is not there."""
+    """Return the path of an example or page of the package; raise OSError if it is missing."""
     for folder in _PARAMS:
         if (folder / name).is_file():
             return folder / name
-    raise FileNotFoundError(2, "is not in this installation; install it anew", name)
+    raise FileNotFoundError(2, "is missing in this installation; reinstall", name)
 
 
 def _template(name: str) -> str:
@@ -118,7 +118,7 @@ def _template(name: str) -> str:
 
 
 def _command(words: list[str]) -> str:
-    """Return a command line as systemd reads it (systemd.service(5), Command lines)."""
+    """Return a command line in the syntax of systemd.service(5)."""
     return " ".join(_word(word) for word in words)
 
 

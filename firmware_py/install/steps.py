@@ -1,4 +1,4 @@
-"""Puts the files of the service where the system looks for them, has it take them up, and takes them away again."""
+"""Installs and removes the files of the service."""
 
 from __future__ import annotations
 
@@ -16,51 +16,51 @@ from firmware_py.install.service_files import (
     STATE,
     Service,
     ServiceFile,
-    file_places,
-    hidden,
+    file_paths,
+    is_hidden,
     service_files,
 )
 
 _MODE = 0o644
-_RUNNING = Path("/run/systemd/system")  # is there where systemd runs: sd_booted(3)
+_RUNNING = Path("/run/systemd/system")  # exists if systemd runs: sd_booted(3)
 _FIRST_ROOT = Path("/proc/1/root")
 _SYSTEMD = (Path("/usr/lib/systemd/systemd"), Path("/lib/systemd/systemd"))
-_PATIENCE_S = 120.0
+_TIMEOUT_S = 120.0
 Say = Callable[[str], None]
 
 
 class InstallError(RuntimeError):
-    """The service cannot be installed or removed; the text names what is in the way and the remedy."""
+    """The service cannot be installed or removed; the text names the reason and the remedy."""
 
 
 def check(service: Service, root: Path) -> None:
-    """Raise InstallError for what would keep the service from being installed or from starting on this computer."""
+    """Raise InstallError if the service could not be installed or could not start on this computer."""
     _check_systemd(root)
     for what, path in (("vehicle file", service.vehicle), ("program", Path(service.program[0]))):
-        if hidden(path):
-            raise InstallError(f"{what} {path}: a service does not see that place; put it under /etc or /opt")
+        if is_hidden(path):
+            raise InstallError(f"{what} {path}: not visible to a service; move it to /etc or /opt")
         if root == Path("/") and (closed := _closed_to_others(path)) is not None:
-            raise InstallError(f"{what} {path}: user {NAME} may not read {closed}; chmod o+rX {closed}")
+            raise InstallError(f"{what} {path}: user {NAME} cannot read {closed}; chmod o+rX {closed}")
     if service.page is not None and service.page.token is not None and not _below(root, service.page.token).is_file():
-        raise InstallError(f"token file {service.page.token}: is not there; make one: openssl rand -hex 16")
-    if not service.state.is_absolute() or hidden(service.state):
-        raise InstallError(f"state directory {service.state}: a service does not see that place; leave --state out")
+        raise InstallError(f"token file {service.page.token}: does not exist; create it: openssl rand -hex 16")
+    if not service.state.is_absolute() or is_hidden(service.state):
+        raise InstallError(f"state directory {service.state}: not visible to a service; omit --state")
 
 
 def _check_systemd(root: Path) -> None:
-    """Raise InstallError where there is no systemd, before anything is written there."""
+    """Raise InstallError without systemd, before anything is written."""
     if root == Path("/"):
         if not (_RUNNING.is_dir() or _in_chroot()):
-            raise InstallError("systemd does not run here, and the service needs it; for an image give --root")
+            raise InstallError("systemd does not run here, but the service needs it; for a system image use --root")
     elif not any(_below(root, path).exists() for path in _SYSTEMD):
-        raise InstallError(f"--root {root}: there is no systemd in it, which the service needs")
+        raise InstallError(f"--root {root}: no systemd found, which the service needs")
     for name in ("systemctl", "systemd-sysusers", *(["systemd-tmpfiles"] if root == Path("/") else [])):
         if shutil.which(name) is None:
-            raise InstallError(f"{name} is not on this computer: the service needs systemd")
+            raise InstallError(f"{name} not found; the service needs systemd")
 
 
 def _in_chroot() -> bool:
-    """Whether an image is being made from inside, where nothing is to be started."""
+    """Return whether this runs in a chroot, where no service is started."""
     try:
         return not _FIRST_ROOT.samefile("/")
     except OSError:
@@ -68,7 +68,7 @@ def _in_chroot() -> bool:
 
 
 def install(service: Service, root: Path, say: Say) -> None:
-    """Write the files and have the system take them up; it starts with the computer from then on, and not before."""
+    """Write the files and enable the service; it starts with the computer, not now."""
     for file in service_files(service):
         say(_write(file, root))
     if root == Path("/"):
@@ -84,8 +84,8 @@ def install(service: Service, root: Path, say: Say) -> None:
 
 
 def remove(root: Path, say: Say) -> None:
-    """Stop the service and remove its files; state, user and vehicle file stay."""
-    present = [path for path in file_places() if _below(root, path).exists()]
+    """Stop the service and remove its files; keep state, user and vehicle file."""
+    present = [path for path in file_paths() if _below(root, path).exists()]
     if not present:
         say("the service is not installed")
         return
@@ -100,19 +100,19 @@ def remove(root: Path, say: Say) -> None:
 
 
 def run(words: Sequence[str]) -> str:
-    """Run a program of the system and return what it prints; InstallError with its last line when it fails."""
+    """Run a system program and return its output; raise InstallError with its last line if it fails."""
     try:
-        done = subprocess.run(  # noqa: S603 - words of our own
-            words, capture_output=True, text=True, timeout=_PATIENCE_S, check=False, errors="replace"
+        process = subprocess.run(  # noqa: S603 - fixed arguments
+            words, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False, errors="replace"
         )
     except FileNotFoundError:
-        raise InstallError(f"{words[0]} is not on this computer: the service needs systemd") from None
+        raise InstallError(f"{words[0]} not found; the service needs systemd") from None
     except (OSError, subprocess.SubprocessError) as error:
         raise InstallError(f"{words[0]}: {error}") from None
-    if done.returncode != 0:
-        said = (done.stderr or done.stdout).strip().splitlines() or [f"exit code {done.returncode}"]
-        raise InstallError(f"{' '.join(words)}: {said[-1]}")
-    return done.stdout
+    if process.returncode != 0:
+        lines = (process.stderr or process.stdout).strip().splitlines() or [f"exit code {process.returncode}"]
+        raise InstallError(f"{' '.join(words)}: {lines[-1]}")
+    return process.stdout
 
 
 def _systemctl(root: Path) -> list[str]:
@@ -124,7 +124,7 @@ def _below(root: Path, path: Path) -> Path:
 
 
 def _write(file: ServiceFile, root: Path) -> str:
-    """Write a file as a whole or not at all; return what was done."""
+    """Write a file by a rename; return a line for the operator."""
     path = _below(root, file.path)
     new = path.with_name(f".{path.name}.new")
     try:
@@ -135,25 +135,25 @@ def _write(file: ServiceFile, root: Path) -> str:
         new.chmod(_MODE)
         new.replace(path)
     except OSError as error:
-        elsewhere = "make it writable" if root == Path("/") else "give another --root"
+        elsewhere = "make it writable" if root == Path("/") else "use another --root"
         remedy = "run it as root (sudo)" if isinstance(error, PermissionError) else elsewhere
         raise InstallError(f"{path}: {error.strerror}; {remedy}") from None
     return f"wrote {file.path}"
 
 
 def _closed_to_others(path: Path) -> Path | None:
-    """Return what of a path others may not read or pass, None when they may all of it."""
-    for place in (path, *path.parents):
-        wanted = stat.S_IXOTH if place.is_dir() else stat.S_IROTH
+    """Return the part of a path that others cannot read or enter, None if there is none."""
+    for part in (path, *path.parents):
+        needed = stat.S_IXOTH if part.is_dir() else stat.S_IROTH
         try:
-            mode = place.stat().st_mode
+            mode = part.stat().st_mode
         except OSError:
-            return place
-        if not mode & wanted:
-            return place
+            return part
+        if not mode & needed:
+            return part
     return None
 
 
 def may_change_system() -> bool:
-    """Whether this process may change the system."""
+    """Return whether this process may change the system."""
     return os.geteuid() == 0

@@ -1,4 +1,4 @@
-"""Reads what the unit of the service runs, as systemd does: with the drop-ins that somebody has laid over it."""
+"""Reads the command of the service unit and its drop-ins, as systemd does."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from firmware_py.install.bundle import UpdateError
 from firmware_py.install.program_link import ProgramLink
 from firmware_py.install.service_files import TRIAL, UNIT
 
-# A drop-in of an earlier one of these hides one of the same name in a later one (systemd.unit(5)).
+# A drop-in in an earlier directory hides one of the same name in a later one (systemd.unit(5)).
 _PLACES = tuple(
     map(
         Path, ("/etc/systemd/system", "/run/systemd/system", "/usr/local/lib/systemd/system", "/usr/lib/systemd/system")
     )
 )
-_MOST_BYTES = 1 << 18
-_PREFIXES = "-+!:@"  # of a command: what systemd does about it (systemd.service(5), Command lines)
+_MAX_BYTES = 1 << 18
+_PREFIXES = "-+!:@"  # of a command (systemd.service(5))
 
 
 class Installation(msgspec.Struct, frozen=True):
-    """What the unit of the service runs: the link to the program, the vehicle file and the state directory."""
+    """Link to the program, vehicle file and state directory of the service."""
 
     link: ProgramLink
     vehicle: Path
@@ -37,55 +37,55 @@ class Installation(msgspec.Struct, frozen=True):
 
     @property
     def service_words(self) -> list[str]:
-        """Return what `rambler service print` or `install` is to be told."""
+        """Return the arguments for `rambler service print` or `install`."""
         watchdog = [] if self.watchdog is None else ["--watchdog", str(self.watchdog)]
         return [str(self.vehicle), "--state", str(self.state), *watchdog]
 
 
 def installation_of(unit: Path) -> Installation:
-    """Read what a unit runs; UpdateError when it is not there, or of a version that knows no trials.
+    """Read a unit and its drop-ins; raise UpdateError if it is missing or from a version without trials.
 
-    The starts of a trial are counted for one link and one state: with others in a drop-in, which is its blocked_reason,
-    every update would be taken back.
+    The starts of a trial are counted for one link and one state: with others in a drop-in
+    every update would be rolled back, so that `blocked_reason` is set.
     """
     try:
-        text = read_text(unit, _MOST_BYTES)
+        text = read_text(unit, _MAX_BYTES)
     except OSError as error:
-        raise UpdateError(f"{unit}: {error.strerror}; only a service is updated: rambler service install") from None
+        raise UpdateError(f"{unit}: {error.strerror}; only a service can be updated: rambler service install") from None
     commands: dict[str, list[tuple[Path, str]]] = {"ExecStart": [], "ExecStartPre": []}
     for path in (unit, *_drop_ins(unit)):
         for name, value in _settings(path):
             if name in commands:
-                commands[name] = [*commands[name], (path, value)] if value else []  # an empty one begins anew
+                commands[name] = [*commands[name], (path, value)] if value else []  # an empty value resets the list
     where, command = commands["ExecStart"][-1] if commands["ExecStart"] else (unit, "")
     words = _words(command)
     counting = [_words(value) for _, value in commands["ExecStartPre"] if f"{TRIAL.parent.name}/{TRIAL.name}" in value]
     if not counting or len(counting[-1]) != 4 or words[1:2] != ["run"] or "--state" not in words[:-1]:
-        raise UpdateError(f"{where} is of a version before or not ours: repeat rambler service install VEHICLE.toml")
+        raise UpdateError(f"{where} is not a current unit of rambler; repeat rambler service install VEHICLE.toml")
     link, state = words[0], words[words.index("--state") + 1]
     blocked_reason = ""
     if (counted := counting[-1][2:]) != [link, state]:
         blocked_reason = (
-            f"{where} runs {link} on {state}, and the starts of a trial are counted for {' on '.join(counted)}: "
-            "take it away, and name them by rambler service install VEHICLE.toml (--state, --program)"
+            f"{where} runs {link} on {state}, but the starts of a trial are counted for {' on '.join(counted)}; "
+            "remove that file, and use rambler service install VEHICLE.toml (--state, --program)"
         )
     watchdog = Path(words[words.index("--watchdog") + 1]) if "--watchdog" in words[:-1] else None
     return Installation(ProgramLink(Path(link)), Path(words[2]), Path(state), watchdog, text, blocked_reason)
 
 
 def _drop_ins(unit: Path) -> list[Path]:
-    """Return the drop-ins of a unit in the order in which they count."""
+    """Return the drop-ins of a unit in the order of systemd."""
     places = _PLACES if unit.parent == UNIT.parent else (unit.parent,)
     found: dict[str, Path] = {}
     for place in reversed(places):
         found |= {path.name: path for path in (place / f"{unit.name}.d").glob("*.conf")}
-    return [found[name] for name in sorted(found) if os.path.realpath(found[name]) != os.devnull]  # hidden by that
+    return [found[name] for name in sorted(found) if os.path.realpath(found[name]) != os.devnull]  # masked
 
 
 def _settings(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the settings of a unit's file; UpdateError when it cannot be read."""
+    """Yield the settings of a unit file; raise UpdateError if it cannot be read."""
     try:
-        lines = iter(read_text(path, _MOST_BYTES).splitlines())
+        lines = iter(read_text(path, _MAX_BYTES).splitlines())
     except OSError as error:
         raise UpdateError(f"{path}: {error.strerror}") from None
     for line in lines:
@@ -98,7 +98,7 @@ def _settings(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def _words(command: str) -> list[str]:
-    """Return the words of a command; none where systemd would put something in (%i, $NAME), or quotes do not end."""
+    """Return the words of a command; empty if systemd would expand it (%i, $NAME) or a quote is not closed."""
     words: list[str] = []
     with suppress(ValueError):
         words = shlex.split(command.lstrip(_PREFIXES))

@@ -13,16 +13,16 @@ from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from firmware_py.files.making import FILE_MODE, sync_directory
 from firmware_py.files.packed import (
     BLOCK_BYTES,
-    MOST_BLOCKS,
+    MAX_BLOCKS,
     PackedFile,
+    complete_members,
     pack_block,
     pack_index,
     packed_path,
-    whole_members,
 )
+from firmware_py.files.writing import FILE_MODE, sync_directory
 from firmware_py.log.disk import part_path
 
 BLOCKS_PER_SYNC: Final = 16
@@ -87,7 +87,7 @@ def archive_log(path: Path) -> Iterator[None]:
 
 def archive_spans(source: Spans, packed: Path, modified_s: float) -> Iterator[None]:
     """Compress a source into a file that appears complete and on disk, or not at all; raises OSError."""
-    if source.size > MOST_BLOCKS * BLOCK_BYTES:
+    if source.size > MAX_BLOCKS * BLOCK_BYTES:
         raise OSError(errno.EFBIG, "too large to be compressed")
     part = part_path(packed)
     with contextlib.ExitStack() as opened:
@@ -107,7 +107,7 @@ def archive_spans(source: Spans, packed: Path, modified_s: float) -> Iterator[No
 
 def _fill(source: Spans, target: int) -> Iterator[None]:
     """Append all members that are missing, then the index."""
-    members = whole_members(target)[: source.size // BLOCK_BYTES]
+    members = complete_members(target)[: source.size // BLOCK_BYTES]
     end = sum(members)
     os.ftruncate(target, end)
     while block := source.read(len(members) * BLOCK_BYTES, BLOCK_BYTES):

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from firmware_py.files.making import DIRECTORY_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX
+from firmware_py.files.writing import DIRECTORY_MODE, sync_directory
 from firmware_py.log import schema
 from firmware_py.log.archive import Span, Spans, archive_spans
 from firmware_py.log.dataflash import HEAD_BYTES, MARK, Format

@@ -19,8 +19,8 @@ from typing import Final, Protocol
 import msgspec
 
 from firmware_py.common.calendar import is_possible
-from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX, packed_path
+from firmware_py.files.writing import DIRECTORY_MODE, FILE_MODE, sync_directory
 
 NAME = re.compile(r"([0-9]{8,15})\.BIN(\.gz)?")  # a file with a longer number is not a log of this program
 _BOX_NAME = re.compile(r"([0-9]{8,15})-(end|[0-9]{1,15})\.")  # of black_box.box_path

@@ -30,11 +30,11 @@ def open_buffer(path: Path) -> Iterator[Buffer]:
     damaged block is skipped.
     """
     try:
-        file = os.fdopen(open_regular(path, most_bytes=MAX_LOG_BYTES), "rb")
+        file = os.fdopen(open_regular(path, max_bytes=MAX_LOG_BYTES), "rb")
     except FileNotFoundError:
         if not packed_path(path).is_file():
             raise
-        file = os.fdopen(open_regular(packed_path(path), most_bytes=MAX_LOG_BYTES), "rb")
+        file = os.fdopen(open_regular(packed_path(path), max_bytes=MAX_LOG_BYTES), "rb")
     with contextlib.ExitStack() as opened:
         plain: IO[bytes] = opened.enter_context(file)
         if file.peek(len(_GZIP))[: len(_GZIP)] == _GZIP:

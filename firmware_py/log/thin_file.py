@@ -8,8 +8,8 @@ from collections import deque
 from pathlib import Path
 from typing import Final
 
-from firmware_py.files.making import DIRECTORY_MODE
 from firmware_py.files.reading import open_regular
+from firmware_py.files.writing import DIRECTORY_MODE
 from firmware_py.log.dataflash import whole_bytes
 from firmware_py.log.disk import THIN, LocalDisk, log_files
 

@@ -11,8 +11,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from firmware_py.files.making import FILE_MODE, make_directory, set_aside
 from firmware_py.files.reading import UNFIT, open_regular
+from firmware_py.files.writing import FILE_MODE, make_directory, set_aside
 
 LOCK_FILE = "lock"
 

@@ -21,8 +21,8 @@ import msgspec
 from msgspec.structs import replace
 
 from firmware_py.common import record_codec
-from firmware_py.files.making import FILE_MODE
 from firmware_py.files.reading import read_regular
+from firmware_py.files.writing import FILE_MODE
 
 ENDED_FILE, REASON_FILE, TRACEBACK_FILE = "ended", "last-words", "traceback"
 ENDINGS_FILE: Final = "endings.record"

@@ -23,8 +23,8 @@ from pathlib import Path
 import msgspec
 
 from firmware_py.common.records import Stored
-from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, set_aside, sync_directory, write_whole
 from firmware_py.files.reading import UNFIT, open_regular, read_regular
+from firmware_py.files.writing import FILE_MODE, PRIVATE_MODE, set_aside, sync_directory, write_atomically
 from firmware_py.system.state_export import KEY_ENDING, RECORD_ENDING, BrokenExportError, largest_bytes, pending_import
 
 SLOTS = (0, 1)
@@ -109,14 +109,14 @@ def earlier_slots(directory: Path, name: str) -> list[Path]:
 
 
 def _read_slots(directory: Path, name: str, owner_uid: int | None) -> tuple[_Slot, ...]:
-    most_bytes = largest_bytes(name)
-    return tuple(_read_slot(slot_path(directory, name, slot), slot, most_bytes, owner_uid) for slot in SLOTS)
+    max_bytes = largest_bytes(name)
+    return tuple(_read_slot(slot_path(directory, name, slot), slot, max_bytes, owner_uid) for slot in SLOTS)
 
 
-def _read_slot(path: Path, number: int, most_bytes: int, owner_uid: int | None) -> _Slot:
+def _read_slot(path: Path, number: int, max_bytes: int, owner_uid: int | None) -> _Slot:
     try:
         stranger_uid = None if owner_uid in (None, (uid := path.lstat().st_uid)) else uid
-        data = b"" if stranger_uid is not None else read_regular(path, most_bytes, follow=False)
+        data = b"" if stranger_uid is not None else read_regular(path, max_bytes, follow=False)
     except (FileNotFoundError, NotADirectoryError):  # the latter is the directory's fault, which is told as such
         return _Slot(number, Condition.ABSENT)
     except OSError as error:
@@ -156,7 +156,7 @@ def _make_fit_for_secret(path: Path) -> None:
         return
     if stat.S_ISDIR(status.st_mode):
         set_aside(path)
-    write_whole(path, b"", PRIVATE_MODE)
+    write_atomically(path, b"", PRIVATE_MODE)
 
 
 def _in_blocks(count: int) -> int:
@@ -307,14 +307,14 @@ class SlotWriter:
         if name in self._private:
             _make_fit_for_secret(path)
         self._named |= not path.exists()
-        flags, most_bytes = os.O_RDWR | os.O_CREAT, largest_bytes(name)
+        flags, max_bytes = os.O_RDWR | os.O_CREAT, largest_bytes(name)
         try:
-            descriptor = open_regular(path, flags=flags, mode=mode, follow=False, most_bytes=most_bytes)
+            descriptor = open_regular(path, flags=flags, mode=mode, follow=False, max_bytes=max_bytes)
         except OSError as error:
             if error.errno not in UNFIT:
                 raise
             set_aside(path)
-            descriptor = open_regular(path, flags=flags, mode=mode, follow=False, most_bytes=most_bytes)
+            descriptor = open_regular(path, flags=flags, mode=mode, follow=False, max_bytes=max_bytes)
         self._files[name, slot] = descriptor
         return descriptor, os.fstat(descriptor).st_size
 

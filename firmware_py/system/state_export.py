@@ -20,8 +20,8 @@ from typing import Final
 
 import msgspec
 
-from firmware_py.files.making import PRIVATE_MODE, set_aside, sync_directory, write_whole
 from firmware_py.files.reading import UNFIT, read_regular
+from firmware_py.files.writing import PRIVATE_MODE, set_aside, sync_directory, write_atomically
 
 RECORD_ENDING: Final = ".record"  # of what this program alone writes and reads; everything else is text
 FORMAT: Final = 2  # 1: the records were texts, too
@@ -97,7 +97,7 @@ def begin_import(directory: Path, export: Export) -> None:
     """
     path = directory / PENDING_IMPORT
     try:
-        write_whole(path, pack(export), PRIVATE_MODE)
+        write_atomically(path, pack(export), PRIVATE_MODE)
     except OSError as error:
         try:
             with contextlib.suppress(FileNotFoundError):

@@ -20,8 +20,8 @@ from typing import Any
 
 import msgspec
 
-from firmware_py.files.making import write_whole
 from firmware_py.files.reading import read_json, read_regular
+from firmware_py.files.writing import write_atomically
 
 # The first is made by a service manager or a tmpfiles line and the second is on every Linux; whatever is not memory is
 # passed over.
@@ -85,7 +85,7 @@ class StatusFile:
         if self._path is None or not self._path.parent.is_dir():
             self._path = self._choose()
         # Made anew each time, and never through a link or into a file of somebody else who may write there, too.
-        write_whole(self._path, content)
+        write_atomically(self._path, content)
 
     def remove(self) -> None:
         """Say nothing any more."""

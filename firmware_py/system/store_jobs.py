@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from firmware_py.files.making import set_aside
+from firmware_py.files.writing import set_aside
 from firmware_py.system.directory_lock import StoreError
 from firmware_py.system.slots import SlotWriter, is_secret
 from firmware_py.system.state_export import (

@@ -174,7 +174,7 @@ def test_real_bundles_forward_and_back_and_one_that_fails(updated_boat, whole_bu
     better = other_version(tmp_path, whole_bundle, "97.0.0", same)
     code, said = boat.update(better)
     assert (code, boat.version()) == (2, ours)
-    assert "she is armed" in said
+    assert "the boat is armed" in said
     boat.steers()
     for version, words in (
         ("97.0.0", (better, "--armed")),
@@ -185,11 +185,11 @@ def test_real_bundles_forward_and_back_and_one_that_fails(updated_boat, whole_bu
         boat.steers()
     code, said = boat.update(other_version(tmp_path, whole_bundle, "98.0.0", cannot_be_imported), "--armed")
     assert (code, boat.version()) == (2, "97.0.0")
-    assert "it cannot be imported: ImportError: no step" in said
+    assert "the new version cannot be imported: ImportError: no step" in said
     boat.steers()
     code, said = boat.update(other_version(tmp_path, whole_bundle, "99.0.0", dies_as_a_service), "--armed")
     assert (code, boat.version()) == (1, "97.0.0")
-    assert "taken back: rambler-99.0.0-" in said
+    assert "rolled back: rambler-99.0.0-" in said
     boat.steers()
     words = boat.service.log.read_text()
     assert "On trial: rambler-97.0.0-" in words
@@ -231,7 +231,7 @@ def test_a_disk_that_is_full_or_gets_full_under_way(updated_boat, whole_bundle, 
     """The environments are on a disk of their own, which is too small, or is filled while pip works."""
     boat, better = updated_boat, other_version(tmp_path, whole_bundle, "97.0.0", same)
     (small := tmp_path / "small").mkdir()
-    for megabytes, wrong in ((300, "make room"), (600, "cannot be made")):
+    for megabytes, wrong in ((300, "free space"), (600, "cannot be made")):
         subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(small)], check=True)
         try:
             shutil.copytree(boat.places / "opt/rambler", small / "rambler", symlinks=True)

@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE
 from firmware_py.files.packed import SUFFIX, PackedFile, PlainFile
+from firmware_py.files.writing import DIRECTORY_MODE, FILE_MODE
 from firmware_py.link.files.payload import Error, Refusal
 
 MAX_NAME_LENGTH = 64

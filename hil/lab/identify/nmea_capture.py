@@ -32,7 +32,7 @@ WANTED = frozenset((*KINDS, "RSA", "XDR", "VHW", "RMC", "GGA", "GLL", "GNS", "ZD
 def is_one(path: Path) -> bool:
     """Return whether a file begins with NMEA sentences that have a right checksum."""
     try:
-        with os.fdopen(open_regular(path, most_bytes=MOST_BYTES), "rb") as file:
+        with os.fdopen(open_regular(path, max_bytes=MOST_BYTES), "rb") as file:
             begin = file.read(LOOKED_AT_BYTES)
     except OSError:
         return False

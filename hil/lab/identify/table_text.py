@@ -62,7 +62,7 @@ def read_text(path: Path, layout: Layout = MANOEUVRE) -> Text:
 
 
 def _opened(path: Path, opened: ExitStack) -> io.TextIOWrapper:
-    file: BinaryIO = opened.enter_context(os.fdopen(open_regular(path, most_bytes=MOST_BYTES), "rb"))
+    file: BinaryIO = opened.enter_context(os.fdopen(open_regular(path, max_bytes=MOST_BYTES), "rb"))
     if file.read(len(_GZIP)) == _GZIP:
         file.seek(0)
         file = cast(BinaryIO, opened.enter_context(gzip.GzipFile(fileobj=file)))

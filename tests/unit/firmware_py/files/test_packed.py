@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from firmware_py.files.packed import (
     BLOCK_BYTES,
     PackedFile,
+    complete_members,
     open_log,
     pack_block,
     pack_index,
     packed_path,
-    whole_members,
 )
 
 SIZES = (0, 1, 90, BLOCK_BYTES - 1, BLOCK_BYTES, BLOCK_BYTES + 1, 3 * BLOCK_BYTES + 77)
@@ -102,11 +102,11 @@ def test_an_unfinished_file_is_known_by_its_whole_members(tmp_path):
     for kept, expected in ((0, []), (sizes[0], sizes[:1]), (sum(sizes[:2]) + 7, sizes[:2]), (len(data), sizes)):
         path.write_bytes(data[:kept])
         descriptor = os.open(path, os.O_RDONLY)
-        assert whole_members(descriptor) == expected
+        assert complete_members(descriptor) == expected
         os.close(descriptor)
     path.write_bytes(data[: sizes[0]] + bytes(500))  # after a power cut
     descriptor = os.open(path, os.O_RDONLY)
-    assert whole_members(descriptor) == sizes[:1]
+    assert complete_members(descriptor) == sizes[:1]
     os.close(descriptor)
 
 

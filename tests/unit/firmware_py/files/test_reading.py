@@ -28,9 +28,9 @@ def gigabytes(path):
 
 
 ODD = {
-    pipe: "is a pipe, no regular file",
-    open_socket: "is a socket, no regular file",
-    endless: "is a device, no regular file",
+    pipe: "is a pipe, not a regular file",
+    open_socket: "is a socket, not a regular file",
+    endless: "is a device, not a regular file",
     gigabytes: "is larger than 1 MiB",
     os.mkdir: "Is a directory",
 }
@@ -49,7 +49,7 @@ def test_what_is_no_file_or_too_large_is_refused_unread(make, tmp_path, monkeypa
 
 
 def test_a_nul_is_an_error_of_the_system_like_others(tmp_path):
-    with pytest.raises(OSError, match="holds a NUL"):
+    with pytest.raises(OSError, match="contains a NUL"):
         read_regular(tmp_path / "a\0b", 10)
 
 
@@ -99,5 +99,5 @@ def test_the_limit_itself_is_allowed(tmp_path):
 
 def test_what_is_no_text_is_told(tmp_path):
     (tmp_path / "file").write_bytes(b"a\xff")
-    with pytest.raises(OSError, match="no text in UTF-8: invalid start byte at byte 1"):
+    with pytest.raises(OSError, match="not UTF-8 text: invalid start byte at byte 1"):
         read_text(tmp_path / "file", 10)

@@ -76,7 +76,7 @@ def test_a_bundle_that_is_cut_off_anywhere_is_refused(make, tmp_path):
         end = max(member.offset_data + member.size for member in archive)
     for length in (*range(0, end, 97), end - 1):
         path.write_bytes(whole[:length])
-        assert "copy it anew" in (said := refusal(path, tmp_path / "out")) or "no bundle" in said, length
+        assert "copy it again" in (said := refusal(path, tmp_path / "out")) or "not a bundle" in said, length
 
 
 def test_a_byte_that_is_another_anywhere_is_found_or_has_no_effect(make, tmp_path):
@@ -100,7 +100,7 @@ def test_what_the_list_does_not_name_is_refused(make, tmp_path):
 
 
 def test_a_file_twice_is_refused(make, tmp_path):
-    assert "does not name" in refusal(repacked(make(), lambda members: [*members, members[-1]]), tmp_path / "out")
+    assert "is not in its list" in refusal(repacked(make(), lambda members: [*members, members[-1]]), tmp_path / "out")
 
 
 def test_a_link_in_place_of_a_file_is_refused(make, tmp_path):
@@ -115,7 +115,7 @@ def test_a_link_in_place_of_a_file_is_refused(make, tmp_path):
 def test_names_that_lead_elsewhere_are_refused(name):
     listed = {name: {"bytes": 1, "sha256": "0" * 64}}
     data = {"format": 1, "version": "1.0.0", "commit": "", "commit_utc_s": 0, "files": listed}
-    with pytest.raises(UpdateError, match="no bundle holds"):
+    with pytest.raises(UpdateError, match="invalid entry"):
         read_list(json.dumps(data).encode())
 
 
@@ -149,7 +149,7 @@ def signers(tmp_path, key):
 def test_only_what_a_signer_has_signed_is_taken(make, tmp_path, key, signers):
     assert unpack(make(key=tmp_path / "owner"), tmp_path / "out", signers).version == "0.2.0"
     assert unpack(tmp_path / "b.bundle", tmp_path / "out2", None).version == "0.2.0", "nobody asks"
-    assert "not signed, and" in refusal(make(name="unsigned"), tmp_path / "out", signers)
+    assert "not signed, but" in refusal(make(name="unsigned"), tmp_path / "out", signers)
     assert "not signed by one of" in refusal(make(name="stranger", key=key("stranger")), tmp_path / "out", signers)
 
 

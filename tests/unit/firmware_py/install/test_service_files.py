@@ -20,7 +20,7 @@ from firmware_py.install.service_files import (
     Page,
     Service,
     example,
-    hidden,
+    is_hidden,
     page_unit_text,
     service_files,
     unit_text,
@@ -136,11 +136,11 @@ def test_other_programs_are_kept_from_every_serial_port_behind_their_own_rules()
 
 
 @pytest.mark.parametrize(
-    ("path", "is_hidden"),
+    ("path", "expected"),
     [("/home/pi/boat.toml", True), ("/root", True), ("/tmp/x", True), ("/etc/rambler/boat.toml", False)],
 )
-def test_what_the_service_would_not_see(path, is_hidden):
-    assert hidden(Path(path)) is is_hidden
+def test_what_the_service_would_not_see(path, expected):
+    assert is_hidden(Path(path)) is expected
 
 
 def test_examples_and_pages_come_with_the_program():
@@ -260,8 +260,8 @@ def test_the_token_of_the_page_is_handed_over_by_systemd():
         (["--view", "0.0.0.0:8046"], "asks for a token"),
         (["--view", "nowhere"], "ADDRESS:PORT"),
         (["--view-token", "/etc/rambler/view.token"], "needs --view"),
-        (["--view", "0.0.0.0:8046", "--view-token", "/etc/rambler/none.token"], "make one"),
-        (["--state", "/home/pi/state"], "leave --state out"),
+        (["--view", "0.0.0.0:8046", "--view-token", "/etc/rambler/none.token"], "create it"),
+        (["--state", "/home/pi/state"], "omit --state"),
         (["--program", "/root/rambler"], "/etc or /opt"),
         (["--root", "/nowhere/at/all"], "no such directory"),
     ],
@@ -284,7 +284,7 @@ def test_without_a_program_of_systemd_nothing_is_written(image, capsys, monkeypa
     monkeypatch.setenv("PATH", str(root.parent / "bin"))
     assert install(root) == 2
     assert capsys.readouterr().err == (
-        f"rambler service install: {missing} is not on this computer: the service needs systemd\n"
+        f"rambler service install: {missing} not found; the service needs systemd\n"
     )
     assert not (root / "etc/systemd").exists()
     assert called() == []
@@ -294,7 +294,7 @@ def test_an_image_without_systemd_is_refused(image, capsys):
     root, _ = image
     (root / "usr/lib/systemd/systemd").unlink()
     assert install(root) == 2
-    assert "no systemd in it" in capsys.readouterr().err
+    assert "no systemd found" in capsys.readouterr().err
     assert not (root / "etc/systemd").exists()
 
 
@@ -304,7 +304,7 @@ def test_a_computer_that_does_not_run_systemd_is_refused_but_no_image_from_insid
     with pytest.raises(InstallError, match="systemd does not run"):
         check(SERVICE, Path("/"))
     monkeypatch.setattr("firmware_py.install.steps._FIRST_ROOT", tmp_path)
-    with pytest.raises(InstallError, match=r"vehicle file .* may not read"):
+    with pytest.raises(InstallError, match=r"vehicle file .* cannot read"):
         check(SERVICE, Path("/"))
 
 

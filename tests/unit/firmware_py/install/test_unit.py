@@ -72,8 +72,8 @@ def test_the_last_drop_in_by_name_counts_and_one_of_the_administrator_hides_one_
 @pytest.mark.parametrize(
     ("command", "told"),
     [
-        (COMMAND.replace("/srv/state", "/srv/other"), "runs /opt/rambler on /srv/other, and the starts of a trial"),
-        (COMMAND.replace("/opt/", "/usr/"), "runs /usr/rambler on /srv/state, and the starts of a trial"),
+        (COMMAND.replace("/srv/state", "/srv/other"), "runs /opt/rambler on /srv/other, but the starts of a trial"),
+        (COMMAND.replace("/opt/", "/usr/"), "runs /usr/rambler on /srv/state, but the starts of a trial"),
         (COMMAND, ""),
     ],
 )
@@ -98,7 +98,7 @@ def test_a_drop_in_that_no_trial_would_fit_is_told_and_what_it_runs(place, comma
 )
 def test_a_drop_in_that_makes_it_no_service_of_ours_is_refused(place, text):
     (place / "a.service.d/override.conf").write_text(f"[Service]\n{text}\n")
-    with pytest.raises(UpdateError, match="not ours"):
+    with pytest.raises(UpdateError, match="not a current unit"):
         installation_of(place / "a.service")
 
 

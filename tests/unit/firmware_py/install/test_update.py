@@ -66,7 +66,7 @@ def says(place, **status):
 def test_forward_and_back_and_forward(place, ask):
     code, said = ask()
     assert code == 0
-    assert "9.9.9 (git abcd1234), whole" in said
+    assert "9.9.9 (git abcd1234), hashes correct" in said
     assert "on trial for 3 starts" in said
     forward = in_force(place)
     assert forward.startswith("rambler-9.9.9-")
@@ -81,11 +81,11 @@ def test_forward_and_back_and_forward(place, ask):
 def test_what_is_in_force_is_not_installed_again(place, ask):
     ask()
     (place / "bin/.rambler.trial").unlink()
-    assert ask() == (2, "rambler update: 9.9.9 (git abcd1234) is in force already\n")
+    assert ask() == (2, "rambler update: 9.9.9 (git abcd1234) is already installed\n")
 
 
 def test_nothing_is_before_the_first_update(ask):
-    assert ask("--back") == (2, "rambler update: there is no version before this one\n")
+    assert ask("--back") == (2, "rambler update: there is no previous version\n")
 
 
 def test_an_armed_boat_on_the_state_that_a_drop_in_names_is_left_alone(place, ask):
@@ -105,10 +105,10 @@ def test_an_armed_boat_is_left_alone_unless_told(place, ask):
     says(place, armed=True)
     code, said = ask()
     assert (code, in_force(place)) == (2, "rambler")
-    assert "she is armed: disarm her, or --armed" in said
+    assert "the boat is armed; disarm it, or use --armed" in said
     code, said = ask(str(place / "new.bundle"), "--armed")
     assert code == 0
-    assert "nothing runs on its state" in said, "whose number is in the status is no autopilot of this link"
+    assert "no autopilot runs; the next start" in said, "whose number is in the status is no autopilot of this link"
 
 
 @pytest.mark.parametrize("status", [{}, {"armed": False, "written_machine_s": 1.0}, {"armed": False, "pid": 2**22 + 1}])
@@ -133,7 +133,7 @@ def test_a_boat_that_is_armed_while_the_new_version_is_tried_is_left_alone(place
     monkeypatch.setattr(update.os, "access", lambda *_: bool(armed()))
     code, said = ask(*words)
     assert (code, in_force(place)) == (2, before)
-    assert "she is armed: disarm her" in said
+    assert "the boat is armed; disarm it" in said
 
 
 def test_a_disarmed_boat_is_updated(place, ask):
@@ -145,7 +145,7 @@ def test_an_older_version_is_told_and_refused_unless_asked_for(place, ask, tmp_p
     older = small_bundle(tmp_path, version="0.0.1")
     code, said = ask(str(older))
     assert (code, in_force(place)) == (2, "rambler")
-    assert f"0.0.1 (git abcd1234) is older than {__version__}" in said
+    assert f"0.0.1 (git abcd1234) is older than the installed {__version__}" in said
     code, said = ask(str(older), "--older")
     assert code == 0
     assert "is older than" in said
@@ -158,7 +158,7 @@ def test_within_a_version_the_time_of_the_commit_counts_of_what_was_installed_by
     (tmp_path / "firmware_py").mkdir()
     (tmp_path / COMMIT_FILE).write_text("89abcdef\n1001\n")
     same = str(small_bundle(tmp_path, version=__version__))
-    told = f"{__version__} (git abcd1234) is older than {__version__} (git 89abcdef), which is in force"
+    told = f"{__version__} (git abcd1234) is older than the installed {__version__} (git 89abcdef)"
     assert told in ask(same)[1]
     assert in_force(place) == "rambler"
     code, said = ask(same, "--older")
@@ -181,8 +181,8 @@ def test_signers_that_a_link_leads_nowhere_to_are_no_leave_to_take_anything(plac
 
 def test_one_update_at_a_time(place, ask):
     link = installation_of(place / "rambler.service").link
-    with update._held(link):
-        assert ask() == (2, "rambler update: another update is under way; wait for its end\n")
+    with update._locked(link):
+        assert ask() == (2, "rambler update: another update is running; wait for its end\n")
 
 
 def test_only_what_updates_have_made_is_removed(place, ask):
@@ -191,14 +191,14 @@ def test_only_what_updates_have_made_is_removed(place, ask):
         shutil.copytree(place / "opt/rambler", place / "opt" / name)
     code, said = ask()
     assert code == 0
-    assert f"removed {made}, of an earlier update" in said
+    assert f"removed {made} of an earlier update" in said
     assert {path.name for path in (place / "opt").iterdir()} == {"rambler", *by_hand, in_force(place)}
 
 
 def test_a_terminal_that_goes_away_changes_nothing_about_an_update(place, monkeypatch):
     """What it prints nobody can read from the switch on; the service must be told to start the new one all the same."""
     told = []
-    monkeypatch.setattr(update, "_is_ours", lambda *_: True)
+    monkeypatch.setattr(update, "_is_autopilot", lambda *_: True)
     monkeypatch.setattr(os, "kill", lambda pid, number: told.append(number))
     says(place, armed=False)
 
@@ -225,7 +225,7 @@ def test_a_check_that_fails_leaves_nothing_behind(place, ask, monkeypatch):
 
 def test_a_file_that_is_no_bundle_or_not_there_is_refused(place, ask):
     (place / "text").write_text("hello")
-    assert "no bundle" in ask(str(place / "text"))[1]
+    assert "not a bundle" in ask(str(place / "text"))[1]
     os.mkfifo(place / "pipe")
     for path, told in ((place / "pipe", "is a pipe"), (Path("/dev/zero"), "is a device"), (place, "Is a directory")):
         code, said = ask(str(path))
@@ -237,26 +237,26 @@ def test_what_is_no_service_of_ours_is_not_updated(place, ask):
     unit = place / "rambler.service"
     text = unit.read_text()
     unit.write_text(text.replace("ExecStartPre", "#"))
-    assert "is of a version before" in ask()[1]
+    assert "is not a current unit" in ask()[1]
     unit.write_text(text.replace(" run ", " walk "))
-    assert "is of a version before" in ask()[1]
+    assert "is not a current unit" in ask()[1]
     unit.write_text(text.replace("ExecStart=", 'ExecStart="'))
-    assert "is of a version before" in ask()[1], "quotes that do not end"
+    assert "is not a current unit" in ask()[1], "quotes that do not end"
     unit.unlink()
-    assert "only a service is updated" in ask()[1]
+    assert "only a service can be updated" in ask()[1]
 
 
 def test_a_program_that_is_no_link_cannot_be_led_elsewhere(place, ask):
     (place / "bin/rambler").unlink()
     shutil.copy(place / "opt/rambler/bin/rambler", place / "bin/rambler")
-    assert "is no link" in ask()[1]
+    assert "is not a link" in ask()[1]
 
 
 def test_packages_of_the_system_are_not_replaced(place, ask):
     (place / "opt/rambler/pyvenv.cfg").write_text("include-system-site-packages = true\n")
     assert "A board without wheels" in ask()[1]
     (place / "opt/rambler/pyvenv.cfg").unlink()
-    assert "is in no environment of its own" in ask()[1]
+    assert "is not in a virtual environment" in ask()[1]
 
 
 def test_the_disk_must_have_room(tmp_path, monkeypatch):
@@ -264,8 +264,8 @@ def test_the_disk_must_have_room(tmp_path, monkeypatch):
     wheel = shutil.make_archive(str(tmp_path / "wheel"), "zip", tmp_path, "wheels")
     shutil.move(wheel, tmp_path / "wheels/a-1-py3-none-any.whl")
     check_room(Environment(tmp_path / "rambler"), tmp_path / "wheels")
-    monkeypatch.setattr(environment, "_SPARE_BYTES", 10**15)
-    with pytest.raises(UpdateError, match="make room"):
+    monkeypatch.setattr(environment, "_RESERVE_BYTES", 10**15)
+    with pytest.raises(UpdateError, match="free space"):
         check_room(Environment(tmp_path / "rambler"), tmp_path / "wheels")
 
 
@@ -285,8 +285,8 @@ def test_how_a_trial_has_ended_is_told(place, ask):
     (place / "bin/.rambler.before").replace(place / "bin/rambler")
     (place / "bin/.rambler.trial").replace(place / "bin/.rambler.failed")
     assert not update.await_trial(installation, said.append)
-    assert said[:2] == ["passed: it stays", "it has passed a trial before: it stays"]
-    assert said[2].startswith("taken back: rambler was started 0 times")
+    assert said[:2] == ["trial passed: the new version stays", "trial passed before: the version stays"]
+    assert said[2].startswith("rolled back: rambler has not passed its trial in 0 starts")
 
 
 def test_a_trial_that_was_passed_while_nobody_looked_on_keeps_no_update_out(place, ask, tmp_path):
@@ -307,7 +307,7 @@ def test_a_version_that_has_passed_before_is_not_said_to_be_on_trial(place, ask)
     assert "on trial for 3 starts" in ask()[1]
     code, said = ask("--back")
     assert code == 0
-    assert f"leads to {old}\n" in said
+    assert f"points to {old}\n" in said
     assert "on trial" not in said
 
 
@@ -365,8 +365,8 @@ def test_what_is_tried_works_on_a_copy_of_the_state(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("said", "told"),
     [
-        ("9 ticks, 4 recomputed\n1 damaged ticks, 3 bytes of garbage\nNOT identical\n", "is not whole: 9 ticks"),
-        ("9 ticks, 9 recomputed\n3 commands differ, the first at\nNOT identical\n", "steered otherwise"),
+        ("9 ticks, 4 recomputed\n1 damaged ticks, 3 unreadable bytes\nNOT identical\n", "is incomplete: 9 ticks"),
+        ("9 ticks, 9 recomputed\n3 commands differ, the first at\nNOT identical\n", "steers differently"),
         ("", None),  # it has failed
     ],
 )
@@ -396,7 +396,7 @@ def test_a_unit_that_the_new_version_wants_otherwise_is_told(place, ask, monkeyp
 
     monkeypatch.setattr(update, "printed_unit", printed)
     words = [str(place / "boat.toml"), "--state", str(place / "state")]
-    assert f"when it has passed, sudo rambler service install {' '.join(words)}" in ask("--back")[1]
+    assert f"after the trial: sudo rambler service install {' '.join(words)}" in ask("--back")[1]
     assert asked_for == [("rambler", [*words, "--program", str(place / "bin/rambler")])]
 
 

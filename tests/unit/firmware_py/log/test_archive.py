@@ -65,10 +65,10 @@ def test_it_takes_the_memory_of_a_few_blocks_however_long_the_log(log):
     tracemalloc.start()
     try:
         finish(log)
-        _, most_bytes = tracemalloc.get_traced_memory()
+        _, max_bytes = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert most_bytes < 8 * BLOCK_BYTES  # the packer's own state is four
+    assert max_bytes < 8 * BLOCK_BYTES  # the packer's own state is four
 
 
 def test_an_empty_log_is_no_exception(log):

@@ -267,8 +267,8 @@ def linked_out(path):
 
 
 ODD = {
-    os.mkfifo: "is a pipe, no regular file",
-    linked_out: "is a symbolic link, no regular file",
+    os.mkfifo: "is a pipe, not a regular file",
+    linked_out: "is a symbolic link, not a regular file",
     gigabytes: "is larger than 1 MiB",
 }
 

@@ -5,7 +5,7 @@ import stat
 
 import pytest
 
-from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, PRIVATE_MODE, exact_modes, make_directory
+from firmware_py.files.writing import DIRECTORY_MODE, FILE_MODE, PRIVATE_MODE, exact_modes, make_directory
 
 
 @pytest.fixture(params=[0o000, 0o022, 0o077, 0o777])

@@ -1,4 +1,4 @@
-"""How what is kept on disk is made: its modes, of the owner and the group, never of others; files as a whole or not."""
+"""Creates files and directories with fixed modes (owner and group only), and replaces files atomically."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _UMASK = 0o027
 
 @contextlib.contextmanager
 def exact_modes() -> Iterator[None]:
-    """Let what is made have just these modes, whatever umask the program was started with."""
+    """Set the umask, so that new files have the given modes."""
     before = os.umask(_UMASK)
     try:
         yield
@@ -23,25 +23,25 @@ def exact_modes() -> Iterator[None]:
 
 
 def make_directory(path: Path) -> None:
-    """Make a directory and those above it that are missing; one that is there keeps its mode. OSError."""
+    """Create a directory and its missing parents; an existing one keeps its mode. Raise OSError on failure."""
     if path.is_dir():
         return
     if path.parent != path:
         make_directory(path.parent)
-    with contextlib.suppress(FileExistsError):  # by somebody else meanwhile, or as no directory
+    with contextlib.suppress(FileExistsError):  # created meanwhile, or not a directory
         path.mkdir(DIRECTORY_MODE)
     if not path.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
 
 
-def write_whole(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
-    """Put a new file of this very mode in place of what is there, on disk when this returns; OSError: nothing is done.
+def write_atomically(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
+    """Replace a file atomically and force it to disk. Raise OSError on failure.
 
-    An OSError after the new one is in place can only be that of forcing its name to disk.
+    If the final sync of the directory fails, the new file is already in place; otherwise the old one is unchanged.
     """
     fresh = path.with_name(f".{path.name}.new")
     try:
-        os.unlink(fresh)  # noqa: PTH108 - the tests' disk stands before the calls of os
+        os.unlink(fresh)  # noqa: PTH108 - tests replace the functions of os
     except IsADirectoryError:
         set_aside(fresh)
     except FileNotFoundError:
@@ -49,7 +49,7 @@ def write_whole(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
     descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         try:
-            os.fchmod(descriptor, mode)  # whatever the umask is
+            os.fchmod(descriptor, mode)  # independent of the umask
             left = memoryview(content)
             while left:
                 if not (written := os.write(descriptor, left)):
@@ -67,21 +67,21 @@ def write_whole(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
 
 
 def set_aside(path: Path) -> Path:
-    """Rename an entry that is in the way of a file, of any kind, and return its new name; OSError.
+    """Rename an entry of any kind and return its new path; raise OSError on failure.
 
-    A file that was set aside before by that name is replaced; a directory is not.
+    An earlier renamed file is replaced, a directory is not.
     """
     for number in range(10):
         aside = path.with_name(f"{path.name}.aside{number or ''}")
         with contextlib.suppress(FileExistsError, IsADirectoryError, NotADirectoryError):
             if not aside.is_dir():
-                os.replace(path, aside)  # noqa: PTH105 - the tests' disk stands before the calls of os
+                os.replace(path, aside)  # noqa: PTH105 - tests replace the functions of os
                 return aside
-    raise FileExistsError(errno.EEXIST, f"too many of {path.name} were set aside")
+    raise FileExistsError(errno.EEXIST, f"too many renamed copies of {path.name}; delete some")
 
 
 def sync_directory(directory: Path) -> None:
-    """Force the names in a directory to disk; OSError."""
+    """Force the entries of a directory to disk; raise OSError on failure."""
     descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
