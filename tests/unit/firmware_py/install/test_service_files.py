@@ -26,7 +26,7 @@ from firmware_py.install.service_files import (
     unit_text,
 )
 from firmware_py.install.steps import InstallError, check
-from firmware_py.loop import LIFE_INTERVAL_S
+from firmware_py.loop import WATCHDOG_INTERVAL_S
 from firmware_py.system.hardware_watchdog import TIMEOUT_S
 from firmware_py.vehicle import load
 from support.paths import ROOT
@@ -53,7 +53,7 @@ def test_the_unit_never_gives_up_and_leaves_down_what_was_shut_down():
     assert service["RestartPreventExitStatus"] == service["SuccessExitStatus"] == str(SHUT_DOWN)
     assert unit["Install"]["WantedBy"] == "multi-user.target"
     # Twice a sign of life may be lost, at the slowest rate of the loop, too.
-    assert seconds(service["WatchdogSec"]) > 2.0 * (LIFE_INTERVAL_S + 1.0)
+    assert seconds(service["WatchdogSec"]) > 2.0 * (WATCHDOG_INTERVAL_S + 1.0)
     assert seconds(service["RestartSec"]) < RETRY_DELAY_S
     assert words(service["ExecStart"])[-5:] == ["run", "/etc/rambler/boat.toml", "--state", str(STATE), "--wait"]
 
@@ -283,9 +283,7 @@ def test_without_a_program_of_systemd_nothing_is_written(image, capsys, monkeypa
     (root.parent / "bin" / missing).unlink()
     monkeypatch.setenv("PATH", str(root.parent / "bin"))
     assert install(root) == 2
-    assert capsys.readouterr().err == (
-        f"rambler service install: {missing} not found; the service needs systemd\n"
-    )
+    assert capsys.readouterr().err == (f"rambler service install: {missing} not found; the service needs systemd\n")
     assert not (root / "etc/systemd").exists()
     assert called() == []
 

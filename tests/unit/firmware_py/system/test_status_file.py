@@ -173,7 +173,7 @@ def test_a_file_that_others_may_write_is_not_believed(memory, state, mode):
     (memory / file_name(state)).chmod(mode)
     found = find(state, NOW_S, (memory,))
     assert found.is_refused
-    assert "can be written by others" in found.reason
+    assert "is writable by other users" in found.reason
 
 
 def test_of_two_places_the_newest_word_counts(memory, state, tmp_path):
