@@ -34,6 +34,8 @@ NAMES = "heard told shown asked said least much enough worth"
 DOCSTRING = re.compile(r'^[rRbBuUfF]*"""\s*Returns? (?:what|who|how)\b')
 # Names of parameters, faults, commands, keys and log fields that scripts rely on.
 KEPT = re.compile(r"\b(?:POS_RECKON_M|told_s)\b|\breckoned_\w+\b|hindrance(?=[`\"'])|(?<=one\.)hindrance")
+# Former names of stored fields.
+FORMER = re.compile(r"^FORMER_NAMES.*?^}", re.MULTILINE | re.DOTALL)
 EXEMPT = (
     "CHANGELOG.md", "LICENSE", "docs/decisions/", "docs/explanation/glossary.md", "docs/figures.json", "tests/data/",
     "tests/replay/data/", "tests/fuzz/corpus/", ".ci/language.py", ".ci/constraints.txt",
@@ -56,6 +58,7 @@ def _text_findings(text: str) -> Iterator[tuple[int, str]]:
 
 def _python_findings(text: str) -> Iterator[tuple[int, str]]:
     """Yield the findings of a Python file."""
+    text = FORMER.sub(lambda match: "\n" * match.group().count("\n"), text)
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         line = token.start[0] - 1
         if token.type == tokenize.NAME:

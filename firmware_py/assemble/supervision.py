@@ -68,14 +68,14 @@ class Supervision:
 
     def end(self, *, restart: bool) -> None:
         """Record a regular end of the run; `restart`: another one follows in this process."""
-        self._watchdogs.stop(anew=restart)
+        self._watchdogs.stop(restart=restart)
         self._keep(replace(self._endings, running=False, is_young=False))
 
     def end_with_error(self, why: str) -> None:
         """Record the reason of an unexpected end, after which the run is restarted."""
         self._recorder.record_reason(why)
         self._keep(replace(self._endings, failed=True))
-        self._watchdogs.stop(anew=True)
+        self._watchdogs.stop(restart=True)
 
     def _after_tick(self, output: Output, now_s: float) -> None:
         if self._endings.is_young and now_s >= self._stable_s:

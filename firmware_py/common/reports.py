@@ -160,7 +160,7 @@ class Power(msgspec.Struct, frozen=True):
     discharged: Flow = Flow()
 
 
-class DeadReckonedPosition(msgspec.Struct, frozen=True):
+class DeadReckoningPosition(msgspec.Struct, frozen=True):
     """Position and velocity by dead reckoning, and the time since the last fix.
 
     `sd_m` is the standard deviation along the axis where it is largest.
@@ -216,7 +216,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     power: Power | None = None  # of battery and panels, if measured
     saving: int = 0  # level of power saving (safety.power_saving.Saving)
     traffic: Traffic | None = None  # other vessels, None before the first AIS report
-    dead_reckoned: DeadReckonedPosition | None = None  # replaces the position while it is used
+    dead_reckoning: DeadReckoningPosition | None = None  # replaces the position while it is used
     heading_age_s: float | None = None  # of the last heading used; None before the first
 
 

@@ -36,9 +36,9 @@ def of_state(place: PositionState, water: WaterState) -> LastPosition | None:
     """Return the record of the position; None while no position is known."""
     if place.fix is None and place.dead_reckoning is None:
         return None
-    dead_reckoned = place.dead_reckoning or dead_reckoning.begin(water, place.t_s)
-    dead_reckoned = replace(dead_reckoned, begun_s=-position.time_since_fix_s(place))
-    return LastPosition(place.latitude_rad, place.longitude_rad, dead_reckoned)
+    track = place.dead_reckoning or dead_reckoning.begin(water, place.t_s)
+    track = replace(track, begun_s=-position.time_since_fix_s(place))
+    return LastPosition(place.latitude_rad, place.longitude_rad, track)
 
 
 def valid_for_s(last: LastPosition, at_most_s: float) -> float:
@@ -61,17 +61,17 @@ def restored(last: LastPosition, elapsed_s: float | None) -> PositionState:
     """
     if not _is_valid(last):
         raise ValueError("invalid position or water data")
-    dead_reckoned, (north_m, east_m) = dead_reckoning.advanced(last.dead_reckoning, elapsed_s)
+    track, (north_m, east_m) = dead_reckoning.advanced(last.dead_reckoning, elapsed_s)
     place = Place(last.latitude_rad, last.longitude_rad).at_offset(north_m, east_m)
-    return PositionState(0.0, place.latitude_rad, place.longitude_rad, dead_reckoning=dead_reckoned)
+    return PositionState(0.0, place.latitude_rad, place.longitude_rad, dead_reckoning=track)
 
 
 def at_first_tick(state: PositionState, now_s: float) -> PositionState:
     """Return the restored state with the time of the first tick."""
     if state.dead_reckoning is None:
         return state
-    dead_reckoned = replace(state.dead_reckoning, begun_s=now_s + state.dead_reckoning.begun_s)
-    return replace(state, t_s=now_s, dead_reckoning=dead_reckoned)
+    track = replace(state.dead_reckoning, begun_s=now_s + state.dead_reckoning.begun_s)
+    return replace(state, t_s=now_s, dead_reckoning=track)
 
 
 def _is_valid(last: LastPosition) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_py.common.records import Inputs, RudderStatus
-from firmware_py.common.reports import DeadReckonedPosition, Snapshot
+from firmware_py.common.reports import DeadReckoningPosition, Snapshot
 from firmware_py.core.state import Settings, State, fence_enabled, first_item
 from firmware_py.core.vessels_step import report as traffic_report
 from firmware_py.estimate import dead_reckoning, heading_estimator, position
@@ -59,19 +59,19 @@ def snapshot_of(
         power=power_monitor.report(state.power, inputs.tick.t_s),
         saving=power_saving.level_of(state.fault_latch.active),
         traffic=traffic_report(state),
-        dead_reckoned=None
+        dead_reckoning=None
         if situation.dead_reckoning_sd_m is None
-        else _dead_reckoned(state, situation.dead_reckoning_sd_m),
+        else _dead_reckoning_position(state, situation.dead_reckoning_sd_m),
         heading_age_s=None if heading.sample_t_s is None else inputs.tick.t_s - heading.sample_t_s,
     )
 
 
-def _dead_reckoned(state: State, sd_m: float) -> DeadReckonedPosition | None:
+def _dead_reckoning_position(state: State, sd_m: float) -> DeadReckoningPosition | None:
     place = state.position
     if place.dead_reckoning is None:
         return None
     heading = state.heading_estimator.heading.heading_rad
     _, (north_m_s, east_m_s) = dead_reckoning.advance(place.dead_reckoning, heading, 0.0, under_way=True)
-    return DeadReckonedPosition(
+    return DeadReckoningPosition(
         place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, position.time_since_fix_s(place)
     )

@@ -150,8 +150,8 @@ def snapshot_bytes(boat: Snapshot) -> bytes:
     data += GUIDANCE.pack(t_s, boat)
     if boat.energy is not None:
         data += ENERGY.pack(t_s, boat.energy)
-    if boat.dead_reckoned is not None:
-        data += DEAD_RECKONING.pack(t_s, boat.dead_reckoned)
+    if boat.dead_reckoning is not None:
+        data += DEAD_RECKONING.pack(t_s, boat.dead_reckoning)
     if boat.power is not None:
         data += SUPPLY.pack(t_s, boat.power)
     return data if boat.water is None else data + WATER.pack(t_s, boat.water)

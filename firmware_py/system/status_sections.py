@@ -29,12 +29,12 @@ def _position(snapshot: Snapshot) -> Values:
     values: Values = {"ok": snapshot.position_ok}
     if snapshot.position is not None:
         values |= {"age_s": rounded(snapshot.t_s - snapshot.position.t_s, 1), **position_values(snapshot.position)}
-    if (dead_reckoned := snapshot.dead_reckoned) is not None:
+    if (dead_reckoning := snapshot.dead_reckoning) is not None:
         values |= {
-            "reckoned_lat_deg": rounded(dead_reckoned.latitude_rad, 5, degrees),
-            "reckoned_lon_deg": rounded(dead_reckoned.longitude_rad, 5, degrees),
-            "reckoned_sd_m": rounded(dead_reckoned.sd_m, 0),
-            "reckoned_s": rounded(dead_reckoned.lasted_s, 0),
+            "reckoned_lat_deg": rounded(dead_reckoning.latitude_rad, 5, degrees),
+            "reckoned_lon_deg": rounded(dead_reckoning.longitude_rad, 5, degrees),
+            "reckoned_sd_m": rounded(dead_reckoning.sd_m, 0),
+            "reckoned_s": rounded(dead_reckoning.lasted_s, 0),
         }
     return values
 

@@ -28,10 +28,10 @@ class Watchdogs:
         if self._hardware is not None:
             self._hardware.notify_alive(now_s)
 
-    def stop(self, *, anew: bool) -> None:
-        """Say that the process ends; what is to start `anew` stays watched by the computer's watchdog."""
+    def stop(self, *, restart: bool) -> None:
+        """Say that the process ends; what is to start `restart` stays watched by the computer's watchdog."""
         self._manager.notify_stopping()
-        if self._hardware is not None and not anew:
+        if self._hardware is not None and not restart:
             self._hardware.disarm()
 
 

@@ -261,12 +261,12 @@ def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_
     read, notes = state_from_text(text)
     assert (state_to_text(read), notes) == (text, ())  # states with NaN in them are never equal
     north_m, east_m = boat.where
-    assert math.hypot(north_m - 150.0, east_m) < 40.0 + 2.0 * boat.snapshot.dead_reckoned.sd_m
+    assert math.hypot(north_m - 150.0, east_m) < 40.0 + 2.0 * boat.snapshot.dead_reckoning.sd_m
     boat.fix_every = every
     rudders_rad = [boat.tick().snapshot.rudder_command_rad for _ in range(100)]
     assert max(abs(a - b) for a, b in itertools.pairwise(rudders_rad)) <= math.radians(3.0) + 1e-9
     assert boat.said("GPS recovered after 7 min: position error ")
-    assert boat.snapshot.dead_reckoned is None
+    assert boat.snapshot.dead_reckoning is None
     boat.run(120.0, until=lambda boat: boat.snapshot.mission.index == 2)
     assert boat.snapshot.mission.index == 2
 
@@ -288,7 +288,7 @@ def test_she_goes_on_as_last_steered_where_reckoning_is_not_wanted():
     boat.run(30.0)
     boat.fix_every = 10**9
     boat.run(150.0)
-    assert boat.snapshot.dead_reckoned is None
+    assert boat.snapshot.dead_reckoning is None
     assert boat.where[0] > 150.0
 
 

@@ -59,15 +59,17 @@ def test_for_two_hours_without_a_receiver(figures, more, seed):
     boat.run(1800.0)
     boat.fix_every = 10**9
     farthest_m = kept(boat, 7200.0).max()
-    dead_reckoned = boat.snapshot.dead_reckoned
-    north_m, east_m = Place(*placed(0.0, 0.0)).offset_m(Place(dead_reckoned.latitude_rad, dead_reckoned.longitude_rad))
+    dead_reckoning = boat.snapshot.dead_reckoning
+    north_m, east_m = Place(*placed(0.0, 0.0)).offset_m(
+        Place(dead_reckoning.latitude_rad, dead_reckoning.longitude_rad)
+    )
     off_m = math.hypot(north_m - boat.where[0], east_m - boat.where[1])
     case = f"seed {seed} {more}"
     figures.keep("station_silent_farthest", farthest_m, "m", case)
     figures.keep("station_silent_off", off_m, "m", case)
-    figures.keep("station_silent_sd", dead_reckoned.sd_m, "m", case)
-    assert off_m < 3.0 * dead_reckoned.sd_m
-    assert farthest_m < 200.0 + 3.0 * dead_reckoned.sd_m < 3000.0
+    figures.keep("station_silent_sd", dead_reckoning.sd_m, "m", case)
+    assert off_m < 3.0 * dead_reckoning.sd_m
+    assert farthest_m < 200.0 + 3.0 * dead_reckoning.sd_m < 3000.0
 
 
 @pytest.mark.parametrize("boot", [pytest.param("same", marks=pytest.mark.proof), "other"])
@@ -81,13 +83,13 @@ def test_a_restart_without_a_receiver_leaves_her_on_her_station(boot):
     boat.state, _ = resume.restore(fresh, text, resume.Moment(0.0, boot, boat.t_s))
     first = len(boat.track)
     boat.run(15.0)
-    assert boat.snapshot.dead_reckoned.lasted_s == pytest.approx(15.0, abs=1.5)
+    assert boat.snapshot.dead_reckoning.lasted_s == pytest.approx(15.0, abs=1.5)
     assert boat.snapshot.goal_heading_rad is not None
     assert not boat.snapshot.faults >> Fault.POSITION_LOST & 1  # one that was switched on with her still looks for it
     boat.run(180.0)
     assert np.hypot(*np.array(boat.track[first:])[:, 1:3].T).max() < 110.0
     assert boat.snapshot.faults >> Fault.POSITION_LOST & 1
-    assert (boat.snapshot.dead_reckoned.sd_m > 1e5) is (boot == "other")
+    assert (boat.snapshot.dead_reckoning.sd_m > 1e5) is (boot == "other")
 
 
 def stronger(speed_m_s, seed, **more):

@@ -45,16 +45,16 @@ def fresh_fix(context: TelemetryContext) -> PositionSample | None:
 def best_position(context: TelemetryContext) -> PositionSample | None:
     """Return the position while it is fresh, else the place that is reckoned on, as a sample that is no fix."""
     fix, boat = fresh_fix(context), context.snapshot
-    if fix is not None or boat.dead_reckoned is None:
+    if fix is not None or boat.dead_reckoning is None:
         return fix
     return PositionSample(
         boat.t_s,
         FixType.NONE,
-        boat.dead_reckoned.latitude_rad,
-        boat.dead_reckoned.longitude_rad,
+        boat.dead_reckoning.latitude_rad,
+        boat.dead_reckoning.longitude_rad,
         None if boat.position is None else boat.position.altitude_m,
-        math.hypot(boat.dead_reckoned.north_m_s, boat.dead_reckoned.east_m_s),
-        math.atan2(boat.dead_reckoned.east_m_s, boat.dead_reckoned.north_m_s) % TWO_PI,
+        math.hypot(boat.dead_reckoning.north_m_s, boat.dead_reckoning.east_m_s),
+        math.atan2(boat.dead_reckoning.east_m_s, boat.dead_reckoning.north_m_s) % TWO_PI,
     )
 
 

@@ -44,7 +44,7 @@ _PLACE = (
 )
 
 _VERTICAL = mavlink.ESTIMATOR_VELOCITY_VERT | mavlink.ESTIMATOR_POS_VERT_ABS
-_DEAD_RECKONED = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
+_DEAD_RECKONING = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
 
 
 def heading_centidegrees(heading_rad: float | None) -> int:
@@ -298,7 +298,7 @@ def estimator_status(context: TelemetryContext) -> Message:
         mag_ratio=_heading_ratio(boat.estimate),
         hagl_ratio=_UNKNOWN,
         tas_ratio=_UNKNOWN,
-        pos_horiz_accuracy=_UNKNOWN if boat.dead_reckoned is None else single(boat.dead_reckoned.sd_m, _UNKNOWN),
+        pos_horiz_accuracy=_UNKNOWN if boat.dead_reckoning is None else single(boat.dead_reckoning.sd_m, _UNKNOWN),
         pos_vert_accuracy=_UNKNOWN,
     )
 
@@ -307,7 +307,7 @@ def _flags(context: TelemetryContext) -> int:
     boat, fix = context.snapshot, fresh_fix(context)
     moving = fix is not None and fix.speed_over_ground_m_s is not None and fix.course_over_ground_rad is not None
     flags = (_ATTITUDE if boat.heading_ok else 0) | (0 if fix is None else _PLACE) | (_VELOCITY if moving else 0)
-    return flags | (0 if boat.dead_reckoned is None else _DEAD_RECKONED)
+    return flags | (0 if boat.dead_reckoning is None else _DEAD_RECKONING)
 
 
 def ekf_status_report(context: TelemetryContext) -> Message:

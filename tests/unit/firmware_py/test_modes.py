@@ -127,10 +127,10 @@ NEEDED = {
 
 
 def test_a_reckoned_place_is_one():
-    dead_reckoned = replace(WELL, position_ok=False, dead_reckoning_sd_m=300.0)
+    dead_reckoning = replace(WELL, position_ok=False, dead_reckoning_sd_m=300.0)
     for mode in (Mode.LOITER, Mode.AUTO, Mode.RTL):
-        assert obstacle_to(mode, dead_reckoned) == ""
-    state, answer = decide(GUIDED, SteerPosition(0.5, -0.5), dead_reckoned, 0.0)
+        assert obstacle_to(mode, dead_reckoning) == ""
+    state, answer = decide(GUIDED, SteerPosition(0.5, -0.5), dead_reckoning, 0.0)
     assert (state.goal, answer.verdict) == (PositionGoal(0.5, -0.5), Verdict.ACCEPTED)
 
 

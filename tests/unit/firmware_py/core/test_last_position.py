@@ -35,15 +35,15 @@ def at_sea(place):
     return replace(state, modes=ModeState(Mode.LOITER, armed=True), position=place)
 
 
-def dead_reckoned(t_s=100.0, begun_s=60.0):
+def position_state(t_s=100.0, begun_s=60.0):
     return PositionState(t_s, 0.6, 2.0, dead_reckoning=replace(WATER, begun_s=begun_s))
 
 
 def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
-    text = to_bytes(resume_of(at_sea(dead_reckoned()), THEN))
+    text = to_bytes(resume_of(at_sea(position_state()), THEN))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert notes == ()
-    assert last_position.at_first_tick(state.position, 7.0) == dead_reckoned(7.0, -33.0)
+    assert last_position.at_first_tick(state.position, 7.0) == position_state(7.0, -33.0)
     assert time_since_fix_s(state.position) == 40.0
     assert state.heading_estimator.water.expected == Expected(0.1, -0.05, 0.5)  # not in steps of 0.1
 
@@ -63,7 +63,7 @@ def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_hea
     "utc_s", [UTC_S + 20.0, UTC_S - 86_400.0, UTC_S + 1e6, 0.0], ids=["right", "back", "on", "1970"]
 )
 def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
-    text = to_bytes(resume_of(at_sea(dead_reckoned()), THEN))
+    text = to_bytes(resume_of(at_sea(position_state()), THEN))
     state, _ = restore(at_sea(PositionState()), text, Moment(utc_s, "a", 520.0))
     assert (time_since_fix_s(state.position), state.position.dead_reckoning.water.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
     assert state.greeting == "Resumed LOITER, 20 s old"
@@ -79,7 +79,7 @@ def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
     ids=["no power", "unknown", "impossible"],
 )
 def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(stored, now):
-    state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(dead_reckoned()), stored)), now)
+    state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(position_state()), stored)), now)
     assert (state.position.latitude_rad, state.position.longitude_rad) == (0.6, 2.0)
     assert dead_reckoning.standard_deviation_m(state.position.dead_reckoning, 40.0) >= UNUSABLE_SD_M
     assert state.greeting == "Resumed LOITER, 20 s old"  # as far as the calendar knows
@@ -94,7 +94,7 @@ def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(stored, now):
     ],
 )
 def test_a_place_that_cannot_be_is_left_out_and_said(broken):
-    text = to_bytes(replace(resume_of(at_sea(dead_reckoned()), THEN), place=broken))
+    text = to_bytes(replace(resume_of(at_sea(position_state()), THEN), place=broken))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert state.position == PositionState()
     assert notes == ("Resume.place ignored: invalid position or water data",)
@@ -114,7 +114,7 @@ def test_a_place_without_a_heading_is_kept_with_the_expected_water():
 
 def test_a_record_of_water_without_its_covariance_is_as_uncertain_as_unknown_water():
     number = struct.pack(">Bd", 0xCB, 1e-4)  # MessagePack: ten of them become nine
-    text = to_bytes(resume_of(at_sea(dead_reckoned()), THEN)).replace(b"covariance\x9a" + number, b"covariance\x99")
+    text = to_bytes(resume_of(at_sea(position_state()), THEN)).replace(b"covariance\x9a" + number, b"covariance\x99")
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert state.position.dead_reckoning.water.covariance == water_results.UNKNOWN_WATER
     assert len(notes) == 1
@@ -123,7 +123,7 @@ def test_a_record_of_water_without_its_covariance_is_as_uncertain_as_unknown_wat
 
 def with_water(current_m_s, speed_m_s):
     water = WATER.water._replace(current_north_m_s=-current_m_s, current_east_m_s=0.0, speed_m_s=speed_m_s)
-    return at_sea(replace(dead_reckoned(), dead_reckoning=replace(WATER, water=water)))
+    return at_sea(replace(position_state(), dead_reckoning=replace(WATER, water=water)))
 
 
 @pytest.mark.parametrize(("current_m_s", "speed_m_s"), [(0.0, 0.0), (0.1, 0.4), (0.5, 0.5), (1.5, 1.0)])

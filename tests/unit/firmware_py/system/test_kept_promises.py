@@ -208,7 +208,7 @@ def images(disk, folder):
     return [folder / name for name in ("killed", *CUTS)]
 
 
-def judge(act, tmp_path, monkeypatch, before, failing, *, anew):
+def judge(act, tmp_path, monkeypatch, before, failing, *, restart):
     """Do one act on a failing disk, perhaps the first one of a run; return the number of its calls."""
     at, (kind, lasting) = failing
     with monkeypatch.context() as patches:
@@ -217,7 +217,7 @@ def judge(act, tmp_path, monkeypatch, before, failing, *, anew):
         boat = Boat.start(disk.directory, resumes=act in ORDERS)
         for number in range(before):
             assert act(boat, number)
-        if anew:
+        if restart:
             boat.end()
             boat = Boat.start(disk.directory, resumes=act in ORDERS)
         old = found_beside(disk, tmp_path / "old", act)
@@ -278,18 +278,18 @@ def cases():
 
 
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.proof)], ids=["sampled", "every"])
-@pytest.mark.parametrize(("act", "before", "anew"), list(cases()), ids=lambda word: getattr(word, "__name__", None))
-def test_at_a_failing_call_acknowledged_is_there_and_refused_is_not(act, before, anew, every, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("act", "before", "restart"), list(cases()), ids=lambda word: getattr(word, "__name__", None))
+def test_at_a_failing_call_acknowledged_is_there_and_refused_is_not(act, before, restart, every, tmp_path, monkeypatch):
     def calls_of(at, fault):
         folder = tmp_path / "case"
         (folder / "state").mkdir(parents=True)
-        calls = judge(act, folder, monkeypatch, before, (at, fault), anew=anew)
+        calls = judge(act, folder, monkeypatch, before, (at, fault), restart=restart)
         shutil.rmtree(folder)
         return calls
 
     cases, calls = 0, calls_of(None, FAULTS[0])
-    for fault in FAULTS[:4] if anew else FAULTS:  # what is torn or short is the same then
-        for at in itertools.count() if every else sampled(calls, 1, f"{act.__name__} {before} {anew} {fault}"):
+    for fault in FAULTS[:4] if restart else FAULTS:  # what is torn or short is the same then
+        for at in itertools.count() if every else sampled(calls, 1, f"{act.__name__} {before} {restart} {fault}"):
             if calls_of(at, fault) <= at:
                 break
             cases += 1

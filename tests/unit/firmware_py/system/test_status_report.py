@@ -24,7 +24,7 @@ from firmware_py.common.records import (
     Tick,
 )
 from firmware_py.common.reports import (
-    DeadReckonedPosition,
+    DeadReckoningPosition,
     Energy,
     Flow,
     Home,
@@ -144,9 +144,9 @@ def test_where_she_is_going_and_what_home_is_stand_beside_it(boat):
 
 def test_a_reckoned_place_is_no_fix_and_stands_with_its_uncertainty(boat):
     assert "reckoned_sd_m" not in boat.status()["position"]
-    told = boat.status(12.0, position_ok=False, dead_reckoned=DeadReckonedPosition(0.1, 0.2, 0.3, 0.0, 250.4, 3600.2))[
-        "position"
-    ]
+    told = boat.status(
+        12.0, position_ok=False, dead_reckoning=DeadReckoningPosition(0.1, 0.2, 0.3, 0.0, 250.4, 3600.2)
+    )["position"]
     assert (told["ok"], told["reckoned_lat_deg"], told["reckoned_lon_deg"]) == (False, 5.72958, 11.45916)
     assert (told["reckoned_sd_m"], told["reckoned_s"]) == (250.0, 3600.0)
 

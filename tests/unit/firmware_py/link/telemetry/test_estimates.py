@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.common.reports import Activity, DeadReckonedPosition, Estimate, Home, Navigation
+from firmware_py.common.reports import Activity, DeadReckoningPosition, Estimate, Home, Navigation
 from firmware_py.link.telemetry.motion import quaternion
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
@@ -71,14 +71,14 @@ def test_the_estimator_says_what_can_be_relied_on(asked):
 
 
 def test_a_reckoned_place_is_a_relative_one_with_its_accuracy(asked):
-    dead_reckoned = {
+    dead_reckoning = {
         "position": FIX,
         "position_ok": False,
-        "dead_reckoned": DeadReckonedPosition(0.7, -0.2, 0.3, 0.0, 250.0, 3600.0),
+        "dead_reckoning": DeadReckoningPosition(0.7, -0.2, 0.3, 0.0, 250.0, 3600.0),
     }
-    status = asked(230, "ESTIMATOR_STATUS", **dead_reckoned)
+    status = asked(230, "ESTIMATOR_STATUS", **dead_reckoning)
     assert (status.flags, status.pos_horiz_accuracy) == (1 | 8 | 256, 250.0)
-    assert asked(32, "LOCAL_POSITION_NED", home=HOME, **dead_reckoned).vx == pytest.approx(0.3)
+    assert asked(32, "LOCAL_POSITION_NED", home=HOME, **dead_reckoning).vx == pytest.approx(0.3)
 
 
 def test_the_estimator_says_how_far_off_the_last_heading_was(asked):
@@ -96,11 +96,11 @@ def test_stations_that_look_for_ardupilot_s_report_find_the_same_in_it(asked):
     assert good.flags == 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
     ratios = {name: getattr(good, name) for name in good.fieldnames if name.endswith("_variance")}
     assert (len(ratios), set(ratios.values())) == (6, {0.0})
-    dead_reckoned = {
+    dead_reckoning = {
         "position": FIX,
         "position_ok": False,
-        "dead_reckoned": DeadReckonedPosition(0.7, -0.2, 0.3, 0.0, 250.0, 3600.0),
+        "dead_reckoning": DeadReckoningPosition(0.7, -0.2, 0.3, 0.0, 250.0, 3600.0),
     }
-    assert asked(193, "EKF_STATUS_REPORT", **dead_reckoned).flags == 1 | 8 | 256
+    assert asked(193, "EKF_STATUS_REPORT", **dead_reckoning).flags == 1 | 8 | 256
     odd = msgspec.structs.replace(ESTIMATE, innovation_rad=0.1, innovation_sd_rad=0.02)
     assert asked(193, "EKF_STATUS_REPORT", estimate=odd).compass_variance == pytest.approx(1.0)

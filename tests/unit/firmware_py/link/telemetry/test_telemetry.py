@@ -11,7 +11,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import FixType, PositionSample, RudderFeedback
 from firmware_py.common.reports import (
     Activity,
-    DeadReckonedPosition,
+    DeadReckoningPosition,
     Estimate,
     Flow,
     Home,
@@ -94,17 +94,17 @@ def test_position(build):
 
 
 def test_a_reckoned_place_is_told_and_no_fix(build):
-    dead_reckoned = {
+    dead_reckoning = {
         "position": FIX,
         "position_ok": False,
-        "dead_reckoned": DeadReckonedPosition(0.71, -0.21, 0.3, -0.4, 250.0, 3600.0),
+        "dead_reckoning": DeadReckoningPosition(0.71, -0.21, 0.3, -0.4, 250.0, 3600.0),
     }
     for name, latitude in (("GLOBAL_POSITION_INT", "lat"), ("HIGH_LATENCY2", "latitude")):
-        assert getattr(build(name, **dead_reckoned), latitude) == round(math.degrees(0.71) * 1e7)
-    place, raw = build("GLOBAL_POSITION_INT", **dead_reckoned), build("GPS_RAW_INT", **dead_reckoned)
+        assert getattr(build(name, **dead_reckoning), latitude) == round(math.degrees(0.71) * 1e7)
+    place, raw = build("GLOBAL_POSITION_INT", **dead_reckoning), build("GPS_RAW_INT", **dead_reckoning)
     assert (place.vx, place.vy, place.alt) == (30, -40, 3000)
     assert (raw.fix_type, raw.lat) == (1, 0)
-    assert not build("SYS_STATUS", **dead_reckoned).onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    assert not build("SYS_STATUS", **dead_reckoning).onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_GPS
 
 
 def test_gps_raw_says_what_it_does_not_know(build):
