@@ -44,14 +44,19 @@ def test_every_path_that_is_named_exists():
 
 @cache
 def resolves(name):
-    *modules, last = name.split(".")
+    """Return whether a dotted name is a module, or an attribute of one at any depth."""
     with contextlib.suppress(ModuleNotFoundError):
         importlib.import_module(name)
         return True
-    try:
-        return hasattr(importlib.import_module(".".join(modules)), last)
-    except ModuleNotFoundError:
-        return False
+    owner, _, last = name.rpartition(".")
+    return bool(owner) and resolves(owner) and hasattr(resolve(owner), last)
+
+
+def resolve(name):
+    with contextlib.suppress(ModuleNotFoundError):
+        return importlib.import_module(name)
+    owner, _, last = name.rpartition(".")
+    return getattr(resolve(owner), last)
 
 
 def test_every_module_that_is_named_exists():
@@ -60,6 +65,14 @@ def test_every_module_that_is_named_exists():
         return [name for name in names if not name.endswith(".py") and not resolves(name)]
 
     assert wrong_pages(missing) == {}
+
+
+def test_every_function_of_the_walks_exists():
+    text = (ROOT / "docs/explanation/architecture.md").read_text()
+    names = re.findall(r"^\| \d+ \| `([\w.]+)` \|", text, re.MULTILINE)
+    assert len(names) > 60
+    assert [name for name in names if not resolves(f"firmware_py.{name}")] == []
+    assert not resolves("firmware_py.core.step.no_such_function")
 
 
 @cache
