@@ -1,7 +1,8 @@
 """Position of the boat: fixes smoothed with its predicted motion, and a gate for jumps.
 
 A fix farther away than the boat can have sailed is rejected. When further fixes agree with it for long enough, the
-former position was wrong, and the new one is accepted. Without fixes the position is dead reckoned (dead_reckoning.py).
+former position was wrong, and the new one is accepted. Without fixes dead reckoning continues the position
+(dead_reckoning.py).
 """
 
 from __future__ import annotations

@@ -174,7 +174,7 @@ def advance_dead_reckoning(
 
 
 def dead_reckoning_sd(dead_reckoning: DeadReckoning, lasted_s: float) -> float:
-    """Return the standard deviation of the dead reckoned position along the axis where it is largest.
+    """Return the standard deviation of the position by dead reckoning along the axis where it is largest.
 
     Parts: the error of the water when positions ceased, over the way since; the random walks of current and mean speed;
     speed deviation and drift; the change of a current that is all tide; the way without a heading; the last position.

@@ -80,7 +80,7 @@ def test_a_silent_or_jumping_compass_is_replaced_by_the_other(fault, within_s):
     watch.texts.clear()
     assert watch.run(within_s, a=fault, b=0.1) is Source.COMPASS_B
     assert watch.texts == ["Heading source: compass B (was compass A)"]
-    # Healed, it comes back, after it has proved itself; and is heard of only once.
+    # After its recovery it is used again after its probation, with one report.
     assert watch.run(5.0, b=0.1) is Source.COMPASS_B
     assert watch.run(PROBATION_S, b=0.1) is Source.COMPASS_A
     assert len(watch.texts) == 2
@@ -161,8 +161,8 @@ def frozen(watch):
     return is_frozen(watch.state.compasses[0], watch.t_s, watch.frozen_s, TIMEOUT_S)
 
 
-def stopped():
-    """Return two compasses of which A stood while the boat turned, as the rudder shows."""
+def frozen_in_a_turn():
+    """Return two compasses of which A was constant while the boat turned, as the rudder shows."""
     watch = Watch()
     watch.run(20.0)
     watch.run(1.0, a="frozen")
@@ -171,7 +171,7 @@ def stopped():
 
 
 def test_a_compass_that_froze_in_a_turn_is_not_used_until_its_number_changes():
-    watch = stopped()
+    watch = frozen_in_a_turn()
     assert watch.run(1.0, a="frozen", b=0.0) is Source.COMPASS_B
     assert frozen(watch)
     watch.run(0.1, b=0.0)
@@ -187,7 +187,7 @@ def test_a_constant_number_without_a_turn_is_no_fault(b):
 
 
 def turn(watch, rate_deg_s, seconds):
-    """Compass A is in use and stands, so the estimate stands, too; B turns."""
+    """Compass A is in use and constant, and so is the estimate; B turns."""
     for tick in range(round(seconds)):
         watch.run(1.0, a="frozen", b=radians(rate_deg_s) * (tick + 0.5))
 
@@ -225,10 +225,10 @@ def test_a_compass_that_oscillated_and_is_constant_is_frozen(period_s, steps, wa
 @pytest.mark.parametrize(
     ("reading", "standing_s"),
     [
-        (((0.1, 1),), 2.0),  # of a compass not known yet
+        (((0.1, 1),), 2.0),  # initially
         (((5.0, 2),), 10.0),
-        (((5.0, 2), (0.5, 1200)), 10.0 * math.exp(-1.0)),  # forgotten in 10 minutes
-        (((0.5, 1200),), 1.5),  # at least
+        (((5.0, 2), (0.5, 1200)), 10.0 * math.exp(-1.0)),  # decays in 10 minutes
+        (((0.5, 1200),), 1.5),  # lower limit
     ],
 )
 def test_a_compass_stands_still_after_twice_the_longest_time_with_one_number(reading, standing_s):
@@ -253,7 +253,7 @@ def test_each_reversal_of_a_compass_is_a_swing_with_a_memory_of_20_s():
 
 def test_a_turn_of_less_than_a_few_steps_contradicts_no_coarse_compass():
     watch = Watch()
-    steps = (0.0, radians(10.0), 0.0)  # of one that has reading no smaller ones
+    steps = (0.0, radians(10.0), 0.0)  # without smaller ones
     for off_rad in steps:
         watch.state = add_sample(watch.state, TrueHeadingSample(watch.t_s, 1.0 + off_rad, 1.0 + off_rad, 0), 1.0)
     watch.run(2.0, a="frozen", b=0.0)
@@ -274,7 +274,7 @@ def test_the_resolution_of_a_compass_is_learned(resolution_deg):
 
 
 def test_a_compass_that_recovers_with_the_same_number_is_not_frozen():
-    """As one that is switched off for a night: its number has not stood, it was not there."""
+    """As one that is switched off for a night: a silence is no standstill."""
     watch = Watch()
     watch.run(20.0)
     watch.run(0.1, a="frozen")
@@ -284,7 +284,7 @@ def test_a_compass_that_recovers_with_the_same_number_is_not_frozen():
 
 
 def test_a_frozen_compass_stays_frozen_after_a_silence():
-    watch = stopped()
+    watch = frozen_in_a_turn()
     watch.run(5.0, a="frozen")
     watch.run(5.0, a=None)
     assert watch.run(0.1, a="frozen") is Source.NONE
@@ -302,7 +302,7 @@ def test_a_frozen_compass_stays_frozen_after_a_silence():
     ],
 )
 def test_the_difference_is_the_mean_of_all_samples_at_first_and_of_10_s_later(before_s, after_s, share):
-    """A new source starts with what it differs by: the less of chance in it the better."""
+    """The offset of a new source is this difference, so its noise has to be small."""
     state = CompassState(sound_since_s=0.0)
     for tick in range(1, round(10 * (before_s + after_s)) + 1):
         off_rad = 0.1 if tick <= 10 * before_s else 0.0
@@ -310,8 +310,8 @@ def test_the_difference_is_the_mean_of_all_samples_at_first_and_of_10_s_later(be
     assert state.difference_rad == pytest.approx(0.1 * share, rel=0.02)
 
 
-def reading(seconds, off_rad, state=CompassState(sound_since_s=0.0), begin_s=0.0, expected=1.0):  # noqa: B008 - frozen
-    """A compass that has reading so much beside the estimate for so long, ten times a second."""
+def differing(seconds, off_rad, state=CompassState(sound_since_s=0.0), begin_s=0.0, expected=1.0):  # noqa: B008 - frozen
+    """Return a compass that differs by off_rad from the estimate for some seconds, at 10 Hz."""
     for tick in range(1, round(10 * seconds) + 1):
         sample = TrueHeadingSample(begin_s + 0.1 * tick, 1.0 + off_rad, off_rad + 0.01 * (tick % 7), 0)
         state = update_compass(state, sample, expected)
@@ -319,26 +319,26 @@ def reading(seconds, off_rad, state=CompassState(sound_since_s=0.0), begin_s=0.0
 
 
 def test_differences_before_the_compass_is_sound_do_not_count():
-    unsound = reading(20.0, 0.3, CompassState())
-    assert reading(0.1, 0.1, unsound, begin_s=20.0).difference_rad == pytest.approx(0.1)
+    unsound = differing(20.0, 0.3, CompassState())
+    assert differing(0.1, 0.1, unsound, begin_s=20.0).difference_rad == pytest.approx(0.1)
 
 
 def test_agreement_is_judged_by_the_difference_before_a_jump():
-    assert reading(60.0, radians(14.0)).agreed
-    assert not reading(60.0, radians(16.0)).agreed
+    assert differing(60.0, radians(14.0)).agreed
+    assert not differing(60.0, radians(16.0)).agreed
     for off_deg, agrees in ((14.0, True), (16.0, False)):
-        assert reading(30.0, radians(90.0), reading(60.0, radians(off_deg)), begin_s=60.0).agreed is agrees
+        assert differing(30.0, radians(90.0), differing(60.0, radians(off_deg)), begin_s=60.0).agreed is agrees
 
 
 def test_a_source_is_judged_with_the_offset_that_it_started_with():
     offset = CompassState(t_s=0.0, sound_since_s=0.0, offset_rad=radians(-40.0))
-    followed = reading(5.0, radians(40.0), offset)
+    followed = differing(5.0, radians(40.0), offset)
     assert (followed.near_s, followed.agreed) == (pytest.approx(5.0), True)
-    assert reading(5.0, radians(-40.0), offset).near_s < 1.5
+    assert differing(5.0, radians(-40.0), offset).near_s < 1.5
 
 
 def test_without_an_estimate_there_is_no_difference():
-    state = reading(5.0, 0.3, expected=math.nan)
+    state = differing(5.0, 0.3, expected=math.nan)
     assert (state.difference_rad, state.agreed) == (0.0, False)
     assert math.isnan(state.steady_rad)
     assert state.near_s == pytest.approx(5.0)

@@ -1,4 +1,4 @@
-"""Speed, current and leeway in the tick, from positions and the heading as given; the filter is test_water_filter's."""
+"""Speed, current and leeway in a tick, from positions and the heading; the filter has test_water_filter.py."""
 
 import math
 import random
@@ -15,7 +15,7 @@ STEP_S = 2.0
 
 
 class Passage:
-    """A boat on given headings, of which the water is estimated; positions every two seconds with white noise."""
+    """A boat on a sequence of headings, with a position every 2 s with white noise."""
 
     def __init__(self, speed_m_s, north_m_s, east_m_s, seed=1, leeway_deg=0.0, fix_s=STEP_S, longitude_rad=2.0):
         self.speed_m_s, self.current, self.leeway_rad = speed_m_s, (north_m_s, east_m_s), math.radians(leeway_deg)

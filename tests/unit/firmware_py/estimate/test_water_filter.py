@@ -1,4 +1,4 @@
-"""The water filter and what follows from it: turns, gaps, outliers, restarts, hostile input; plain and compiled."""
+"""Water filter and its results: turns, gaps, outliers, restarts, hostile input; plain and compiled."""
 
 import copy
 import math
@@ -81,12 +81,12 @@ class Boat:
 
     @property
     def place_m2(self):
-        """The variance of the position to the north."""
+        """Return the variance of the position to the north."""
         return self.state.covariances[0, NORTH, NORTH]
 
     @property
     def off_in_sds(self):
-        """The errors of current north and east, mean speed and sideways speed, in standard deviations."""
+        """Return the errors of current north and east, mean speed and sideways speed, in standard deviations."""
         w, true = self.water, (self.current_m_s, self.speed_m_s)
         p = w.covariance
         return [
@@ -99,13 +99,13 @@ class Boat:
 
 @cache
 def after_a_square():
-    """Return a boat that has sailed a square; not to be sailed on."""
+    """Return a boat after a square; do not modify it."""
     return Boat(0.5, (0.15, -0.15)).square(4)
 
 
 @pytest.fixture
 def boat():
-    """Return a boat of which the water is known."""
+    """Return a boat with a converged filter."""
     return copy.deepcopy(after_a_square())
 
 

@@ -11,10 +11,10 @@ from firmware_py.faults.table import TABLE, Fault
 
 
 def run(conditions_at, fault=Fault.RUDDER_ERROR):
-    """Yield (time, whether it is set, events) while the condition of a fault follows a script."""
+    """Yield (time, whether the fault is set, events) while its condition follows a script."""
     state = LatchState()
-    for t_s, stands in conditions_at:
-        state, events = update(state, [one is fault and stands for one in TABLE], t_s)
+    for t_s, present in conditions_at:
+        state, events = update(state, [one is fault and present for one in TABLE], t_s)
         yield t_s, state.is_set(fault), events
 
 
@@ -27,8 +27,8 @@ def test_a_fault_is_set_after_its_debounce_time_and_reported_once():
 
 
 def test_an_intermittent_disk_error_is_one_fault():
-    falters = [(0.2 * tick, tick % 20 < 12) for tick in range(500)]  # 2.4 s of it, then 1.6 s well
-    reported = [event.text for _, _, events in run(falters, Fault.STORAGE_FAILING) for event in events]
+    script = [(0.2 * tick, tick % 20 < 12) for tick in range(500)]  # 2.4 s with, then 1.6 s without the error
+    reported = [event.text for _, _, events in run(script, Fault.STORAGE_FAILING) for event in events]
     assert reported == [TABLE[Fault.STORAGE_FAILING].text]
 
 
@@ -50,11 +50,11 @@ def test_a_condition_that_began_at_time_0_is_forgotten():
     assert not any(is_set for _, is_set, _ in seen)
 
 
-def judged(row, stands_at):
-    """Say of each time (t_s, stands) whether the fault is set, by what has gone before."""
+def judged(row, present_at):
+    """Yield whether the fault is set at each (t_s, present)."""
     is_set, begun_s, last_s = False, None, None
-    for t_s, stands in stands_at:
-        if stands:
+    for t_s, present in present_at:
+        if present:
             begun_s, last_s = (t_s if begun_s is None else begun_s), t_s
             is_set = is_set or t_s - begun_s >= row.debounce_s
         elif not is_set or t_s - last_s >= row.clear_s:
@@ -68,14 +68,18 @@ STEPS = st.lists(st.tuples(st.sampled_from([0.1, 0.3, 1.0, 7.0]), st.frozensets(
 @given(STEPS)
 def test_each_fault_is_set_and_cleared_by_its_own_times_and_reported(steps):
     times_s = list(accumulate(step_s for step_s, _ in steps))
-    wanted = {
-        fault: list(judged(row, [(t_s, fault in standing) for t_s, (_, standing) in zip(times_s, steps, strict=True)]))
+    expected = {
+        fault: list(
+            judged(
+                row, [(t_s, fault in present_faults) for t_s, (_, present_faults) in zip(times_s, steps, strict=True)]
+            )
+        )
         for fault, row in TABLE.items()
     }
     state, before = LatchState(), dict.fromkeys(TABLE, False)
-    for number, (t_s, (_, standing)) in enumerate(zip(times_s, steps, strict=True)):
-        state, events = update(state, [fault in standing for fault in TABLE], t_s)
-        now = {fault: wanted[fault][number] for fault in TABLE}
+    for number, (t_s, (_, present_faults)) in enumerate(zip(times_s, steps, strict=True)):
+        state, events = update(state, [fault in present_faults for fault in TABLE], t_s)
+        now = {fault: expected[fault][number] for fault in TABLE}
         assert {fault: state.is_set(fault) for fault in TABLE} == now
         assert list(events) == [
             Event(row.severity, row.text) if now[fault] else Event(Severity.NOTICE, row.recovery)

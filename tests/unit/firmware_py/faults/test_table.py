@@ -9,7 +9,7 @@ from firmware_py.faults.latch import judge_conditions
 from firmware_py.faults.row import FaultInput
 from firmware_py.faults.table import TABLE, Fault
 
-WELL = FaultInput(
+NORMAL = FaultInput(
     faults=0,
     late_age_s=None,
     heading_old=False,
@@ -53,16 +53,18 @@ WELL = FaultInput(
 )
 
 
-def standing(**changes):
+def present_faults(**changes):
     return [
-        fault for fault, is_present in zip(TABLE, judge_conditions(replace(WELL, **changes)), strict=True) if is_present
+        fault
+        for fault, is_present in zip(TABLE, judge_conditions(replace(NORMAL, **changes)), strict=True)
+        if is_present
     ]
 
 
 def test_no_condition_is_present_in_normal_operation_or_without_data():
-    assert standing() == []
+    assert present_faults() == []
     assert (
-        standing(
+        present_faults(
             **dict.fromkeys(
                 ("servo_temperature_c", "supply_v", "battery_charge", "battery_v", "storage", "clock", "station")
             )
@@ -96,8 +98,8 @@ def test_no_condition_is_present_in_normal_operation_or_without_data():
     ],
 )
 def test_each_condition_is_present_from_its_limit_on(fault, before, at):
-    assert standing(**before) == []
-    assert standing(**at) == [fault]
+    assert present_faults(**before) == []
+    assert present_faults(**at) == [fault]
 
 
 @pytest.mark.parametrize(
@@ -111,37 +113,40 @@ def test_each_condition_is_present_from_its_limit_on(fault, before, at):
     ],
 )
 def test_a_limit_has_hysteresis_once_its_fault_is_set(fault, kept, gone):
-    assert standing(**kept) == []
-    assert standing(**kept, faults=1 << fault) == [fault]
-    assert standing(**gone, faults=1 << fault) == []
+    assert present_faults(**kept) == []
+    assert present_faults(**kept, faults=1 << fault) == [fault]
+    assert present_faults(**gone, faults=1 << fault) == []
 
 
 def test_a_full_disk_that_fails_stays_full():
     both = sum(1 << fault for fault in (Fault.STORAGE_FULL, Fault.STORAGE_FAILING))
-    assert standing(storage=DeviceState.FAULTY) == [Fault.STORAGE_FAILING]
-    assert set(standing(storage=DeviceState.FAULTY, faults=both)) == {Fault.STORAGE_FULL, Fault.STORAGE_FAILING}
-    assert standing(storage=DeviceState.RUNNING, faults=both) == []
+    assert present_faults(storage=DeviceState.FAULTY) == [Fault.STORAGE_FAILING]
+    assert set(present_faults(storage=DeviceState.FAULTY, faults=both)) == {Fault.STORAGE_FULL, Fault.STORAGE_FAILING}
+    assert present_faults(storage=DeviceState.RUNNING, faults=both) == []
 
 
 LOW_AND_CRITICAL = [Fault.BATTERY_LOW, Fault.BATTERY_CRITICAL]
 
 
 def test_an_empty_battery_is_low_and_critical_unless_a_limit_is_0():
-    assert standing(battery_charge=0.05) == LOW_AND_CRITICAL
-    assert standing(battery_charge=0.05, keep_charge=0.0, keep_v=0.0) == LOW_AND_CRITICAL[:1]
-    assert standing(battery_charge=0.0, battery_v=0.0, save_charge=0.0, save_v=0.0, keep_charge=0.0, keep_v=0.0) == []
+    assert present_faults(battery_charge=0.05) == LOW_AND_CRITICAL
+    assert present_faults(battery_charge=0.05, keep_charge=0.0, keep_v=0.0) == LOW_AND_CRITICAL[:1]
+    assert (
+        present_faults(battery_charge=0.0, battery_v=0.0, save_charge=0.0, save_v=0.0, keep_charge=0.0, keep_v=0.0)
+        == []
+    )
 
 
 def test_without_battery_data_the_faults_stay_until_their_limits_are_0():
     both = sum(1 << fault for fault in LOW_AND_CRITICAL)
     unknown = {"battery_charge": None, "battery_v": None}
-    assert standing(**unknown, faults=both) == LOW_AND_CRITICAL
-    assert standing(**unknown, faults=both, save_charge=0.0, save_v=0.0) == LOW_AND_CRITICAL[1:]
-    assert standing(battery_charge=None, faults=both) == []  # the voltage is right
+    assert present_faults(**unknown, faults=both) == LOW_AND_CRITICAL
+    assert present_faults(**unknown, faults=both, save_charge=0.0, save_v=0.0) == LOW_AND_CRITICAL[1:]
+    assert present_faults(battery_charge=None, faults=both) == []  # the voltage is normal
 
 
 def test_a_ground_station_is_not_silent_by_its_age_alone():
-    assert standing(station_age_s=1e6) == []
+    assert present_faults(station_age_s=1e6) == []
 
 
 def test_every_parameter_of_a_row_exists():

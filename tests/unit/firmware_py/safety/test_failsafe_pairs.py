@@ -1,4 +1,4 @@
-"""All pairs of faults that change the mode, in both orders: which one decides, who waits, what is left at the end."""
+"""All pairs of faults that change the mode, in both orders: which one decides, and the mode afterwards."""
 
 import itertools
 
@@ -13,14 +13,14 @@ from firmware_py.safety.supervisor import SupervisorSettings, SupervisorState, a
 
 EVERYTHING = Situation(1.0, None, position_ok=True, rudder_ok=True, mission_ok=True, home_ok=True)
 SETTINGS = SupervisorSettings.of(ParameterSet())
-# What the first and the second of a pair are to do.
+# Modes of the first and the second of a pair.
 CHOICES = ((Mode.HOLD, Mode.RTL), (Mode.RTL, Mode.HOLD), (Mode.HOLD, Mode.HOLD), (Mode.STEERING, Mode.LOITER))
 ORDERED = (Mode.AUTO, Mode.GUIDED, Mode.LOITER, Mode.MANUAL, Mode.HOLD)
 PAIRS = tuple(itertools.permutations(PRECEDENCE, 2))
 
 
 class Boat:
-    """A boat whose failsafes act as in step(), beside a plain account of what must come of it."""
+    """A boat whose failsafes act as in step()."""
 
     def __init__(self, mode, chosen, *, resume=False):
         self.settings = replace(SETTINGS, failsafe_modes=dict.fromkeys(PRECEDENCE) | chosen, resume=resume)
@@ -41,12 +41,12 @@ class Boat:
 
 
 def acts(fault, mode):
-    """Whether a fault may act in a mode that an operator has ordered."""
+    """Return whether a fault may act in a mode that the operator has ordered."""
     return mode is not Mode.HOLD and (mode is not Mode.MANUAL or TABLE[fault].acts_in_manual)
 
 
-def wanted(ordered, chosen, stood):
-    """The mode at last, of the sets of faults that have stood one after the other since an order, the last not empty.
+def expected_mode(ordered, chosen, stood):
+    """Return the last mode after a sequence of sets of faults since an order; the last set is not empty.
 
     In a mode that a failsafe chose, every fault acts.
     """
@@ -76,7 +76,7 @@ def test_of_every_pair_the_first_in_precedence_decides_whichever_came_first(orde
         boat, stood = Boat(ordered, chosen, resume=resume), []
         for faults in ((first,), (first, second), ((first, second)[last],)):
             stood.append(faults)
-            assert boat.tick(*faults) is wanted(ordered, chosen, stood), stood
+            assert boat.tick(*faults) is expected_mode(ordered, chosen, stood), stood
 
 
 @pytest.mark.parametrize("ordered", [Mode.AUTO, Mode.GUIDED, Mode.LOITER])
@@ -137,7 +137,7 @@ def test_in_manual_only_the_loss_of_the_ground_station_acts():
         assert boat.tick(fault) is Mode.MANUAL
         first = min((fault, lost), key=PRECEDENCE.index)
         assert boat.tick(fault, lost) is (Mode.RTL if first is fault else Mode.LOITER)
-        # Not one that stood when MANUAL was ordered: who did knew of it.
+        # A fault that was set when MANUAL was ordered does not act.
         boat = Boat(Mode.AUTO, {lost: Mode.LOITER, fault: Mode.RTL})
         boat.tick(fault)
         boat.tick(fault, order=Mode.MANUAL)

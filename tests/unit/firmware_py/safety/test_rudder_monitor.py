@@ -1,4 +1,4 @@
-"""A rudder that follows, slowly or in steps, is not at fault; one that stands still, strays or pulls too hard is."""
+"""Rudder monitor: slow rudders, jams, deviations, overcurrent, relief and trials."""
 
 import math
 from itertools import pairwise
@@ -17,7 +17,7 @@ from firmware_py.safety.rudder_monitor import (
 
 
 class Servo:
-    """A shaft with a slew, on a command of the test's own, ten times a second."""
+    """A shaft with a slew rate that follows a command at 10 Hz."""
 
     def __init__(self, slew_deg_s=30.0, limit_a=3.0):
         self.state, self.t_s, self.angle_deg, self.sent_deg = RudderMonitorState(), 0.0, 0.0, 0.0
@@ -25,7 +25,7 @@ class Servo:
         self.jammed = self.released = False
         self.current_a = 0.2
         self.silent = False
-        self.late, self.angles_deg = 0, [0.0]  # by so many ticks the answers are older than the shaft
+        self.late, self.angles_deg = 0, [0.0]  # delay of the feedback in ticks
 
     def run(self, seconds, demand_deg):
         for _ in range(round(seconds * 10)):
@@ -36,8 +36,8 @@ class Servo:
             self.angles_deg.append(self.angle_deg)
             settings = RudderMonitorSettings(self.limit_a)
             self.state = update(settings, self.state, self.status(), engaged=not self.released)
-            wanted = demand_deg(self.t_s) if callable(demand_deg) else demand_deg
-            self.sent_deg = math.degrees(release_command(self.state, math.radians(wanted), self.t_s))
+            commanded = demand_deg(self.t_s) if callable(demand_deg) else demand_deg
+            self.sent_deg = math.degrees(release_command(self.state, math.radians(commanded), self.t_s))
             yield self.state
 
     def status(self):
@@ -182,7 +182,7 @@ def test_a_servo_overloaded_in_each_trial_is_relieved_between_them():
 def test_a_relieved_rudder_that_is_pushed_away_is_not_driven_back():
     servo = overloaded()
     servo.current_a = 0.2
-    servo.jammed = True  # the sea alone moves it
+    servo.jammed = True  # moved by the sea alone
     for _ in range(80):
         servo.angle_deg -= 0.2
         list(servo.run(0.1, 20.0))
