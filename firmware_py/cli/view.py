@@ -21,7 +21,7 @@ from firmware_py.system.signals import Signals
 from firmware_py.system.slots import examine
 from firmware_py.system.state_directory import PLAN_FILES, checked_plan
 from firmware_py.system.status_file import FoundStatus, Freshness, find, find_all
-from firmware_py.view.feed import MOST_LINE_BYTES, Feed
+from firmware_py.view.feed import MAX_LINE_BYTES, Feed
 from firmware_py.view.guard import DEFAULT_LISTEN, Guard, ViewError, listen_address, read_token
 from firmware_py.view.history import History
 from firmware_py.view.model import plan_rows
@@ -109,7 +109,7 @@ def _address(server: ViewServer) -> str:
 
 def _listen_to(feed: Feed, ended: threading.Event) -> None:
     """Read the lines of the harness until it closes the pipe."""
-    while line := sys.stdin.buffer.readline(MOST_LINE_BYTES):
+    while line := sys.stdin.buffer.readline(MAX_LINE_BYTES):
         feed.take_line(line)
     ended.set()
 

@@ -1,1 +1,1 @@
-"""What a voyage looks like in a browser: one page for a run, for a boat's logs and for a boat under way."""
+"""Pages of voyages for a browser: of a run, of logs, and the live page."""

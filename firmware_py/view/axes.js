@@ -67,10 +67,10 @@ function cutOf(columns) {
   for (const values of columns) for (const value of values) if (known(value)) {
     bins[((Math.floor(value / 5) % 72) + 72) % 72] += 1;
   }
-  const least = Math.min(...bins);
+  const lowest = Math.min(...bins);
   let best = 0, longest = 0, run = 0;
   for (let i = 0; i < 144; i += 1) {
-    run = bins[i % 72] === least ? run + 1 : 0;
+    run = bins[i % 72] === lowest ? run + 1 : 0;
     if (run > longest && run <= 72) { longest = run; best = i - run / 2 + 0.5; }
   }
   return longest ? (best * 5) % 360 : 0;

@@ -1,4 +1,4 @@
-"""The shell of a self-contained HTML page: nothing is loaded from outside, and the browser is told to allow nothing."""
+"""Frame of a self-contained HTML page with a content security policy that forbids external resources."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ LIVE = (*PLOTS, "live.js")
 
 @cache
 def asset(*names: str) -> str:
-    """Return the text of files beside this one, one after the other."""
+    """Return the joined text of files of this folder."""
     return "\n".join((_HERE / name).read_text(encoding="utf-8") for name in names)
 
 
 def data_block(kind: str, content: Mapping[str, Any]) -> str:
-    """Return JSON as a part of a page that no browser runs; plots.js finds it by its kind."""
+    """Return JSON as an inert part of a page; the scripts find it by its kind."""
     text = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return f'<script type="application/json" class="{kind}">{text}</script>'
 
@@ -43,7 +43,7 @@ def policy(scripts: tuple[str, ...], *, connect: bool = False) -> str:
 
 
 def document(title: str, parts: Iterable[str], scripts: tuple[str, ...] = (), *, connect: bool = False) -> str:
-    """Return a whole page of parts, which are HTML, under a title, which is plain text, with scripts of this room."""
+    """Return a page of a plain-text title, HTML parts and scripts of this folder."""
     head = [
         '<meta charset="utf-8">',
         f'<meta http-equiv="Content-Security-Policy" content="{policy(scripts, connect=connect)}">',

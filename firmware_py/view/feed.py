@@ -1,7 +1,6 @@
-"""Takes what an autopilot says of itself, and what a harness knows besides, into the history of a page.
+"""Feeds the live page from the status file and the plans of an autopilot, and from the lines of a harness.
 
-It reads the status that the autopilot writes into memory for anybody, and its plans on disk; the autopilot knows
-nothing of it and is never held up.
+Only files are read, so that the autopilot is never delayed.
 """
 
 from __future__ import annotations
@@ -16,19 +15,19 @@ from firmware_py.system.status_file import FoundStatus, Freshness
 from firmware_py.view.history import History, Mark
 
 Status = Mapping[str, Any]
-MOST_SEEN: Final = 500
-MOST_LINE_BYTES: Final = 1 << 14
-MOST_TITLE: Final = 300
-MOST: Final = 1e15
+MAX_SEEN: Final = 500
+MAX_LINE_BYTES: Final = 1 << 14
+MAX_TITLE: Final = 300
+MAX_NUMBER: Final = 1e15
 
-# Column of a page: section of the status (empty: the status itself), key, factor.
+# Column of the page: section of the status (empty: top level), key, factor.
 FROM_STATUS: Final[Mapping[str, tuple[str, str, float]]] = {
     "lat_deg": ("position", "lat_deg", 1.0),
     "lon_deg": ("position", "lon_deg", 1.0),
     "compass_deg": ("", "heading_deg", 1.0),
     "heading_deg": ("estimate", "heading_deg", 1.0),
     "goal_deg": ("", "goal_deg", 1.0),
-    "error_deg": ("", "error_deg", -1.0),  # a page shows heading less goal
+    "error_deg": ("", "error_deg", -1.0),  # the page shows heading minus goal
     "yaw_rate_deg_s": ("", "yaw_rate_deg_s", 1.0),
     "rudder_deg": ("rudder", "angle_deg", 1.0),
     "command_deg": ("rudder", "command_deg", 1.0),
@@ -46,7 +45,7 @@ FROM_STATUS: Final[Mapping[str, tuple[str, str, float]]] = {
     "load_w": ("power", "load_w", 1.0),
 }
 
-# Columns that are empty while what they are measured by is past its time-out, by the flag of the status that says so.
+# Columns that are empty while their sensor has timed out, with the validity flag in the status.
 VALID: Final[Mapping[str, tuple[str, str]]] = {
     **dict.fromkeys(("lat_deg", "lon_deg", "ground_m_s", "water_m_s", "current_m_s"), ("position", "ok")),
     **dict.fromkeys(("compass_deg", "heading_deg", "error_deg", "wave_period_s", "wave_sd_deg"), ("", "heading_ok")),
@@ -55,7 +54,7 @@ VALID: Final[Mapping[str, tuple[str, str]]] = {
 
 
 class Feed:
-    """Takes the newest at each `poll`; `look` returns the status, `read_plans` the plans as the page has them."""
+    """Reads the newest data at each `poll`; `look` returns the status, `read_plans` the plans for the page."""
 
     def __init__(
         self,
@@ -64,7 +63,7 @@ class Feed:
         read_plans: Callable[[], Mapping[str, Any]],
         remedies: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        """Begin before the first look; `remedies` are texts by the names of faults."""
+        """`remedies` are texts by fault name."""
         self._history, self._look, self._read_plans, self._remedies = history, look, read_plans, remedies
         self._truth: dict[str, Any] = {}
         self._plan_key: object = None
@@ -72,24 +71,24 @@ class Feed:
         self._voyage: object = None
         self._begin_s: float | None = None
         self._last: object = None
-        self._seen: deque[tuple[Any, ...]] = deque(maxlen=MOST_SEEN)
+        self._seen: deque[tuple[Any, ...]] = deque(maxlen=MAX_SEEN)
 
     def take_line(self, line: bytes) -> None:
-        """Take a line of a harness: JSON of what it knows, such as time_s and true_heading_deg."""
+        """Take a JSON line of the harness, with keys such as time_s and true_heading_deg."""
         try:
-            told = json.loads(line) if len(line) <= MOST_LINE_BYTES else None
+            values = json.loads(line) if len(line) <= MAX_LINE_BYTES else None
         except (ValueError, RecursionError):
             return
-        for name, value in told.items() if isinstance(told, dict) else ():
-            if isinstance(value, str) and len(value) <= MOST_TITLE:
+        for name, value in values.items() if isinstance(values, dict) else ():
+            if isinstance(value, str) and len(value) <= MAX_TITLE:
                 self._truth[name] = value
-            elif isinstance(value, (int, float)) and abs(value) <= MOST:  # False for NaN
+            elif isinstance(value, (int, float)) and abs(value) <= MAX_NUMBER:  # False for NaN
                 self._truth[name] = float(value)
 
     def poll(self) -> bytes | None:
-        """Return what is new, as JSON for the readers; None when nothing is."""
+        """Return new data as JSON for the readers; None without any."""
         if self._truth and "time_s" not in self._truth:
-            return None  # a harness that has not begun
+            return None  # the harness has not begun
         found = self._look()
         key = (found.freshness, found.reason, found.content.get("written_machine_s"), self._truth.get("time_s"))
         if key == self._last:
@@ -106,11 +105,11 @@ class Feed:
             RecursionError,
         ):  # of another version than this program
             return self._history.add(
-                {}, (), {"freshness": Freshness.STALE.value, "reason": "it speaks another version"}
+                {}, (), {"freshness": Freshness.STALE.value, "reason": "status of another version"}
             )
 
     def _take(self, found: FoundStatus) -> bytes:
-        # Anybody may have written it: what is no number is null, else no reader could be told anything any more.
+        # Numbers that JSON lacks become null: a forged status must not stop the page.
         status = json.loads(json.dumps(found.content), parse_constant=lambda _: None)
         for fault in status.get("faults", ()):
             fault["remedy"] = self._remedies.get(str(fault.get("fault")), "")
@@ -122,13 +121,13 @@ class Feed:
                 self._note_voyage(status)
                 time_s = status["written_machine_s"] - (self._begin_s or 0.0)
             marks = tuple(self._marks(status, time_s))
-            self._look_at_plans(status)
-        # A harness without an autopilot's status has its own, and a status that is old has no row.
+            self._update_plans(status)
+        # A stale status adds no row; the harness may still add its own.
         current = status if found.freshness is Freshness.RUNNING else {}
         columns = {name: _value(current, *place) for name, place in FROM_STATUS.items()}
         columns |= {name: None for name, flag in VALID.items() if _entry(current, *flag) is False}
         if (current.get("navigation") or {}).get("activity") != "LINE":
-            columns["cross_track_m"] = None  # off no line, but toward a circle or home
+            columns["cross_track_m"] = None  # no line: on a circle or toward home
         columns |= {"faults": len(current["faults"]) if current else None, "time_s": time_s}
         columns |= {name: value for name, value in self._truth.items() if isinstance(value, (int, float))}
         now = {
@@ -147,26 +146,26 @@ class Feed:
         return self._history.add(columns if current or self._truth else {}, marks, now)
 
     def _note_voyage(self, status: Status) -> None:
-        """Count the time from the first status; one of before is of a computer that has been started anew."""
+        """Count the time from the first status; an earlier time means that the computer has restarted."""
         written_s = status["written_machine_s"]
         if self._begin_s is None or written_s < self._begin_s:
             self._begin_s = written_s
-            self._history.begin_anew()
+            self._history.restart()
 
     def _marks(self, status: Status, time_s: float) -> list[Mark]:
-        found = []
+        marks = []
         for event in status.get("events", ()):
             key = (status["pid"], event["t_s"], event["text"])
             if key not in self._seen:
                 self._seen.append(key)
                 ago_s = status["uptime_s"] - event["t_s"]
                 event_s = time_s - ago_s
-                # A run begins at 0: what the autopilot reports while it starts belongs there.
+                # A run begins at 0: earlier reports are from the start of the autopilot.
                 event_s = max(0.0, event_s) if "time_s" in self._truth else event_s
-                found.append((round(event_s, 1), int(event["severity"]), str(event["text"])[:MOST_TITLE]))
-        return found
+                marks.append((round(event_s, 1), int(event["severity"]), str(event["text"])[:MAX_TITLE]))
+        return marks
 
-    def _look_at_plans(self, status: Status) -> None:
+    def _update_plans(self, status: Status) -> None:
         key = (status.get("plan_identities"), status.get("home"))
         if key != self._plan_key:
             self._plan_key = key
@@ -180,7 +179,7 @@ def _entry(status: Status, section: str, key: str) -> Any:
 
 def _value(status: Status, section: str, key: str, factor: float = 1.0) -> float | None:
     value = _entry(status, section, key)
-    return value * factor if isinstance(value, (int, float)) and abs(value) <= MOST else None
+    return value * factor if isinstance(value, (int, float)) and abs(value) <= MAX_NUMBER else None
 
 
 def _target(status: Status) -> list[float | None] | None:

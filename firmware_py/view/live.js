@@ -1,14 +1,14 @@
 "use strict";
-// The page under way: values with their ages, faults, the plots as they grow, and a notice when nothing comes any more.
+// Live page: values with their ages, faults, growing plots, and a notice without new data.
 
-const BESIDE = { rudder: "Rudder", position: "Position", navigation: "Navigation", estimate: "Estimate", energy: "Energy of the rudder",
+const SECTIONS = { rudder: "Rudder", position: "Position", navigation: "Navigation", estimate: "Estimate", energy: "Rudder energy",
   power: "Battery and panels", traffic: "Traffic", loop: "Control loop" };
 const UNITS = Object.entries({ _deg2_s: "deg²/s", _deg_per_h: "deg/h", _per_h: "per hour", _deg_s: "deg/s", _m_s: "m/s", _deg: "deg",
   _percent: "%", _hz: "Hz", _ms: "ms", _wh: "Wh", _w: "W", _v: "V", _a: "A", _c: "°C", _m: "m", _s: "s" });
 const WORDS = { ok: "valid", sog: "speed over ground", cog: "course over ground", lat: "latitude", lon: "longitude", reckoned: "dead reckoning",
   sd: "standard deviation", softness: "gain reduction" };
 const SHOWN = 12; // texts
-const AGAIN_MS = 5000; // after an answer that is none, such as that there are too many readers
+const AGAIN_MS = 5000; // retry after a refused connection, such as too many readers
 
 class Live {
   constructor(place) {
@@ -20,38 +20,38 @@ class Live {
     this.plots = html(place, "div");
     this.parts = html(place, "div", { class: "parts" });
     this.view = null;
-    this.heard = 0;
+    this.receivedAt = 0;
     this.waiting = false;
     this.connect();
-    setInterval(() => this.tellAge(), 1000);
+    setInterval(() => this.showAge(), 1000);
   }
 
   connect() {
     const source = new EventSource("events");
     source.addEventListener("whole", (event) => this.take(JSON.parse(event.data), true));
     source.addEventListener("new", (event) => this.take(JSON.parse(event.data), false));
-    source.addEventListener("end", () => { source.close(); this.over = true; this.tellAge(); });
+    source.addEventListener("end", () => { source.close(); this.over = true; this.showAge(); });
     source.addEventListener("error", () => {
       this.lost = this.lost || Date.now();
-      if (source.readyState === EventSource.CLOSED) setTimeout(() => this.connect(), AGAIN_MS); // else it does so itself
-      this.tellAge();
+      if (source.readyState === EventSource.CLOSED) setTimeout(() => this.connect(), AGAIN_MS); // otherwise EventSource reconnects
+      this.showAge();
     });
   }
 
-  take(told, whole) {
+  take(update, whole) {
     this.lost = 0;
-    if (known(told.now.age_s) || !this.heard) this.heard = Date.now() - 1000 * (told.now.age_s || 0);
+    if (known(update.now.age_s) || !this.receivedAt) this.receivedAt = Date.now() - 1000 * (update.now.age_s || 0);
     if (whole) {
-      this.names = told.names;
-      this.voyage = { columns: Object.fromEntries(told.names.map((name) => [name, []])), panels: told.panels, marks: [] };
+      this.names = update.names;
+      this.voyage = { columns: Object.fromEntries(update.names.map((name) => [name, []])), panels: update.panels, marks: [] };
       this.now = {};
     }
-    for (const row of told.rows) this.names.forEach((name, i) => this.voyage.columns[name].push(row[i]));
-    this.voyage.marks.push(...told.marks);
-    this.now = { ...this.now, ...told.now };
-    const newest = told.values || told.rows[told.rows.length - 1];
+    for (const row of update.rows) this.names.forEach((name, i) => this.voyage.columns[name].push(row[i]));
+    this.voyage.marks.push(...update.marks);
+    this.now = { ...this.now, ...update.now };
+    const newest = update.values || update.rows[update.rows.length - 1];
     this.values = newest ? Object.fromEntries(this.names.map((name, i) => [name, newest[i]])) : {};
-    if (!this.waiting) { // as often as somebody looks, and not while nobody does
+    if (!this.waiting) { // once per frame, not in a hidden tab
       this.waiting = true;
       requestAnimationFrame(() => { this.waiting = false; this.draw(); });
     }
@@ -73,7 +73,7 @@ class Live {
     this.drawCards(status, values);
     this.drawFaults(status);
     this.drawParts(status);
-    this.tellAge();
+    this.showAge();
   }
 
   drawCards(status, values) {
@@ -85,7 +85,7 @@ class Live {
       ...(known(values.true_heading_deg) ? [["heading", "true heading", direction(values.true_heading_deg), "simulated boat"],
         ["estimated-heading", "estimated heading", ...heading]] : [["heading", "heading", ...heading]]),
       ["goal", "goal", direction(status.goal_deg),
-        status.heading_ok === false || !known(status.error_deg) ? "" : `off by ${shown(-status.error_deg, 0.1)}°`],
+        status.heading_ok === false || !known(status.error_deg) ? "" : `error ${shown(-status.error_deg, 0.1)}°`],
       ["rudder", "rudder", known(rudder.angle_deg) ? `${shown(rudder.angle_deg, 0.1)}°` : "–",
         known(rudder.command_deg) ? `commanded ${shown(rudder.command_deg, 0.1)}°` : "", rudder.age_s, rudder.ok === false],
       ["mode", "mode", status.mode || "–", status.mode ? (status.armed ? "armed" : "disarmed") : ""],
@@ -144,36 +144,36 @@ class Live {
     };
     const [from, to] = this.view ? this.view.panels.extent() : [0, 1];
     table("Events", this.voyage.marks.slice(-SHOWN).reverse().map(([time, severity, text]) => [
-      momentText(time, Math.min(to - from, 599), this.voyage.begin_utc_s), text, severity <= SEVERE]));
+      momentText(time, Math.min(to - from, 599), this.voyage.begin_utc_s), text, isFailure(severity, text)]));
     const devices = status.devices || [];
     table("Devices", devices.map((one) => [inWords(one.device), [inWords(one.state), known(one.rate_hz) ? `${one.rate_hz} Hz` : "",
       known(one.age_s) ? `last message ${since(one.age_s)} ago` : "", `${one.rejected} rejected`, one.error].filter(Boolean).join(", "),
     one.state !== "running"]));
-    table("Links", (status.links || []).map((one) => [one.url, (one.peers.length ? one.peers.map((peer) => `${peer.address}, heard `
-      + `${known(peer.heard_age_s) ? `${since(peer.heard_age_s)} ago` : "never"}`).join("; ") : "no peer")
-      + (one.hindrance ? `; nothing is sent: ${one.hindrance}` : ""), Boolean(one.hindrance)]));
+    table("Links", (status.links || []).map((one) => [one.url, (one.peers.length ? one.peers.map((peer) => `${peer.address}, `
+      + `${known(peer.heard_age_s) ? `last message ${since(peer.heard_age_s)} ago` : "nothing received"}`).join("; ") : "no peer")
+      + (one.hindrance ? `; sending blocked: ${one.hindrance}` : ""), Boolean(one.hindrance)]));
     table("Vessels", ((status.traffic || {}).nearest || []).map((one) => [one.title || String(one.mmsi),
-      `${shown(one.distance_m, 1)} m, ${direction(one.bearing_deg, 0)}, heard ${since(one.age_s)} ago`
-      + (known(one.cpa_m) ? `; ${shown(one.cpa_m, 1)} m in ${since(one.cpa_in_s)}` : ""), one.near]));
+      `${shown(one.distance_m, 1)} m, ${direction(one.bearing_deg, 0)}, report ${since(one.age_s)} ago`
+      + (known(one.cpa_m) ? `; closest approach ${shown(one.cpa_m, 1)} m in ${since(one.cpa_in_s)}` : ""), one.near]));
     const power = devices.filter((one) => one.device.startsWith("power"));
     const measured = { position: status.position, rudder: status.rudder, energy: status.rudder,
       estimate: { age_s: status.heading_age_s, ok: status.heading_ok },
       power: power.length ? { age_s: Math.min(...power.map((one) => one.age_s ?? Infinity)), ok: power.some((one) => one.state === "running") } : null };
-    for (const [name, title] of Object.entries(BESIDE)) {
+    for (const [name, title] of Object.entries(SECTIONS)) {
       const { age_s: age, ok } = measured[name] || {};
       table(title, Object.entries(status[name] || {}).filter(([key, value]) => known(value) && typeof value !== "object" && value !== ""
         && key !== "age_s").map(([key, value]) => quantity(key, value)), age ?? 0, ok === false);
     }
   }
 
-  // Each age as it is now, and whether the page as a whole is of the past.
-  tellAge() {
-    const now = this.now || {}, seconds = Math.round((Date.now() - this.heard) / 1000);
+  // Updates the ages and the notice without new data.
+  showAge() {
+    const now = this.now || {}, seconds = Math.round((Date.now() - this.receivedAt) / 1000);
     let text = "";
-    if (this.over) text = "It has ended; this is what was seen of it.";
-    else if (this.lost) text = `No connection for ${Math.round((Date.now() - this.lost) / 1000)} s; this is what was seen before.`;
+    if (this.over) text = "The run has ended; last values shown.";
+    else if (this.lost) text = `No connection for ${Math.round((Date.now() - this.lost) / 1000)} s; last values shown.`;
     else if (now.freshness && now.freshness !== "running") text = `No report from the autopilot for ${Math.max(0, seconds)} s: ${now.reason || now.freshness}.`;
-    else if (!this.heard) text = "Waiting for the first report.";
+    else if (!this.receivedAt) text = "Waiting for the first report.";
     else if (seconds > 10) text = `No new report for ${seconds} s.`;
     this.banner.textContent = text;
     this.banner.hidden = !text;
@@ -212,7 +212,7 @@ function tableCard(place, title, stale = false, age = null) {
 const ACKNOWLEDGED = "rambler-acknowledged";
 const beganAt = (status, fault) => [status.pid, known(fault.since_s) ? status.uptime_s - fault.since_s : 0];
 let acknowledged = {};
-try { acknowledged = JSON.parse(localStorage.getItem(ACKNOWLEDGED)) || {}; } catch { /* none are kept */ }
+try { acknowledged = JSON.parse(localStorage.getItem(ACKNOWLEDGED)) || {}; } catch { /* none stored */ }
 
 function isAcknowledged(status, fault) {
   const [pid, began] = acknowledged[fault.fault] || [], [pidNow, beganNow] = beganAt(status, fault);
@@ -221,14 +221,14 @@ function isAcknowledged(status, fault) {
 
 function acknowledge(status, fault) {
   acknowledged[fault.fault] = beganAt(status, fault);
-  try { localStorage.setItem(ACKNOWLEDGED, JSON.stringify(acknowledged)); } catch { /* until the page is left */ }
+  try { localStorage.setItem(ACKNOWLEDGED, JSON.stringify(acknowledged)); } catch { /* until the page is closed */ }
 }
 
-// Who is near, as the boat tells it: so far away and in that direction from where she is.
+// Nearby vessels, placed by distance and bearing from the boat.
 function vesselsOf(status, values) {
-  const told = ((status.traffic || {}).nearest || []).filter((one) => known(one.distance_m) && known(one.bearing_deg));
+  const near = ((status.traffic || {}).nearest || []).filter((one) => known(one.distance_m) && known(one.bearing_deg));
   if (!known(values.lat_deg)) return [];
-  return told.map((one) => {
+  return near.map((one) => {
     const angle = one.bearing_deg * Math.PI / 180, turn = 180 / Math.PI / EARTH_M;
     return { name: one.title || String(one.mmsi), course_deg: one.cog_deg,
       lat_deg: values.lat_deg + one.distance_m * Math.cos(angle) * turn,

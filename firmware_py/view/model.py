@@ -1,17 +1,17 @@
-"""What a page shows: columns over time, panels of lines, marks, plans; the one model of all pages that show a voyage.
+"""Data model of all pages that show a voyage: columns over time, panels of lines, marks, plans.
 
-A voyage is a mapping of JSON values, which plots.js draws:
+A voyage is a mapping of JSON values, drawn by the scripts of this folder:
 
     columns   name -> numbers, null where unknown, all as long as time_s; a row of nulls breaks the lines
     panels    below; a line whose column is missing or empty is left out, and so is a panel without lines
     marks     [time_s, severity (0 to 7, MAVLink's), text]
-    origin    [latitude, longitude] of north_m and east_m; columns lat_deg and lon_deg may stand in their place
+    origin    [latitude, longitude] of north_m and east_m; or columns lat_deg and lon_deg instead
     plans     mission, fence, rally: [MAV_CMD, param1 to param4, latitude, longitude] for each item; home: a place
-    first_item  the number of the first item of the mission, as people count; item: the one that she is at
-    begin_utc_s  of time 0, where the calendar matters
+    first_item  number of the first mission item, as displayed; item: the active one
+    begin_utc_s  UTC of time 0, for calendar times
     spectrum  frequency_hz, lines [label, look, numbers], marks [hertz, label]
 
-Angles in degrees, because people read them; headings as they come, wrapped by whoever draws them.
+Angles in degrees; headings are not wrapped, the scripts wrap them.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ class Line(msgspec.Struct, frozen=True):
 
 
 class Panel(msgspec.Struct, frozen=True):
-    """Lines over time with one axis: `least` is the least span of it, `band` shades +- so much around 0.
+    """Lines over time with one axis: `min_span` is its minimum span, `band` shades +- this value around 0.
 
-    An axis with a band does not follow what lies far outside of it. `wrap`: degrees of the compass. `step`: a value
-    holds until the next.
+    An axis with a band does not follow values far outside it. `wrap`: compass degrees. `step`: a value holds until the
+    next.
     """
 
     title: str
     lines: tuple[Line, ...]
-    least: float = 0.0
+    min_span: float = 0.0
     band: float = 0.0
     wrap: bool = False
     zero: bool = False
@@ -55,59 +55,59 @@ class Panel(msgspec.Struct, frozen=True):
 
 PANELS: Final = (
     Panel(
-        "heading, deg",
+        "heading (deg)",
         (
             Line("compass_deg", "compass", "faint"),
             Line("true_heading_deg", "true", "second"),
             Line("heading_deg", "heading", "main"),
             Line("goal_deg", "goal", "goal"),
         ),
-        least=10.0,
+        min_span=10.0,
         wrap=True,
         tall=True,
     ),
-    Panel("heading less goal, deg", (Line("error_deg", "error"),), least=2.0, band=3.0, zero=True),
-    Panel("yaw rate, deg/s", (Line("yaw_rate_deg_s", "yaw rate"),), least=0.2, zero=True),
+    Panel("heading error (deg)", (Line("error_deg", "error"),), min_span=2.0, band=3.0, zero=True),
+    Panel("yaw rate (deg/s)", (Line("yaw_rate_deg_s", "yaw rate"),), min_span=0.2, zero=True),
     Panel(
-        "rudder, deg",
+        "rudder (deg)",
         (Line("command_deg", "commanded", "command"), Line("rudder_deg", "angle")),
-        least=4.0,
+        min_span=4.0,
         zero=True,
     ),
-    Panel("off the line, m to starboard", (Line("cross_track_m", "cross-track"),), least=4.0, zero=True),
-    Panel("to the fence, m", (Line("fence_margin_m", "margin"),), least=10.0, zero=True),
+    Panel("cross-track distance (m, + to starboard)", (Line("cross_track_m", "cross-track"),), min_span=4.0, zero=True),
+    Panel("distance to fence (m)", (Line("fence_margin_m", "margin"),), min_span=10.0, zero=True),
     Panel(
-        "speed, m/s",
+        "speed (m/s)",
         (
             Line("ground_m_s", "over ground"),
-            Line("water_m_s", "in water", "second"),
+            Line("water_m_s", "through water", "second"),
             Line("current_m_s", "current", "command"),
         ),
-        least=0.2,
+        min_span=0.2,
         zero=True,
     ),
     Panel(
-        "waves as estimated",
-        (Line("wave_period_s", "period, s"), Line("wave_sd_deg", "yaw, deg", "command")),
-        least=2.0,
+        "estimated waves",
+        (Line("wave_period_s", "period (s)"), Line("wave_sd_deg", "yaw (deg)", "command")),
+        min_span=2.0,
         zero=True,
     ),
-    Panel("battery, V", (Line("battery_v", "battery"),), least=0.5),
-    Panel("charge, %", (Line("charge_percent", "charge"),), least=5.0),
+    Panel("battery voltage (V)", (Line("battery_v", "battery"),), min_span=0.5),
+    Panel("battery charge (%)", (Line("charge_percent", "charge"),), min_span=5.0),
     Panel(
-        "power, W",
+        "power (W)",
         (Line("solar_w", "panels", "command"), Line("load_w", "loads", "second"), Line("servo_w", "servo")),
-        least=1.0,
+        min_span=1.0,
         zero=True,
     ),
-    Panel("faults in force", (Line("faults", "faults", "bad"),), least=1.0, zero=True, step=True),
+    Panel("active faults", (Line("faults", "faults", "bad"),), min_span=1.0, zero=True, step=True),
 )
 
 
 def voyage(
     columns: Mapping[str, Iterable[float]], marks: Sequence[tuple[float, int, str]], panels: Sequence[Panel] = PANELS
 ) -> Voyage:
-    """Return a voyage of columns; what is not finite is null, and rounded is what nobody sees."""
+    """Return a voyage of rounded columns, with null for values that are not finite."""
     digits = {"lat_deg": PLACE_DIGITS, "lon_deg": PLACE_DIGITS}
     return {
         "columns": {name: numbers(values, digits.get(name, DIGITS)) for name, values in columns.items()},
@@ -117,7 +117,7 @@ def voyage(
 
 
 def numbers(values: Iterable[float], digits: int = DIGITS) -> list[float | None]:
-    """Return numbers for JSON, None for what is not finite."""
+    """Return rounded numbers for JSON, None for values that are not finite."""
     return [round(value, digits) if math.isfinite(value) else None for value in values]
 
 

@@ -1,19 +1,20 @@
 "use strict";
-// Lines over time, one panel below the other: drag to zoom, move to read, marks where something was said.
+// Lines over time in panels: drag to zoom, move to read values, marks for events.
 
 const LEFT = 46, RIGHT = 10, STRIP = 16, HEAD = 20, GAP = 10, FOOT = 22;
-const SEVERE = 4;
+// Failures are red: warnings and graver, but not the ordered end of a program by a signal.
+const isFailure = (severity, text) => severity <= 4 && !text.startsWith("SIG");
 
 class TimePanels {
-  constructor(card, voyage, tell) {
-    this.tell = tell; // (time or null, [from, to]) to the other plots
+  constructor(card, voyage, notify) {
+    this.notify = notify; // (time or null, [from, to]) to the other plots
     this.range = null;
     this.cursor = null;
     const header = html(card, "header");
-    html(header, "span", {}, "Over time");
-    this.said = html(header, "span", { class: "said", "aria-live": "off" });
+    html(header, "span", {}, "Time series");
+    this.readout = html(header, "span", { class: "readout", "aria-live": "off" });
     this.buttons = [["−", "show more", () => this.zoom(2)], ["+", "show less", () => this.zoom(0.5)],
-      ["whole", "show all of it", () => this.setRange(null)]].map(([text, title, act]) => {
+      ["all", "show all", () => this.setRange(null)]].map(([text, title, act]) => {
       const button = html(header, "button", { type: "button", title }, text);
       button.addEventListener("click", act);
       return button;
@@ -48,7 +49,7 @@ class TimePanels {
     }
     this.range = range;
     this.draw();
-    this.tell(this.cursor, this.extent());
+    this.notify(this.cursor, this.extent());
   }
 
   zoom(factor) {
@@ -69,7 +70,7 @@ class TimePanels {
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.svg.style.height = `${height}px`;
     const step = niceStep(to - from, (width - LEFT - RIGHT) / 85, TIMES);
-    // Whole days and hours are those of the calendar, not of the voyage's own count.
+    // Ticks at whole days and hours of the calendar.
     const shift = known(this.voyage.begin_utc_s) ? this.voyage.begin_utc_s : 0;
     const stops = ticks(from + shift, to + shift, step).map((at) => at - shift);
     this.legends = [];
@@ -129,7 +130,7 @@ class TimePanels {
     this.marks = [];
     for (const [time, severity, text] of this.voyage.marks) {
       if (time < from || time > to) continue;
-      const px = this.x(time), bad = severity <= SEVERE ? " bad" : "";
+      const px = this.x(time), bad = isFailure(severity, text) ? " bad" : "";
       for (const [field, top, high] of bad ? this.fields : []) {
         draw(field, "line", { class: "mark bad", x1: px, x2: px, y1: top, y2: top + high });
       }
@@ -139,7 +140,7 @@ class TimePanels {
     }
   }
 
-  // The values at the cursor, or the last ones, beside the names of the lines.
+  // Shows the values at the cursor, or the last ones, next to the line names.
   read() {
     const { times } = this;
     const at = this.cursor === null ? times.length - 1 : nearest(times, this.cursor);
@@ -160,7 +161,7 @@ class TimePanels {
         });
         return right <= this.width + 12;
       };
-      // Where names and values have no room together, the names stand there until somebody asks for values.
+      // Without space for both, names are shown, and values while the pointer is over the plot.
       if (!place(words.map(([name, value]) => (alone ? value : `${name} ${value}`)))) {
         place(words.map(([name, value]) => (this.cursor === null ? name : value)));
       }
@@ -169,14 +170,14 @@ class TimePanels {
       Math.abs(mark.px - px) <= (best ? Math.abs(best.px - px) : 8) ? mark : best), null);
     const [from, to] = this.extent();
     const moment = at < 0 ? "" : momentText(times[at], Math.min(to - from, 599), this.voyage.begin_utc_s);
-    this.said.textContent = close ? `${moment}: ${close.text}` : this.cursor === null ? "" : moment;
-    this.said.className = close && close.bad ? "said bad" : "said";
+    this.readout.textContent = close ? `${moment}: ${close.text}` : this.cursor === null ? "" : moment;
+    this.readout.className = close && close.bad ? "readout bad" : "readout";
   }
 
   point(time) {
     this.cursor = time;
     this.read();
-    this.tell(time, this.extent());
+    this.notify(time, this.extent());
   }
 
   listen() {
@@ -223,8 +224,8 @@ function limits(panel, columns, first, last) {
   for (const value of seen) { if (value < low) low = value; if (value > high) high = value; }
   if (!seen.length) [low, high] = [0, 1];
   if (panel.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
-  const least = Math.max(panel.least, 0.01 * Math.max(Math.abs(low), Math.abs(high)), 1e-6); // a level line has an axis, too
-  const lack = Math.max(0, least - (high - low)) / 2, room = 0.06 * Math.max(high - low, least);
+  const span = Math.max(panel.min_span, 0.01 * Math.max(Math.abs(low), Math.abs(high)), 1e-6); // also for a constant
+  const lack = Math.max(0, span - (high - low)) / 2, room = 0.06 * Math.max(high - low, span);
   const foot = panel.zero && low === 0 ? 0 : lack + room;
   return [low - foot, high + (foot ? lack : 2 * lack) + room];
 }

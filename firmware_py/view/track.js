@@ -1,8 +1,8 @@
 "use strict";
-// The track over the ground with plans, circle, fence and vessels; the spectrum of the yaw.
+// Track over ground with plans, circle, fence and vessels; yaw spectrum.
 
 const EARTH_M = 6371008.8, OLD_S = 5;
-// Of MAV_CMD: what stands at a place in a mission, and how wide its circle is (param3 where it has one).
+// MAV_CMD of mission items with a position, and the parameter of the circle radius.
 const PLACES = { 16: null, 17: 3, 18: 3, 19: 3, 31: 2, 82: null };
 const VERTEX = { 5001: "fence", 5002: "fence out" }, CIRCLES = { 5003: "fence", 5004: "fence out" };
 
@@ -14,14 +14,14 @@ const metres = ([latitude, longitude], [latitude0, longitude0]) => {
 
 class Track {
   constructor(card, voyage) {
-    this.view = null; // [north, east, metres to a dot] once somebody has moved it
+    this.view = null; // [north, east, metres per pixel] after the user has moved it
     this.span = null;
     this.cursor = null;
     const header = html(card, "header");
     html(header, "span", {}, "Track");
-    this.said = html(header, "span", { class: "said" });
+    this.readout = html(header, "span", { class: "readout" });
     for (const [text, title, act] of [["−", "show more", () => this.zoom(1.6)], ["+", "show less", () => this.zoom(0.625)],
-      ["whole", "show all of it", () => { this.view = null; this.draw(); }]]) {
+      ["all", "show all", () => { this.view = null; this.draw(); }]]) {
       html(header, "button", { type: "button", title }, text).addEventListener("click", act);
     }
     this.svg = draw(card, "svg", { class: "track", role: "img", "aria-label": "track over the ground, with plans" });
@@ -62,7 +62,7 @@ class Track {
     for (let i = first; i < last; i += 1) if (known(this.north[i])) points.push([this.north[i], this.east[i]]);
     const whole = last - first === this.north.length, [n0, e0] = points[points.length - 1] || [0, 0];
     const reachOf = (list) => list.reduce((most, [n, e]) => Math.max(most, Math.abs(n - n0), Math.abs(e - e0)), 250);
-    // Ships far away would make a dot of her way: they come into sight with "show more".
+    // Far vessels would shrink the track to a dot; "show more" reveals them.
     const shapes = this.shapes.filter((shape) => shape.kind !== "vessel" || reachOf(shape.points) < 4 * reachOf(points));
     if (whole || !points.length) for (const shape of shapes) {
       const reach = shape.radius || 0;
@@ -102,8 +102,8 @@ class Track {
       draw(svg, "line", { class: "grid", x1: 0, x2: width, y1: y(at), y2: y(at) });
       if (y(at) > 26 && y(at) < height - 30) draw(svg, "text", { x: 2, y: y(at) - 3 }, distance(at, step, far));
     }
-    draw(svg, "text", { x: width - 2, y: height - 22, "text-anchor": "end" }, far ? "east, km" : "east, m");
-    draw(svg, "text", { x: 2, y: 11 }, far ? "north, km" : "north, m");
+    draw(svg, "text", { x: width - 2, y: height - 22, "text-anchor": "end" }, far ? "east (km)" : "east (m)");
+    draw(svg, "text", { x: 2, y: 11 }, far ? "north (km)" : "north (m)");
     for (const shape of this.shapes) this.drawShape(shape, scale);
     const [first, last] = this.part();
     const path = (from, to) => {
@@ -157,17 +157,17 @@ class Track {
     let i = at;
     while (i > 0 && !known(this.north[i])) i -= 1;
     this.boat.replaceChildren();
-    if (i < 0 || !known(this.north[i])) { this.said.textContent = ""; return; }
+    if (i < 0 || !known(this.north[i])) { this.readout.textContent = ""; return; }
     const columns = this.voyage.columns;
     const heading = (columns.true_heading_deg || [])[i] ?? (columns.heading_deg || [])[i];
     const turn = known(heading) ? ` rotate(${heading})` : "";
-    const age = times[at] - times[i]; // the last known place is not where the boat is
+    const age = times[at] - times[i]; // the last known position is old
     draw(this.boat, "path", { class: age > OLD_S ? "boat old" : "boat", d: known(heading) ? "M0 -10L6 8L0 5L-6 8z" : "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0",
       transform: `translate(${this.x(this.east[i])} ${this.y(this.north[i])})${turn}` });
-    this.said.textContent = this.origin && columns.lat_deg && known(columns.lat_deg[i])
+    this.readout.textContent = this.origin && columns.lat_deg && known(columns.lat_deg[i])
       ? `${columns.lat_deg[i].toFixed(5)}, ${columns.lon_deg[i].toFixed(5)}`
       : `${Math.abs(this.north[i]).toFixed(0)} m ${this.north[i] < 0 ? "S" : "N"} ${Math.abs(this.east[i]).toFixed(0)} m ${this.east[i] < 0 ? "W" : "E"}`;
-    if (age > OLD_S) this.said.textContent += `, ${age.toFixed(0)} s ago`;
+    if (age > OLD_S) this.readout.textContent += `, ${age.toFixed(0)} s old`;
   }
 
   zoom(factor, around = null) {
@@ -200,7 +200,7 @@ class Track {
 
 const distance = (value, step, far) => (far ? shown(value / 1000, step / 1000) : shown(value, step));
 
-// What stands on the chart beside the track; points are north and east of the origin in metres.
+// Shapes of the chart besides the track; points are metres north and east of the origin.
 function shapesOf(voyage, origin) {
   const plans = voyage.plans || {}, found = [];
   const at = (item) => metres([item[5], item[6]], origin);
@@ -211,7 +211,7 @@ function shapesOf(voyage, origin) {
       if (rest.length >= item[1]) { found.push({ kind: "polygon", look: VERTEX[item[0]], points: rest }); rest = []; }
     } else if (CIRCLES[item[0]]) found.push({ kind: "ring", look: CIRCLES[item[0]], points: [at(item)], radius: item[1] });
   }
-  const legs = [], first = voyage.first_item || 0; // the number that she counts from
+  const legs = [], first = voyage.first_item || 0; // displayed number of the first item
   (plans.mission || []).forEach((item, number) => {
     if (!(item[0] in PLACES) || (!item[5] && !item[6])) return;
     const spot = at(item), radius = PLACES[item[0]] ? Math.abs(item[PLACES[item[0]]] || 0) : 0;
@@ -233,7 +233,7 @@ function shapesOf(voyage, origin) {
 }
 
 function drawSpectrum(card, spectrum) {
-  html(html(card, "header"), "span", {}, "Yaw by frequency, deg² / Hz");
+  html(html(card, "header"), "span", {}, "Yaw spectrum (deg²/Hz)");
   const width = Math.max(240, card.clientWidth - 20), height = 220, bottom = height - 34, top = 22;
   const svg = draw(card, "svg", { role: "img", "aria-label": "spectrum of the yaw", viewBox: `0 0 ${width} ${height}` });
   svg.style.height = `${height}px`;
@@ -251,7 +251,7 @@ function drawSpectrum(card, spectrum) {
     draw(svg, "line", { class: "grid", x1: x(1 / period), x2: x(1 / period), y1: top, y2: bottom });
     draw(svg, "text", { x: x(1 / period), y: bottom + 14, "text-anchor": "middle" }, String(period));
   }
-  draw(svg, "text", { x: width - RIGHT, y: height - 4, "text-anchor": "end" }, "period, s");
+  draw(svg, "text", { x: width - RIGHT, y: height - 4, "text-anchor": "end" }, "period (s)");
   for (const [f, label] of spectrum.marks) {
     draw(svg, "line", { class: "mark bad", x1: x(f), x2: x(f), y1: top, y2: bottom });
     draw(svg, "text", { class: "bad", x: clamp(x(f), LEFT + 50, width - 60), y: height - 4, "text-anchor": "middle" }, label);

@@ -1,5 +1,5 @@
 "use strict";
-// Puts each voyage of a page where its data stands, and joins its plots.
+// Replaces the data block of each voyage by its plots, and links them.
 
 class VoyageView {
   constructor(place, voyage) {
@@ -40,7 +40,7 @@ class VoyageView {
 
 for (const [number, data] of document.querySelectorAll("script.voyage").entries()) {
   const view = new VoyageView(data, JSON.parse(data.textContent));
-  // A moment in a table leads to its place in the plots, of which the first are those of what was said.
+  // A row of the event table moves the cursor of the first plots to its time.
   for (const row of number ? [] : document.querySelectorAll("tr[data-time]")) {
     row.tabIndex = 0;
     const show = () => {

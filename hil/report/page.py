@@ -10,7 +10,7 @@ from html import escape
 from firmware_py.view.document import data_block, document
 from firmware_py.view.model import Voyage
 
-SEVERE = 4  # MAV_SEVERITY_WARNING and graver stand out
+WARNING = 4  # MAV_SEVERITY; red from here on, but for the ordered end by a signal, as in view/panels.js
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def said(marks: Iterable[tuple[float, int, str]], moment: Callable[[float], str]
     """Return what was said as a table, whose rows lead into the plots; graver words stand out."""
     rows = [
         f'<tr data-time="{t_s:.2f}"><td>{escape(moment(t_s))}</td>'
-        f'<td class="words{" bad" if severity <= SEVERE else ""}">{escape(text)}</td></tr>'
+        f'<td class="words{" bad" if severity <= WARNING and text[:3] != "SIG" else ""}">{escape(text)}</td></tr>'
         for t_s, severity, text in marks
     ]
     head = '<tr><th>at</th><th class="words">text</th></tr>'

@@ -107,7 +107,7 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
     )
     browser.wait_for("document.querySelectorAll('line.mark.bad').length > 0")
     assert_fit_for_people(browser, address)
-    browser.wait_for("document.querySelector('.banner').textContent.startsWith('It has ended')")
+    browser.wait_for("document.querySelector('.banner').textContent.startsWith('The run has ended')")
     ended(process)
     truth = read(out / "truth.csv")
     true_deg = np.degrees(np.interp([moment[0] for moment in seen], truth.time_s, truth.heading_low_rad)) % 360.0
@@ -128,7 +128,7 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
     shown = browser.value("document.body.innerText")
     assert f"{told['cross_track']['rms_m']:.1f} m off (rms)" in shown
     assert f"1 at {first['time_s']:.0f} s" in shown
-    assert "off the line, m to starboard" in shown
+    assert "cross-track distance (m, + to starboard)" in shown
     whole = browser.value(TIMES)
     browser.value("document.querySelector('button[title=\"show less\"]').click()")
     closer = browser.value(TIMES)
@@ -151,7 +151,7 @@ def test_the_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
     assert browser.value("document.querySelectorAll('svg.time').length") == 2
     assert browser.value("[...document.querySelectorAll('svg.time')].every((one) => one.querySelector('path.line'))")
     browser.value("[...document.querySelectorAll('tr[data-time]')].pop().click()")
-    assert browser.value("document.querySelectorAll('.said')[0].textContent").endswith(browser.value(LAST_TEXT))
+    assert browser.value("document.querySelectorAll('.readout')[0].textContent").endswith(browser.value(LAST_TEXT))
     assert browser.complaints == []
 
 
@@ -271,7 +271,7 @@ def test_browsers_reconnect_to_a_restarted_and_to_a_full_service(browser):
     server, hub = serve(port)
     browser.wait_for(f"{banner}.hidden")
     hub.close(over=True)
-    browser.wait_for(f"{banner}.textContent.startsWith('It has ended')")
+    browser.wait_for(f"{banner}.textContent.startsWith('The run has ended')")
     server.shutdown()
     server.server_close()
 
@@ -319,5 +319,5 @@ def test_the_page_of_an_estimate(tmp_path, browser):
     (fault,) = json.loads(figures.read_text())["faults"]
     assert fault["name"] in browser.value("document.querySelector('tr[data-time]').innerText")
     browser.value("document.querySelector('tr[data-time]').click()")
-    assert browser.value("document.querySelector('.said').textContent").endswith(fault["name"])
+    assert browser.value("document.querySelector('.readout').textContent").endswith(fault["name"])
     assert browser.complaints == []

@@ -40,18 +40,22 @@ PANELS: Final = (
             Line("heading_deg", "estimate"),
             Line("goal_deg", "goal", "goal"),
         ),
-        least=10.0,
+        min_span=10.0,
         wrap=True,
         tall=True,
     ),
     Panel(
         "estimate less averaged compass, deg",
         (Line("minus_deg", "band", "second"), Line("plus_deg", "band", "second"), Line("error_deg", "error")),
-        least=2.0,
+        min_span=2.0,
         zero=True,
     ),
     Panel(
-        "innovation by its standard deviation", (Line("innovation", "innovation"),), least=4.0, band=BAND_SDS, zero=True
+        "innovation by its standard deviation",
+        (Line("innovation", "innovation"),),
+        min_span=4.0,
+        band=BAND_SDS,
+        zero=True,
     ),
     *(
         Panel(
@@ -61,12 +65,12 @@ PANELS: Final = (
                 Line(f"plus_{seconds}_deg", "band", "second"),
                 Line(f"miss_{seconds}_deg", "error"),
             ),
-            least=2.0,
+            min_span=2.0,
             zero=True,
         )
         for seconds in SHOWN_AHEAD_S
     ),
-    Panel("yaw rate, deg/s", (Line("yaw_rate_deg_s", "yaw rate"),), least=0.2, zero=True),
+    Panel("yaw rate, deg/s", (Line("yaw_rate_deg_s", "yaw rate"),), min_span=0.2, zero=True),
     Panel(
         "rudder, deg",
         (
@@ -74,22 +78,22 @@ PANELS: Final = (
             Line("rudder_deg", "recorded"),
             Line("bias_deg", "bias", "second"),
         ),
-        least=4.0,
+        min_span=4.0,
         zero=True,
     ),
     Panel(
         "speed, m/s",
         (Line("water_m_s", "in water"), Line("current_m_s", "current", "command")),
-        least=0.2,
+        min_span=0.2,
         zero=True,
     ),
     Panel(
         "waves as estimated",
         (Line("wave_period_s", "period, s"), Line("noise_deg", "compass noise, deg", "command")),
-        least=2.0,
+        min_span=2.0,
         zero=True,
     ),
-    Panel("faults in force", (Line("faults", "faults", "bad"),), least=1.0, zero=True, step=True),
+    Panel("faults in force", (Line("faults", "faults", "bad"),), min_span=1.0, zero=True, step=True),
 )
 
 

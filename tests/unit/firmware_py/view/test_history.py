@@ -3,7 +3,7 @@
 import json
 import math
 
-from firmware_py.view.history import COLUMNS, MOST_MARKS, MOST_ROWS, History
+from firmware_py.view.history import COLUMNS, MAX_MARKS, MAX_ROWS, History
 
 
 def whole(history):
@@ -28,11 +28,11 @@ def test_however_long_it_takes_the_rows_are_few_and_reach_from_begin_to_end():
         history.add({"time_s": float(number)}, [(float(number), 6, "x")], {})
     found = whole(history)
     times = [row[0] for row in found["rows"]]
-    assert MOST_ROWS / 2 <= len(times) <= MOST_ROWS
+    assert MAX_ROWS / 2 <= len(times) <= MAX_ROWS
     assert times[0] == 0.0
     assert times[-1] > 19_980.0
     assert times == sorted(times)
-    assert len(found["marks"]) == MOST_MARKS
+    assert len(found["marks"]) == MAX_MARKS
     assert history.epoch > 0, "readers that have the rows that were left out are told anew"
 
 
@@ -52,6 +52,6 @@ def test_a_row_without_a_time_is_no_row():
 def test_another_voyage_begins_anew():
     history = History()
     history.add({"time_s": 1.0}, [(0.5, 4, "x")], {})
-    history.begin_anew()
+    history.restart()
     assert whole(history)["rows"] == whole(history)["marks"] == []
     assert history.epoch == 1

@@ -10,7 +10,7 @@ import pytest
 from firmware_py.view import server as server_module
 from firmware_py.view.guard import Guard, ViewError
 from firmware_py.view.history import History
-from firmware_py.view.server import KEPT, MOST_CONNECTIONS, Hub, ViewServer
+from firmware_py.view.server import MAX_BACKLOG, MAX_CONNECTIONS, Hub, ViewServer
 
 PATIENCE_S = 30.0
 
@@ -136,7 +136,7 @@ def test_who_is_far_behind_is_told_all_anew():
     history = History()
     hub = Hub(history.whole)
     here, _ = hub.next(None)
-    for number in range(KEPT + 5):
+    for number in range(MAX_BACKLOG + 5):
         hub.publish(lambda number=number: (history.add({"time_s": float(number)}, [], {}), 0))
     here, news = hub.next(here)
     assert [kind for kind, _ in news] == ["whole"]
@@ -166,8 +166,8 @@ def test_ten_readers_of_whom_nine_read_nothing_hold_up_nobody(site):
 
 
 def test_more_than_so_many_are_sent_away_and_room_comes_back(site, monkeypatch):
-    monkeypatch.setattr(server_module, "PATIENCE_S", 0.2)
-    idle = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(MOST_CONNECTIONS + 5)]
+    monkeypatch.setattr(server_module, "TIMEOUT_S", 0.2)
+    idle = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(MAX_CONNECTIONS + 5)]
     for one in idle:  # who asks for nothing, and who is too many, is let go
         one.settimeout(PATIENCE_S)
         try:
@@ -179,7 +179,7 @@ def test_more_than_so_many_are_sent_away_and_room_comes_back(site, monkeypatch):
 
 
 def test_a_request_that_never_ends_is_ended(site, monkeypatch):
-    monkeypatch.setattr(server_module, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(server_module, "TIMEOUT_S", 0.2)
     with socket.create_connection(("127.0.0.1", site.port)) as connection:
         connection.settimeout(PATIENCE_S)
         connection.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: ")
@@ -209,5 +209,5 @@ def test_what_is_no_request_is_refused(site, data):
 
 
 def test_an_address_that_cannot_be_had_is_told_with_a_remedy(site):
-    with pytest.raises(ViewError, match="give another --listen"):
+    with pytest.raises(ViewError, match="use another --listen"):
         ViewServer(("127.0.0.1", site.port), Guard("", loopback=True), site.hub)
