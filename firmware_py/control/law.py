@@ -1,8 +1,7 @@
 """Heading control law: an S-surface with scheduled gains that follows a reference model.
 
-Numeric core: functions over floats and NamedTuples, without I/O and without None; NaN stands for a value that is
-absent. Python runs this code on the boat, and the laboratory compiles it unchanged (hil/lab/numeric_core.py). Both give
-the same result to the last bit.
+Numeric core: functions without I/O; NaN: absent. Python runs this code on the boat, and the laboratory compiles it
+unchanged (hil/lab/numeric_core.py). Both give the same result to the last bit.
 
 S-surface (Wang et al. 2018, eq. 8):
 

@@ -49,7 +49,7 @@ def with_motion(test: DelayTest, motion: Motion) -> DelayTest:
 def update(
     test: DelayTest, before: HeadingFilter, after: HeadingFilter, model: KtModel, rudder_rad: float, heading_rad: float
 ) -> DelayTest:
-    """Return the test with a heading taken in, which has led the filter from `before` to `after`.
+    """Return the test updated with a heading that has led the filter from `before` to `after`.
 
     Nothing is compared while the rudder angle is not measured (NaN), and in the first minute, when the filter chooses
     its noise levels.

@@ -2,7 +2,7 @@
 
 The gains 1 - theta^2 and (1 - theta)^2 with theta = exp(-dt / tau) put both poles at theta, at any sample interval
 (Brookner, Tracking and Kalman Filtering Made Easy, 1998, section 1.2.6). Between the samples the linear K-T model
-predicts. Numeric core: functions over floats, which the laboratory compiles as they stand (hil/lab/numeric_core.py).
+predicts. Numeric core: compiled unchanged by the laboratory (hil/lab/numeric_core.py).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def correct(
     theta: float,
     yaw_rate_limit_rad_s: float,
 ) -> tuple[float, float]:
-    """Return heading and yaw rate with a sample taken in, step_s after the one before; theta is exp(-step / tau)."""
+    """Return heading and yaw rate updated with a sample, step_s after the one before; theta is exp(-step / tau)."""
     innovation_rad = wrap_pi(measured_rad - heading_rad)
     if step_s > 0.0:
         yaw_rate_rad_s += (1.0 - theta) * (1.0 - theta) * innovation_rad / step_s

@@ -54,7 +54,7 @@ LEARNING_STEP_S = 0.4
 UNKNOWN_RUDDER_WALK = math.log(radians(2.0))  # the bias follows a rudder that is not measured
 CANDIDATE_PHASE_S, CHOICE_INTERVAL_S = 60.0, 5.0
 # Diffusion of the heading [deg^2/s], wave yaw [deg] and period [s] of the candidates. Small waves are short. Without a
-# candidate of much diffusion, the wander of the heading would be taken for large waves, for hours.
+# candidate of large diffusion, a diffusing heading would look like large waves, for hours.
 CANDIDATES = (
     (1.0, 1.0, 2.2), (1.0, 1.0, 3.6), (8.0, 1.0, 2.2), (8.0, 1.0, 3.6),
     (1.0, 4.0, 2.2), (1.0, 4.0, 3.6), (1.0, 4.0, 6.0), (1.0, 4.0, 10.0),

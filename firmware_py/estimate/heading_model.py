@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.model.kt import KtModel, decay_over, exact_step, held_cubic
 
-OUTLIER_SQUARE = 12.0  # a squared innovation counts as at most so many variances (3.5 standard deviations)
+OUTLIER_SQUARE = 12.0  # limit of the squared innovation by its variance (3.5 standard deviations)
 INITIAL_HEADING_VARIANCE = radians(18.0) ** 2  # the first heading lies anywhere on a wave
 INITIAL_RATE_VARIANCE = radians(3.0) ** 2
 INITIAL_BIAS_VARIANCE = radians(12.8) ** 2
@@ -194,7 +194,7 @@ def corrected(m: Motion, k0: float, k1: float, k2: float, k3: float, k4: float, 
 
 
 def correct(m: Motion, levels: NoiseLevels, heading_rad: float) -> tuple[Motion, float, float]:
-    """Return the state with a compass heading taken in, the innovation [rad] and its variance [rad^2].
+    """Return the state updated with a compass heading, the innovation [rad] and its variance [rad^2].
 
     An innovation beyond OUTLIER_SQUARE counts as one of so much noise that it is not: its influence falls with its size
     (a Huber-type weight).
@@ -232,7 +232,7 @@ def is_valid(m: Motion) -> bool:
 
 
 def correct_course(m: Motion, heading_rad: float, sd_rad: float) -> Motion:
-    """Return the state with a heading taken in that has no wave yaw and its own standard deviation [rad]."""
+    """Return the state updated with a heading without wave yaw, of standard deviation sd_rad."""
     k0, k1, k2, k3, k4 = m.p00, m.p01, m.p02, m.p03, m.p04
     innovation_rad = wrap_pi(heading_rad - m.heading_rad)
     share = 1.0 / max(k0 + sd_rad * sd_rad, innovation_rad * innovation_rad / OUTLIER_SQUARE)
@@ -240,7 +240,7 @@ def correct_course(m: Motion, heading_rad: float, sd_rad: float) -> Motion:
 
 
 def correct_rate(m: Motion, yaw_rate_rad_s: float, noise_variance: float) -> tuple[Motion, float, float]:
-    """Return the state with a gyroscope's yaw rate of hull and waves taken in, the innovation and its variance.
+    """Return the state updated with a yaw rate of a gyroscope (hull and waves), the innovation and its variance.
 
     For recordings (`rambler-hil identify`); the autopilot does not use gyroscopes.
     """

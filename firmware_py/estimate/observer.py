@@ -87,7 +87,7 @@ def predict(settings: ObserverSettings, state: HeadingState, t_s: float, rudder_
 
 
 def correct(settings: ObserverSettings, state: HeadingState, sample: HeadingSample, rudder_rad: float) -> HeadingState:
-    """Return the state with one sample taken in; the first one, or one after a gap, restarts the state."""
+    """Return the state updated with a sample; the first one, or one after a gap, restarts it."""
     measured_rad = true_heading_rad(settings, sample)
     if not math.isfinite(measured_rad) or not math.isfinite(sample.t_s):
         return state
@@ -113,7 +113,7 @@ def update(
     rudder_rad: float,
     now_s: float,
 ) -> HeadingState:
-    """Return the state at the tick, with its samples taken in, oldest first."""
+    """Return the state at the tick, updated with its samples, oldest first."""
     for sample in samples:
         state = correct(settings, state, sample, rudder_rad)
     if not state.fresh(now_s, settings.timeout_s):

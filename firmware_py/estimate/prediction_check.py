@@ -2,11 +2,11 @@
 
 Innovations alone prove nothing: they look right for a filter that has learned a wrong noise, whose heading may be off
 by five of its standard deviations (true sea trials; docs/explanation/estimation.md). So every HORIZON_S a prediction
-starts at the filter's state, goes on with the measured rudder and without the compass, and is compared with the
+starts at the state of the filter, continues with the measured rudder and without the compass, and is compared with the
 filter HORIZON_S later. For a consistent filter the difference e has the variance P_predicted - P_filter (the
 estimates are orthogonal: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation,
-2001, section 5.4), so the mean of e^2 / variance is 1. Speed and K count as known within MODEL_SHARE only: a turn that
-differs by no more proves nothing.
+2001, section 5.4), so the mean of e^2 / variance is 1. Speed and K count as known within MODEL_SHARE only: a smaller
+difference of a turn is no error.
 
 The mean over about MEMORY_COMPARISONS comparisons (10 minutes) has a standard deviation of 0.32 for Gaussian errors.
 Null hypothesis: the filter is consistent. It is rejected above REJECTION_LIMIT: 20 independent comparisons of a

@@ -9,8 +9,7 @@ The first sound compass is in use. A change of source does not move the rudder: 
 which it agrees with the estimate, and the offset then decays. A compass is used again only after it has been sound and
 in agreement for a while.
 
-Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
-(hil/lab/numeric_core.py); NaN is absence.
+Numeric core: functions without I/O that the laboratory compiles unchanged (hil/lab/numeric_core.py); NaN: absent.
 """
 
 from __future__ import annotations

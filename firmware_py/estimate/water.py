@@ -105,7 +105,7 @@ def has_started(s: WaterState) -> bool:
 
 
 def with_filter(s: WaterState, fix_t_s: float, f: WaterFilter, origin: Place, stretch: Stretch) -> WaterState:
-    """Return the state with another filter and what belongs to it."""
+    """Return the state with another filter, its fix time, origin and stretch."""
     return WaterState(fix_t_s, f, s.verdict, s.slow_t_s, s.slow, s.expected, origin, stretch)
 
 

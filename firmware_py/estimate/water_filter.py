@@ -1,7 +1,7 @@
 """Water filter: speed through the water, sideways speed and current from positions, with the heading as input.
 
-Numeric core: functions over floats and small arrays, without I/O and without None; NaN stands for a value that is
-absent. Python runs this code on the boat, and the laboratory compiles it unchanged (hil/lab/numeric_core.py).
+Numeric core: functions without I/O over floats and small arrays; NaN: absent. Python runs this code on the boat, and
+the laboratory compiles it unchanged (hil/lab/numeric_core.py).
 
 State vector, 7: speed deviation s, mean speed U and sideways speed V (to starboard) through the water, current c_N and
 c_E over the ground [m/s], position p_N and p_E [m]. With C and S, the means of cosine and sine of the heading:
@@ -57,7 +57,7 @@ MIN_SPEED_M_S: Final = 0.02  # below it the leeway is undefined
 MIN_DETERMINANT_M4: Final = 1e-8  # that of the lowest rho is 1.6e-7
 MIN_KNOWN_SHARE: Final = 0.9  # of the time between two positions in which the heading must be known
 SUBSTEP_S: Final = 30.0
-MAX_SUBSTEPS: Final = 20.0  # at most: a longer silence is taken in longer steps
+MAX_SUBSTEPS: Final = 20.0  # maximum number; a longer silence has longer steps
 MAX_GAP_S: Final = 86400.0
 
 

@@ -1,7 +1,7 @@
 """Results of the water filter: too strong a current, dead reckoning, and a heading from the track.
 
-Numeric core: functions over floats and NamedTuples, without I/O and without None; NaN stands for a value that is
-absent. The covariances are those of (c_N, c_E, U, V) of water_filter.Water, its upper triangle row by row.
+Numeric core: functions without I/O; NaN: absent. The covariances are those of (c_N, c_E, U, V) of water_filter.Water,
+its upper triangle row by row.
 """
 
 from __future__ import annotations

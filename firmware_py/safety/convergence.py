@@ -3,8 +3,7 @@
 Whether the boat responds to the rudder is tested by steering_monitor.py. With weed on the blade, in wind or in a tow,
 all of the rudder may be needed to keep the heading: the boat responds, and does not converge.
 
-Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
-(hil/lab/numeric_core.py); NaN is absence.
+Numeric core: functions without I/O that the laboratory compiles unchanged (hil/lab/numeric_core.py); NaN: absent.
 """
 
 from __future__ import annotations

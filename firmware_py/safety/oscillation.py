@@ -5,15 +5,14 @@ Two conditions together are a limit cycle:
 * The boat responds late to its rudder: the evidence of the delay test (estimate/delay_test.py) has reached
   DETECTION_EVIDENCE. In a limit cycle, rudder and heading error alone show the control law and not the cause.
 * The heading error changes sides, and the half cycle counts: the error exceeds the uncertainty of the heading, the
-  rudder followed it to the same side, the goal did not turn meanwhile, and it has lasted longer than one of the waves.
+  rudder followed it to the same side, the goal did not turn in it, and it is longer than that of the waves.
   It counts up to its peak.
 
 A detection reduces the gain by a step and clears the evidence. Where the gain is reduced already, a limit cycle takes
 two half cycles in a row, because a turn may overshoot once. Once the limit cycle has ended, the reduction is held for a
 while and then decays over tens of minutes. If the limit cycle returns soon, it is held twice as long.
 
-Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
-(hil/lab/numeric_core.py); NaN is absence.
+Numeric core: functions without I/O that the laboratory compiles unchanged (hil/lab/numeric_core.py); NaN: absent.
 """
 
 from __future__ import annotations
@@ -137,7 +136,7 @@ def update(model: KtModel, state: OscillationState, inputs: OscillationInput, no
 
 
 def is_large(model: KtModel, inputs: OscillationInput, error_rad: float, length_s: float) -> bool:
-    """Return whether an error on the side of a half cycle that has lasted so long can be one of a limit cycle."""
+    """Return whether the error and the length of a half cycle are large enough for a limit cycle."""
     if error_rad < max(MIN_ERROR_RAD, MIN_ERROR_SD * inputs.heading_sd_rad):
         return False
     lag_s = model.turning_lag_s / (max(inputs.speed_m_s, 0.1 * model.speed_m_s) / model.speed_m_s)

@@ -1,22 +1,22 @@
 """Detect loss of steering: a sequential test (Page, 1954) of responding boats against one that does not respond.
 
-Each of RESPONSES turns by a good part of what the model says, late and slower or not, or the other way. One more turns
-by the disturbance alone: trim, wind and current, a rudder angle that wanders about a mean as a first-order Gauss-Markov
-process. For each boat, a Kalman filter of two states, heading and that angle, gives the likelihood of the observed
-headings. Its gain is the same for all, so that of each boat without a rudder only the difference to it is kept. The
-log-likelihood ratio is summed up from where it last favoured the responding boat. Once the sum is against every boat,
-steering is lost. From then on it is summed up for each boat, until it favours one.
+Each of RESPONSES is a boat that turns by a large part of the turn of the model, with or without a delay and a larger
+lag, or in the opposite direction. The alternative is a boat that turns by the disturbance alone: trim, wind and current
+as an equivalent rudder angle, a first-order Gauss-Markov process about a mean. For each boat, a Kalman filter of two
+states, heading and disturbance, gives the likelihood of the observed headings. Its gain is the same for all boats, so
+for the boat without a rudder only the difference is stored. The log-likelihood ratio is summed from the last time that
+it favoured the responding boat. Once the sum is against every boat, steering is lost. From then on it is summed for
+each boat until it favours one.
 
-The wander of the disturbance is learned while the boat responds. So the test takes longer in gusts or with a poor
-model, and less in a calm. A boat that turns the other way is compared with what the first one makes of a lost rudder:
-its own filter takes the rudder for wind.
+The variance of the disturbance is learned while the boat responds. So the test takes longer in gusts or with a wrong
+model, and is faster in a calm. A boat that turns in the opposite direction is compared with the first boat without a
+rudder, because its own filter explains the rudder by wind.
 
-The likelihood of each boat is that of the next heading, given all before: so it holds although the rudder depends on
-the heading. A wrong model would add evidence where the rudder holds the boat against gusts. So evidence against a boat
-counts only while the error is large and the rudder is to reduce it.
+The likelihood is that of each heading conditional on all earlier ones, so it is valid although the rudder depends on
+the heading. With a wrong model, a rudder that balances gusts would add evidence. So evidence against a boat counts only
+while the error is large and the rudder acts to reduce it.
 
-Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
-(hil/lab/numeric_core.py); NaN is absence.
+Numeric core: functions without I/O that the laboratory compiles unchanged (hil/lab/numeric_core.py); NaN: absent.
 """
 
 from __future__ import annotations
@@ -66,9 +66,9 @@ INITIAL_DISTURBANCE_RAD: Final = radians(2.0)
 CORRELATION_S: Final = 100.0
 DISTURBANCE_MEMORY_S: Final = 1800.0
 MIN_GUST_RAD2_S: Final = radians(6.0) ** 2  # white part of the disturbance in a second, at least
-DIFFUSION_PART: Final = 0.5  # of the learned diffusion: a part of it is the wander that is learned here
+DIFFUSION_PART: Final = 0.5  # of the learned diffusion: another part of it is the disturbance that is learned here
 NOISE_SHARE: Final = 0.7  # of the heading's standard deviation, from block to block
-# A turn of so many standard deviations beyond any rudder: a breaking sea turned the boat.
+# A turn beyond that of any rudder by KNOCK_SDS standard deviations: a breaking sea turned the boat.
 FULL_RUDDER_RAD: Final = radians(45.0)
 KNOCK_SDS: Final = 3.0
 LOSS_EVIDENCE: Final = 7.0  # of a log-likelihood ratio; 6.8 were reached in 38 days of turns in eleven seas
@@ -160,7 +160,7 @@ def update(
     error_rad: float,
     diffusion_rad2_s: float,
 ) -> SteeringLossState:
-    """Return the state after a block: its mean rudder, its turn and its length; an error of NaN is by hand."""
+    """Return the state after a block with its mean rudder, turn and duration; an error of NaN: steered by hand."""
     near, by_hand = abs(error_rad) < LARGE_ERROR_RAD, math.isnan(error_rad)
     seen_s = min(state.seen_s + step_s, SPEED_MEMORY_S)
     speed_m_s = state.speed_m_s + step_s / seen_s * (speed_m_s - state.speed_m_s)

@@ -1,10 +1,9 @@
-"""Steering monitor: whether the boat responds to its rudder, and turns the way that the rudder commands.
+"""Steering monitor: does the boat respond to its rudder, and does it turn in the commanded direction.
 
-It averages headings and rudder over blocks, for both tests: loss of steering (steering_loss.py) and reversed steering,
-as of a servo that is set up the wrong way round (steering_reversal.py).
+It averages heading and rudder over blocks for two tests: loss of steering (steering_loss.py) and reversed steering, as
+with a wrong RUD_REVERSE (steering_reversal.py).
 
-Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
-(hil/lab/numeric_core.py); NaN is absence.
+Numeric core: functions without I/O that the laboratory compiles unchanged (hil/lab/numeric_core.py); NaN: absent.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class SteeringInput(NamedTuple):
 
 
 class Block(NamedTuple):
-    """A stretch of time: its begin (NaN: none) with the headings there, and the integral of the rudder up to `t_s`."""
+    """Block in progress: its begin (NaN: none) with the headings there, and the integral of the rudder up to `t_s`."""
 
     begun_s: float = math.nan
     heading_rad: float = 0.0
@@ -51,10 +50,10 @@ class Block(NamedTuple):
 
 
 class SteeringMonitorState(NamedTuple):
-    """Block under way, the slow parts of rudder and speed (NaN: none yet), and the states of both tests.
+    """Block in progress, the slow components of rudder and speed (NaN: none yet), and the states of both tests.
 
-    The slow rudder begins amidships: at the start the boat may be in a turn. The slow parts do not change while the
-    rudder commands a turn, or a long turn would become trim, and a turn that does not come a loss of speed. `order_s`:
+    The slow rudder begins amidships, because the boat may be in a turn. The slow components do not change while the
+    rudder commands a turn: a long turn would look like trim, and a missing turn like a loss of speed. `order_s`:
     for how long the rudder has commanded a turn to starboard, negative to port.
     """
 
@@ -79,8 +78,7 @@ def update(
 ) -> SteeringMonitorState:
     """Return the state after a tick. The turn is that of the heading over a block, the rudder its mean.
 
-    The estimated yaw rate would not do: it expects a turn from the rudder, and the heading is corrected to what the
-    compass shows.
+    The estimated yaw rate is not used, because it follows from the rudder; the heading is corrected by the compass.
     """
     block, reversal, loss = state.block, state.reversal, state.loss
     order_s, slow_rudder_rad, slow_speed_m_s = state.order_s, state.slow_rudder_rad, state.slow_speed_m_s
@@ -113,7 +111,7 @@ def update(
             )  # fmt: skip
             over_rad = turn.rudder_rad - slow_rudder_rad
             order_s = commanded_turn_s(order_s, over_rad, inputs.error_rad, step_s)
-            # By hand the boat may be kept straight with any trim.
+            # While steered by hand, the boat may be kept straight with any trim.
             if order_s == 0.0 or math.isnan(inputs.error_rad):
                 part = 1.0 - math.exp(-step_s / TRIM_TIME_CONSTANT_S)
                 slow_rudder_rad += part * over_rad

@@ -1,7 +1,6 @@
 """Detect reversed steering: the boat turns opposite to its rudder, because the servo is set up the wrong way round.
 
-Numeric core: functions over floats and NamedTuples without I/O, which the laboratory compiles as they stand
-(hil/lab/numeric_core.py); NaN is absence.
+Numeric core: functions without I/O that the laboratory compiles unchanged (hil/lab/numeric_core.py); NaN: absent.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ MIN_TURN_TIME_S: Final = 20.0
 MIN_TURN_LAGS: Final = 3.0
 MIN_TURN_RAD: Final = radians(15.0)
 MIN_HEADING_SDS: Final = 8.0
-DIFFUSION_SDS: Final = 3.5  # of the standard deviation by which the heading wanders meanwhile without any rudder
+DIFFUSION_SDS: Final = 3.5  # of the standard deviation of the heading by its diffusion in that time
 REVERSED_SHARE: Final = -0.5  # of the turn that the model expects: this or a lower share is an opposite turn
 CERTAIN_TURN_RAD: Final = radians(60.0)  # an opposite turn of this is enough at any estimated speed and uncertainty
 # The estimate may explain an unexpected turn by waves; the compass does not, once the turn exceeds theirs.
@@ -30,7 +29,7 @@ COMPASS_REVERSED_SHARE, MIN_COMPASS_TURN_RAD = -0.6, radians(150.0)
 
 
 class Turn(NamedTuple):
-    """A stretch of time: its mean rudder, the turn in it by the estimate and by the compass, its length."""
+    """Block: mean rudder, turn by the estimate and by the compass, duration."""
 
     rudder_rad: float
     turned_rad: float
@@ -81,8 +80,7 @@ def update(
 ) -> ReversalState:
     """Return the state after a block; an error of NaN: the boat is steered by hand.
 
-    The response to a reversed rudder is slow at first and looks like trim. So no more is taken for trim than there can
-    be, and none of the turn.
+    The response to a reversed rudder is slow at first and looks like trim. So the trim is limited to the possible one.
     """
     step_s, reversed_, max_trim_rad = turn.step_s, state.reversed, max(MIN_TURN_RUDDER_RAD, abs(trim_rad))
     over_rad = turn.rudder_rad - clamp(slow_rudder_rad, -max_trim_rad, max_trim_rad)
@@ -111,7 +109,7 @@ def update(
                 and -by_estimate.turned_rad >= max(CERTAIN_TURN_RAD, min_turn_rad)
             )
         )
-        # An estimate that a reversal has led astray needs the compass.
+        # A reversal makes the estimate wrong, so its end has to be seen by the compass.
         by_compass_alone = by_compass.expected_rad >= MIN_COMPASS_TURN_RAD
         if by_compass_alone or (estimated and (not reversed_ or by_compass.turn_time_s >= MIN_TURN_TIME_S)):
             by_estimate, by_compass, reversed_ = NO_EVIDENCE, NO_EVIDENCE, not reversed_
@@ -126,7 +124,7 @@ def commanded_turn_s(before_s: float, over_rad: float, error_rad: float, step_s:
 
 
 def is_turn_commanded(over_rad: float, error_rad: float) -> bool:
-    """Return whether a rudder so far over commands a turn, not one that stops a turn; an error of NaN: by hand."""
+    """Return whether the rudder commands a turn, and does not stop one; an error of NaN: steered by hand."""
     ordered = math.isnan(error_rad) or (abs(error_rad) >= MIN_TURN_ERROR_RAD and error_rad * over_rad > 0.0)
     return ordered and abs(over_rad) >= MIN_TURN_RUDDER_RAD
 

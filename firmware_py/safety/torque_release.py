@@ -1,7 +1,7 @@
 """Release of the servo torque while the command is constant and the load is small.
 
 The torque is on again before the rudder moves, and at once when the released rudder is pushed away; then it is not
-released again for AFTER_PUSH_S. A servo that does not release its torque is not asked again meanwhile.
+released again for AFTER_PUSH_S. The same holds for a servo that does not release its torque.
 """
 
 from __future__ import annotations
