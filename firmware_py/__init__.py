@@ -47,8 +47,8 @@ def _built_of(root: Path) -> tuple[str, str]:
 def ask_commit(root: Path) -> Callable[[], str]:
     """Start git to read the commit of the tree `root`; return a function that waits for the result."""
     if not (root / ".git").exists():
-        known = _built_of(root)[0]
-        return lambda: known
+        commit = _built_of(root)[0]
+        return lambda: commit
     import subprocess  # noqa: PLC0415 - only for --version and logs
 
     try:

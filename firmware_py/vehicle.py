@@ -188,16 +188,16 @@ def _refuse(problems: Iterable[str]) -> None:
         raise VehicleError("\n".join(lines))
 
 
-def _only_known(section: Mapping[str, Any], known: tuple[str, ...], place: str) -> None:
-    hint = f"; known: {', '.join(known)}"
-    unknown = [key[:_MAX_CHARACTERS] for key in section if key not in known]
-    _refuse(f"{place} {key!r} is not known{_suggestion(key, known) or hint}" for key in unknown)
+def _only_known(section: Mapping[str, Any], known_names: tuple[str, ...], place: str) -> None:
+    hint = f"; known: {', '.join(known_names)}"
+    unknown = [key[:_MAX_CHARACTERS] for key in section if key not in known_names]
+    _refuse(f"{place} {key!r} is not known{_suggestion(key, known_names) or hint}" for key in unknown)
 
 
-def _suggestion(key: str, known: tuple[str, ...]) -> str:
+def _suggestion(key: str, known_names: tuple[str, ...]) -> str:
     import difflib  # noqa: PLC0415 - only for an unknown word
 
-    return "".join(f"; did you mean {near!r}?" for near in difflib.get_close_matches(key, known, 1))
+    return "".join(f"; did you mean {near!r}?" for near in difflib.get_close_matches(key, known_names, 1))
 
 
 def _entry(data: Mapping[str, Any], name: str, path: Path) -> DeviceEntry:
@@ -219,14 +219,16 @@ def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntr
     kind = drivers[driver].options
     own = {key: value for key, value in section.items() if key not in _CONNECTION}
     names = tuple(row.name for row in fields(kind))
-    given = {key: section[key] for key in _CONNECTION if key in section}
+    connection_values = {key: section[key] for key in _CONNECTION if key in section}
     by_network = str(section.get("port")).startswith(NETWORK)
     if by_network and drivers[driver].writes:
         raise VehicleError(f"{place} port: driver {driver} writes to its device and needs a serial port")
     _, values = _all_read(
         {
             "names": lambda: _only_read(own, driver, names, place),
-            "connection": lambda: _record(_Connection, ({"baud": _NO_BAUD} if by_network else {}) | given, place),
+            "connection": lambda: _record(
+                _Connection, ({"baud": _NO_BAUD} if by_network else {}) | connection_values, place
+            ),
             "options": lambda: _record(kind, {key: value for key, value in own.items() if key in names}, place),
         }
     )
@@ -237,9 +239,9 @@ def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntr
 def _only_read(values: Mapping[str, Any], driver: str, options: tuple[str, ...], place: str) -> None:
     """Raise VehicleError for options that the driver does not read."""
     own = ", ".join(options) or "no option of its own"
-    reason, known = f"is not read by driver {driver}, which has {own}", (*_CONNECTION, *options)
+    reason, known_names = f"is not read by driver {driver}, which has {own}", (*_CONNECTION, *options)
     unknown = [key[:_MAX_CHARACTERS] for key in values if key not in options]
-    _refuse(f"{place} {key!r} {reason}{_suggestion(key, known)}" for key in unknown)
+    _refuse(f"{place} {key!r} {reason}{_suggestion(key, known_names)}" for key in unknown)
 
 
 def _hull(data: Mapping[str, Any], path: Path) -> Hull:

@@ -48,26 +48,26 @@ def avoid_vessels(
     settings: Settings, state: State, target: SteeringTarget, situation: Situation, now_s: float
 ) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
     """Return the avoidance heading while a vessel is near, else the target unchanged."""
-    modes, known = state.modes, situation.water
+    modes, water_report = state.modes, situation.water
     if not (settings.aside.enabled and state.traffic.near and modes.armed and MODES[modes.mode].follows_task):
         return _own_way(state, target)
     heading_rad = situation.heading_rad
-    if target.heading_rad is None or heading_rad is None or not situation.position_ok or known is None:
+    if target.heading_rad is None or heading_rad is None or not situation.position_ok or water_report is None:
         return _own_way(state, target)
-    if known.too_strong:  # the boat cannot make way against the current
+    if water_report.too_strong:  # the boat cannot make way against the current
         return _own_way(state, target)
     followed = _followed_line(state.guidance)
     aside_input = AsideInput(
         t_s=now_s,
         unchanged_rad=target.heading_rad,
         motion=guidance.vessel_motion(
-            Place(state.position.latitude_rad, state.position.longitude_rad), heading_rad, known
+            Place(state.position.latitude_rad, state.position.longitude_rad), heading_rad, water_report
         ),
         vessels=tuple(vessel for vessel in state.traffic.vessels if vessel.is_avoidable),
         fence=state.plans.fence if fence_enabled(settings, state) else None,
         goal=modes.goal,
         task=state.guidance.task,
-        line=None if followed is None else LineAhead(*followed, heading_in_water(followed[1], known)),
+        line=None if followed is None else LineAhead(*followed, heading_in_water(followed[1], water_report)),
     )
     aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, aside_input)
     state = replace(state, aside=aside)
@@ -86,16 +86,16 @@ def _followed_line(state: GuidanceState) -> tuple[float, float] | None:
 
 def _own_ways_m_s(state: State) -> tuple[Velocity, ...]:
     """Return the velocities on the unchanged course and, off a line, back to it; empty without avoidance."""
-    known, way_rad = state.heading_estimator.water, state.aside.way_rad
+    water_state, way_rad = state.heading_estimator.water, state.aside.way_rad
     followed, target = _followed_line(state.guidance), state.guidance.status.heading_target
     if way_rad is None:
         return ()
     if followed is None or target is None:
-        return (water.over_ground_m_s(known, way_rad),)
-    north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(known)
+        return (water.over_ground_m_s(water_state, way_rad),)
+    north_m_s, east_m_s, speed_m_s, leeway_rad = water.guidance_values(water_state)
     courses = followed[1], target.angle_rad
     headings = [heading_for_course(one, speed_m_s, north_m_s, east_m_s, leeway_rad) for one in courses]
-    return tuple(water.over_ground_m_s(known, heading_rad) for heading_rad in headings)
+    return tuple(water.over_ground_m_s(water_state, heading_rad) for heading_rad in headings)
 
 
 def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
@@ -107,8 +107,8 @@ def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarge
 
 def report(state: State) -> Traffic | None:
     """Return the table of vessels for reports, None before the first AIS report."""
-    known = state.traffic
-    if known.checked_s is None:
+    table = state.traffic
+    if table.checked_s is None:
         return None
-    others = tuple(vessel for vessel in known.vessels if not vessel.own)
-    return Traffic(others, state.aside.heading_rad, known.rejected)
+    others = tuple(vessel for vessel in table.vessels if not vessel.own)
+    return Traffic(others, state.aside.heading_rad, table.rejected)

@@ -17,16 +17,16 @@ UNREACHABLE_M_S = 0.02
 
 @functools.lru_cache(maxsize=4)
 def _rally_places(rally: Plan) -> tuple[Place, ...]:
-    found = (place_of(item) for item in rally.items if item.command == Command.RALLY_POINT)
-    return tuple(place for place in found if place is not None)
+    destinations = (place_of(item) for item in rally.items if item.command == Command.RALLY_POINT)
+    return tuple(place for place in destinations if place is not None)
 
 
 def places(home: Home | None, rally: Plan, *, with_home: bool) -> list[Place]:
     """Return the possible destinations; home is one of them with `with_home`, or without rally points."""
-    found = list(_rally_places(rally))
-    if home is not None and (with_home or not found):
-        found.append(Place(home.latitude_rad, home.longitude_rad))
-    return found
+    destinations = list(_rally_places(rally))
+    if home is not None and (with_home or not destinations):
+        destinations.append(Place(home.latitude_rad, home.longitude_rad))
+    return destinations
 
 
 def return_place(motion: VesselMotion, home: Home | None, rally: Plan, *, with_home: bool) -> Place | None:

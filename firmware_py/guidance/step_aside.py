@@ -213,11 +213,11 @@ def _trial(traffic: TrafficSettings, inputs: AsideInput, heading_rad: float, pla
     counted = uncounted = (math.inf, math.inf)
     for vessel in inputs.vessels:
         limit_m = traffic.limit_m(vessel.position)
-        seen = relative(inputs.motion.place, vessel.position, inputs.t_s)
-        here = min(SUFFICIENT_RATIO, math.hypot(seen.north_m, seen.east_m) / limit_m)
+        offset = relative(inputs.motion.place, vessel.position, inputs.t_s)
+        here = min(SUFFICIENT_RATIO, math.hypot(offset.north_m, offset.east_m) / limit_m)
         if place is not None:
-            seen = relative(place, vessel.position, inputs.t_s)
-        near_m, _ = seen.nearest(own_m_s, traffic.horizon_s)
+            offset = relative(place, vessel.position, inputs.t_s)
+        near_m, _ = offset.nearest(own_m_s, traffic.horizon_s)
         share = near_m / limit_m
         if here - share < MIN_GAIN:
             uncounted = min(uncounted, (share, near_m))

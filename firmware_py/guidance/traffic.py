@@ -195,15 +195,15 @@ def _reachable(before: VesselPosition, after: VesselPosition) -> bool:
 def _check_vessels(
     settings: TrafficSettings, state: TrafficState, own: OwnMotion | None, now_s: float
 ) -> tuple[TrafficState, tuple[Event, ...]]:
-    kept = [one for one in state.vessels if now_s - one.position.t_s <= settings.drop_after_s(one.position)]
+    recent = [one for one in state.vessels if now_s - one.position.t_s <= settings.drop_after_s(one.position)]
     if own is None:
-        unseen = (replace(one, distance_m=None, bearing_rad=None, cpa_m=None, cpa_in_s=None) for one in kept)
+        unseen = (replace(one, distance_m=None, bearing_rad=None, cpa_m=None, cpa_in_s=None) for one in recent)
         return replace(state, vessels=tuple(unseen)), ()
-    vessels = [_with_approach(settings, _with_echo_status(vessel, own, now_s), own, now_s) for vessel in kept]
+    vessels = [_with_approach(settings, _with_echo_status(vessel, own, now_s), own, now_s) for vessel in recent]
     state = replace(state, vessels=tuple(vessels))
     echoes = tuple(
         Event(Severity.NOTICE, f"{now.title}: own echo, ignored")
-        for now, before in zip(vessels, kept, strict=True)
+        for now, before in zip(vessels, recent, strict=True)
         if now.own and not before.own
     )
     if state.reported_s is not None and now_s - state.reported_s < REPORT_INTERVAL_S:
@@ -253,9 +253,9 @@ def _report_distress(
         latitude_deg, longitude_deg = degrees(position.latitude_rad), degrees(position.longitude_rad)
         text = f"Distress beacon {vessel.mmsi:09d}: at {latitude_deg:.4f}, {longitude_deg:.4f}"
     else:
-        seen = _with_bearing(vessel, own, now_s)
-        bearing_deg = compass_degrees(seen.bearing_rad or 0.0)
-        text = f"Distress beacon {vessel.mmsi:09d}: {seen.distance_m:.0f} m, bearing {bearing_deg:03.0f} deg"
+        offset = _with_bearing(vessel, own, now_s)
+        bearing_deg = compass_degrees(offset.bearing_rad or 0.0)
+        text = f"Distress beacon {vessel.mmsi:09d}: {offset.distance_m:.0f} m, bearing {bearing_deg:03.0f} deg"
     return replace(state, vessels=tuple(vessels)), (Event(Severity.CRITICAL, text),)
 
 
@@ -282,26 +282,26 @@ def _report_unplaced(
 
 def _with_bearing(vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
     """Return a vessel with its distance and bearing."""
-    seen = relative(own.place, vessel.position, now_s)
-    bearing_rad = wrap_two_pi(math.atan2(seen.east_m, seen.north_m))
-    return replace(vessel, distance_m=math.hypot(seen.north_m, seen.east_m), bearing_rad=bearing_rad)
+    offset = relative(own.place, vessel.position, now_s)
+    bearing_rad = wrap_two_pi(math.atan2(offset.east_m, offset.north_m))
+    return replace(vessel, distance_m=math.hypot(offset.north_m, offset.east_m), bearing_rad=bearing_rad)
 
 
 def _with_approach(settings: TrafficSettings, vessel: Vessel, own: OwnMotion, now_s: float) -> Vessel:
     """Return a vessel with its present distance and closest approach; a passed vessel is no longer near."""
-    seen = relative(own.place, vessel.position, now_s)
-    cpa_m, cpa_in_s = seen.nearest(own.velocity_m_s, settings.horizon_s)
-    distance_m = math.hypot(seen.north_m, seen.east_m)
+    offset = relative(own.place, vessel.position, now_s)
+    cpa_m, cpa_in_s = offset.nearest(own.velocity_m_s, settings.horizon_s)
+    distance_m = math.hypot(offset.north_m, offset.east_m)
     limit_m = settings.limit_m(vessel.position)
     over = (cpa_in_s <= 0.0 and distance_m > PASSED_FACTOR * limit_m) or cpa_m > CLEAR_FACTOR * limit_m
     if own.own_way_m_s is not None:  # avoidance increases the distance: it must have passed the unchanged course, too
-        over = over and seen.nearest(own.own_way_m_s, settings.horizon_s)[1] <= 0.0
+        over = over and offset.nearest(own.own_way_m_s, settings.horizon_s)[1] <= 0.0
     if own.back_m_s is not None:  # and the way back must not lead near it
-        over = over and seen.nearest(own.back_m_s, settings.horizon_s)[0] > PASSED_FACTOR * limit_m
+        over = over and offset.nearest(own.back_m_s, settings.horizon_s)[0] > PASSED_FACTOR * limit_m
     return replace(
         vessel,
         distance_m=distance_m,
-        bearing_rad=wrap_two_pi(math.atan2(seen.east_m, seen.north_m)),
+        bearing_rad=wrap_two_pi(math.atan2(offset.east_m, offset.north_m)),
         cpa_m=cpa_m,
         cpa_in_s=cpa_in_s,
         near_s=None if over or not vessel.is_other_vessel else vessel.near_s,

@@ -65,7 +65,7 @@ def _document(text: str, source: str) -> Mapping[str, Any]:
     if not isinstance(document, dict) or document.get("fileType") != "Plan":
         raise PlanFileError(f"{source}: fileType is not Plan; save it with QGroundControl as a .plan")
     try:
-        return _known(document, 1, _DOCUMENT_KEYS)
+        return _checked_object(document, 1, _DOCUMENT_KEYS)
     except PlanFileError as error:
         raise located(source, "", error) from None
 
@@ -76,13 +76,13 @@ def _object(value: Any) -> Mapping[str, Any]:
     return value
 
 
-def _known(value: Any, version: int, keys: frozenset[str]) -> Mapping[str, Any]:
+def _checked_object(value: Any, version: int, keys: frozenset[str]) -> Mapping[str, Any]:
     """Return an object of this version, or without a version, that has only known keys."""
     data = _object(value)
-    found = data.get("version", version)
-    if type(found) not in (int, float) or found != version:
+    version_found = data.get("version", version)
+    if type(version_found) not in (int, float) or version_found != version:
         raise PlanFileError(
-            f"version {shorten(found)} is not supported, only {version}; save it again with a current QGroundControl"
+            f"version {shorten(version_found)} is not supported, only {version}; save it with a current QGroundControl"
         )
     _check_keys(data, keys | {"version"})
     return data
@@ -138,7 +138,7 @@ def _coordinates(value: Any, min_length: int) -> list[float]:
 
 def _mission(section: Any) -> Plan:
     entries: list[tuple[int, Any]] = []
-    for number, entry in enumerate(_list(_known(section, 2, _MISSION_KEYS), "items"), start=1):
+    for number, entry in enumerate(_list(_checked_object(section, 2, _MISSION_KEYS), "items"), start=1):
         entries += [(number, each) for each in _numbered(_simple_items, entry, number)]
     if len(entries) > MAX_PLAN_ITEMS:
         raise PlanFileError(f"items: {len(entries)} including surveys; at most {MAX_PLAN_ITEMS} are kept")
@@ -200,7 +200,7 @@ def _item(entry: Mapping[str, Any], jump_ids: Sequence[int]) -> PlanItem:
 
 
 def _fence(value: Any) -> Plan:
-    section = _known(value, 2, _FENCE_KEYS)
+    section = _checked_object(value, 2, _FENCE_KEYS)
     if not section.keys() & {"polygons", "circles"}:
         raise PlanFileError("it has neither polygons nor circles; save it again with QGroundControl")
     items: list[PlanItem] = []
@@ -216,7 +216,7 @@ def _fence(value: Any) -> Plan:
 
 
 def _polygon(entry: Any) -> list[PlanItem]:
-    data = _known(entry, 1, frozenset({"inclusion", "polygon"}))
+    data = _checked_object(entry, 1, frozenset({"inclusion", "polygon"}))
     command = Command.INCLUDED_VERTEX if _truth(data.get("inclusion")) else Command.EXCLUDED_VERTEX
     corners = [_coordinates(corner, 2) for corner in _list(data, "polygon")]
     count = float(len(corners))
@@ -227,9 +227,9 @@ def _polygon(entry: Any) -> list[PlanItem]:
 
 
 def _circle(entry: Any) -> PlanItem:
-    data = _known(entry, 1, frozenset({"inclusion", "circle"}))
+    data = _checked_object(entry, 1, frozenset({"inclusion", "circle"}))
     command = Command.INCLUDED_CIRCLE if _truth(data.get("inclusion")) else Command.EXCLUDED_CIRCLE
-    circle = _known(data.get("circle"), 1, frozenset({"center", "radius"}))
+    circle = _checked_object(data.get("circle"), 1, frozenset({"center", "radius"}))
     latitude_deg, longitude_deg, *_ = _coordinates(circle.get("center"), 2)
     params = [_number(circle.get("radius")), 0.0, 0.0, 0.0, latitude_deg, longitude_deg, 0.0]
     return make_item(int(command), _GLOBAL, params, autocontinue=True)
@@ -237,7 +237,7 @@ def _circle(entry: Any) -> PlanItem:
 
 def _rally(section: Any) -> Plan:
     items = []
-    for number, point in enumerate(_list(_known(section, 2, _RALLY_KEYS), "points"), start=1):
+    for number, point in enumerate(_list(_checked_object(section, 2, _RALLY_KEYS), "points"), start=1):
         latitude_deg, longitude_deg, altitude_m = _numbered(lambda value: _coordinates(value, 3), point, number)
         params = [0.0, 0.0, 0.0, 0.0, latitude_deg, longitude_deg, altitude_m]
         items.append(make_item(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True))

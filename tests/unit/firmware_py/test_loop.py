@@ -297,8 +297,8 @@ class FakeLine:
         self.tried_s.append(now_s)
 
 
-def test_the_tick_after_a_stop_takes_up_no_port(boat):
-    """A harness that is killed leaves paths of ptys, which are another's when her last tick comes."""
+def test_the_last_tick_opens_no_port(boat):
+    """After a killed harness, the paths of its ptys may belong to another process at the last tick."""
     line = FakeLine()
     boat.lines = [line]
     turn(boat, 1.0)
@@ -306,7 +306,7 @@ def test_the_tick_after_a_stop_takes_up_no_port(boat):
 
 
 @pytest.mark.parametrize("where", ["service", "publish", "store"])
-def test_a_mistake_in_the_link_does_not_end_the_loop_and_is_told(boat, where):
+def test_an_error_in_the_link_does_not_end_the_loop_and_is_reported(boat, where):
     explained, mistakes = [], iter([KeyError("inside")])
     boat.fault_barrier = FaultBarrier(explained.append)
 
@@ -335,7 +335,7 @@ def test_samples_are_stamped_when_they_arrive(boat):
     assert ("receive", 0.137) in boat.link.log
 
 
-def test_a_reply_of_the_servo_wakes_her_only_when_more_is_to_be_sent(boat):
+def test_a_servo_reply_wakes_the_loop_only_if_more_is_to_be_sent(boat):
     boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
     boat.rudder.descriptor = 11
     boat.clock.plan = [(0.104, 11), (0.214, 11), (0.216, 11)]
@@ -349,7 +349,7 @@ def test_a_reply_of_the_servo_wakes_her_only_when_more_is_to_be_sent(boat):
     assert heard_s[:5] == pytest.approx([0.0, 0.1, 0.2, 0.2, 0.3], abs=1e-3)
 
 
-def test_a_port_that_has_gone_is_not_waited_on(boat):
+def test_a_closed_port_is_not_waited_on(boat):
     boat.clock.plan = [(0.137, 10), (0.15, 10)]
     boat.compass.receive = lambda now_s: setattr(boat.compass, "fileno", lambda: -1) if now_s > 0.13 else None
     turn(boat, 0.35)
@@ -384,7 +384,7 @@ def test_a_battery_monitor_is_read_at_the_ticks(boat):
     assert power.read_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
 
 
-def test_the_link_is_served_in_the_slack_and_left_alone_before_a_deadline(boat):
+def test_the_link_is_not_served_shortly_before_a_deadline(boat):
     boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
     boat.clock.plan = [(0.15, 20), (0.1985, 20)]
     turn(boat, 0.4)
@@ -393,7 +393,7 @@ def test_the_link_is_served_in_the_slack_and_left_alone_before_a_deadline(boat):
     assert served[1] >= 0.2 - 1e-9  # its bytes came within the guard time
 
 
-def test_what_a_burst_left_over_is_served_before_sleeping(boat):
+def test_remaining_link_data_are_served_before_waiting(boat):
     boat.link.publish = lambda _output, now_s: setattr(boat.link, "left_over", 3 if 0.09 < now_s < 0.11 else 0)
     turn(boat, 0.35)
     served = [t_s for what, t_s in boat.link.log if what == "service"]
@@ -455,7 +455,7 @@ def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
     assert boat.link.outputs[-1].snapshot.goal_heading_rad == pytest.approx(2.0)
 
 
-def test_a_flood_gets_part_of_the_time_and_the_tick_is_punctual(boat):
+def test_a_flood_gets_a_limited_share_and_ticks_are_punctual(boat):
     """However much there is to serve: Linux would take the processor from one that uses all of it."""
     boat.link.left_over = 10**6
 
@@ -469,7 +469,7 @@ def test_a_flood_gets_part_of_the_time_and_the_tick_is_punctual(boat):
     assert all(inputs.tick.late_s < 1e-9 for inputs, _, _ in boat.recorder.ticks)
 
 
-def test_at_a_high_rate_a_flood_is_left_alone_well_before_the_tick(boat):
+def test_at_a_high_rate_a_flood_has_a_longer_guard_time(boat):
     """What slows the machine down for a moment while the link is served is over when the tick comes."""
     boat.autopilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
     turn(boat, 0.5)
@@ -507,7 +507,7 @@ def record(boat):
     return resume_from_bytes(boat.store.saved[RESUME_FILE])[0]
 
 
-def test_what_she_does_is_kept_from_the_start_in_each_tick_and_at_the_end(boat):
+def test_the_resume_record_is_updated_at_start_ticks_and_end(boat):
     boat.autopilot.decide(Request(0.0, SetParameter("BOOT_RESUME", 2)))
     kept = []
     boat.link.publish = lambda output, now_s: kept.append((now_s, record(boat).modes.armed))
@@ -528,7 +528,7 @@ def test_with_nothing_to_resume_no_record_is_written(boat):
     assert RESUME_FILE not in boat.store.saved
 
 
-def test_a_restart_ends_the_loop_behind_the_tick_that_logs_it_with_the_rudder_safe(boat):
+def test_a_restart_ends_the_loop_after_the_logged_tick_with_a_centred_rudder(boat):
     assert boat.autopilot.decide(Request(0.0, Restart())).verdict is Verdict.ACCEPTED
     turn(boat, 10.0)
     assert len(ticks(boat)) == 1
@@ -556,7 +556,7 @@ def test_parameters_set_over_links_are_forgotten_in_the_store_and_stay_in_force(
     assert boat.store.saved[PARAMETER_FILE] == b"CTL_K2 0.5\n"
 
 
-def test_a_clock_that_steps_moves_no_deadline_and_is_told_and_logged(boat):
+def test_a_clock_step_moves_no_deadline_and_is_reported(boat):
     calendar = [1000.0]
     boat.clock_setter = ClockSetter(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
     boat.position = FakePosition()
@@ -609,7 +609,7 @@ def test_the_rate_changes_with_its_parameter(boat):
     assert ticks(boat)[-1].rate_hz == 50
 
 
-def test_a_flood_of_requests_is_turned_away(boat):
+def test_a_flood_of_requests_is_refused(boat):
     verdicts = {boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(PENDING_LIMIT)}
     assert verdicts == {Verdict.ACCEPTED}
     assert boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict is Verdict.TEMPORARILY_REJECTED
@@ -622,7 +622,7 @@ def test_health_is_an_input_only_when_it_changes(boat):
     assert sum(seen) == 3
 
 
-def test_a_store_that_fails_is_a_fault_of_the_storage(boat):
+def test_a_failing_store_is_a_storage_fault(boat):
     boat.store.failure = "parameters.param cannot be stored: No space left on device"
     turn(boat, 4.0)
     assert boat.link.outputs[-1].snapshot.faults == 1 << Fault.STORAGE_FAILING
@@ -640,7 +640,7 @@ def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
     assert boat.rudder.commands[-1][1].torque_on
 
 
-def test_a_rudder_on_its_way_to_the_other_side_is_not_taken_for_safe(boat):
+def test_a_rudder_passing_the_centre_is_not_safe(boat):
     turn(boat, 1.0)
     passing = iter((0.2, 0.0, -0.2, -0.4, -0.2, 0.0, 0.0))  # the first command is lost on the wire
     boat.rudder.commands.clear()
@@ -660,14 +660,14 @@ def test_a_rudder_amidships_ends_the_loop_after_two_readings(boat):
     assert boat.clock.t_s - begin_s <= 2 * SAFE_INTERVAL_S + 1e-9
 
 
-def test_a_rudder_that_does_not_come_amidships_does_not_hold_up_the_end(boat):
+def test_a_stuck_rudder_does_not_prevent_the_end(boat):
     boat.rudder.stuck = True
     turn(boat, 0.2)
     assert boat.clock.t_s < 3.0
     assert len(boat.rudder.commands) > 15
 
 
-def test_what_was_found_wrong_at_the_start_is_told_and_logged_with_the_first_tick(boat):
+def test_start_problems_are_reported_with_the_first_tick(boat):
     lost = Event(Severity.WARNING, "mission.plan.0 is damaged: there is no mission")
     boat.notices.append(lost)
     turn(boat, 1.0)

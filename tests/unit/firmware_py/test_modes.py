@@ -51,7 +51,7 @@ def refused(state, intent, verdict, situation=WELL):
     return answer.text
 
 
-def test_it_starts_as_the_parameters_say():
+def test_the_start_state_follows_the_parameters():
     assert ModeState.at_start(ParameterSet()) == ModeState(Mode.HOLD, armed=False)
     parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
     assert ModeState.at_start(parameters) == ModeState(Mode.GUIDED, armed=True)
@@ -92,7 +92,7 @@ def test_a_heading_goal_needs_a_steering_mode():
 
 @pytest.mark.parametrize("goal", [None, HeadingGoal(6.0), HeadingGoal(6.0, over_ground=True), PositionGoal(0.1, 0.1)])
 def test_a_relative_goal_counts_from_the_heading_whatever_the_goal_was(goal):
-    state = replace(GUIDED, goal=goal)  # she heads 1.0
+    state = replace(GUIDED, goal=goal)  # the present heading is 1.0
     assert accepted(state, SteerHeading(-0.5, relative=True)).goal == HeadingGoal(0.5)
     assert accepted(state, SteerHeading(-1.5, relative=True)).goal.heading_rad == pytest.approx(2 * math.pi - 0.5)
 
@@ -100,7 +100,7 @@ def test_a_relative_goal_counts_from_the_heading_whatever_the_goal_was(goal):
 def test_a_turn_the_long_way_is_kept_only_when_it_is_longer():
     assert accepted(GUIDED, SteerHeading(1.5, turn=-1)).goal.turn == -1
     assert accepted(GUIDED, SteerHeading(1.5, turn=1)).goal.turn == 0
-    assert accepted(GUIDED, SteerHeading(0.97, turn=1)).goal.turn == 0  # she is there already
+    assert accepted(GUIDED, SteerHeading(0.97, turn=1)).goal.turn == 0  # already on the heading
 
 
 def test_a_course_is_made_good_by_heading_up_against_the_current():
@@ -126,7 +126,7 @@ NEEDED = {
 }
 
 
-def test_a_reckoned_place_is_one():
+def test_a_dead_reckoned_position_counts_as_known():
     dead_reckoning = replace(WELL, position_ok=False, dead_reckoning_sd_m=300.0)
     for mode in (Mode.LOITER, Mode.AUTO, Mode.RTL):
         assert obstacle_to(mode, dead_reckoning) == ""
@@ -183,7 +183,7 @@ INTENTS = st.one_of(
 
 
 @given(st.lists(INTENTS, max_size=20), st.booleans())
-def test_whatever_is_asked_the_goal_stays_a_heading_or_a_place(intents, blind):
+def test_any_request_leaves_a_valid_goal(intents, blind):
     state = ModeState()
     for intent in intents:
         state, answer = decide(state, intent, BLIND if blind else WELL, 1.0)

@@ -105,7 +105,7 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
         ("[vehicle]", "[vehicle", "not valid TOML"),
     ],
 )
-def test_a_wrong_file_is_one_clear_line(write, old, new, remedy):
+def test_an_invalid_file_is_one_clear_line(write, old, new, remedy):
     assert old in GOOD
     path = write(GOOD.replace(old, new, 1))
     with pytest.raises(VehicleError, match=remedy) as caught:
@@ -169,12 +169,12 @@ def test_the_examples_listen_to_nothing_beyond_this_computer(name):
 @pytest.mark.parametrize(
     "driver", [driver for drivers in SECTIONS.values() for driver in drivers.values()], ids=lambda driver: driver.device
 )
-def test_every_option_says_what_it_is_for(driver):
+def test_every_option_has_a_description(driver):
     for name, meaning in meanings(driver.options).items():
         assert meaning.text, name
 
 
-def test_all_that_is_wrong_is_told_at_once_each_in_a_line_with_its_place(write, tmp_path):
+def test_all_problems_are_reported_with_line_and_place(write, tmp_path):
     (tmp_path / "boat.param").write_text("CTL_K1 1e9\nCTL_KK 1\n")
     wrong = {
         'name = "Ocean Rambler"': "name = 5",
@@ -205,13 +205,13 @@ def test_all_that_is_wrong_is_told_at_once_each_in_a_line_with_its_place(write, 
     assert all(str(tmp_path) in line for line in lines)
 
 
-def test_what_is_missing_is_not_told_beside_a_name_that_may_have_been_meant_for_it(write):
+def test_a_missing_key_is_not_reported_beside_an_unknown_one(write):
     with pytest.raises(VehicleError) as caught:
         load(write(GOOD.replace("[compass]", "[compas]").replace("baud = 115200", "boud = 115200")))
     assert len(str(caught.value).splitlines()) == 2
 
 
-def test_a_file_full_of_errors_is_told_in_a_few_lines(write):
+def test_the_number_of_reported_problems_is_limited(write):
     text = GOOD + "".join(f"NONE_{number} = 1\n" for number in range(2000))
     with pytest.raises(VehicleError) as caught:
         load(write(text))

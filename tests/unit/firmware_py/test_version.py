@@ -21,9 +21,9 @@ def git(folder, *words):
 def checkout(tmp_path):
     """A repository with one commit and the tag that must not be taken for it."""
     git(tmp_path, "init", "-q")
-    (tmp_path / "boat").write_text("afloat")
+    (tmp_path / "boat").write_text("content")
     git(tmp_path, "add", ".")
-    git(tmp_path, "commit", "-q", "-m", "She floats")
+    git(tmp_path, "commit", "-q", "-m", "First")
     git(tmp_path, "tag", "-a", "v9", "-m", "not a commit")
     return tmp_path
 
@@ -37,19 +37,19 @@ def package(tmp_path):
     return tmp_path
 
 
-def test_a_checkout_says_its_commit(checkout):
+def test_a_checkout_has_its_commit(checkout):
     found = commit_of(checkout)
     assert len(found) == 8
     assert git(checkout, "rev-parse", "HEAD").startswith(found)
 
 
-def test_a_changed_checkout_says_so(checkout):
+def test_a_modified_checkout_is_dirty(checkout):
     clean = commit_of(checkout)
     (checkout / "boat").write_text("aground")
     assert commit_of(checkout) == f"{clean}-dirty"
 
 
-def test_a_built_package_says_the_commit_it_was_made_from(package):
+def test_a_built_package_has_its_commit(package):
     assert commit_of(package) == "0123abcd"
 
 
@@ -61,19 +61,19 @@ def test_a_built_package_says_the_commit_it_was_made_from(package):
         ("0\nyesterday", "0", None),
     ],
 )
-def test_a_built_package_says_when_its_commit_was_made(package, text, commit, utc_s):
+def test_a_built_package_has_its_commit_time(package, text, commit, utc_s):
     (package / COMMIT_FILE).write_text(text)
     assert (commit_of(package), commit_utc_s_of(package)) == (commit, utc_s)
 
 
-def test_a_tree_inside_another_repository_does_not_take_that_one_s_commit(checkout):
+def test_a_tree_inside_another_repository_has_no_commit(checkout):
     inside = checkout / "site-packages"
     inside.mkdir()
     assert commit_of(inside) == ""
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe"], ids=["empty", "not text"])
-def test_a_spoilt_commit_file_is_an_unknown_commit(package, content):
+def test_a_damaged_commit_file_is_an_unknown_commit(package, content):
     (package / COMMIT_FILE).write_bytes(content)
     assert commit_of(package) == ""
 

@@ -1,4 +1,4 @@
-"""A version on trial says so, and has passed once it has sailed long enough; one that was taken back is told."""
+"""Trial of an update: report, success after a running time, and report of a roll-back."""
 
 import pytest
 
@@ -23,44 +23,44 @@ def store(tmp_path):
 
 
 def watch(link, store):
-    said, notices = [], []
-    made = TrialWatch(link, store, notices, said.append)
-    assert [event.text for event in notices] == said
-    return made, said, notices
+    texts, notices = [], []
+    made = TrialWatch(link, store, notices, texts.append)
+    assert [event.text for event in notices] == texts
+    return made, texts, notices
 
 
-def test_nothing_is_said_where_nothing_was_switched(link, store):
+def test_no_report_without_a_trial(link, store):
     for one in (link, None):
-        made, said, _ = watch(one, store)
+        made, texts, _ = watch(one, store)
         made.update(None, 0.0)
         made.update(None, 10.0 * TRIAL_S)
-        assert (made.text, said) == ("", [])
+        assert (made.text, texts) == ("", [])
     store.settle()
     assert store.load(UPDATE_FILE) is None
 
 
-def test_it_has_passed_when_it_has_sailed_long_enough(link, store, tmp_path):
+def test_a_trial_passes_after_its_running_time(link, store, tmp_path):
     link.switch(program := tmp_path / "new/bin/rambler")
     (tmp_path / ".rambler.trial").write_text(f"{program}\nstart\nstart\n")
-    made, said, notices = watch(link, store)
+    made, texts, notices = watch(link, store)
     assert made.text == "On trial: new, start 2 of 3"
     for now_s in (5.0, 4.9 + TRIAL_S):
         made.update(None, now_s)
-    assert len(said) == 1
+    assert len(texts) == 1
     made.update(None, 5.0 + TRIAL_S)
     made.update(None, 6.0 + TRIAL_S)
-    assert said[1:] == [made.text] == ["Trial passed: new"]
-    assert [event.text for event in notices] == said
+    assert texts[1:] == [made.text] == ["Trial passed: new"]
+    assert [event.text for event in notices] == texts
     store.settle()
     assert store.load(UPDATE_FILE) == passed_text(program).encode()
 
 
-def test_one_that_was_taken_back_is_told(link, store, tmp_path):
+def test_a_roll_back_is_reported(link, store, tmp_path):
     (tmp_path / ".rambler.failed").write_text(f"{tmp_path}/new/bin/rambler\nstart\nstart\nstart\n")
     assert watch(link, store)[0].text == "Update rolled back: new failed 3 starts"
 
 
-def test_a_program_that_was_not_started_by_a_link_has_no_trial(tmp_path, link):
+def test_a_program_without_a_program_link_has_no_trial(tmp_path, link):
     (tmp_path / "plain").touch()
     assert link_of(str(tmp_path / "plain")) is None
     assert link_of("rambler") is None

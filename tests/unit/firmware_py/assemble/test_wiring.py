@@ -63,7 +63,7 @@ def test_ground_stations_see_logs_and_uploads_of_the_state_directory(vehicle, tm
         assembly.close()
 
 
-def test_what_was_started_has_ended_with_the_rest(vehicle, tmp_path):
+def test_closing_ends_all_threads(vehicle, tmp_path):
     before = set(threading.enumerate())
     start(vehicle, tmp_path)
     assert set(threading.enumerate()) == before
@@ -74,12 +74,12 @@ def test_a_mission_that_was_lost_is_an_event_of_the_start(vehicle, tmp_path, cap
     (tmp_path / "state" / "mission.plan.0").write_bytes(bytes(4096))
     assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
     assembly.close()
-    told = "mission.plan.0 is damaged: there is no mission"
-    assert [(event.severity, event.text) for event in assembly.parts.notices] == [(Severity.WARNING, told)]
-    assert told in "".join(capfd.readouterr())
+    reported = "mission.plan.0 is damaged: there is no mission"
+    assert [(event.severity, event.text) for event in assembly.parts.notices] == [(Severity.WARNING, reported)]
+    assert reported in "".join(capfd.readouterr())
 
 
-def test_what_is_said_ahead_of_the_first_tick_is_not_shown_again_in_it(vehicle, tmp_path, capfd):
+def test_start_messages_are_not_printed_twice(vehicle, tmp_path, capfd):
     arguments = argparse.Namespace(watchdog=None, wait=True)
     for _ in range(2):  # the first one is cut off
         assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
@@ -87,9 +87,9 @@ def test_what_is_said_ahead_of_the_first_tick_is_not_shown_again_in_it(vehicle, 
         for event in assembly.parts.notices:
             assembly.parts.print_event(event)
         assembly.close()
-    told = "Started again: cut off (the first time)"
-    assert capfd.readouterr().err.count(told) == 1
-    assert [event.text for event in assembly.parts.notices].count(told) == 1
+    reported = "Started again: cut off (the first time)"
+    assert capfd.readouterr().err.count(reported) == 1
+    assert [event.text for event in assembly.parts.notices].count(reported) == 1
 
 
 def begun(directory, vehicle, how, after_s=1.0):
@@ -121,16 +121,16 @@ STORED, OF_VEHICLE, BUILT_IN = [55.0, 20.0, 1.0], [41.0, 0.049, 1.0], [40.0, 0.0
 
 def test_after_three_early_failures_control_starts_with_the_parameters_of_the_vehicle_file(vehicle, misled):
     for expected in (STORED,) * 3 + (OF_VEHICLE,) * 3 + (BUILT_IN,) * 4:
-        values, said = begun(misled, vehicle, "fails")
+        values, texts = begun(misled, vehicle, "fails")
         assert [round(value, 3) for value in values] == expected
-    assert "9 starts failed: built-in steering parameters" in said
-    assert "Stored but not used: CTL_K1 55, MDL_K 20" in said
+    assert "9 starts failed: built-in steering parameters" in texts
+    assert "Stored but not used: CTL_K1 55, MDL_K 20" in texts
     kept = StateFiles(misled / "state").load("parameters.param").decode()
     assert {"CTL_K1 55", "MDL_K 20", "RUD_REVERSE 1"} < set(kept.splitlines())
 
 
 @pytest.mark.parametrize(("how", "after_s"), [("ends", 1.0), ("fails", 61.0), ("is cut off", 61.0)])
-def test_a_run_that_went_on_or_ended_as_it_should_begins_the_count_again(how, after_s, vehicle, misled):
+def test_a_long_or_regular_run_resets_the_count_of_failed_starts(how, after_s, vehicle, misled):
     for _ in range(2):
         begun(misled, vehicle, "fails")
     begun(misled, vehicle, how, after_s)
@@ -144,7 +144,7 @@ def test_power_cuts_are_no_failures(vehicle, misled):
         assert begun(misled, vehicle, "is cut off")[0] == STORED
 
 
-def test_a_watchdog_that_ends_young_runs_counts_too(vehicle, misled):
+def test_early_watchdog_resets_count_as_failed_starts(vehicle, misled):
     for runs in range(4):
         (misled / "ended").write_text("2 watchdog killed ABRT\n")
         options = Options(misled / "state", wait=True, runtime=misled)
@@ -164,7 +164,7 @@ def test_what_happens_again_is_shown_again(capfd):
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_a_thread_that_cannot_be_had_is_one_line_and_leaves_nothing_held(number, vehicle, tmp_path, monkeypatch, capfd):
+def test_a_failed_thread_start_is_one_line_and_releases_everything(number, vehicle, tmp_path, monkeypatch, capfd):
     """Console, store, log and file transfer have one each."""
     real, started = threading.Thread.start, []
 
@@ -210,26 +210,26 @@ KEY = to_text(KeyRecord(bytes(32 * [7]), 10**13, {}))
 
 
 @pytest.mark.parametrize(
-    ("content", "active", "told"),
+    ("content", "active", "reported"),
     [
         (KEY, True, ["Signing key loaded and active"]),
         (b"rubbish", False, ["signing.key lost: what is stored is no signing key; set or remove the key"]),
         (b"", False, []),
     ],
 )
-def test_a_key_on_a_disk_that_comes_late_counts_from_then_on(content, active, told, vehicle, tmp_path, monkeypatch):
+def test_a_key_on_a_disk_mounted_late_is_used(content, active, reported, vehicle, tmp_path, monkeypatch):
     assembly = assembled_before_its_disk(vehicle, tmp_path, monkeypatch, content)
     at_start = len(assembly.parts.notices)
     let_arrive(assembly, tmp_path)
     assert assembly.endpoint._signing.active is active
     assert bool(assembly.endpoint.key_problem) is (content == b"rubbish")
-    said = [event.text for event in assembly.parts.notices[at_start:] if "igning" in event.text]
-    assert [text[: len(start)] for text, start in zip(said, told, strict=True)] == told
+    texts = [event.text for event in assembly.parts.notices[at_start:] if "igning" in event.text]
+    assert [text[: len(start)] for text, start in zip(texts, reported, strict=True)] == reported
     assembly.close()
 
 
 @pytest.mark.parametrize("another", [bytes(32 * [9]), None])
-def test_a_key_that_was_set_or_removed_before_its_disk_came_stands(another, vehicle, tmp_path, monkeypatch):
+def test_a_key_set_or_removed_before_the_disk_is_mounted_stays(another, vehicle, tmp_path, monkeypatch):
     assembly = assembled_before_its_disk(vehicle, tmp_path, monkeypatch, KEY)
     signing = assembly.endpoint._signing
     if another:
@@ -243,10 +243,10 @@ def test_a_key_that_was_set_or_removed_before_its_disk_came_stands(another, vehi
     assert signing._key == another
 
 
-@pytest.mark.parametrize(("host", "told"), [("0.0.0.0", True), ("127.0.0.1", False)])
-def test_a_link_on_which_whoever_comes_commands_is_an_event_of_the_start(vehicle, tmp_path, host, told):
+@pytest.mark.parametrize(("host", "reported"), [("0.0.0.0", True), ("127.0.0.1", False)])
+def test_an_open_link_is_reported_at_start(vehicle, tmp_path, host, reported):
     url = f"udpin:{host}:{unused_ports(['udpin'])[0]}"
     assembly = assemble(vehicle, Options(tmp_path / "state", (url,), wait=True))
     assembly.close()
     text = f"Whoever reaches {url} commands her: it wants a signing key"
-    assert [event.text for event in assembly.parts.notices] == [text] * told
+    assert [event.text for event in assembly.parts.notices] == [text] * reported

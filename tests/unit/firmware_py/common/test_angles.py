@@ -60,5 +60,5 @@ def test_clamp():
     assert [clamp(value, -1.0, 2.0) for value in (-5.0, 0.5, 7.0)] == [-1.0, 0.5, 2.0]
 
 
-def test_clamp_keeps_nan_so_that_it_is_seen_and_not_taken_for_a_limit():
+def test_clamp_keeps_nan():
     assert math.isnan(clamp(math.nan, -1.0, 2.0))

@@ -23,36 +23,36 @@ def test_a_year_of_two_digits_is_the_nearest(digits, year):
     assert full_year(digits) == year
 
 
-def test_the_earliest_time_that_is_believed_is_of_this_version():
+def test_the_earliest_plausible_time():
     assert utc(BUILD_YEAR, 1, 1) == FIRST_UTC_S
 
 
 @pytest.mark.parametrize("clock_s", [NOW_S, NOW_S + 0.9 * DAY_S, UNKNOWN, math.nan, utc(2027, 3, 1), utc(2026, 1, 2)])
 @pytest.mark.parametrize("last_s", [UNKNOWN, NOW_S - 5.0, NOW_S - 200 * DAY_S, NOW_S + 30 * DAY_S])
-def test_a_receiver_that_is_right_is_left_alone(clock_s, last_s):
+def test_a_correct_receiver_time_is_unchanged(clock_s, last_s):
     assert corrected_utc_s(NOW_S, clock_s, last_s) == NOW_S
 
 
 @pytest.mark.parametrize("turns", [1, 2, -1])
 @pytest.mark.parametrize("last_s", [UNKNOWN, NOW_S - 100 * DAY_S])
-def test_weeks_that_have_rolled_over_are_mended_by_the_computers_clock(turns, last_s):
+def test_week_rollover_is_corrected_by_the_clock(turns, last_s):
     assert corrected_utc_s(NOW_S - turns * ROLLOVER_S, NOW_S + 3600.0, last_s) == NOW_S
 
 
 @pytest.mark.parametrize("turns", [1, 2])
 @pytest.mark.parametrize("clock_s", [UNKNOWN, utc(2026, 9, 30)])
-def test_they_are_mended_by_the_newest_log_where_the_clock_knows_nothing(turns, clock_s):
+def test_week_rollover_is_corrected_by_the_newest_log(turns, clock_s):
     assert corrected_utc_s(NOW_S - turns * ROLLOVER_S, clock_s, utc(2026, 10, 1)) == NOW_S
 
 
 @pytest.mark.parametrize("stated_s", [utc(1980, 1, 6), utc(2000, 1, 1), utc(2007, 4, 8), utc(2150, 1, 1), math.nan])
-def test_what_nobody_can_mend_is_no_time(stated_s):
+def test_an_uncorrectable_time_is_refused(stated_s):
     assert corrected_utc_s(stated_s, UNKNOWN, UNKNOWN) is None
 
 
 @pytest.mark.parametrize("stated_s", [utc(1980, 1, 6), utc(2000, 1, 1), utc(2015, 6, 1)])
 @pytest.mark.parametrize("clock_s", [UNKNOWN, NOW_S])
-def test_the_default_dates_of_receivers_are_not_taken_for_rolled_over_ones(stated_s, clock_s):
+def test_default_dates_of_receivers_are_refused(stated_s, clock_s):
     assert corrected_utc_s(stated_s, clock_s, NOW_S - 10 * DAY_S) is None
 
 
@@ -65,6 +65,6 @@ TIMES = st.floats(-1e10, 1e10) | st.sampled_from([NOW_S, NOW_S - ROLLOVER_S, mat
 
 
 @given(TIMES, TIMES, TIMES)
-def test_whatever_is_said_what_comes_is_possible_or_nothing(stated_s, clock_s, last_s):
+def test_any_input_gives_a_plausible_time_or_none(stated_s, clock_s, last_s):
     found = corrected_utc_s(stated_s, clock_s, last_s)
     assert found is None or math.isfinite(found)

@@ -46,7 +46,7 @@ def test_beyond_the_end_the_rest_is_negative():
     )
 
 
-def test_a_line_of_a_metre_has_a_course_and_one_of_nothing_has_none():
+def test_a_line_needs_a_length():
     assert track(HERE, HERE.at_offset(1.0, 0.0), HERE).course_rad % (2 * math.pi) == pytest.approx(0.0, abs=1e-5)
     assert track(HERE, HERE, HERE.at_offset(5.0, 5.0)) is None
 
@@ -60,7 +60,7 @@ def test_across_the_date_line_and_over_the_pole_lines_are_short():
 
 
 @given(places, st.floats(-2000.0, 2000.0), st.floats(-2000.0, 2000.0))
-def test_moving_and_measuring_agree(place, north_m, east_m):
+def test_offset_and_distance_agree(place, north_m, east_m):
     if abs(place.latitude_rad) > 1.4:
         return
     found = place.offset_m(place.at_offset(north_m, east_m))
@@ -68,7 +68,7 @@ def test_moving_and_measuring_agree(place, north_m, east_m):
 
 
 @given(places, places, places)
-def test_whatever_the_places_the_numbers_are_numbers(start, end, here):
+def test_any_places_give_finite_numbers(start, end, here):
     on = track(start, end, here)
     if on is not None:
         assert all(map(math.isfinite, (on.cross_track_m, on.remaining_m, on.course_rad)))
@@ -77,7 +77,7 @@ def test_whatever_the_places_the_numbers_are_numbers(start, end, here):
 
 
 @given(places, st.floats(-1000.0, 1000.0), st.floats(-1000.0, 1000.0))
-def test_near_each_other_every_offset_is_the_same_but_for_the_bend_of_the_meridians(place, north_m, east_m):
+def test_nearby_offsets_agree(place, north_m, east_m):
     if abs(place.latitude_rad) > 1.2:
         return
     there = place.at_offset(north_m, east_m)
@@ -86,7 +86,7 @@ def test_near_each_other_every_offset_is_the_same_but_for_the_bend_of_the_meridi
 
 
 @given(places, st.floats(-1e5, 1e5), st.floats(-1e5, 1e5))
-def test_the_local_frame_there_and_back_is_where_it_began(place, north_m, east_m):
+def test_the_local_frame_is_invertible(place, north_m, east_m):
     there = place.at_local_offset(north_m, east_m)
     if there is not None:
         assert place.local_offset_m(there) == pytest.approx((north_m, east_m), abs=1e-4)

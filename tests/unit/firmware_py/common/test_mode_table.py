@@ -13,7 +13,7 @@ def test_the_values_of_failsafes_are_without_a_gap_and_each_leads_to_one_mode():
     assert [mode for mode, row in MODES.items() if row.failsafe] == sorted(FAILSAFE_MODES.values())
 
 
-def test_a_ladder_asks_for_less_at_each_step_and_ends_with_what_needs_nothing():
+def test_failsafe_ladders_need_less_at_each_step():
     assert failsafe_ladder(Mode.RTL) == (Mode.RTL, Mode.LOITER, Mode.STEERING, Mode.HOLD)
     for mode in FAILSAFE_MODES.values():
         ladder = failsafe_ladder(mode)

@@ -21,7 +21,7 @@ class Lamp:
         check(self)
 
 
-def test_what_is_left_out_takes_its_default():
+def test_missing_options_take_their_defaults():
     assert record_from(Lamp, {"socket": "mast"}) == Lamp("mast", 5.0, 1, False, (), None)
 
 
@@ -51,7 +51,7 @@ def test_values_of_a_file_are_read_by_the_types_of_the_record():
         ({"socket": "x", "height_m": 31}, "height_m: 31 is out of range; allowed: 0 to 30"),
     ],
 )
-def test_what_cannot_be_is_refused_by_its_name(values, complaint):
+def test_invalid_options_are_refused_by_name(values, complaint):
     with pytest.raises(ValueError) as caught:
         record_from(Lamp, values)
     assert complaint in str(caught.value)
@@ -62,6 +62,6 @@ def test_a_record_made_without_a_file_is_checked_too():
         Lamp("x", number=2.5)
 
 
-def test_every_option_tells_its_meaning_and_its_range():
+def test_every_option_has_a_description_and_a_range():
     assert list(meanings(Lamp)) == ["socket", "power_w", "number", "dimmed", "colours", "height_m"]
     assert meanings(Lamp)["power_w"] == OptionMeaning("what it draws", 0.5, 60.0)

@@ -17,7 +17,7 @@ def test_names_fit_mavlink_and_are_unique_and_sorted():
     assert names == sorted(set(names))
 
 
-def test_every_default_is_allowed_and_kept_as_it_is():
+def test_every_default_is_valid():
     for row in TABLE:
         assert row.check(row.default) == row.default
 
@@ -30,7 +30,7 @@ def test_absurd_values_are_refused_for_every_row(value):
 
 
 @given(st.sampled_from(TABLE), st.floats(allow_nan=False, allow_infinity=False))
-def test_what_is_kept_is_a_single_in_range(row, value):
+def test_stored_values_are_singles_in_range(row, value):
     try:
         kept = row.check(value)
     except ParameterError:
@@ -77,7 +77,7 @@ def test_a_file_round_trips(choices):
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
 @example(3.4025001647762064e38)
-def test_a_single_is_written_so_that_it_reads_back(value):
+def test_singles_are_written_exactly(value):
     assert to_single(float(format_value(value))) == value
 
 
@@ -106,7 +106,7 @@ def test_the_reference_page_has_every_row():
     assert all(f"`{row.name}`" in page for row in TABLE)
 
 
-def test_what_is_counted_onboard_takes_no_part_in_settings():
+def test_counters_are_not_part_of_settings():
     counted = [row for row in TABLE if row.read_only]
     assert [row.name for row in counted] == ["ARMING_CHECK", "ARMING_SKIPCHK", "STAT_BOOTCNT"]
     assert all("Read-only." in line for line in markdown().splitlines() if line.startswith("| `STAT_BOOTCNT`"))

@@ -42,7 +42,7 @@ def test_an_empty_plan_has_no_identity_and_every_change_gives_another():
     assert Plan.of(PlanKind.MISSION, (unused,)) == Plan.of(PlanKind.MISSION, (unused,))
 
 
-def test_a_stored_plan_that_was_touched_is_refused():
+def test_a_modified_stored_plan_is_refused():
     text = to_text(Plan.of(PlanKind.MISSION, (HERE,)))
     items = json.loads(text)["plan"]["items"]
     one_more = items[:-4] + ("A" if items[-4] != "A" else "B") + items[-3:]
@@ -61,7 +61,7 @@ def test_replacing_one_plan_leaves_the_others():
     assert (plans.mission, plans.rally) == (Plans().mission, Plans().rally)
 
 
-def test_numbers_are_rounded_to_what_an_item_carries_and_refused_where_it_cannot():
+def test_numbers_are_rounded_to_mavlink_precision_or_refused():
     (item,) = Plan.of(PlanKind.MISSION, (PlanItem(16, params=(0.1, 0.0, -math.nan, 0.0), z=1e-60),)).items
     assert item.params[0] == struct.unpack("f", struct.pack("f", 0.1))[0]
     assert item.z == 0.0

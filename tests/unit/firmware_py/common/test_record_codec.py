@@ -104,7 +104,7 @@ def bits(value):
 
 
 @given(boats)
-def test_a_record_comes_back_to_the_bit(boat):
+def test_a_record_is_restored_bit_for_bit(boat):
     data = encode(boat, 3, HOOKS)
     again, notes = decode(Boat, data, 3, HOOKS)
     assert bits(again) == bits(boat)
@@ -172,9 +172,9 @@ def test_an_unknown_field_is_ignored_and_reported(path, note):
     ],
 )
 def test_an_unusable_value_is_ignored_and_reported(path, value, fields, notes):
-    boat, said = read(changed(*path, value))
+    boat, texts = read(changed(*path, value))
     assert boat == msgspec.structs.replace(BOAT, **fields)
-    assert [note[: len(start)] for note, start in zip(said, notes, strict=False)] == notes
+    assert [note[: len(start)] for note, start in zip(texts, notes, strict=False)] == notes
 
 
 def test_a_renamed_field_is_found_under_its_former_name(monkeypatch):
@@ -206,7 +206,7 @@ def test_a_record_of_a_later_version_is_read_by_name():
     assert notes == ("Boat: written by a later version (4, here 1), read by name",)
 
 
-def test_a_record_that_lacks_what_it_needs_is_refused():
+def test_an_incomplete_record_is_refused():
     with pytest.raises(ValueError, match="Near: Object missing required field `distance_m`"):
         decode(Near, msgspec.msgpack.encode({"version": 1}), 1)
 
@@ -265,7 +265,7 @@ def read_chart(change):
 
 
 @pytest.mark.parametrize("chart", [Chart(), CHART])
-def test_a_named_tuple_is_written_by_name_and_comes_back_to_the_bit(chart):
+def test_a_named_tuple_is_restored_bit_for_bit(chart):
     assert "x_m" in to_text(chart, 1)
     for again, notes in (decode(Chart, encode(chart, 1), 1), from_text(Chart, to_text(chart, 1), 1)):
         assert repr(again) == repr(chart)
@@ -286,9 +286,9 @@ def test_a_named_tuple_is_written_by_name_and_comes_back_to_the_bit(chart):
     ],
 )
 def test_a_value_of_a_named_tuple_is_read_or_takes_its_default(path, value, track, notes):
-    chart, said = read_chart(changed("track", *path, value))
+    chart, texts = read_chart(changed("track", *path, value))
     assert repr(chart.track) == repr(track if path != ("corners", 1) else Track(track.newest, (Point(), Point())))
-    assert said == tuple(f"Chart.{note}" for note in notes)
+    assert texts == tuple(f"Chart.{note}" for note in notes)
 
 
 def test_a_missing_or_renamed_field_of_a_named_tuple(monkeypatch):

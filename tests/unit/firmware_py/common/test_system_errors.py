@@ -15,7 +15,7 @@ def caused(error, cause):
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "reported"),
     [
         (MemoryError(), "out of memory"),
         (OSError(errno.ENOMEM, "x"), "out of memory"),
@@ -36,9 +36,9 @@ def caused(error, cause):
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long; use another path"),
     ],
 )
-def test_what_the_computer_lacks_is_one_line_with_a_remedy(error, told):
+def test_system_errors_are_one_line_with_a_remedy(error, reported):
     text = system_error_text(error)
-    assert text.startswith(told)
+    assert text.startswith(reported)
     assert ";" in text
     assert "\n" not in text
 
@@ -46,11 +46,11 @@ def test_what_the_computer_lacks_is_one_line_with_a_remedy(error, told):
 @pytest.mark.parametrize(
     "error", [RuntimeError("a mistake"), ValueError("x"), OSError(errno.EIO, os.strerror(errno.EIO)), ImportError("x")]
 )
-def test_mistakes_of_the_program_keep_their_trace(error):
+def test_program_errors_keep_their_traceback(error):
     assert system_error_text(error) == ""
 
 
-def test_a_working_directory_that_was_removed_is_told_as_that(tmp_path, monkeypatch):
+def test_a_removed_working_directory_has_its_own_text(tmp_path, monkeypatch):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()

@@ -16,7 +16,7 @@ def test_an_idle_bucket_holds_no_more_than_its_burst():
     assert bucket.level(1e9) == 3.0
 
 
-def test_a_bucket_that_starts_empty_gains_no_more_than_its_longest_time_allows():
+def test_the_gain_of_a_bucket_is_limited():
     bucket = TokenBucket(100, 2.0, full=False, longest_s=4.0)
     assert bucket.level(1e6) == pytest.approx(8.0)
 
@@ -27,7 +27,7 @@ def test_a_clock_that_goes_back_gives_nothing():
     assert bucket.level(1.0) == 5.0
 
 
-def test_what_was_spent_too_much_is_owed():
+def test_a_bucket_can_be_overspent():
     bucket = TokenBucket(10, 1.0)
     bucket.spend(12.0)
     assert bucket.level(0.0) == -2.0

@@ -34,7 +34,7 @@ FENCE = Plan.of(PlanKind.FENCE, [PlanItem(5003, 3, params=(50.0, 0.0, 0.0, 0.0))
 
 
 class FakeKeeper:
-    """Has a disk that answers when it is told to."""
+    """A store whose disk answers on request."""
 
     def __init__(self):
         self.records, self.waiting, self.plans, self.parameters = [], [], [], []
@@ -100,7 +100,7 @@ KEPT = {
 
 
 @pytest.mark.parametrize("intent", KEPT, ids=lambda intent: type(intent).__name__)
-def test_an_order_is_answered_once_a_record_that_holds_it_is_on_disk(sea, intent):
+def test_a_command_is_acknowledged_when_its_record_is_on_disk(sea, intent):
     sea.order(intent)
     assert KEPT[intent](sea.keeper.records[-1])  # before any tick
     assert sea.answers == []
@@ -124,7 +124,7 @@ def test_a_goal_and_a_pause_are_kept_too():
     assert len(sea.keeper.records) == 1
 
 
-def test_that_an_order_cannot_be_stored_is_passed_on(sea):
+def test_a_failed_write_is_reported_to_the_caller(sea):
     sea.order(Arm(armed=True, force=True))
     sea.keeper.answer(well=False)
     assert sea.answers == [False]
@@ -139,7 +139,7 @@ def test_with_nothing_to_resume_nothing_is_written_and_nothing_waits():
     assert (sea.answers, sea.keeper.records, sea.keeper.waiting) == ([True], [], [])
 
 
-def test_before_the_loop_has_told_the_time_an_order_waits_for_it():
+def test_a_command_before_the_first_tick_waits_for_the_time():
     sea = Sea()
     sea.order(Arm(armed=True, force=True))
     assert sea.keeper.waiting == []
@@ -149,7 +149,7 @@ def test_before_the_loop_has_told_the_time_an_order_waits_for_it():
     assert sea.keeper.records[-1].modes.armed
 
 
-def test_what_the_tick_does_by_itself_is_handed_over_in_that_tick(sea):
+def test_changes_by_the_tick_are_stored_in_that_tick(sea):
     before = len(sea.keeper.records)
     sea.autopilot.decide(Request(sea.t_s, Arm(armed=True, force=True)))  # as a message without acknowledgement
     assert len(sea.keeper.records) == before
@@ -157,7 +157,7 @@ def test_what_the_tick_does_by_itself_is_handed_over_in_that_tick(sea):
     assert sea.keeper.records[-1].modes.armed
 
 
-def test_a_tick_does_not_write_the_state_from_before_an_order_over_it(sea):
+def test_a_tick_does_not_overwrite_a_command_with_an_older_state(sea):
     tick = Tick(9, 0.9, 0.0, 0, 10.0)
     sea.autopilot.step(Inputs(tick, (), (), (), (), sea.autopilot.take_requests()))
     sea.order(Arm(armed=True, force=True))  # while the tick is published
@@ -167,7 +167,7 @@ def test_a_tick_does_not_write_the_state_from_before_an_order_over_it(sea):
     assert sea.keeper.records[-1].modes.armed
 
 
-def test_a_new_plan_is_answered_when_the_place_in_the_old_one_is_gone(sea):
+def test_a_new_plan_is_acknowledged_when_the_old_progress_is_removed(sea):
     sea.order(SetMissionItem(3))
     answers = []
     other = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=77)])
@@ -191,7 +191,7 @@ def test_a_parameter_that_changes_the_record_is_on_disk_together_with_it(sea):
     assert len(off.keeper.records) == 1
 
 
-def test_on_a_disk_that_hangs_the_answers_in_waiting_are_bounded(sea):
+def test_with_a_hanging_disk_the_waiting_callbacks_are_limited(sea):
     for number in range(AWAITED_LIMIT + 3):
         sea.order(SetHome(number * 1e-3, 0.0))
         sea.autopilot.take_requests()
@@ -216,7 +216,7 @@ def drained(sea):
     return len(sea.keeper.records)
 
 
-def test_goals_that_come_too_fast_for_the_flash_are_answered_together_later_and_orders_are_not_held_up(sea):
+def test_fast_goals_are_acknowledged_together_and_commands_are_not_delayed(sea):
     written = drained(sea)
     sea.order(SetHome(1.5, 0.0))
     assert (len(sea.keeper.records), sea.keeper.waiting) == (written, [])
@@ -231,7 +231,7 @@ def test_goals_that_come_too_fast_for_the_flash_are_answered_together_later_and_
     assert sea.answers == [True, True]  # the record of the order holds the goal
 
 
-def test_what_waits_is_answered_when_nothing_is_to_be_resumed_any_more(sea):
+def test_waiting_callbacks_are_called_when_resume_is_switched_off(sea):
     drained(sea)
     sea.autopilot.decide(Request(sea.t_s, SetParameter("BOOT_RESUME", 0)))
     sea.tick()
@@ -245,7 +245,7 @@ def set_radius(sea, number):
     return sea.keeper.answer()
 
 
-def test_parameters_that_change_too_fast_for_the_flash_are_written_together_and_each_is_answered(sea):
+def test_fast_parameter_changes_are_written_together_and_each_is_acknowledged(sea):
     set_radius(sea, 7)
     assert sea.keeper.parameters == [{"LOIT_RADIUS": 57.0}]  # before any tick
     for number in range(40 * 90):  # a station gone mad: forty a tick, for nine seconds
@@ -260,7 +260,7 @@ def test_parameters_that_change_too_fast_for_the_flash_are_written_together_and_
     assert len(sea.answers) == 40 * 90 + 1
 
 
-def test_a_parameter_that_still_waits_for_its_write_is_written_at_the_end(sea):
+def test_pending_parameters_are_written_at_the_end(sea):
     for number in range(1200):
         set_radius(sea, number)
         if number % 40 == 0:
@@ -270,7 +270,7 @@ def test_a_parameter_that_still_waits_for_its_write_is_written_at_the_end(sea):
     assert sea.keeper.parameters[-1] == {"LOIT_RADIUS": 149.0}
 
 
-def test_a_file_of_parameters_is_one_write_and_what_nobody_waits_for_is_written_with_the_tick(sea):
+def test_a_parameter_file_is_one_write_and_unawaited_changes_are_written_with_the_tick(sea):
     changes = {"LOIT_RADIUS": 60.0, "RUD_LIMIT_DEG": 30.0}
     requests = [Request(sea.t_s, SetParameter(name, value)) for name, value in changes.items()]
     assert sea.autopilot.decide_together(requests).verdict is Verdict.ACCEPTED
@@ -279,7 +279,7 @@ def test_a_file_of_parameters_is_one_write_and_what_nobody_waits_for_is_written_
     assert sea.keeper.parameters == [changes]
 
 
-def test_forgetting_comes_after_what_was_set_before_it(sea):
+def test_a_reset_of_parameters_follows_earlier_changes(sea):
     sea.autopilot.decide(Request(sea.t_s, SetParameter("LOIT_RADIUS", 60.0)))
     sea.autopilot.decide(Request(sea.t_s, ForgetParameters()))
     assert sea.keeper.parameters == [{"LOIT_RADIUS": 60.0}, "forgotten"]
@@ -288,7 +288,7 @@ def test_forgetting_comes_after_what_was_set_before_it(sea):
 
 
 @pytest.mark.parametrize("room", [0, 1])
-def test_what_is_asked_together_is_done_whole_or_not_at_all_where_too_much_is_asked_in_a_tick(sea, room):
+def test_requests_together_are_accepted_all_or_none_beyond_the_limit(sea, room):
     for _ in range(PENDING_LIMIT - room):
         sea.autopilot.decide(Request(sea.t_s, SetParameter("LOIT_RADIUS", 60.0)))
     before = sea.autopilot.parameters()
@@ -297,7 +297,7 @@ def test_what_is_asked_together_is_done_whole_or_not_at_all_where_too_much_is_as
     assert sea.autopilot.parameters() is before
 
 
-def test_what_is_asked_together_is_not_done_where_one_of_it_is_refused(sea):
+def test_requests_together_are_refused_if_one_is_refused(sea):
     before = sea.autopilot.parameters()
     pair = [Request(sea.t_s, SetParameter("LOIT_RADIUS", value)) for value in (60.0, -1e9)]
     assert sea.autopilot.decide_together(pair).verdict is Verdict.DENIED

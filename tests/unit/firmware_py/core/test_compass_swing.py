@@ -1,4 +1,4 @@
-"""A swing that was asked for: told how far it is, proposed once there is enough, never in the way of the tick."""
+"""A compass swing: progress, proposal, and no effect on the tick."""
 
 import pytest
 
@@ -12,7 +12,7 @@ IN_FORCE = ParameterSet().replaced("CMP_DEV_B", 2.0)
 
 
 def swung(legs=20, parameters=IN_FORCE):
-    """Sail the voyage with a swing; return it, its events, and the percents that it has told in between."""
+    """Sail the voyage with a swing; return it, its events, and its percentages."""
     swing, events, percents = CompassSwing(), [], []
     swing.begin(parameters)
     for tick in voyage(legs=legs):
@@ -21,14 +21,14 @@ def swung(legs=20, parameters=IN_FORCE):
     return swing, events, percents
 
 
-def test_without_having_been_asked_for_it_does_nothing():
+def test_an_idle_swing_does_nothing():
     swing = CompassSwing()
     assert not swing.running
     assert not [event for tick in voyage(legs=1) for event in swing.take(tick.inputs, IN_FORCE)]
     assert swing.report.state is CalibrationState.NONE
 
 
-def test_a_proposal_is_told_once_with_what_it_is_worth():
+def test_a_proposal_is_reported_once_with_its_uncertainty():
     swing, events, percents = swung()
     report = swing.report
     assert (report.state, report.percent) == (CalibrationState.DONE, 100)
@@ -42,14 +42,14 @@ def test_a_proposal_is_told_once_with_what_it_is_worth():
     assert max(percents[: percents.index(100)]) <= 99
 
 
-def test_too_little_is_told_as_a_part():
+def test_insufficient_data_are_reported_as_percent():
     swing, events, _ = swung(legs=4)
     assert (swing.report.state, events) == (CalibrationState.RUNNING, [])
     assert 0 < swing.report.percent < 60
     assert swing.report.sectors.bit_count() <= 4
 
 
-def test_after_its_end_nothing_is_left_but_what_was_before():
+def test_after_its_end_only_the_former_parameters_remain():
     swing, _, _ = swung(legs=4)
     swing.end({"CMP_DEV_A": 1.0})
     assert (swing.running, swing.report.state, swing.former) == (False, CalibrationState.NONE, {"CMP_DEV_A": 1.0})

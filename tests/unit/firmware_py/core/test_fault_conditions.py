@@ -22,7 +22,7 @@ class Compasses:
 
     def run(self, seconds, a_deg=0.0, b_deg=0.0, *, spread_deg=0.3):
         """Go on with each so far off the estimate, None is silent; return what was said, each once, in order."""
-        said = []
+        reports = []
         for _ in range(round(10 * seconds)):
             expected_rad = 1.0 if self.ticks else math.nan
             self.ticks += 1
@@ -34,32 +34,32 @@ class Compasses:
                     self.state = add_sample(self.state, sample, expected_rad)
             self.state = select(self.state, now_s, FROZEN_S, TIMEOUTS_S, False)
             found = (*frozen_or_jumping(FROZEN_S, self.state, TIMEOUTS_S, now_s), compasses_disagree(self.state))
-            said += [found] if said[-1:] != [found] else []
-        return said
+            reports += [found] if reports[-1:] != [found] else []
+        return reports
 
 
 @pytest.mark.parametrize("off_deg", [16.0, 18.0, 22.0, 25.0, -24.0, 90.0])
-def test_two_that_differ_from_the_beginning_disagree_and_neither_jumps(off_deg):
+def test_compasses_that_differ_from_the_start_disagree_without_a_jump(off_deg):
     both = Compasses()
     assert both.run(60.0, b_deg=off_deg)[-1] == DISAGREE
     assert both.state.in_use is Source.COMPASS_A
-    assert JUMPING not in (said := both.run(60.0, b_deg=off_deg))
-    assert BOTH not in said
+    assert JUMPING not in (reports := both.run(60.0, b_deg=off_deg))
+    assert BOTH not in reports
     both.run(20.0)
     assert both.run(20.0) == [WELL]
 
 
-def test_two_that_come_to_differ_slowly_disagree_and_neither_jumps():
+def test_compasses_that_drift_apart_disagree_without_a_jump():
     both = Compasses()
     both.run(20.0)
-    said = [both.run(5.0, b_deg=float(off_deg)) for off_deg in range(41)]
-    assert said[-1] == [DISAGREE]
-    assert not any(JUMPING in one or BOTH in one for one in said)
+    reports = [both.run(5.0, b_deg=float(off_deg)) for off_deg in range(41)]
+    assert reports[-1] == [DISAGREE]
+    assert not any(JUMPING in one or BOTH in one for one in reports)
     both.run(20.0, b_deg=18.0)
     assert both.run(20.0, b_deg=18.0) == [DISAGREE]
 
 
-def test_one_that_is_off_at_once_has_jumped_and_then_they_disagree_besides_until_it_is_back():
+def test_a_sudden_difference_is_a_jump_and_then_also_a_disagreement():
     both = Compasses()
     both.run(20.0)
     assert both.run(1.0, b_deg=22.0) == [WELL]
@@ -71,13 +71,13 @@ def test_one_that_is_off_at_once_has_jumped_and_then_they_disagree_besides_until
     assert both.state.in_use is Source.COMPASS_B
 
 
-def test_one_that_shows_anything_at_all_jumps():
+def test_a_compass_with_random_headings_jumps():
     both = Compasses()
     both.run(20.0)
     assert any(jumping for _, jumping, _ in both.run(60.0, b_deg=180.0, spread_deg=80.0))
 
 
-def test_what_is_silent_disagrees_with_nothing_and_what_is_far_off_alone_is_a_jump():
+def test_a_silent_compass_does_not_disagree_and_a_single_one_can_jump():
     both = Compasses()
     both.run(20.0, b_deg=25.0)
     assert both.run(30.0, a_deg=None, b_deg=25.0)[-1] == JUMPING

@@ -34,7 +34,7 @@ def place_of(record):
     return Place(record.latitude_rad, record.longitude_rad)
 
 
-def test_loiter_point_home_water_and_fence_are_taken_again():
+def test_loiter_point_home_water_and_fence_are_reset():
     expected = rig.Sailing(rig.sea("calm")).state.heading_estimator.water.expected
     fence = ReplacePlan(Plan.of(PlanKind.FENCE, [item(5003, 0.0, 0.0, 500.0)]))
     boat = boat_at_a_wrong_place(Mode.LOITER, fence, FENCE_ENABLE=1, FS_FENCE_ACT=0)
@@ -48,7 +48,7 @@ def test_loiter_point_home_water_and_fence_are_taken_again():
 
 
 @pytest.mark.parametrize("off_m", [(0.0, 0.0), (200.0, 300.0)])
-def test_a_goal_and_a_home_near_the_wrong_place_move_along(off_m):
+def test_a_goal_and_home_near_the_wrong_position_move_along(off_m):
     there = placed(WRONG_M[0] + off_m[0], WRONG_M[1] + off_m[1])
     boat = boat_at_a_wrong_place(Mode.GUIDED, SetHome(*there, 0.0), SteerPosition(*there))
     for moved in (boat.state.home, boat.state.modes.goal):
@@ -61,7 +61,7 @@ def test_a_goal_and_a_home_elsewhere_stay():
     assert place_of(boat.state.home) == place_of(boat.state.modes.goal) == Place(*there)
 
 
-def test_home_and_goal_are_back_after_a_receiver_was_wrong_in_between():
+def test_home_and_goal_return_after_a_temporary_error():
     boat = rig.Sailing(rig.sea("calm"), POS_JUMP_S=30.0).under_way(Mode.GUIDED, SteerPosition(*placed(500.0, 300.0)))
     home = place_of(boat.state.home)
     for jump_m, reports in ((WRONG_M, 1), ((0.0, 0.0), 2)):
@@ -76,7 +76,7 @@ def test_home_and_goal_are_back_after_a_receiver_was_wrong_in_between():
 
 
 def test_a_jump_long_after_the_first_place_moves_nothing(monkeypatch):
-    monkeypatch.setattr("firmware_py.estimate.position.FIRST_PLACE_S", 10.0)
+    monkeypatch.setattr("firmware_py.estimate.position.FIRST_POSITION_PHASE_S", 10.0)
     boat = boat_at_a_wrong_place(Mode.LOITER)
     assert boat.said(TEXT) == []
     assert math.hypot(*north_east_m(boat.state.guidance.task.centre)) > 20_000.0

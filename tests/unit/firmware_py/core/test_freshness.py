@@ -28,7 +28,7 @@ def test_an_age_is_judged_by_the_timeout(t_s, started_s, age):
     assert age_of(t_s, started_s, 10.0, 1.0) is age
 
 
-def test_each_kind_has_its_own_timeout():
+def test_each_source_has_its_own_timeout():
     state = State.at_start(
         ParameterSet().replaced("CMP_TIMEOUT_S", 2.0).replaced("POS_TIMEOUT_S", 9.0).replaced("RUD_TIMEOUT_S", 4.0)
     )

@@ -1,4 +1,4 @@
-"""The place that outlives a restart: where she is reckoned on from without a receiver."""
+"""The position that survives a restart, for dead reckoning without a receiver."""
 
 import math
 import struct
@@ -39,7 +39,7 @@ def position_state(t_s=100.0, begun_s=60.0):
     return PositionState(t_s, 0.6, 2.0, dead_reckoning=replace(WATER, begun_s=begun_s))
 
 
-def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
+def test_dead_reckoning_continues_with_water_and_uncertainty():
     text = to_bytes(resume_of(at_sea(position_state()), THEN))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert notes == ()
@@ -48,7 +48,7 @@ def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
     assert state.heading_estimator.water.expected == Expected(0.1, -0.05, 0.5)  # not in steps of 0.1
 
 
-def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_headed():
+def test_during_the_restart_the_boat_drifts_with_an_unknown_heading():
     state = last_position.restored(LAST, 20.0)
     assert HERE.offset_m(Place(state.latitude_rad, state.longitude_rad)) == pytest.approx((2.0, -1.0), abs=1e-6)
     assert (state.dead_reckoning.water.blind_m, time_since_fix_s(state)) == (5.0 + 20.0 * 0.5, 60.0)
@@ -62,7 +62,7 @@ def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_hea
 @pytest.mark.parametrize(
     "utc_s", [UTC_S + 20.0, UTC_S - 86_400.0, UTC_S + 1e6, 0.0], ids=["right", "back", "on", "1970"]
 )
-def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
+def test_the_calendar_clock_does_not_matter_while_the_computer_runs(utc_s):
     text = to_bytes(resume_of(at_sea(position_state()), THEN))
     state, _ = restore(at_sea(PositionState()), text, Moment(utc_s, "a", 520.0))
     assert (time_since_fix_s(state.position), state.position.dead_reckoning.water.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
@@ -78,7 +78,7 @@ def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
     ],
     ids=["no power", "unknown", "impossible"],
 )
-def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(stored, now):
+def test_the_position_error_is_unlimited_if_the_elapsed_time_is_unknown(stored, now):
     state, _ = restore(at_sea(PositionState()), to_bytes(resume_of(at_sea(position_state()), stored)), now)
     assert (state.position.latitude_rad, state.position.longitude_rad) == (0.6, 2.0)
     assert dead_reckoning.standard_deviation_m(state.position.dead_reckoning, 40.0) >= UNUSABLE_SD_M
@@ -93,7 +93,7 @@ def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(stored, now):
         replace(LAST, dead_reckoning=replace(WATER, begun_s=1.0)),
     ],
 )
-def test_a_place_that_cannot_be_is_left_out_and_said(broken):
+def test_an_impossible_position_is_ignored_and_reported(broken):
     text = to_bytes(replace(resume_of(at_sea(position_state()), THEN), place=broken))
     state, notes = restore(at_sea(PositionState()), text, THEN)
     assert state.position == PositionState()
@@ -101,11 +101,11 @@ def test_a_place_that_cannot_be_is_left_out_and_said(broken):
     assert state.greeting.endswith(", incomplete")
 
 
-def test_there_is_none_to_be_kept_before_a_fix():
+def test_no_position_is_stored_before_a_fix():
     assert resume_of(at_sea(PositionState()), THEN).place is None
 
 
-def test_a_place_without_a_heading_is_kept_with_the_expected_water():
+def test_a_position_without_a_heading_is_stored_with_the_expected_water():
     fix = PositionSample(0.0, FixType.FIX_3D, 0.6, 2.0)
     place = resume_of(at_sea(PositionState(0.0, 0.6, 2.0, fix)), THEN).place
     assert (place.latitude_rad, place.longitude_rad) == (0.6, 2.0)
@@ -127,8 +127,7 @@ def with_water(current_m_s, speed_m_s):
 
 
 @pytest.mark.parametrize(("current_m_s", "speed_m_s"), [(0.0, 0.0), (0.1, 0.4), (0.5, 0.5), (1.5, 1.0)])
-def test_a_restart_on_her_station_counts_her_no_further_on_than_the_step(current_m_s, speed_m_s):
-    """Nothing of her changes but the time: what is kept must not become so old that she is counted far away."""
+def test_a_restart_on_station_moves_the_position_by_at_most_the_step(current_m_s, speed_m_s):
     keeper, state = ResumeKeeper(Moment(0.0, "a", 500.0)), with_water(current_m_s, speed_m_s)
     assert keeper.update(state, 0.0, UTC_S)
     kept_s = oldest_s = 0.0
@@ -145,7 +144,7 @@ def test_a_restart_on_her_station_counts_her_no_further_on_than_the_step(current
     )
 
 
-def test_it_is_written_as_she_ends_and_when_it_has_come_or_gone_or_the_calendar_was_set():
+def test_the_record_is_written_at_the_end_and_when_a_fix_comes_or_the_clock_is_set():
     keeper, state = ResumeKeeper(Moment(0.0, "a", 500.0)), with_water(0.0, 0.0)
     assert keeper.update(state, 0.0, UTC_S)
     assert keeper.update(state, FINE_INTERVAL_S + 1.0, UTC_S + 31.0) is None

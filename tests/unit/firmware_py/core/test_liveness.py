@@ -8,7 +8,7 @@ def stuck(liveness, now_s, *parts):
     return [part.name for part in liveness.update(parts, now_s)]
 
 
-def test_a_part_is_stuck_that_owes_and_does_nothing_for_longer_than_its_patience():
+def test_a_part_with_work_and_no_progress_is_stuck_after_its_timeout():
     liveness = Liveness()
     assert stuck(liveness, 0.0, Progress("store", True, 3)) == []
     assert stuck(liveness, 15.0, Progress("store", True, 3)) == []
@@ -18,7 +18,7 @@ def test_a_part_is_stuck_that_owes_and_does_nothing_for_longer_than_its_patience
     assert stuck(liveness, 30.3, Progress("store", True, 4)) == ["store"]
 
 
-def test_who_owes_nothing_is_never_stuck_and_its_time_counts_from_when_it_does():
+def test_a_part_without_work_is_never_stuck_and_its_time_starts_with_the_work():
     liveness = Liveness()
     for now_s in range(0, 1000, 100):
         assert stuck(liveness, float(now_s), Progress("store", False, 3)) == []
@@ -30,7 +30,7 @@ def test_a_thread_that_has_ended_is_stuck_at_once():
     assert stuck(Liveness(), 0.0, Progress("log", True, 3, alive=False)) == ["log"]
 
 
-def test_devices_that_have_never_spoken_or_are_not_there_are_no_reason():
+def test_devices_that_never_sent_anything_or_are_missing_are_not_stuck():
     liveness = Liveness()
     for now_s in (0.0, 2.0 * DEVICES_S):
         never = devices_progress(0, 0, [True], rudder_connected=True)
@@ -40,7 +40,7 @@ def test_devices_that_have_never_spoken_or_are_not_there_are_no_reason():
         assert stuck(liveness, now_s, *away) == []
 
 
-def test_all_of_them_silent_at_once_or_a_servo_that_gets_nothing_is_one():
+def test_all_devices_silent_or_no_servo_output_is_stuck():
     liveness = Liveness()
     assert stuck(liveness, 0.0, *devices_progress(7, 100, [True, False], rudder_connected=True)) == []
     later_s = DEVICES_S + 0.1

@@ -53,7 +53,7 @@ def again(state, level=2, age_s=100.0, **more):
     return state
 
 
-def test_mode_mission_line_and_home_come_back():
+def test_mode_mission_line_and_home_are_restored():
     state = again(at_sea())
     assert state.modes == ModeState(Mode.AUTO, armed=True)
     assert state.guidance.mission == replace(PROGRESS, elapsed_s=90.0)
@@ -65,7 +65,7 @@ def test_mode_mission_line_and_home_come_back():
 
 
 @pytest.mark.parametrize("goal", [HeadingGoal(1.25, over_ground=True), PositionGoal(0.5, -1.0)])
-def test_goals_come_back_to_the_last_bit(goal):
+def test_goals_are_restored_bit_for_bit(goal):
     state = replace(at_sea(), modes=ModeState(Mode.GUIDED, armed=True, goal=goal))
     assert again(state).modes.goal == goal
 
@@ -77,7 +77,7 @@ def test_arming_only_when_asked_for():
     assert again(at_sea(), 0).modes == ModeState.at_start(ParameterSet())
 
 
-def test_what_is_too_old_is_left_and_an_impossible_age_is_called_unknown():
+def test_an_old_record_is_not_resumed_and_an_impossible_age_is_unknown():
     old = again(at_sea(), age_s=25 * 3600.0)
     assert old.modes.mode is Mode.HOLD
     assert "Not resumed" in old.greeting
@@ -86,18 +86,18 @@ def test_what_is_too_old_is_left_and_an_impossible_age_is_called_unknown():
 
 
 @pytest.mark.parametrize("data", [b"", b"{}", b'{"version":6,"$":"Resume"}', b"[[[", b"\xc0", b"\x80"])
-def test_what_is_no_record_is_refused(data):
+def test_invalid_records_are_refused(data):
     with pytest.raises(ValueError):
         restore(State.at_start(parameters(2)), data, Moment(UTC_S))
 
 
-def test_of_the_line_only_its_start_and_the_tries_come_back():
+def test_only_start_and_tries_of_a_line_are_restored():
     resume = replace(resume_of(at_sea(), Moment(UTC_S)), line=LineState(A, math.nan, 88.0, 1))
     state, _ = restore(State.at_start(parameters(2)), to_bytes(resume), Moment(UTC_S))
     assert state.guidance.follower.line == LineState(A, tries=1)
 
 
-def test_numbers_that_are_none_are_refused():
+def test_numbers_that_are_not_finite_are_refused():
     resume = resume_of(at_sea(), Moment(UTC_S))
     for broken in (
         replace(resume, utc_s=math.nan),
@@ -116,7 +116,7 @@ def test_numbers_that_are_none_are_refused():
             from_bytes(to_bytes(broken))
 
 
-def test_an_order_is_in_the_record_before_the_tick_as_the_tick_takes_it_up():
+def test_a_command_is_in_the_record_before_the_tick_applies_it():
     """AUTO begins its mission in the tick that enters it: a start in between must do so, too."""
     held = replace(
         at_sea(), modes=ModeState(), guidance=GuidanceState(Mode.HOLD, mission=MissionProgress(PLAN.identity, 3))
@@ -127,6 +127,6 @@ def test_an_order_is_in_the_record_before_the_tick_as_the_tick_takes_it_up():
     assert (state.guidance.mission.started, state.guidance.mission.index) == (True, 3)
 
 
-def test_the_place_in_a_mission_does_not_outlive_the_mission():
+def test_a_new_mission_resets_the_stored_progress():
     state = replace(at_sea(), plans=Plans(mission=Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=77)])))
     assert again(state).guidance.mission.index == 0

@@ -1,4 +1,4 @@
-"""When the resume record is written: at once for what counts, and seldom enough for a flash card."""
+"""Writes of the resume record: at once after commands, rate-limited otherwise."""
 
 import random
 
@@ -67,7 +67,7 @@ ORDERS = {
 
 
 @pytest.mark.parametrize("change", ORDERS.values(), ids=ORDERS.keys())
-def test_what_is_ordered_or_decided_is_written_in_the_same_tick(change):
+def test_commands_and_decisions_are_written_in_the_same_tick(change):
     keep, state = Keeping(), at_sea()
     assert keep(0.0, state)
     assert not keep(0.1, state)
@@ -91,7 +91,7 @@ FINE = {
 
 
 @pytest.mark.parametrize("change", FINE.values(), ids=FINE.keys())
-def test_what_changes_all_the_time_is_written_now_and_then(change):
+def test_continuous_changes_are_written_at_intervals(change):
     keep, state = Keeping(), at_sea()
     assert keep(0.0, state)
     assert not keep(FINE_INTERVAL_S - 0.1, change(state))
@@ -104,7 +104,7 @@ def test_what_changes_all_the_time_is_written_now_and_then(change):
     )
 
 
-def test_with_nothing_to_resume_nothing_is_written_and_afterwards_all_of_it():
+def test_without_resume_nothing_is_written():
     keep = Keeping()
     for t_s in range(10):
         assert not keep(float(t_s), with_goal(at_sea(0), t_s), is_awaited=True)
@@ -123,7 +123,7 @@ def test_a_stream_costs_no_more_than_the_bound(make, is_awaited):
     assert RATE_HZ * HOURS_S - 1 <= keep.writes <= BURST + RATE_HZ * HOURS_S
 
 
-def test_however_mixed_the_bound_holds_and_what_waits_is_written_in_the_end():
+def test_any_mix_of_changes_respects_the_limit_and_is_written_finally():
     numbers, keep, state, t_s = random.Random(1), Keeping(), at_sea(), 0.0
     for tick in range(6_000):
         t_s += numbers.choice((0.0, 0.1, 1.0))
@@ -150,7 +150,7 @@ def test_a_stream_of_setpoints_leaves_writes_for_acknowledged_goals_and_those_fo
     assert keep.keeper.is_current
 
 
-def test_what_waits_for_the_bucket_is_written_as_it_is_by_then():
+def test_a_delayed_record_holds_the_newest_values():
     keep, state = Keeping(), at_sea()
     while keep(0.0, with_goal(state, keep.writes)):
         pass
@@ -158,7 +158,7 @@ def test_what_waits_for_the_bucket_is_written_as_it_is_by_then():
     assert from_bytes(text)[0].modes.goal == HeadingGoal(5e-3)
 
 
-def test_the_last_one_is_written_however_little_has_changed():
+def test_the_last_record_is_always_written():
     keep, state = Keeping(), at_sea()
     assert keep(0.0, state)
     assert not keep(1.0, with_mission(state, elapsed_s=300.0))

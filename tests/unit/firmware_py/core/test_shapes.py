@@ -27,41 +27,41 @@ def stored(directory, name, content):
 
 
 def test_load_parameters_of_another_version_stay_in_the_store(tmp_path):
-    said = []
+    texts = []
     text = b"CTL_K1 41\nNEW_ONE 3.5\nCTL_HOLD_S 1e+09\nno line at all\nODD_ONE nan\n"
     store = stored(tmp_path, PARAMETER_FILE, text)
-    values, unusable = load_parameters(store, said.append)
+    values, unusable = load_parameters(store, texts.append)
     assert values == {"CTL_K1": 41.0}
     assert unusable == {"NEW_ONE": 3.5, "CTL_HOLD_S": 1e9}
-    assert ["kept for another version" in line for line in said] == [True, True, False, False]
+    assert ["kept for another version" in line for line in texts] == [True, True, False, False]
     store.close()
     store = stored(tmp_path, PARAMETER_FILE, format_file(unusable | values).encode())
-    assert load_parameters(store, said.append) == (values, unusable)
+    assert load_parameters(store, texts.append) == (values, unusable)
     store.close()
 
 
 MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 3, params=(0.0, 5.0, 0.0, 0.0), x=350000000, y=1390000000),))
 
 
-def test_a_plan_with_a_field_more_is_read_and_told(tmp_path):
+def test_an_unknown_field_of_a_plan_is_reported(tmp_path):
     def change(data):
         data["plan"]["author"] = "the office"
         data["tide_m"] = 1.0
 
     text = edited(plan_to_text(MISSION), change)
     assert plan_from_text(text)[0] == MISSION
-    store, said = stored(tmp_path, PLAN_FILES[PlanKind.MISSION], text.encode()), []
-    assert load_plans(store, said.append).mission == MISSION
+    store, texts = stored(tmp_path, PLAN_FILES[PlanKind.MISSION], text.encode()), []
+    assert load_plans(store, texts.append).mission == MISSION
     store.close()
-    assert said == [
+    assert texts == [
         "stored mission.plan: field 'tide_m' is not known here, ignored",
         "stored mission.plan: plan: field 'author' is not known here, ignored",
     ]
 
 
 @pytest.mark.parametrize("name", ["kind", "identity", "items"])
-def test_a_plan_without_what_it_needs_is_refused(name):
-    with pytest.raises(ValueError, match="no plan"):
+def test_an_incomplete_plan_is_refused(name):
+    with pytest.raises(ValueError, match="not a plan"):
         plan_from_text(edited(plan_to_text(MISSION), lambda data: data["plan"].pop(name)))
 
 

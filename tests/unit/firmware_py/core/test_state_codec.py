@@ -111,7 +111,7 @@ def any_of(hint):
 @pytest.mark.parametrize("name", State.__struct_fields__)
 @settings(max_examples=settings().max_examples // 10, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
-def test_any_state_comes_back_to_the_bit(name, data):
+def test_any_state_is_restored_bit_for_bit(name, data):
     state = replace(State(), **{name: data.draw(any_of(FIELDS[name]))})
     text = state_to_text(state)
     again, notes = state_from_text(text)
@@ -120,7 +120,7 @@ def test_any_state_comes_back_to_the_bit(name, data):
     assert text.isascii()
 
 
-def test_the_state_of_a_boat_under_way_comes_back_to_the_bit():
+def test_the_state_under_way_is_restored_bit_for_bit():
     text = state_to_text(under_way())
     assert text.startswith(f'{{"version":{VERSION},')
     assert bits(state_from_text(text)[0]) == bits(under_way())
@@ -133,7 +133,7 @@ def edited(change, state=None):
     return state_from_text(json.dumps(plain))
 
 
-def test_a_field_more_is_ignored_and_reported():
+def test_an_additional_field_is_ignored_and_reported():
     def change(plain):
         plain["tide_m"] = 1.5
         plain["guidance"]["mission"]["laps"] = [1, 2]
@@ -146,7 +146,7 @@ def test_a_field_more_is_ignored_and_reported():
     )
 
 
-def test_a_field_less_takes_its_default():
+def test_a_missing_field_takes_its_default():
     def change(plain):
         del plain["timing"]["skipped_total"], plain["guidance"]["mission"]["jumps"], plain["energy_meter"]
 
@@ -156,7 +156,7 @@ def test_a_field_less_takes_its_default():
     assert state.modes == under_way().modes
 
 
-def test_every_field_of_the_state_can_be_done_without():
+def test_every_field_of_the_state_has_a_default():
     assert state_from_text(f'{{"version":{VERSION}}}') == (State(), ())
 
 
@@ -208,8 +208,8 @@ def test_an_unusable_value_is_ignored_and_reported(path, value, notes):
             plain = plain[name]
         plain[last] = value
 
-    _, said = edited(change)
-    assert list(said) == notes
+    _, texts = edited(change)
+    assert list(texts) == notes
 
 
 def test_parameters_of_another_version():
@@ -238,7 +238,7 @@ def test_parameters_of_another_version():
         ('{"version":6,"timing":{},"$":"State"}', "written as text by an early development version"),
     ],
 )
-def test_a_text_that_is_no_state_is_refused(text, reason):
+def test_invalid_texts_are_refused(text, reason):
     with pytest.raises(ValueError, match=reason):
         state_from_text(text)
 
@@ -303,7 +303,7 @@ def stored(change=lambda _: None):
 
 @settings(suppress_health_check=list(HealthCheck))
 @given(any_of(Resume))
-def test_any_resume_record_comes_back_to_the_bit_or_is_refused(record):
+def test_any_resume_record_is_restored_bit_for_bit_or_refused(record):
     try:
         again, notes = from_bytes(to_bytes(record))
     except (ValueError, OverflowError):  # with a number that is none, or one that msgpack has not
@@ -322,7 +322,7 @@ def drop_fields(plain):
 
 
 @pytest.mark.parametrize("change", [add_fields, drop_fields])
-def test_a_boat_wakes_as_she_was_after_an_update(change):
+def test_an_update_restores_the_state(change):
     whole, _ = woken(stored())
     state, notes = woken(stored(change))
     assert state.modes == whole.modes
@@ -341,16 +341,16 @@ def test_a_renamed_field_of_a_resume_record_is_found(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["utc_s", "modes", "mission"])
-def test_a_resume_record_without_what_it_needs_names_it(name):
+def test_an_incomplete_resume_record_names_the_missing_field(name):
     with pytest.raises(ValueError, match=f"Resume: Object missing required field `{name}`"):
         woken(stored(lambda plain: plain.pop(name)))
 
 
-def test_what_cannot_be_resumed_is_said():
-    said, start = [], State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
-    assert resume(start, stored(add_fields), Moment(UTC_S), said.append).modes.mode is Mode.AUTO
-    assert said[0].endswith(": Resume: field 'tide_m' is not known here, ignored")
-    assert resume(start, b"\x80", Moment(UTC_S), said.append) == replace(start, greeting="Not resumed: invalid record")
-    assert said[-1].endswith(" ignored: Resume: no version number")
-    resume(start, b'{"version":6,"utc_s":1.0,"$":"Resume"}', Moment(UTC_S), said.append)
-    assert "written as text by an early development version" in said[-1]
+def test_an_unusable_resume_record_is_reported():
+    texts, start = [], State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
+    assert resume(start, stored(add_fields), Moment(UTC_S), texts.append).modes.mode is Mode.AUTO
+    assert texts[0].endswith(": Resume: field 'tide_m' is not known here, ignored")
+    assert resume(start, b"\x80", Moment(UTC_S), texts.append) == replace(start, greeting="Not resumed: invalid record")
+    assert texts[-1].endswith(" ignored: Resume: no version number")
+    resume(start, b'{"version":6,"utc_s":1.0,"$":"Resume"}', Moment(UTC_S), texts.append)
+    assert "written as text by an early development version" in texts[-1]

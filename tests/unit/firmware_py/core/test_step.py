@@ -1,4 +1,4 @@
-"""The pure tick: what she does with her rudder, from the outside."""
+"""The tick as a pure function: inputs and rudder commands."""
 
 import math
 import random
@@ -62,7 +62,7 @@ class Boat:
         self.position = None
         self.noise_rad, self.rng = noise_rad, random.Random(seed)
         self.hardware_error = 0
-        self.charge = None  # of a battery that somebody measures
+        self.charge = None  # of the battery
         self.events = []
         self.outputs = []
         self.inputs = []
@@ -134,7 +134,7 @@ def off_deg(boat, goal_rad):
     return abs(math.degrees(math.remainder(boat.heading_rad - goal_rad, 2 * math.pi)))
 
 
-def test_she_reaches_a_heading_goal_and_holds_it():
+def test_a_heading_goal_is_reached_and_held():
     boat = Boat(noise_rad=math.radians(0.3)).under_way()
     boat.tick(SteerHeading(5.9))
     boat.run(120.0)
@@ -142,7 +142,7 @@ def test_she_reaches_a_heading_goal_and_holds_it():
     assert boat.outputs[-1].snapshot.goal_heading_rad == pytest.approx(5.9)
 
 
-def test_disarmed_and_hold_keep_her_amidships_and_release_is_a_parameter():
+def test_disarmed_and_hold_centre_the_rudder_and_release_is_a_parameter():
     boat = Boat()
     boat.run(1.0)
     boat.tick(SetMode(Mode.GUIDED), SteerHeading(3.0))
@@ -157,7 +157,7 @@ def test_disarmed_and_hold_keep_her_amidships_and_release_is_a_parameter():
 
 
 @pytest.mark.parametrize("released", [0, 1])
-def test_on_the_bench_the_rudder_goes_where_it_is_told_for_a_while_and_arming_ends_it(released):
+def test_a_bench_command_moves_the_rudder_until_its_end_or_arming(released):
     boat = Boat(ParameterSet().replaced("RUD_DISARMED", released))
     boat.run(1.0)
     assert boat.outputs[-1].command.torque_on is not bool(released)
@@ -206,12 +206,12 @@ def test_a_turn_the_long_way_goes_that_way():
     boat = Boat(heading_rad=1.0).under_way()
     boat.tick(SteerHeading(1.5, turn=-1))
     boat.run(30.0)
-    assert boat.heading_rad < 0.8  # on her way round by port
+    assert boat.heading_rad < 0.8  # during the turn to port
     boat.run(260.0)
     assert boat.heading_rad == pytest.approx(1.5 - 2 * math.pi, abs=0.02)
 
 
-def test_a_position_goal_is_steered_for():
+def test_a_position_goal_is_approached():
     boat = Boat()
     boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), 10
     boat.under_way()
@@ -224,7 +224,7 @@ def test_a_position_goal_is_steered_for():
     assert output.snapshot.navigation.activity is Activity.LINE
 
 
-def test_without_a_heading_the_rudder_is_held_then_amidships_and_heals():
+def test_without_a_heading_the_rudder_is_held_then_centred_until_recovery():
     boat = Boat().under_way()
     boat.tick(SteerHeading(2.5))
     boat.run(5.0)
@@ -271,7 +271,7 @@ def test_centre_and_direction_of_the_servo_are_taken_into_account():
         (lambda boat: setattr(boat, "position", None), Fault.POSITION_LOST),
     ],
 )
-def test_each_fault_is_found_and_told(provoke, fault):
+def test_each_fault_is_detected_and_reported(provoke, fault):
     boat = Boat()
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
     boat.run(3.0)
@@ -281,7 +281,7 @@ def test_each_fault_is_found_and_told(provoke, fault):
     assert boat.outputs[-1].snapshot.faults == 1 << fault
 
 
-def test_what_chargers_report_against_themselves_is_told_now_and_then():
+def test_charger_errors_are_reported_at_intervals():
     boat = Boat()
     boat.run(3.0)
 
@@ -295,14 +295,14 @@ def test_what_chargers_report_against_themselves_is_told_now_and_then():
         report(DeviceRole.POWER, error)
     report(DeviceRole.POWER_B, 2)
     report(DeviceRole.COMPASS, 3)  # which has faults of its own
-    told = [text for text in boat.events if text.startswith("Power")]
-    assert told == ["Power monitor: charger reports error 17", "Power monitor: charger reports error 2"]
+    reported = [text for text in boat.events if text.startswith("Power")]
+    assert reported == ["Power monitor: charger reports error 17", "Power monitor: charger reports error 2"]
     boat.pass_time(400.0)
     report(DeviceRole.POWER, 19)
     assert boat.events[-1] == "Power monitor: charger reports error 19"
 
 
-def test_a_start_without_devices_is_no_fault_before_their_time_is_up():
+def test_missing_devices_are_no_fault_before_their_timeout():
     boat = Boat()
     boat.compass = boat.servo = False
     assert boat.run(2.5).snapshot.faults == 0
@@ -310,7 +310,7 @@ def test_a_start_without_devices_is_no_fault_before_their_time_is_up():
 
 
 @pytest.mark.parametrize("halted_s", [1.5, 5.0, 60.0])
-def test_a_servo_that_was_not_asked_while_she_was_halted_is_not_silent(halted_s):
+def test_a_servo_is_not_silent_after_the_process_was_halted(halted_s):
     boat = Boat(ParameterSet().replaced("FS_RUD_ACT", 4)).under_way()
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
     boat.run(10.0)
@@ -325,7 +325,7 @@ def test_a_servo_that_was_not_asked_while_she_was_halted_is_not_silent(halted_s)
 
 @pytest.mark.parametrize(("every", "found_s"), [(1, 1.0), (4, 1.0), (10, 2.5), (20, 5.0)])
 @pytest.mark.parametrize("estimator", [0, 1])
-def test_a_compass_is_lost_as_fast_as_its_own_rate_allows(every, found_s, estimator):
+def test_the_compass_timeout_depends_on_its_rate(every, found_s, estimator):
     boat = Boat(ParameterSet().replaced("EST_MODE", estimator), noise_rad=0.002)
     boat.compass_every = every
     boat.under_way()
@@ -339,7 +339,7 @@ def test_a_compass_is_lost_as_fast_as_its_own_rate_allows(every, found_s, estima
     assert boat.t_s - 0.1 - last_s == pytest.approx(found_s + 0.05, abs=0.06)
 
 
-def test_a_slow_compass_may_lose_one_heading_and_not_two():
+def test_a_slow_compass_may_miss_one_sample():
     boat = Boat(noise_rad=0.002)
     boat.compass_every = 10
     boat.under_way().run(60.0)
@@ -350,7 +350,7 @@ def test_a_slow_compass_may_lose_one_heading_and_not_two():
     assert "No valid heading: rudder held, then centred" not in boat.events
 
 
-def test_a_gap_is_no_rate():
+def test_a_gap_does_not_change_the_timeout():
     boat = Boat(noise_rad=0.002).under_way()
     boat.run(10.0)
     boat.compass = False
@@ -364,7 +364,7 @@ def test_a_gap_is_no_rate():
 
 
 @pytest.mark.parametrize(("every", "found_s"), [(1, 5.0), (50, 12.5)])
-def test_a_receiver_is_lost_as_fast_as_its_own_rate_allows(every, found_s):
+def test_the_receiver_timeout_depends_on_its_rate(every, found_s):
     boat = Boat(noise_rad=0.002)
     boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), every
     assert boat.run(60.0).snapshot.faults == 0
@@ -377,7 +377,7 @@ def test_a_receiver_is_lost_as_fast_as_its_own_rate_allows(every, found_s):
     assert boat.t_s - 0.1 - last_s == pytest.approx(found_s + 0.05, abs=0.06)
 
 
-def test_a_servo_that_answers_once_a_second_is_not_silent():
+def test_a_servo_with_one_reply_a_second_is_not_silent():
     boat = Boat(noise_rad=0.002)
     boat.servo_every = 10
     boat.under_way()
@@ -385,20 +385,20 @@ def test_a_servo_that_answers_once_a_second_is_not_silent():
     assert "Rudder servo not responding" not in boat.events
 
 
-def heard(boat, state=DeviceState.RUNNING):
+def received(boat, state=DeviceState.RUNNING):
     return (DeviceHealth(boat.t_s, DeviceRole.LINK, state, 0, 0),)
 
 
 @pytest.mark.parametrize("silent", [True, False])
 @pytest.mark.parametrize("armed", [True, False])
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.STEERING, Mode.HOLD, Mode.GUIDED, Mode.RTL])
-def test_what_the_loss_of_the_station_does_in_each_mode(mode, armed, silent):
+def test_the_ground_station_failsafe_in_each_mode(mode, armed, silent):
     boat = Boat(ParameterSet().replaced("FS_GCS_ACT", 3).replaced("FS_GCS_S", 5), noise_rad=0.002)
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
     boat.run(0.3)
-    boat.tick(Arm(armed=armed), SetMode(mode), devices=heard(boat))
+    boat.tick(Arm(armed=armed), SetMode(mode), devices=received(boat))
     boat.run(1.0)
-    boat.tick(devices=heard(boat, DeviceState.SILENT) if silent else ())
+    boat.tick(devices=received(boat, DeviceState.SILENT) if silent else ())
     output = boat.run(6.0)
     acts = silent and armed and mode is not Mode.HOLD
     assert output.snapshot.mode is (Mode.LOITER if acts else mode)
@@ -408,7 +408,7 @@ def test_what_the_loss_of_the_station_does_in_each_mode(mode, armed, silent):
 
 
 @pytest.mark.parametrize(("mode", "after"), [(Mode.MANUAL, Mode.LOITER), (Mode.GUIDED, Mode.GUIDED)])
-def test_the_stick_is_not_given_back_by_itself(mode, after):
+def test_a_failsafe_does_not_return_to_manual_mode(mode, after):
     values = {"FS_GCS_ACT": 3, "FS_GCS_S": 5, "FS_RESUME": 1}
     parameters = ParameterSet()
     for name, value in values.items():
@@ -416,14 +416,14 @@ def test_the_stick_is_not_given_back_by_itself(mode, after):
     boat = Boat(parameters, noise_rad=0.002)
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
     boat.under_way(mode)
-    boat.tick(devices=heard(boat, DeviceState.SILENT))
+    boat.tick(devices=received(boat, DeviceState.SILENT))
     assert boat.run(6.0).snapshot.mode is Mode.LOITER
-    boat.tick(devices=heard(boat))
+    boat.tick(devices=received(boat))
     assert boat.run(1.0).snapshot.mode is after
     assert ("Failsafe ended: LOITER kept, no stick input" in boat.events) is (mode is Mode.MANUAL)
 
 
-def test_a_delay_until_a_time_of_day_ends_without_the_receiver_that_told_it():
+def test_a_delay_until_a_time_of_day_ends_without_the_receiver():
     boat = Boat(noise_rad=0.002)
     midnight_s = 20000 * 86400.0
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5, utc_s=midnight_s)
@@ -454,7 +454,7 @@ def test_absurd_requests_change_nothing(value):
 
 
 @pytest.mark.parametrize(("number", "limit"), [(0, math.pi / 2.0), (1, math.pi), (2, 1e5)])
-def test_a_place_in_an_order_may_be_at_its_limits_and_not_beyond(number, limit):
+def test_coordinates_are_accepted_up_to_their_limits(number, limit):
     state = State.at_start(ParameterSet())
     for value in (limit, -limit, 1.0000001 * limit, -1.0000001 * limit, math.nan):
         place = [0.1, 0.1, 0.0]
@@ -464,7 +464,7 @@ def test_a_place_in_an_order_may_be_at_its_limits_and_not_beyond(number, limit):
             assert (answer.verdict is not Verdict.DENIED) is (abs(value) == limit)
 
 
-def test_a_mission_item_in_an_order_is_one_of_the_mission_and_only_an_order_for_auto_ends_a_pause():
+def test_item_numbers_are_checked_and_only_auto_ends_a_pause():
     boat = Boat()
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.4, 0.1)
     boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.YAW, frame=2)])))
@@ -477,7 +477,7 @@ def test_a_mission_item_in_an_order_is_one_of_the_mission_and_only_an_order_for_
 
 
 @pytest.mark.parametrize("place", [(0.5, None), (None, 0.5)])
-def test_home_without_a_whole_place_is_where_the_boat_is(place):
+def test_home_without_coordinates_is_the_present_position(place):
     boat = Boat()
     assert accept(boat.state, Request(boat.t_s, SetHome(*place)))[1].verdict is Verdict.TEMPORARILY_REJECTED
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.4, 0.1)
@@ -487,9 +487,9 @@ def test_home_without_a_whole_place_is_where_the_boat_is(place):
 
 
 @pytest.mark.parametrize(
-    ("fence", "said"), [((), "Fence enabled, but none is loaded: send one"), ((5003,), "Fence enabled")]
+    ("fence", "expected"), [((), "Fence enabled, but none is loaded: send one"), ((5003,), "Fence enabled")]
 )
-def test_an_item_that_wants_the_fence_heeded_says_when_there_is_none(fence, said):
+def test_an_item_that_enables_the_fence_reports_a_missing_fence(fence, expected):
     boat = Boat()
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
     circles = [PlanItem(command, frame=0, params=(50.0, 0.0, 0.0, 0.0), x=1, y=1) for command in fence]
@@ -498,7 +498,7 @@ def test_an_item_that_wants_the_fence_heeded_says_when_there_is_none(fence, said
     boat.under_way(Mode.AUTO)
     boat.run(2.0)
     of_fence = [text for text in boat.events if "ence " in text and "watch circle" not in text]
-    assert [text for text in of_fence if "reach" not in text] == [said]
+    assert [text for text in of_fence if "reach" not in text] == [expected]
 
 
 def first_item_number(*fixes, orders=()):
@@ -515,19 +515,19 @@ def first_item_number(*fixes, orders=()):
 WRONG, RIGHT = (0.0, 0.1), (0.5, 0.2)
 
 
-def test_home_goes_along_when_the_receiver_s_first_place_proves_wrong():
+def test_home_moves_with_a_corrected_first_position():
     found = first_item_number(*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
     assert found[0] == found[50] == Home(*WRONG, 3.0)
     assert found[-1] == Home(*RIGHT, 3.0)
 
 
 @pytest.mark.parametrize(("wrong_s", "home"), [(1700, RIGHT), (1900, WRONG)])
-def test_a_first_place_may_prove_wrong_for_half_an_hour(wrong_s, home):
+def test_a_first_position_can_be_corrected_for_half_an_hour(wrong_s, home):
     fixes = ((1e4 + t, *(WRONG if t < wrong_s else RIGHT)) for t in range(0, wrong_s + 200, 10))
     assert first_item_number(*fixes)[-1] == Home(*home, 3.0)
 
 
-def test_home_that_was_set_before_the_first_fix_stays():
+def test_home_set_before_the_first_fix_stays():
     state = replace(State.at_start(ParameterSet()), home=Home(0.4, 0.1, 0.0))
     for index in range(3):
         positions = (PositionSample(float(index), FixType.FIX_3D, *RIGHT, 3.0),)
@@ -535,7 +535,7 @@ def test_home_that_was_set_before_the_first_fix_stays():
         assert output.snapshot.home == Home(0.4, 0.1, 0.0)
 
 
-def test_home_stays_when_the_receiver_goes_wrong_under_way():
+def test_home_stays_when_positions_are_wrong_later():
     right, wrong = range(0, 1900, 10), range(1900, 2000)
     found = first_item_number(
         *((float(t), *RIGHT) for t in right), *((float(t), *WRONG) for t in wrong), (2000.0, *RIGHT)
@@ -544,7 +544,7 @@ def test_home_stays_when_the_receiver_goes_wrong_under_way():
 
 
 @pytest.mark.parametrize(("armed", "least_m", "most_m"), [(True, 21.0, 27.0), (False, 0.0, 3.0)])
-def test_without_fixes_she_reckons_on_under_way_and_stays_on_the_hook(armed, least_m, most_m):
+def test_dead_reckoning_moves_the_position_only_while_armed(armed, least_m, most_m):
     boat = Boat(noise_rad=0.01)
     boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), 10
     boat.under_way().tick(SteerHeading(0.5))
@@ -558,13 +558,13 @@ def test_without_fixes_she_reckons_on_under_way_and_stays_on_the_hook(armed, lea
     assert least_m <= math.hypot(north_m, east_m) <= most_m
 
 
-def test_home_that_was_set_stays_when_the_first_place_proves_wrong():
-    told = ((10.0, SetHome(0.4, 0.1, 0.0)),)
+def test_a_commanded_home_stays_with_a_corrected_first_position():
+    reported = ((10.0, SetHome(0.4, 0.1, 0.0)),)
     fixes = (*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
-    assert first_item_number(*fixes, orders=told)[-1] == Home(0.4, 0.1, 0.0)
+    assert first_item_number(*fixes, orders=reported)[-1] == Home(0.4, 0.1, 0.0)
 
 
-def test_she_who_returns_to_where_she_never_was_turns_for_home_when_that_is_known():
+def test_rtl_turns_to_the_corrected_home():
     boat = Boat(ParameterSet().replaced("POS_JUMP_S", 10.0), noise_rad=0.002)
     boat.position = PositionSample(0.0, FixType.FIX_3D, *WRONG)
     output = boat.under_way(Mode.RTL).run(1.0)
@@ -597,7 +597,7 @@ def test_home_is_the_first_fix_until_it_is_set():
         assert tick(5, absurd) == Home(0.1, -0.3, 2.0)
 
 
-def test_boot_arm_and_boot_mode_take_her_on_by_herself():
+def test_boot_arm_and_boot_mode_set_the_start_state():
     parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
     boat = Boat(parameters, heading_rad=2.0)
     boat.compass = False
@@ -624,7 +624,7 @@ def test_the_same_inputs_give_the_same_rudder_from_any_checkpoint():
 ODD = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, math.nan, math.inf])
 
 
-def test_a_position_that_is_none_does_not_put_the_rudder_over():
+def test_an_invalid_position_does_not_move_the_rudder():
     boat = Boat()
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
     boat.under_way()
@@ -636,7 +636,7 @@ def test_a_position_that_is_none_does_not_put_the_rudder_over():
 
 @example([(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 4.7e13), (0.0, 0.0, 0.0)], True)
 @given(st.lists(st.tuples(ODD, ODD, ODD), min_size=1, max_size=30), st.booleans())
-def test_whatever_the_devices_say_the_command_stays_within_limit_and_slew(rows, absolute):
+def test_any_device_input_gives_a_command_within_limits(rows, absolute):
     parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
     state = State.at_start(parameters)
     before_rad = 0.0
@@ -680,7 +680,7 @@ def test_a_read_only_parameter_is_refused():
 SAVING = ParameterSet().replaced("PWR_SAVE_PCT", 30.0).replaced("PWR_KEEP_PCT", 10.0)
 
 
-def test_a_battery_that_runs_low_is_saved_step_by_step_and_all_of_it_is_undone():
+def test_power_saving_follows_the_battery_in_steps():
     boat = Boat(SAVING).under_way()
     boat.tick(SteerHeading(1.0))
     steps = []
@@ -705,8 +705,8 @@ def test_a_battery_that_runs_low_is_saved_step_by_step_and_all_of_it_is_undone()
         (1, "GUIDED", 3.0),
         (0, "GUIDED", 1.0),
     ]
-    told = [text for text in boat.events if "attery" in text or "Failsafe" in text]
-    assert told == [
+    reported = [text for text in boat.events if "attery" in text or "Failsafe" in text]
+    assert reported == [
         "Battery low: power saving on",
         "Battery critical",
         "Failsafe: STEERING",
@@ -716,7 +716,7 @@ def test_a_battery_that_runs_low_is_saved_step_by_step_and_all_of_it_is_undone()
     ]
 
 
-def test_a_restart_with_an_empty_battery_does_not_forget_what_she_was_doing():
+def test_a_restart_with_an_empty_battery_keeps_the_task():
     boat = Boat(SAVING.replaced("BOOT_RESUME", 2)).under_way()
     boat.tick(SteerHeading(1.0))
     boat.charge = 0.05
@@ -731,7 +731,7 @@ def test_a_restart_with_an_empty_battery_does_not_forget_what_she_was_doing():
 
 @pytest.mark.parametrize("restarted", [False, True])
 @pytest.mark.parametrize("ordered", [False, True])
-def test_a_hold_that_no_one_ordered_is_not_the_operator_s_before_and_after_a_restart(ordered, restarted):
+def test_a_failsafe_hold_stays_one_after_a_restart(ordered, restarted):
     boat = Boat(SAVING.replaced("BOOT_RESUME", 2).replaced("FS_RUD_ACT", 1), noise_rad=0.002).under_way()
     boat.hardware_error = 1
     assert boat.run(2.0).snapshot.mode is Mode.HOLD
@@ -755,7 +755,7 @@ def test_a_hold_that_no_one_ordered_is_not_the_operator_s_before_and_after_a_res
     assert boat.state.modes.by_failsafe is not ordered
 
 
-def test_a_power_monitor_that_falls_silent_is_told_and_she_saves_on():
+def test_a_silent_power_monitor_is_reported_and_power_saving_continues():
     boat = Boat(SAVING).under_way()
     boat.charge = 0.2
     assert boat.pass_time(35.0).snapshot.saving == 1

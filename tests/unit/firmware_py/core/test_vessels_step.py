@@ -1,4 +1,4 @@
-"""Other vessels in the tick: told, stepped aside for, past, and recomputed from a checkpoint."""
+"""Other vessels in the tick: report, avoidance, end, and replay from a checkpoint."""
 
 import math
 
@@ -14,8 +14,8 @@ from support import rig
 from support.plans import placed
 
 
-def heard(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
-    """A ship on a straight line, heard every ten seconds."""
+def received(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
+    """A ship on a straight line that reports every ten seconds."""
     course_rad = math.radians(course_deg)
 
     def reports(t_s):
@@ -32,16 +32,16 @@ def heard(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
 
 def under_way(**parameters):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_NEAR_S=200.0, **parameters)
-    boat.heard = heard(1300.0, -30.0)
+    boat.heard = received(1300.0, -30.0)
     return boat.under_way(Mode.GUIDED, SteerHeading(0.0))
 
 
-def test_she_tells_steps_aside_and_goes_her_way_again():
+def test_an_approach_is_reported_avoided_and_ended():
     boat = under_way(AIS_ACT=1).run(30.0)
     (aside,) = boat.said("Avoidance: heading")
-    (told,) = boat.said("ANNA: closest")
-    assert told <= aside <= told + 3.0
-    assert boat.said("Vessel approaching") == [told]
+    (reported,) = boat.said("ANNA: closest")
+    assert reported <= aside <= reported + 3.0
+    assert boat.said("Vessel approaching") == [reported]
     assert boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert 40.0 <= math.degrees(boat.snapshot.goal_heading_rad) <= 60.001
     boat.run(290.0, until=lambda boat: not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1)
@@ -52,7 +52,7 @@ def test_she_tells_steps_aside_and_goes_her_way_again():
     assert len(boat.said("ANNA: closest")) == 1
 
 
-def test_as_delivered_she_only_tells():
+def test_by_default_vessels_are_only_reported():
     boat = under_way().run(30.0)
     assert boat.said("ANNA: closest")
     assert not boat.said("Avoidance: heading")
@@ -61,15 +61,15 @@ def test_as_delivered_she_only_tells():
 
 
 @pytest.mark.parametrize("mode", [Mode.STEERING, Mode.MANUAL, Mode.HOLD])
-def test_where_a_hand_steers_or_nobody_she_steps_aside_for_nobody(mode):
+def test_no_avoidance_in_manual_modes(mode):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_ACT=1)
-    boat.heard = heard(1300.0, -30.0)
+    boat.heard = received(1300.0, -30.0)
     boat.under_way(mode).run(20.0)
     assert boat.said("ANNA: closest")
     assert not boat.said("Avoidance: heading")
 
 
-def test_from_a_checkpoint_in_the_midst_of_it_the_same_rudder_is_computed():
+def test_a_checkpoint_during_avoidance_gives_the_same_rudder():
     boat = under_way(AIS_ACT=1).run(1.0)
     state, notes = state_from_text(state_to_text(boat.state))
     assert state_to_text(state) == state_to_text(boat.state)
@@ -82,7 +82,7 @@ def test_from_a_checkpoint_in_the_midst_of_it_the_same_rudder_is_computed():
     assert boat.said("Avoidance: heading")
 
 
-def test_without_ais_nothing_is_known_and_nothing_done():
+def test_without_ais_there_is_no_traffic_record():
     boat = rig.Sailing(rig.sea("calm"), 1).run(3.0)
     assert boat.snapshot.traffic is None
     assert boat.state.traffic.vessels == ()

@@ -1,4 +1,4 @@
-"""A boat that turns as tightly as she can and is otherwise perfect, in a plane with a current."""
+"""An ideal boat with a limited turning rate, in a plane with a current."""
 
 import math
 
@@ -16,7 +16,7 @@ SETTINGS = TaskSettings(acceptance_radius_m=20.0, station_radius_m=100.0, look_a
 
 
 class Float:
-    """Heading, place and the task that she follows; steps of a second."""
+    """Heading, position and task of the boat; steps of one second."""
 
     def __init__(self, north_m=0.0, east_m=0.0, heading_rad=0.0, speed_m_s=0.4, current=(0.0, 0.0), leeway_rad=0.0):
         self.north_m, self.east_m, self.heading_rad = north_m, east_m, heading_rad
@@ -55,7 +55,7 @@ class Float:
 
 
 @pytest.fixture
-def afloat():
+def simulated_boat():
     return Float
 
 

@@ -43,7 +43,7 @@ def test_nothing_is_nearer_within_the_time(north_m, east_m, north_m_s, east_m_s,
     assert distances.min() - cpa_m <= 0.25 * speed_m_s + 1e-6
 
 
-def test_a_vessel_has_gone_on_since_its_position_was_taken():
+def test_a_position_is_extrapolated():
     position = VesselPosition(10.0, 1, VesselKind.CLASS_A, *placed(1000.0, 0.0), 5.0, math.pi / 2.0)
     seen = relative(Place(*placed(0.0, 0.0)), position, 40.0)
     assert (seen.north_m, seen.east_m) == pytest.approx((1000.0, 150.0), abs=0.2)

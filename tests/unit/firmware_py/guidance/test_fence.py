@@ -28,7 +28,7 @@ def fence(*items):
     return Plan.of(PlanKind.FENCE, items)
 
 
-def test_within_a_square_the_margin_is_the_nearest_edge():
+def test_the_margin_in_a_square_is_the_nearest_edge():
     plan = fence(*square(5001, 500.0))
     assert margin_m(plan, CENTRE) == pytest.approx(500.0, abs=0.5)
     assert margin_m(plan, CENTRE.at_offset(450.0, 0.0)) == pytest.approx(50.0, abs=0.5)
@@ -36,7 +36,7 @@ def test_within_a_square_the_margin_is_the_nearest_edge():
     assert margin_m(plan, CENTRE.at_offset(530.0, 540.0)) == pytest.approx(-50.0, abs=0.5)
 
 
-def test_a_circle_at_0_0_is_where_it_says():
+def test_a_circle_at_0_0_is_an_ordinary_place():
     buoy = fence(*square(5001, 500.0), PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
     assert margin_m(buoy, CENTRE) == pytest.approx(500.0, abs=0.5)
     alone = fence(PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
@@ -44,8 +44,7 @@ def test_a_circle_at_0_0_is_where_it_says():
 
 
 @pytest.mark.parametrize("first", range(4))
-def test_where_the_equator_meets_the_prime_meridian_is_a_corner_like_any_other(first):
-    """Not the place of another corner, which had her outside of a fence that she lay in the middle of."""
+def test_a_corner_at_0_0_is_an_ordinary_place(first):
     corners = [(0, 0), (10_000_000, 0), (10_000_000, 10_000_000), (0, 10_000_000)]
     turned = corners[first:] + corners[:first]
     plan = fence(*(PlanItem(5001, params=(4.0, 0.0, 0.0, 0.0), x=x, y=y) for x, y in turned))
@@ -54,14 +53,14 @@ def test_where_the_equator_meets_the_prime_meridian_is_a_corner_like_any_other(f
     assert margin_m(plan, Place(half, -half)) == pytest.approx(-half * 6371008.8, rel=0.001)
 
 
-def test_an_exclusion_is_to_be_stayed_out_of():
+def test_exclusion_areas():
     plan = fence(*square(5001, 500.0), *square(5002, 50.0, at=(200.0, 0.0)), corner(5004, -200.0, 0.0, 40.0))
     assert margin_m(plan, CENTRE.at_offset(200.0, 0.0)) == pytest.approx(-50.0, abs=0.5)
     assert margin_m(plan, CENTRE.at_offset(-190.0, 0.0)) == pytest.approx(-30.0, abs=0.5)
     assert margin_m(plan, CENTRE) == pytest.approx(150.0, abs=0.5)
 
 
-def test_all_of_one_group_or_all_of_another():
+def test_inclusion_groups():
     both = fence(corner(5003, 0.0, 0.0, 300.0), corner(5003, 0.0, 200.0, 300.0))
     assert margin_m(both, CENTRE.at_offset(0.0, 100.0)) == pytest.approx(200.0, abs=0.5)
     assert margin_m(both, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(-50.0, abs=0.5)
@@ -69,12 +68,12 @@ def test_all_of_one_group_or_all_of_another():
     assert margin_m(either, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(150.0, abs=0.5)
 
 
-def test_nothing_bounds_her_without_a_fence_or_with_half_a_polygon():
+def test_no_fence_and_half_a_polygon_have_no_margin():
     assert margin_m(fence(), CENTRE) == MAX_DISTANCE_M
     assert fence_of(fence(*square(5001, 500.0)[:2])) is None
 
 
-def test_the_margin_is_computed_anew_when_she_has_moved_or_the_fence_is_another():
+def test_the_margin_is_recomputed_after_movement_or_with_another_fence():
     plan = fence(*square(5001, 500.0))
     state = update(FenceState(), plan, CENTRE)
     assert update(state, plan, CENTRE.at_offset(40.0, 0.0)) is state
@@ -95,5 +94,5 @@ items = st.builds(
 
 
 @given(st.lists(items, max_size=12), st.floats(-1.57, 1.57), st.floats(-3.14, 3.14))
-def test_whatever_the_fence_the_margin_is_a_number(found, latitude_rad, longitude_rad):
+def test_any_fence_has_a_finite_margin(found, latitude_rad, longitude_rad):
     assert math.isfinite(margin_m(fence(*found), Place(latitude_rad, longitude_rad)))

@@ -1,4 +1,4 @@
-"""The guidance of a tick: when it is carried out, and what it is told to change."""
+"""Guidance of a tick: update times and state changes."""
 
 import pytest
 from msgspec.structs import replace
@@ -26,7 +26,7 @@ def looked_at(t_s, modes=GUIDED, plans=Plans(), *, new_fix=False, motion=MOTION)
 
 
 def updated(times_s, state=GuidanceState(), fixes=(), **inputs):  # noqa: B008 - frozen
-    """Return at which of the times it was carried out, and the state after them."""
+    """Return the times of updates, and the final state."""
     when_s = []
     for t_s in times_s:
         state = guidance.update(SETTINGS, state, looked_at(t_s, new_fix=t_s in fixes, **inputs)).state
@@ -35,7 +35,7 @@ def updated(times_s, state=GuidanceState(), fixes=(), **inputs):  # noqa: B008 -
     return when_s, state
 
 
-def test_it_is_carried_out_twice_a_second_and_at_each_fix():
+def test_guidance_runs_twice_a_second_and_at_each_fix():
     ticks_s = [100.0 + tick / 16.0 for tick in range(33)]
     assert updated(ticks_s)[0] == [100.0, 100.0 + UPDATE_INTERVAL_S, 101.0, 101.5, 102.0]
     assert UPDATE_INTERVAL_S == 0.5
@@ -50,19 +50,19 @@ def test_it_is_carried_out_twice_a_second_and_at_each_fix():
         {"plans": mission(item(WAYPOINT, 100.0, 0.0))},
     ],
 )
-def test_it_is_carried_out_at_once_when_mode_arming_or_mission_change(change):
+def test_guidance_runs_at_once_on_a_change_of_mode_arming_or_mission(change):
     _, state = updated([100.0])
     assert updated([100.125], state)[0] == []
     assert updated([100.125], state, **change)[0] == [100.125]
 
 
-def test_between_two_times_the_very_state_stands():
+def test_the_state_is_unchanged_between_updates():
     _, state = updated([100.0])
     assert guidance.update(SETTINGS, state, looked_at(100.25)).state is state
 
 
 @pytest.mark.parametrize(("pause_s", "counted_s"), [(0.75, 0.75), (3600.0, MAX_STEP_S), (-50.0, 0.0)])
-def test_a_wait_counts_the_time_that_it_was_carried_out_for(pause_s, counted_s):
+def test_a_delay_counts_limited_steps(pause_s, counted_s):
     inputs = {"modes": AUTO, "plans": mission(item(DELAY, None, None, 1000.0), item(WAYPOINT, 100.0, 0.0))}
     _, state = updated([100.0, 100.5], **inputs)
     before_s = state.mission.elapsed_s
@@ -70,7 +70,7 @@ def test_a_wait_counts_the_time_that_it_was_carried_out_for(pause_s, counted_s):
     assert state.mission.elapsed_s == pytest.approx(before_s + counted_s)
 
 
-def test_disarmed_the_mission_stands_and_armed_it_begins():
+def test_a_mission_starts_with_arming():
     inputs = {"plans": mission(item(WAYPOINT, 100.0, 0.0))}
     _, state = updated([100.0, 101.0], modes=replace(AUTO, armed=False), **inputs)
     assert not state.mission.started
@@ -78,7 +78,7 @@ def test_disarmed_the_mission_stands_and_armed_it_begins():
     assert (state.mission.started, state.mission.begun) == (True, True)
 
 
-def test_another_mission_is_sailed_from_its_beginning_where_one_was_sailed():
+def test_a_new_mission_restarts_in_auto():
     first, other = mission(item(WAYPOINT, 100.0, 0.0)), mission(item(WAYPOINT, 200.0, 0.0), item(WAYPOINT, 0.0, 0.0))
     for modes, sails in ((AUTO, True), (GUIDED, False)):
         _, state = updated([100.0, 101.0], modes=modes, plans=first)
@@ -86,7 +86,7 @@ def test_another_mission_is_sailed_from_its_beginning_where_one_was_sailed():
         assert (state.mission.identity, state.mission.started) == (other.mission.identity, sails)
 
 
-def test_the_margin_is_that_of_a_fence_that_is_heeded_and_known():
+def test_the_margin_needs_an_enabled_fence_and_a_position():
     _, state = updated([100.0], plans=FENCE)
     assert guidance.fence_margin_m(state, FENCE, enabled=True) == pytest.approx(100.0 * 2.0**0.5 - 30.0, abs=0.5)
     assert guidance.fence_margin_m(state, FENCE, enabled=False) is None

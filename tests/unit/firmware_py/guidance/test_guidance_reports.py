@@ -1,4 +1,4 @@
-"""What is told of mission and fence, and how the report counts."""
+"""Events of mission and fence, and the mission report."""
 
 import pytest
 from msgspec.structs import replace
@@ -18,7 +18,7 @@ SAILS = MissionProgress(identity=1, index=2, started=True, begun=True)
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "told"),
+    ("before", "after", "texts"),
     [
         (SAILS, SAILS, []),
         (SAILS, replace(SAILS, index=3), ["Mission: item 4"]),
@@ -37,11 +37,11 @@ SAILS = MissionProgress(identity=1, index=2, started=True, begun=True)
         (replace(SAILS, complete=True), replace(SAILS, complete=True), []),
     ],
 )
-def test_what_is_told_of_a_mission(before, after, told):
+def test_mission_events(before, after, texts):
     events = guidance_reports.mission_events(before, after, first=1)
-    assert [event.text for event in events] == told
+    assert [event.text for event in events] == texts
     assert [event.text for event in guidance_reports.mission_events(before, after, first=0)] == [
-        text.replace("item 3", "item 2").replace("item 4", "item 3") for text in told
+        text.replace("item 3", "item 2").replace("item 4", "item 3") for text in texts
     ]
 
 
@@ -49,7 +49,7 @@ FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCED))
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "plans", "told"),
+    ("before", "after", "plans", "texts"),
     [
         (None, True, FENCE, [(Severity.NOTICE, "Fence enabled")]),
         (True, False, FENCE, [(Severity.NOTICE, "Fence disabled")]),
@@ -59,16 +59,16 @@ FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCED))
         (None, False, Plans(), [(Severity.NOTICE, "Fence disabled")]),
     ],
 )
-def test_what_is_told_of_a_fence(before, after, plans, told):
+def test_fence_events(before, after, plans, texts):
     states = (GuidanceState(fence_enabled=one) for one in (before, after))
-    assert [(event.severity, event.text) for event in guidance_reports.fence_events(*states, plans)] == told
+    assert [(event.severity, event.text) for event in guidance_reports.fence_events(*states, plans)] == texts
 
 
-def test_the_report_counts_as_the_operator_does_and_stays_within_the_mission():
+def test_the_mission_report_counts_like_the_operator():
     plans = mission(item(WAYPOINT, 100.0, 0.0), item(WAYPOINT, 200.0, 0.0))
     state = GuidanceState(mission=MissionProgress(plans.mission.identity))
-    for index, told in ((0, 0), (1, 1), (2, 1)):
+    for index, texts in ((0, 0), (1, 1), (2, 1)):
         progress = replace(state.mission, index=index)
         report = guidance_reports.mission_report(replace(state, mission=progress), plans, AUTO, first=1)
-        assert (report.index, report.first, report.count) == (told, 1, 2)
+        assert (report.index, report.first, report.count) == (texts, 1, 2)
     assert guidance_reports.mission_report(state, Plans(), AUTO, first=1).index is None

@@ -1,4 +1,4 @@
-"""Lines and their ends, with a perfect boat in a plane."""
+"""Line following and arrival, with an ideal boat in a plane."""
 
 import itertools
 import math
@@ -24,8 +24,8 @@ def go(origin, north_m, east_m, start=(0.0, 0.0), acceptance_radius_m=20.0):
 
 
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2), (-0.2, 0.1), (0.3, 0.0)])
-def test_she_comes_onto_the_line_and_stays_on_it(afloat, origin, current):
-    boat = afloat(0.0, 80.0, 2.0, current=current)
+def test_the_boat_joins_the_line_and_stays_on_it(simulated_boat, origin, current):
+    boat = simulated_boat(0.0, 80.0, 2.0, current=current)
     task = go(origin, 5000.0, 0.0)
     for _ in range(2000):
         boat.step(task)
@@ -34,8 +34,8 @@ def test_she_comes_onto_the_line_and_stays_on_it(afloat, origin, current):
     assert boat.status.activity is Activity.LINE
 
 
-def test_a_current_that_is_not_known_is_taken_up_by_the_integral(afloat, origin):
-    boat = afloat(current=(0.0, 0.1))
+def test_the_integral_compensates_an_unknown_current(simulated_boat, origin):
+    boat = simulated_boat(current=(0.0, 0.1))
     task = go(origin, 5000.0, 0.0)
     real, boat.current = boat.current, (0.0, 0.0)
     for _ in range(3000):
@@ -55,7 +55,7 @@ def test_the_integral_grows_by_the_law_of_integral_line_of_sight(origin, tight):
 
 
 @pytest.mark.parametrize(("current_m_s", "circles"), [(0.0, 1.0), (0.1, 1.25), (0.4, 2.0), (2.0, 2.0)])
-def test_what_a_current_sets_her_past_counts_as_passed(origin, tight, current_m_s, circles):
+def test_the_passing_distance_grows_with_the_current(origin, tight, current_m_s, circles):
     reach_m = circles * line.PASSING_RADII * tight.turning_radius_m
     for off_m, arrived in ((0.98 * reach_m, True), (1.02 * reach_m, False)):
         motion = VesselMotion(origin.at_offset(501.0, off_m), 0.0, 0.4, current_m_s, 0.0)
@@ -74,9 +74,9 @@ def test_the_look_ahead_grows_with_speed_within_bounds(origin, tight):
 
 @pytest.mark.parametrize("distance_m", [3.0, 18.0, 70.0])
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.15, 0.2), (-0.3, 0.0)])
-def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origin, distance_m, current):
+def test_a_place_within_the_turning_circle_is_reached(simulated_boat, origin, distance_m, current):
     for angle_rad in map(math.radians, range(0, 360, 45)):
-        boat = afloat(current=current)
+        boat = simulated_boat(current=current)
         place_m = distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad)
         task = go(origin, *place_m, None, acceptance_radius_m=2.0)
         while not boat.follower.arrived:
@@ -86,9 +86,8 @@ def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origi
 
 
 @pytest.mark.parametrize("distance_m", [26.0, 30.0, 43.0])
-def test_a_place_astern_is_turned_for_before_it_counts_as_passed(afloat, origin, distance_m):
-    """Its start is where she is; moving away while she turns is no passing."""
-    boat = afloat()
+def test_a_place_astern_is_not_passed_during_the_turn(simulated_boat, origin, distance_m):
+    boat = simulated_boat()
     task = go(origin, -distance_m, 0.0)
     while not boat.follower.arrived:
         boat.step(task)
@@ -97,8 +96,8 @@ def test_a_place_astern_is_turned_for_before_it_counts_as_passed(afloat, origin,
 
 
 @pytest.mark.parametrize("setting", [-0.45, -0.41])
-def test_a_place_that_the_current_sets_her_back_from_is_not_passed_but_reached_when_it_turns(afloat, origin, setting):
-    boat = afloat(40.0, 0.0, 0.0)
+def test_drifting_back_from_a_waypoint_does_not_count_as_passing_it(simulated_boat, origin, setting):
+    boat = simulated_boat(40.0, 0.0, 0.0)
     task = go(origin, 70.0, 0.0)
     for _ in range(20):
         boat.step(task)
@@ -113,9 +112,9 @@ def test_a_place_that_the_current_sets_her_back_from_is_not_passed_but_reached_w
     assert boat.distance_m(70.0) <= 20.0
 
 
-def test_a_line_that_a_stronger_current_lets_her_reach_is_come_back_to(afloat, origin):
-    """Set off it sideways in the turn, she goes back with the current, and not nowhere against it."""
-    boat = afloat(60.0, 0.0, 0.0, current=(0.31, 0.31))
+def test_a_line_is_reached_in_a_stronger_current(simulated_boat, origin):
+    """The turn sets the boat off the line; it returns with the current."""
+    boat = simulated_boat(60.0, 0.0, 0.0, current=(0.31, 0.31))
     task = go(origin, 0.0, 800.0)
     while not boat.follower.arrived:
         boat.step(task)
@@ -123,7 +122,7 @@ def test_a_line_that_a_stronger_current_lets_her_reach_is_come_back_to(afloat, o
     assert boat.distance_m(0.0, 800.0) <= 20.0
 
 
-def test_only_a_place_that_she_comes_nearer_to_is_seen_at_its_nearest(origin, tight):
+def test_the_closest_distance_counts_only_while_closing(origin, tight):
     for heading_deg, bearing_deg in itertools.product(range(0, 360, 60), range(7, 360, 30)):
         bearing_rad = math.radians(bearing_deg)
         place = go(origin, 50.0 * math.cos(bearing_rad), 50.0 * math.sin(bearing_rad), acceptance_radius_m=5.0)
@@ -134,7 +133,7 @@ def test_only_a_place_that_she_comes_nearer_to_is_seen_at_its_nearest(origin, ti
         assert math.isfinite(state.closest_m) is (closing_m_s > 0.0), (heading_deg, bearing_deg)
 
 
-def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
+def test_a_waypoint_passed_far_off_is_tried_again(origin, tight):
     task = go(origin, 500.0, 0.0)
     here = origin.at_offset(510.0, 300.0)
     motion = VesselMotion(here, 0.0, 0.4, 0.0, 0.0)
@@ -144,9 +143,7 @@ def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
 
 
 @pytest.mark.parametrize(("too_strong", "passes"), [(False, line.MAX_TRIES), (True, 20)])
-def test_passing_far_off_counts_in_the_end_but_not_where_a_stronger_current_sweeps_her_past(
-    origin, tight, too_strong, passes
-):
+def test_passing_far_off_counts_after_several_tries_but_not_in_too_strong_a_current(origin, tight, too_strong, passes):
     task, state, arrived = go(origin, 500.0, 0.0), LineState(origin), []
     for number in range(passes + 1):
         beyond = VesselMotion(origin.at_offset(510.0, 300.0), 0.0, 0.4, 0.5, 0.0, too_strong)
@@ -164,7 +161,7 @@ motions = st.builds(VesselMotion, anywhere, angles, speeds, st.floats(-3.0, 3.0)
 
 
 @given(motions, anywhere, anywhere, st.floats(0.1, 1e4), st.floats(-1e9, 1e9), st.floats(0.0, 5.0))
-def test_whatever_comes_the_course_is_an_angle(motion, start, to, acceptance_radius_m, integral_s, step_s):
+def test_any_input_gives_a_finite_course(motion, start, to, acceptance_radius_m, integral_s, step_s):
     task = GoTo(to, start, acceptance_radius_m, 100.0)
     limits = TaskSettings(20.0, 100.0, 60.0, 15.6)
     state, status = line.update(limits, LineState(start, integral_s), task, motion, step_s)

@@ -1,4 +1,4 @@
-"""Where a watch circle lies within a fence, and what is told of one that is not what was asked for."""
+"""Placement of a loiter circle within a fence, and its events."""
 
 import math
 
@@ -47,14 +47,14 @@ STRAIT = polygon((-60, -2000), (60, -2000), (60, 2000), (-60, 2000))
 HORSESHOE = polygon((-400, -400), (400, -400), (400, 400), (5, 400), (5, -200), (-5, -200), (-5, 400), (-400, 400))
 
 
-def is_final(settings, task, items):
-    """The berth that is settled upon."""
+def placed(settings, task, items):
+    """Return the final placement."""
     place = None
     for _ in range(60):
         place = loiter_placement.update(settings, place, task, plan(*items))
         if place.is_final:
             return place
-    raise AssertionError("looks for a place without end")
+    raise AssertionError("the search does not end")
 
 
 def moved_m(place):
@@ -74,15 +74,15 @@ def moved_m(place):
         ((*SQUARE, REEF), at(0, 60), 115.0),
     ],
 )
-def test_a_circle_is_moved_inward_by_what_is_lacking(tight, items, task, lacking_m):
-    place = is_final(tight, task, items)
+def test_a_circle_is_moved_inward_by_the_missing_margin(tight, items, task, lacking_m):
+    place = placed(tight, task, items)
     assert place.circle.radius_m == task.radius_m
     assert fence.margin_m(plan(*items), place.circle.centre) >= task.radius_m + SWING_M
     assert lacking_m <= moved_m(place) + 1.0 <= 1.03 * lacking_m + 2.0
 
 
-def test_in_a_corner_it_goes_out_of_the_corner(tight):
-    place = is_final(tight, at(450, 450), SQUARE)
+def test_a_circle_in_a_corner_is_moved_out_of_it(tight):
+    place = placed(tight, at(450, 450), SQUARE)
     assert place.margin_m >= 100.0 + SWING_M
     assert moved_m(place) <= 160.0
 
@@ -95,27 +95,27 @@ def test_in_a_corner_it_goes_out_of_the_corner(tight):
         (SQUARE, at(0, 0, 1000.0), 500.0 - SWING_M),
     ],
 )
-def test_where_there_is_no_room_it_is_made_smaller_but_not_smaller_than_she_can_hold(tight, items, task, radius_m):
-    place = is_final(tight, task, items)
+def test_without_room_the_circle_shrinks_to_the_minimum_radius(tight, items, task, radius_m):
+    place = placed(tight, task, items)
     assert place.circle.radius_m == pytest.approx(radius_m, abs=0.5)
     assert moved_m(place) < 1.0
 
 
 @pytest.mark.parametrize(("north_m", "east_m"), [(100, 8), (100, 30), (300, 40), (-100, 25)])
-def test_it_is_not_moved_across_land(tight, north_m, east_m):
-    place = is_final(tight, at(north_m, east_m, 60.0), HORSESHOE)
+def test_a_circle_is_not_moved_across_land(tight, north_m, east_m):
+    place = placed(tight, at(north_m, east_m, 60.0), HORSESHOE)
     assert place.margin_m > 60.0 + SWING_M
     assert at(0, 0).centre.offset_m(place.circle.centre)[1] > 5.0
 
 
-def test_who_is_far_outside_stays_there_and_without_a_fence_nothing_moves(tight):
-    assert is_final(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
+def test_a_circle_far_outside_or_without_a_fence_is_not_moved(tight):
+    assert placed(tight, at(0, 2000), SQUARE).circle == at(0, 2000)
     assert loiter_placement.update(tight, None, at(0, 480), None) is None
     assert loiter_placement.update(tight, None, at(0, 480), plan()) is None
 
 
-def test_another_task_or_another_fence_is_looked_at_anew(tight):
-    place = is_final(tight, at(0, 480), SQUARE)
+def test_another_task_or_fence_restarts_the_search(tight):
+    place = placed(tight, at(0, 480), SQUARE)
     assert loiter_placement.update(tight, place, at(0, 480), plan(*SQUARE)) is place
     assert loiter_placement.update(tight, place, at(0, 0), plan(*SQUARE)).circle == at(0, 0)
     assert loiter_placement.update(tight, place, at(0, 480), plan(REEF)).circle == at(0, 480)
@@ -125,18 +125,18 @@ def test_another_task_or_another_fence_is_looked_at_anew(tight):
     ("radius_m", "current"),
     [(20.0, (0.0, 0.28)), (100.0, (0.2, -0.2))],
 )
-def test_near_a_fence_she_stays_within_it(afloat, radius_m, current):
+def test_station_keeping_near_a_fence_stays_inside(simulated_boat, radius_m, current):
     margins_m = {}
-    for heeded in (None, plan(*SQUARE)):
-        boat = afloat(east_m=460.0, heading_rad=math.pi, current=current)
-        margins_m[heeded] = math.inf
+    for plan_or_none in (None, plan(*SQUARE)):
+        boat = simulated_boat(east_m=460.0, heading_rad=math.pi, current=current)
+        margins_m[plan_or_none] = math.inf
         for _ in range(3000):
-            boat.step(at(0, 460, radius_m), fence=heeded)
-            margins_m[heeded] = min(margins_m[heeded], fence.margin_m(plan(*SQUARE), boat.motion.place))
+            boat.step(at(0, 460, radius_m), fence=plan_or_none)
+            margins_m[plan_or_none] = min(margins_m[plan_or_none], fence.margin_m(plan(*SQUARE), boat.motion.place))
     assert margins_m[None] < 0.0 < margins_m[plan(*SQUARE)]
 
 
-def told(settings, before, after):
+def texts(settings, before, after):
     return [(event.severity, event.text) for event in circle_events(settings, before, after)]
 
 
@@ -146,34 +146,34 @@ def keeping(task, place=None, activity=Activity.STATION):
     return GuidanceState(task=task, follower=TaskFollowerState(loiter_placement=place), status=status)
 
 
-def test_a_circle_that_she_cannot_hold_is_told_once(tight):
+def test_a_circle_too_small_is_reported_once(tight):
     small = keeping(at(0, 0, 20.0))
-    assert told(tight, GuidanceState(), small) == [(Severity.NOTICE, f"Loiter radius 20 m: {HELD}")]
-    assert told(tight, small, small) == []
-    assert told(tight, GuidanceState(), keeping(at(0, 0, 78.0))) == []
-    assert told(tight, GuidanceState(), keeping(at(0, 0, 20.0), activity=Activity.LINE)) == []
+    assert texts(tight, GuidanceState(), small) == [(Severity.NOTICE, f"Loiter radius 20 m: {HELD}")]
+    assert texts(tight, small, small) == []
+    assert texts(tight, GuidanceState(), keeping(at(0, 0, 78.0))) == []
+    assert texts(tight, GuidanceState(), keeping(at(0, 0, 20.0), activity=Activity.LINE)) == []
 
 
-def test_a_circle_that_is_moved_is_told_once(tight):
+def test_a_moved_circle_is_reported_once(tight):
     near = keeping(at(0, 400))
-    moved = keeping(at(0, 400), is_final(tight, at(0, 400), SQUARE))
+    moved = keeping(at(0, 400), placed(tight, at(0, 400), SQUARE))
     text = "Fence near: loiter radius 100 m, moved 56 m inward"
-    assert told(tight, near, moved) == [(Severity.NOTICE, text)]
-    assert told(tight, moved, moved) == []
-    middle = keeping(at(0, 0), is_final(tight, at(0, 0), SQUARE))
-    assert told(tight, GuidanceState(), middle) == []
+    assert texts(tight, near, moved) == [(Severity.NOTICE, text)]
+    assert texts(tight, moved, moved) == []
+    middle = keeping(at(0, 0), placed(tight, at(0, 0), SQUARE))
+    assert texts(tight, GuidanceState(), middle) == []
 
 
-def test_a_fence_without_room_is_told(tight):
-    shrunk = keeping(at(0, 0), is_final(tight, at(0, 0), STRAIT))
+def test_a_fence_without_room_is_reported(tight):
+    shrunk = keeping(at(0, 0), placed(tight, at(0, 0), STRAIT))
     text = "Fence near: loiter radius 78 m, moved 0 m inward"
-    assert told(tight, keeping(at(0, 0)), shrunk) == [(Severity.NOTICE, text), (Severity.WARNING, NO_ROOM)]
+    assert texts(tight, keeping(at(0, 0)), shrunk) == [(Severity.NOTICE, text), (Severity.WARNING, NO_ROOM)]
 
 
-def test_a_round_that_is_too_tight_is_told_once(tight):
+def test_an_orbit_too_tight_is_reported_once(tight):
     task = Orbit(at(0, 0).centre, 10.0, clockwise=True)
     status = TaskStatus(activity=Activity.CIRCLE, target=task.centre, radius_m=23.4)
     round_it = GuidanceState(task=task, status=status)
     text = "Circle radius 10 m too small: circling at 23 m"
-    assert told(tight, GuidanceState(), round_it) == [(Severity.NOTICE, text)]
-    assert told(tight, round_it, round_it) == []
+    assert texts(tight, GuidanceState(), round_it) == [(Severity.NOTICE, text)]
+    assert texts(tight, round_it, round_it) == []

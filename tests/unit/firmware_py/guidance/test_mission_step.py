@@ -46,7 +46,7 @@ def test_a_delay_is_seconds_or_a_time_of_day():
     assert step_of(item(93, 0)).time_of_day_s is None
 
 
-def test_jumps_home_and_what_is_passed_over():
+def test_jumps_home_and_skipped_items():
     assert (step_of(item(177, 3, -1)).target, step_of(item(177, 3, -1)).times) == (3, -1)
     assert step_of(item(179, 1, x=5, y=5)).place is None
     assert step_of(item(179, 0, x=5, y=5)).place is not None
@@ -72,7 +72,7 @@ items = st.builds(
 
 
 @given(items)
-def test_whatever_an_item_holds_its_step_is_finite(found):
+def test_any_item_gives_a_finite_step(found):
     step = step_of(found)
     for value in (step.seconds, step.turns, step.angle_rad, step.radius_m or 0.0, step.time_of_day_s or 0.0):
         assert math.isfinite(value)

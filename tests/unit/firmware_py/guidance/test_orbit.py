@@ -8,8 +8,8 @@ from firmware_py.guidance.tasks import Orbit
 
 @pytest.mark.parametrize("clockwise", [True, False])
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2)])
-def test_she_goes_round_on_the_circle_and_the_turns_count(afloat, origin, clockwise, current):
-    boat = afloat(300.0, 0.0, 3.0, current=current)
+def test_the_boat_circles_and_turns_are_counted(simulated_boat, origin, clockwise, current):
+    boat = simulated_boat(300.0, 0.0, 3.0, current=current)
     task = Orbit(origin, 60.0, clockwise)
     off = []
     while boat.follower.orbit.turned_rad < 4 * math.pi:
@@ -22,8 +22,8 @@ def test_she_goes_round_on_the_circle_and_the_turns_count(afloat, origin, clockw
     assert boat.follower.arrived
 
 
-def test_a_circle_tighter_than_hers_is_made_wider(afloat, origin):
-    boat = afloat()
+def test_a_circle_below_the_minimum_radius_is_enlarged(simulated_boat, origin):
+    boat = simulated_boat()
     for _ in range(600):
         boat.step(Orbit(origin, 5.0, clockwise=True))
     assert boat.status.radius_m == pytest.approx(1.5 * 15.6)

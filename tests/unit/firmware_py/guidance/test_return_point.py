@@ -25,25 +25,25 @@ def chosen(motion, points, *, with_home=True):
     return tuple(round(metres, -1) + 0.0 for metres in HERE.offset_m(place))
 
 
-def test_without_rally_points_it_is_home_and_without_either_nothing():
+def test_home_without_rally_points_and_none_without_home():
     assert chosen(at(500.0, 0.0), rally(), with_home=False) == (0.0, 0.0)
     assert return_place(at(0.0, 0.0), None, rally(), with_home=True) is None
 
 
-def test_the_nearest_and_home_only_when_it_counts():
+def test_home_competes_with_rally_points_by_parameter():
     points = rally((1000.0, 0.0), (0.0, 3000.0))
     assert chosen(at(300.0, 0.0), points) == (0.0, 0.0)
     assert chosen(at(300.0, 0.0), points, with_home=False) == (1000.0, 0.0)
 
 
-def test_in_a_current_the_one_she_reaches_first_not_the_nearest():
+def test_in_a_current_the_destination_reached_first_is_chosen():
     points = rally((0.0, -800.0), (0.0, 1000.0))
     assert chosen(at(0.0, 0.0, east=0.4), points, with_home=False) == (0.0, 1000.0)
-    # Stronger than she is: what lies upstream is out of reach.
+    # Stronger than the boat: a destination upstream is out of reach.
     assert chosen(at(0.0, 0.0, east=0.9), points, with_home=False) == (0.0, 1000.0)
 
 
-def test_where_none_is_reached_the_nearest(tight):
+def test_the_nearest_destination_if_none_can_be_reached(tight):
     task = return_task(tight, at(0.0, 0.0, east=0.9), HOME, rally((0.0, -800.0)), with_home=False)
     assert task.place.distance_and_bearing(HERE)[0] - 800.0 < 1.0
     assert (task.acceptance_radius_m, task.station_radius_m, task.start) == (20.0, 100.0, None)

@@ -1,4 +1,4 @@
-"""The watch circle, with a perfect boat in a plane."""
+"""Station keeping, with an ideal boat in a plane."""
 
 import math
 
@@ -14,8 +14,8 @@ from firmware_py.guidance.tasks import HoldStation, VesselMotion
 
 
 @pytest.mark.parametrize(("drift", "toward_rad"), [(0.0, 0.0), (0.3, 2.0), (0.7, 0.0), (0.85, 2.0)])
-def test_the_circle_is_kept_with_few_turns(afloat, origin, drift, toward_rad):
-    boat = afloat(current=(0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad)))
+def test_the_circle_is_kept_with_few_turns(simulated_boat, origin, drift, toward_rad):
+    boat = simulated_boat(current=(0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad)))
     task = HoldStation(origin, 100.0)
     inside = 0
     for _ in range(8000):
@@ -27,8 +27,8 @@ def test_the_circle_is_kept_with_few_turns(afloat, origin, drift, toward_rad):
 
 
 @pytest.mark.parametrize("leeway_deg", [20.0, -20.0])
-def test_the_circle_is_kept_with_leeway(afloat, origin, leeway_deg):
-    boat = afloat(current=(0.0, 0.28), leeway_rad=math.radians(leeway_deg))
+def test_the_circle_is_kept_with_leeway(simulated_boat, origin, leeway_deg):
+    boat = simulated_boat(current=(0.0, 0.28), leeway_rad=math.radians(leeway_deg))
     inside = 0
     for _ in range(8000):
         boat.step(HoldStation(origin, 100.0))
@@ -36,8 +36,8 @@ def test_the_circle_is_kept_with_leeway(afloat, origin, leeway_deg):
     assert inside >= 0.97 * 8000
 
 
-def test_into_a_current_she_lies_for_most_of_the_time(afloat, origin):
-    boat = afloat(current=(0.0, 0.28))
+def test_the_boat_heads_into_the_current_most_of_the_time(simulated_boat, origin):
+    boat = simulated_boat(current=(0.0, 0.28))
     into = 0
     for _ in range(8000):
         boat.step(HoldStation(origin, 100.0))
@@ -45,8 +45,8 @@ def test_into_a_current_she_lies_for_most_of_the_time(afloat, origin):
     assert into > 0.5 * 8000
 
 
-def test_from_outside_she_comes_straight_back(afloat, origin):
-    boat = afloat(600.0, -300.0, current=(0.1, -0.1))
+def test_from_outside_the_boat_returns_straight(simulated_boat, origin):
+    boat = simulated_boat(600.0, -300.0, current=(0.1, -0.1))
     task = HoldStation(origin, 100.0)
     status = boat.step(task)
     assert status.activity is Activity.STATION
@@ -60,16 +60,16 @@ def test_from_outside_she_comes_straight_back(afloat, origin):
 
 
 @pytest.mark.parametrize("leeway_deg", [0.0, 8.0, -8.0])
-def test_her_way_leads_into_too_strong_a_current(afloat, origin, leeway_deg):
-    boat = afloat(current=(0.0, 0.48), leeway_rad=math.radians(leeway_deg))
+def test_in_too_strong_a_current_the_boat_heads_against_it(simulated_boat, origin, leeway_deg):
+    boat = simulated_boat(current=(0.0, 0.48), leeway_rad=math.radians(leeway_deg))
     for _ in range(3000):
         boat.step(HoldStation(origin, 100.0))
     assert boat.distance_m() > 100.0
     assert math.degrees(boat.heading_rad) == pytest.approx(270.0 - leeway_deg, abs=1.0)
 
 
-def test_a_circle_smaller_than_her_turning_circle_is_gone_round(afloat, origin):
-    boat = afloat()
+def test_a_circle_smaller_than_the_turning_circle(simulated_boat, origin):
+    boat = simulated_boat()
     farthest_m = 0.0
     for second in range(6000):
         boat.step(HoldStation(origin, 10.0))
@@ -90,7 +90,7 @@ angles = st.floats(-math.pi, math.pi)
     st.none() | angles,
     st.floats(10.0, 1e4),
 )
-def test_whatever_comes_she_is_told_an_angle(here, centre, heading_rad, speed, north, east, leg_rad, radius_m):
+def test_any_input_gives_a_finite_angle(here, centre, heading_rad, speed, north, east, leg_rad, radius_m):
     from tests.unit.firmware_py.guidance.conftest import SETTINGS  # noqa: PLC0415
 
     motion = VesselMotion(here, heading_rad, speed, north, east)

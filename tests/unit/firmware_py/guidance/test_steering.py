@@ -28,7 +28,7 @@ def test_a_mode_without_a_goal_keeps_the_present_heading_once_it_is_known():
     assert update_goal(SETTINGS, SAILING, NORTH, 0.0, 0.1) is SAILING
 
 
-def test_a_place_to_go_to_is_left_as_it_is():
+def test_a_position_goal_is_unchanged():
     modes = guided(PositionGoal(0.6, 2.0))
     assert update_goal(SETTINGS, modes, NORTH, 0.0, 0.1) is modes
 

@@ -32,7 +32,7 @@ def inputs(*vessels, t_s=0.0, unchanged_rad=0.0, motion=MOTION, fence=None, goal
 
 
 def decided(*vessels, state=IDLE, **more):
-    """Run ticks until a round of trials has ended; return the state and what was told."""
+    """Run ticks until a round of trials has ended; return the state and the texts."""
     texts = []
     for tick in range(20):
         state, events = step_aside.update(SETTINGS, TRAFFIC, state, inputs(*vessels, **{"t_s": 0.1 * tick, **more}))
@@ -52,7 +52,7 @@ def test_a_ship_head_on_a_little_to_port_is_left_to_port_as_far_as_the_sector_le
     assert texts == ["Avoidance: heading 60 deg, closest 384 m instead of 50 m"]
 
 
-def test_one_to_starboard_is_left_to_starboard():
+def test_a_ship_to_starboard_is_passed_on_that_side():
     state, _ = decided(ship(6000.0, 50.0))
     assert math.degrees(state.heading_rad) == pytest.approx(300.0)
 
@@ -73,7 +73,7 @@ def test_the_other_side_is_taken_where_a_fence_stands():
         assert math.degrees(state.heading_rad) > 180.0
 
 
-def test_between_fence_and_nothing_better_she_goes_on_and_says_so_once():
+def test_no_better_heading_is_reported_once():
     corners = [(-2000.0, -60.0), (9000.0, -60.0), (9000.0, 60.0), (-2000.0, 60.0)]
     lane = Plan.of(PlanKind.FENCE, [item(INCLUDED_VERTEX, *corner, 4) for corner in corners])
     state, texts = decided(ship(6000.0, 0.0), fence=lane)
@@ -86,14 +86,14 @@ def test_between_fence_and_nothing_better_she_goes_on_and_says_so_once():
 def test_a_current_is_taken_into_account():
     set_east = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, 0.3)
     state, _ = decided(ship(6000.0, 330.0, 6.0), motion=set_east)
-    # Going on the current would carry her under the ship's bow, which is 330 m to the east by now.
+    # On the unchanged course the current would carry the boat in front of the ship, 330 m to the east by now.
     assert math.degrees(state.heading_rad) > 180.0
 
 
-def test_on_a_line_her_way_is_that_over_ground():
+def test_on_a_line_the_unchanged_course_is_over_ground():
     set_east = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, 0.2)
     crab_rad = -math.asin(0.5)
-    # 250 m beside the line: the heading of the line, which she does not steer, would set her upon the ship.
+    # 250 m beside the line: the heading of the line would lead to the ship.
     state, _ = decided(
         ship(435.0, 250.0, 0.0), motion=set_east, unchanged_rad=crab_rad, goal=None, line=LineAhead(0.0, 0.0, crab_rad)
     )
@@ -101,7 +101,7 @@ def test_on_a_line_her_way_is_that_over_ground():
 
 
 @pytest.mark.parametrize("set_m_s", [0.0, 0.2, -0.2])
-def test_abeam_of_a_ship_at_anchor_she_goes_along_her_line_and_not_on_to_the_side(set_m_s):
+def test_abeam_of_a_ship_at_anchor_the_boat_follows_its_line(set_m_s):
     abeam, away_rad, along_rad = ship(20.0, -250.0, 0.0), math.radians(60.0), -math.asin(set_m_s / 0.4)
     motion = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, set_m_s)
     line = {"unchanged_rad": math.radians(280.0), "line": LineAhead(250.0, 0.0, along_rad), "motion": motion}
@@ -109,10 +109,10 @@ def test_abeam_of_a_ship_at_anchor_she_goes_along_her_line_and_not_on_to_the_sid
     state, texts = decided(abeam, state=before, **line)
     assert state.heading_rad == along_rad
     assert texts == []
-    # What lies ahead of it would not be ample: she comes nearer her line as far as it is.
+    # The unchanged course would not be sufficient: the boat approaches its line as far as it is.
     state, _ = decided(ship(150.0, -150.0, 0.0), state=before, **line)
     assert math.radians(9.0) < state.heading_rad <= away_rad
-    # Not yet ample: she goes on as she went.
+    # Not yet sufficient: no change.
     state, _ = decided(ship(20.0, -190.0, 0.0), state=before, **line)
     assert state.heading_rad == away_rad
 
@@ -134,7 +134,7 @@ def test_of_several_vessels_the_nearest_to_come_counts():
     assert aside_deg > 180.0  # to starboard the second one comes
 
 
-def test_she_goes_back_when_it_is_wide_open_and_when_nobody_comes_any_more():
+def test_avoidance_ends_when_the_vessel_is_clear_or_gone():
     state, _ = decided(ship(6000.0, -50.0))
     back, texts = decided(ship(6000.0, -2000.0), state=state, t_s=40.0)
     assert back.heading_rad is None
@@ -161,12 +161,12 @@ def test_between_two_rounds_nothing_is_tried_and_after_half_a_minute_or_with_ano
     assert step_aside.update(SETTINGS, TRAFFIC, turned, inputs(vessel, **other)) == (turned, ())
 
 
-def test_right_ahead_she_leaves_it_to_port_as_ships_do():
+def test_a_ship_right_ahead_is_passed_port_to_port():
     state, _ = decided(ship(6000.0, 0.0))
     assert math.degrees(state.heading_rad) == pytest.approx(60.0)
 
 
-def test_what_is_told_is_of_the_end_of_the_round_by_when_a_ship_is_nearer():
+def test_reported_distances_are_those_at_the_end_of_the_round():
     def cpa_m(tick_s):
         state = IDLE
         for tick in range(20):
@@ -182,7 +182,7 @@ def test_what_is_told_is_of_the_end_of_the_round_by_when_a_ship_is_nearer():
 
 
 @pytest.mark.parametrize("out", [0.5, 1.5, 3.5])
-def test_what_is_kept_clear_of_lies_between_two_places_too_that_are_looked_at(out):
+def test_the_fence_is_checked_between_two_places(out):
     """A small circle on the way of 60 degrees: of its four legs the ends are far enough from it."""
     radius_m, out_m = 15.0, out * 0.25 * 0.4 * 960.0
     centre = out_m * math.cos(math.radians(60.0)), out_m * math.sin(math.radians(60.0))
@@ -192,7 +192,7 @@ def test_what_is_kept_clear_of_lies_between_two_places_too_that_are_looked_at(ou
     assert math.cos(off_rad) < 0.0 or abs(out_m * math.sin(off_rad)) >= radius_m + 30.0
 
 
-def test_a_goal_that_changes_all_the_time_does_not_keep_her_from_deciding():
+def test_a_goal_that_changes_at_each_tick_does_not_prevent_a_decision():
     state = IDLE
     for tick in range(60):
         goal = HeadingGoal(0.001 * tick)
@@ -213,16 +213,16 @@ def test_a_tick_tries_one_heading(monkeypatch):
         assert len(counts) - before <= 3
 
 
-def test_an_escort_hides_no_ship():
-    """It keeps its place beside her on any heading that she tries, so it is the ship that headings are chosen by."""
+def test_an_escort_does_not_hide_a_ship():
+    """The escort keeps its relative position on any heading, so that headings are chosen by the ship."""
     escort = replace(ship(80.0, 0.0, 0.4, 0.0, in_s=0.0), near_s=0.0)
-    alone, told_alone = decided(ship(6000.0, -50.0))
+    alone, texts_alone = decided(ship(6000.0, -50.0))
     state, texts = decided(ship(6000.0, -50.0), escort)
     assert math.degrees(state.heading_rad) == pytest.approx(math.degrees(alone.heading_rad))
-    assert texts == told_alone
+    assert texts == texts_alone
 
 
-def test_with_an_escort_alone_she_goes_on():
+def test_an_escort_alone_causes_no_avoidance():
     for north_m, east_m in ((80.0, 0.0), (-80.0, 0.0), (0.0, 80.0), (0.0, -5.0)):
         assert decided(ship(north_m, east_m, 0.4, 0.0))[0].heading_rad is None
 

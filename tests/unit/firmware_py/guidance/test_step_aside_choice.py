@@ -129,7 +129,7 @@ class Plane:
 
 
 def decided(inputs, state=IDLE):
-    """The state after a round in which the world stands still, and what was told."""
+    """The state after a round in which the world stands still, and the texts."""
     texts = []
     for _ in range(ROUND):
         state, events = step_aside.update(SETTINGS, TRAFFIC, state, inputs)
@@ -155,7 +155,7 @@ WORLDS = st.tuples(st.lists(vessels(), min_size=1, max_size=3), MOTIONS, st.none
 
 
 @given(WORLDS, HEADINGS, LINES)
-def test_she_takes_the_nearest_heading_that_is_ample_or_the_best_there_is(world, unchanged_rad, line):
+def test_the_nearest_sufficient_heading_or_the_best_one_is_taken(world, unchanged_rad, line):
     plane, more, way_rad, along_rad = Plane(*world), {}, unchanged_rad, unchanged_rad
     own, own_m = plane.ratio(unchanged_rad)
     if line is not None:
@@ -182,9 +182,12 @@ def test_she_takes_the_nearest_heading_that_is_ample_or_the_best_there_is(world,
     first_rad = plane.first_ample(fan(way_rad))
     if first_rad is not None:
         assert abs(off_rad(state.heading_rad, along_rad)) < abs(off_rad(first_rad, along_rad)) + 1e-6
-    told_deg, told_cpa_m, told_own_m = (float(word) for word in texts[0].split() if word.isdigit())
-    assert told_deg % 360.0 == pytest.approx(math.degrees(state.heading_rad), abs=0.51) or told_deg in (0.0, 360.0)
-    assert (told_own_m, told_cpa_m) == (pytest.approx(own_m, abs=3.0), pytest.approx(cpa_m, abs=3.0))
+    reported_deg, reported_cpa_m, reported_own_m = (float(word) for word in texts[0].split() if word.isdigit())
+    assert reported_deg % 360.0 == pytest.approx(math.degrees(state.heading_rad), abs=0.51) or reported_deg in (
+        0.0,
+        360.0,
+    )
+    assert (reported_own_m, reported_cpa_m) == (pytest.approx(own_m, abs=3.0), pytest.approx(cpa_m, abs=3.0))
     assert len(texts) == 1
 
 
@@ -194,14 +197,16 @@ ASIDE = st.floats(-SETTINGS.sector_rad, SETTINGS.sector_rad) | st.floats(-2.5, 2
 
 
 @given(WORLDS | WIDE_WORLDS, HEADINGS, st.floats(-0.8, 0.8), ASIDE, st.floats(0.0, 4.0), st.booleans())
-def test_she_who_is_aside_already_stays_so_comes_nearer_her_way_or_goes_it_again(
-    world, way_rad, crab_rad, aside_rad, best_part, told_before
+def test_during_avoidance_the_heading_stays_approaches_the_course_or_returns(
+    world, way_rad, crab_rad, aside_rad, best_part, reported_before
 ):
     plane, steered_rad, along_rad = Plane(*world), way_rad + aside_rad, way_rad + crab_rad
     line = LineAhead(0.0, way_rad, along_rad)
     own, _ = min(plane.ratio(along_rad), plane.ratio(way_rad))
     of_before = Trial(steered_rad, 100.0, best_part)
-    before = replace(IDLE, heading_rad=steered_rad, way_rad=way_rad, best=of_before, is_refusal_reported=told_before)
+    before = replace(
+        IDLE, heading_rad=steered_rad, way_rad=way_rad, best=of_before, is_refusal_reported=reported_before
+    )
     state, texts = decided(looked_at(plane, way_rad, line=line), before)
     within = abs(aside_rad) <= SETTINGS.sector_rad
     others = [along_rad, *fan(way_rad)]

@@ -1,4 +1,4 @@
-"""What a place that is only reckoned lets her do: reached is what is certain, and else she waits."""
+"""Tasks under dead reckoning: arrival needs a certain position, otherwise the boat waits."""
 
 import math
 
@@ -20,20 +20,20 @@ TEXTS = {
 
 @pytest.fixture
 def way(origin, tight):
-    """The way to a place FAR_M north, and what guidance makes of where she is on it."""
+    """Guidance towards a place FAR_M north, at given positions."""
 
     class Way:
         settings = replace(tight, dead_reckoning_limit_m=500.0)
         task = GoTo(origin.at_offset(FAR_M, 0.0), origin, 20.0, 100.0)
         state = TaskFollowerState()
         status = None
-        told = ()
+        texts = ()
 
         def at(self, north_m, spread_m, heading_rad=0.0, task=None):
             motion = VesselMotion(origin.at_offset(north_m, 0.0), heading_rad, 0.4, 0.0, 0.0, spread_m=spread_m)
             before = self.state
             self.state, self.status = task_follower.update(self.settings, before, task or self.task, motion, 1.0)
-            self.told = [event.text for event in dead_reckoning_events(before, self.state, begins=False)]
+            self.texts = [event.text for event in dead_reckoning_events(before, self.state, begins=False)]
             return self
 
         @property
@@ -44,17 +44,17 @@ def way(origin, tight):
 
 
 @pytest.mark.parametrize(("spread_m", "arrived"), [(0.0, True), (19.0, True), (21.0, False), (900.0, False)])
-def test_a_place_is_reached_as_far_as_it_is_certain(way, spread_m, arrived):
+def test_a_place_is_reached_only_if_the_position_is_certain(way, spread_m, arrived):
     assert way.at(FAR_M - 15.0, spread_m).state.arrived is arrived
     assert way.status.activity is Activity.STATION
     assert way.north_m == pytest.approx(FAR_M, abs=0.1)
-    assert way.told == ([] if arrived else [TEXTS["there"]])
-    assert way.at(FAR_M - 15.0, spread_m).told == []
-    assert way.at(FAR_M - 15.0, 0.0).state.arrived  # a fix says so
+    assert way.texts == ([] if arrived else [TEXTS["there"]])
+    assert way.at(FAR_M - 15.0, spread_m).texts == []
+    assert way.at(FAR_M - 15.0, 0.0).state.arrived  # with a fix
     assert way.state.halt is None
 
 
-def test_a_fix_far_from_where_she_was_reckoned_to_be_has_her_go_there_after_all(way):
+def test_a_fix_far_from_the_estimated_position_resumes_the_line(way):
     for north_m in range(2900, 3000, 2):
         way.at(float(north_m), 25.0)
     way.at(FAR_M - 300.0, 0.0)
@@ -63,16 +63,16 @@ def test_a_fix_far_from_where_she_was_reckoned_to_be_has_her_go_there_after_all(
     assert math.cos(way.status.heading_target.angle_rad) == pytest.approx(1.0)
 
 
-def test_nor_has_she_passed_a_place_by_reckoning_alone(way):
+def test_dead_reckoning_alone_does_not_pass_a_waypoint(way):
     for north_m in range(2400, 3400, 5):
         assert not way.at(float(north_m), 25.0).state.arrived
 
 
-def test_too_uncertain_on_the_way_she_stays_until_a_fix(way):
+def test_too_uncertain_on_the_way_the_boat_waits_for_a_fix(way):
     assert way.at(1000.0, 499.0).status.activity is Activity.LINE
-    assert way.at(1100.0, 501.0).told == [TEXTS["here"]]
+    assert way.at(1100.0, 501.0).texts == [TEXTS["here"]]
     for north_m, spread_m in ((1150.0, 600.0), (1080.0, 450.0), (1250.0, 700.0)):
-        assert way.at(north_m, spread_m).told == []
+        assert way.at(north_m, spread_m).texts == []
         assert (way.status.activity, way.state.arrived) == (Activity.STATION, False)
         assert way.north_m == pytest.approx(1100.0, abs=0.1)
     back_rad = way.status.heading_target.angle_rad
@@ -81,12 +81,12 @@ def test_too_uncertain_on_the_way_she_stays_until_a_fix(way):
     assert way.state.halt is None
 
 
-def test_what_stays_about_a_place_anyway_goes_on(way, origin):
+def test_station_keeping_and_orbits_continue_with_an_uncertain_position(way, origin):
     station, circle = HoldStation(origin, 100.0), Orbit(origin, 200.0, clockwise=True)
     way.at(50.0, 5000.0, task=station)
-    assert (way.status.activity, way.state.arrived, way.told) == (Activity.STATION, False, [])
+    assert (way.status.activity, way.state.arrived, way.texts) == (Activity.STATION, False, [])
     way.at(200.0, 5000.0, task=circle)
-    assert (way.status.activity, way.state.arrived, way.told) == (Activity.CIRCLE, False, [])
+    assert (way.status.activity, way.state.arrived, way.texts) == (Activity.CIRCLE, False, [])
     assert way.at(200.0, 199.0, task=circle).state.arrived
 
 

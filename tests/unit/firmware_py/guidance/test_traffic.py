@@ -1,4 +1,4 @@
-"""The table of vessels: who is kept, who is believed, and who is told of, once."""
+"""Table of vessels: entries, plausibility and reports."""
 
 import math
 import random
@@ -28,13 +28,13 @@ def look(state, t_s, *reports, own=HERE):
 
 
 def sail(seconds, *ships, state=None, every_s=10.0):
-    """Let ships go on in straight lines and report; return what was told, with the time."""
-    state, told = state or TrafficState(), []
+    """Let ships go on in straight lines and report; return the texts with their times."""
+    state, log = state or TrafficState(), []
     for t_s in range(round(seconds)):
         reports = [ship(float(t_s)) for ship in ships] if t_s % every_s == 0 else []
         state, texts = look(state, float(t_s), *reports)
-        told += [(t_s, text) for text in texts]
-    return state, told
+        log += [(t_s, text) for text in texts]
+    return state, log
 
 
 def straight(mmsi, north_m, east_m, speed_m_s=5.0, course_deg=180.0):
@@ -43,20 +43,20 @@ def straight(mmsi, north_m, east_m, speed_m_s=5.0, course_deg=180.0):
     return lambda t_s: position(mmsi, t_s, north_m + north_m_s * t_s, east_m + east_m_s * t_s, speed_m_s, course_deg)
 
 
-def test_an_approach_is_told_once_in_time_and_is_over_when_the_vessel_is_past():
-    state, told = sail(3000.0, straight(211000001, 9000.0, 200.0))
-    assert len(told) == 1
-    when_s, text = told[0]
+def test_an_approach_is_reported_once_and_ends_when_the_vessel_has_passed():
+    state, log = sail(3000.0, straight(211000001, 9000.0, 200.0))
+    assert len(log) == 1
+    when_s, text = log[0]
     assert text == "MMSI 211000001: closest 200 m in 27 min, bearing 1 deg"
     assert when_s == pytest.approx((9000.0 - 7500.0 - 458.0) / 5.0, abs=20.0)  # 25 min before it is within 500 m
     assert not state.near
     assert sail(1850.0, straight(211000001, 9000.0, 200.0))[0].near
 
 
-def test_a_vessel_that_comes_again_is_told_again():
+def test_a_second_approach_is_reported_again():
     ship = straight(1, 3000.0, 0.0)
-    state, told = sail(1500.0, ship)
-    assert len(told) == 1
+    state, log = sail(1500.0, ship)
+    assert len(log) == 1
     back = [position(1, 1500.0 + t, -4500.0 + 5.0 * t, 0.0, 5.0, 0.0) for t in range(0, 600, 10)]
     texts = []
     for report in back:
@@ -66,24 +66,24 @@ def test_a_vessel_that_comes_again_is_told_again():
 
 
 @pytest.mark.parametrize("east_m", [700.0, 5000.0])
-def test_who_passes_at_a_distance_is_not_told(east_m):
+def test_a_vessel_passing_at_a_distance_is_not_reported(east_m):
     assert sail(3000.0, straight(1, 9000.0, east_m))[1] == []
 
 
 @pytest.mark.parametrize(("distance_m", "count"), [(90.0, 1), (300.0, 0)])
-def test_what_lies_still_is_near_at_a_distance_of_its_own(distance_m, count):
+def test_vessels_at_rest_have_their_own_near_distance(distance_m, count):
     assert len(sail(100.0, straight(1, distance_m, 0.0, 0.1))[1]) == count
     assert len(sail(100.0, straight(1, distance_m, 0.0, None or 0.0))[1]) == count
 
 
-def test_she_sails_on_an_anchored_ship():
+def test_an_anchored_ship_ahead_is_reported():
     own = OwnMotion(HERE.place, (0.4, 0.0))
     state, texts = look(TrafficState(), 0.0, position(1, 0.0, 500.0, 20.0, 0.0), own=own)
     assert texts == ["MMSI 000000001: closest 20 m in 21 min, bearing 2 deg"]
     assert state.near
 
 
-def test_she_is_not_past_as_long_as_the_way_back_leads_close_behind():
+def test_a_vessel_has_not_passed_while_the_way_back_leads_near_it():
     place, north, back = HERE.place, (0.4, 0.0), (0.04, -0.39)
     state, _ = look(TrafficState(), 0.0, position(1, 0.0, 200.0, 10.0, 0.0), own=OwnMotion(place, north))
     assert state.near
@@ -93,36 +93,36 @@ def test_she_is_not_past_as_long_as_the_way_back_leads_close_behind():
         assert (state.near, texts) == (near, [])
 
 
-def test_a_vessel_without_speed_or_course_lies_where_it_is():
+def test_a_vessel_without_speed_or_course_does_not_move():
     report = VesselPosition(0.0, 1, VesselKind.CLASS_B, *placed(80.0, 0.0))
     state, texts = look(TrafficState(), 0.0, report)
     assert len(texts) == 1
     assert state.vessels[0].distance_m == pytest.approx(80.0, abs=0.1)
 
 
-def test_the_name_is_told_and_kept():
+def test_the_name_is_reported_and_kept():
     state, _ = look(TrafficState(), 0.0, position(1, 0.0, 3000.0, 0.0, 0.0), VesselIdentity(0.0, 1, "", "CALL", 70))
     state, _ = look(state, 1.0, VesselIdentity(1.0, 1, "ANNA"))
     assert state.vessels[0].identity == VesselIdentity(1.0, 1, "ANNA", "CALL", 70)
     state, texts = look(state, 5.0, position(1, 5.0, 3000.0, 0.0))
     assert texts == ["ANNA: closest 0 m in 10 min, bearing 0 deg"]
-    assert look(TrafficState(), 0.0, VesselIdentity(0.0, 2, "NOBODY"))[0].vessels == ()
+    assert look(TrafficState(), 0.0, VesselIdentity(0.0, 2, "ANNA"))[0].vessels == ()
 
 
-def test_without_a_position_of_her_own_nobody_is_near():
+def test_without_own_position_no_vessel_is_near():
     state, texts = look(TrafficState(), 0.0, position(1, 0.0, 100.0, 0.0), own=None)
     assert texts == []
     assert (state.vessels[0].distance_m, state.vessels[0].cpa_m) == (None, None)
 
 
 @pytest.mark.parametrize(("speed_m_s", "after_s"), [(5.0, 600.0), (0.0, 1800.0)])
-def test_who_is_silent_is_forgotten_and_what_lies_still_later(speed_m_s, after_s):
+def test_silent_vessels_are_removed_later_if_at_rest(speed_m_s, after_s):
     state, _ = look(TrafficState(), 0.0, position(1, 0.0, 3000.0, 0.0, speed_m_s))
     assert len(look(state, after_s)[0].vessels) == 1
     assert look(state, after_s + 2.0)[0].vessels == ()
 
 
-def test_a_leap_is_not_believed_until_others_bear_it_out():
+def test_a_jump_is_used_only_after_confirmation():
     state, _ = look(TrafficState(), 0.0, position(1, 0.0, 9000.0, 9000.0))
     there = state.vessels[0].position
     for t_s in (10.0, 20.0):
@@ -134,18 +134,18 @@ def test_a_leap_is_not_believed_until_others_bear_it_out():
     assert len(texts) == 1
 
 
-def test_two_that_send_one_number_do_not_throw_each_other_about():
-    state, told = TrafficState(), []
+def test_two_vessels_with_one_number_do_not_alternate():
+    state, log = TrafficState(), []
     for t_s in range(0, 300, 10):
         state, texts = look(state, float(t_s), position(1, t_s, 9000.0 - 5.0 * t_s, 9000.0))
-        told += texts
+        log += texts
         state, texts = look(state, t_s + 5.0, position(1, t_s + 5.0, 100.0, 0.0))
-        told += texts
-    assert told == []
+        log += texts
+    assert log == []
     assert state.vessels[0].distance_m > 9000.0
 
 
-def test_of_ten_thousand_those_that_could_be_here_soonest_are_kept():
+def test_a_full_table_keeps_the_vessels_that_could_arrive_first():
     rng = random.Random(2)
     state = TrafficState()
     real = position(999, 0.0, 6000.0, 0.0, 8.0)
@@ -162,14 +162,14 @@ def test_of_ten_thousand_those_that_could_be_here_soonest_are_kept():
     assert max(kept) < 60_000.0 / 10.5 + 100.0
 
 
-def test_of_many_that_come_near_one_is_told_after_the_other_the_first_to_come_first():
+def test_several_near_vessels_are_reported_in_order_of_approach():
     ghosts = [straight(number, 500.0 + 100.0 * number, 0.0) for number in range(1, 60)]
-    _, told = sail(60.0, *ghosts)
-    assert len(told) <= 12
-    assert told[0][1].startswith("MMSI 000000001: ")
+    _, log = sail(60.0, *ghosts)
+    assert len(log) <= 12
+    assert log[0][1].startswith("MMSI 000000001: ")
 
 
-def test_who_was_told_of_stays_in_a_full_table():
+def test_a_reported_vessel_stays_in_a_full_table():
     state, _ = look(TrafficState(), 0.0, position(1, 0.0, 400.0, 0.0, 0.6, 0.0))
     assert state.near
     for number in range(2, 300):
@@ -177,7 +177,7 @@ def test_who_was_told_of_stays_in_a_full_table():
     assert any(vessel.mmsi == 1 and vessel.near_s is not None for vessel in state.vessels)
 
 
-def test_what_the_receiver_refuses_is_told_now_and_then():
+def test_receiver_problems_are_reported_at_intervals():
     def health(text, role=DeviceRole.AIS):
         return (DeviceHealth(0.0, role, DeviceState.RUNNING, 1, 1, text),)
 
@@ -190,14 +190,14 @@ def test_what_the_receiver_refuses_is_told_now_and_then():
 
 def sail_north(seconds, *ships, speed_m_s=0.5, state=None, radius_m=math.inf, every_s=10.0):
     """Sail north, or to and fro within a radius, among ships that say where they are seen from the boat's place."""
-    state, told = state or TrafficState(), []
+    state, log = state or TrafficState(), []
     for t_s in range(round(seconds)):
         way_m = speed_m_s * t_s if radius_m == math.inf else radius_m * math.sin(speed_m_s * t_s / radius_m)
         own = OwnMotion(Place(*placed(way_m, 0.0)), (speed_m_s, 0.0))
         reports = [ship(float(t_s), way_m) for ship in ships] if t_s % every_s == 0 else []
         state, texts = look(state, float(t_s), *reports, own=own)
-        told += [(t_s, text) for text in texts]
-    return state, told
+        log += [(t_s, text) for text in texts]
+    return state, log
 
 
 def keeping(mmsi, off_m, speed_m_s=0.5):
@@ -205,35 +205,35 @@ def keeping(mmsi, off_m, speed_m_s=0.5):
     return lambda t_s, way_m: position(mmsi, t_s, way_m + off_m + 8.0 * math.sin(t_s), 5.0, speed_m_s, 0.0)
 
 
-def test_her_own_echo_is_told_apart_once_and_is_near_no_more():
-    state, told = sail_north(900.0, keeping(235000007, 0.0))
-    assert [text for _, text in told][1:] == ["MMSI 235000007: own echo, ignored"]
-    assert told[1][0] < 50.0 / 0.5 + 40.0
+def test_the_own_echo_is_reported_once_and_is_not_near():
+    state, log = sail_north(900.0, keeping(235000007, 0.0))
+    assert [text for _, text in log][1:] == ["MMSI 235000007: own echo, ignored"]
+    assert log[1][0] < 50.0 / 0.5 + 40.0
     assert not state.near
     (echo,) = state.vessels
     assert (echo.own, echo.is_avoidable) == (True, False)
 
 
-def test_an_echo_is_told_apart_where_she_keeps_station():
-    state, told = sail_north(3000.0, keeping(235000007, 0.0), radius_m=60.0)
-    assert told[-1][1].endswith("own echo, ignored")
+def test_the_own_echo_is_detected_during_station_keeping():
+    state, log = sail_north(3000.0, keeping(235000007, 0.0), radius_m=60.0)
+    assert log[-1][1].endswith("own echo, ignored")
     assert not state.near
 
 
 @pytest.mark.parametrize("off_m", [60.0, 80.0, -150.0])
-def test_an_escort_is_another_vessel(off_m):
-    state, told = sail_north(3000.0, keeping(244000123, off_m))
+def test_an_escort_is_not_an_echo(off_m):
+    state, log = sail_north(3000.0, keeping(244000123, off_m))
     assert state.vessels[0].is_avoidable
-    assert not any("echo" in text for _, text in told)
+    assert not any("echo" in text for _, text in log)
 
 
-def test_a_mark_that_she_circles_is_another_vessel():
+def test_a_mark_at_the_loiter_point_is_not_an_echo():
     def mark(t_s, _way_m):
         return position(992351001, t_s, 0.0, 5.0, 0.0, kind=VesselKind.MARK)
 
-    state, told = sail_north(3000.0, mark, radius_m=30.0)
+    state, log = sail_north(3000.0, mark, radius_m=30.0)
     assert state.near
-    assert len(told) == 1
+    assert len(log) == 1
 
 
 def test_an_echo_that_goes_elsewhere_is_a_vessel_again():
@@ -246,11 +246,11 @@ def test_an_echo_that_goes_elsewhere_is_a_vessel_again():
     assert state.near
 
 
-def test_who_stays_alongside_is_near_but_no_heading_is_taken_for_it():
-    state, told = sail_north(90.0, keeping(244000123, 0.0))
+def test_an_escort_alongside_is_near_but_not_avoided():
+    state, log = sail_north(90.0, keeping(244000123, 0.0))
     (vessel,) = state.vessels
     assert (vessel.own, vessel.near_s is not None, vessel.is_avoidable) == (False, True, False)
-    assert len(told) == 1
+    assert len(log) == 1
 
 
 BEACON = 972603802
@@ -276,7 +276,7 @@ def test_a_distress_beacon_is_reported_at_once_and_is_no_vessel_to_avoid(mmsi, s
     assert not state.near
     assert not state.vessels[0].is_avoidable
     assert state.vessels[0].title == f"Distress beacon {mmsi:09d}"
-    assert look(state, 602.0, beacon(602.0, mmsi, distance_m, status))[1]  # told again after ten minutes
+    assert look(state, 602.0, beacon(602.0, mmsi, distance_m, status))[1]  # repeated after ten minutes
 
 
 def test_a_beacon_is_reported_just_after_a_ship_and_several_one_after_the_other():
@@ -287,7 +287,7 @@ def test_a_beacon_is_reported_just_after_a_ship_and_several_one_after_the_other(
     assert [text[:25] for text in look(state, 4.0)[1]] == ["Distress beacon 972000002"]
 
 
-def test_a_beacon_is_reported_without_a_position_of_hers_or_of_its_own():
+def test_a_beacon_is_reported_without_positions():
     state, texts = look(TrafficState(), 0.0, VesselIdentity(0.0, BEACON), own=None)
     assert texts == [f"Distress beacon {BEACON}: no position yet"]
     for t_s in range(1, 600):
@@ -299,14 +299,14 @@ def test_a_beacon_is_reported_without_a_position_of_hers_or_of_its_own():
 
 
 @pytest.mark.parametrize("fix_s", [1, 4, 14, 300])
-def test_a_beacon_that_was_heard_before_the_first_fix_gets_its_bearing_with_it(fix_s):
+def test_a_beacon_gets_its_bearing_with_the_first_fix(fix_s):
     state, texts = look(TrafficState(), 0.0, beacon(0.0), own=None)
     assert len(texts) == 1
-    told = []
+    log = []
     for t_s in range(1, 400):
         state, texts = look(state, float(t_s), beacon(float(t_s)), own=HERE if t_s >= fix_s else None)
-        told += [(t_s, text) for text in texts]
-    ((when_s, text),) = told
+        log += [(t_s, text) for text in texts]
+    ((when_s, text),) = log
     assert fix_s <= when_s <= fix_s + 2
     assert re.fullmatch(rf"Distress beacon {BEACON}: 400 m, bearing (000|360) deg", text)
 

@@ -38,7 +38,7 @@ EAST, WEST = at(WAYPOINT, 0, 300), at(WAYPOINT, 10, -300)
 
 
 @pytest.mark.parametrize(
-    ("mission", "fence", "said"),
+    ("mission", "fence", "texts"),
     [
         ([EAST, WEST], SQUARE, []),
         ([EAST, WEST], [], []),
@@ -55,21 +55,21 @@ EAST, WEST = at(WAYPOINT, 0, 300), at(WAYPOINT, 10, -300)
         ([EAST], [*SQUARE, at(RETURN_POINT, 510, 0)], ["Fence item 4 is 10 m outside the fence"]),
     ],
 )
-def test_what_the_fence_would_end(mission, fence, said):
-    assert found(mission, fence) == said
+def test_breaches_of_a_mission(mission, fence, texts):
+    assert found(mission, fence) == texts
 
 
-def test_a_way_over_the_corner_of_a_bay_leaves_the_fence():
+def test_a_leg_across_a_bay_leaves_the_fence():
     bay = [
         at(INCLUDED, n, e, 8) for n, e in ((0, 0), (0, 300), (200, 300), (200, 200), (100, 150), (200, 100), (200, 0))
     ]
     bay.append(at(INCLUDED, 100, -50, 8))
-    said = found([at(WAYPOINT, 180, 50), at(WAYPOINT, 180, 250)], bay)
-    assert len(said) == 1
-    assert said[0].startswith("Leg to mission item 2 leaves the fence by ")
+    texts = found([at(WAYPOINT, 180, 50), at(WAYPOINT, 180, 250)], bay)
+    assert len(texts) == 1
+    assert texts[0].startswith("Leg to mission item 2 leaves the fence by ")
 
 
-def test_rally_points_are_judged_each_by_itself():
+def test_rally_points_are_checked_one_by_one():
     assert found([], REEF, [at(RALLY, 0, 300), at(RALLY, 0, -300), at(RALLY, -600, 0)]) == [
         "Rally point 2 is 100 m outside the fence"
     ]
@@ -82,7 +82,7 @@ def test_the_date_line_is_no_fence():
     assert found([at(WAYPOINT, 0, 600, centre=centre)], fence) == ["Mission item 1 is 100 m outside the fence"]
 
 
-def test_a_way_is_missed_by_no_more_than_the_distance_of_two_looks():
+def test_a_leg_is_checked_with_a_bounded_error():
     """Against a dense walk along the way, over random fences and ways."""
     draws = random.Random(5)
     missed = 0
@@ -97,13 +97,13 @@ def test_a_way_is_missed_by_no_more_than_the_distance_of_two_looks():
         ]
         if min(walk[0], walk[-1]) < 0.0:
             continue
-        said = found([at(WAYPOINT, *end) for end in ends], fence)
-        assert bool(said) >= (min(walk) < -1000.0 * math.sqrt(2.0) / MAX_CHECKS)
+        texts = found([at(WAYPOINT, *end) for end in ends], fence)
+        assert bool(texts) >= (min(walk) < -1000.0 * math.sqrt(2.0) / MAX_CHECKS)
         missed += min(walk) < 0.0
     assert missed > 5
 
 
-def test_the_looks_at_a_fence_are_bounded():
+def test_the_checks_of_a_fence_are_bounded():
     alongside = [at(WAYPOINT, 499.9, -499.0), at(WAYPOINT, 499.9, 499.0)]
     plans = Plans(Plan.of(PlanKind.MISSION, alongside), Plan.of(PlanKind.FENCE, SQUARE))
     assert sum(breach is None for breach in breaches(plans)) <= MAX_CHECKS + 3

@@ -29,7 +29,7 @@ def ring(*points, command=5001, count=None):
 SQUARE = ((0, 0), (0, 100), (100, 100), (100, 0))
 
 
-def test_polygons_are_put_together():
+def test_polygons_are_assembled():
     items = [*ring(*SQUARE), item(5003, 5.0), *ring((0, 0), (0, 9), (9, 0), command=5002)]
     plan = Plan.of(PlanKind.FENCE, items)
     assert problem_of(plan) is None
@@ -77,7 +77,7 @@ def test_bad_polygons(items, expected):
     assert problem(*items) == expected
 
 
-def test_a_polygon_that_would_take_long_to_judge_is_refused():
+def test_a_polygon_too_complex_to_check_is_refused():
     zigzag = [(100_000 * (index % 2) + index, 100_000 * (index // 2 % 2) - index) for index in range(900)]
     found = problem_of(Plan.of(PlanKind.FENCE, ring(*zigzag)))
     assert found is not None
@@ -100,7 +100,7 @@ def test_a_polygon_whose_corners_lie_on_one_line_is_refused(points, command):
 
 
 @given(st.lists(st.tuples(st.integers(-20, 20), st.integers(-20, 20)), min_size=3, max_size=9))
-def test_crossings_are_those_found_by_comparing_all_pairs(points):
+def test_crossings_agree_with_a_comparison_of_all_pairs(points):
     def side(a, b, p):
         return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 

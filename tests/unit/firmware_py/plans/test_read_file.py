@@ -138,12 +138,12 @@ def waypoints(*rows):
     return (HEADER + "".join(lines)).encode()
 
 
-def test_camera_items_are_passed_over_with_a_notice_and_jumps_lead_where_they_did():
-    said = []
+def test_camera_items_are_skipped_and_jumps_keep_their_targets():
+    texts = []
     rows = [(206, 25), (16, 0), (177, 6), (206, 0), (2000, 0), (16, 0), (177, 1), (17, 0)]
-    (plan,) = read_plan_file(waypoints(*rows), "a.waypoints", note=said.append)
+    (plan,) = read_plan_file(waypoints(*rows), "a.waypoints", note=texts.append)
     assert [(item.command, item.params[0]) for item in plan.items] == [(16, 0), (177, 2), (16, 0), (177, 0), (17, 0)]
-    assert said == [
+    assert texts == [
         "a.waypoints: mission: camera items skipped: 3 (MAV_CMD 206, 2000); the boat has no camera",
     ]
 
@@ -160,11 +160,11 @@ def test_camera_items_are_passed_over_with_a_notice_and_jumps_lead_where_they_di
         ([(42, 0)], "command 42 is not known in a mission"),
     ],
 )
-def test_what_is_wrong_beside_camera_items_keeps_its_number(rows, error):
-    said = []
+def test_problems_keep_their_item_numbers_beside_camera_items(rows, error):
+    texts = []
     with pytest.raises(PlanFileError, match=error):
-        read_plan_file(waypoints(*rows), "a", note=said.append)
-    assert said == []
+        read_plan_file(waypoints(*rows), "a", note=texts.append)
+    assert texts == []
 
 
 def test_the_item_of_an_unset_place_is_a_camera_s():

@@ -136,7 +136,7 @@ ints = st.integers(-(2**31), 2**31 - 1)
         z=singles,
     ),
 )
-def test_what_is_accepted_is_finite_and_in_range_where_it_means_something(kind, one):
+def test_accepted_items_are_finite_and_in_range(kind, one):
     found = problem_of(Plan.of(kind, (one,)))
     assert found is None or (found.result is not PlanResult.ACCEPTED and found.text)
     if found is None:
@@ -177,7 +177,7 @@ def test_the_first_bad_item_is_named():
         (item(178, 1.0, 1.0, frame=2), jump(0, 2), jump(3, -1), HERE),
     ],
 )
-def test_jumps_that_lead_on(items):
+def test_valid_jumps(items):
     assert problem(MISSION, *items) is None
 
 
@@ -192,7 +192,7 @@ def test_jumps_that_lead_on(items):
         ((HERE, item(178, 1.0, 1.0, frame=2), jump(1, 3), jump(1, -1)), 3),
     ],
 )
-def test_jumps_that_lead_nowhere_or_round_without_end(items, index):
+def test_invalid_and_endless_jumps(items, index):
     assert problem(MISSION, *items) == (index, PlanResult.INVALID_PARAM1)
 
 
@@ -208,7 +208,7 @@ NEAR, DELAY, TAG = item(114, 50.0, frame=2), item(112, 5.0, frame=2), item(600, 
         ((TAG, DELAY, item(601, 3.0, -1.0, frame=2)), None),
         ((item(600, 0.5, frame=2),), (0, PlanResult.INVALID_PARAM1)),
         ((NEAR, item(207, 1.0, frame=2), DELAY, HERE), None),
-        ((NEAR, item(16, x=0, y=0), HERE), (0, PlanResult.INVALID)),  # where she is
+        ((NEAR, item(16, x=0, y=0), HERE), (0, PlanResult.INVALID)),  # the present position
         ((NEAR, jump(2), HERE), (0, PlanResult.INVALID)),
         ((NEAR, RETURN), (0, PlanResult.INVALID)),
         ((item(207, 2.0, frame=2),), (0, PlanResult.INVALID_PARAM1)),
@@ -219,7 +219,7 @@ def test_tags_distances_and_the_fence(items, expected):
     assert problem(MISSION, *items) == expected
 
 
-def test_two_thousand_conditions_and_tags_are_judged_at_once():
+def test_two_thousand_conditions_and_tags_are_checked_fast():
     assert problem(MISSION, *[NEAR] * 1000, *[TAG] * 998, HERE) is None
 
 
@@ -227,7 +227,7 @@ def test_two_thousand_jumps_are_followed_without_recursion():
     assert problem(MISSION, HERE, *[jump(0)] * (MAX_PLAN_ITEMS - 1)) is None
 
 
-def test_a_judgement_is_remembered_by_the_plan_itself():
+def test_validation_is_cached_by_the_plan_object():
     plan = Plan.of(MISSION, (item(21),))
     assert problem_of(plan) is problem_of(plan)
     assert problem_of(Plan.of(MISSION, (HERE,))) is None

@@ -117,7 +117,7 @@ def test_whatever_is_stored_is_endings_or_no_record(content):
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b'{"counts":{},"last":[],"running":false}\n', b"\x93", b"\xc0"])
-def test_what_is_no_record_is_refused(content):
+def test_invalid_records_are_refused(content):
     with pytest.raises(ValueError):
         from_bytes(content)
 
