@@ -1,1 +1,1 @@
-"""What a run came to: the figures, the pictures, the page."""
+"""Results of a run: figures, plots, pages."""

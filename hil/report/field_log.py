@@ -1,7 +1,7 @@
-"""Onboard logs as a run is shown: the boat's own estimate in place of what really happened, and what she said.
+"""Onboard logs in the form of a run: the boat's own estimate in place of the truth, and its texts.
 
-The columns are read by name, so that a log of another version shows what it has. Logs of several starts stand at their
-dates; one without a date, or with one before the end of the log before it, directly behind that log.
+Columns are read by name, so that a log of another version shows what it contains. Logs of several starts are placed at
+their dates; one without a date, or with a date before the end of the previous log, directly behind that log.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from hil.sim.truth import Array, Truth
 
 _LINE: Final = Activity.LINE.value
 _ANY_FAULTS: Final = float(1 << 63)
-HELD_S = 60.0  # a goal that stands so long is judged as one
+HOLD_S = 60.0  # a goal that lasts this long has figures
 _DEFAULTS: Final = {row.name: row.default for row in TABLE}
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A time in one mode: from when, how long, and in degrees the errors of the heading and the rudder's travel."""
+    """A period in one mode: start, duration, and in degrees the heading errors and the rudder travel."""
 
     t_s: float
     seconds: float
@@ -48,13 +48,12 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class FieldLog:
-    """What logs hold; `goal_held_rad` is the goal where it stood for HELD_S, NaN else; `texts`: time, severity, text.
+    """Content of logs; `goal_held_rad` is the goal where it lasted HOLD_S, else NaN; `texts`: time, severity, text.
 
-    `more` holds columns beside the truth by the names of the page's model, in its units, NaN where nothing was logged
-    at a tick. `plans` and `home` (degrees) are the newest, north and east count from `origin`, people
-    count the items of a mission from `first_item`.
-    `late_us` are percentiles by name; `utc_s` is UTC at time 0 by the first log with a dated fix, `start_s` the time of
-    the process then. `cuts` are the rows with which a log begins that does not continue the one before.
+    `more` holds columns in addition to the truth, by the names and in the units of the page's model, NaN where a tick
+    has no value. `plans` and `home` (degrees) are the latest; north and east count from `origin`, mission items from
+    `first_item`. `late_us` are percentiles by name; `utc_s` is UTC at time 0 by the first log with a dated fix,
+    `start_s` the time of the process then. `cuts` are the first rows of logs that do not continue the previous one.
     """
 
     truth: Truth
@@ -79,7 +78,7 @@ class FieldLog:
     first_item: int = 0
 
     def axis_utc_s(self) -> float | None:
-        """Return UTC at time 0 where it is the same by all logs, else None."""
+        """Return UTC at time 0 if it is the same in all logs, else None."""
         agree = all(
             one.utc_s is not None and abs(one.utc_s - (self.utc_s or 0.0)) <= SAME_START_S for one in self.segments
         )
@@ -87,21 +86,21 @@ class FieldLog:
 
 
 def read(paths: Sequence[Path], *, every: int = 1) -> FieldLog:
-    """Read logs in their order, a row for one tick of each `every`.
+    """Read logs in their order, with a row for one of `every` ticks.
 
-    UsageError names the one that cannot be read, or that none holds a tick.
+    Raises UsageError for a log that cannot be read, and if no log holds a tick.
     """
     got = Gathered(every=every)
     for path in paths:
         try:
             with open_buffer(path) as data:
-                LogFile(path, got).take(data)
+                LogFile(path, got).read(data)
         except OSError as error:
             raise UsageError(f"{path}: {error.strerror or error}") from None
         except LogError as error:
             raise UsageError(f"{path}: {error}") from None
     if not got.columns["time_s"]:
-        raise UsageError(f"{paths[0] if paths else 'no log'}: no tick in it; give a log that the autopilot wrote")
+        raise UsageError(f"{paths[0] if paths else 'no log'}: not a Rambler log, or empty; give a log of the autopilot")
     return _made(got)
 
 
@@ -113,7 +112,7 @@ def _made(got: Gathered) -> FieldLog:
     heading = _filled(columns["heading"])
     hull = np.unwrap(np.where(np.isnan(columns["hull"]), heading, _filled(columns["hull"])))
     error = np.array([wrap_pi(value) if math.isfinite(value) else math.nan for value in columns["error"]])
-    goal = hull + error  # beside the heading, however often she has turned round
+    goal = hull + error  # on the heading's turn
     rudder = np.where(np.isnan(columns["rudder"]), columns["command"], columns["rudder"])
     north_m, east_m, speed_m_s = _track(got.fixes, time_s)
     truth = Truth(
@@ -180,7 +179,7 @@ def _is_set(name: str, value: float) -> bool:
 
 
 def _filled(values: Array) -> Array:
-    """Return values with what is missing as it was before, 0 before the first."""
+    """Return the values with gaps filled by the previous value, 0 before the first."""
     known = np.flatnonzero(np.isfinite(values))
     if not known.size:
         return np.zeros_like(values)
@@ -189,7 +188,7 @@ def _filled(values: Array) -> Array:
 
 
 def _beside(hull_rad: Array, compass_rad: Array, heading_rad: Array) -> Array:
-    """Return what the compass says beside the hull's heading, the mean difference taken off."""
+    """Return the compass heading near the hull's heading, with the mean difference removed."""
     compass_rad = _filled(np.where(np.isfinite(compass_rad), compass_rad, heading_rad))
     off_rad = _wrapped(compass_rad - hull_rad)
     mean_rad = math.atan2(float(np.mean(np.sin(off_rad))), float(np.mean(np.cos(off_rad))))
@@ -216,16 +215,16 @@ def _track(fixes: Mapping[str, array[float]], time_s: Array) -> tuple[Array, Arr
 
 
 def _held(time_s: Array, named_rad: Array, goal_rad: Array, cuts: Sequence[int]) -> Array:
-    """Return the goal, one number for each stretch in which it stood for HELD_S, NaN elsewhere."""
+    """Return the goal for each period in which it lasted HOLD_S, NaN elsewhere."""
     held = np.full_like(goal_rad, np.nan)
     if not time_s.size:
         return held
     changes = np.flatnonzero((named_rad[1:] != named_rad[:-1]) | (np.abs(np.diff(goal_rad)) > math.pi)) + 1
     for first, last in pairwise([0, *np.union1d(changes, cuts).astype(int), time_s.size]):
-        if last - first > 1 and time_s[last - 1] - time_s[first] >= HELD_S and np.isfinite(goal_rad[first]):
-            turns = round((goal_rad[first] - named_rad[first]) / math.tau)  # she may have turned round
+        if last - first > 1 and time_s[last - 1] - time_s[first] >= HOLD_S and np.isfinite(goal_rad[first]):
+            turns = round((goal_rad[first] - named_rad[first]) / math.tau)  # the heading is unwrapped
             held[first:last] = named_rad[first] + turns * math.tau
-    held[list(cuts)] = np.nan  # a goal that goes on in the next log is judged there as another one
+    held[list(cuts)] = np.nan  # a goal that continues in the next log counts there as another one
     return held
 
 

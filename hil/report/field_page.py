@@ -1,4 +1,4 @@
-"""report.html of a boat's own logs: the page of a run, from what she has kept."""
+"""report.html of a boat's own logs, in the form of a run's page."""
 
 from __future__ import annotations
 
@@ -22,23 +22,22 @@ from hil.sim.ground_station import MODE_NAMES
 from hil.sim.truth import PIECE_ROWS, Truth
 
 LOG_DIRECTORY = "logs"
-NEWEST = 3  # full logs of a state directory that are shown, with all of its thin log
-TEXTS_SHOWN, GOALS_SHOWN, STRETCHES_SHOWN = 200, 40, 60
+MAX_LOGS = 3  # full logs of a state directory on the page, with all of its thin log
+MAX_TEXTS, MAX_GOALS, MAX_STRETCHES = 200, 40, 60
 FIELD_NOTE = (
-    "The heading is the boat's own estimate, without the yaw of the waves: a compass that is off is off here, too. A "
-    "goal that stood for a minute is judged as one. The line of the compass is moved onto the heading by what the two "
-    "differ in the mean."
+    "The heading is the boat's own estimate, without wave yaw; an error of the compass is contained in it. A goal "
+    "counts if it lasted a minute. The compass line is shifted by its mean difference from the heading."
 )
 
 
 def logs_of(places: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
-    """Return the full and the thin logs of files and directories in order, and what was left out."""
+    """Return the full and the thin logs of files and directories in order, and notes on logs that are not included."""
     full: list[Path] = []
     thin: list[Path] = []
     notes = []
     for place in places:
         if not place.exists():
-            raise UsageError(f"{place} is not there; name logs, a state directory or that of a run")
+            raise UsageError(f"{place} does not exist; name logs, a state directory or that of a run")
         if not place.is_dir():
             (thin if place.parent.name == THIN else full).append(place)
             continue
@@ -47,9 +46,9 @@ def logs_of(places: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
         if logs is None:
             raise UsageError(f"{place} holds no logs; name logs, a state directory or that of a run")
         numbered = _numbered(logs)
-        full += numbered[-NEWEST:]
-        if len(numbered) > NEWEST:
-            notes.append(f"the newest {NEWEST} of {len(numbered)} full logs; name others to see them")
+        full += numbered[-MAX_LOGS:]
+        if len(numbered) > MAX_LOGS:
+            notes.append(f"the latest {MAX_LOGS} of {len(numbered)} full logs; name other logs to include them")
         thin += _numbered(logs / THIN)
     return full, thin, notes
 
@@ -59,7 +58,7 @@ def _numbered(directory: Path) -> list[Path]:
 
 
 def write(places: Sequence[Path], target: Path) -> None:
-    """Write the page of logs or directories of them; UsageError for what holds none or cannot be read."""
+    """Write the page of logs or directories of them; UsageError if there are none or they cannot be read."""
     full, thin, notes = logs_of(places)
     parts: list[str] = []
     title = ", ".join(str(place) for place in places)
@@ -69,11 +68,11 @@ def write(places: Sequence[Path], target: Path) -> None:
         except UsageError as error:
             if not thin:
                 raise
-            parts.append(page.paragraph(f"The full logs are not shown: {error}", "note"))
+            parts.append(page.paragraph(f"The full logs are not included: {error}", "note"))
     if thin:
         parts += _days_parts(thin_log.read(thin))
     if not parts:
-        raise UsageError(f"{title}: nothing in it to be shown")
+        raise UsageError(f"{title}: no records to show; give logs of the autopilot")
     try:
         target.write_text(page.page(title, parts, PLOTS), encoding="utf-8")
     except OSError as error:
@@ -87,9 +86,7 @@ def _days_parts(table: thin_log.ThinTable) -> Iterator[str]:
         yield page.table(thin_log.days(table))
     if table.undated_s > 0.0:
         hours = table.undated_s / 3600.0
-        yield page.paragraph(
-            f"{hours:.1f} h of the thin log are on no day: no clock of those starts was right.", "note"
-        )
+        yield page.paragraph(f"{hours:.1f} h of the thin log have no date, because no clock was valid then.", "note")
 
 
 def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> Iterator[str]:
@@ -102,40 +99,41 @@ def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> I
     yield from page.voyage(field_voyage(log))
     yield page.heading("Figures")
     if goals:
-        yield page.table([COLUMNS, *(goal_cells(asdict(goal), _clock(goal.t_s, log)) for goal in goals[:GOALS_SHOWN])])
+        yield page.table([COLUMNS, *(goal_cells(asdict(goal), _clock(goal.t_s, log)) for goal in goals[:MAX_GOALS])])
     yield page.table(
         [
-            ("under way", "for", "mean error", "rms error", "rudder travel"),
-            *(_stretch_cells(one, log) for one in log.stretches[:STRETCHES_SHOWN]),
+            ("mode", "duration", "mean error", "rms error", "rudder travel"),
+            *(_stretch_cells(one, log) for one in log.stretches[:MAX_STRETCHES]),
         ]
     )
     late = ", ".join(f"{name} {value:.0f} us" for name, value in log.late_us.items())
     yield page.paragraph(
-        f"loop: {log.ticks} ticks, {log.skipped} skipped; ticks late by {late}; steering took {log.steering_wh:.2f} Wh."
+        f"loop: {log.ticks} ticks, {log.skipped} skipped; lateness of ticks {late}; "
+        f"servo energy {log.steering_wh:.2f} Wh."
     )
-    more = [f"{len(rest)} more {what} are not shown" for what, rest in _left_out(log, len(goals)) if rest]
+    more = [f"{len(rest)} more {name} are not included" for name, rest in _left_out(log, len(goals)) if rest]
     yield page.paragraph(f"{NOTE} {FIELD_NOTE}", "note")
     if lines := [*notes, *log.notes, *more]:
         yield page.bullets(lines)
-    yield page.heading("What she said")
-    yield page.said(log.texts[-TEXTS_SHOWN:], lambda t_s: _clock(t_s, log))
+    yield page.heading("Texts of the autopilot")
+    yield page.events(log.texts[-MAX_TEXTS:], lambda t_s: _clock(t_s, log))
     yield page.heading("Logs")
     yield page.table([(str(path), page.Cell(f"rambler replay {shlex.quote(str(path))}")) for path in paths], head=False)
     yield page.heading("Settings")
     rows = [(name, f"{value:g}") for name, value in sorted(log.settings.items())]
-    yield page.table(rows, head=False) if rows else page.paragraph("Every parameter at its default.")
+    yield page.table(rows, head=False) if rows else page.paragraph("All parameters have their defaults.")
 
 
 def _left_out(log: FieldLog, goals: int) -> tuple[tuple[str, range], ...]:
     return (
-        ("goals", range(GOALS_SHOWN, goals)),
-        ("stretches of one mode", range(STRETCHES_SHOWN, len(log.stretches))),
-        ("older texts", range(TEXTS_SHOWN, len(log.texts))),
+        ("goals", range(MAX_GOALS, goals)),
+        ("periods of one mode", range(MAX_STRETCHES, len(log.stretches))),
+        ("older texts", range(MAX_TEXTS, len(log.texts))),
     )
 
 
 def _pieces(truth: Truth) -> list[Truth]:
-    """Return a truth in pieces, as a run's is read."""
+    """Split a truth into pieces, as for a run."""
     names = truth.__dataclass_fields__
     return [
         Truth(*(getattr(truth, name)[first : first + PIECE_ROWS] for name in names))
@@ -156,7 +154,7 @@ def _stretch_cells(one: field_log.Stretch, log: FieldLog) -> tuple[str, ...]:
 
 
 def _clock(t_s: float, log: FieldLog) -> str:
-    """Return a time of the page as UTC by the log that it is in; without a date, since the first tick of that log."""
+    """Return a time of the page as UTC by its log; without a date, the time since the first tick of that log."""
     here = next((one for one in reversed(log.segments) if one.begin_s <= t_s), log.segments[0])
     if here.utc_s is not None:
         return _calendar(here.utc_s + t_s)

@@ -21,18 +21,18 @@ Entries = Mapping[str, Mapping[str, Any]]
 ROOT = Path(__file__).parents[2]
 UNKNOWN = "unknown"
 DIGITS = 6
-MOST_BYTES = 16 << 20
-MOST_REPEATS = 14
-COUNTED = "instructions"  # the unit of what is counted: the same Python executes as many on any machine
+MAX_BYTES = 16 << 20
+MAX_REPEATS = 14
+COUNTED = "instructions"  # the unit of counts, which depend on the Python version but not on the machine
 
 
 def key_of(*words: str) -> str:
-    """Return the name under which pages ask for a figure: small letters, digits and underscores."""
+    """Return the key of a figure for the pages: lower-case letters, digits and underscores."""
     return re.sub(r"[^a-z0-9]+", "_", " ".join(words).lower()).strip("_")
 
 
 def origin(command: str, machine: str) -> dict[str, str]:
-    """Return when, from which commit, where and by what command figures are measured now."""
+    """Return date, commit, machine and command of figures measured now."""
     return {
         "when": datetime.now(UTC).strftime("%Y-%m-%d"),
         "commit": _commit(),
@@ -42,35 +42,35 @@ def origin(command: str, machine: str) -> dict[str, str]:
 
 
 def entry(value: float | str, unit: str, source: Mapping[str, str], **more: Any) -> dict[str, Any]:
-    """Return one entry of the file; a value is a number, or a text where one number does not say it.
+    """Return one entry of the file; a value is a number, or a text where a number is not enough.
 
-    ValueError for a number that is none: pages could not show it.
+    ValueError for NaN and infinity, which pages cannot show.
     """
     if not _finite(value):
-        raise ValueError(f"{value} is no figure to be shown")
+        raise ValueError(f"{value} is not a finite figure")
     kept = {name: _rounded(detail) for name, detail in more.items() if detail not in (None, "", []) and _finite(detail)}
     return {"value": _rounded(value), "unit": unit, **kept, **source}
 
 
 def merge(path: Path, entries: Entries) -> None:
-    """Write entries over those of their names and leave all others; several processes may do so at once.
+    """Merge entries into the file by name; several processes may do so at once.
 
-    An entry with `cases`, the values of several runs by name, keeps those of the same commit that are there already and
-    shows the largest. One with `repeats` adds them to those that are there, of which the latest MOST_REPEATS stay: what
-    a quantity scatters by from day to day is more than from minute to minute. What is COUNTED scatters by nothing, and
-    those of before would tell of another program.
+    An entry with `cases`, the values of several runs by name, keeps the cases of the same commit and has the largest
+    as its value. One with `repeats` appends them to the stored ones, up to the latest MAX_REPEATS, because the scatter
+    from day to day is larger than that from minute to minute. Repeats of a COUNTED figure replace the stored ones,
+    because counts have no scatter and old ones belong to another program.
     """
     with _locked(path) as file:
         content = _content(path, file)
         for name, fresh in entries.items():
-            # What was measured together stands together, in its order: tables are made of it.
+            # Figures of one measurement stay together in their order, because pages make tables of them.
             content[name] = _with_earlier(content.pop(name, {}), dict(fresh))
         file.truncate(0)
         file.write(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
 def read(option: str, path: Path) -> dict[str, Any]:
-    """Return the entries of a file that is there; UsageError for one that cannot be read or holds none."""
+    """Return the entries of an existing file; UsageError if it cannot be read or holds none."""
     try:
         with os.fdopen(open_regular(path, max_bytes=MOST_BYTES), encoding="utf-8") as file:
             return _content(path, file)
@@ -79,7 +79,7 @@ def read(option: str, path: Path) -> dict[str, Any]:
 
 
 def check(option: str, path: Path | None) -> None:
-    """Raise UsageError when figures cannot be merged into a file that was asked for; without a path all is well."""
+    """Raise UsageError if figures cannot be merged into a requested file."""
     if path is None:
         return
     try:
@@ -103,9 +103,9 @@ def _content(path: Path, file: TextIO) -> dict[str, Any]:
         text = file.read()
         content = json.loads(text) if text else {}
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path} holds no figures ({error}); give another") from None
+        raise UsageError(f"{path} is not a file of figures ({error}); give another") from None
     if not isinstance(content, dict):
-        raise UsageError(f"{path} holds no figures by name; give another")
+        raise UsageError(f"{path} is not a file of figures by name; give another")
     return content
 
 
@@ -115,12 +115,12 @@ def _with_earlier(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, An
         fresh["cases"] = dict(sorted({**kept, **fresh["cases"]}.items()))
         fresh["value"] = max(fresh["cases"].values())
     if "repeats" in fresh and fresh["unit"] != COUNTED:
-        fresh["repeats"] = [*old.get("repeats", []), *fresh["repeats"]][-MOST_REPEATS:]
+        fresh["repeats"] = [*old.get("repeats", []), *fresh["repeats"]][-MAX_REPEATS:]
     return fresh
 
 
 def _rounded(value: Any) -> Any:
-    """Return numbers without the digits that no measurement has."""
+    """Round numbers to the digits of a measurement."""
     if isinstance(value, list):
         return [_rounded(each) for each in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
@@ -132,7 +132,7 @@ def _finite(value: object) -> bool:
 
 def _commit() -> str:
     commit = _git("rev-parse", "--short=7", "HEAD")
-    # The file itself changes while it is written.
+    # The file itself changes during the measurement.
     changed = _git("status", "--porcelain", "--untracked-files=no", "--", ":/", ":(top,exclude)docs/figures.json")
     return (commit or UNKNOWN) + ("-changed" if changed else "")
 

@@ -1,7 +1,7 @@
-"""The figures of a run, from the truth alone, which comes in pieces: memory does not grow with its length.
+"""The figures of a run from its truth, which comes in pieces: memory does not grow with the length of the run.
 
-An error is heading less goal, so a boat that a rudder offset pushes to port of its goal
-has a negative mean. Headings are the hull's, without the yaw of the waves.
+An error is heading less goal: a boat that a rudder bias pushes to port of its goal has a negative mean error. Headings
+are those of the hull without wave yaw.
 """
 
 from __future__ import annotations
@@ -23,13 +23,12 @@ SECONDS_PER_HOUR = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class GoalFigures:
-    """One goal, from when it was due until the next one or the end.
+    """Figures of one goal, from its time until the next goal or the end.
 
-    `step_deg` is the way round that she took. `overshoot_deg` is how far past the goal the boat goes, in that
-    direction, before `steady_from_s`; 0 for a step smaller than 3 deg. `settling_s` is when, counted from the
-    goal's start, the boat was outside of +-3 deg for the last time; None when it still is at the
-    end. The errors and the rudder travel are of the steady part, which begins 200 s after
-    the goal, or with the last third of a goal that does not last that long.
+    `step_deg` is the turn that the boat made. `overshoot_deg` is how far the boat turns beyond the goal, in that
+    direction, before `steady_from_s`; 0 for a step smaller than 3 deg. `settling_s` is the last time, from the goal's
+    start, at which the error was larger than 3 deg; None if it still is at the end. The errors and the rudder travel
+    are those of the steady part, which begins 200 s after the goal, or with the last third of a shorter goal.
     """
 
     t_s: float
@@ -47,7 +46,7 @@ class GoalFigures:
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    """Rows [first, last) of a truth, in which the goal is the same, and where and when they begin and end."""
+    """Rows [first, last) of a truth with the same goal, with their times and the last heading."""
 
     first: int
     last: int
@@ -58,22 +57,22 @@ class _Span:
 
 
 def off_goal_rad(heading_rad: Array, goal_rad: Array) -> Array:
-    """Return heading less goal, at most half a turn: who has come to it the other way round is on it, too."""
+    """Return heading less goal, wrapped to half a turn."""
     error_rad = heading_rad - goal_rad
     return np.asarray(error_rad - TWO_PI * np.floor(error_rad / TWO_PI + 0.5))
 
 
 def turned_goal_rad(goal_rad: float, end_heading_rad: float) -> float:
-    """Return a goal on the turn on which she ended.
+    """Return a goal on the turn on which the boat ended.
 
-    It is recorded on the one nearest to her when it is given; she goes by her compass, and about half a turn away
-    that may be the other way round.
+    The truth records it on the turn nearest to the heading when it was set; for a step of about half a turn the boat
+    may turn the other way.
     """
     return goal_rad + TWO_PI * math.floor((end_heading_rad - goal_rad) / TWO_PI + 0.5)
 
 
 def turned_goals_rad(truth: Truth) -> Array:
-    """Return the goals of a truth, each on the turn on which she ended."""
+    """Return the goals of a truth, each on the turn on which the boat ended."""
     found = truth.goal_rad.copy()
     for first, last in goal_spans(truth.goal_rad):
         found[first:last] = turned_goal_rad(float(found[first]), float(truth.heading_low_rad[last - 1]))
@@ -81,7 +80,7 @@ def turned_goals_rad(truth: Truth) -> Array:
 
 
 def goal_figures(truth: Iterable[Truth]) -> tuple[GoalFigures, ...]:
-    """Return the figures of every goal that lasts for at least two rows; the pieces are gone through twice."""
+    """Return the figures of every goal with at least two rows; the pieces are iterated twice."""
     tallies = [_Tally(span) for span in _spans(truth) if span.last - span.first >= 2]
     row = 0
     for piece in truth:
@@ -92,7 +91,7 @@ def goal_figures(truth: Iterable[Truth]) -> tuple[GoalFigures, ...]:
 
 
 def goal_spans(goal_rad: Array) -> list[tuple[int, int]]:
-    """Return [first, last) rows of each stretch of a constant goal; rows without a goal are left out."""
+    """Return [first, last) rows of each period with a constant goal; rows without a goal are skipped."""
     if goal_rad.size == 0:
         return []
     changes = np.flatnonzero(goal_rad[1:] != goal_rad[:-1]) + 1  # NaN differs from itself: split, then dropped
@@ -117,15 +116,15 @@ def _spans(truth: Iterable[Truth]) -> list[_Span]:
 
 
 class RudderTravel:
-    """How far a rudder turns, up and down."""
+    """Sum of absolute rudder movement."""
 
     def __init__(self) -> None:
-        """Begin before the first row."""
+        """Start before the first row."""
         self._travel_rad = self._start_s = self._end_s = 0.0
-        self._last_rad: Array | None = None  # of one angle
+        self._last_rad: Array | None = None  # of one element
 
     def add(self, time_s: Array, rudder_rad: Array) -> None:
-        """Take the next rows."""
+        """Add rows."""
         if time_s.size == 0:
             return
         if self._last_rad is None:
@@ -136,21 +135,21 @@ class RudderTravel:
         self._last_rad, self._end_s = rudder_rad[-1:].copy(), float(time_s[-1])
 
     def deg_per_h(self) -> float:
-        """By the hour; 0 for fewer than two rows."""
+        """Return the travel per hour; 0 for fewer than two rows."""
         if self._end_s <= self._start_s:
             return 0.0
         return degrees(self._travel_rad) * SECONDS_PER_HOUR / (self._end_s - self._start_s)
 
 
 def rudder_travel_deg_per_h(time_s: Array, rudder_rad: Array) -> float:
-    """Return how far the rudder turned, up and down, by the hour; 0 for fewer than two rows."""
+    """Return the sum of absolute rudder movement per hour; 0 for fewer than two rows."""
     travel = RudderTravel()
     travel.add(time_s, rudder_rad)
     return travel.deg_per_h()
 
 
 def steady_rudder_travel_deg_per_h(goals: Sequence[GoalFigures]) -> float | None:
-    """Return the rudder travel over the steady parts of all goals together; None without any."""
+    """Return the rudder travel over the steady parts of all goals; None without any."""
     travel_deg = hours = 0.0
     for goal in goals:
         share_h = (goal.steady_to_s - goal.steady_from_s) / SECONDS_PER_HOUR
@@ -160,7 +159,7 @@ def steady_rudder_travel_deg_per_h(goals: Sequence[GoalFigures]) -> float | None
 
 
 class _Tally:
-    """The figures of one goal while its rows go by."""
+    """Accumulates the figures of one goal."""
 
     def __init__(self, span: _Span) -> None:
         self._span = span
@@ -173,7 +172,7 @@ class _Tally:
         self._travel = RudderTravel()
 
     def add(self, piece: Truth, row: int) -> None:
-        """Take the goal's rows out of a piece that begins at a row of the truth."""
+        """Add the goal's rows from a piece that begins at a row of the truth."""
         first, last = max(self._span.first - row, 0), min(self._span.last - row, piece.time_s.size)
         if first >= last:
             return
@@ -188,7 +187,7 @@ class _Tally:
         outside = np.flatnonzero(np.abs(error_rad) > SETTLED_RAD)
         if outside.size:
             self._settled_s = float(time_s[outside[-1] + 1]) if outside[-1] + 1 < time_s.size else None
-        # At least the last two rows are steady.
+        # At least the last two rows belong to the steady part.
         steady = int(np.searchsorted(time_s, self._steady_s - 1e-9))
         steady = min(steady, max(self._span.last - 2 - row - first, 0))
         self._overshoot_rad = max(self._overshoot_rad, _past_rad(heading_rad[:steady] - goal_rad, -self._step_rad))
@@ -204,7 +203,7 @@ class _Tally:
         self._travel.add(time_s, rudder_rad)
 
     def figures(self) -> GoalFigures:
-        """Return the figures, when all rows have gone by."""
+        """Return the figures after all rows."""
         span, count = self._span, self._sizes.count
         return GoalFigures(
             t_s=span.start_s,
@@ -222,7 +221,7 @@ class _Tally:
 
 
 class _Largest:
-    """The 95th percentile of at most so many values: a twentieth of them is kept."""
+    """The 95th percentile of at most `most` values: the largest twentieth of them is stored."""
 
     PART = 0.95
 
@@ -232,7 +231,7 @@ class _Largest:
         self._kept: Array = np.empty(0)
 
     def add(self, values: Array) -> None:
-        """Take more values."""
+        """Add values."""
         self.count += values.size
         self._kept = np.concatenate((self._kept, values))
         if (surplus := self._kept.size - self._keep) > 0:
@@ -249,7 +248,7 @@ class _Largest:
 
 
 def overshoot_rad(error_rad: Array) -> float:
-    """Return how far the error goes beyond zero, away from where it started; 0 for hardly any step."""
+    """Return the largest error beyond zero, opposite to the initial one; 0 for a small step."""
     return _past_rad(error_rad, float(error_rad[0])) if error_rad.size else 0.0
 
 

@@ -1,4 +1,4 @@
-"""The records of onboard logs that a page shows, taken by name, however long the logs are and wherever they are cut."""
+"""Records of onboard logs for a page, read by name, from logs of any length, also from damaged ones."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from hil.report.orders import Orders
 
 BETWEEN_S = 0.1  # between logs without dates
 SAME_START_S = 60.0  # the clock of a process and that of the receiver differ by less in a month
-_SHORTEST_GAP_S = 5.0  # a shorter time without ticks is not reported
-_MOST_SKIPPED = 1e9  # ticks between two: more is damage
+_MIN_GAP_S = 5.0  # a shorter time without ticks is not reported
+_MAX_SKIPPED = 1e9  # ticks between two: more is damage
 _WITH_TEXT = ("MSG", "PARM", "CHK", "REQ")
-_MOST_PARTS = 1 << 12  # of a state: more is damage
-_LONGEST_S = 1e9  # of a process: what is beyond it is damage
+_MAX_PARTS = 1 << 12  # of a state: more is damage
+_MAX_PROCESS_S = 1e9  # later times are damage
 _FIX_COLUMNS = ("time_s", "latitude_rad", "longitude_rad", "speed_m_s")
 _READ_BY_TICK: Final[Mapping[str, Mapping[str, str]]] = {
     "NAV": {"Hdg": "heading", "YawR": "yaw_rate", "Goal": "goal", "Err": "error"},
@@ -33,7 +33,7 @@ _READ_BY_TICK: Final[Mapping[str, Mapping[str, str]]] = {
     "WTR": {"U": "water", "CN": "current_north", "CE": "current_east"},
     "SUPL": {"Volt": "battery_v", "SoC": "charge", "Sun": "solar_w", "Load": "load_w"},
 }
-# The speed of a fix, the servo's power and the compass's own words come into the row of their tick, too.
+# Speed of a fix, servo power and raw compass heading are columns of their tick, too.
 _TICK_COLUMNS: Final = (
     "time_s",
     "ground",
@@ -41,7 +41,7 @@ _TICK_COLUMNS: Final = (
     "compass",
     *(name for row in _READ_BY_TICK.values() for name in row.values()),
 )
-_WANTED: Final[dict[str, Sequence[str]]] = {
+_COLUMNS: Final[dict[str, Sequence[str]]] = {
     "TICK": ("T", "Late", "Skip"),
     "FIX": ("T", "LatR", "LngR", "Sog"),
     "MSG": ("TimeUS", "Message", "Sev"),
@@ -54,9 +54,9 @@ _WANTED: Final[dict[str, Sequence[str]]] = {
 
 
 class Segment(NamedTuple):
-    """One log on the page: its name, when it begins there, and the UTC of time 0 of the page by this log's date.
+    """One log on the page: its name, its start there, and the UTC of the page's time 0 by this log's date.
 
-    `gap_s` is the time without ticks before it, NaN where a log is not dated.
+    `gap_s` is the time without ticks before it, NaN for a log without a date.
     """
 
     name: str
@@ -66,16 +66,13 @@ class Segment(NamedTuple):
 
     @property
     def is_apart(self) -> bool:
-        """Whether the boat did something unknown between the log before and this one."""
-        return not self.gap_s < _SHORTEST_GAP_S
+        """Whether the log does not continue the previous one."""
+        return not self.gap_s < _MIN_GAP_S
 
 
 @dataclass(slots=True)
 class Gathered:
-    """What is taken of logs, one after the other: a row a tick, fixes, texts, parameters; times are the page's.
-
-    Of the ticks one in `every` has a row.
-    """
+    """Content of logs in order: a row for one of `every` ticks, fixes, texts, parameters; times are the page's."""
 
     every: int = 1
     ticks: int = 0
@@ -91,7 +88,7 @@ class Gathered:
     software: str = ""
     skipped: int = 0
     steering_j: float = 0.0
-    end_s: float = 0.0  # of what has been taken
+    end_s: float = 0.0  # of the records so far
     shift_s: float = 0.0  # from the time of the process to that of the page
     start_s: float = 0.0  # of the process, at the first tick: time 0 of the page
     utc_s: float | None = None  # of time 0 of the page, by the first log with a date
@@ -99,11 +96,11 @@ class Gathered:
     notes: list[str] = field(default_factory=list)
 
 
-def records(data: Buffer, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """Yield name and columns of each wanted record, in order; a column that a log lacks is NaN."""
+def records(data: Buffer, columns: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """Yield name and columns of each record named in `columns`, in order; a column that a log lacks is NaN."""
     places: dict[Format, tuple[int | None, ...]] = {}
     for found, at in Parser(data):
-        labels = wanted.get(found.name)
+        labels = columns.get(found.name)
         if labels is None:
             continue
         if found not in places:
@@ -113,10 +110,10 @@ def records(data: Buffer, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple
 
 
 class LogFile:
-    """Takes the records of one file."""
+    """Reads the records of one file."""
 
     def __init__(self, path: Path, got: Gathered) -> None:
-        """Take the records of a file to what was taken before."""
+        """Add the records of a file to those of earlier files."""
         self._path, self._got = path, got
         self._row: dict[str, float] = {}
         self._first_s: float | None = None
@@ -124,33 +121,33 @@ class LogFile:
         self._texts: list[tuple[float, int, str]] = []
         self._energy: tuple[float, float] | None = None
         self._pieces: list[bytes] = []
-        self._take: Mapping[str, Callable[..., None]] = {
+        self._readers: Mapping[str, Callable[..., None]] = {
             "TICK": self._tick, "FIX": self._fix, "MSG": self._text, "PARM": self._parameter, "ENRG": self._steering,
             "CHK": partial(self._join, "CHK"), "REQ": partial(self._join, "REQ"), "HDG": self._compass,
         }  # fmt: skip
 
-    def take(self, data: Buffer) -> None:
-        """Take all records."""
+    def read(self, data: Buffer) -> None:
+        """Read all records."""
         self._utc_shift_s = utc_offset_s(data)
-        wanted = _WANTED | {name: tuple(row) for name, row in _READ_BY_TICK.items()}
-        for name, values in records(data, wanted):
+        columns = _COLUMNS | {name: tuple(row) for name, row in _READ_BY_TICK.items()}
+        for name, values in records(data, columns):
             if name in _READ_BY_TICK:
                 self._row.update(zip(_READ_BY_TICK[name].values(), map(_number, values), strict=True))
             elif name in _WITH_TEXT:
-                self._take[name](*values)
+                self._readers[name](*values)
             else:
-                self._take[name](*map(_number, values))
+                self._readers[name](*map(_number, values))
         self._flush()
         shift_s = self._got.shift_s  # known from the first tick on
         self._got.texts += [(t_s + shift_s, severity, text) for t_s, severity, text in self._texts]
         if self._energy is not None:
             self._got.steering_j += self._energy[1] - self._energy[0]
         if self._first_s is None:
-            self._got.notes.append(f"{self._path.name} holds no tick")
+            self._got.notes.append(f"{self._path.name}: no tick")
 
     def _tick(self, t_s: float, late_s: float, skipped: float) -> None:
         self._flush()
-        if not 0.0 <= t_s < _LONGEST_S:
+        if not 0.0 <= t_s < _MAX_PROCESS_S:
             return
         got = self._got
         if self._first_s is None:
@@ -158,17 +155,17 @@ class LogFile:
             self._begin(t_s)
         self._row = {"time_s": t_s + got.shift_s}
         got.late_s.append(late_s)
-        got.skipped += int(skipped) if skipped < _MOST_SKIPPED else 0
+        got.skipped += int(skipped) if skipped < _MAX_SKIPPED else 0
 
     def _begin(self, t_s: float) -> None:
-        """Place the log on the page: at its date, or directly behind the log before."""
+        """Place the log on the page: at its date, or directly behind the previous log."""
         got, shift_s = self._got, self._utc_shift_s
         gap_s = 0.0
         if not got.segments:
             got.shift_s, got.start_s = -t_s, t_s
         else:
             dated_s = math.nan if shift_s is None or got.utc_s is None else shift_s - got.utc_s
-            if t_s + got.shift_s <= got.end_s or abs(dated_s - got.shift_s) > SAME_START_S:  # of another start
+            if t_s + got.shift_s <= got.end_s or abs(dated_s - got.shift_s) > SAME_START_S:  # another start
                 got.shift_s = max(got.end_s + BETWEEN_S - t_s, dated_s)  # NaN is not greater
                 gap_s = math.nan if got.shift_s != dated_s else gap_s
             elif shift_s is None and got.segments[-1].utc_s is not None:
@@ -178,8 +175,8 @@ class LogFile:
         got.utc_s = utc_s if got.utc_s is None else got.utc_s
         got.segments.append(segment := Segment(self._path.name, t_s + got.shift_s, utc_s, gap_s))
         if segment.is_apart:
-            known = f"{gap_s:.0f} s without a log before it" if gap_s >= 0.0 else "time since the log before it unknown"
-            got.notes.append(f"{segment.name}: {known}")
+            gap = f"{gap_s:.0f} s without a log before it" if gap_s >= 0.0 else "unknown time since the previous log"
+            got.notes.append(f"{segment.name}: {gap}")
 
     def _flush(self) -> None:
         row, got = self._row, self._got
@@ -202,7 +199,7 @@ class LogFile:
             column.append(value)
 
     def _text(self, time_us: Any, message: Any, severity: Any) -> None:
-        if not isinstance(message, bytes):  # its description is damaged
+        if not isinstance(message, bytes):  # damaged format record
             return
         text = text_of(message)
         if not self._got.software and text.startswith("rambler"):
@@ -214,21 +211,19 @@ class LogFile:
             self._got.settings[text_of(name)] = _number(value)
 
     def _join(self, kind: str, part: Any, parts: Any, length: Any, piece: Any) -> None:
-        """Take a part of a text, and the whole when it is there: a state, or a request."""
+        """Add a part of a text, and process the complete text: a state, or a request."""
         if part == 0:
             self._pieces = []
-        if not isinstance(piece, bytes) or part != len(self._pieces) or len(self._pieces) >= _MOST_PARTS:
+        if not isinstance(piece, bytes) or part != len(self._pieces) or len(self._pieces) >= _MAX_PARTS:
             return
         self._pieces.append(piece[: int(length)])
         if part + 1 != parts:
             return
         text = b"".join(self._pieces).decode("utf-8", "replace")
         if kind == "CHK":
-            self._got.orders.take_state(text)
+            self._got.orders.add_state(text)
         else:
-            self._got.orders.take_request(
-                text, {name: column[-1] for name, column in self._got.fixes.items() if column}
-            )
+            self._got.orders.add_request(text, {name: column[-1] for name, column in self._got.fixes.items() if column})
 
     def _compass(self, source: float, heading_rad: float) -> None:
         if source == 0:
@@ -240,5 +235,5 @@ class LogFile:
 
 
 def _number(value: Any) -> float:
-    """Return a number as it is, and NaN for what is none where damage has changed what a column is."""
+    """Return a number unchanged, and NaN for another type, which a damaged log may contain."""
     return value if isinstance(value, (int, float)) else math.nan

@@ -1,4 +1,4 @@
-"""Plans and home as a log tells of them: in the state that it begins with, and in requests after it."""
+"""Plans and home in a log: from its initial state, and from requests after it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from firmware_py.common.plan import Plan, from_plain
 from firmware_py.log.schema import REQUEST
 
 PLANS: Final = ("mission", "fence", "rally")
-_WANTED: Final = (ReplacePlan.__name__, SetHome.__name__)
+_REQUESTS: Final = (ReplacePlan.__name__, SetHome.__name__)
 
 
 class Orders:
-    """The newest plans, and home in degrees; None while nobody has set it: it is the first fix then."""
+    """The latest plans, and home in degrees; None until it is set: then home is the first fix."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Start without any."""
         self.plans: dict[str, Plan] = {}
         self.home: tuple[float, float] | None = None
 
-    def take_state(self, text: str) -> None:
-        """Take a checkpoint, as far as it can be read."""
+    def add_state(self, text: str) -> None:
+        """Read a checkpoint, as far as possible."""
         try:
             state = json.loads(text)
             plans, home = state.get("plans") or {}, state.get("home")
@@ -32,11 +32,11 @@ class Orders:
             if home:
                 self._set_home(home["latitude_rad"], home["longitude_rad"])
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            return  # of another version, or damaged
+            return  # another version, or damaged
 
-    def take_request(self, text: str, fix: Mapping[str, float]) -> None:
-        """Take a request of an operator; `fix` is the newest, `lat` and `lng` in radians."""
-        if not any(name in text for name in _WANTED):
+    def add_request(self, text: str, fix: Mapping[str, float]) -> None:
+        """Read a request of an operator; `fix` is the latest, `lat` and `lng` in radians."""
+        if not any(name in text for name in _REQUESTS):
             return
         try:
             intent = _intent(text)

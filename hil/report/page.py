@@ -1,4 +1,4 @@
-"""The parts of a self-contained HTML page: plots of voyages, pictures within it, tables."""
+"""The parts of a self-contained HTML page: plots of voyages, embedded images, tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WARNING = 4  # MAV_SEVERITY; red from here on, but for the ordered end by a sign
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of a table that is more than a figure: the classes of its style, and a note below its text."""
+    """A table cell with style classes and a note below its text."""
 
     text: str
     classes: str = "words"
@@ -23,7 +23,7 @@ class Cell:
 
 
 def page(title: str, parts: Iterable[str], scripts: tuple[str, ...] = ()) -> str:
-    """Return a whole page of parts, which are HTML, under a title, which is plain text; scripts draw voyages."""
+    """Return a page of HTML parts under a plain-text title; the scripts draw voyages."""
     return document(title, parts, scripts)
 
 
@@ -43,18 +43,18 @@ def bullets(lines: Iterable[str]) -> str:
 
 
 def verbatim(text: str) -> str:
-    """Return text as it stands on a terminal."""
+    """Return preformatted text."""
     return f"<pre>{escape(text)}</pre>"
 
 
 def image(png: bytes, description: str) -> str:
-    """Return a picture that is within the page itself."""
+    """Return an embedded image."""
     data = base64.b64encode(png).decode("ascii")
     return f'<img alt="{escape(description)}" src="data:image/png;base64,{data}">'
 
 
 def images(pictures: Iterable[tuple[bytes, str]]) -> str:
-    """Return pictures with their descriptions, side by side where the page is wide enough."""
+    """Return images with their descriptions, side by side if the page is wide enough."""
     return '<div class="pictures">' + "".join(image(png, description) for png, description in pictures) + "</div>"
 
 
@@ -68,18 +68,18 @@ def table(rows: Iterable[Sequence[str | Cell]], *, head: bool = True) -> str:
 
 
 def voyage(content: Voyage) -> list[str]:
-    """Return the plots of a voyage, and what stands in their place where no script runs."""
-    return [data_block("voyage", content), "<noscript><p>The plots need a browser that runs scripts.</p></noscript>"]
+    """Return the plots of a voyage, and their replacement without scripts."""
+    return [data_block("voyage", content), "<noscript><p>The plots need a browser with scripts.</p></noscript>"]
 
 
-def said(marks: Iterable[tuple[float, int, str]], moment: Callable[[float], str]) -> str:
-    """Return what was said as a table, whose rows lead into the plots; graver words stand out."""
+def events(marks: Iterable[tuple[float, int, str]], moment: Callable[[float], str]) -> str:
+    """Return texts as a table whose rows link to the plots; severe texts are highlighted."""
     rows = [
         f'<tr data-time="{t_s:.2f}"><td>{escape(moment(t_s))}</td>'
         f'<td class="words{" bad" if severity <= WARNING and text[:3] != "SIG" else ""}">{escape(text)}</td></tr>'
         for t_s, severity, text in marks
     ]
-    head = '<tr><th>at</th><th class="words">text</th></tr>'
+    head = '<tr><th>time</th><th class="words">text</th></tr>'
     return f'<div class="scroll"><table>{head}{"".join(rows)}</table></div>'
 
 

@@ -20,21 +20,22 @@ from hil.report.thinning import thinned
 from hil.report.voyages import run_voyage
 from hil.sim import run_file
 from hil.sim.run_directory import PAGE, PICTURE, STATE, TRUTH_FILE
-from hil.sim.run_file import FINISHED, RunFile
+from hil.sim.run_file import FINISHED, UNDER_WAY, RunFile
 from hil.sim.truth import Recorded, Truth
 
-TEXTS_SHOWN = 500
+MAX_TEXTS = 500
 NOTE = (
-    "Errors are heading less goal, of the hull's heading without the yaw of the waves. The steady part, which the "
-    "errors and the rudder travel are of, begins 200 s after a goal, or with the last third of a shorter one. "
-    "Overshoot is before that, in the direction of the step; settled is when she was outside 3 deg for the last time."
+    "Errors are heading less goal; the heading is the hull's without wave yaw. Errors and rudder travel are those of "
+    "the steady part, which begins 200 s after a goal, or with the last third of a shorter one. Overshoot is counted "
+    "before it, in the direction of the step. Settled: last time with an error larger than 3 deg."
 )
+INTERRUPTED = "interrupted"
 
 
 def make(out: Path) -> tuple[Summary, Path]:
-    """Write summary.json, report.html and run.png of a run, over or cut short; return figures and the page's path.
+    """Write summary.json, report.html and run.png of a run, complete or partial; return figures and the page's path.
 
-    The picture is left out where matplotlib is not installed. UsageError for a directory of no run.
+    run.png is omitted if matplotlib is not installed. UsageError for a directory without a run.
     """
     record = run_file.read(out)
     log = summary.onboard(out)
@@ -46,7 +47,7 @@ def make(out: Path) -> tuple[Summary, Path]:
     if few is not None:
         few = replace(few, goal_rad=turned_goals_rad(few))
     if few is not None and importlib.util.find_spec("matplotlib") is not None:
-        from hil.report.run_picture import draw  # noqa: PLC0415 - slow to import, and a float has it not
+        from hil.report.run_picture import draw  # noqa: PLC0415 - slow to import and optional
 
         draw(few, goal_figures(truth), record.title, out / PICTURE)
     try:
@@ -63,20 +64,20 @@ def _page(record: RunFile, figures: Summary, truth: Truth | None, log: FieldLog 
         record.title,
         [
             page.paragraph(lead, "lead"),
-            *([] if record.ending == FINISHED else [page.paragraph(f"Cut short: {record.ending}.", "bad")]),
+            *_ending(record),
             *([] if truth is None else page.voyage(run_voyage(truth, log, shift_s))),
             page.heading("Figures"),
             *([page.table([COLUMNS, *map(goal_cells, figures["goals"])])] if figures["goals"] else []),
             *_mission(figures),
             page.paragraph(f"{loop_line(figures)}."),
             page.paragraph(NOTE, "note"),
-            page.heading("What she said"),
-            *_said(figures),
-            page.heading("The sea"),
+            page.heading("Texts of the autopilot"),
+            *_events(figures),
+            page.heading("Scenario"),
             page.table(record.sea, head=False),
-            page.heading("The orders"),
-            page.table([("order", "given", "accepted"), *_orders(record)]),
-            page.heading("The run"),
+            page.heading("Commands of the operator"),
+            page.table([("command", "sent", "accepted"), *_orders(record)]),
+            page.heading("Origin of the run"),
             page.table(_origin(record, figures, out), head=False),
             page.heading("Settings"),
             _settings(record),
@@ -85,36 +86,44 @@ def _page(record: RunFile, figures: Summary, truth: Truth | None, log: FieldLog 
     )
 
 
+def _ending(record: RunFile) -> Iterator[str]:
+    """Yield how a run ended early; an interruption by the operator is not a failure."""
+    if record.ending != FINISHED:
+        text = "no end recorded, the run is under way or was killed" if record.ending == UNDER_WAY else record.ending
+        is_failure = not record.ending.startswith(INTERRUPTED)
+        yield page.paragraph(f"Ended early: {text}.", "bad" if is_failure else "note")
+
+
 def _mission(figures: Summary) -> Iterator[str]:
     if (line := figures["cross_track"]) is not None:
         yield page.paragraph(
-            f"On her lines she was {line['rms_m']:.1f} m off (rms), within {line['p95_m']:.1f} m for 95 % of the time, "
-            "by her own receiver."
+            f"Cross-track error {line['rms_m']:.1f} m (rms), below {line['p95_m']:.1f} m for 95 % of the time, by the "
+            "boat's receiver."
         )
     if figures["arrivals"]:
-        done = ", ".join(f"{one['item']} at {one['time_s']:.0f} s" for one in figures["arrivals"][:TEXTS_SHOWN])
-        yield page.paragraph(f"Items of the mission done: {done}.")
+        done = ", ".join(f"{one['item']} at {one['time_s']:.0f} s" for one in figures["arrivals"][:MAX_TEXTS])
+        yield page.paragraph(f"Mission items reached: {done}.")
 
 
-def _said(figures: Summary) -> Iterator[str]:
+def _events(figures: Summary) -> Iterator[str]:
     events = figures["events"]
     if not events:
-        yield page.paragraph("There is no onboard log that tells.")
+        yield page.paragraph("No onboard log with texts.")
         return
-    if len(events) > TEXTS_SHOWN:
-        yield page.paragraph(f"The last {TEXTS_SHOWN} of {len(events)}; summary.json has them all.", "note")
-    shown = [(one["time_s"], one["severity"], one["text"]) for one in events[-TEXTS_SHOWN:]]
-    yield page.said(shown, lambda t_s: f"{t_s:.1f} s")
+    if len(events) > MAX_TEXTS:
+        yield page.paragraph(f"The last {MAX_TEXTS} of {len(events)}; summary.json has all.", "note")
+    marks = [(one["time_s"], one["severity"], one["text"]) for one in events[-MAX_TEXTS:]]
+    yield page.events(marks, lambda t_s: f"{t_s:.1f} s")
 
 
 def _origin(record: RunFile, figures: Summary, out: Path) -> Iterator[tuple[str, page.Cell]]:
     logs = log_files(out / STATE / "logs") if (out / STATE / "logs").is_dir() else {}
     yield "command", page.Cell(shlex.join(record.command))
-    yield "begun", page.Cell(record.begun)
-    yield "ended", page.Cell(record.ending)
-    yield "made with", page.Cell(", ".join(f"{name} {text}" for name, text in record.versions.items()))
+    yield "start", page.Cell(record.begun)
+    yield "end", page.Cell(record.ending)
+    yield "versions", page.Cell(", ".join(f"{name} {text}" for name, text in record.versions.items()))
     if own := figures.get("figures_by"):
-        yield "figures by", page.Cell(", ".join(f"{name} {text}" for name, text in own.items()))
+        yield "versions of the figures", page.Cell(", ".join(f"{name} {text}" for name, text in own.items()))
     for _, path in sorted(logs.items()):
         yield "log", page.Cell(str(path), note=f"rambler replay {shlex.quote(str(path))}")
     yield "this page", page.Cell(str(out / PAGE), note=f"rambler-hil report {shlex.quote(str(out))}")
@@ -122,7 +131,7 @@ def _origin(record: RunFile, figures: Summary, out: Path) -> Iterator[tuple[str,
 
 def _settings(record: RunFile) -> str:
     rows = [(name, f"{value:g}") for name, value in record.settings.items()]
-    return page.table(rows, head=False) if rows else page.paragraph("Every parameter at its default.")
+    return page.table(rows, head=False) if rows else page.paragraph("All parameters have their defaults.")
 
 
 def _orders(record: RunFile) -> list[tuple[str, str, str]]:

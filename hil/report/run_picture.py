@@ -1,4 +1,4 @@
-"""The picture of a run: heading, error, yaw rate and rudder over time, and the track."""
+"""The plot of a run: heading, error, yaw rate and rudder over time, and the track."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TABLE_ROWS = 4
 
 
 def draw(truth: Truth, goals: Sequence[GoalFigures], title: str, path: Path) -> None:
-    """Write the picture of a truth of any number of rows, best of a thinned one, as a PNG file."""
+    """Write the plot of a truth as a PNG file; a long truth should be thinned."""
     figure = new_figure(title, *SIZE_INCHES)
     left, right = figure.subfigures(1, 2, width_ratios=(2.2, 1.0))
     _panels(left, truth)
@@ -117,7 +117,7 @@ def _track(axes: Any, truth: Truth, goals: Sequence[GoalFigures]) -> None:
 
 
 def _table(axes: Any, goals: Sequence[GoalFigures]) -> None:
-    """Write the figures that matter beside the lines they come from."""
+    """Write the main figures beside the plots."""
     rows = [("goal", "overshoot", "settled", "rms error")]
     for goal in goals[:TABLE_ROWS]:
         settled = "never" if goal.settling_s is None else f"{goal.settling_s:.0f} s"

@@ -1,4 +1,4 @@
-"""The spectrum of a boat's yaw: what the compass shows, what she steers by, and what the filter took for waves."""
+"""Yaw spectra of a boat: compass, estimated heading, and their difference, which the filter attributes to waves."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from hil.report.field_log import FieldLog
 from hil.sim.truth import Array
 
 SEGMENT_S: Final = 200.0
-_LEAST_SEGMENT_S: Final = 20.0
-_LONGEST_S: Final = 60.0  # of the periods shown: turns are slower
-_LINES: Final = 160  # of the page: equally far apart by octaves
+_MIN_SEGMENT_S: Final = 20.0
+_MAX_PERIOD_S: Final = 60.0  # turns are slower
+_LINES: Final = 160  # of the page: equally spaced in octaves
 _DIGITS: Final = 8
-_LEAST_WAVES_DEG: Final = 0.2  # below, the filter's period is that of nothing
+_MIN_WAVES_DEG: Final = 0.2  # below, the filter's wave period is meaningless
 
 
 def spectrum_of(log: FieldLog) -> dict[str, Any] | None:
     """Return the spectra for a page, in deg2/Hz; None for a log that is too short, or without an estimate."""
     truth = log.truth
-    # Of the longest part without a gap.
+    # The longest part without a gap.
     part = slice(*max(pairwise([0, *log.cuts, truth.time_s.size]), key=lambda ends: ends[1] - ends[0]))
     time_s, compass, hull = (column[part] for column in (truth.time_s, truth.heading_rad, truth.heading_low_rad))
     if time_s.size < 3 or np.array_equal(compass, hull):
         return None
     period_s, waves_deg = log.more["wave_period_s"][part], log.more["wave_sd_deg"][part]
-    told = np.isfinite(period_s) & (waves_deg > _LEAST_WAVES_DEG)
-    return spectra(time_s, compass, hull, period_s[told & _second_half(told)])
+    known = np.isfinite(period_s) & (waves_deg > _MIN_WAVES_DEG)
+    return spectra(time_s, compass, hull, period_s[known & _second_half(known)])
 
 
 def spectra(time_s: Array, compass_rad: Array, hull_rad: Array, period_s: Array) -> dict[str, Any] | None:
-    """Return the spectra of headings, unwrapped, for a page; None where the time is too short.
+    """Return the spectra of unwrapped headings for a page; None if the time is too short.
 
-    period_s: of the waves as estimated, whose median is marked.
+    The median of period_s, the estimated wave period, is marked.
     """
     step_s = float(np.median(np.diff(time_s)))
     even_s = np.arange(time_s[0], time_s[-1], step_s)
     rows = min(int(SEGMENT_S / step_s), even_s.size)
-    if rows * step_s < _LEAST_SEGMENT_S:
+    if rows * step_s < _MIN_SEGMENT_S:
         return None
     compass, steered = (np.degrees(np.interp(even_s, time_s, heading)) for heading in (compass_rad, hull_rad))
     hertz: Array = np.asarray(np.fft.rfftfreq(rows, step_s)[1:], dtype=np.float64)
@@ -50,8 +50,8 @@ def spectra(time_s: Array, compass_rad: Array, hull_rad: Array, period_s: Array)
         [label, look, numbers(_smoothed(hertz, density(values, rows, step_s)[1:]), _DIGITS)]
         for label, look, values in (
             ("compass", "faint", compass),
-            ("taken for waves", "command", compass - steered),
-            ("steered by", "main", steered),
+            ("waves (estimated)", "command", compass - steered),
+            ("heading (estimated)", "main", steered),
         )
     ]
     marks = []
@@ -62,7 +62,7 @@ def spectra(time_s: Array, compass_rad: Array, hull_rad: Array, period_s: Array)
 
 
 def _second_half(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return np.arange(rows.size) >= rows.size // 2  # it has to learn first
+    return np.arange(rows.size) >= rows.size // 2  # the filter learns in the first half
 
 
 def density(values: Array, rows: int, step_s: float) -> Array:
@@ -79,11 +79,11 @@ def density(values: Array, rows: int, step_s: float) -> Array:
 
 
 def _places(hertz: Array) -> Array:
-    return np.geomspace(max(hertz[0], 1.0 / _LONGEST_S), hertz[-1], _LINES)
+    return np.geomspace(max(hertz[0], 1.0 / _MAX_PERIOD_S), hertz[-1], _LINES)
 
 
 def _smoothed(hertz: Array, values: Array) -> Array:
-    """Return the means around places that are equally far apart by octaves; between two frequencies on the line."""
+    """Return means around frequencies that are equally spaced in octaves, interpolated between two frequencies."""
     places = _places(hertz)
     width = math.sqrt(places[1] / places[0])
     first, last = (np.searchsorted(hertz, places * factor) for factor in (1.0 / width, width))

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, the empty figure, and how a panel is finished."""
+"""Common style of all plots: colours, the empty figure, and the style of a panel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HEADROOM = 0.22  # of the height, for a legend in one row
 
 
 def new_figure(title: str, width_in: float, height_in: float) -> Any:
-    """Return an empty figure with its title at the left, to be saved as a file and shown on no screen."""
+    """Return an empty figure with its title at the left, to be saved to a file."""
     figure = Figure(figsize=(width_in, height_in), dpi=DOTS_PER_INCH, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK)
@@ -22,7 +22,7 @@ def new_figure(title: str, width_in: float, height_in: float) -> Any:
 
 
 def name_panel(axes: Any, title: str, *, x: str = "", y: str = "") -> None:
-    """Write a panel's title at its left, and what its axes show."""
+    """Write a panel's title at its left, and the names of its axes."""
     axes.set_title(title, fontsize=10, color=INK, loc="left")
     axes.set_xlabel(x)
     axes.set_ylabel(y)

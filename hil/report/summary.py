@@ -1,4 +1,4 @@
-"""summary.json: what a run came to, for other programs; made of what lies in the directory of the run."""
+"""summary.json: the results of a run for other programs, computed from the directory of the run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hil.sim.run_file import OrderRecord, RunFile
 from hil.sim.truth import Recorded
 
 DIGITS = 4
-WHOLE_BYTES = 64 << 20  # of logs, more than 3 h of them
+FULL_BYTES = 64 << 20  # of logs with all ticks, about 3 h
 Summary = dict[str, Any]
 
 
@@ -56,7 +56,7 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
         "rudder_travel_whole_deg_per_h": travel.deg_per_h() if end_s else None,
         **({} if record.supply is None else {"supply": record.supply}),
         **({} if record.vessels is None else {"vessels": record.vessels}),
-        **_told(record, log),
+        **_onboard(record, log),
         "arrivals": [{"time_s": t_s, "item": item} for t_s, item in record.arrivals],
         "loop": _loop(record, log),
         "lockstep": record.lockstep,
@@ -70,10 +70,10 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
 
 
 def onboard(out: Path) -> FieldLog | None:
-    """Return what the logs of a run hold, of long ones some ticks; None without any that can be read."""
+    """Return the content of a run's logs, for long logs some ticks only; None without readable logs."""
     logs = out / STATE / "logs"
     paths = [path for _, path in sorted(log_files(logs).items())] if logs.is_dir() else []
-    every = math.ceil(sum(path.stat().st_size for path in paths) / WHOLE_BYTES)
+    every = math.ceil(sum(path.stat().st_size for path in paths) / FULL_BYTES)
     try:
         return field_log.read(paths, every=max(1, every)) if paths else None
     except UsageError:
@@ -81,7 +81,7 @@ def onboard(out: Path) -> FieldLog | None:
 
 
 def onboard_shift_s(record: RunFile, log: FieldLog) -> float:
-    """Return from the times of a log to those of the truth: in real time by the receiver's clock, some 0.3 s off."""
+    """Return the shift from log time to the truth's; in real time by the receiver's clock, within 0.3 s."""
     if record.lockstep or log.utc_s is None:
         return log.start_s
     return log.utc_s - record.start_utc_s
@@ -98,7 +98,7 @@ def write(summary: Summary, out: Path) -> None:
 def _loop(record: RunFile, log: FieldLog | None) -> Summary | None:
     if log is None:
         return None
-    note = "in lockstep time stands still while the autopilot computes" if record.lockstep else ""
+    note = "in lockstep the simulated time stands still while the autopilot computes" if record.lockstep else ""
     late_us = None if record.lockstep else dict(log.late_us) or None
     return {"ticks": log.ticks, "skipped": log.skipped, "lateness_us": late_us, "note": note}
 
@@ -110,7 +110,7 @@ def _accepted_s(goal_s: float, orders: Sequence[OrderRecord]) -> float | None:
     return None
 
 
-def _told(record: RunFile, log: FieldLog | None) -> Summary:
+def _onboard(record: RunFile, log: FieldLog | None) -> Summary:
     """Return the texts of the autopilot and the cross-track error."""
     if log is None:
         return {"events": [], "cross_track": None}

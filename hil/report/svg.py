@@ -1,4 +1,4 @@
-"""Small pictures of numbers as SVG within a page: they take its colours, light or dark, and its width."""
+"""Small plots as SVG within a page, with the page's colours, light or dark, and its width."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ BINS = 32
 COUNT_WIDTH = 40  # of the numbers beside a histogram
 LINE = 22  # of a row of intervals
 NAME_WIDTH = 150
-TAIL = 0.005  # of the numbers to each side may lie outside a histogram; they are counted at its edge
+TAIL = 0.005  # share of the numbers at each side that a histogram counts in its outermost bins
 
 
 def card(title: str, picture: str, *lines: str) -> str:
-    """Return a picture under its title, with lines of text below."""
+    """Return a plot under its title, with lines of text below."""
     notes = "".join(f'<p class="note">{escape(line)}</p>' for line in lines)
     return f'<div class="card"><header>{escape(title)}</header>{picture}{notes}</div>'
 
@@ -31,7 +31,7 @@ def cards(each: Sequence[str]) -> str:
 
 
 def histogram(values: Array, marks: Sequence[float] = ()) -> str:
-    """Return how numbers are spread, with upright lines at marks; what is far out stands at the edge."""
+    """Return a histogram with vertical lines at marks; outliers are counted in the outermost bins."""
     low, high = (float(np.quantile(values, share)) for share in (TAIL, 1.0 - TAIL))
     if not high - low > 1e-9 * max(1.0, abs(low)):
         low, high = low - 0.5, low + 0.5
@@ -53,7 +53,7 @@ def histogram(values: Array, marks: Sequence[float] = ()) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A value with its confidence; what is not sure to be other than zero stands back."""
+    """A value with its confidence interval; intervals that contain zero are drawn faint."""
 
     name: str
     value: float
@@ -67,7 +67,7 @@ class Interval:
 
 
 def intervals(rows: Sequence[Interval], reach: float | None = None) -> str:
-    """Return values with their confidence one below the other, about zero, as far as `reach` to either side."""
+    """Return confidence intervals one below the other around zero, up to `reach` to either side."""
     most = reach or max((abs(end) for row in rows for end in (row.low, row.high) if math.isfinite(end)), default=1.0)
     most = most or 1.0
     inner = WIDTH - NAME_WIDTH - MARGIN
@@ -88,23 +88,23 @@ def intervals(rows: Sequence[Interval], reach: float | None = None) -> str:
 
 def _axis(low: float, high: float, left: float, inner: float, base: float) -> str:
     texts = "".join(
-        f'<text x="{left + inner * share:.1f}" y="{base + 14}" text-anchor="{anchor}">{shown(number)}</text>'
+        f'<text x="{left + inner * share:.1f}" y="{base + 14}" text-anchor="{anchor}">{formatted(number)}</text>'
         for share, number, anchor in ((0.0, low, "start"), (0.5, 0.5 * (low + high), "middle"), (1.0, high, "end"))
     )
     return f'<line class="frame" x1="{left}" x2="{left + inner}" y1="{base}" y2="{base}"/>{texts}'
 
 
 def _counts(most: int, left: float, base: float, tall: float) -> str:
-    """Return an upright axis of counts: none, half of the most where that is whole, the most."""
+    """Return a vertical axis of counts: zero, half of the maximum if whole, the maximum."""
     texts = "".join(
-        f'<text x="{left - 4}" y="{base - tall * count + 4:.1f}" text-anchor="end">{shown(count)}</text>'
+        f'<text x="{left - 4}" y="{base - tall * count + 4:.1f}" text-anchor="end">{formatted(count)}</text>'
         for count in (0, *((most // 2,) if most % 2 == 0 else ()), most)
     )
     return f'<line class="frame" x1="{left}" x2="{left}" y1="{HEAD}" y2="{base}"/>{texts}'
 
 
-def shown(value: float) -> str:
-    """Return a number with three digits or more, and without a power of ten where it can be."""
+def formatted(value: float) -> str:
+    """Return a number with three digits or more, without an exponent if possible."""
     if abs(value) < 1e-12:
         return "0"
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"

@@ -10,7 +10,7 @@ COLUMNS = ("goal", "overshoot", "settled after", "mean error", "rms error", "95 
 
 
 def figures_text(summary: Summary) -> str:
-    """Return the table and the loop's health."""
+    """Return the table of goals and the line of the loop."""
     rows = [COLUMNS, *map(goal_cells, summary["goals"])] if summary["goals"] else []
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
@@ -18,7 +18,7 @@ def figures_text(summary: Summary) -> str:
 
 
 def goal_cells(goal: dict[str, Any], moment: str = "") -> tuple[str, ...]:
-    """Return one goal's figures as texts with units; `moment` stands in place of its seconds."""
+    """Return one goal's figures as texts with units; `moment` replaces its time in seconds."""
     at = moment or f"{goal['t_s']:.0f} s"
     settled = "never" if goal["settling_s"] is None else f"{goal['settling_s']:.0f} s"
     return (
@@ -33,16 +33,16 @@ def goal_cells(goal: dict[str, Any], moment: str = "") -> tuple[str, ...]:
 
 
 def loop_line(summary: Summary) -> str:
-    """Return how the control loop kept time."""
+    """Return the timing of the control loop in one line."""
     if not summary["sailed_s"]:
         return f"empty run, no figures: {summary['ending']}"
     loop = summary["loop"]
     ratio = summary["speed_ratio"]
     speed = "speed unknown" if ratio is None else f"{ratio:.1f} x real time"
     if loop is None:
-        return f"loop: no onboard log that can be read; {speed}"
+        return f"loop: no readable onboard log; {speed}"
     lateness = loop["lateness_us"]
     late = f"; {loop['note']}" if loop["note"] else ""
     if lateness is not None:
-        late = "; ticks late by " + ", ".join(f"{name} {value:.0f} us" for name, value in lateness.items())
+        late = "; lateness of ticks " + ", ".join(f"{name} {value:.0f} us" for name, value in lateness.items())
     return f"loop: {loop['ticks']} ticks, {loop['skipped']} skipped{late}; {speed}"

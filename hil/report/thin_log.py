@@ -1,4 +1,4 @@
-"""The thin log of a boat: a row a minute for a year, as arrays, and its picture over days."""
+"""The thin log of a boat: one row a minute for a year, as arrays, and its plots over days."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from hil.sim.truth import Array
 
 Rows = NDArray[np.intp]
 DAY_S: Final = 86_400.0
-_GAP_S: Final = 600.0  # longer than this between two rows, and no line is drawn between them
+_GAP_S: Final = 600.0  # no line is drawn across a longer gap between two rows
 _SAILING = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
 _UPKEEP = ("Enr", "TSrv", "BatV", "SoC", "Sun", "Load", "Skip")
 
 
 @dataclass(frozen=True, slots=True)
 class ThinTable:
-    """Rows of the thin log by their labels there, in order of time; NaN for what was not known.
+    """Rows of the thin log by column label, in order of time; NaN for unknown values.
 
-    `undated_s` is how long those were that no clock knew the time of; they are left out.
+    `undated_s` is the duration of the rows without a valid clock, which are not included.
     """
 
     columns: dict[str, Array]
@@ -43,20 +43,20 @@ class ThinTable:
 
     @property
     def rows(self) -> int:
-        """Return how many rows there are."""
+        """Return the number of rows."""
         return self.columns["Utc"].size
 
 
 def read(paths: Sequence[Path]) -> ThinTable:
-    """Read thin logs; rows whose time cannot be are left out. UsageError names the one that cannot be read."""
+    """Read thin logs without rows of impossible times. Raises UsageError for a log that cannot be read."""
     rows: list[tuple[float, ...]] = []
     times_s: list[float] = []
-    wanted = {"THIN": ("TimeUS", *_SAILING), "THNE": _UPKEEP}
+    columns = {"THIN": ("TimeUS", *_SAILING), "THNE": _UPKEEP}
     for path in paths:
         sailing: tuple[float, ...] | None = None
         try:
             with open_buffer(path) as data:
-                for name, values in records(data, wanted):
+                for name, values in records(data, columns):
                     if name == "THIN":
                         sailing = values
                     elif sailing is not None:
@@ -73,8 +73,8 @@ def read(paths: Sequence[Path]) -> ThinTable:
 
 
 def days(table: ThinTable) -> Iterator[tuple[str, ...]]:
-    """Yield a row of texts for each day: what it was and what it took; the head first."""
-    yield "day (UTC)", "logged", "armed", "rms error", "rudder travel", "steering", "made good", "faults", "skipped"
+    """Yield a row of texts for each day, the header first."""
+    yield "day (UTC)", "logged", "armed", "rms error", "rudder travel", "servo energy", "made good", "faults", "skipped"
     utc_s = table["Utc"]
     numbers = np.floor(utc_s / DAY_S).astype(int)
     for number in np.unique(numbers):
@@ -98,7 +98,7 @@ def days(table: ThinTable) -> Iterator[tuple[str, ...]]:
 
 
 def made_good_m(table: ThinTable, rows: NDArray[np.bool_]) -> float:
-    """Return how far she got between the first and the last place of some rows, wherever on earth."""
+    """Return the distance between the first and the last known position of some rows."""
     lat, lng = table["Lat"], table["Lng"]
     known = np.flatnonzero(rows & np.isfinite(lat) & np.isfinite(lng))
     if known.size < 2:
@@ -108,7 +108,7 @@ def made_good_m(table: ThinTable, rows: NDArray[np.bool_]) -> float:
 
 
 def places_m(table: ThinTable) -> tuple[Array, Array]:
-    """Return north and east of the first place that is known."""
+    """Return north and east of the first known position."""
     lat, lng = table["Lat"], table["Lng"]
     known = np.flatnonzero(np.isfinite(lat) & np.isfinite(lng))
     if not known.size:
@@ -117,35 +117,35 @@ def places_m(table: ThinTable) -> tuple[Array, Array]:
     return (lat - lat[known[0]]) * EARTH_RADIUS_M, east_rad * math.cos(float(lat[known[0]])) * EARTH_RADIUS_M
 
 
-# What is drawn where any of it is known: its name with the unit, the column, and by what it is multiplied.
+# Panels, drawn if any value is known: name with unit, column, factor.
 PANELS: Final = (
     ("rms error, deg", "Rms", math.degrees(1.0)),
     ("rudder travel, deg/h", "Trv", math.degrees(3600.0)),
-    ("steering, W", "Enr", 1.0),
-    ("faults (1: any)", "Flt", 1.0),
+    ("servo power, W", "Enr", 1.0),
+    ("fault active (1: any)", "Flt", 1.0),
     ("wave period, s", "WT", 1.0),
-    ("servo, deg C", "TSrv", 1.0),
+    ("servo temperature, deg C", "TSrv", 1.0),
     ("battery, V", "BatV", 1.0),
-    ("charge, %", "SoC", 100.0),
+    ("state of charge, %", "SoC", 100.0),
 )
 
 
 def panel_values(table: ThinTable, panel: tuple[str, str, float]) -> Array:
-    """Return what a panel shows, a value a row."""
+    """Return the values of a panel, one for each row."""
     _, label, factor = panel
     values = table[label] * factor
-    if label in ("Trv", "Enr"):  # counted over the span of the row
+    if label in ("Trv", "Enr"):  # sums over the duration of the row
         seconds = table["Sec"]
         values = np.divide(values, seconds, out=np.full_like(values, np.nan), where=seconds > 1.0)
     return np.asarray((values > 0.0).astype(float) if label == "Flt" else values)
 
 
 def gaps_of(time_s: Array) -> Rows:
-    """Return the rows before which nothing was logged."""
+    """Return the first rows after gaps."""
     return np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
 
 
 def broken(time_s: Array, columns: Mapping[str, Array], gaps: Rows) -> dict[str, Array]:
-    """Return columns over time, as lines that are broken before the rows `gaps`."""
+    """Return columns over time with NaN rows before `gaps`, where lines are broken."""
     found = {name: np.insert(values, gaps, np.nan) for name, values in columns.items()}
     return {"time_s": np.insert(time_s, gaps, (time_s[gaps - 1] + time_s[gaps]) / 2.0), **found}

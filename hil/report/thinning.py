@@ -1,4 +1,4 @@
-"""A truth of any length in few rows, for a picture or a page, without losing a peak."""
+"""Reduction of a truth to few rows for plots, without losing a peak."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 
 from hil.sim.truth import COLUMNS, Array, Truth
 
-WHOLE_ROWS = 6000  # a truth of no more is drawn whole
-MOST_POINTS = 4000  # of a line that is thinned: two for each dot of a picture and more
+FULL_ROWS = 6000  # a truth of no more rows is drawn in full
+MAX_POINTS = 4000  # of a thinned line: at least two for each pixel of a plot
 
 
 def thinned(truth: Iterable[Truth], rows: int) -> Truth:
-    """Return few rows where there are many: of each column the least and the greatest of every so many, in order.
+    """Return the minimum and maximum of each column over blocks of rows, in order; few rows are returned unchanged.
 
-    No peak is lost, and nothing is moved by more than the width of a line.
+    No peak is lost, and no point is moved by more than the width of a line.
     """
-    every = 1 if rows <= WHOLE_ROWS else 2 * math.ceil(rows / MOST_POINTS)
+    every = 1 if rows <= FULL_ROWS else 2 * math.ceil(rows / MAX_POINTS)
     kept = [[extremes(getattr(piece, name), every) for name in COLUMNS] for piece in truth]
     return Truth(*(np.concatenate(column) for column in zip(*kept, strict=True)))
 
 
 def extremes(values: Array, every: int) -> Array:
-    """Return the least and the greatest of every so many values, in order."""
+    """Return the minimum and maximum of each `every` values, in order."""
     if every == 1:
         return values
     whole = values.size // every * every

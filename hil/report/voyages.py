@@ -1,4 +1,4 @@
-"""Runs and logs as voyages: what the pages of firmware_py.view draw, few rows of whatever length."""
+"""Runs and logs as voyages, the data of the plots of firmware_py.view: few rows for any length."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from hil.report.thinning import thinned
 from hil.sim.truth import Array, Truth
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
-HELD_S: Final = 2.5  # so long a slow value counts: it is logged every second
+MAX_AGE_S: Final = 2.5  # of slow values, which are logged every second
 _DAY_LINES: Final = 20_000
 
 
 def run_voyage(truth: Truth, log: FieldLog | None, shift_s: float) -> Voyage:
-    """Return the voyage of a run: a thinned truth, beside it what the boat has logged `shift_s` earlier."""
-    # What the run itself has ordered stands before what the boat went by: on a mission there is only the latter.
+    """Return the voyage of a run: a thinned truth and the boat's logged values, which are `shift_s` earlier."""
+    # Goals of the run precede those in the log; in a mission there are only the latter.
     known = {name: column for name, column in _columns(truth).items() if np.isfinite(column).any()}
     made = voyage(
         {**({} if log is None else _onboard(log, truth.time_s - shift_s)), **known},
@@ -37,7 +37,7 @@ def run_voyage(truth: Truth, log: FieldLog | None, shift_s: float) -> Voyage:
 
 
 def field_voyage(log: FieldLog) -> Voyage:
-    """Return the voyage that a boat's own logs tell of."""
+    """Return the voyage of a boat's own logs."""
     truth = log.truth
     few = thinned((truth,), truth.time_s.size)
     gaps = np.searchsorted(few.time_s, truth.time_s[list(log.cuts)])
@@ -48,7 +48,7 @@ def field_voyage(log: FieldLog) -> Voyage:
 
 
 def days_voyage(table: ThinTable) -> Voyage:
-    """Return the voyage of a thin log: a row a minute, lines broken where nothing was logged."""
+    """Return the voyage of a thin log: one row a minute, lines broken at gaps."""
     begin_s = float(table["Utc"][0])
     every = max(1, math.ceil(table.rows / _DAY_LINES))
     north_m, east_m = places_m(table)
@@ -80,7 +80,7 @@ def _columns(truth: Truth) -> dict[str, Array]:
 
 
 def _onboard(log: FieldLog, at_s: Array) -> dict[str, Array]:
-    """Return what the boat knew at some moments of her log's time; NaN where she said nothing just before."""
+    """Return the logged values at some times of the log; NaN if older than MAX_AGE_S."""
     time_s = log.truth.time_s
     place = np.searchsorted(time_s, at_s + 1e-6, side="right") - 1
     found: dict[str, Array] = {}
@@ -90,7 +90,7 @@ def _onboard(log: FieldLog, at_s: Array) -> dict[str, Array]:
             continue
         newest = np.searchsorted(known, place, side="right") - 1
         source = known[np.maximum(newest, 0)]
-        fresh = (newest >= 0) & (at_s - time_s[source] <= HELD_S)
+        fresh = (newest >= 0) & (at_s - time_s[source] <= MAX_AGE_S)
         found[name] = np.where(fresh, values[source], math.nan)
     return found
 

@@ -119,7 +119,7 @@ def test_a_run_in_real_time_turns_and_measures_lateness(tmp_path, compass, servo
     assert set(summary["loop"]["lateness_us"]) == {"p50", "p99", "p99.9", "max"}
     assert summary["speed_ratio"] == pytest.approx(1.0, abs=0.05)
     assert read(tmp_path / "truth.csv").heading_low_rad[-1] > 0.08
-    assert "ticks late by" in said
+    assert "lateness of ticks" in said
     assert replays(tmp_path)
     (log,) = log_files(tmp_path / "state" / "logs").values()
     fixes = [fix for tick in read_log(log) for fix in tick.inputs.positions if fix.utc_s is not None]
@@ -159,7 +159,7 @@ def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
 
 def reported(out):
     """The figures of a run that was cut short, which has its page, too."""
-    assert "Cut short" in (out / "report.html").read_text(encoding="utf-8")
+    assert "Ended early" in (out / "report.html").read_text(encoding="utf-8")
     return json.loads((out / "summary.json").read_text())
 
 

@@ -253,7 +253,7 @@ def _faults(result: Result) -> Iterator[str]:
         (fault.from_s, WARNING, f"{fault.name} for {fault.to_s - fault.from_s:.1f} s")
         for fault in faults[:FAULTS_SHOWN]
     ]
-    yield page.said(lasting, lambda t_s: f"{begin_s + t_s:.1f} s")
+    yield page.events(lasting, lambda t_s: f"{begin_s + t_s:.1f} s")
 
 
 def _used(summary: dict[str, Any]) -> Iterator[tuple[str, Cell]]:

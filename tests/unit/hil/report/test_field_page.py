@@ -1,4 +1,4 @@
-"""The page of a boat's own logs: the same as that of a run, made of what she has kept, whatever state it is in."""
+"""The page of a boat's own logs, complete or damaged."""
 
 import math
 import random
@@ -47,7 +47,7 @@ def state(tmp_path):
     return tmp_path / "state"
 
 
-def test_a_log_is_read_as_a_run_is_shown():
+def test_read_a_log():
     log = field_log.read([LOG])
     truth = log.truth
     assert np.all(np.diff(truth.time_s) > 0.0)
@@ -62,14 +62,14 @@ def test_a_log_is_read_as_a_run_is_shown():
     assert log.late_us["p50"] <= log.late_us["p99"] <= log.late_us["max"]
 
 
-def test_logs_of_two_starts_are_put_end_to_end():
+def test_logs_of_two_starts_are_joined():
     one, two = field_log.read([LOG]), field_log.read([LOG, LOG])
     assert two.ticks == pytest.approx(2 * one.ticks, abs=1)
     assert np.all(np.diff(two.truth.time_s) > 0.0)
     assert two.truth.time_s[-1] == pytest.approx(2.0 * one.truth.time_s[-1] - one.truth.time_s[0], rel=0.01)
 
 
-def test_logs_stand_at_their_dates_with_the_gaps_between_them(tmp_path, monkeypatch):
+def test_logs_are_placed_at_their_dates(tmp_path, monkeypatch):
     """The second start is 300 s after the first one's end, the third two days later without a date."""
     one = field_log.read([LOG])
     length_s = float(one.truth.time_s[-1])
@@ -92,7 +92,7 @@ def test_logs_stand_at_their_dates_with_the_gaps_between_them(tmp_path, monkeypa
     text = (tmp_path / "page.html").read_text()
     assert f"{LOG.name}: 300 s without a log before it" in text
     assert not re.search(r"(from|deg at) \d+ s<", text), "no seconds of the page"
-    assert f"{LOG.name}: time since the log before it unknown" in text
+    assert f"{LOG.name}: unknown time since the previous log" in text
     assert field_page._calendar(begin_s + length_s + 300.0 + one.texts[-1][0]) in text
 
 
@@ -120,19 +120,27 @@ def test_a_log_that_continues_another_one_has_its_date():
     assert [one.gap_s for one in got.segments] == [0.0, 100.0, 100.0, 1e8 + 1.0]
 
 
-def test_the_page_holds_all_that_it_shows(state, tmp_path, capsys):
+def test_page_is_self_contained(state, tmp_path, capsys):
     assert main(["report", str(state), "--out", str(tmp_path / "page.html")]) == 0
     assert capsys.readouterr().out == f"report: {tmp_path / 'page.html'}\n"
     text = (tmp_path / "page.html").read_text()
     assert text.count('class="voyage"') == 2
     assert not re.search(r'(?:src|href)="(?!data:)|url\(|@import', text)
     words = re.sub(r"<[^>]+>", " ", text)
-    for said in ("Figures", "under way", "What she said", "Settings", "Day by day", "2027-01-15", "newest 3 of 5"):
-        assert said in words
+    expected = (
+        "Figures",
+        "duration",
+        "Texts of the autopilot",
+        "Settings",
+        "Day by day",
+        "2027-01-15",
+        "latest 3 of 5",
+    )
+    assert [one for one in expected if one not in words] == []
 
 
 @pytest.mark.parametrize("damage", ["gone", "without a tick", "without a byte"])
-def test_the_days_are_shown_where_the_full_logs_cannot_be(state, tmp_path, damage):
+def test_thin_log_is_shown_without_readable_full_logs(state, tmp_path, damage):
     for log in (state / "logs").glob("*.BIN"):
         log.unlink()
         if damage == "without a tick":
@@ -142,23 +150,23 @@ def test_the_days_are_shown_where_the_full_logs_cannot_be(state, tmp_path, damag
     assert main(["report", str(state), "--out", str(tmp_path / "page.html")]) == 0
     text = (tmp_path / "page.html").read_text()
     assert "Day by day" in text
-    assert ("The full logs are not shown" in text) == (damage != "gone")
+    assert ("The full logs are not included" in text) == (damage != "gone")
 
 
-def test_days_are_summed_up(state):
+def test_sums_of_days(state):
     table = thin_log.read([state / "logs/thin/00000001.BIN"])
     head, *rows = thin_log.days(table)
     assert len(rows) == 4, "three days that begin at 08:00"
     day = dict(zip(head, rows[1], strict=True))
     assert day["logged"] == day["armed"] == "24.0 h"
-    assert day["steering"] == f"{1440 * 36.0 / 3600.0:.2f} Wh"
+    assert day["servo energy"] == f"{1440 * 36.0 / 3600.0:.2f} Wh"
     assert day["rudder travel"] == f"{math.degrees(144.0):.0f} deg"
     assert day["rms error"] == f"{math.degrees(0.02):.1f} deg"
     assert day["made good"] == f"{1439 * 1e-7 * 6371.0088:.1f} km"
     assert sum(float(row[head.index("faults")].split()[0]) for row in rows) == 4320 - 4001
 
 
-def test_what_a_day_made_good_does_not_depend_on_where_the_voyage_began(tmp_path):
+def test_distance_made_good_of_a_day(tmp_path):
     """From the equator to 60 deg north, and there a day of sailing east past the date line."""
     north_rad = math.radians(60.0)
     begun = replace(MINUTE, latitude_rad=0.0, longitude_rad=0.0)
@@ -176,8 +184,8 @@ def test_what_a_day_made_good_does_not_depend_on_where_the_voyage_began(tmp_path
     assert rows[-1][head.index("made good")] == f"{1e-4 * math.cos(north_rad) * 6371.0088:.1f} km"
 
 
-def test_rows_of_a_time_that_cannot_be_are_left_out(tmp_path):
-    """Each of a run of its own: 2000 is where some computers begin that have no battery."""
+def test_rows_of_impossible_times_are_skipped(tmp_path):
+    """Each in a log of its own; computers without a battery start in 2000."""
     paths = []
     for number, utc_s in enumerate((1.8e9, math.nan, 0.0, -1.0, 1e300, 946_684_860.0, 1.8e9 + 60.0)):
         paths.append(tmp_path / f"{number}.BIN")
@@ -186,33 +194,33 @@ def test_rows_of_a_time_that_cannot_be_are_left_out(tmp_path):
     assert (table.rows, table.undated_s) == (2, 300.0)
 
 
-def test_what_no_clock_knew_is_told_on_the_page(tmp_path):
+def test_undated_time_is_reported_on_the_page(tmp_path):
     (tmp_path / "thin").mkdir()
     (tmp_path / "thin/00000001.BIN").write_bytes(thin_bytes([replace(MINUTE, utc_s=60.0 * n) for n in range(1, 91)]))
     field_page.write([tmp_path], tmp_path / "page.html")
-    assert "1.5 h of the thin log are on no day" in (tmp_path / "page.html").read_text()
+    assert "1.5 h of the thin log are have no date" in (tmp_path / "page.html").read_text()
 
 
-def test_a_run_directory_is_taken_for_what_it_is(state, tmp_path):
+def test_run_directory(state, tmp_path):
     (tmp_path / "run").mkdir()
     shutil.move(state, tmp_path / "run/state")
     full, thin, _ = field_page.logs_of([tmp_path / "run"])
     assert ([path.name for path in full], len(thin)) == ([f"{n:08d}.BIN" for n in (3, 4, 5)], 1)
 
 
-def test_what_is_no_log_is_told_in_a_line(tmp_path, capsys):
+def test_other_files_are_one_line_errors(tmp_path, capsys):
     (tmp_path / "text.BIN").write_text("hello")
     (tmp_path / "empty.BIN").write_bytes(header((), 0))
     (tmp_path / "nothing").mkdir()
     for place in ("text.BIN", "empty.BIN", "nothing", "not there"):
         assert main(["report", str(tmp_path / place), "--out", str(tmp_path / "page.html")]) == 2
-        said = capsys.readouterr().err
-        assert said.count("\n") == 1
-        assert place in said
+        text = capsys.readouterr().err
+        assert text.count("\n") == 1
+        assert place in text
     assert main(["report", str(LOG), "--out", str(tmp_path / "no/page.html")]) == 2
 
 
-def test_a_damaged_log_is_a_page_or_a_line():
+def test_damaged_logs():
     whole = LOG.read_bytes()
     numbers = random.Random(20180825)
     for _ in range(12):
@@ -220,12 +228,12 @@ def test_a_damaged_log_is_a_page_or_a_line():
         for _ in range(numbers.randrange(40)):
             data[numbers.randrange(len(data))] = numbers.randrange(256)
         got = Gathered()
-        LogFile(LOG, got).take(bytes(data))
+        LogFile(LOG, got).read(bytes(data))
         if got.columns["time_s"]:
             assert np.isfinite(field_log._made(got).truth.heading_low_rad).all()
 
 
-def test_a_page_needs_nothing_of_the_bench(state, tmp_path):
+def test_page_without_the_packages_of_the_bench(state, tmp_path):
     """A float has no matplotlib, scipy, numba nor rich."""
     code = (
         "import sys\n"
@@ -237,32 +245,32 @@ def test_a_page_needs_nothing_of_the_bench(state, tmp_path):
     assert (tmp_path / "page.html").exists()
 
 
-def test_rambler_report_says_by_its_own_name_what_to_do(tmp_path, capsys):
+def test_rambler_report_names_itself_in_errors(tmp_path, capsys):
     nope = tmp_path / "NOPE"
     assert rambler.main(["report", str(nope)]) == 2
-    told = f"rambler report: {nope} is not there; name logs, a state directory or that of a run\n"
-    assert capsys.readouterr().err == told
+    text = f"rambler report: {nope} does not exist; name logs, a state directory or that of a run\n"
+    assert capsys.readouterr().err == text
 
 
-def test_rambler_report_has_the_harness_make_it(monkeypatch):
-    asked = []
+def test_rambler_report_calls_the_harness(monkeypatch):
+    calls = []
     monkeypatch.setattr(
-        "subprocess.run", lambda words, **_: asked.append(words) or subprocess.CompletedProcess(words, 0, stderr="")
+        "subprocess.run", lambda words, **_: calls.append(words) or subprocess.CompletedProcess(words, 0, stderr="")
     )
     assert rambler.main(["report", "a.BIN", "b.BIN", "--out", "page.html"]) == 0
-    assert asked[0][1:] == ["-m", "hil", "report", "--out", "page.html", "--", "a.BIN", "b.BIN"]
+    assert calls[0][1:] == ["-m", "hil", "report", "--out", "page.html", "--", "a.BIN", "b.BIN"]
 
 
-def test_a_log_without_a_tick_says_so(tmp_path):
+def test_log_without_a_tick(tmp_path):
     (tmp_path / "a.BIN").write_bytes(b"")
     with pytest.raises(UsageError, match=r"a\.BIN"):
         field_log.read([tmp_path / "a.BIN"])
 
 
-def test_a_run_of_a_version_without_run_json_is_told_to_be_its_logs_alone(state, tmp_path, capsys):
+def test_run_of_an_old_version_shows_its_logs_only(state, tmp_path, capsys):
     (tmp_path / "run").mkdir()
     shutil.move(state, tmp_path / "run/state")
-    for told in (False, True):
+    for text in (False, True):
         assert main(["report", str(tmp_path / "run"), "--out", str(tmp_path / "page.html")]) == 0
-        assert ("has no run.json, as the version that sailed it kept none" in capsys.readouterr().err) == told
+        assert ("no run.json, because an old version made the run" in capsys.readouterr().err) == text
         (tmp_path / "run/truth.csv").touch()

@@ -38,7 +38,7 @@ def step_to(final_deg: float, past_deg: float, seconds: float, steady_deg: float
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_step_with_overshoot_and_a_steady_error(sign):
+def test_overshoot_and_steady_error(sign):
     heading = [sign * value for value in step_to(60.0, 4.0, 400.0, -1.5)]
     (figures,) = goal_figures((truth(heading, [sign * 60.0] * 4000),))
     assert figures.step_deg == pytest.approx(sign * 60.0)
@@ -53,7 +53,7 @@ def test_a_step_with_overshoot_and_a_steady_error(sign):
 
 
 @pytest.mark.parametrize(("goal_deg", "sign"), [(180.0, -1.0), (-170.0, 1.0), (170.0, -1.0)])
-def test_who_turns_the_other_way_round_is_on_her_goal_all_the_same(goal_deg, sign):
+def test_turn_in_the_other_direction(goal_deg, sign):
     """As by a compass that is off, where the goal lies about half a turn away."""
     round_deg = goal_deg + sign * 360.0
     heading = [math.copysign(value, sign) for value in step_to(abs(round_deg), 4.0, 400.0, 1.5)]
@@ -71,20 +71,20 @@ def test_who_turns_the_other_way_round_is_on_her_goal_all_the_same(goal_deg, sig
     assert [turn.overshoot_deg for turn in turns_of(whole)] == pytest.approx([4.0])
 
 
-def test_no_overshoot_when_she_stays_short_and_no_settling_when_she_stays_outside():
+def test_no_overshoot_and_no_settling():
     (figures,) = goal_figures((truth(np.linspace(0.0, 50.0, 3000), [60.0] * 3000),))
     assert figures.overshoot_deg == 0.0
     assert figures.settling_s is None
 
 
-def test_a_goal_without_a_step_has_no_overshoot_and_is_settled_at_once():
+def test_goal_without_a_step():
     heading = 1.0 + np.sin(np.arange(3000) / 50.0)
     (figures,) = goal_figures((truth(heading, [0.0] * 3000),))
     assert figures.overshoot_deg == 0.0
     assert figures.settling_s == 0.0
 
 
-def test_each_goal_has_its_own_span_and_rows_before_the_first_are_left_out():
+def test_spans_of_goals():
     goal = [math.nan] * 10 + [0.0] * 20 + [60.0] * 30 + [-90.0]
     assert goal_spans(np.radians(goal)) == [(10, 30), (30, 60), (60, 61)]
     figures = goal_figures((truth([0.0] * 61, goal),))
@@ -92,12 +92,12 @@ def test_each_goal_has_its_own_span_and_rows_before_the_first_are_left_out():
     assert [each.t_s for each in figures] == [1.0, 3.0]
 
 
-def test_a_short_goal_is_steady_in_its_last_third():
+def test_steady_part_of_a_short_goal():
     (figures,) = goal_figures((truth([0.0] * 901, [0.0] * 901),))
     assert figures.steady_from_s == pytest.approx(60.0)
 
 
-def test_rudder_travel_counts_both_ways_and_only_the_steady_part():
+def test_rudder_travel_of_the_steady_part():
     triangle = np.abs((np.arange(4001) % 20) - 10)  # 10 deg down and up every two seconds
     assert rudder_travel_deg_per_h(np.arange(4001) / 10.0, np.radians(triangle)) == pytest.approx(10.0 * 3600.0)
     moved_early = np.where(np.arange(4001) < 1000, triangle, 0.0)
@@ -106,13 +106,13 @@ def test_rudder_travel_counts_both_ways_and_only_the_steady_part():
     assert rudder_travel_deg_per_h(made.time_s, made.rudder_rad) > 0.0
 
 
-def test_nothing_gives_nothing():
+def test_empty_truth():
     assert goal_figures((truth([], []),)) == ()
     assert steady_rudder_travel_deg_per_h(goal_figures((truth([0.0], [math.nan]),))) is None
 
 
 @pytest.mark.parametrize("rows", [1, 7, 64, 1001, 5000])
-def test_pieces_have_the_figures_of_the_whole(rows):
+def test_figures_do_not_depend_on_the_pieces(rows):
     chances = np.random.default_rng(rows)
     goal = [math.nan] * 9 + [0.0] * 2300 + [40.0] * 1 + [60.0] * 31 + [-90.0] * 4000 + [0.0] * 2
     heading = np.asarray(goal) + 20.0 * np.exp(-np.arange(len(goal)) / 900.0) + chances.normal(0.0, 2.0, len(goal))

@@ -17,28 +17,28 @@ def request(intent):
     return schema.request_text(Request(1.0, intent, 255, 190))
 
 
-def test_a_plan_that_is_sent_under_way_replaces_that_of_the_state():
+def test_a_later_plan_replaces_that_of_the_state():
     orders = Orders()
-    orders.take_state(json.dumps({"plans": {}, "home": {"latitude_rad": 0.1, "longitude_rad": 0.2}}))
+    orders.add_state(json.dumps({"plans": {}, "home": {"latitude_rad": 0.1, "longitude_rad": 0.2}}))
     assert orders.home == pytest.approx((5.729578, 11.459156))
-    orders.take_request(request(ReplacePlan(MISSION)), {})
+    orders.add_request(request(ReplacePlan(MISSION)), {})
     assert orders.plans == {"mission": MISSION}
 
 
-def test_home_is_where_it_was_set_or_where_she_was():
+def test_home():
     orders = Orders()
-    orders.take_request(request(SetHome()), {})
+    orders.add_request(request(SetHome()), {})
     assert orders.home is None
-    orders.take_request(request(SetHome()), FIX)
+    orders.add_request(request(SetHome()), FIX)
     assert orders.home == pytest.approx((28.64789, 114.591559))
-    orders.take_request(request(SetHome(0.0, 0.0)), FIX)
+    orders.add_request(request(SetHome(0.0, 0.0)), FIX)
     assert orders.home == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "nul", '{"plans": 3}', '{"plans": {"mission": 1}}', "[" * 10_000])
-def test_what_cannot_be_read_changes_nothing(text):
+def test_unreadable_texts_are_ignored(text):
     orders = Orders()
-    orders.take_state(text)
-    orders.take_request(text, FIX)
-    orders.take_request(text + "SetHome", FIX)
+    orders.add_state(text)
+    orders.add_request(text, FIX)
+    orders.add_request(text + "SetHome", FIX)
     assert (orders.plans, orders.home) == ({}, None)

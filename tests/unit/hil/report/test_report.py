@@ -15,7 +15,7 @@ from hil.__main__ import main
 from hil.report import run_page, summary
 from hil.report.figures import goal_figures
 from hil.report.text import figures_text
-from hil.report.thinning import MOST_POINTS, thinned
+from hil.report.thinning import MAX_POINTS, thinned
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.run_directory import locked_directory
@@ -69,7 +69,7 @@ def out(run_directory, tmp_path):
     return shutil.copytree(run_directory, tmp_path, dirs_exist_ok=True)
 
 
-def test_the_summary_has_what_others_read(out):
+def test_summary_keys(out):
     found = summary.summarise(RECORD, out)
     assert set(found["goals"][1]) >= {
         "overshoot_deg",
@@ -95,7 +95,7 @@ def test_the_summary_has_what_others_read(out):
     assert json.loads((out / "summary.json").read_text()) == found
 
 
-def test_what_the_boat_said_is_in_the_summary_at_the_times_of_the_truth(out):
+def test_events_in_the_summary(out):
     (out / "state/logs").mkdir(parents=True)
     shutil.copy(REPLAY / "tank_pni_volz.BIN", out / "state/logs/00000001.BIN")
     log = summary.onboard(out)
@@ -112,33 +112,33 @@ def test_what_the_boat_said_is_in_the_summary_at_the_times_of_the_truth(out):
     assert armed["severity"] == 5
 
 
-def test_the_page_stands_alone_and_shows_the_figures(out):
+def test_page_is_self_contained(out):
     found, path = run_page.make(out)
     text = Path(path).read_text(encoding="utf-8")
     assert (out / "run.png").read_bytes().startswith(b"\x89PNG")
     assert not re.search(r'(src|href)="(?!data:)|url\(|@import', text)
     assert "30 deg at 60 s" in text
     assert "CTL_K1" in text
-    for said in ("rambler-hil run tank", "2026-01-01", "numpy 2", f"rambler-hil report {out}"):
-        assert said in text
+    for part in ("rambler-hil run tank", "2026-01-01", "numpy 2", f"rambler-hil report {out}"):
+        assert part in text
     columns = json.loads(re.search(r'class="voyage">(.*?)</script>', text)[1])["columns"]
     assert len(columns["heading_deg"]) == len(columns["time_s"]) == 3001
     assert columns["goal_deg"][-1] == 30.0
     assert json.loads((out / "summary.json").read_text()) == found
 
 
-def test_the_text_names_units_and_the_loop(out):
+def test_text(out):
     found = summary.summarise(RECORD, out)
     found["loop"] = {"ticks": 9, "skipped": 1, "lateness_us": {"p50": 60.0, "max": 200.0}, "note": ""}
     found["goals"][0]["settling_s"] = None
     text = figures_text(found)
-    assert "9 ticks, 1 skipped; ticks late by p50 60 us, max 200 us; 100.0 x real time" in text
+    assert "9 ticks, 1 skipped; lateness of ticks p50 60 us, max 200 us; 100.0 x real time" in text
     assert "never" in text
 
 
 @pytest.mark.usefixtures("without_picture")
 @pytest.mark.parametrize("content", ["", "time_", "whole", "cut"])
-def test_a_run_that_was_cut_off_anywhere_still_makes_a_page(out, content):
+def test_page_of_an_incomplete_run(out, content):
     whole = (out / "truth.csv").read_text()
     kept = {"whole": whole[: whole.index("\n") + 1], "cut": whole[: len(whole) // 2 - 3]}
     (out / "truth.csv").write_text(kept.get(content, content))
@@ -147,35 +147,35 @@ def test_a_run_that_was_cut_off_anywhere_still_makes_a_page(out, content):
     assert (len(found["goals"]) > 0) == (content == "cut")
     assert found["speed_ratio"] is None
     assert (found["rudder_travel_whole_deg_per_h"] is None) == (content != "cut")
-    said = "speed unknown" if content == "cut" else "empty run, no figures: under way"
-    assert said in figures_text(found)
-    assert said in path.read_text()
-    assert "Cut short: under way" in Path(path).read_text(encoding="utf-8")
+    text = "speed unknown" if content == "cut" else "empty run, no figures: under way"
+    assert text in figures_text(found)
+    assert text in path.read_text()
+    assert "Ended early: no end recorded" in Path(path).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"orders": 1}', "\x00"])
-def test_a_directory_of_no_run_is_told_in_a_line(out, text, capsys):
+def test_directory_without_a_run(out, text, capsys):
     (out / "run.json").write_text(text)
     assert main(["report", str(out)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 
 @pytest.mark.usefixtures("without_picture")
-def test_report_makes_the_page_again_and_names_the_version_that_made_the_figures(out, capsys):
+def test_page_is_written_again_with_the_versions(out, capsys):
     assert main(["report", str(out)]) == 0
-    said = capsys.readouterr().out
-    assert f"report: {out / 'report.html'}" in said
-    assert "overshoot" in said
+    text = capsys.readouterr().out
+    assert f"report: {out / 'report.html'}" in text
+    assert "overshoot" in text
     assert json.loads((out / "summary.json").read_text())["versions"] == {"numpy": "2"}
     assert json.loads((out / "summary.json").read_text())["figures_by"] == versions()
-    assert "figures by" in (out / "report.html").read_text()
+    assert "versions of the figures" in (out / "report.html").read_text()
     replace(RECORD, versions=versions()).write(out)
     assert main(["report", str(out)]) == 0
     assert "figures_by" not in json.loads((out / "summary.json").read_text())
-    assert "figures by" not in (out / "report.html").read_text()
+    assert "versions of the figures" not in (out / "report.html").read_text()
 
 
-def test_a_directory_is_one_runs_alone(out, capsys):
+def test_directory_is_locked(out, capsys):
     with locked_directory(out):
         assert main(["report", str(out)]) == 2
         assert "another run is under way" in capsys.readouterr().err
@@ -185,13 +185,13 @@ def test_a_directory_is_one_runs_alone(out, capsys):
 
 
 @pytest.mark.parametrize("rows", [36_001, 86_401, 864_001])
-def test_the_picture_of_a_day_has_few_points_and_every_peak(rows):
+def test_thinning_keeps_peaks(rows):
     columns = np.random.default_rng(1).normal(size=(len(COLUMNS), rows))
     columns[0] = np.arange(rows) / 10.0
     whole = Truth(*columns)
     pieces = [Truth(*(column[cut : cut + 4096] for column in columns)) for cut in range(0, rows, 4096)]
     few = thinned(pieces, rows)
-    assert few.time_s.size <= 1.1 * MOST_POINTS + 2
+    assert few.time_s.size <= 1.1 * MAX_POINTS + 2
     assert np.all(np.diff(few.time_s) >= 0.0)
     assert (few.time_s[0], few.time_s[-1]) == (0.0, whole.time_s[-1])
     assert (few.heading_rad.min(), few.heading_rad.max()) == (whole.heading_rad.min(), whole.heading_rad.max())
@@ -214,7 +214,7 @@ class Days:
 
 
 @pytest.mark.parametrize("use", [goal_figures, lambda days: thinned(days, days.rows)])
-def test_figures_and_picture_of_a_day_take_little_memory(use):
+def test_memory_for_a_day(use):
     use(Days(100))
     tracemalloc.start()
     try:
@@ -226,7 +226,7 @@ def test_figures_and_picture_of_a_day_take_little_memory(use):
 
 
 @pytest.mark.usefixtures("without_picture")
-def test_what_the_sea_was_sailed_with_is_told(out):
+def test_disturbances_are_on_the_page(out):
     rows = scenarios.rows_of(scenarios.sea_of("tank+float=0.3:0.7,sway"))
     replace(RECORD, extras="float=0.3:0.7,sway=1", sea=tuple(rows)).write(out)
     found, path = run_page.make(out)

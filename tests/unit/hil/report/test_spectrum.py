@@ -10,7 +10,7 @@ from support.paths import REPLAY
 STEP_S = 0.1
 
 
-def test_the_power_of_a_sine_is_at_its_frequency_and_is_half_its_square():
+def test_density_of_a_sine():
     time_s = np.arange(20_000) * STEP_S
     found = density(3.0 * np.sin(2.0 * np.pi * 0.4 * time_s), 2000, STEP_S)
     hertz = np.fft.rfftfreq(2000, STEP_S)
@@ -18,30 +18,30 @@ def test_the_power_of_a_sine_is_at_its_frequency_and_is_half_its_square():
     assert np.sum(found) * hertz[1] == pytest.approx(4.5, rel=0.01)
 
 
-def test_the_power_of_noise_is_its_variance():
+def test_density_of_noise():
     found = density(2.0 * np.random.default_rng(1).standard_normal(100_000), 2000, STEP_S)
     assert np.mean(found) / (2.0 * STEP_S) == pytest.approx(4.0, rel=0.05)
 
 
-def test_a_slow_turn_is_no_yaw():
+def test_trend_is_removed():
     assert density(np.linspace(0.0, 300.0, 2000), 2000, STEP_S).max() < 1e-15
 
 
-def test_what_the_filter_takes_for_waves_is_what_the_compass_shows_and_nobody_steers_by():
+def test_spectrum_of_estimated_waves():
     log = field_log.read([REPLAY / "tank_pni_volz.BIN"])
     found = spectrum_of(log)
-    assert [label for label, _, _ in found["lines"]] == ["compass", "taken for waves", "steered by"]
+    assert [label for label, _, _ in found["lines"]] == ["compass", "waves (estimated)", "heading (estimated)"]
     lines = {label: np.array(values) for label, _, values in found["lines"]}
     hertz = np.array(found["frequency_hz"])
     assert all(values.size == hertz.size for values in lines.values())
     waves = (hertz > 0.3) & (hertz < 0.6)
-    assert lines["taken for waves"][waves].sum() > 5.0 * lines["steered by"][waves].sum()
+    assert lines["waves (estimated)"][waves].sum() > 5.0 * lines["heading (estimated)"][waves].sum()
     (at_hz, label), *more = found["marks"]
     assert not more
     assert at_hz == pytest.approx(1.0 / 2.53, rel=0.2)
     assert label.startswith("filter: 2.")
 
 
-def test_a_log_too_short_for_it_has_none(monkeypatch):
-    monkeypatch.setattr(spectrum, "_LEAST_SEGMENT_S", 1e6)
+def test_short_log_has_no_spectrum(monkeypatch):
+    monkeypatch.setattr(spectrum, "_MIN_SEGMENT_S", 1e6)
     assert spectrum_of(field_log.read([REPLAY / "tank_pni_volz.BIN"])) is None

@@ -61,7 +61,7 @@ def test_batch_runs_have_no_display_and_no_log_by_default(tmp_path, monkeypatch)
     seen = []
 
     def note(options):
-        seen.append((options.settings.get("LOG_ENABLE"), options.shown))
+        seen.append((options.settings.get("LOG_ENABLE"), options.live_display))
         raise UsageError("end")
 
     monkeypatch.setattr(runner, "run", note)

@@ -286,7 +286,7 @@ def test_what_is_wrong_with_a_table_is_named(tmp_path, capsys, columns, said):
         (["--ship", "k=0.05"], "--ship: 'k=0.05' is none of K=, T=, alpha= and speed="),
         (["--ship", "T=-1"], "--ship T: MDL_T_S: -1 is out of range; allowed: 0.05 to 5000 s"),
         (["--params", "missing.parm"], "--params missing.parm cannot be read"),
-        (["--out", "no/where.csv"], "--out no/where.csv: there is no directory"),
+        (["--out", "no/where.csv"], "--out no/where.csv: directory"),
     ],
 )
 def test_what_is_wrong_with_an_option_is_named(tmp_path, monkeypatch, capsys, arguments, said):
