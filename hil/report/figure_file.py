@@ -72,7 +72,7 @@ def merge(path: Path, entries: Entries) -> None:
 def read(option: str, path: Path) -> dict[str, Any]:
     """Return the entries of an existing file; UsageError if it cannot be read or holds none."""
     try:
-        with os.fdopen(open_regular(path, max_bytes=MOST_BYTES), encoding="utf-8") as file:
+        with os.fdopen(open_regular(path, max_bytes=MAX_BYTES), encoding="utf-8") as file:
             return _content(path, file)
     except OSError as error:
         raise UsageError(f"{option} {path} cannot be read: {error.strerror}; give another") from None
@@ -91,8 +91,8 @@ def check(option: str, path: Path | None) -> None:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[TextIO]:
-    """Open the file, made if it is not there, for this process alone to read and then to append to."""
-    descriptor = open_regular(path, flags=os.O_RDWR | os.O_APPEND | os.O_CREAT, mode=0o666, max_bytes=MOST_BYTES)
+    """Open the file, created if necessary, with a lock, to read and then to append."""
+    descriptor = open_regular(path, flags=os.O_RDWR | os.O_APPEND | os.O_CREAT, mode=0o666, max_bytes=MAX_BYTES)
     with os.fdopen(descriptor, "r+", encoding="utf-8") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield file
