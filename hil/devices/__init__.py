@@ -1,1 +1,1 @@
-"""Byte-level device emulators, written from the makers' protocols and not from the drivers."""
+"""Byte-level device emulators, written from the makers' protocols and independent of the drivers."""

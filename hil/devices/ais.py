@@ -1,7 +1,7 @@
-"""A transponder of AIS class B aboard: it passes on what it hears of other ships, and what it sends itself.
+"""An AIS transponder of class B on board: it forwards messages of other ships and its own.
 
-Ships send at the intervals of ITU-R M.1371-5, by class, speed and whether they lie at anchor. What is out of range is
-not heard, and a share of the rest is lost, by chance. The line is as slow as it is: what has no room on it is lost too.
+Ships send at the intervals of ITU-R M.1371-5, by class, speed and anchoring. A message is lost if the ship is out of
+range, with a given probability, or if the channel or the serial line is full.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from hil.devices.emulator import METRES_PER_DEGREE, Whereabouts
 from hil.devices.timing import Transmitter
 
 STATIC_S = 360.0
-SLOTS_A_S = 75.0  # of both channels: of two in one slot the nearer one is heard, FM captures
-CAPTURE = 0.35  # of the range: who is nearer is heard in a full channel, too
+SLOTS_PER_S = 75.0  # of both channels; with FM the nearer of two ships in one slot is received
+CAPTURE = 0.35  # share of the range within which a ship is received in a full channel
 OWN_S = 30.0
 AT_ANCHOR = 1
 LEAP_M = 37_000.0
@@ -30,42 +30,42 @@ CARGO, SAILING = 70, 36
 
 
 class Ship(Protocol):
-    """Another ship, and what it sends with."""
+    """Another ship and its AIS equipment."""
 
     @property
     def mmsi(self) -> int:
-        """The number that it sends."""
+        """Its MMSI."""
 
     @property
     def name(self) -> str:
-        """Its name, in capitals."""
+        """Its name, in capital letters."""
 
     @property
     def speed_m_s(self) -> float:
-        """Over ground."""
+        """Speed over ground."""
 
     @property
     def course_deg(self) -> float:
-        """Over ground."""
+        """Course over ground."""
 
     @property
     def station(self) -> str:
-        """A or B for the class, or mark."""
+        """Class A or B, or mark."""
 
     @property
     def at_anchor(self) -> bool:
-        """Whether it says so."""
+        """Whether its status is at anchor."""
 
     @property
     def trick(self) -> str:
-        """What is wrong with what it sends: leaps or absurd; empty for nothing."""
+        """Kind of invalid data: leaps or absurd; empty for none."""
 
     def position_m(self, t_s: float) -> tuple[float, float]:
-        """Return where it is, north and east of the boat's start."""
+        """Return the position north and east of the boat's start."""
 
 
 def interval_s(ship: Ship) -> float:
-    """Return how often a ship sends its position."""
+    """Return the interval of a ship's position reports."""
     knots = ship.speed_m_s * KNOTS_PER_METRE_PER_SECOND
     if ship.station == "mark":
         return 180.0
@@ -77,7 +77,7 @@ def interval_s(ship: Ship) -> float:
 
 
 class AisEmulator:
-    """The receiver half and the sending half of a transponder on one line."""
+    """The receiver and the transmitter of a transponder on one line."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class AisEmulator:
         lost: float = 0.1,
         baud: int = 38_400,
     ) -> None:
-        """Put the ships about the boat's start; each begins to send at a moment of its own."""
+        """Place the ships around the boat's start; each starts to send at a random time."""
         self._whereabouts = whereabouts
         self._start_deg = start_deg
         self._ships = tuple(ships)
@@ -101,10 +101,10 @@ class AisEmulator:
         self._lost = lost
         self.transmitter = Transmitter(baud)
         self._sent = 0
-        self._slots = SLOTS_A_S
+        self._slots = SLOTS_PER_S
         self._slots_s = 0.0
-        self.unsent = 0  # messages that had no slot
-        # When, which ship (-1: the boat itself), whether it tells who it is, how many it has sent.
+        self.unsent = 0  # messages without a slot
+        # Time, ship (-1: the boat itself), whether it is static data, number of messages so far.
         self._due: list[tuple[float, int, bool, int]] = [(1.0, -1, False, 0)]
         for number, ship in enumerate(self._ships):
             self._due.append((float(rng.uniform(0.0, interval_s(ship))), number, False, 0))
@@ -113,43 +113,43 @@ class AisEmulator:
         heapq.heapify(self._due)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Ignore what is sent to it."""
+        """Ignore input."""
 
     def next_output_s(self) -> float:
-        """When the next station sends, or a sentence is complete on the line."""
+        """Return the time of the next message, or when a sentence is complete on the line."""
         return min(self._due[0][0], self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
-        """Let everybody send who is due and return the sentences that are complete."""
+        """Create the messages that are due and return the complete sentences."""
         while self._due[0][0] <= now_s:
             due_s, number, static, count = heapq.heappop(self._due)
             every_s = OWN_S if number < 0 else STATIC_S if static else interval_s(self._ships[number])
             heapq.heappush(self._due, (due_s + every_s, number, static, count + 1))
-            for data in self._said(due_s, number, count, static=static):
+            for data in self._sentences(due_s, number, count, static=static):
                 self._sent += 1
                 self.transmitter.send(due_s, data)
         return self.transmitter.take(now_s)
 
-    def _said(self, t_s: float, number: int, count: int, *, static: bool) -> Iterator[bytes]:
-        """Yield what is heard of a station now."""
+    def _sentences(self, t_s: float, number: int, count: int, *, static: bool) -> Iterator[bytes]:
+        """Yield the sentences that the boat receives of a station now."""
         if number < 0:
             yield ais_frames.sentences(self._own(), own=True)
             return
         ship = self._ships[number]
-        if not self._heard(ship, t_s):
+        if not self._is_received(ship, t_s):
             return
         for bits in _identity(ship) if static else (self._position(ship, t_s, count),):
             data = ais_frames.sentences(bits, channel="AB"[self._sent % 2], sequence=self._sent)
             yield _broken(data, count) if ship.trick == "absurd" else data
 
-    def _heard(self, ship: Ship, t_s: float) -> bool:
-        """Whether a ship is in range, has a slot to itself or is the nearer one in it, and is not lost."""
+    def _is_received(self, ship: Ship, t_s: float) -> bool:
+        """Return whether a ship is in range, has a slot or is the nearer one in it, and its message is not lost."""
         north_m, east_m = ship.position_m(t_s)
         own_north_m, own_east_m = self._own_m()
         distance_m = math.hypot(north_m - own_north_m, east_m - own_east_m)
         if distance_m > self._range_m:
             return False
-        self._slots = min(SLOTS_A_S, self._slots + (t_s - self._slots_s) * SLOTS_A_S)
+        self._slots = min(SLOTS_PER_S, self._slots + (t_s - self._slots_s) * SLOTS_PER_S)
         self._slots_s = t_s
         if self._slots < 1.0 and distance_m > CAPTURE * self._range_m:
             self.unsent += 1
@@ -199,7 +199,7 @@ def _identity(ship: Ship) -> tuple[Bits, ...]:
 
 
 def _absurd(ship: Ship, latitude_deg: float, longitude_deg: float, count: int) -> Bits:
-    """Return a position report with numbers that are for nothing known, or that cannot be."""
+    """Return a position report with impossible numbers, or with those for unavailable values."""
     speed_kn, course_deg, heading_deg = ais_frames.NO_SPEED, ais_frames.NO_COURSE, ais_frames.NO_HEADING
     places = (
         (ais_frames.NO_LATITUDE_DEG, ais_frames.NO_LONGITUDE_DEG),
@@ -212,7 +212,7 @@ def _absurd(ship: Ship, latitude_deg: float, longitude_deg: float, count: int) -
 
 
 def _broken(data: bytes, count: int) -> bytes:
-    """Return sentences, some of them cut, bent or made up of noise."""
+    """Return sentences, some of them truncated, changed or mixed with random bytes."""
     if count % 5 == 1:
         return data[: len(data) // 2]
     if count % 5 == 2:

@@ -1,11 +1,11 @@
-"""AIS messages as stations send them: from values to bits, to letters, to sentences of NMEA 0183.
+"""Encoding of AIS messages: values to bits, to 6-bit characters, to NMEA 0183 sentences.
 
-Written from ITU-R M.1371-5 and IEC 61162-1, apart from the firmware's reading of them.
+Written from ITU-R M.1371-5 and IEC 61162-1, independent of the firmware's decoder.
 """
 
 from __future__ import annotations
 
-MOST_LETTERS = 60  # of the payload of one sentence
+MAX_CHARACTERS = 60  # of the payload of one sentence
 NOT_UNDER_WAY = (1, 5)  # at anchor, moored
 NO_TURN, NO_SPEED, NO_COURSE, NO_HEADING, NO_LATITUDE_DEG, NO_LONGITUDE_DEG = -128, 102.3, 360.0, 511, 91.0, 181.0
 
@@ -13,25 +13,25 @@ Dimensions = tuple[int, int, int, int]  # from the antenna to bow, stern, port a
 
 
 class Bits:
-    """A string of bits that grows field by field, the most significant first."""
+    """A string of bits, built field by field, most significant bit first."""
 
     def __init__(self) -> None:
         """Start empty."""
         self._digits: list[str] = []
 
     def whole(self, value: int, width: int) -> Bits:
-        """Add a number, a negative one as its two's complement."""
+        """Add an integer; a negative one as two's complement."""
         self._digits.append(format(value % (1 << width), f"0{width}b"))
         return self
 
     def text(self, text: str, letters: int) -> Bits:
-        """Add a text of capitals, digits and marks, @ behind its end."""
+        """Add a text of capital letters, digits and signs, padded with @."""
         for letter in text[:letters].ljust(letters, "@"):
             self.whole(ord(letter) % 64, 6)
         return self
 
     def letters(self) -> tuple[str, int]:
-        """Return the payload and how many bits fill up its last letter."""
+        """Return the payload and the number of padding bits in its last character."""
         digits = "".join(self._digits)
         fill = -len(digits) % 6
         digits += "0" * fill
@@ -43,8 +43,8 @@ def _place(bits: Bits, latitude_deg: float, longitude_deg: float) -> Bits:
     return bits.whole(round(longitude_deg * 600_000.0), 28).whole(round(latitude_deg * 600_000.0), 27)
 
 
-def _tenths(value: float, most: int) -> int:
-    return min(round(value * 10.0), most)
+def _tenths(value: float, maximum: int) -> int:
+    return min(round(value * 10.0), maximum)
 
 
 def position_a(
@@ -95,16 +95,16 @@ def static_b(mmsi: int, name: str, call_sign: str, ship_type: int, dimensions_m:
 
 
 def mark(mmsi: int, name: str, latitude_deg: float, longitude_deg: float) -> Bits:
-    """Return an aid to navigation (message 21): a buoy."""
+    """Return a report of an aid to navigation (message 21), a buoy."""
     bits = Bits().whole(21, 6).whole(0, 2).whole(mmsi, 30).whole(14, 5).text(name, 20).whole(0, 1)
     _place(bits, latitude_deg, longitude_deg)
     return bits.whole(0, 30).whole(1, 4).whole(60, 6).whole(0, 1 + 8 + 1 + 1 + 1 + 1)
 
 
 def sentences(bits: Bits, *, channel: str = "A", sequence: int = 0, own: bool = False) -> bytes:
-    """Return the sentences of a message, as a receiver passes on what it hears, or what the boat itself sends."""
+    """Return the sentences of a message, received (AIVDM) or the boat's own (AIVDO)."""
     payload, fill = bits.letters()
-    pieces = [payload[start : start + MOST_LETTERS] for start in range(0, len(payload), MOST_LETTERS)]
+    pieces = [payload[start : start + MAX_CHARACTERS] for start in range(0, len(payload), MAX_CHARACTERS)]
     address, group = "AIVDO" if own else "AIVDM", str(sequence % 10) if len(pieces) > 1 else ""
     lines = []
     for number, piece in enumerate(pieces, start=1):

@@ -1,7 +1,7 @@
-"""The CRC-16 of the emulated devices, on tables of their own.
+"""CRC-16 of the emulated devices, with their own tables.
 
-The drivers use a library; the emulators must not, so that two wrongs cannot cancel.
-Both polynomials are computed most significant bit first, neither is reflected.
+The drivers use a library; the emulators do not, so that two errors cannot cancel. Both polynomials are computed most
+significant bit first, not reflected.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """A Robotis Dynamixel XW540-T260 on a half-duplex line: packets, control table, protections.
 
-Position modes (3, 4, 5) move the shaft; the others accept their goals and hold still.
-Profile velocity and acceleration are stored only: the slew is the shaft's. Where the
-e-Manual is silent, the choice is said at the place.
+Position modes (3, 4, 5) move the shaft; the others accept their goals without motion. Profile velocity and acceleration
+are stored only: the slew is the shaft's. Comments mark choices where the e-Manual gives none.
 """
 
 from __future__ import annotations
@@ -31,17 +30,16 @@ _WATCHDOG_UNIT_S = 0.020
 _TRIPPED = 0xFF  # the register reads -1
 _GOALS = (Address.GOAL_PWM, Address.GOAL_CURRENT, Address.GOAL_VELOCITY, Address.GOAL_POSITION)
 
-# What an instruction gives: an error number and parameters to answer with, or None for silence.
+# Result of an instruction: error number and parameters of the reply, or None for no reply.
 _Result = tuple[Fault, bytes] | None
 
 
 class DynamixelEmulator:
     """An XW540-T260 that turns a shaft.
 
-    With `collisions`, an instruction that arrives while a reply is on the wire loses
-    both, as two talkers on RS-485 do. `motor.voltage_v`, `motor.temperature_c` and `motor.load_a`
-    may be set at any time; beyond the limits of the control table they raise the hardware
-    error that a real one raises. A motor that stalls for `overload_s` shuts down.
+    With `collisions`, an instruction that arrives during a reply destroys both, as on RS-485. `motor.voltage_v`,
+    `motor.temperature_c` and `motor.load_a` may be set at any time; beyond the limits of the control table they raise
+    the hardware error of a real servo. A motor that stalls for `overload_s` shuts down.
     """
 
     def __init__(
@@ -56,9 +54,9 @@ class DynamixelEmulator:
         overload_s: float = 3.0,
         boot_s: float = 0.5,
     ) -> None:
-        """Start powered, torque off; ValueError for an id, baud rate or delay that it cannot have."""
+        """Start powered with torque off; ValueError for an invalid id, baud rate or delay."""
         if not (0 <= device_id <= 252 and baud in BAUD_RATES and 0 <= return_delay <= 254):
-            raise ValueError(f"id {device_id}, {baud} baud, return delay {return_delay}: out of range")
+            raise ValueError(f"id {device_id}, {baud} baud or return delay {return_delay} is out of range")
         self.collision_count = 0
         self._collisions = collisions
         self._boot_s = boot_s
@@ -71,7 +69,7 @@ class DynamixelEmulator:
         self.transmitter = Transmitter(baud)
         self._registered: list[tuple[Register, int]] = []
         self._ready_s = -math.inf
-        self._heard_s = -math.inf
+        self._instruction_s = -math.inf
         self._executors: dict[int, Callable[[float, Packet], _Result]] = {
             Instruction.PING: self._ping,
             Instruction.READ: self._read,
@@ -85,7 +83,7 @@ class DynamixelEmulator:
         self._restart_ram()
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Take instruction packets and act on them."""
+        """Process instruction packets."""
         self._protect(now_s)
         if now_s < self._ready_s or not data:
             return
@@ -100,16 +98,16 @@ class DynamixelEmulator:
                 self._handle(now_s, packet)
 
     def next_output_s(self) -> float:
-        """When the next reply is complete or the bus watchdog would trip."""
+        """Return when the next reply is complete or the bus watchdog trips."""
         return min(self.transmitter.next_s(), self._watchdog_s())
 
     def take_output(self, now_s: float) -> bytes:
-        """Look after the protections and return the replies that are complete."""
+        """Update the protections and return the complete replies."""
         self._protect(now_s)
         return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
-        """Cut the power for off_s (infinity: until the next call); the EEPROM area survives."""
+        """Interrupt the power for off_s (infinity: until the next call); the EEPROM area is kept."""
         self.transmitter.clear()
         self._reader.clear()
         self._restart_ram()
@@ -117,17 +115,17 @@ class DynamixelEmulator:
 
     @property
     def energy_j(self) -> float:
-        """What the motor has taken so far."""
+        """The energy that the motor has used so far."""
         return self.motor.energy_j
 
     def inject_error(self, bits: int) -> None:
-        """Raise bits of the hardware error status, as a fault inside the servo would."""
+        """Set bits of the hardware error status, like a fault inside the servo."""
         self.motor.raise_error(bits)
 
     # ------------------------------------------------------------------ packets
 
     def _handle(self, now_s: float, packet: Packet) -> None:
-        speaker = self._table[Address.ID]  # a new id holds from the reply to the write that changed it
+        speaker = self._table[Address.ID]  # a new id applies after the reply to the write that changed it
         own = packet.device_id == speaker
         broadcast = packet.device_id == BROADCAST_ID
         if packet.instruction == Instruction.STATUS:
@@ -136,7 +134,7 @@ class DynamixelEmulator:
             if own:
                 self._reply(now_s, speaker, Fault.CRC)
             return
-        self._heard_s = now_s
+        self._instruction_s = now_s
         if not (own or broadcast):
             return
         execute = self._executors.get(packet.instruction)
@@ -153,7 +151,7 @@ class DynamixelEmulator:
         error = fault | (ALERT if self._table[Address.HARDWARE_ERROR] else 0)
         delay_s = self._table[Address.RETURN_DELAY] * _DELAY_UNIT_S
         self.transmitter.send(now_s + delay_s, status_packet(speaker, error, parameters))
-        # A new baud rate holds from the next packet on.
+        # A new baud rate applies from the next packet on.
         self.transmitter.baud = BAUD_RATES[self._table[Address.BAUD_RATE]]
 
     def _ping(self, _now_s: float, _packet: Packet) -> _Result:
@@ -183,7 +181,7 @@ class DynamixelEmulator:
             return Fault.INSTRUCTION, b""
         parts, self._registered = self._registered, []
         self._table[Address.REGISTERED] = 0
-        # The registers may have changed since the write was registered, so it is judged again.
+        # The registers may have changed since the write was registered, so it is checked again.
         fault = next((fault for row, value in parts if (fault := self._judge(row, value))), Fault.NONE)
         if not fault:
             self._apply(now_s, parts)
@@ -193,7 +191,7 @@ class DynamixelEmulator:
         return Fault.NONE, b""
 
     def _sync_read(self, now_s: float, packet: Packet) -> _Result:
-        """Answer when named; the servo is alone on its line, so it waits for nobody before it."""
+        """Reply if addressed; the servo is alone on its line, so it need not wait for other replies."""
         if packet.device_id != BROADCAST_ID or self._table[Address.ID] not in packet.parameters[4:]:
             return None
         return self._read(now_s, Packet(packet.device_id, Instruction.READ, packet.parameters[:4]))
@@ -221,7 +219,7 @@ class DynamixelEmulator:
         return Fault.NONE
 
     def _accept(self, address: bytes, data: bytes) -> list[tuple[Register, int]] | Fault:
-        """Judge a write as a whole: one wrong register and none of it is done."""
+        """Check a write as a whole: with one invalid register it has no effect."""
         if len(address) < 2:
             return Fault.LENGTH
         parts = self._table.parse(int.from_bytes(address, "little"), data)
@@ -254,11 +252,11 @@ class DynamixelEmulator:
     # ------------------------------------------------------------------ protections
 
     def _watchdog_s(self) -> float:
-        """When the bus watchdog trips unless an instruction comes."""
+        """Return when the bus watchdog trips without an instruction."""
         units = self._table.values[Address.BUS_WATCHDOG]
         if not units or units == _TRIPPED or not self._table.values[Address.TORQUE]:
             return math.inf
-        return self._heard_s + units * _WATCHDOG_UNIT_S
+        return self._instruction_s + units * _WATCHDOG_UNIT_S
 
     def _protect(self, now_s: float) -> None:
         if now_s < self._ready_s:

@@ -12,11 +12,11 @@ BROADCAST_ID = 254
 _HEADER = b"\xff\xff\xfd\x00"
 _PATTERN, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
 _LENGTH_END = 7  # header, id, length
-_LONGEST_BODY = 320  # instruction, parameters and CRC; more than any packet this servo can use
+_MAX_BODY = 320  # instruction, parameters and CRC; more than any packet that this servo uses
 
 
 class Instruction(IntEnum):
-    """What this servo understands; bulk, fast, clear and factory reset are answered as undefined."""
+    """Instructions of this servo; bulk, fast, clear and factory reset are answered as undefined."""
 
     PING = 0x01
     READ = 0x02
@@ -56,21 +56,21 @@ class Packet:
 
 
 def status_packet(device_id: int, error: int, parameters: bytes = b"") -> bytes:
-    """Return a whole status packet, stuffed."""
+    """Return a complete status packet with byte stuffing."""
     body = (bytes([Instruction.STATUS, error]) + parameters).replace(_PATTERN, _STUFFED)
     head = _HEADER + bytes([device_id]) + (len(body) + 2).to_bytes(2, "little") + body
     return head + crc16_8005(head).to_bytes(2, "little")
 
 
 class PacketReader:
-    """Finds instruction packets in what the host sends."""
+    """Finds instruction packets in the bytes from the host."""
 
     def __init__(self) -> None:
-        """Start with nothing received."""
-        self._buffer = ReceiveBuffer(longest=2 * _LONGEST_BODY)
+        """Start with an empty buffer."""
+        self._buffer = ReceiveBuffer(longest=2 * _MAX_BODY)
 
     def feed(self, now_s: float, data: bytes) -> list[Packet]:
-        """Take bytes and return the packets that they complete, damaged ones included."""
+        """Add bytes and return the packets that they complete, damaged ones included."""
         self._buffer.append(now_s, data)
         held = self._buffer.data
         found: list[Packet] = []
@@ -83,18 +83,18 @@ class PacketReader:
             if len(held) < _LENGTH_END:
                 return found
             end = _LENGTH_END + int.from_bytes(held[5:7], "little")
-            if not _LENGTH_END + 3 <= end <= _LENGTH_END + _LONGEST_BODY:
+            if not _LENGTH_END + 3 <= end <= _LENGTH_END + _MAX_BODY:
                 del held[: len(_HEADER)]
                 continue
             if len(held) < end:
                 return found
             packet = _decode(bytes(held[:end]))
             found.append(packet)
-            # A damaged length may have swallowed the next packet: only its header is given up.
+            # A damaged length may cover the next packet, so only the header is skipped.
             del held[: end if packet.intact else len(_HEADER)]
 
     def clear(self) -> None:
-        """Forget what is incomplete."""
+        """Discard an incomplete packet."""
         self._buffer.clear()
 
 

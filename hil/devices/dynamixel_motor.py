@@ -1,4 +1,4 @@
-"""What a Dynamixel measures of its shaft, and when it shuts itself down."""
+"""Measurements of a Dynamixel servo, and its shutdown on errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hil.devices.emulator import Shaft
 
 _COUNTS_PER_RADIAN = 4096 / math.tau
 _CENTRE = 2048
-_LARGEST_OFFSET = 1024  # in position mode a larger homing offset is ignored
+_MAX_OFFSET = 1024  # in position mode a larger homing offset is ignored
 _POSITION_MODES = (3, 4, 5)
 _REVERSE = 0x01  # drive mode
 _VOLTAGE_ERROR, _OVERHEATING, _OVERLOAD = 0x01, 0x04, 0x20
@@ -19,32 +19,32 @@ _CURRENT_UNIT_A = 0.00269
 _VELOCITY_UNIT_RAD_S = 0.229 * math.tau / 60.0
 _HOLDING_A, _MOVING_A, _STALL_A = 0.015, 0.25, 4.9  # stall at 12 V: XW540-T260 specification
 _CURRENT_NOISE_A, _VOLTAGE_NOISE_V = 0.005, 0.02
-_IN_POSITION_COUNTS = 20  # nearer than this is "arrived", which a stall is not
-_SHORTEST_LOOK_S = 1e-3  # a shorter look would not tell motion from standstill
+_IN_POSITION_COUNTS = 20  # a smaller distance is not a stall
+_MIN_INTERVAL_S = 1e-3  # a shorter interval would not distinguish motion from standstill
 _STILL_RAD = 1e-7
 
 
 class MotorMonitor:
-    """The measuring half of the servo: fills the present registers and raises hardware errors."""
+    """Sets the present registers of the servo and raises hardware errors."""
 
     def __init__(self, shaft: Shaft, rng: np.random.Generator, table: ControlTable, *, overload_s: float) -> None:
-        """Watch a shaft through a control table."""
+        """Observe a shaft for a control table."""
         self.voltage_v = 12.0
         self.temperature_c = 25.0
-        self.load_a = 0.0  # drawn in addition while the torque is on, as by a shaft that binds
+        self.load_a = 0.0  # additional current while the torque is on, as from a shaft with friction
         self._shaft = shaft
         self._rng = rng
         self._table, self._values = table, table.values
         self._overload_s = overload_s
-        self.energy_j = 0.0  # taken so far, by the current of each measurement for the time before it
+        self.energy_j = 0.0  # used so far; each measured current counts for the time before it
         self._drawn_s: float | None = None
         self._seen_s = -math.inf
         self._seen_rad = shaft.angle_rad()
         self._velocity_rad_s = 0.0
-        self._stalled_s: float | None = None  # since when the motor has pulled without moving
+        self._stalled_s: float | None = None  # start of a stall
 
     def restart(self) -> None:
-        """Forget the past, as after power on: released, no errors, the goal where the shaft is."""
+        """Reset as after power-on: released, no errors, goal at the present angle."""
         self._shaft.set_torque(on=False)
         self._table[Address.GOAL_POSITION] = self.counts()
         self._seen_s, self._seen_rad = -math.inf, self._shaft.angle_rad()
@@ -52,18 +52,18 @@ class MotorMonitor:
         self._stalled_s = None
 
     def is_shut_down(self) -> bool:
-        """Whether an error that the Shutdown register names has cut the torque."""
+        """Return whether an error in the Shutdown register has switched the torque off."""
         return bool(self._values[Address.HARDWARE_ERROR] & self._values[Address.SHUTDOWN])
 
     def raise_error(self, bits: int) -> None:
-        """Latch hardware errors until a restart, and cut the torque for those that shut down."""
+        """Latch hardware errors until a restart, and switch the torque off for those in the Shutdown register."""
         self._table[Address.HARDWARE_ERROR] |= bits & 0x3F
         if self.is_shut_down():
             self._table[Address.TORQUE] = 0
             self._shaft.set_torque(on=False)
 
     def set_torque(self, now_s: float, *, on: bool) -> None:
-        """Engage or release; an X-series servo takes its present position as goal when engaged."""
+        """Engage or release; an X-series servo sets its goal to the present position when engaged."""
         if on:
             self.stop()
         self._shaft.set_torque(on=on)
@@ -71,30 +71,30 @@ class MotorMonitor:
         self._seen_s, self._seen_rad = now_s, self._shaft.angle_rad()
 
     def stop(self) -> None:
-        """Hold the shaft where it is, and call that the goal."""
+        """Hold the shaft at its present angle, which becomes the goal."""
         self._table[Address.GOAL_POSITION] = self.counts()
         self._shaft.set_target(self._shaft.angle_rad())
 
     def go(self) -> None:
-        """Move to the goal position, when in a position mode with torque on."""
+        """Move to the goal position, in a position mode with torque on."""
         if self._values[Address.TORQUE] and self._values[Address.OPERATING_MODE] in _POSITION_MODES:
             counts = self._values[Address.GOAL_POSITION] - self._offset() - _CENTRE
             self._shaft.set_target(self._sign() * counts / _COUNTS_PER_RADIAN)
 
     def counts(self) -> int:
-        """The present position as the encoder resolves it."""
+        """Return the present position in encoder counts."""
         return round(self._sign() * self._shaft.angle_rad() * _COUNTS_PER_RADIAN) + _CENTRE + self._offset()
 
     def pulls(self) -> bool:
-        """Whether the motor works against something: engaged, told to move, and not there."""
+        """Return whether the motor is engaged and not at its goal."""
         engaged = self._values[Address.TORQUE] and self._values[Address.OPERATING_MODE] in _POSITION_MODES
         tripped = self._values[Address.BUS_WATCHDOG] == 0xFF
-        return bool(engaged) and not tripped and abs(self._way()) > _IN_POSITION_COUNTS
+        return bool(engaged) and not tripped and abs(self._distance()) > _IN_POSITION_COUNTS
 
     def observe(self, now_s: float) -> None:
-        """Follow the motion since the last look and raise the errors that are due."""
+        """Update the motion since the last call and raise the errors that are due."""
         angle_rad = self._shaft.angle_rad()
-        if now_s - self._seen_s >= _SHORTEST_LOOK_S:
+        if now_s - self._seen_s >= _MIN_INTERVAL_S:
             moved_rad = angle_rad - self._seen_rad
             elapsed_s = now_s - self._seen_s
             self._velocity_rad_s = moved_rad / elapsed_s if math.isfinite(elapsed_s) else 0.0
@@ -115,12 +115,12 @@ class MotorMonitor:
             self.raise_error(errors)
 
     def measure(self, now_s: float) -> None:
-        """Fill the present registers."""
+        """Set the present registers."""
         table, values = self._table, self._values
         velocity = round(self._sign() * self._velocity_rad_s / _VELOCITY_UNIT_RAD_S)
         moving = abs(velocity) > values[Address.MOVING_THRESHOLD]
         drawn_a = self._current_a(moving=moving)
-        # Whether the motor moves is told by what the shaft has done since the last look, so this is that time's power.
+        # Motion is that since the last observation, so this is the power of that time.
         self.energy_j += 0.0 if self._drawn_s is None else abs(drawn_a) * self.voltage_v * (now_s - self._drawn_s)
         self._drawn_s = now_s
         current_a = drawn_a + _CURRENT_NOISE_A * self._rng.standard_normal()
@@ -139,13 +139,13 @@ class MotorMonitor:
         if not self._values[Address.TORQUE]:
             return 0.0
         if moving:
-            return math.copysign(_MOVING_A + self.load_a, self._way())
+            return math.copysign(_MOVING_A + self.load_a, self._distance())
         if self._stalled_s is None:
             return _HOLDING_A + self.load_a
         limit_a = self._values[Address.CURRENT_LIMIT] * _CURRENT_UNIT_A
-        return math.copysign(min(_STALL_A, limit_a), self._way())
+        return math.copysign(min(_STALL_A, limit_a), self._distance())
 
-    def _way(self) -> int:
+    def _distance(self) -> int:
         return self._values[Address.GOAL_POSITION] - self.counts()
 
     def _sign(self) -> int:
@@ -153,5 +153,5 @@ class MotorMonitor:
 
     def _offset(self) -> int:
         offset = self._values[Address.HOMING_OFFSET]
-        ignored = self._values[Address.OPERATING_MODE] == 3 and abs(offset) > _LARGEST_OFFSET
+        ignored = self._values[Address.OPERATING_MODE] == 3 and abs(offset) > _MAX_OFFSET
         return 0 if ignored else offset

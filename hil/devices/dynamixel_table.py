@@ -1,4 +1,4 @@
-"""The control table of an XW540-T260 (ROBOTIS e-Manual, XW540-T260-R), indirect data left out.
+"""The control table of an XW540-T260 (ROBOTIS e-Manual, XW540-T260-R), without indirect data.
 
 Values are little endian; negative ones in two's complement.
 """
@@ -16,7 +16,7 @@ BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000
 
 
 class Address(IntEnum):
-    """Addresses that the emulator gives a meaning to."""
+    """Addresses with a function in the emulator."""
 
     MODEL = 0
     FIRMWARE = 6
@@ -59,7 +59,7 @@ class Address(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One row of the control table; `low` and `high` bound what may be written."""
+    """One row of the control table; `low` and `high` are the limits of a write."""
 
     address: int
     size: int
@@ -97,17 +97,17 @@ class ControlTable:
 
     def __init__(self) -> None:
         """Start with factory values."""
-        self.values = {address: row.initial for address, row in REGISTERS.items()}  # to be read; set as items of this
-        self._image = bytearray(TABLE_END)  # the bytes that they are on the line
+        self.values = {address: row.initial for address, row in REGISTERS.items()}  # read only; set items of the table
+        self._image = bytearray(TABLE_END)  # the bytes of the values on the line
         for address, row in REGISTERS.items():
             self._put(address, row.initial)
 
     def __getitem__(self, address: int) -> int:
-        """The value of a register, signed where it can be negative."""
+        """Return the value of a register, signed if it can be negative."""
         return self.values[address]
 
     def __setitem__(self, address: int, value: int) -> None:
-        """Set a register whatever its access; the value is cut to its size."""
+        """Set a register regardless of its access; the value is truncated to its size."""
         if value != self.values[address]:
             self._put(address, value)
 
@@ -119,13 +119,13 @@ class ControlTable:
         self._image[address : address + size] = whole.to_bytes(size, "little")
 
     def reset_ram(self) -> None:
-        """Give the RAM area its initial values, as a restart does."""
+        """Reset the RAM area to its initial values, as in a restart."""
         for address, row in REGISTERS.items():
             if address >= RAM_START:
                 self[address] = row.initial
 
     def read(self, address: int, count: int) -> bytes | None:
-        """Return count bytes; None when none of them is defined or they lie beyond the table.
+        """Return `count` bytes; None if none of them is defined or they are beyond the table.
 
         The unused bytes between registers read as zero.
         """
@@ -135,12 +135,12 @@ class ControlTable:
         return bytes(self._image[address : span.stop])
 
     def parse(self, address: int, data: bytes) -> list[tuple[Register, int]] | Fault:
-        """Split data into whole registers and their values, or say what is wrong with it."""
+        """Split data into complete registers and their values, or return the fault."""
         parts = []
         while data:
             row = REGISTERS.get(address)
             if row is None:
-                # Inside of a register is a matter of length, outside of all of them one of access.
+                # An address within a register is a length fault, outside of all registers an access fault.
                 return Fault.LENGTH if address in _OWNER else Fault.ACCESS
             if len(data) < row.size:
                 return Fault.LENGTH
@@ -149,7 +149,7 @@ class ControlTable:
         return parts or Fault.LENGTH
 
     def judge(self, row: Register, value: int) -> Fault:
-        """Say whether a value may be written now, as far as the table itself knows."""
+        """Return the fault of writing a value now, by the table alone."""
         locked = row.address < RAM_START and self[Address.TORQUE]
         if not row.writable or locked:
             return Fault.ACCESS
@@ -160,7 +160,7 @@ class ControlTable:
         return Fault.NONE if low <= value <= high else Fault.LIMIT
 
     def _limits(self, row: Register) -> tuple[int, int]:
-        """Return the limits that other registers set to this one."""
+        """Return the limits of this register that other registers set."""
         if row.address == Address.GOAL_POSITION and self[Address.OPERATING_MODE] == 3:
             return self[Address.MIN_POSITION], self[Address.MAX_POSITION]
         bound_by = _BOUNDS.get(row.address)

@@ -1,8 +1,7 @@
-"""What every emulated device offers to the board of ports.
+"""The interface of all emulated devices.
 
-Time is an argument, so the same emulator runs in real time and in lockstep. An
-emulator speaks bytes only; what it measures and moves it reaches through small
-Protocols that the world fulfils.
+Time is an argument, so the same emulator runs in real time and in lockstep. An emulator exchanges bytes only; sensors
+and actuators are small Protocols that the world implements.
 """
 
 from __future__ import annotations
@@ -11,8 +10,8 @@ from typing import Final, Protocol
 
 from hil.devices.timing import Transmitter
 
-# Of latitude, on a sphere of 6371 km: the earth of the harness. It is not the firmware's
-# common/geodesy on purpose, for an earth that both shared could be wrong without showing.
+# Metres per degree of latitude on a sphere of 6371 km, the earth model of the harness. It is deliberately independent
+# of the firmware's common/geodesy: an error in a shared model would not show.
 METRES_PER_DEGREE: Final = 111_194.93
 
 
@@ -20,13 +19,13 @@ class Emulator(Protocol):
     """A device at the far end of a serial line."""
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Take the bytes that the autopilot wrote, complete at now_s."""
+        """Process bytes that the autopilot wrote, complete at now_s."""
 
     def next_output_s(self) -> float:
-        """When the device next wants to be asked: bytes are due, or it samples the world; infinity when neither."""
+        """Return when the device next has output or samples the world; infinity for never."""
 
     def take_output(self, now_s: float) -> bytes:
-        """Sample what is due, return all bytes complete at or before now_s (often none), in order, and forget them."""
+        """Take the samples that are due; return and remove all bytes complete at now_s, in order, often none."""
 
 
 class Device(Emulator, Protocol):
@@ -36,42 +35,42 @@ class Device(Emulator, Protocol):
 
 
 class Attitude(Protocol):
-    """What a compass senses."""
+    """The quantities that a compass measures."""
 
     def heading_rad(self) -> float:
-        """Heading from true north that a perfect compass would show now, unwrapped or not."""
+        """Return the output of a perfect compass now, from true north, possibly unwrapped."""
 
     def yaw_rate_rad_s(self) -> float:
-        """Rate of turn now, positive to starboard."""
+        """Return the yaw rate now, positive to starboard."""
 
 
 class Whereabouts(Protocol):
-    """What a satellite receiver senses."""
+    """The quantities that a GNSS receiver measures."""
 
     def latitude_deg(self) -> float:
-        """Geodetic latitude."""
+        """Return the geodetic latitude."""
 
     def longitude_deg(self) -> float:
-        """Geodetic longitude."""
+        """Return the geodetic longitude."""
 
     def speed_over_ground_m_s(self) -> float:
-        """Speed over ground."""
+        """Return the speed over ground."""
 
     def course_over_ground_rad(self) -> float:
-        """Course over ground from true north."""
+        """Return the course over ground from true north."""
 
     def utc_s(self) -> float:
-        """Seconds since 1970-01-01 UTC."""
+        """Return the seconds since 1970-01-01 UTC."""
 
 
 class Shaft(Protocol):
     """The mechanics of a servo: a shaft that follows its target with a limited slew."""
 
     def angle_rad(self) -> float:
-        """The true angle of the shaft now, positive to starboard."""
+        """Return the true angle of the shaft now, positive to starboard."""
 
     def set_target(self, target_rad: float) -> None:
         """Move toward this angle from now on (the mechanics clip it to their stops)."""
 
     def set_torque(self, *, on: bool) -> None:
-        """Release or engage the motor; a released shaft stays where it is."""
+        """Release or engage the motor; a released shaft keeps its angle."""

@@ -1,4 +1,4 @@
-"""A bad cable, a dying device: a wrapper that spoils the bytes of any emulator."""
+"""Line faults and device failures: a wrapper that corrupts the bytes of any emulator."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ import numpy as np
 
 from hil.devices.emulator import Emulator
 
-_LONGEST_GARBAGE = 16
+_MAX_GARBAGE = 16
 
 Span = tuple[float, float]
 
 
 class Impaired:
-    """An emulator behind a line that loses, changes, doubles and invents bytes.
+    """An emulator behind a line that loses, changes, duplicates and inserts bytes.
 
-    `drop`, `flip` (one bit) and `duplicate` are probabilities per byte, in both
-    directions; `garbage` is the probability per message of 1 to 16 random bytes in
-    front of it. `silent` mutes the device, `deaf` keeps commands from it, `frozen`
-    makes it repeat its last message at its own pace. All may be changed at any time;
-    the spans (from, until, in seconds) do the same by the clock.
+    `drop`, `flip` (one bit) and `duplicate` are probabilities per byte, in both directions; `garbage` is the
+    probability per message of 1 to 16 random bytes before it. `silent` suppresses the output, `deaf` the commands to
+    the device; `frozen` repeats the last message at the device's rate. All may be changed at any time; the spans (from,
+    to, in seconds) do the same by time.
     """
 
     def __init__(
@@ -36,7 +35,7 @@ class Impaired:
         deaf_spans: Sequence[Span] = (),
         frozen_spans: Sequence[Span] = (),
     ) -> None:
-        """Wrap an emulator; with the defaults nothing is changed and nothing drawn."""
+        """Wrap an emulator; with the defaults bytes are unchanged and no random numbers are drawn."""
         self.drop = drop
         self.flip = flip
         self.duplicate = duplicate
@@ -52,16 +51,16 @@ class Impaired:
         self._last_message = b""
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Pass commands on, spoiled, unless deaf."""
+        """Forward commands, corrupted, unless deaf."""
         if not (self.deaf or _within(now_s, self.deaf_spans)):
-            self._emulator.receive(now_s, self._spoil(data))
+            self._emulator.receive(now_s, self._corrupt(data))
 
     def next_output_s(self) -> float:
-        """When the device itself wants to be asked."""
+        """Return the time of the device's next output."""
         return self._emulator.next_output_s()
 
     def take_output(self, now_s: float) -> bytes:
-        """Return what is left of the device's bytes."""
+        """Return the remaining bytes of the device."""
         data = self._emulator.take_output(now_s)
         if not data:
             return b""
@@ -70,22 +69,22 @@ class Impaired:
         self._last_message = data
         if self.silent or _within(now_s, self.silent_spans):
             return b""
-        return self._spoil(data)
+        return self._corrupt(data)
 
-    def _spoil(self, data: bytes) -> bytes:
+    def _corrupt(self, data: bytes) -> bytes:
         if not data or not (self.drop or self.flip or self.duplicate or self.garbage):
             return data
-        spoiled = bytearray()
+        corrupted = bytearray()
         if self._rng.random() < self.garbage:
-            spoiled += self._rng.bytes(int(self._rng.integers(1, _LONGEST_GARBAGE + 1)))
+            corrupted += self._rng.bytes(int(self._rng.integers(1, _MAX_GARBAGE + 1)))
         chances = self._rng.random((len(data), 3))
         bits = self._rng.integers(0, 8, len(data))
-        for byte, (drop, flip, double), bit in zip(data, chances, bits, strict=True):
+        for byte, (drop, flip, duplicate), bit in zip(data, chances, bits, strict=True):
             if drop < self.drop:
                 continue
             kept = byte ^ (1 << int(bit)) if flip < self.flip else byte
-            spoiled += bytes([kept]) * (2 if double < self.duplicate else 1)
-        return bytes(spoiled)
+            corrupted += bytes([kept]) * (2 if duplicate < self.duplicate else 1)
+        return bytes(corrupted)
 
 
 def _within(now_s: float, spans: Sequence[Span]) -> bool:

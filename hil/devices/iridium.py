@@ -1,6 +1,6 @@
 """An Iridium 9602 on its serial port: AT commands of Short Burst Data, byte by byte.
 
-Written from the ISU AT Command Reference; it shares nothing with the driver.
+Written from the ISU AT Command Reference, independent of the driver.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ import struct
 from hil.devices.iridium_network import IridiumNetwork
 from hil.devices.timing import Transmitter
 
-_THINK_S = 0.02  # until a simple command is answered
-_MEASURE_S = 1.5  # until the signal is known
-_RING_S = 1.0  # between looks for an alert
+_REPLY_S = 0.02  # delay of a reply to a simple command
+_SIGNAL_S = 1.5  # duration of a signal measurement
+_RING_S = 1.0  # interval of checks for an alert
 _WRITE_S = 60.0  # after READY
-_MOST_OUT = 340
+_MAX_MESSAGE_BYTES = 340
 
 
 class IridiumModem:
-    """The modem; `imei` is its own. Echo is on and alerts are off until it is told otherwise, as from the factory."""
+    """The modem with its `imei`. Factory settings: echo on, alerts off."""
 
     def __init__(self, network: IridiumNetwork, *, imei: str = "300234010753370", baud: int = 19200) -> None:
-        """Switch it on."""
+        """Start powered."""
         self.network = network
         self.imei = imei
         self._line = Transmitter(baud)
@@ -31,18 +31,18 @@ class IridiumModem:
         self._out_message = self._in_message = b""
         self._out_number, self._in_number = 0, 0
         self._waiting = 0
-        self._awaited: tuple[float, int] | None = None  # bytes of a message, and until when they may come
+        self._awaited: tuple[float, int] | None = None  # deadline and size of a message
         self._busy_until_s = -math.inf
         self._ring_s = 0.0
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Take bytes; while a session is under way it is deaf."""
+        """Process bytes; during a session they are ignored."""
         if now_s < self._busy_until_s:
             return
         self._in += data
         while self._in:
             if self._awaited is not None:
-                if not self._take_message(now_s):
+                if not self._read_message(now_s):
                     return
                 continue
             command, end, rest = self._in.partition(b"\r")
@@ -51,32 +51,32 @@ class IridiumModem:
                 return
             self._in = rest
             if self._echo:
-                self._say(now_s, command + b"\r")
-            self._obey(now_s, command.strip().upper())
+                self._send(now_s, command + b"\r")
+            self._execute(now_s, command.strip().upper())
 
     def next_output_s(self) -> float:
-        """When something is complete, or an alert is looked for."""
+        """Return when the next output is complete, or the next check for an alert."""
         return min(self._line.next_s(), self._ring_s)
 
     def take_output(self, now_s: float) -> bytes:
-        """Return what is complete."""
+        """Return the complete output."""
         while self._ring_s <= now_s:
             if self._alerts and self._ring_s >= self._busy_until_s and self.network.take_ring(self._ring_s):
                 self._ringing = True
-                self._say(self._ring_s, b"\r\nSBDRING\r\n")
+                self._send(self._ring_s, b"\r\nSBDRING\r\n")
             self._ring_s += max(_RING_S, math.floor(now_s - self._ring_s))
         return self._line.take(now_s)
 
     # ------------------------------------------------------------------
 
-    def _say(self, at_s: float, data: bytes) -> None:
+    def _send(self, at_s: float, data: bytes) -> None:
         self._line.send(at_s, data)
 
     def _answer(self, at_s: float, text: str = "", end: str = "OK") -> None:
         head = f"\r\n{text}\r\n" if text else ""
-        self._say(at_s, f"{head}\r\n{end}\r\n".encode())
+        self._send(at_s, f"{head}\r\n{end}\r\n".encode())
 
-    def _take_message(self, now_s: float) -> bool:
+    def _read_message(self, now_s: float) -> bool:
         assert self._awaited is not None  # noqa: S101 - for the type checker
         until_s, size = self._awaited
         if now_s > until_s:
@@ -85,16 +85,16 @@ class IridiumModem:
             return True
         if len(self._in) < size + 2:
             return False
-        message, told = self._in[:size], self._in[size : size + 2]
+        message, checksum = self._in[:size], self._in[size : size + 2]
         self._in, self._awaited = self._in[size + 2 :], None
-        right = struct.pack(">H", sum(message) % 65536) == told
-        if right:
+        is_valid = struct.pack(">H", sum(message) % 65536) == checksum
+        if is_valid:
             self._out_message = message
-        self._answer(now_s + _THINK_S, "0" if right else "2")
+        self._answer(now_s + _REPLY_S, "0" if is_valid else "2")
         return True
 
-    def _obey(self, now_s: float, command: bytes) -> None:
-        at_s = now_s + _THINK_S
+    def _execute(self, now_s: float, command: bytes) -> None:
+        at_s = now_s + _REPLY_S
         name, _, value = command.partition(b"=")
         if name in (b"AT", b"AT&K0", b"AT+SBDDET"):
             self._answer(at_s)
@@ -107,12 +107,12 @@ class IridiumModem:
         elif name == b"AT+CGSN":
             self._answer(at_s, self.imei)
         elif name in (b"AT+CSQ", b"AT+CSQF"):
-            self._answer(now_s + (_MEASURE_S if name == b"AT+CSQ" else _THINK_S), f"+CSQ:{self.network.signal(now_s)}")
+            self._answer(now_s + (_SIGNAL_S if name == b"AT+CSQ" else _REPLY_S), f"+CSQ:{self.network.signal(now_s)}")
         elif name == b"AT+SBDWB" and value.isdigit():
             self._expect(now_s, int(value))
         elif name == b"AT+SBDRB":
             content = self._in_message
-            self._say(at_s, struct.pack(">H", len(content)) + content + struct.pack(">H", sum(content) % 65536))
+            self._send(at_s, struct.pack(">H", len(content)) + content + struct.pack(">H", sum(content) % 65536))
             self._answer(at_s)
         elif name in (b"AT+SBDD0", b"AT+SBDD1", b"AT+SBDD2"):
             self._out_message = b"" if name[-1:] in b"02" else self._out_message
@@ -128,11 +128,11 @@ class IridiumModem:
             self._answer(at_s, end="ERROR")
 
     def _expect(self, now_s: float, size: int) -> None:
-        if not 1 <= size <= _MOST_OUT:
-            self._answer(now_s + _THINK_S, "3")
+        if not 1 <= size <= _MAX_MESSAGE_BYTES:
+            self._answer(now_s + _REPLY_S, "3")
             return
         self._awaited = (now_s + _WRITE_S, size)
-        self._say(now_s + _THINK_S, b"\r\nREADY\r\n")
+        self._send(now_s + _REPLY_S, b"\r\nREADY\r\n")
 
     def _call(self, now_s: float) -> None:
         outcome = self.network.session(now_s, self._out_number, self._out_message)

@@ -1,4 +1,4 @@
-"""The far side of an Iridium modem: a sky that is better or worse, a gateway with its queue, and the bill."""
+"""The network behind an Iridium modem: signal, gateway with its queue, and costs."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ _FAILURES = (NO_SERVICE, DROPPED, TIMED_OUT, BUSY, TOO_SOON, NOT_COMPLETED)
 
 
 def clear_sky(_now_s: float) -> int:
-    """Return five bars."""
+    """Return a signal of five bars."""
     return 5
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a session goes: how long it takes, what the modem is told, and the message for the boat, if any."""
+    """Result of a session: duration, status for the modem, and the message for the boat, if any."""
 
     duration_s: float
     status: int
-    counted: bool  # the modem counts its message on
+    counted: bool  # the modem increments its message number
     message: tuple[int, bytes] | None
     waiting: int
 
 
 @dataclass(slots=True)
 class Bill:
-    """What the provider asks for: whole credits for each message either way, one for a look at an empty mailbox."""
+    """Credits of the provider: whole credits for each message either way, one for a check of an empty mailbox."""
 
     from_boat: int = 0
     to_boat: int = 0
@@ -47,11 +47,10 @@ class Bill:
 
 
 class IridiumNetwork:
-    """Hands messages over, sometimes; every chance is drawn from the numbers given.
+    """Transfers messages with random failures; all chances are drawn from `numbers`.
 
-    `failed` is the part of sessions that fail; `lost_answers` the part of those with a message that arrives although
-    the modem is told that it did not. `signal` gives the bars at a time, `lost_rings` is the part of alerts that nobody
-    hears.
+    `failed` is the share of sessions that fail, `lost_answers` the share of those whose message arrives although the
+    modem gets a failure. `signal` returns the bars at a time, `lost_rings` is the share of alerts that are lost.
     """
 
     def __init__(
@@ -64,14 +63,13 @@ class IridiumNetwork:
         duration_s: tuple[float, float] = (6.0, 25.0),
         signal: Callable[[float], int] = clear_sky,
     ) -> None:
-        """Start with nothing in either direction."""
+        """Start with no messages in either direction."""
         self.failed = failed
         self.signal = signal
         self.bill = Bill()
-        self.charges: list[tuple[float, int]] = []  # when, and how many credits
-        self.delivered: deque[tuple[float, int, bytes]] = (
-            deque()
-        )  # time, number of the modem, message: for who takes it
+        self.charges: list[tuple[float, int]] = []  # time and number of credits
+        # Time, number of the modem, message.
+        self.delivered: deque[tuple[float, int, bytes]] = deque()
         self.attempts = 0
         self._numbers = numbers
         self._lost_answers, self._lost_rings = lost_answers, lost_rings
@@ -81,7 +79,7 @@ class IridiumNetwork:
         self._rings = 0
 
     def send(self, message: bytes) -> None:
-        """Queue a message to the boat; ValueError for one that no modem takes."""
+        """Queue a message to the boat; ValueError for an invalid length."""
         if not 1 <= len(message) <= 270:
             raise ValueError(f"a message to the boat has 1 to 270 bytes, not {len(message)}")
         self._number = (self._number + 1) & 0xFFFF
@@ -90,18 +88,18 @@ class IridiumNetwork:
 
     @property
     def waiting(self) -> int:
-        """Messages for the boat."""
+        """The number of messages for the boat."""
         return len(self._queue)
 
     def take_ring(self, now_s: float) -> bool:
-        """Return whether the modem hears an alert now; one that it has no signal for is gone."""
+        """Return whether the modem receives an alert now; without a signal the alert is lost."""
         if not self._rings:
             return False
         self._rings -= 1
         return self.signal(now_s) > 0 and float(self._numbers.random()) >= self._lost_rings
 
     def session(self, now_s: float, number: int, message: bytes) -> Outcome:
-        """Carry out a session with what the modem holds, an empty message for none."""
+        """Make a session with the modem's message, an empty one for none."""
         self.attempts += 1
         duration_s = float(self._numbers.uniform(*self._duration_s))
         chance, lot = float(self._numbers.random()), float(self._numbers.random())
@@ -109,20 +107,20 @@ class IridiumNetwork:
             return Outcome(duration_s, NO_SERVICE, counted=False, message=None, waiting=0)
         if chance < self.failed:
             if message and lot < self._lost_answers:
-                self._take(now_s, number, message)
+                self._deliver(now_s, number, message)
                 return Outcome(duration_s, NOT_COMPLETED, counted=False, message=None, waiting=0)
             status = _FAILURES[int(self._numbers.integers(0, len(_FAILURES)))]
             return Outcome(duration_s, status, counted=False, message=None, waiting=0)
         if message:
-            self._take(now_s, number, message)
-        handed = self._queue.popleft() if self._queue else None
-        if handed is not None:
-            self.bill.to_boat += self._charge(now_s, len(handed[1]))
+            self._deliver(now_s, number, message)
+        received = self._queue.popleft() if self._queue else None
+        if received is not None:
+            self.bill.to_boat += self._charge(now_s, len(received[1]))
         elif not message:
             self.bill.looks += self._charge(now_s, 1)
-        return Outcome(duration_s, 0, counted=True, message=handed, waiting=len(self._queue))
+        return Outcome(duration_s, 0, counted=True, message=received, waiting=len(self._queue))
 
-    def _take(self, now_s: float, number: int, message: bytes) -> None:
+    def _deliver(self, now_s: float, number: int, message: bytes) -> None:
         self.delivered.append((now_s, number, message))
         self.bill.from_boat += self._charge(now_s, len(message))
 

@@ -1,9 +1,8 @@
-"""An Xsens MTi AHRS: measures by itself after power-up with the outputs that it remembers.
+"""An Xsens MTi AHRS: after power-up it measures with the stored output configuration.
 
-Sources: MT Low Level Communication Protocol Documentation MT0101P, MTi User Manual
-MT0605P, mtidocs.movella.com "States". Where they leave a choice: a message with a bad
-checksum is ignored; a command that is not for the present state is ignored, one that is
-not known is answered with Error 4; a rate above the fastest is brought down to it.
+Sources: MT Low Level Communication Protocol Documentation MT0101P, MTi User Manual MT0605P, mtidocs.movella.com
+"States". Choices where they give none: a message with a bad checksum is ignored; a command for another state is
+ignored, an unknown one is answered with Error 4; a rate above the maximum is reduced to it.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ from hil.devices.timing import Pace, Transmitter
 
 _ANSWER_DELAY_S = 0.002
 _WAKE_UP_WINDOW_S = 0.5
-_FASTEST_HZ = 100  # MTi 1-series
+_MAX_RATE_HZ = 100  # MTi 1-series
 _DEVICE_ID = 0x0360_1234
 _WITH_EACH_MESSAGE = 0xFFFF
 _ALWAYS = (Xdi.PACKET_COUNTER, Xdi.SAMPLE_TIME_FINE, Xdi.STATUS)
-# As it comes from the factory: ENU, with what most hosts want.
+# Factory configuration: ENU, with the usual outputs.
 _FACTORY_OUTPUT = ((Xdi.PACKET_COUNTER, 0xFFFF), (Xdi.SAMPLE_TIME_FINE, 0xFFFF), (Xdi.EULER, 100), (Xdi.STATUS, 0xFFFF))
 _INVALID_MESSAGE, _INVALID_PARAMETER = 4, 33
 _SELF_TEST, _FILTER_VALID = 0x01, 0x02
@@ -49,12 +48,11 @@ class _State(Enum):
 
 
 class MtiEmulator:
-    """An MTi with its label up and its x axis ahead, which senses magnetic north.
+    """An MTi with its label up and its x axis ahead, which measures magnetic north.
 
-    `declination_deg` is the place's. `temperature_c`, `pitch_deg`, `roll_deg` (of the
-    boat), `self_test_passed`, `filter_valid` and `clipped` (bits of the status word) may
-    be set at any time. `stored` counts how often the outputs went to the memory that
-    survives a power cut. An orientation is valid `settle_s` after a measurement begins.
+    `declination_deg` is that of the location. `temperature_c`, `pitch_deg`, `roll_deg` (of the boat),
+    `self_test_passed`, `filter_valid` and `clipped` (bits of the status word) may be set at any time. `stored` counts
+    writes of the outputs to the non-volatile memory. An orientation is valid `settle_s` after a measurement begins.
     """
 
     def __init__(
@@ -71,7 +69,7 @@ class MtiEmulator:
         settle_s: float = 0.2,
         baud: int = 115200,
     ) -> None:
-        """Start powered and awake, measuring, with the factory's outputs."""
+        """Start powered and measuring, with the factory's outputs."""
         self.temperature_c = 20.0
         self.pitch_deg = 0.0
         self.roll_deg = 0.0
@@ -92,7 +90,7 @@ class MtiEmulator:
         self._reader = MessageReader()
         self._output: tuple[tuple[int, int], ...] = _FACTORY_OUTPUT
         self._state = _State.OFF
-        self._change_s = math.inf  # when the state next changes by itself
+        self._change_s = math.inf  # time of the next automatic change of the state
         self._pace: Pace | None = None
         self._measuring_since_s = 0.0
         self._count = 0
@@ -106,7 +104,7 @@ class MtiEmulator:
         self._measure(0.0)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Take commands."""
+        """Process commands."""
         self._pass_time(now_s)
         if self._state is _State.OFF or not data:
             return
@@ -118,12 +116,12 @@ class MtiEmulator:
                 self._refuse(now_s, _INVALID_MESSAGE)
 
     def next_output_s(self) -> float:
-        """When the next message is sampled or complete, or the state changes."""
+        """Return when the next message is sampled or complete, or the state changes."""
         sample_s = math.inf if self._pace is None else self._pace.next_s
         return min(sample_s, self._change_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
-        """Sample what is due and return the messages that are complete."""
+        """Take the samples that are due and return the complete messages."""
         self._pass_time(now_s)
         if self._pace is not None:
             for sample_s in self._pace.take(now_s):
@@ -131,7 +129,7 @@ class MtiEmulator:
         return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
-        """Cut the power for off_s (infinity: until the next call); the outputs are remembered."""
+        """Interrupt the power for off_s (infinity: until the next call); the outputs are kept."""
         self.transmitter.clear()
         self._reader.clear()
         self._pace = None
@@ -141,7 +139,7 @@ class MtiEmulator:
     # ------------------------------------------------------------------ states
 
     def _pass_time(self, now_s: float) -> None:
-        """Wake up, and measure when nobody wants the configuration."""
+        """Wake up, and measure if no host requests the configuration."""
         while self._change_s <= now_s:
             change_s, self._change_s = self._change_s, math.inf
             if self._state is _State.OFF:
@@ -189,7 +187,7 @@ class MtiEmulator:
         if self._state is not _State.CONFIG:
             return
         if content:
-            outputs = self._possible(content)
+            outputs = self._supported(content)
             if outputs is None:
                 self._refuse(now_s, _INVALID_PARAMETER)
                 return
@@ -197,8 +195,8 @@ class MtiEmulator:
             self.stored += 1
         self._answer(now_s, Mid.OUTPUT_CONFIG, b"".join(struct.pack(">HH", *row) for row in self._output))
 
-    def _possible(self, content: bytes) -> tuple[tuple[int, int], ...] | None:
-        """The outputs as this device can give them; None for what it has not."""
+    def _supported(self, content: bytes) -> tuple[tuple[int, int], ...] | None:
+        """Return the outputs with the rates of this device; None if it does not have one of them."""
         if len(content) % 4:
             return None
         outputs = []
@@ -206,9 +204,9 @@ class MtiEmulator:
             kind = identifier & 0xFFF0
             if kind not in tuple(Xdi) or (kind == Xdi.EULER and identifier & 0xC not in LOCAL_FRAMES):
                 return None
-            fastest = 1 if kind == Xdi.TEMPERATURE else _FASTEST_HZ
-            wanted = fastest if rate in (0, _WITH_EACH_MESSAGE) else rate
-            outputs.append((identifier, _WITH_EACH_MESSAGE if kind in _ALWAYS else min(wanted, fastest)))
+            fastest = 1 if kind == Xdi.TEMPERATURE else _MAX_RATE_HZ
+            rate_hz = fastest if rate in (0, _WITH_EACH_MESSAGE) else rate
+            outputs.append((identifier, _WITH_EACH_MESSAGE if kind in _ALWAYS else min(rate_hz, fastest)))
         return tuple(outputs)
 
     def _refuse(self, now_s: float, code: int) -> None:
@@ -220,7 +218,7 @@ class MtiEmulator:
     # ------------------------------------------------------------------ data
 
     def _data_message(self, now_s: float) -> bytes:
-        """One MTData2: of slower outputs, as the temperature, only every so manyth message has a value."""
+        """Return one MTData2; a slower output, such as the temperature, is only in every n-th message."""
         fastest = max(rate for _, rate in self._output if rate != _WITH_EACH_MESSAGE)
         data = b""
         for identifier, rate in self._output:
@@ -262,7 +260,7 @@ class MtiEmulator:
         return sensor_in_enu(math.radians(heading_deg), math.radians(pitch_deg), math.radians(roll_deg))
 
     def _turn_rad_s(self) -> tuple[float, ...]:
-        """The gyroscopes: a turn to starboard is one about the vertical that points down, seen from the sensor."""
+        """Return the gyroscope rates: a turn to starboard is about the downward axis, in sensor coordinates."""
         up_in_sensor = self._sensor(noisy=False)[2]
         return tuple(-self._attitude.yaw_rate_rad_s() * part for part in up_in_sensor)
 

@@ -1,6 +1,6 @@
 """Frames and values of the Xbus protocol, the device's side (MT Low Level Communication Protocol, MT0101P).
 
-Written from the document and from captures of a real device, without the driver's codec.
+Written from the document and from captures of a real device, independent of the driver's codec.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from enum import IntEnum
 
 from hil.devices.timing import ReceiveBuffer
 
-_LONGEST_COMMAND = 5 + 32 * 4  # a list of 32 outputs is the longest that this device understands
+_MAX_COMMAND = 5 + 32 * 4  # a list of 32 outputs
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
 
@@ -32,7 +32,7 @@ class Mid(IntEnum):
 
 
 class Xdi(IntEnum):
-    """Data types, the format bits left out."""
+    """Data types, without the format bits."""
 
     TEMPERATURE = 0x0810
     PACKET_COUNTER = 0x1020
@@ -43,14 +43,14 @@ class Xdi(IntEnum):
 
 
 def pack_message(mid: int, data: bytes = b"") -> bytes:
-    """Return a whole message, with the long form of the length where it is needed."""
+    """Return a complete message, with the long form of the length if necessary."""
     length = bytes([len(data)]) if len(data) < 0xFF else b"\xff" + len(data).to_bytes(2, "big")
     counted = bytes([0xFF, mid]) + length + data
     return b"\xfa" + counted + bytes([(0x100 - sum(counted) % 0x100) % 0x100])
 
 
 def pack_values(values: Sequence[float], precision: int) -> bytes:
-    """Write numbers in precision 0 float, 1 fixed 12.20, 2 fixed 16.32 (fraction first), 3 double."""
+    """Encode numbers in precision 0 float, 1 fixed 12.20, 2 fixed 16.32 (fraction first), 3 double."""
     if precision == 0:
         return struct.pack(f">{len(values)}f", *values)
     if precision == 3:
@@ -66,21 +66,21 @@ def pack_values(values: Sequence[float], precision: int) -> bytes:
 
 
 class MessageReader:
-    """Finds messages in what the host sends; whatever is damaged is skipped without a word."""
+    """Finds messages in the bytes from the host; damaged ones are skipped."""
 
     def __init__(self) -> None:
-        """Start with nothing received."""
-        self._buffer = ReceiveBuffer(longest=2 * _LONGEST_COMMAND)
+        """Start with an empty buffer."""
+        self._buffer = ReceiveBuffer(longest=2 * _MAX_COMMAND)
 
     def feed(self, now_s: float, data: bytes) -> list[tuple[int, bytes]]:
-        """Take bytes and return (message id, data) of the messages that they complete."""
+        """Add bytes and return (message id, data) of the messages that they complete."""
         self._buffer.append(now_s, data)
         held = self._buffer.data
         found: list[tuple[int, bytes]] = []
         start = 0
         while len(held) - start >= 5:
             length = held[start + 3]
-            if held[start] != 0xFA or held[start + 1] != 0xFF or 5 + length > _LONGEST_COMMAND:
+            if held[start] != 0xFA or held[start + 1] != 0xFF or 5 + length > _MAX_COMMAND:
                 start += 1
                 continue
             end = start + 5 + length
@@ -95,11 +95,11 @@ class MessageReader:
         return found
 
     def clear(self) -> None:
-        """Forget what is incomplete."""
+        """Discard an incomplete message."""
         self._buffer.clear()
 
 
-# From the device's own frame ENU to the one asked for (RotLocal of the user manual MT0605P); keys are the frame bits.
+# From the device's frame ENU to the configured one (RotLocal of the user manual MT0605P); keys are the frame bits.
 LOCAL_FRAMES: dict[int, Matrix] = {
     0x0: ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     0x4: ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),  # NED
@@ -108,7 +108,7 @@ LOCAL_FRAMES: dict[int, Matrix] = {
 
 
 def sensor_in_enu(heading_rad: float, pitch_rad: float, roll_rad: float) -> Matrix:
-    """The columns: where the sensor's axes forward, port and up point in east, north and up.
+    """Return the matrix whose columns are the sensor's forward, port and up axes in east, north and up.
 
     Heading clockwise from north, pitch with the bow up, roll with the starboard side down.
     """
@@ -128,7 +128,7 @@ def sensor_in_enu(heading_rad: float, pitch_rad: float, roll_rad: float) -> Matr
 
 
 def euler_deg(local: Matrix, sensor: Matrix) -> tuple[float, float, float]:
-    """Roll, pitch and yaw in degrees of the sensor's axes seen from a local frame (sequence Z, Y', X'')."""
+    """Return roll, pitch and yaw in degrees of the sensor's axes in a local frame (sequence Z, Y', X'')."""
     turned = [[sum(local[i][k] * sensor[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
     return (
         math.degrees(math.atan2(turned[2][1], turned[2][2])),

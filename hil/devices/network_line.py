@@ -12,18 +12,18 @@ KINDS = ("tcp", "udpout", "udpin")
 
 
 class NetworkLineError(OSError):
-    """A link that cannot be made; the text names it and the reason."""
+    """A link that cannot be opened; the text names it and the reason."""
 
 
 class NetworkLine:
-    """The far end of a PtyLine's interface on TCP or UDP, for what an operator says.
+    """The interface of a PtyLine on TCP or UDP, for the link of the operator.
 
-    `tcp:HOST:PORT` calls the autopilot, and so does `udpout:HOST:PORT`, which it hears of with the first bytes;
-    `udpin:HOST:PORT` waits for it and answers whoever spoke last. HOST alone is tcp:HOST:5760.
+    `tcp:HOST:PORT` and `udpout:HOST:PORT` connect to the autopilot; `udpin:HOST:PORT` waits for it and sends to the
+    last sender. HOST alone is tcp:HOST:5760.
     """
 
     def __init__(self, url: str) -> None:
-        """Make the link; NetworkLineError when that fails."""
+        """Open the link; NetworkLineError when that fails."""
         self.overrun_bytes = 0
         self.total_read = 0
         self.total_written = 0
@@ -42,19 +42,19 @@ class NetworkLine:
 
     @property
     def plugged(self) -> bool:
-        """Whether the link is there."""
+        """Whether the link is open."""
         return self._socket.fileno() >= 0
 
     def fileno(self) -> int:
-        """The descriptor to wait on, or -1 when the link is closed."""
+        """Return the descriptor to wait on, or -1 when the link is closed."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """End the link."""
+        """Close the link."""
         self._socket.close()
 
     def read(self) -> bytes:
-        """Return what has come, without waiting."""
+        """Return the received bytes, without waiting."""
         data = b""
         try:
             if self._datagrams:
@@ -65,14 +65,14 @@ class NetworkLine:
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError:
-            # A refused datagram is nobody there yet; a stream that fails is over.
+            # A refused datagram means that the peer is not up yet; a failed stream is closed.
             if not self._datagrams:
                 self.close()
         self.total_read += len(data)
         return data
 
     def write(self, data: bytes) -> int:
-        """Send bytes and return how many went."""
+        """Send bytes and return the number sent."""
         sent = 0
         with contextlib.suppress(OSError):
             if not self._datagrams:

@@ -1,4 +1,4 @@
-"""An NMEA 0183 heading sensor: it talks by itself and listens to nobody."""
+"""An NMEA 0183 heading sensor, which sends periodically and ignores input."""
 
 from __future__ import annotations
 
@@ -16,13 +16,11 @@ Kind = Literal["HDT", "HDG", "HDM"]
 
 
 class NmeaCompassEmulator:
-    """A compass that sends HDT, HDG or HDM (and ROT) at its own pace.
+    """A compass that sends HDT, HDG or HDM (and ROT) at its own rate.
 
-    Each turn samples the attitude and puts the sentence on the wire; the bytes are
-    there when the last one has been transferred. `declination_deg` is the place's
-    (true minus magnetic, east positive); `variation_deg` and `deviation_deg` are
-    what an HDG sentence states, empty when None. The raw HDG reading is magnetic
-    minus deviation.
+    Each period it samples the attitude and sends the sentence; the bytes are complete after the transfer time.
+    `declination_deg` is that of the location (true minus magnetic, east positive); `variation_deg` and `deviation_deg`
+    are those in an HDG sentence, empty when None. The raw HDG reading is magnetic minus deviation.
     """
 
     def __init__(
@@ -44,9 +42,9 @@ class NmeaCompassEmulator:
         rate_noise_deg_s: float = 0.05,
         baud: int = 38400,
     ) -> None:
-        """Start at phase_s; ValueError for a rate, resolution or kind that makes no sense."""
+        """Start at phase_s; ValueError for an invalid rate, resolution or kind."""
         if sentence not in ("HDT", "HDG", "HDM"):
-            raise ValueError(f"a compass says HDT, HDG or HDM, not {sentence}")
+            raise ValueError(f"sentence {sentence} is not supported; use HDT, HDG or HDM")
         if not (math.isfinite(rate_hz) and rate_hz > 0.0 and resolution_deg > 0.0):
             raise ValueError(f"rate {rate_hz} Hz and resolution {resolution_deg} deg must be positive")
         self._attitude = attitude
@@ -65,25 +63,25 @@ class NmeaCompassEmulator:
         self.transmitter = Transmitter(baud)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Ignore what is sent to it: the maker did not connect the receiver."""
+        """Ignore input: the receiver is not connected."""
 
     def next_output_s(self) -> float:
-        """When the next sample is taken or the next sentence is complete."""
+        """Return when the next sample is taken or the next sentence is complete."""
         return min(self._pace.next_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
-        """Take the samples that are due and return the sentences that are complete."""
+        """Take the samples that are due and return the complete sentences."""
         for sample_s in self._pace.take(now_s):
-            self.transmitter.send(sample_s, self._talk())
+            self.transmitter.send(sample_s, self._sentences())
         return self.transmitter.take(now_s)
 
-    def _talk(self) -> bytes:
+    def _sentences(self) -> bytes:
         true_deg = degrees(self._attitude.heading_rad()) + self._rng.normal(0.0, self._noise_deg)
-        spoken = whole_sentence(f"{self._talker}{self._kind},{self._fields(true_deg)}")
+        sentences = whole_sentence(f"{self._talker}{self._kind},{self._fields(true_deg)}")
         if self._rot:
             rate_deg_s = degrees(self._attitude.yaw_rate_rad_s()) + self._rng.normal(0.0, self._rate_noise_deg_s)
-            spoken += whole_sentence(f"{self._talker}ROT,{rate_deg_s * 60.0:.1f},A")
-        return spoken
+            sentences += whole_sentence(f"{self._talker}ROT,{rate_deg_s * 60.0:.1f},A")
+        return sentences
 
     def _fields(self, true_deg: float) -> str:
         magnetic_deg = true_deg - self._declination_deg
@@ -99,5 +97,5 @@ class NmeaCompassEmulator:
 
 
 def _correction(angle_deg: float | None) -> str:
-    """Return `x.x,E` or `x.x,W`, or the two empty fields of a device that does not know."""
+    """Return `x.x,E` or `x.x,W`, or two empty fields for an unknown value."""
     return "," if angle_deg is None else f"{abs(angle_deg):.1f},{hemisphere(angle_deg, 'E', 'W')}"

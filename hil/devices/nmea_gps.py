@@ -1,4 +1,4 @@
-"""An NMEA 0183 satellite receiver: RMC, GGA and VTG at its own pace."""
+"""An NMEA 0183 GNSS receiver: RMC, GGA and VTG at its own rate."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ from hil.devices.nmea_text import bearing, clock_and_date, coordinate, whole_sen
 from hil.devices.timing import Pace, Transmitter
 
 POSITION_NOISE_M = 1.5
-NOISE_TIME_S = 60.0  # position errors of a receiver wander (ionosphere, multipath); they are not white
+NOISE_TIME_S = 60.0  # time constant of position errors (ionosphere, multipath), which are not white
 _SATELLITES = 11
 _HDOP = 0.9
 _ALTITUDE_M = 2.0
 _GEOID_M = 17.5
 _KILOMETRES_PER_HOUR = 3.6
-_SAMPLE_S = 0.1  # what is filtered is measured more often than it is told
+_SAMPLE_S = 0.1  # a filtered velocity is sampled more often than it is sent
 
 
 class NmeaGpsEmulator:
-    """A receiver that reports position, speed and course; `fix = False` makes it lose the sky.
+    """A receiver of position, speed and course; `fix = False` removes the fix.
 
-    Position errors wander as a first-order Gauss-Markov process of `position_noise_m`
-    in each axis; the velocity error is white, so the course of a boat at rest is noise,
-    as it is on a real one. The epoch is sampled at its instant; the sentences start
-    `latency_s` later. With `velocity_filter_s` the velocity is that of a first-order filter, fed ten times
-    a second. `gaps` are the times without a fix.
+    Position errors are a first-order Gauss-Markov process of `position_noise_m` in each axis; the velocity error is
+    white, so the course of a boat at rest is noise, as on a real receiver. Each epoch is sampled at its time; its
+    sentences start `latency_s` later. With `velocity_filter_s` the velocity passes a first-order filter with ten
+    samples a second. `gaps` are the times without a fix.
     """
 
     def __init__(
@@ -65,24 +64,24 @@ class NmeaGpsEmulator:
         self.transmitter = Transmitter(baud)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Ignore what is sent to it."""
+        """Ignore input."""
 
     def next_output_s(self) -> float:
-        """When the next epoch is sampled or the next burst is complete."""
+        """Return when the next epoch is sampled or the next burst is complete."""
         next_s = min(self._pace.next_s, self.transmitter.next_s())
         return next_s if self._filter is None else min(next_s, self._filter.next_s)
 
     def take_output(self, now_s: float) -> bytes:
-        """Sample the epochs that are due and return the bursts that are complete."""
+        """Sample the epochs that are due and return the complete bursts."""
         if self._filter is not None:
             self._filter.take(now_s, self._whereabouts)
         for epoch_s in self._pace.take(now_s):
-            self.transmitter.send(epoch_s + self._latency_s, self._talk(epoch_s))
+            self.transmitter.send(epoch_s + self._latency_s, self._sentences(epoch_s))
         return self.transmitter.take(now_s)
 
-    def _talk(self, epoch_s: float) -> bytes:
+    def _sentences(self, epoch_s: float) -> bytes:
         clock, date = clock_and_date(self._whereabouts.utc_s())
-        # The noise is drawn with and without a fix, so that a lost sky does not shift the rest of the run.
+        # The noise is drawn with and without a fix, so that a gap does not change the rest of the run.
         position = self._position()
         speed_m_s, course_deg = self._velocity()
         if not self.fix or (self._gaps is not None and self._gaps.cover(epoch_s)):
@@ -122,10 +121,10 @@ class NmeaGpsEmulator:
 
 
 class VelocityFilter:
-    """The smoothing inside a receiver: a first-order filter on samples of its own."""
+    """The velocity filter of a receiver: first order, with its own samples."""
 
     def __init__(self, time_s: float, start_s: float) -> None:
-        """Begin with the first sample."""
+        """Start with the first sample."""
         self._pace = Pace(_SAMPLE_S, start_s=start_s)
         self._share = -math.expm1(-_SAMPLE_S / time_s)
         self._begun = False
@@ -133,7 +132,7 @@ class VelocityFilter:
 
     @property
     def next_s(self) -> float:
-        """When the next sample is due."""
+        """The time of the next sample."""
         return self._pace.next_s
 
     def take(self, now_s: float, whereabouts: Whereabouts) -> None:
@@ -149,23 +148,23 @@ class VelocityFilter:
 
 
 class Gaps:
-    """When a receiver has no fix: gaps and the times between are drawn from exponential distributions."""
+    """Times without a fix: gaps and the times between are drawn from exponential distributions."""
 
     def __init__(self, lost: float, mean_s: float, rng: np.random.Generator) -> None:
-        """Begin with a fix, unless it is `lost` (the share of the time) always; gaps last for mean_s in the mean."""
+        """Start with a fix, unless `lost` (share of the time) is 1; mean_s is the mean length of a gap."""
         self._lost, self._mean_s = lost, mean_s
         self._rng = rng
         self._missing = lost >= 1.0
-        self._until_s = math.inf if lost <= 0.0 or lost >= 1.0 else self._drawn_s()
+        self._until_s = math.inf if lost <= 0.0 or lost >= 1.0 else self._draw_duration_s()
 
     def cover(self, now_s: float) -> bool:
-        """Whether there is no fix now; ask in order of time."""
+        """Return whether there is no fix now; times must increase."""
         while now_s >= self._until_s:
             self._missing = not self._missing
-            self._until_s += self._drawn_s()
+            self._until_s += self._draw_duration_s()
         return self._missing
 
-    def _drawn_s(self) -> float:
+    def _draw_duration_s(self) -> float:
         between_s = self._mean_s * (1.0 - self._lost) / self._lost
         return float(self._rng.exponential(self._mean_s if self._missing else between_s))
 

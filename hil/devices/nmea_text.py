@@ -1,4 +1,4 @@
-"""Writing NMEA 0183 sentences, for the emulated talkers only."""
+"""Formatting of NMEA 0183 sentences, for the emulators only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _HUNDREDTHS_PER_DAY = 8_640_000
 
 
 def whole_sentence(body: str) -> bytes:
-    """Wrap the text between `$` and `*` into a whole sentence with its checksum."""
+    """Return a complete sentence with checksum for the text between `$` and `*`."""
     total = 0
     for byte in body.encode("ascii"):
         total ^= byte
@@ -17,12 +17,12 @@ def whole_sentence(body: str) -> bytes:
 
 
 def decimals_of(resolution: float) -> int:
-    """Return how many decimals a device of this resolution prints: 0.1 gives 1, 0.5 gives 1, 1 gives 0."""
+    """Return the number of decimals for a resolution: 0.1 gives 1, 0.5 gives 1, 1 gives 0."""
     return max(0, math.ceil(-math.log10(resolution) - 1e-9))
 
 
 def bearing(angle_deg: float, resolution_deg: float) -> float:
-    """Round an angle to the resolution and wrap it to [0, 360): what a device would print, never 360."""
+    """Round an angle to the resolution and wrap it to [0, 360), never 360."""
     rounded_deg = round(angle_deg / resolution_deg) * resolution_deg % 360.0
     return 0.0 if 360.0 - rounded_deg < 0.5 * resolution_deg else rounded_deg
 
@@ -33,7 +33,7 @@ def hemisphere(value: float, positive: str, negative: str) -> str:
 
 
 def coordinate(angle_deg: float, *, degree_digits: int, letters: tuple[str, str]) -> str:
-    """Return `ddmm.mmmmm,X`, rounded before it is split so that the minutes never read 60."""
+    """Return `ddmm.mmmmm,X`, rounded before it is split so that the minutes are never 60."""
     units = round(abs(angle_deg) * 60.0 * 1e5)
     degrees, rest = divmod(units, 60 * 100_000)
     minutes, fraction = divmod(rest, 100_000)
@@ -41,7 +41,7 @@ def coordinate(angle_deg: float, *, degree_digits: int, letters: tuple[str, str]
 
 
 def clock_and_date(utc_s: float) -> tuple[str, str]:
-    """Return `hhmmss.ss` and `ddmmyy`, rounded together so that a date never lags its time."""
+    """Return `hhmmss.ss` and `ddmmyy`, rounded together so that the date belongs to the time."""
     day, hundredths = divmod(round(utc_s * 100.0), _HUNDREDTHS_PER_DAY)
     seconds, rest = divmod(hundredths, 100)
     hours, minutes = seconds // 3600, seconds // 60 % 60

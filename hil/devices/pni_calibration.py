@@ -1,34 +1,34 @@
-"""A TCM's user calibration: samples as the module turns, and a score in the end (TCM User Manual, 7.3.10 to 7.3.18)."""
+"""User calibration of a TCM: samples during a turn, then a score (TCM User Manual, 7.3.10 to 7.3.18)."""
 
 from __future__ import annotations
 
 import math
 
 OPTIONS = frozenset({10, 20, 30, 40, 100, 110})
-LOOK_S = 0.1
+SAMPLE_S = 0.1
 SCORING_S = 2.0
 ABORTED = 179.8
 _FULL_TURN_DEG = 360.0
 
 
 class UserCalibration:
-    """Takes a sample whenever the heading has moved on by its part of a circle; `good` is the score of a whole one."""
+    """Takes a sample after each part of a turn; `good` is the score after a complete one."""
 
     def __init__(self, now_s: float, points: int, good: float) -> None:
-        """Begin with nothing sampled."""
-        self.next_s = now_s + LOOK_S
+        """Start without samples."""
+        self.next_s = now_s + SAMPLE_S
         self.count = 0
         self._points = points
         self._good = good
         self._spacing_deg = _FULL_TURN_DEG / points
         self._last_deg: float | None = None
 
-    def look(self, heading_deg: float) -> tuple[int | None, float | None]:
-        """Look at the heading; return the number of a sample that was taken, and the score when it is there."""
+    def update(self, heading_deg: float) -> tuple[int | None, float | None]:
+        """Process a heading; return the number of a new sample, and the score after the last one."""
         if self.count == self._points:
             self.next_s = math.inf
             return None, self._good
-        self.next_s += LOOK_S
+        self.next_s += SAMPLE_S
         turned_deg = (
             None if self._last_deg is None else abs(math.remainder(heading_deg - self._last_deg, _FULL_TURN_DEG))
         )

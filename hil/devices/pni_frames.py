@@ -1,7 +1,6 @@
 """Framing and tables of the PNI binary protocol, the module's side (TCM User Manual, chapter 7).
 
-Byte count and CRC are always big endian; numbers in a payload follow the module's
-kBigEndian setting.
+Byte count and CRC are always big endian; numbers in a payload follow the setting kBigEndian.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from hil.devices.crc import crc16_1021
 from hil.devices.timing import ReceiveBuffer
 
 _OVERHEAD = 5  # byte count, frame id, CRC
-_LONGEST_COMMAND = 270  # kSetFIRFilters with 32 taps is the longest that a host sends
+_MAX_COMMAND = 270  # kSetFIRFilters with 32 taps, the longest command
 
 
 class Frame(IntEnum):
@@ -47,7 +46,7 @@ class Frame(IntEnum):
 
 
 class Config(IntEnum):
-    """Ids of the settings that change what this module says."""
+    """Ids of the settings that affect the output."""
 
     DECLINATION = 1
     TRUE_NORTH = 2
@@ -83,7 +82,7 @@ _POLLED = 1  # acquisition mode
 
 @dataclass(frozen=True, slots=True)
 class ModuleSettings:
-    """What a power cycle loses and kSave keeps."""
+    """Settings that kSave stores and that a power cycle resets to the stored ones."""
 
     components: tuple[int, ...] = ()
     config: dict[int, float] = field(default_factory=lambda: {key: row.factory for key, row in SETTINGS.items()})
@@ -94,12 +93,12 @@ class ModuleSettings:
     pushing: bool = False
 
     def pack(self, codes: str, *values: float) -> bytes:
-        """Return numbers in the byte order that is set; `codes` as of struct."""
+        """Encode numbers in the configured byte order; `codes` as in struct."""
         whole = [value if code == "f" else int(value) for code, value in zip(codes, values, strict=True)]
         return struct.pack(self._order() + codes, *whole)
 
     def unpack(self, codes: str, payload: bytes) -> tuple[float, ...] | None:
-        """Read numbers in the byte order that is set, None when there are more or fewer bytes."""
+        """Decode numbers in the configured byte order; None for a wrong number of bytes."""
         order = self._order() + codes
         return struct.unpack(order, payload) if struct.calcsize(order) == len(payload) else None
 
@@ -108,27 +107,27 @@ class ModuleSettings:
 
 
 def pack_frame(frame: int, payload: bytes = b"") -> bytes:
-    """Return a whole frame."""
+    """Return a complete frame."""
     head = (len(payload) + _OVERHEAD).to_bytes(2, "big") + bytes([frame]) + payload
     return head + crc16_1021(head).to_bytes(2, "big")
 
 
 class FrameReader:
-    """Finds frames in what the host sends; whatever is damaged is skipped without a word."""
+    """Finds frames in the bytes from the host; damaged ones are skipped."""
 
     def __init__(self) -> None:
-        """Start with nothing received."""
-        self._buffer = ReceiveBuffer(longest=2 * _LONGEST_COMMAND)
+        """Start with an empty buffer."""
+        self._buffer = ReceiveBuffer(longest=2 * _MAX_COMMAND)
 
     def feed(self, now_s: float, data: bytes) -> list[tuple[int, bytes]]:
-        """Take bytes and return (frame id, payload) of the frames that they complete."""
+        """Add bytes and return (frame id, payload) of the frames that they complete."""
         self._buffer.append(now_s, data)
         held = self._buffer.data
         found: list[tuple[int, bytes]] = []
         start = 0
         while len(held) - start >= _OVERHEAD:
             count = int.from_bytes(held[start : start + 2], "big")
-            if not _OVERHEAD <= count <= _LONGEST_COMMAND:
+            if not _OVERHEAD <= count <= _MAX_COMMAND:
                 start += 1
                 continue
             if len(held) - start < count:
@@ -144,5 +143,5 @@ class FrameReader:
         return found
 
     def clear(self) -> None:
-        """Forget what is incomplete."""
+        """Discard an incomplete frame."""
         self._buffer.clear()

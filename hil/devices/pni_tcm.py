@@ -1,8 +1,7 @@
-"""A PNI TCM compass module: silent until asked, and pushing only once told to.
+"""A PNI TCM compass module: it sends only on request, or continuously when started.
 
-Source: PNI TCM User Manual (binary protocol) and the vectors of its examples. The
-manual documents no error reply: a frame with a bad CRC, an unknown id or a value out
-of range is ignored.
+Source: PNI TCM User Manual (binary protocol) and its examples. The manual defines no error reply: a frame with a bad
+CRC, an unknown id or a value out of range is ignored.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from hil.devices.pni_calibration import ABORTED, OPTIONS, UserCalibration
 from hil.devices.pni_frames import SETTINGS, Config, Frame, FrameReader, ModuleSettings, pack_frame
 from hil.devices.timing import Pace, Transmitter
 
-_SHORTEST_INTERVAL_S = 1.0 / 30.0  # the module samples at 30 Hz at most
-_LONGEST_INTERVAL_S = 3600.0
+_MIN_INTERVAL_S = 1.0 / 30.0  # the module samples at up to 30 Hz
+_MAX_INTERVAL_S = 3600.0
 _MILS_PER_DEGREE = 6400.0 / 360.0
 _ANSWER_DELAY_S = 0.002
 _MODULE_TYPE, _REVISION = b"TCM5", b"1208"  # the example of the manual
@@ -29,13 +28,12 @@ _FIELD_HORIZONTAL_UT, _FIELD_DOWN_UT = 20.0, 43.0  # a mid-latitude field
 
 
 class PniTcmEmulator:
-    """A TCM that answers the commands of the PNI TCM manual and pushes when configured and started.
+    """A TCM with the commands of the PNI TCM manual, and with continuous output when configured and started.
 
-    `declination_deg` is the place's: the module senses magnetic north and adds its own
-    configured declination only when told to refer to true north. `push_mode` is the
-    value of the acquisition mode that means push: 0 on TCM3, TCM5 and Prime
-    (PollingMode false), 1 in the later manuals (AcquisitionMode continuous).
-    `temperature_c`, `pitch_deg`, `roll_deg` and `distorted` may be set at any time.
+    `declination_deg` is that of the location: the module measures magnetic north and adds its configured declination
+    only if true north is configured. `push_mode` is the acquisition mode for continuous output: 0 on TCM3, TCM5 and
+    Prime (PollingMode false), 1 in the later manuals (AcquisitionMode continuous). `temperature_c`, `pitch_deg`,
+    `roll_deg` and `distorted` may be set at any time.
     """
 
     def __init__(
@@ -52,13 +50,13 @@ class PniTcmEmulator:
         boot_s: float = 0.3,
         baud: int = 38400,
     ) -> None:
-        """Start powered, with factory settings."""
+        """Start powered with factory settings."""
         self.temperature_c = 20.0
         self.pitch_deg = 0.0
         self.roll_deg = 0.0
         self.distorted = False
         self.calibration_score = 0.6  # of the next user calibration
-        self.calibrated = False  # by one that was saved
+        self.calibrated = False  # by a calibration that was saved
         self._calibration: UserCalibration | None = None
         self._scored = False
         self._attitude = attitude
@@ -81,7 +79,7 @@ class PniTcmEmulator:
         self._components = self._component_table()
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Take commands; a sleeping module is woken by any byte, which is lost."""
+        """Process commands; any byte wakes a sleeping module and is lost."""
         if now_s < self._ready_s or not data:
             return
         if self._asleep:
@@ -93,13 +91,13 @@ class PniTcmEmulator:
                 command(now_s, payload)
 
     def next_output_s(self) -> float:
-        """When the next push is sampled or the next frame is complete."""
+        """Return when the next output is sampled or the next frame is complete."""
         push_s = math.inf if self._pace is None else self._pace.next_s
-        look_s = math.inf if self._calibration is None else self._calibration.next_s
-        return min(push_s, look_s, self.transmitter.next_s())
+        sample_s = math.inf if self._calibration is None else self._calibration.next_s
+        return min(push_s, sample_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
-        """Sample the pushes that are due and return the frames that are complete."""
+        """Take the samples that are due and return the complete frames."""
         while self._calibration is not None and self._calibration.next_s <= now_s:
             self._calibrate(self._calibration)
         if self._pace is not None:
@@ -108,7 +106,7 @@ class PniTcmEmulator:
         return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
-        """Cut the power for off_s (infinity: until the next call); what was not saved is lost."""
+        """Interrupt the power for off_s (infinity: until the next call); unsaved settings are lost."""
         self.transmitter.clear()
         self._reader.clear()
         self._asleep = False
@@ -180,13 +178,13 @@ class PniTcmEmulator:
             self._score(now_s, ABORTED)
 
     def _calibrate(self, calibration: UserCalibration) -> None:
-        look_s = calibration.next_s
-        count, score = calibration.look(degrees(self._magnetic_rad()))
+        sample_s = calibration.next_s
+        count, score = calibration.update(degrees(self._magnetic_rad()))
         if count is not None:
-            self._answer(look_s, Frame.CAL_SAMPLE_COUNT, self._settings.pack("I", count))
+            self._answer(sample_s, Frame.CAL_SAMPLE_COUNT, self._settings.pack("I", count))
         if score is not None:
             self._scored = True
-            self._score(look_s, score)
+            self._score(sample_s, score)
 
     def _score(self, now_s: float, score: float) -> None:
         self._calibration = None
@@ -197,7 +195,7 @@ class PniTcmEmulator:
         if values is None:
             return
         mode, flush, acquire_s, interval_s = values
-        if mode in (0, 1) and flush in (0, 1) and all(0.0 <= x <= _LONGEST_INTERVAL_S for x in (acquire_s, interval_s)):
+        if mode in (0, 1) and flush in (0, 1) and all(0.0 <= x <= _MAX_INTERVAL_S for x in (acquire_s, interval_s)):
             self._settings = replace(
                 self._settings, mode=int(mode), flush=int(flush), acquire_s=acquire_s, interval_s=interval_s
             )
@@ -245,7 +243,7 @@ class PniTcmEmulator:
         }
 
     def _wake(self, now_s: float) -> None:
-        """Start again from the saved settings; the line, held low in sleep, gives one stray byte first."""
+        """Restart from the saved settings; the line, held low in sleep, produces one stray byte first."""
         self._asleep = False
         self._reader.clear()
         self._restart(now_s)
@@ -259,12 +257,12 @@ class PniTcmEmulator:
         self._pace_pushes(self._ready_s)
 
     def _pace_pushes(self, now_s: float) -> None:
-        """Push from now on, or not, as the settings say."""
+        """Start or stop continuous output at now_s, by the settings."""
         have = self._settings
         if not (have.pushing and have.mode == self._push_mode and have.components and math.isfinite(now_s)):
             self._pace = None
             return
-        period_s = max(have.interval_s, _SHORTEST_INTERVAL_S)
+        period_s = max(have.interval_s, _MIN_INTERVAL_S)
         self._pace = Pace(period_s, start_s=now_s + period_s, error_ppm=self._error_ppm)
 
     def _answer(self, now_s: float, frame: Frame, payload: bytes = b"") -> None:

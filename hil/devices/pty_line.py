@@ -1,8 +1,7 @@
-"""A serial port made of a pseudo-terminal, whose far end the board of ports holds.
+"""A serial port made of a pseudo-terminal, with its far end in the harness.
 
-The firmware opens the symlink as it would open a USB serial port. The kernel hands
-bytes of a pty over in a work queue, some time after the write; for lockstep this
-module waits until they are really there, on both sides.
+The firmware opens the symlink like a USB serial port. The kernel transfers the bytes of a pty in a work queue, some
+time after the write; for lockstep this module waits until they have arrived, on both sides.
 """
 
 from __future__ import annotations
@@ -20,48 +19,47 @@ from pathlib import Path
 _INPUT_QUEUE = 4095  # bytes that Linux holds for a reader of a raw terminal (N_TTY_BUF_SIZE - 1)
 _READ_SIZE = 65_536
 _PATIENCE_S = 2.0
-_YIELDS = 100  # how often to give way before sleeping
+_YIELDS = 100  # number of yields before sleeping
 _NAP_S = 20e-6
-_NOBODY = -1
-_TIOCGEXCL = 0x80045440  # of <asm-generic/ioctls.h>; termios has it not
-_NO_COUNT = bytes(4)  # room for the kernel's answer, a C int
+_CLOSED = -1
+_TIOCGEXCL = 0x80045440  # of <asm-generic/ioctls.h>; not in termios
+_NO_COUNT = bytes(4)  # buffer for the kernel's reply, a C int
 
 
 class PtyLine:
-    """A pty behind a symlink, which can be pulled out and plugged in again.
+    """A pty behind a symlink, which can be unplugged and plugged in again.
 
-    The slave stays open here too, so that nothing hangs up while no firmware is
-    there. Like a UART, the line drops the newest bytes when nobody reads them
-    (`overrun_bytes`). `total_read` and `total_written` count since the last plug.
+    The slave stays open here too, so that nothing hangs up while no firmware runs. Like a UART, the line drops the
+    newest bytes when they are not read (`overrun_bytes`). `total_read` and `total_written` count since the last plug.
     """
 
     def __init__(self, link_path: Path) -> None:
-        """Plug in at link_path; FileExistsError when something that is no symlink stands there."""
+        """Plug in at link_path; FileExistsError if another file than a symlink exists there."""
         self.overrun_bytes = 0
         self.total_read = 0
         self.total_written = 0
         self._link = Path(link_path)
-        self._master = _NOBODY
-        self._slave = _NOBODY
+        self._master = _CLOSED
+        self._slave = _CLOSED
         self._arrivals = select.poll()
-        self._under_way = 0  # bytes that the firmware can read when those that were posted are there
+        self._posted = 0  # bytes for the firmware to read once all posted bytes have arrived
         self.plug()
 
     @property
     def plugged(self) -> bool:
         """Whether the port exists now."""
-        return self._master != _NOBODY
+        return self._master != _CLOSED
 
     def fileno(self) -> int:
-        """The descriptor to wait on for the firmware's bytes, or -1 while unplugged."""
+        """Return the descriptor to wait on for the firmware's bytes, or -1 while unplugged."""
         return self._master
 
     def plug(self) -> None:
-        """Make a new pty behind the symlink, replacing a stale one; nothing when plugged."""
+        """Create a pty behind the symlink, replacing a stale one; no effect when plugged."""
         if self.plugged:
             return
         if self._link.exists() and not self._link.is_symlink():
-            raise FileExistsError(f"{self._link} stands where the port belongs; remove it")
+            raise FileExistsError(f"{self._link} exists and is not a symlink; remove it")
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -76,40 +74,40 @@ class PtyLine:
         self.overrun_bytes = 0
 
     def unplug(self) -> None:
-        """Pull the plug: the firmware's descriptor hangs up and the path vanishes; nothing when unplugged."""
+        """Unplug: the firmware's descriptor hangs up and the path vanishes; no effect when unplugged."""
         if not self.plugged:
             return
         self._link.unlink(missing_ok=True)
         os.close(self._slave)
         os.close(self._master)
-        self._master = self._slave = _NOBODY
-        self._under_way = 0
+        self._master = self._slave = _CLOSED
+        self._posted = 0
 
     def free(self) -> None:
-        """Lift the exclusive use of a firmware that was killed: the kernel keeps it, as the slave stays open here."""
+        """Release the exclusive use by a killed firmware, which the kernel keeps because the slave is open here."""
         if not (self.plugged and any(fcntl.ioctl(self._slave, _TIOCGEXCL, _NO_COUNT))):
             return
         try:
             fcntl.flock(self._slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            return  # it lives
+            return  # the firmware is alive
         fcntl.ioctl(self._slave, termios.TIOCNXCL)
         fcntl.flock(self._slave, fcntl.LOCK_UN)
 
     def close(self) -> None:
-        """End the port."""
+        """Close the port."""
         self.unplug()
 
     def read(self) -> bytes:
-        """Return what the firmware has written and the kernel has handed over, without waiting."""
+        """Return the bytes of the firmware that have arrived, without waiting."""
         return self._read(_READ_SIZE)
 
     def read_until_total(self, total: int, timeout_s: float = _PATIENCE_S) -> bytes:
-        """Read on until `total_read` is total, or the time is up: then compare `total_read`."""
+        """Read until `total_read` is `total`, or the timeout; the caller compares `total_read`."""
         if 0 < total - self.total_read <= _READ_SIZE:
             data = self._read(total - self.total_read)
             if self.total_read >= total:
-                return data  # as nearly always in lockstep
+                return data  # the usual case in lockstep
             pieces = [data]
         else:
             pieces = []
@@ -123,7 +121,7 @@ class PtyLine:
         return b"".join(pieces)
 
     def write(self, data: bytes) -> int:
-        """Send to the firmware and return how many bytes went; the rest is counted as overrun, or lost unplugged."""
+        """Send to the firmware and return the number of bytes sent; others count as overrun, or are lost unplugged."""
         return self._write(data, self.pending_at_slave())
 
     def _write(self, data: bytes, pending: int) -> int:
@@ -141,31 +139,31 @@ class PtyLine:
         return sent
 
     def deliver(self, data: bytes, timeout_s: float = _PATIENCE_S) -> bool:
-        """Write, and wait until all of it can be read by the firmware; False when it did not get there in time.
+        """Write and wait until the firmware can read all bytes; return False after the timeout.
 
-        For lockstep: the firmware must not read meanwhile, and what an earlier `write`
-        left under way would be mistaken for these bytes, so deliver everything or nothing so.
+        For lockstep: the firmware must not read in the meantime, and bytes of an earlier `write` would be mistaken for
+        these, so use `deliver` for all bytes or for none.
         """
         return self.post(data) and self.arrived(timeout_s)
 
     def post(self, data: bytes) -> bool:
-        """Write and go on; False when not all of it went. `arrived` is to be asked before the firmware may read."""
-        pending = max(self.pending_at_slave(), self._under_way)
+        """Write without waiting; return False if not all was written. Call `arrived` before the firmware reads."""
+        pending = max(self.pending_at_slave(), self._posted)
         sent = self._write(data, pending)
-        self._under_way = pending + sent
+        self._posted = pending + sent
         return sent == len(data)
 
     def arrived(self, timeout_s: float = _PATIENCE_S) -> bool:
-        """Wait until all that was posted can be read by the firmware; False when it did not get there in time."""
-        goal, self._under_way = self._under_way, 0
+        """Wait until the firmware can read all posted bytes; return False after the timeout."""
+        goal, self._posted = self._posted, 0
         if not goal:
             return True
-        # Asked for bytes where there are none yet, Linux first ends what it has under way.
+        # A poll without pending bytes makes Linux finish its transfers first.
         self._arrivals.poll(0)
         return self.pending_at_slave() >= goal or _wait(lambda: self.pending_at_slave() >= goal, timeout_s)
 
     def pending_at_slave(self) -> int:
-        """How many bytes wait to be read by the firmware (0 while unplugged)."""
+        """Return the number of bytes that the firmware has not read (0 while unplugged)."""
         if not self.plugged:
             return 0
         return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, _NO_COUNT), sys.byteorder)
@@ -182,12 +180,12 @@ class PtyLine:
 
 
 def _wait(done: Callable[[], bool], timeout_s: float) -> bool:
-    """Give way until done or the time is up: first by yielding, for the kernel needs microseconds, then by naps."""
+    """Wait until `done` or the timeout: first by yielding, because the kernel needs microseconds, then by sleeping."""
     deadline_s = time.monotonic() + timeout_s
     turns = 0
     while not done():
         if time.monotonic() > deadline_s:
-            return done()  # this process may have been stopped meanwhile
+            return done()  # this process may have been suspended
         turns += 1
         if turns < _YIELDS:
             os.sched_yield()

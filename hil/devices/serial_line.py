@@ -15,14 +15,14 @@ class SerialLineError(OSError):
 
 
 class SerialLine:
-    """The far end of a PtyLine's interface on an adapter of this computer: the wire itself takes its time.
+    """The interface of a PtyLine on an adapter of this computer; the transfer takes its real time.
 
-    Bytes that the adapter has no room for are counted (`overrun_bytes`), as on a pty. An adapter that goes away ends
-    the line: `plugged` is False from then on.
+    Bytes that the adapter cannot accept are counted (`overrun_bytes`), as on a pty. If the adapter is unplugged,
+    `plugged` is False from then on.
     """
 
     def __init__(self, path: str, baud: int) -> None:
-        """Open the adapter for nobody else; SerialLineError when that fails."""
+        """Open the adapter exclusively; SerialLineError when that fails."""
         self.overrun_bytes = 0
         self.total_read = 0
         self.total_written = 0
@@ -37,20 +37,20 @@ class SerialLine:
 
     @property
     def plugged(self) -> bool:
-        """Whether the adapter is there."""
+        """Whether the adapter is present."""
         return self._descriptor >= 0
 
     def fileno(self) -> int:
-        """The descriptor to wait on, or -1 when the adapter has gone."""
+        """Return the descriptor to wait on, or -1 without the adapter."""
         return self._descriptor
 
     def close(self) -> None:
-        """Give the adapter back."""
+        """Release the adapter."""
         self._descriptor = -1
         self._port.close()
 
     def read(self) -> bytes:
-        """Return what has come, without waiting."""
+        """Return the received bytes, without waiting."""
         try:
             data = os.read(self._descriptor, _READ_SIZE) if self.plugged else b""
         except (BlockingIOError, InterruptedError):
@@ -58,12 +58,12 @@ class SerialLine:
         except OSError:
             data = b""
         if not data and self.plugged and self._poll.poll(0):
-            self.close()  # ready without a byte: it has hung up
+            self.close()  # ready without a byte: hung up
         self.total_read += len(data)
         return data
 
     def write(self, data: bytes) -> int:
-        """Hand bytes to the adapter and return how many it took."""
+        """Write bytes and return the number accepted."""
         sent = 0
         try:
             while self.plugged and sent < len(data):

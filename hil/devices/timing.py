@@ -1,6 +1,6 @@
-"""What every emulated device does with time: keep a pace, and need time for each byte.
+"""Timing of emulated devices: a periodic clock, and the transfer time of each byte.
 
-Pure arithmetic on the time that is handed in; nothing here reads a clock.
+Time is an argument; this module reads no clock.
 """
 
 from __future__ import annotations
@@ -9,24 +9,23 @@ import math
 from collections import deque
 
 BITS_PER_BYTE = 10  # one start bit, eight data bits, one stop bit
-LONGEST_QUEUE = 64  # messages that wait for the wire; a device drops what does not fit
-MOST_TURNS_AT_ONCE = 8  # turns that one call makes up for; older ones are skipped in phase
+MAX_QUEUE = 64  # messages before the transmitter; a device drops further ones
+MAX_TURNS_AT_ONCE = 8  # periods that one call makes up for; older ones are skipped in phase
 
 
 def transfer_s(count: int, baud: int) -> float:
-    """Return how long count bytes occupy a line."""
+    """Return the time that `count` bytes take on a line."""
     return count * BITS_PER_BYTE / baud
 
 
 class Pace:
-    """The instants start_s + n * period of a device that runs on a clock of its own.
+    """The times start_s + n * period of a device with its own clock.
 
-    `error_ppm` is how much too fast its clock runs. Instants are counted, not summed,
-    so that nothing drifts but the device itself.
+    `error_ppm` is the frequency error of the clock. Times are computed from a count, so rounding errors do not add up.
     """
 
     def __init__(self, period_s: float, *, start_s: float = 0.0, error_ppm: float = 0.0) -> None:
-        """Start at the first instant; ValueError for a period that is not positive."""
+        """Start at the first time; ValueError for a period that is not positive."""
         if not (math.isfinite(period_s) and period_s > 0.0):
             raise ValueError(f"the period must be positive, not {period_s}")
         self._period_s = period_s / (1.0 + error_ppm * 1e-6)
@@ -35,28 +34,28 @@ class Pace:
 
     @property
     def next_s(self) -> float:
-        """The next instant that has not been taken."""
+        """The next time that has not been taken."""
         return self._start_s + self._turn * self._period_s
 
     def take(self, now_s: float) -> list[float]:
-        """Return the instants up to now_s that have not been taken, at most the last eight."""
+        """Return the times up to now_s that have not been taken, at most the last eight."""
         if now_s < self.next_s:
             return []
         last = math.floor((now_s - self._start_s) / self._period_s)
         last = max(last, self._turn)
-        # The division may round down just below a whole number, which would leave the due instant untaken for ever.
+        # The division may round down to just below an integer; without this the due time would never be taken.
         if self._start_s + (last + 1) * self._period_s <= now_s:
             last += 1
-        first = max(self._turn, last - MOST_TURNS_AT_ONCE + 1)
+        first = max(self._turn, last - MAX_TURNS_AT_ONCE + 1)
         self._turn = last + 1
         return [self._start_s + turn * self._period_s for turn in range(first, last + 1)]
 
 
 class Transmitter:
-    """The sending half of a UART: messages leave one after the other at the baud rate.
+    """The transmitter of a UART: messages leave one after the other at the baud rate.
 
-    A message becomes visible when its last byte is complete; or, where a real line takes that time (`on_a_wire`),
-    when its first byte may leave.
+    A message becomes readable when its last byte is complete; with `on_a_wire`, where a real line takes that time, when
+    its first byte may leave.
     """
 
     def __init__(self, baud: int) -> None:
@@ -69,7 +68,7 @@ class Transmitter:
 
     def send(self, start_s: float, data: bytes) -> float:
         """Queue a message that may start at start_s; return when it is complete (infinity: dropped, queue full)."""
-        if len(self._queue) >= LONGEST_QUEUE:
+        if len(self._queue) >= MAX_QUEUE:
             return math.inf
         begin_s = max(start_s, self._queue[-1][1]) if self._queue else start_s
         end_s = begin_s + (0.0 if self.on_a_wire else transfer_s(len(data), self.baud))
@@ -77,50 +76,50 @@ class Transmitter:
         return end_s
 
     def next_s(self) -> float:
-        """When the next message is complete, or infinity."""
+        """Return when the next message is complete, or infinity."""
         return self._queue[0][1] if self._queue else math.inf
 
     def last_s(self) -> float:
-        """When the last message is complete; minus infinity when none waits."""
+        """Return when the last message is complete; minus infinity for an empty queue."""
         return self._queue[-1][1] if self._queue else -math.inf
 
     def occupies(self, begin_s: float, end_s: float) -> bool:
-        """Whether a message is on the wire at some time within the open interval."""
+        """Return whether a message is on the wire at some time within the open interval."""
         return any(begin_s < end and start < end_s for start, end, _ in self._queue)
 
     def take(self, now_s: float) -> bytes:
-        """Return the messages complete at or before now_s and forget them."""
+        """Return the messages complete at or before now_s and remove them."""
         done = []
         while self._queue and self._queue[0][1] <= now_s:
             done.append(self._queue.popleft()[2])
         return b"".join(done)
 
     def clear(self) -> None:
-        """Forget everything, as when the power fails."""
+        """Discard all bytes, as in a power failure."""
         self._queue.clear()
 
 
 class ReceiveBuffer:
-    """Bytes of a message that is still incomplete; a pause on the line begins a new one.
+    """Bytes of an incomplete message; a pause on the line begins a new one.
 
-    `data` may be cut at the front by its owner as messages are recognised.
+    The owner removes decoded messages from the front of `data`.
     """
 
     def __init__(self, *, longest: int, pause_s: float = 0.010) -> None:
-        """Hold at most `longest` bytes, the newest."""
+        """Keep at most the last `longest` bytes."""
         self.data = bytearray()
         self._longest = longest
         self._pause_s = pause_s
-        self._heard_s = -math.inf
+        self._received_s = -math.inf
 
     def append(self, now_s: float, data: bytes) -> None:
-        """Add bytes that were complete at now_s, after dropping what a pause has made stale."""
-        if now_s - self._heard_s > self._pause_s:
+        """Add bytes that were complete at now_s; after a pause older bytes are dropped."""
+        if now_s - self._received_s > self._pause_s:
             self.data.clear()
-        self._heard_s = now_s
+        self._received_s = now_s
         self.data += data
         del self.data[: max(0, len(self.data) - self._longest)]
 
     def clear(self) -> None:
-        """Forget everything, as when the power fails."""
+        """Discard all bytes, as in a power failure."""
         self.data.clear()

@@ -1,7 +1,7 @@
 """A Victron charger or battery monitor on its VE.Direct port: text blocks, one a second.
 
-Currents and powers are means since the block before, as the converters of such devices make them; the last digit is
-what the protocol gives: 1 mV, 1 mA, 1 W, 0.1 %.
+Currents and powers are means since the previous block, as in the converters of such devices. Resolutions are those of
+the protocol: 1 mV, 1 mA, 1 W, 0.1 %.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ _CHECKSUM = b"\r\nChecksum\t"
 
 
 class Flows(Protocol):
-    """What has flowed since the start, in joules and coulombs."""
+    """Energy and charge since the start, in joules and coulombs."""
 
     @property
     def panel_j(self) -> float:
-        """Out of the panels."""
+        """Energy from the panels."""
 
     @property
     def charger_j(self) -> float:
-        """Out of the charger."""
+        """Energy from the charger."""
 
     @property
     def into_battery_j(self) -> float:
-        """Into the battery."""
+        """Energy into the battery."""
 
     @property
     def out_of_battery_j(self) -> float:
-        """Out of the battery."""
+        """Energy from the battery."""
 
     @property
     def battery_c(self) -> float:
-        """Into the battery, what came out taken off."""
+        """Net charge into the battery."""
 
     @property
     def load_c(self) -> float:
-        """Into the loads."""
+        """Charge into the loads."""
 
 
 class Plant(Protocol):
@@ -48,11 +48,11 @@ class Plant(Protocol):
 
     @property
     def voltage_v(self) -> float:
-        """Of the battery."""
+        """Voltage of the battery."""
 
     @property
     def panel_v(self) -> float:
-        """Of the panels."""
+        """Voltage of the panels."""
 
     @property
     def charge(self) -> float:
@@ -60,28 +60,28 @@ class Plant(Protocol):
 
     @property
     def totals(self) -> Flows:
-        """What has flowed so far."""
+        """Energy and charge so far."""
 
     def advance_to(self, now_s: float) -> None:
-        """Move on to a moment."""
+        """Advance to a time."""
 
 
 class Kind(Enum):
-    """What hangs on the line."""
+    """The kind of the device."""
 
-    CHARGER = "charger"  # the loads hang on the battery
+    CHARGER = "charger"  # the loads are on the battery
     CHARGER_WITH_LOAD = "charger with the loads on its load output"
     MONITOR = "monitor"
 
 
 def block(fields: dict[str, object]) -> bytes:
-    """Return a whole block with its checksum."""
+    """Return a complete block with its checksum."""
     body = b"".join(f"\r\n{label}\t{value}".encode("ascii") for label, value in fields.items()) + _CHECKSUM
     return body + bytes([-sum(body) & 0xFF])
 
 
 class VeDirectEmulator:
-    """A device on a plant; `error` is what a charger reports against itself, `known` whether the charge is known."""
+    """A device on a power plant; `error` is the error code of a charger, `known` whether the charge is known."""
 
     def __init__(
         self,
@@ -99,27 +99,27 @@ class VeDirectEmulator:
         self._kind = kind
         self._pace = Pace(PERIOD_S, start_s=phase_s, error_ppm=frequency_error_ppm)
         self.transmitter = Transmitter(baud)
-        self._before = (0.0, plant.totals)  # when the last block was made, and what had flowed by then
+        self._before = (0.0, plant.totals)  # time and totals of the last block
         self._history = False
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Ignore what is sent to it."""
+        """Ignore input."""
 
     def next_output_s(self) -> float:
-        """When the next block is made or complete."""
+        """Return when the next block is due or complete."""
         return min(self._pace.next_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
-        """Measure what is due and return the blocks that are complete."""
+        """Take the measurements that are due and return the complete blocks."""
         for turn_s in self._pace.take(now_s):
             self.plant.advance_to(turn_s)
-            self.transmitter.send(turn_s, self._talk(turn_s))
+            self.transmitter.send(turn_s, self._block(turn_s))
         return self.transmitter.take(now_s)
 
-    def _talk(self, turn_s: float) -> bytes:
+    def _block(self, turn_s: float) -> bytes:
         totals, voltage_v = self.plant.totals, self.plant.voltage_v
         before_s, before = self._before
-        # The plant moves by whole seconds: between two turns lies one, or none by a clock that is too fast.
+        # The plant advances by whole seconds: one in each period, or none with a fast clock.
         elapsed_s = max(1.0, float(int(turn_s) - int(before_s)))
         self._before = (turn_s, totals)
         battery_a = (totals.battery_c - before.battery_c) / elapsed_s

@@ -1,4 +1,4 @@
-"""A Volz DA servo on RS-485: six bytes in, six bytes out, and no word about errors.
+"""A Volz DA servo on RS-485: commands and replies of six bytes, without error codes.
 
 Source: the Volz DA 26 RS-485 protocol specification. The two argument bytes of the current, voltage and temperature
 replies are two channels (first supply or motor, second supply or circuit board).
@@ -33,9 +33,9 @@ _ANSWER_DELAY_S = 0.00052  # with two frames of 0.52 ms this is the 1.56 ms of a
 
 
 class VolzEmulator:
-    """A DA servo that turns a shaft; its motor is engaged whenever it is powered.
+    """A DA servo that turns a shaft; its motor is engaged while it is powered.
 
-    `limits_deg` are the electrical end points programmed into it, within +-100 deg.
+    `limits_deg` are its programmed electrical end points, within +-100 deg.
     `voltage_v`, `temperature_c` and `load_a` may be set at any time.
     """
 
@@ -49,14 +49,14 @@ class VolzEmulator:
         boot_s: float = 0.3,
         baud: int = BAUD,
     ) -> None:
-        """Start powered; ValueError for an id or limits that it cannot have."""
+        """Start powered; ValueError for an invalid id or invalid limits."""
         low_deg, high_deg = limits_deg
         if not (0 <= device_id <= 0xFF and -100.0 <= low_deg < high_deg <= 100.0):
             raise ValueError(f"id {device_id}, limits {limits_deg} deg: out of range")
         self.voltage_v = 24.0
         self.temperature_c = 25.0
-        self.load_a = 0.0  # drawn in addition, as by a shaft that binds
-        self.energy_j = 0.0  # taken so far, as if the current stayed the same from one command to the next
+        self.load_a = 0.0  # additional current, as from a shaft with friction
+        self.energy_j = 0.0  # used so far, with a constant current between two commands
         self._drawn_s: float | None = None
         self._drawn_w = 0.0
         self._shaft = shaft
@@ -78,7 +78,7 @@ class VolzEmulator:
         self._boot_when_ready(0.0)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Take commands; a bad CRC, another id or an unknown command gets no answer."""
+        """Process commands; there is no reply to a bad CRC, another id or an unknown command."""
         self._boot_when_ready(now_s)
         if self._booting or not data:
             return
@@ -88,22 +88,22 @@ class VolzEmulator:
             head = bytes(held[:4])
             if crc16_8005(head, _CRC_START) == int.from_bytes(held[4:_FRAME], "big"):
                 del held[:_FRAME]
-                self._obey(now_s, head)
+                self._execute(now_s, head)
             else:
                 del held[:1]
 
     def next_output_s(self) -> float:
-        """When the next reply is complete or the servo has booted."""
+        """Return when the next reply is complete or the servo has booted."""
         boot_s = self._ready_s if self._booting else math.inf
         return min(self.transmitter.next_s(), boot_s)
 
     def take_output(self, now_s: float) -> bytes:
-        """Return the replies that are complete."""
+        """Return the complete replies."""
         self._boot_when_ready(now_s)
         return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
-        """Cut the power for off_s (infinity: until the next call); the shaft is free meanwhile."""
+        """Interrupt the power for off_s (infinity: until the next call); the shaft is free until then."""
         self.transmitter.clear()
         self._buffer.clear()
         self._shaft.set_torque(on=False)
@@ -111,14 +111,14 @@ class VolzEmulator:
         self._booting = True
 
     def _boot_when_ready(self, now_s: float) -> None:
-        """Engage once booted, holding the angle that is found."""
+        """Engage once booted, and hold the present angle."""
         if self._booting and now_s >= self._ready_s:
             self._booting = False
             self._target_rad = self._shaft.angle_rad()
             self._shaft.set_target(self._target_rad)
             self._shaft.set_torque(on=True)
 
-    def _obey(self, now_s: float, head: bytes) -> None:
+    def _execute(self, now_s: float, head: bytes) -> None:
         command, device_id = head[0], head[1]
         if device_id != self._device_id or command not in self._commands:
             return
@@ -129,9 +129,9 @@ class VolzEmulator:
         self.transmitter.send(now_s + _ANSWER_DELAY_S, frame + crc16_8005(frame, _CRC_START).to_bytes(2, "big"))
 
     def _set_position(self, argument: int) -> int:
-        """Go there, within protocol and electrical limits; return where the shaft is now."""
-        asked_deg = (clamp(argument, _LOWEST, _HIGHEST) - _CENTRE) / _COUNTS_PER_DEGREE
-        self._target_rad = clamp(asked_deg, *self._limits_deg) * RADIANS_PER_DEGREE
+        """Move to a position within protocol and electrical limits; return the present position."""
+        goal_deg = (clamp(argument, _LOWEST, _HIGHEST) - _CENTRE) / _COUNTS_PER_DEGREE
+        self._target_rad = clamp(goal_deg, *self._limits_deg) * RADIANS_PER_DEGREE
         self._shaft.set_target(self._target_rad)
         counts = round(degrees(self._shaft.angle_rad()) * _COUNTS_PER_DEGREE) + _CENTRE
         return int(clamp(counts, 0, 0x0FFF))
@@ -148,6 +148,6 @@ class VolzEmulator:
 
 
 def _two(first: float, second: float) -> int:
-    """Pack two values into the two argument bytes."""
+    """Return two values as the two argument bytes."""
     high, low = (int(clamp(round(value), 0, 0xFF)) for value in (first, second))
     return high << 8 | low

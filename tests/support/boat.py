@@ -21,7 +21,7 @@ from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
-from hil.devices.spoiled import SpoiledAttitude, SpoiledWhereabouts
+from hil.devices.sensor_errors import AttitudeWithError, WhereaboutsWithError
 from hil.devices.vedirect import Kind, VeDirectEmulator
 from hil.devices.volz import VolzEmulator
 from hil.ship.power_plant import Place, PowerPlant
@@ -145,7 +145,7 @@ class Boat:
         sea = scenario if isinstance(scenario, Scenario) else named(scenario)
         self.world = World(change(sea) if change else sea, 1)
         rng = np.random.default_rng
-        self.attitude, self.whereabouts = SpoiledAttitude(self.world), SpoiledWhereabouts(self.world)
+        self.attitude, self.whereabouts = AttitudeWithError(self.world), WhereaboutsWithError(self.world)
         make_servo, baud = SERVOS[servo]
         driver, make_compass = COMPASSES[compass]
         self.servo = make_servo(self.world.shaft, rng(1), baud=baud)
@@ -166,7 +166,7 @@ class Boat:
             "link": '[link]\nurls = ["serial:{port}:57600"]\n',
         }
         if second_compass:
-            self.other_attitude = SpoiledAttitude(self.world)
+            self.other_attitude = AttitudeWithError(self.world)
             devices["compass_b"] = NmeaCompassEmulator(self.other_attitude, rng(5))
         if supply is not None:
             place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)

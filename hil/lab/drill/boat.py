@@ -18,7 +18,7 @@ from hil.devices.impairment import Impaired
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
 from hil.devices.pty_line import PtyLine
-from hil.devices.spoiled import SpoiledAttitude, SpoiledWhereabouts
+from hil.devices.sensor_errors import AttitudeWithError, WhereaboutsWithError
 from hil.devices.vedirect import Kind, VeDirectEmulator
 from hil.errors import HilError
 from hil.ship.disturbances import Supply
@@ -71,7 +71,7 @@ class DrillBoat:
         self.directory = directory
         self.state = directory / "state"
         self.world = World(scenario, seed) if world is None else world
-        self.attitude, self.whereabouts = SpoiledAttitude(self.world), SpoiledWhereabouts(self.world)
+        self.attitude, self.whereabouts = AttitudeWithError(self.world), WhereaboutsWithError(self.world)
         self.servo = DynamixelEmulator(self.world.shaft, generator(seed, Stream.RUDDER))
         self.compass = Impaired(
             NmeaCompassEmulator(self.attitude, generator(seed, Stream.COMPASS)), generator(seed, Stream.PHASES)
@@ -87,7 +87,7 @@ class DrillBoat:
             "link": self.station,
         }
         if "compass_b" in fitted:
-            self.other_attitude = SpoiledAttitude(self.world)
+            self.other_attitude = AttitudeWithError(self.world)
             devices["compass_b"] = NmeaCompassEmulator(self.other_attitude, generator(seed, Stream.PHASES))
         if "supply" in fitted:
             place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)

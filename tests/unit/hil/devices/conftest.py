@@ -53,14 +53,14 @@ def rng():
 
 @pytest.fixture
 def run():
-    """Ask an emulator whenever it wants to be asked; return [(time, bytes)] of what it said."""
+    """Ask an emulator whenever it wants to be asked; return [(time, bytes)] of what it output."""
 
     def until(emulator, end_s):
-        said = []
+        output = []
         while (due_s := emulator.next_output_s()) <= end_s:
             data = emulator.take_output(due_s)
             if data:
-                said.append((due_s, data))
-        return said
+                output.append((due_s, data))
+        return output
 
     return until

@@ -14,7 +14,7 @@ START_DEG = (36.0, 121.0)
 
 
 class Boat:
-    """A boat at her start."""
+    """A boat at the boat start."""
 
     def latitude_deg(self):
         return START_DEG[0]
@@ -44,7 +44,7 @@ def listen(device, seconds):
 
 
 def read(data):
-    """Return what pyais makes of the sentences."""
+    """Return the messages that pyais makes of the sentences."""
     parts, messages = [], []
     for line in data.splitlines():
         parts.append(line)
@@ -66,28 +66,28 @@ def read(data):
         (Ship(1, "A", 0.0, 0.0, station="mark"), 180.0),
     ],
 )
-def test_ships_send_as_often_as_their_class_and_speed_ask(ship, wanted_s):
+def test_report_intervals(ship, wanted_s):
     assert interval_s(ship) == wanted_s
     found = [one for own, one in read(listen(emulator(ship, lost=0.0), 1800.0)) if not own and "lat" in one]
     assert len(found) == pytest.approx(1800.0 / wanted_s, abs=1)
 
 
-def test_what_a_ship_sends_is_where_and_what_it_is():
+def test_messages_of_a_ship():
     ship = Ship(211000001, "ANNA", 2000.0, -3000.0, 6.0, 123.0)
-    told = [one for own, one in read(listen(emulator(ship, lost=0.0), 400.0)) if not own]
-    first = next(one for one in told if one["msg_type"] == 1)
+    reports = [one for own, one in read(listen(emulator(ship, lost=0.0), 400.0)) if not own]
+    first = next(one for one in reports if one["msg_type"] == 1)
     assert (first["mmsi"], first["course"], first["heading"]) == (211000001, 123.0, 123)
     assert first["speed"] == pytest.approx(6.0 * 3600.0 / 1852.0, abs=0.06)
     assert first["lat"] == pytest.approx(START_DEG[0] + 2000.0 / 111_194.93, abs=1e-3)
     assert first["lon"] < START_DEG[1]
-    static = next(one for one in told if one["msg_type"] == 5)
+    static = next(one for one in reports if one["msg_type"] == 5)
     assert (static["shipname"], static["ship_type"], static["to_bow"], static["to_port"]) == ("ANNA", 70, 150, 14)
     yacht = [one for _, one in read(listen(emulator(Ship(5, "BOB", 0.0, 9.0, 3.0, station="B"), lost=0.0), 400.0))]
     assert {one["msg_type"] for one in yacht} == {18, 24}
     assert any(one.get("shipname") == "BOB" for one in yacht)
 
 
-def test_she_tells_of_herself_what_other_ships_see():
+def test_own_messages():
     own = [one for is_own, one in read(listen(emulator(), 100.0)) if is_own]
     assert len(own) == 4
     assert {one["mmsi"] for one in own} == {OWN_MMSI}
@@ -96,22 +96,22 @@ def test_she_tells_of_herself_what_other_ships_see():
     assert own[0]["course"] == pytest.approx(90.0)
 
 
-def test_who_is_out_of_range_is_not_heard_and_a_share_is_lost():
+def test_range_and_losses():
     far = Ship(1, "FAR", 50_000.0, 0.0, 5.0)
     assert all(own for own, _ in read(listen(emulator(far), 300.0)))
     near = Ship(1, "NEAR", 5_000.0, 0.0, 5.0)
-    told = read(listen(emulator(near, lost=0.3, range_m=1e6), 20_000.0))
-    heard = [one for own, one in told if not own and "lat" in one]
-    assert len(heard) == pytest.approx(0.7 * 2000, abs=80)
+    reports = read(listen(emulator(near, lost=0.3, range_m=1e6), 20_000.0))
+    received = [one for own, one in reports if not own and "lat" in one]
+    assert len(received) == pytest.approx(0.7 * 2000, abs=80)
 
 
-def test_a_seed_says_the_same_again_and_another_one_does_not():
+def test_a_seed_repeats_the_messages():
     ships = [Ship(number, f"S{number}", 1000.0, 0.0, 5.0) for number in range(1, 6)]
-    said = [listen(emulator(*ships, seed=seed), 120.0) for seed in (1, 1, 2)]
-    assert said[0] == said[1] != said[2]
+    output = [listen(emulator(*ships, seed=seed), 120.0) for seed in (1, 1, 2)]
+    assert output[0] == output[1] != output[2]
 
 
-def test_the_channels_hold_no_more_than_their_slots():
+def test_channel_capacity():
     ships = [Ship(number, f"S{number}", 20_000.0, 0.0, 5.0) for number in range(1, 3001)]
     device = emulator(*ships, lost=0.0)
     count = sum(1 for line in listen(device, 20.0).splitlines() if b"VDM" in line)
@@ -119,10 +119,10 @@ def test_the_channels_hold_no_more_than_their_slots():
     assert device.unsent > 3000
 
 
-def test_a_leaper_leaps_and_absurd_stations_say_what_cannot_be():
+def test_invalid_stations():
     leaper = next(ship for ship in PATTERNS["spoofed"](0.4, np.random.default_rng(1)) if ship.trick == "leaps")
-    told = [one["lat"] for own, one in read(listen(emulator(leaper, lost=0.0), 60.0)) if not own and "lat" in one]
-    assert max(told) - min(told) > 0.3
+    reports = [one["lat"] for own, one in read(listen(emulator(leaper, lost=0.0), 60.0)) if not own and "lat" in one]
+    assert max(reports) - min(reports) > 0.3
     ships = PATTERNS["absurd"](0.4, np.random.default_rng(1))[1:]
     data = listen(emulator(*ships, lost=0.0), 200.0)
     kinds = Counter(line[:6] for line in data.split(b"\r\n"))

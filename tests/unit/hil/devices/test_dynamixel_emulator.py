@@ -76,7 +76,7 @@ def bench():
     return Bench()
 
 
-def test_the_ping_of_the_protocol_page_is_answered(bench):
+def test_ping(bench):
     ((device_id, error, data),) = bench.tell(PING)
     assert (device_id, error) == (1, OK)
     assert int.from_bytes(data[:2], "little") == 1170
@@ -88,7 +88,7 @@ def test_the_examples_of_the_manual(bench):
     assert bench.tell(bytes.fromhex("FFFFFD0001070002840004001D15")) == [(1, OK, (2048).to_bytes(4, "little"))]
 
 
-def test_position_counts_and_the_way_there(bench):
+def test_position_counts_and_motion(bench):
     bench.engage()
     assert bench.write(116, 2048 + 341, 4) == OK
     bench.wait(0.5)
@@ -104,14 +104,14 @@ def test_position_counts_and_the_way_there(bench):
     assert bench.read(126, 2, signed=True) == pytest.approx(0, abs=15)
 
 
-def test_the_encoder_resolves_counts(bench):
+def test_encoder_resolution(bench):
     bench.shaft.jam(0.4 * COUNT)
     assert bench.read(132, 4) == 2048
     bench.shaft.jam(-1.6 * COUNT)
     assert bench.read(132, 4) == 2046
 
 
-def test_without_torque_nothing_moves_and_engaging_takes_the_present_position(bench):
+def test_torque(bench):
     assert bench.write(116, 3000, 4) == OK
     bench.wait(1.0)
     assert bench.shaft.angle_rad() == 0.0
@@ -168,7 +168,7 @@ def test_error_numbers(bench, message, error):
     assert (got, data) == (error, b"")
 
 
-def test_a_block_is_written_whole_or_not_at_all(bench):
+def test_a_block_is_written_completely_or_not_at_all(bench):
     good = (5).to_bytes(4, "little") * 2 + (2100).to_bytes(4, "little")
     assert bench.tell(packet(3, bytes([108, 0]) + good)) == [(1, OK, b"")]
     bad = (6).to_bytes(4, "little") * 2 + (9999).to_bytes(4, "little")
@@ -176,7 +176,7 @@ def test_a_block_is_written_whole_or_not_at_all(bench):
     assert [bench.read(address, 4) for address in (108, 112, 116)] == [5, 5, 2100]
 
 
-def test_position_limits_bind_in_position_mode_only(bench):
+def test_position_limits_in_position_mode_only(bench):
     assert bench.write(48, 2400, 4) == OK
     assert bench.write(116, 2401, 4) == LIMIT
     assert bench.write(11, 4, 1) == OK
@@ -228,7 +228,7 @@ def test_sync_read_and_sync_write(bench):
     assert bench.tell(packet(0x82, bytes([132, 0, 4, 0, 2]), device_id=254)) == []
 
 
-def test_broadcasts_are_obeyed_in_silence_but_for_ping(bench):
+def test_broadcasts_have_no_reply_except_ping(bench):
     assert bench.tell(packet(3, bytes([64, 0, 1]), device_id=254)) == []
     assert bench.read(64, 1) == 1
     assert len(bench.tell(packet(1, device_id=254))) == 1
@@ -245,7 +245,7 @@ def test_status_return_level(bench):
     assert len(bench.tell(PING)) == 1
 
 
-def test_bus_watchdog_stops_the_shaft_and_wants_to_be_cleared(bench):
+def test_bus_watchdog_stops_the_shaft_until_cleared(bench):
     bench.engage()
     assert bench.write(98, 5, 1) == OK  # 100 ms
     assert bench.write(112, 50, 4) == OK
@@ -269,7 +269,7 @@ def test_bus_watchdog_stops_the_shaft_and_wants_to_be_cleared(bench):
     assert bench.read(132, 4) == 2048
 
 
-def test_bus_watchdog_sleeps_while_torque_is_off_and_is_fed_by_any_instruction(bench):
+def test_bus_watchdog_is_reset_by_instructions_and_off_without_torque(bench):
     assert bench.write(98, 2, 1) == OK  # 40 ms
     bench.wait(1.0)
     assert bench.read(98, 1) == 2
@@ -279,7 +279,7 @@ def test_bus_watchdog_sleeps_while_torque_is_off_and_is_fed_by_any_instruction(b
     assert bench.tell(packet(2, bytes([98, 0, 1, 0])), seconds=0.03) == [(1, OK, b"\x02")]
 
 
-def test_a_shutdown_cuts_the_torque_until_reboot(bench):
+def test_shutdown_removes_torque_until_reboot(bench):
     bench.engage()
     bench.write(116, 2500, 4)
     bench.wait(0.3)
@@ -299,7 +299,7 @@ def test_a_shutdown_cuts_the_torque_until_reboot(bench):
     bench.engage()
 
 
-def test_an_error_outside_the_shutdown_mask_alerts_and_goes_on(bench):
+def test_error_outside_the_shutdown_mask(bench):
     bench.engage()
     bench.servo.motor.voltage_v = 8.0
     assert bench.write(116, 2100, 4) == ALERT
@@ -314,7 +314,7 @@ def test_heat_shuts_down(bench):
     assert bench.read(64, 1) == 0
 
 
-def test_a_jam_overloads_after_a_while(bench):
+def test_overload_after_a_jam(bench):
     bench.engage()
     bench.shaft.jam()
     bench.write(116, 2300, 4)
@@ -326,7 +326,7 @@ def test_a_jam_overloads_after_a_while(bench):
     assert bench.read(64, 1) == 0
 
 
-def test_a_long_journey_is_no_overload(bench):
+def test_no_overload_during_a_long_motion(bench):
     bench.engage()
     bench.write(116, 4000, 4)
     bench.wait(5.0)
@@ -352,21 +352,21 @@ def test_power_cycle(bench):
     assert bench.read(116, 4) == bench.read(132, 4)
 
 
-def test_power_off_for_good():
+def test_power_off():
     bench = Bench()
     bench.servo.power_cycle(1.0, off_s=math.inf)
     bench.now_s = 1e6
     assert bench.tell(PING) == []
 
 
-def test_a_reply_takes_return_delay_and_transfer(bench):
+def test_time_of_a_reply(bench):
     for delay, baud in ((250, 57_600), (0, 1_000_000)):
         bench = Bench(return_delay=delay, baud=baud)
         bench.servo.receive(1.0, PING)
         assert bench.servo.next_output_s() == pytest.approx(1.0 + delay * 2e-6 + 14 * 10 / baud)
 
 
-def test_a_collision_loses_both():
+def test_collision():
     bench = Bench(collisions=True)
     bench.servo.receive(1.0, PING)
     start_s, end_s = 1.0 + 500e-6, bench.servo.next_output_s()
@@ -379,7 +379,7 @@ def test_a_collision_loses_both():
     assert len(bench.tell(PING)) == 1
 
 
-def test_no_collision_when_the_master_waits_its_turn():
+def test_no_collision_after_the_reply():
     bench = Bench(collisions=True)
     bench.servo.receive(1.0, PING)
     bench.servo.receive(bench.servo.next_output_s() + 10 * 10 / 57_600, PING)
@@ -388,26 +388,26 @@ def test_no_collision_when_the_master_waits_its_turn():
     assert len(statuses(bench.wait(0.1))) == 2
 
 
-def test_a_new_id_holds_from_the_next_packet(bench):
+def test_new_id_applies_to_the_next_packet(bench):
     assert bench.write(7, 5, 1) == OK
     assert bench.tell(PING) == []
     assert len(bench.tell(packet(1, device_id=5))) == 1
 
 
-def test_finds_packets_within_garbage_and_in_pieces(bench):
+def test_packets_within_garbage_and_in_pieces(bench):
     assert len(bench.tell(b"\xff\xff\xff\xfd\x00\x01" + PING + b"\x00" + PING)) == 2
     assert bench.tell(PING[:4], seconds=0.002) == []
     assert len(bench.tell(PING[4:])) == 1
 
 
-def test_a_bad_length_does_not_swallow_the_packets_after_it(bench):
+def test_bad_length_does_not_hide_later_packets(bench):
     bad = bytearray(PING)
     bad[5] = 40
     replies = bench.tell(bytes(bad) + PING * 4)
     assert [error for _, error, _ in replies] == [CRC, OK, OK, OK, OK]
 
 
-def test_the_same_seed_measures_the_same():
+def test_a_seed_repeats_the_measurements():
     def currents(seed):
         shaft = ServoShaft()
         servo = DynamixelEmulator(shaft, np.random.default_rng(seed))
@@ -422,7 +422,7 @@ def test_the_same_seed_measures_the_same():
     assert currents(1) != currents(2)
 
 
-def test_senseless_options_are_refused():
+def test_invalid_options():
     for options in ({"device_id": 253}, {"baud": 38_400}, {"return_delay": 255}):
         with pytest.raises(ValueError, match="out of range"):
             Bench(**options)

@@ -84,7 +84,7 @@ def test_ping_and_broadcast_ping(sdk, port):
     assert (result, found) == (dynamixel_sdk.COMM_SUCCESS, {1: [1170, 45]})
 
 
-def test_turns_the_shaft_and_reads_it_back(sdk, port, shaft):
+def test_turn_and_read_back(sdk, port, shaft):
     assert sdk.write1ByteTxRx(port, 1, 64, 1) == (dynamixel_sdk.COMM_SUCCESS, 0)
     assert sdk.write4ByteTxRx(port, 1, 116, 2389) == (dynamixel_sdk.COMM_SUCCESS, 0)
     port.pass_time(port.now_s + 2.0)
@@ -94,7 +94,7 @@ def test_turns_the_shaft_and_reads_it_back(sdk, port, shaft):
     assert (voltage, result, error) == (pytest.approx(120, abs=2), dynamixel_sdk.COMM_SUCCESS, 0)
 
 
-def test_errors_arrive_as_the_library_names_them(sdk, port):
+def test_errors_by_the_library(sdk, port):
     sdk.write1ByteTxRx(port, 1, 64, 1)
     _, error = sdk.write1ByteTxRx(port, 1, 9, 0)
     assert error == dynamixel_sdk.protocol2_packet_handler.ERRNUM_ACCESS
@@ -133,7 +133,7 @@ def test_reg_write_and_action(sdk, port, shaft):
     assert shaft.angle_rad() > 0.0
 
 
-def test_the_library_unstuffs_what_the_emulator_stuffs(sdk, port):
+def test_byte_stuffing(sdk, port):
     value = int.from_bytes(b"\xff\xff\xfd\xff", "little")
     packet = bytes.fromhex("FFFFFD00010A00031400FFFFFDFDFF")
     crc = sdk.updateCRC(0, packet, len(packet))

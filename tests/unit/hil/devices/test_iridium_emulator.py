@@ -32,11 +32,11 @@ def bench():
     return made
 
 
-def test_it_echoes_until_it_is_told_not_to(bench):
+def test_echo(bench):
     assert bench.type(b"AT+CGSN\r") == b"\r\n300234010753370\r\n\r\nOK\r\n"
 
 
-def test_a_message_is_taken_with_its_checksum_and_sent(bench):
+def test_message_from_the_boat(bench):
     assert bench.type(b"AT+SBDWB=5\r") == b"\r\nREADY\r\n"
     assert bench.type(b"hello\x02\x15") == b"\r\n2\r\n\r\nOK\r\n"
     bench.type(b"AT+SBDWB=5\r")
@@ -46,7 +46,7 @@ def test_a_message_is_taken_with_its_checksum_and_sent(bench):
     assert bench.type(b"AT+SBDWB=341\r") == b"\r\n3\r\n\r\nOK\r\n"
 
 
-def test_a_message_for_the_boat_rings_and_is_read_in_binary(bench):
+def test_message_to_the_boat(bench):
     bench.type(b"AT+SBDMTA=1\r")
     bench.network.send(b"hi")
     bench.network.send(b"again")
@@ -60,7 +60,7 @@ def test_a_message_for_the_boat_rings_and_is_read_in_binary(bench):
     assert b"+SBDSX: 0, 1, 0, -1, 0, 1" in bench.type(b"AT+SBDSX\r")
 
 
-def test_a_failed_session_keeps_number_and_message(bench):
+def test_failed_session(bench):
     bench.network.failed = 1.0
     bench.type(b"AT+SBDWB=1\r")
     bench.type(b"x\x00x")
@@ -70,13 +70,13 @@ def test_a_failed_session_keeps_number_and_message(bench):
     assert bench.network.bill.total == 1
 
 
-def test_it_is_deaf_during_a_session_and_refuses_what_it_does_not_know(bench):
+def test_session_and_unknown_commands(bench):
     bench.type(b"AT+SBDIX\r", 0.1)
     assert b"CSQ" not in bench.type(b"AT+CSQ\r", 40.0)
     assert bench.type(b"AT+NONSENSE\r") == b"\r\nERROR\r\n"
     assert b"+CSQ:5" in bench.type(b"AT+CSQ\r", 2.0)
 
 
-def test_without_a_sky_there_is_no_service():
+def test_no_service():
     bench = Bench(signal=lambda _now_s: 0)
     assert b"+SBDIX: 32, " in bench.type(b"AT+SBDIX\r", 30.0)

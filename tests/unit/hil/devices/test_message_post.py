@@ -1,4 +1,4 @@
-"""Messages as files: what is none is left where it is, named once, and ends nothing."""
+"""Messages as files: what is none is skipped, named once, and ends nothing."""
 
 import os
 
@@ -18,7 +18,7 @@ def name(number):
     return f"{IMEI}_{number:06d}.sbd"
 
 
-def test_the_oldest_comes_first_and_is_moved_away(post):
+def test_oldest_message_first(post):
     for number, age_s in ((1, 10), (2, 30), (3, 20)):
         post.put(IMEI, number, b"%d" % number)
         os.utime(post.directory / name(number), (1e9 - age_s, 1e9 - age_s))
@@ -53,15 +53,15 @@ def too_long(path):
 
 
 @pytest.mark.parametrize("make", [dangling, looped, elsewhere, directory, pipe, too_long])
-def test_what_is_no_message_is_left_and_named_once(post, make):
+def test_other_files_are_reported_once(post, make):
     make(post.directory / name(1))
     post.put(IMEI, 2, b"two")
     assert list(post.take()) == [(IMEI, 2, b"two")]
     assert list(post.take()) == []
-    assert post.problems == [f"{name(1)} is left where it is: no file of at most 1960 bytes"]
+    assert post.problems == [f"{name(1)} is skipped: not a file of at most 1960 bytes"]
 
 
-def test_a_file_that_cannot_be_moved_or_vanishes_is_left(post):
+def test_files_that_cannot_be_moved(post):
     post.put(IMEI, 1, b"one")
     post.put(IMEI, 2, b"two")
     (post.directory / "taken" / name(1)).mkdir()
@@ -70,13 +70,13 @@ def test_a_file_that_cannot_be_moved_or_vanishes_is_left(post):
     taking = post.take()
     (post.directory / name(3)).rename(post.directory / "gone")
     assert list(taking) == []
-    assert post.problems == [f"{name(1)} is left where it is: Is a directory"]
+    assert post.problems == [f"{name(1)} is skipped: Is a directory"]
 
 
-def test_a_directory_that_is_gone_is_named_once_and_used_when_it_is_back(post, tmp_path):
+def test_missing_directory(post, tmp_path):
     post.directory.rename(tmp_path / "away")
     assert list(post.take()) == list(post.take()) == []
-    assert post.problems == ["from-boat is left where it is: No such file or directory"]
+    assert post.problems == ["from-boat is skipped: No such file or directory"]
     (tmp_path / "away").rename(post.directory)
     post.put(IMEI, 1, b"one")
     assert list(post.take()) == [(IMEI, 1, b"one")]

@@ -56,7 +56,7 @@ def mti(boat):
 def ask(run):
     def answer(device, data, now_s=1.0):
         device.receive(now_s, data)
-        return messages(b"".join(said for _, said in run(device, now_s + 0.05)))
+        return messages(b"".join(output for _, output in run(device, now_s + 0.05)))
 
     return answer
 
@@ -70,30 +70,30 @@ def measure(mti, ask, run):
         assert ask(mti, GOTO_CONFIG)[-1] == (0x31, b"")
         assert ask(mti, outputs(*rows), 1.1)[0][0] == 0xC1
         mti.receive(1.2, GOTO_MEASUREMENT)
-        said = messages(b"".join(data for _, data in run(mti, 2.25)))
-        assert said[0] == (0x11, b"")
-        assert {mid for mid, _ in said[1:]} == {0x36}
-        return [items(content) for _, content in said[1:]]
+        output = messages(b"".join(data for _, data in run(mti, 2.25)))
+        assert output[0] == (0x11, b"")
+        assert {mid for mid, _ in output[1:]} == {0x36}
+        return [items(content) for _, content in output[1:]]
 
     return second
 
 
-def test_measures_unasked_in_enu_as_it_comes_from_the_factory(mti, run):
-    said = messages(b"".join(data for _, data in run(mti, 1.0)))
-    assert 98 <= len(said) <= 100
-    last = items(said[-1][1])
+def test_factory_configuration(mti, run):
+    output = messages(b"".join(data for _, data in run(mti, 1.0)))
+    assert 98 <= len(output) <= 100
+    last = items(output[-1][1])
     assert list(last) == [0x1020, 0x1060, 0x2030, 0xE020]
     assert struct.unpack(">3f", last[0x2030])[2] == pytest.approx(90.0 - 98.3, abs=1e-4)
-    counters = [int.from_bytes(items(content)[0x1020], "big") for _, content in said]
-    assert counters == list(range(len(said)))
+    counters = [int.from_bytes(items(content)[0x1020], "big") for _, content in output]
+    assert counters == list(range(len(output)))
 
 
-def test_a_message_is_complete_only_with_its_last_byte(mti, run):
+def test_message_time(mti, run):
     due_s, data = run(mti, 0.1)[0]
     assert due_s == pytest.approx(0.01 + len(data) * 10 / 115200)
 
 
-def test_config_state_is_silent_and_answers(mti, run, ask):
+def test_config_state(mti, run, ask):
     run(mti, 1.0)
     assert ask(mti, GOTO_CONFIG)[-1] == (0x31, b"")
     assert run(mti, 5.0) == []
@@ -102,13 +102,13 @@ def test_config_state_is_silent_and_answers(mti, run, ask):
     assert ask(mti, GOTO_CONFIG, 5.2) == [(0x31, b"")]
 
 
-def test_measurement_state_hears_only_what_changes_the_state(mti, run, ask):
+def test_commands_in_measurement_state(mti, run, ask):
     run(mti, 1.0)
     assert {mid for mid, _ in ask(mti, REQ_DID + REQ_OUTPUT + command(0x40))} == {0x36}
     assert (0x11, b"") in ask(mti, GOTO_MEASUREMENT, 1.1)
 
 
-def test_rates_are_answered_as_they_will_be(mti, run, ask):
+def test_rates_in_the_reply(mti, run, ask):
     run(mti, 1.0)
     ask(mti, GOTO_CONFIG)
     ((mid, content),) = ask(mti, outputs((0xE020, 7), (0x2034, 400), (0x0810, 100), (0x8020, 0)), 1.1)
@@ -117,14 +117,14 @@ def test_rates_are_answered_as_they_will_be(mti, run, ask):
 
 
 @pytest.mark.parametrize("wrong", [outputs((0x3010, 10)), outputs((0x203C, 10)), command(0xC0, b"\x20\x34\x00")])
-def test_outputs_that_it_has_not_are_refused(mti, run, ask, wrong):
+def test_unsupported_outputs(mti, run, ask, wrong):
     run(mti, 1.0)
     ask(mti, GOTO_CONFIG)
     assert ask(mti, wrong, 1.1) == [(0x42, b"\x21")]
     assert mti.stored == 0
 
 
-def test_unknown_commands_are_refused_and_damaged_ones_ignored(mti, run, ask):
+def test_unknown_and_damaged_commands(mti, run, ask):
     run(mti, 1.0)
     ask(mti, GOTO_CONFIG)
     assert ask(mti, command(0x7E), 1.1) == [(0x42, b"\x04")]
@@ -133,21 +133,21 @@ def test_unknown_commands_are_refused_and_damaged_ones_ignored(mti, run, ask):
 
 
 @pytest.mark.parametrize(("frame", "yaw"), [(0x0, -8.3), (0x4, 98.3), (0x8, -98.3)])
-def test_yaw_is_the_user_manual_s_in_each_frame(measure, frame, yaw):
+def test_yaw_in_each_frame(measure, frame, yaw):
     """Its table: ENU counts from east and to port, NWU from north and to port, NED from north and to starboard."""
-    said = measure((0x2030 | frame, 10))
-    assert len(said) == 10
-    assert struct.unpack(">3f", said[-1][0x2030 | frame])[2] == pytest.approx(yaw, abs=1e-4)
+    output = measure((0x2030 | frame, 10))
+    assert len(output) == 10
+    assert struct.unpack(">3f", output[-1][0x2030 | frame])[2] == pytest.approx(yaw, abs=1e-4)
 
 
 @pytest.mark.parametrize(("frame", "roll", "pitch"), [(0x0, -4.5, -3.0), (0x4, 175.5, 3.0), (0x8, -4.5, -3.0)])
-def test_tilt_follows_the_right_hand_with_the_label_up(mti, measure, frame, roll, pitch):
+def test_signs_of_pitch_and_roll(mti, measure, frame, roll, pitch):
     mti.pitch_deg, mti.roll_deg = 3.0, -4.5
-    told = struct.unpack(">3f", measure((0x2030 | frame, 10))[-1][0x2030 | frame])
-    assert told[:2] == pytest.approx((roll, pitch), abs=1e-4)
+    reports = struct.unpack(">3f", measure((0x2030 | frame, 10))[-1][0x2030 | frame])
+    assert reports[:2] == pytest.approx((roll, pitch), abs=1e-4)
 
 
-def test_the_gyroscopes_turn_with_the_device(boat, mti, measure):
+def test_gyroscopes(boat, mti, measure):
     boat.rate = 0.1
     mti.roll_deg = 30.0
     turn = struct.unpack(">3f", measure((0x8020, 10))[-1][0x8020])
@@ -155,7 +155,7 @@ def test_the_gyroscopes_turn_with_the_device(boat, mti, measure):
 
 
 @pytest.mark.parametrize(("precision", "size"), [(0, 4), (1, 4), (2, 6), (3, 8)])
-def test_values_have_the_precision_asked_for(measure, precision, size):
+def test_precisions(measure, precision, size):
     raw = measure((0x2034 | precision, 10))[-1][0x2034 | precision]
     assert len(raw) == 3 * size
     yaw = raw[-size:]
@@ -168,31 +168,31 @@ def test_values_have_the_precision_asked_for(measure, precision, size):
     assert value == pytest.approx(98.3, abs=1e-5)
 
 
-def test_the_temperature_comes_once_a_second_in_a_message_with_others(measure):
-    said = measure((0x2034, 10), (0x0810, 10))
-    assert [0x0810 in content for content in said] == [True] + [False] * 9
+def test_temperature_once_a_second(measure):
+    output = measure((0x2034, 10), (0x0810, 10))
+    assert [0x0810 in content for content in output] == [True] + [False] * 9
 
 
-def test_the_orientation_settles_and_may_be_lost(mti, measure, run):
-    said = [int.from_bytes(content[0xE020], "big") for content in measure((0xE020, 0), (0x2034, 10))]
-    assert said == [1, 3, 3, 3, 3, 3, 3, 3, 3, 3]
+def test_validity_of_the_orientation(mti, measure, run):
+    output = [int.from_bytes(content[0xE020], "big") for content in measure((0xE020, 0), (0x2034, 10))]
+    assert output == [1, 3, 3, 3, 3, 3, 3, 3, 3, 3]
     mti.filter_valid, mti.self_test_passed, mti.clipped = False, False, 1 << 9
     last = items(messages(b"".join(data for _, data in run(mti, 3.0)))[-1][1])
     assert last[0xE020] == bytes.fromhex("00000200")
 
 
-def test_it_wakes_up_and_measures_when_nobody_answers(mti, run):
+def test_wake_up_without_acknowledgement(mti, run):
     run(mti, 1.0)
     mti.power_cycle(1.0, off_s=0.5)
     assert run(mti, 1.79) == []
-    said = [(at_s, *messages(data)[0]) for at_s, data in run(mti, 2.5)]
-    assert said[0][0] == pytest.approx(1.8, abs=0.001)
-    assert said[0][1:] == WAKE_UP
-    assert said[1][0] > 1.8 + 0.5
-    assert [mid for _, mid, _ in said[1:3]] == [0x0D, 0x36]
+    output = [(at_s, *messages(data)[0]) for at_s, data in run(mti, 2.5)]
+    assert output[0][0] == pytest.approx(1.8, abs=0.001)
+    assert output[0][1:] == WAKE_UP
+    assert output[1][0] > 1.8 + 0.5
+    assert [mid for _, mid, _ in output[1:3]] == [0x0D, 0x36]
 
 
-def test_an_answered_wake_up_leads_to_the_configuration_that_it_remembers(mti, run, ask):
+def test_wake_up_with_acknowledgement(mti, run, ask):
     run(mti, 1.0)
     ask(mti, GOTO_CONFIG)
     ask(mti, outputs((0x2034, 5)), 1.1)
@@ -203,7 +203,7 @@ def test_an_answered_wake_up_leads_to_the_configuration_that_it_remembers(mti, r
     assert ask(mti, REQ_OUTPUT, 4.0) == [(0xC1, bytes.fromhex("20340005"))]
 
 
-def test_without_power_there_is_nothing(mti, run):
+def test_no_power(mti, run):
     run(mti, 1.0)
     mti.power_cycle(1.0, off_s=math.inf)
     mti.receive(2.0, GOTO_CONFIG)

@@ -34,7 +34,7 @@ def datagrams():
         yield far
 
 
-def test_a_stream_goes_both_ways_and_its_end_is_seen(listener):
+def test_tcp(listener):
     port = listener.getsockname()[1]
     with closing(NetworkLine(f"127.0.0.1:{port}")) as line:
         far, _ = listener.accept()
@@ -52,7 +52,7 @@ def test_a_stream_goes_both_ways_and_its_end_is_seen(listener):
         assert not line.plugged
 
 
-def test_datagrams_go_out_to_whom_they_are_for(datagrams):
+def test_udpout(datagrams):
     with closing(NetworkLine(f"udpout:127.0.0.1:{datagrams.getsockname()[1]}")) as line:
         assert line.write(b"hello") == 5
         data, sender = datagrams.recvfrom(9)
@@ -60,12 +60,12 @@ def test_datagrams_go_out_to_whom_they_are_for(datagrams):
         assert come(line, 5) == b"olleh"
 
 
-def test_who_waits_for_datagrams_answers_the_last_speaker(datagrams):
+def test_udpin_sends_to_the_last_sender(datagrams):
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     with closing(NetworkLine(f"udpin:127.0.0.1:{port}")) as line:
-        assert line.write(b"nobody") == 0
+        assert line.write(b"unused") == 0
         assert line.overrun_bytes == 6
         datagrams.sendto(b"here", ("127.0.0.1", port))
         assert come(line, 4) == b"here"
@@ -74,11 +74,11 @@ def test_who_waits_for_datagrams_answers_the_last_speaker(datagrams):
 
 
 @pytest.mark.parametrize("url", ["", "tcp:", "host:0", "host:1:2", "udpout:host:70000", "udpin:host:x"])
-def test_what_names_no_place_is_told_how_to(url):
+def test_invalid_urls(url):
     with pytest.raises(NetworkLineError, match="write HOST"):
         NetworkLine(url)
 
 
-def test_nobody_there_is_named(datagrams):
+def test_connection_refused(datagrams):
     with pytest.raises(NetworkLineError, match="127"):
         NetworkLine(f"127.0.0.1:{datagrams.getsockname()[1]}")

@@ -40,24 +40,24 @@ def tcm(boat):
 def ask(run):
     def answer(device, data, now_s=1.0):
         device.receive(now_s, data)
-        return frames(b"".join(said for _, said in run(device, now_s + 0.05)))
+        return frames(b"".join(output for _, output in run(device, now_s + 0.05)))
 
     return answer
 
 
-def test_module_info_is_the_example_of_the_manual(tcm, run):
+def test_module_info(tcm, run):
     tcm.receive(1.0, GET_MOD_INFO)
     ((due_s, data),) = run(tcm, 2.0)
     assert data == bytes.fromhex("000D0254434D3531323038C787")
     assert due_s > 1.0 + 13 * 10 / 38400
 
 
-def test_says_nothing_unasked(tcm, run):
+def test_no_output_without_a_request(tcm, run):
     assert tcm.next_output_s() == math.inf
     assert run(tcm, 100.0) == []
 
 
-def test_data_come_in_the_order_configured(tcm, ask):
+def test_order_of_components(tcm, ask):
     tcm.pitch_deg, tcm.roll_deg, tcm.distorted = 3.0, -4.5, True
     assert ask(tcm, COMPONENTS) == []
     ((frame, payload),) = ask(tcm, GET_DATA)
@@ -69,7 +69,7 @@ def test_data_come_in_the_order_configured(tcm, ask):
     assert struct.unpack(">BBfBf", payload) == pytest.approx((2, 25, -4.5, 5, 98.3))
 
 
-def test_every_component_of_the_protocol_page(tcm, ask):
+def test_all_components(tcm, ask):
     ids = [5, 7, 8, 9, 21, 22, 23, 24, 25, 27, 28, 29]
     ask(tcm, command(3, bytes([len(ids), *ids])))
     ((_, payload),) = ask(tcm, GET_DATA)
@@ -78,34 +78,34 @@ def test_every_component_of_the_protocol_page(tcm, ask):
     assert math.degrees(math.atan2(-values[22], values[20])) == pytest.approx(98.3, abs=1.0)
 
 
-def test_pushes_only_when_told_how_what_and_to_start(tcm, run):
+def test_continuous_output_needs_mode_components_and_start(tcm, run):
     for message in (PUSH_TENTH, COMPONENTS):
         tcm.receive(1.0, message)
     assert frames(b"".join(data for _, data in run(tcm, 2.0))) == [(26, b"")]
     tcm.receive(3.0, START)
-    said = run(tcm, 4.05)
-    assert len(said) == 10
-    assert np.diff([due_s for due_s, _ in said]) == pytest.approx(0.1)
-    assert {frame for _, data in said for frame, _ in frames(data)} == {5}
+    output = run(tcm, 4.05)
+    assert len(output) == 10
+    assert np.diff([due_s for due_s, _ in output]) == pytest.approx(0.1)
+    assert {frame for _, data in output for frame, _ in frames(data)} == {5}
     tcm.receive(5.0, command(22))
     run(tcm, 5.0)
     assert tcm.next_output_s() == math.inf
 
 
-def test_polled_mode_does_not_push(tcm, run):
+def test_no_continuous_output_in_polled_mode(tcm, run):
     for message in (command(24, struct.pack(">BBff", 1, 0, 0.0, 0.1)), COMPONENTS, START):
         tcm.receive(1.0, message)
     assert frames(b"".join(data for _, data in run(tcm, 3.0))) == [(26, b"")]
 
 
-def test_later_manuals_turn_the_mode_round(boat, run):
+def test_push_mode_of_later_manuals(boat, run):
     tcm = PniTcmEmulator(boat, np.random.default_rng(1), push_mode=1)
     for message in (command(24, struct.pack(">BBff", 1, 0, 0.0, 0.1)), COMPONENTS, START):
         tcm.receive(1.0, message)
     assert len(run(tcm, 2.05)) == 11
 
 
-def test_true_north_adds_the_configured_declination_to_the_magnetic_heading(boat, ask):
+def test_true_north(boat, ask):
     tcm = PniTcmEmulator(boat, np.random.default_rng(1), noise_deg=0.0, declination_deg=12.0)
     ask(tcm, command(3, bytes([1, 5])))
 
@@ -120,14 +120,14 @@ def test_true_north_adds_the_configured_declination_to_the_magnetic_heading(boat
     assert ask(tcm, command(7, b"\x01")) == [(8, b"\x01" + struct.pack(">f", 10.0))]
 
 
-def test_angles_may_be_in_mils(boat, ask):
+def test_mils(boat, ask):
     tcm = PniTcmEmulator(boat, np.random.default_rng(1), noise_deg=0.0, declination_deg=12.0)
     ask(tcm, command(3, bytes([1, 5])))
     assert ask(tcm, command(6, b"\x0f\x01")) == [(19, b"")]
     assert struct.unpack(">f", ask(tcm, GET_DATA)[0][1][2:])[0] == pytest.approx(86.3 * 6400 / 360)
 
 
-def test_little_endian_turns_the_numbers_but_not_the_frame(tcm, ask):
+def test_little_endian_numbers(tcm, ask):
     ask(tcm, command(3, bytes([1, 5])))
     assert ask(tcm, command(6, b"\x06\x00")) == [(19, b"")]
     ((_, payload),) = ask(tcm, GET_DATA)
@@ -151,12 +151,12 @@ def test_little_endian_turns_the_numbers_but_not_the_frame(tcm, ask):
         b"\xff" * 200,
     ],
 )
-def test_what_is_wrong_is_ignored_and_harms_nothing(tcm, ask, bad):
+def test_invalid_frames_are_ignored(tcm, ask, bad):
     assert ask(tcm, bad) == []
     assert ask(tcm, GET_MOD_INFO, now_s=2.0)[0][0] == 2
 
 
-def test_a_frame_in_pieces_and_one_after_garbage(tcm, ask):
+def test_frame_in_pieces_and_after_garbage(tcm, ask):
     for at in range(len(GET_MOD_INFO) - 1):
         tcm.receive(1.0 + at * 1e-3, GET_MOD_INFO[at : at + 1])
     assert ask(tcm, GET_MOD_INFO[-1:], now_s=1.005)[0][0] == 2
@@ -166,7 +166,7 @@ def test_a_frame_in_pieces_and_one_after_garbage(tcm, ask):
     assert ask(tcm, GET_MOD_INFO, now_s=4.0)[0][0] == 2
 
 
-def test_a_power_cycle_forgets_what_was_not_saved(tcm, ask, run):
+def test_power_cycle_without_saving(tcm, ask, run):
     for message in (PUSH_TENTH, COMPONENTS, START):
         tcm.receive(1.0, message)
     assert run(tcm, 2.0)
@@ -177,27 +177,27 @@ def test_a_power_cycle_forgets_what_was_not_saved(tcm, ask, run):
     assert ask(tcm, GET_DATA, now_s=4.0) == [(5, b"\x00")]
 
 
-def test_saved_settings_come_back_after_a_power_cycle(tcm, ask, run):
+def test_power_cycle_after_saving(tcm, ask, run):
     for message in (PUSH_TENTH, COMPONENTS, START):
         tcm.receive(1.0, message)
     tcm.receive(1.0, command(9))
     assert (16, b"\x00\x00") in frames(b"".join(data for _, data in run(tcm, 1.5)))
     tcm.power_cycle(2.0, off_s=1.0)
-    said = run(tcm, 5.0)
-    assert said[0][0] > 3.3
-    assert len(said) == 16
+    output = run(tcm, 5.0)
+    assert output[0][0] > 3.3
+    assert len(output) == 16
 
 
-def test_sleeps_until_any_byte_which_is_lost_and_wakes_with_a_stray_byte(tcm, ask, run):
+def test_sleep_and_wake_up(tcm, ask, run):
     assert ask(tcm, command(15)) == [(28, b"")]
     tcm.receive(5.0, GET_MOD_INFO)
-    said = b"".join(data for _, data in run(tcm, 6.0))
-    assert said[:1] == b"\x00"
-    assert frames(said[1:]) == [(23, b"")]
+    output = b"".join(data for _, data in run(tcm, 6.0))
+    assert output[:1] == b"\x00"
+    assert frames(output[1:]) == [(23, b"")]
     assert ask(tcm, GET_MOD_INFO, now_s=7.0)[0][0] == 2
 
 
-def test_the_same_seed_says_the_same(boat, run):
+def test_a_seed_repeats_the_output(boat, run):
     def talk(seed):
         tcm = PniTcmEmulator(boat, np.random.default_rng(seed))
         for message in (PUSH_TENTH, COMPONENTS, START):

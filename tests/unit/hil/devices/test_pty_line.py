@@ -28,7 +28,7 @@ def opened(line, path):
         os.close(descriptor)
 
 
-def test_every_byte_value_passes_both_ways_unechoed(line, tmp_path):
+def test_all_byte_values_without_echo(line, tmp_path):
     every = bytes(range(256)) * 2
     with opened(line, tmp_path / "compass") as peer:
         assert line.deliver(every)
@@ -39,7 +39,7 @@ def test_every_byte_value_passes_both_ways_unechoed(line, tmp_path):
         assert line.read() == b""
 
 
-def test_two_thousand_deliveries_are_there_when_deliver_returns(line, tmp_path):
+def test_deliver_waits_for_the_bytes(line, tmp_path):
     sizes = random.Random(1)
     with opened(line, tmp_path / "compass") as peer:
         for turn in range(2000):
@@ -48,7 +48,7 @@ def test_two_thousand_deliveries_are_there_when_deliver_returns(line, tmp_path):
             assert os.read(peer, 4096) == data
 
 
-def test_what_was_posted_is_there_when_it_is_said_to_have_arrived(line, tmp_path):
+def test_arrived_waits_for_posted_bytes(line, tmp_path):
     with opened(line, tmp_path / "compass") as peer:
         for posts in [1, 2, 0, 3] * 500:
             for _ in range(posts):
@@ -62,7 +62,7 @@ def test_what_was_posted_is_there_when_it_is_said_to_have_arrived(line, tmp_path
     assert line.arrived()  # with the cable went what was under way
 
 
-def test_reads_exactly_what_the_firmware_says_it_has_written(line, tmp_path):
+def test_read_until_total(line, tmp_path):
     with opened(line, tmp_path / "compass") as peer:
         for turn in range(2_000):
             os.write(peer, bytes([turn % 256]) * 7)
@@ -72,14 +72,14 @@ def test_reads_exactly_what_the_firmware_says_it_has_written(line, tmp_path):
         assert line.read_until_total(7 * 2000 + 6) == b"cdef"
 
 
-def test_reading_gives_up_in_time_and_keeps_what_it_had(line, tmp_path):
+def test_read_until_total_timeout(line, tmp_path):
     with opened(line, tmp_path / "compass") as peer:
         os.write(peer, b"abc")
         assert line.read_until_total(9, timeout_s=0.05) == b"abc"
         assert line.total_read == 3
 
 
-def test_a_late_writer_is_waited_for(line, tmp_path):
+def test_read_waits_for_a_late_writer(line, tmp_path):
     with opened(line, tmp_path / "compass") as peer:
         writer = threading.Timer(0.02, os.write, (peer, b"late"))
         writer.start()
@@ -87,13 +87,13 @@ def test_a_late_writer_is_waited_for(line, tmp_path):
         writer.join()
 
 
-def test_deliveries_add_up_while_nobody_reads(line):
+def test_unread_deliveries_add_up(line):
     for count in range(1, 11):
         assert line.deliver(b"1234567")
         assert line.pending_at_slave() == 7 * count
 
 
-def test_like_a_uart_it_drops_the_newest_when_nobody_reads(line, tmp_path):
+def test_overrun_drops_the_newest(line, tmp_path):
     with opened(line, tmp_path / "compass") as peer:
         assert line.deliver(b"a" * 4000)
         assert not line.deliver(b"b" * 1000, timeout_s=0.05)
@@ -110,7 +110,7 @@ def test_pyserial_opens_it_exclusively_and_raw(line, tmp_path):
         assert line.read_until_total(4) == b"\x00\n\r\xff"
 
 
-def test_a_port_is_free_again_when_the_firmware_was_killed_and_not_before(line, tmp_path):
+def test_port_is_released_after_the_firmware_was_killed(line, tmp_path):
     """As the slave stays open here, the kernel keeps the exclusive use of one that has not closed the port."""
 
     def exclusive():
@@ -126,7 +126,7 @@ def test_a_port_is_free_again_when_the_firmware_was_killed_and_not_before(line, 
     firmware.close()
 
 
-def test_pulling_the_plug_hangs_up_and_removes_the_path(line, tmp_path):
+def test_unplug(line, tmp_path):
     path = tmp_path / "compass"
     with opened(line, path) as peer:
         line.unplug()
@@ -139,7 +139,7 @@ def test_pulling_the_plug_hangs_up_and_removes_the_path(line, tmp_path):
         line.unplug()
 
 
-def test_plugged_in_again_it_is_new_behind_the_same_path(line, tmp_path):
+def test_plug_again(line, tmp_path):
     path = tmp_path / "compass"
     with opened(line, path) as peer:
         os.write(peer, b"abc")
@@ -157,14 +157,14 @@ def test_plugged_in_again_it_is_new_behind_the_same_path(line, tmp_path):
         assert os.path.lexists(path)
 
 
-def test_nothing_hangs_up_when_the_firmware_restarts(line, tmp_path):
+def test_no_hang_up_on_restart(line, tmp_path):
     for word in (b"one", b"two"):
         with opened(line, tmp_path / "compass") as peer:
             os.write(peer, word)
         assert line.read_until_total(line.total_read + 3) == word
 
 
-def test_a_stale_link_is_replaced_and_a_file_is_not(tmp_path):
+def test_stale_link_and_existing_file(tmp_path):
     (tmp_path / "stale").symlink_to("/nowhere/at/all")
     with contextlib.closing(PtyLine(tmp_path / "stale")) as line, opened(line, tmp_path / "stale"):
         assert line.plugged

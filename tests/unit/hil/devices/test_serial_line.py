@@ -20,7 +20,7 @@ def adapter(far, tmp_path):
     line.close()
 
 
-def test_bytes_go_both_ways_and_are_counted(adapter, far):
+def test_bytes_in_both_directions(adapter, far):
     assert adapter.write(b"\xff\x00reply") == 7
     assert far.read_until_total(7) == b"\xff\x00reply"
     assert far.deliver(b"ask")
@@ -29,13 +29,13 @@ def test_bytes_go_both_ways_and_are_counted(adapter, far):
     assert (adapter.total_written, adapter.total_read, adapter.overrun_bytes) == (7, 3, 0)
 
 
-def test_what_the_adapter_has_no_room_for_is_counted(adapter):
+def test_overrun(adapter):
     sent = adapter.write(bytes(200_000))
     assert 0 < sent < 200_000
     assert adapter.overrun_bytes == 200_000 - sent
 
 
-def test_an_adapter_that_goes_away_ends_the_line(adapter, far):
+def test_unplugged_adapter(adapter, far):
     far.unplug()
     assert adapter.read() == b""
     assert not adapter.plugged
@@ -43,6 +43,6 @@ def test_an_adapter_that_goes_away_ends_the_line(adapter, far):
     assert adapter.write(b"x") == 0
 
 
-def test_an_adapter_that_cannot_be_opened_is_named(tmp_path):
+def test_adapter_that_cannot_be_opened(tmp_path):
     with pytest.raises(SerialLineError, match="nothing"):
         SerialLine(str(tmp_path / "nothing"), 57600)

@@ -13,7 +13,7 @@ def engaged(**options):
     return shaft
 
 
-def test_slews_at_30_degrees_per_second_and_stands_at_its_target():
+def test_slew():
     shaft = engaged()
     shaft.set_target(20 * DEG)
     shaft.advance(0.5)
@@ -35,7 +35,7 @@ def test_one_step_or_a_thousand_give_the_same_bits():
     assert angles[0] == angles[1]
 
 
-def test_a_target_given_again_does_not_disturb_the_motion():
+def test_repeated_target():
     shaft, nagged = engaged(), engaged()
     shaft.set_target(0.5)
     for step in range(1, 101):
@@ -45,7 +45,7 @@ def test_a_target_given_again_does_not_disturb_the_motion():
     assert nagged.angle_rad() == shaft.angle_rad()
 
 
-def test_a_new_target_turns_it_round_where_it_is():
+def test_new_target_during_motion():
     shaft = engaged()
     shaft.set_target(30 * DEG)
     shaft.advance(0.5)
@@ -54,14 +54,14 @@ def test_a_new_target_turns_it_round_where_it_is():
     assert shaft.angle_rad() == pytest.approx(0.0, abs=1e-12)
 
 
-def test_stops_at_its_stops():
+def test_stops():
     shaft = engaged(low_stop_rad=-0.2, high_stop_rad=0.1)
     shaft.set_target(9.0)
     shaft.advance(10.0)
     assert shaft.angle_rad() == 0.1
 
 
-def test_released_it_stays_and_engaged_it_goes_on():
+def test_release_and_engage():
     shaft = engaged()
     shaft.set_target(30 * DEG)
     shaft.advance(0.5)
@@ -73,7 +73,7 @@ def test_released_it_stays_and_engaged_it_goes_on():
     assert shaft.angle_rad() == pytest.approx(22.5 * DEG)
 
 
-def test_a_jam_holds_and_freeing_lets_it_go_on():
+def test_jam():
     shaft = engaged()
     shaft.set_target(30 * DEG)
     shaft.jam(5 * DEG)
@@ -85,7 +85,7 @@ def test_a_jam_holds_and_freeing_lets_it_go_on():
     assert shaft.angle_rad() == pytest.approx(20 * DEG)
 
 
-def test_time_never_runs_backwards_and_nonsense_is_ignored():
+def test_invalid_times_and_targets_are_ignored():
     shaft = engaged()
     shaft.set_target(0.3)
     shaft.advance(5.0)
@@ -97,7 +97,7 @@ def test_time_never_runs_backwards_and_nonsense_is_ignored():
     assert shaft.angle_rad() == 0.3
 
 
-def test_senseless_options_are_refused():
+def test_invalid_options():
     with pytest.raises(ValueError, match="stops"):
         ServoShaft(low_stop_rad=1.0, high_stop_rad=0.0)
     with pytest.raises(ValueError, match="slew"):

@@ -35,24 +35,24 @@ def fields(data):
     return blocks
 
 
-def test_a_charger_tells_once_a_second_what_flows(plant):
-    said = fields(listen(VeDirectEmulator(plant, Kind.CHARGER), 20.5))
-    assert len(said) == 21
-    assert "IL" not in said[-1]
-    out_w = int(said[-1]["V"]) * int(said[-1]["I"]) * 1e-6
-    assert out_w == pytest.approx(0.97 * int(said[-1]["PPV"]), abs=0.6)
+def test_charger(plant):
+    output = fields(listen(VeDirectEmulator(plant, Kind.CHARGER), 20.5))
+    assert len(output) == 21
+    assert "IL" not in output[-1]
+    out_w = int(output[-1]["V"]) * int(output[-1]["I"]) * 1e-6
+    assert out_w == pytest.approx(0.97 * int(output[-1]["PPV"]), abs=0.6)
 
 
-def test_with_its_loads_on_it_the_current_is_what_they_leave(plant):
+def test_charger_with_loads(plant):
     last = fields(listen(VeDirectEmulator(plant, Kind.CHARGER_WITH_LOAD), 20.5))[-1]
     assert int(last["V"]) * int(last["IL"]) * 1e-6 == pytest.approx(4.0, abs=0.02)
     assert int(last["V"]) * (int(last["I"]) + int(last["IL"])) * 1e-6 == pytest.approx(0.97 * int(last["PPV"]), abs=0.6)
 
 
-def test_a_monitor_tells_its_history_every_other_time_and_no_charge_that_it_does_not_know(plant):
+def test_monitor(plant):
     monitor = VeDirectEmulator(plant, Kind.MONITOR)
     monitor.known = False
-    said = fields(listen(monitor, 4.5))
-    assert ["H17" in one for one in said] == [False, True, False, False, True, False, False, True]
-    assert said[0]["SOC"] == "---"
-    assert int(said[-2]["V"]) > 12_000
+    output = fields(listen(monitor, 4.5))
+    assert ["H17" in one for one in output] == [False, True, False, False, True, False, False, True]
+    assert output[0]["SOC"] == "---"
+    assert int(output[-2]["V"]) > 12_000

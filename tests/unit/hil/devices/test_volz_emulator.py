@@ -30,7 +30,7 @@ def ask(shaft, run):
     def answer(servo, data, now_s=1.0):
         shaft.advance(now_s)
         servo.receive(now_s, data)
-        replies = [said for _, said in run(servo, now_s + 0.01)]
+        replies = [output for _, output in run(servo, now_s + 0.01)]
         for reply in replies:
             assert len(reply) == 6
             assert fastcrc.crc16.cms(reply[:4]) == int.from_bytes(reply[4:], "big")
@@ -39,7 +39,7 @@ def ask(shaft, run):
     return answer
 
 
-def test_the_vectors_of_the_protocol_page(servo, ask, shaft):
+def test_vectors_of_the_protocol_page(servo, ask, shaft):
     assert ask(servo, bytes.fromhex("DC010F809114")) == [(0x2C, 1, 0x0800)]
     shaft.advance(10.0)
     assert shaft.angle_rad() == pytest.approx(100 * DEG)
@@ -48,7 +48,7 @@ def test_the_vectors_of_the_protocol_page(servo, ask, shaft):
     assert (code, value >> 8) == (0x30, pytest.approx(0.8 / 0.02, abs=5))
 
 
-def test_positive_is_starboard_and_the_reply_is_measured(servo, ask, shaft):
+def test_sign_and_measured_reply(servo, ask, shaft):
     ask(servo, command(0xDC, 0x0800 - 192), now_s=0.0)
     ((_, _, counts),) = ask(servo, command(0xDC, 0x0800 - 192), now_s=0.1)
     assert (counts - 0x0800) / 19.2 == pytest.approx(-3.0, abs=0.05)
@@ -57,7 +57,7 @@ def test_positive_is_starboard_and_the_reply_is_measured(servo, ask, shaft):
 
 
 @pytest.mark.parametrize(("argument", "degrees"), [(0xFFFF, 30.0), (0x0FFF, 30.0), (0x0000, -20.0), (0x0080, -20.0)])
-def test_clips_to_protocol_and_electrical_limits(shaft, ask, argument, degrees):
+def test_limits(shaft, ask, argument, degrees):
     servo = VolzEmulator(shaft, np.random.default_rng(1), limits_deg=(-20.0, 30.0))
     ask(servo, command(0xDC, argument), now_s=0.0)
     shaft.advance(60.0)
@@ -73,24 +73,24 @@ def test_voltage_and_temperature(servo, ask):
 
 
 @pytest.mark.parametrize("bad", [bytes.fromhex("DC0108008015"), command(0xDC, 0x0800, device_id=2), command(0x99)])
-def test_no_word_about_errors(servo, ask, shaft, bad):
+def test_no_reply_to_errors(servo, ask, shaft, bad):
     assert ask(servo, bad) == []
     shaft.advance(5.0)
     assert shaft.angle_rad() == 0.0
 
 
-def test_takes_up_step_again_within_garbage(servo, ask):
+def test_commands_within_garbage(servo, ask):
     assert len(ask(servo, b"\xdc\x01\x08" + command(0xC0) + b"\x00" + command(0xC0))) == 2
 
 
-def test_an_exchange_takes_three_frame_times(servo, run):
+def test_time_of_an_exchange(servo, run):
     request_s = 6 * 10 / 115_200
     servo.receive(1.0 + request_s, command(0xC0))
     ((due_s, _),) = run(servo, 2.0)
     assert due_s - 1.0 == pytest.approx(1.56e-3, rel=0.01)
 
 
-def test_silent_and_free_while_off_and_holding_after_boot(servo, ask, shaft):
+def test_power_cycle(servo, ask, shaft):
     ask(servo, command(0xDC, 0x0F80), now_s=0.0)
     shaft.advance(1.0)
     servo.power_cycle(1.0, off_s=1.0)
@@ -103,7 +103,7 @@ def test_silent_and_free_while_off_and_holding_after_boot(servo, ask, shaft):
     assert ask(servo, command(0xDC, 0x0800), now_s=10.0) == [(0x2C, 1, 0x0800 + 576)]
 
 
-def test_senseless_options_are_refused(shaft):
+def test_invalid_options(shaft):
     for options in ({"device_id": 256}, {"limits_deg": (0.0, 101.0)}, {"limits_deg": (5.0, 5.0)}):
         with pytest.raises(ValueError):
             VolzEmulator(shaft, np.random.default_rng(1), **options)

@@ -1,12 +1,12 @@
-"""What a sick sensor senses: the truth with an error laid over it, which may be changed at any time."""
+"""Faulty sensors: the truth with an error that may be changed at any time."""
 
 from __future__ import annotations
 
 from hil.devices.emulator import METRES_PER_DEGREE, Attitude, Whereabouts
 
 
-class SpoiledAttitude:
-    """An Attitude whose heading is off by `error_rad`."""
+class AttitudeWithError:
+    """An Attitude with the heading error `error_rad`."""
 
     def __init__(self, attitude: Attitude) -> None:
         """Start without an error."""
@@ -14,16 +14,16 @@ class SpoiledAttitude:
         self._attitude = attitude
 
     def heading_rad(self) -> float:
-        """Heading with the error."""
+        """Return the heading with the error."""
         return self._attitude.heading_rad() + self.error_rad
 
     def yaw_rate_rad_s(self) -> float:
-        """The true rate of turn."""
+        """Return the true yaw rate."""
         return self._attitude.yaw_rate_rad_s()
 
 
-class SpoiledWhereabouts:
-    """A Whereabouts that is off by `north_m`; speed and course stay right, as with multipath or a forged signal."""
+class WhereaboutsWithError:
+    """A Whereabouts with the position error `north_m`; speed and course are true, as with multipath or spoofing."""
 
     def __init__(self, whereabouts: Whereabouts) -> None:
         """Start without an error."""
@@ -31,21 +31,21 @@ class SpoiledWhereabouts:
         self._whereabouts = whereabouts
 
     def latitude_deg(self) -> float:
-        """Latitude with the error."""
+        """Return the latitude with the error."""
         return self._whereabouts.latitude_deg() + self.north_m / METRES_PER_DEGREE
 
     def longitude_deg(self) -> float:
-        """The true longitude."""
+        """Return the true longitude."""
         return self._whereabouts.longitude_deg()
 
     def speed_over_ground_m_s(self) -> float:
-        """The true speed over ground."""
+        """Return the true speed over ground."""
         return self._whereabouts.speed_over_ground_m_s()
 
     def course_over_ground_rad(self) -> float:
-        """The true course over ground."""
+        """Return the true course over ground."""
         return self._whereabouts.course_over_ground_rad()
 
     def utc_s(self) -> float:
-        """The true time."""
+        """Return the true time."""
         return self._whereabouts.utc_s()
