@@ -10,7 +10,7 @@ from html import escape
 from firmware_py.view.document import data_block, document
 from firmware_py.view.model import Voyage
 
-WARNING = 4  # MAV_SEVERITY; red from here on, but for the ordered end by a signal, as in view/panels.js
+WARNING = 4  # MAV_SEVERITY; red from here on, except for the orderly end by a signal, as in view/panels.js
 
 
 @dataclass(frozen=True, slots=True)
