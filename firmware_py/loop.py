@@ -24,7 +24,7 @@ from firmware_py.system.health import HealthMonitor
 from firmware_py.system.network_line import NetworkLine
 from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.store import Store
-from firmware_py.system.watchdogs import Watchdogs, waits_in_kernel
+from firmware_py.system.watchdogs import Watchdogs, is_in_uninterruptible_wait
 
 # The link is not served within this time before a deadline, or within this fraction of a short period.
 GUARD_S = 0.003
@@ -184,11 +184,11 @@ def _serve_watchdogs(parts: LoopParts, now_s: float) -> None:
     steering continues.
     """
     watchdogs = parts.watchdogs
-    if not watchdogs.awaited or now_s < parts.watchdog_due_s:
+    if not watchdogs.can_restart or now_s < parts.watchdog_due_s:
         return
     parts.watchdog_due_s = now_s + WATCHDOG_INTERVAL_S
     stuck = parts.liveness.update(_progress(parts), now_s)
-    hanging = tuple(part for part in stuck if part.thread is not None and waits_in_kernel(part.thread))
+    hanging = tuple(part for part in stuck if part.thread is not None and is_in_uninterruptible_wait(part.thread))
     for part in stuck:
         if part not in hanging:
             done = "has ended" if not part.alive else f"no progress for {part.patience_s:.0f} s"

@@ -22,10 +22,9 @@ from firmware_py.system.endings import (
     from_bytes,
     to_bytes,
 )
-from firmware_py.system.hardware_watchdog import HardwareWatchdog, WatchdogError
 from firmware_py.system.service_manager import ServiceManager, runtime_directory
 from firmware_py.system.store import Store
-from firmware_py.system.watchdogs import Watchdogs
+from firmware_py.system.watchdogs import HardwareWatchdog, WatchdogError, Watchdogs
 
 
 class Supervision:

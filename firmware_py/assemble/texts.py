@@ -78,7 +78,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "each file has two slots, and one is damaged by a power cut during writing",
         _CHECK,
     ),
-    "State directory is there now; what it holds counts from the next start": (
+    "State directory mounted: its content is used from the next start": (
         "the disk was mounted after the start; the boat has started with the values of the vehicle file",
         "if that matters, restart while disarmed",
     ),

@@ -24,10 +24,10 @@ from firmware_py.system import realtime
 from firmware_py.system.clock import ClockError
 from firmware_py.system.directory_lock import StoreError
 from firmware_py.system.endings import EXIT_STUCK
-from firmware_py.system.hardware_watchdog import WatchdogError
 from firmware_py.system.serial_port import PortError
 from firmware_py.system.service_manager import ServiceManager, runtime_directory
 from firmware_py.system.signals import Signals
+from firmware_py.system.watchdogs import WatchdogError
 from firmware_py.vehicle import VehicleError, load
 
 RETRY_DELAY_S = 5.0  # of a failed start under a service manager

@@ -134,19 +134,19 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the week number of an old receiver restarts after 1024 weeks; the date is corrected",
         "nothing; a firmware update of the receiver solves it",
     ),
-    "<signal>: she ends, the rudder goes amidships": (
+    "<signal>: autopilot ends, rudder centred": (
         "a user or the service manager ends the program; without this text, the log was cut off",
         "to start again: `systemctl start rambler`; the task is resumed",
     ),
-    "<signal>: <why>, she sails on": (
+    "<signal>: <why>; autopilot continues": (
         "a user has sent a signal that does not end the program",
         "to end it: `systemctl stop rambler`, or SIGTERM",
     ),
-    "Link: <error> inside, she steers on": (
+    "Link error <error>; autopilot unaffected": (
         "a program error in the telemetry part; it is restarted, steering is not affected",
         "keep the log and report it; if it repeats, use another link or ground station",
     ),
-    "rambler status has nothing to show: <why>": (
+    "Status file not written: <why>": (
         "the file for `rambler status` cannot be written",
         "check space and permissions of the runtime directory (`/run/rambler`)",
     ),

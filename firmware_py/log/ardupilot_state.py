@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from firmware_py.common.angles import compass_degrees, degrees, radians, wrap_pi
@@ -20,14 +20,17 @@ from firmware_py.common.parameter_row import SINGLE_MAX
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Inputs
 from firmware_py.common.reports import Output, Snapshot
-from firmware_py.log.ardupilot_changes import changes_bytes
+from firmware_py.faults.fault import Fault
 from firmware_py.log.ardupilot_formats import (
+    ARMING,
     ATTITUDE,
     ATTITUDE_B,
     BATTERY,
     CHANNELS,
     CONTROL,
+    ERROR,
     ESTIMATE,
+    EVENT,
     INPUTS,
     LINE,
     OUTPUTS,
@@ -50,6 +53,47 @@ _CENTRE_US, _FULL_US = 1500.0, 500.0
 _SECONDS_PER_MAH: Final = 3.6
 _ATTITUDE_KNOWN, _PLACE_KNOWN = 1, 2 | 16  # EKF solution flags: attitude; horizontal velocity and position
 _ROVER: Final = 1  # build type: sets the mode names
+
+
+ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42
+_ALL_CHECKS: Final = 1
+_BY_MAVLINK: Final = 2
+_MAIN: Final = 1  # all other faults
+_SUBSYSTEMS: Final[Mapping[Fault, int]] = {
+    Fault.COMPASS_LOST: 3,
+    Fault.COMPASS_SILENT: 3,
+    Fault.COMPASS_FROZEN: 3,
+    Fault.COMPASS_JUMPING: 3,
+    Fault.BATTERY_LOW: 6,
+    Fault.BATTERY_CRITICAL: 6,
+    Fault.STATION_SILENT: 8,
+    Fault.FENCE_BREACHED: 9,
+    Fault.POSITION_LOST: 11,
+    Fault.POSITION_JUMPING: 11,
+}
+
+
+def changes_bytes(before: Snapshot | None, boat: Snapshot) -> bytes:
+    """Return the messages of changes since `before`; with None, at the start of a file, the present state."""
+    time_us, parts = microseconds(boat.t_s), []
+    if before is None or before.armed is not boat.armed:
+        armed = int(boat.armed)
+        parts.append(ARMING.pack(time_us, armed, _ALL_CHECKS, 0, _BY_MAVLINK))
+        parts.append(EVENT.pack(time_us, ARMED if boat.armed else DISARMED))
+        parts.append(STATE.pack(time_us, armed, float(armed), armed, 0))
+    if boat.home != (None if before is None else before.home):
+        parts.append(EVENT.pack(time_us, HOME_SET))
+    fence_enabled = boat.navigation.fence_enabled
+    if fence_enabled is not (before is not None and before.navigation.fence_enabled):
+        parts.append(EVENT.pack(time_us, FENCE_ON if fence_enabled else FENCE_OFF))
+    changed = boat.faults ^ (0 if before is None else before.faults)
+    if changed:
+        parts.extend(
+            ERROR.pack(time_us, _SUBSYSTEMS.get(fault, _MAIN), boat.faults >> fault & 1)
+            for fault in Fault
+            if changed >> fault & 1
+        )
+    return b"".join(parts)
 
 
 class ArduPilotState:

@@ -1,4 +1,4 @@
-"""The only reader of time: the machine's clock, or the HIL's in its place, and the tick tick_timer."""
+"""The only module that reads the time, from the machine or from the HIL, and the timer of the ticks."""
 
 from __future__ import annotations
 
@@ -14,62 +14,62 @@ from pathlib import Path
 
 from firmware_py.common.angles import clamp
 
-# A tick should come this long after the arrival of the compass sample it steers by: long
-# enough for the jitter of a real compass, short against the boat's response.
+# Delay of a tick after the arrival of its compass sample: more than the jitter of a real compass, and short compared
+# with the response of the boat.
 LOCK_MARGIN_S = 0.002
-# The phase moves by at most this part of a period a tick, so that the rate stays what it is.
+# Maximum phase change per tick in periods, so that the rate stays constant.
 LOCK_SLEW = 0.005
 LOCK_GAIN = 0.1
 MAX_WATCHES = 16
 LOCKSTEP_PROTOCOL = 2
-REPLY = struct.Struct("<ddd")  # the new time, by how much UTC is stepped, how long to look for the next answer
-LINE_EVENT = struct.Struct("<dQ")  # when, and on which line
+REPLY = struct.Struct("<ddd")  # new time, step of UTC, time of busy waiting for the next reply
+LINE_EVENT = struct.Struct("<dQ")  # time, number of the line
 MAX_REPLY_BYTES = 4096
-BOOT_ID = "RAMBLER_BOOT_ID"  # of the environment, by the unit of the service
-LOCKSTEP_BOOT = "lockstep"  # in the place of a machine's boot: the HIL's clock goes on from run to run, or starts anew
+BOOT_ID = "RAMBLER_BOOT_ID"  # environment variable set by the service unit
+LOCKSTEP_BOOT = "lockstep"  # in place of the boot id: the clock of the HIL continues from run to run, or restarts
 
 
 class ClockError(RuntimeError):
-    """The clock of the HIL is gone; there is nothing to go on by."""
+    """The connection to the clock of the HIL is lost."""
 
 
 class RealClock:
     """The machine's monotonic clock, counted from the start of the process."""
 
     def __init__(self) -> None:
-        """Start counting."""
+        """Start at 0."""
         self._start_s = time.monotonic()
 
     def now_s(self) -> float:
-        """Seconds since start."""
+        """Return the seconds since the start."""
         return time.monotonic() - self._start_s
 
     def utc_s(self) -> float:
-        """Seconds since 1970-01-01 UTC, as far as the machine knows."""
+        """Return the seconds since 1970-01-01 UTC by the machine's clock."""
         return time.time()
 
     def wait(self, deadline_s: float, descriptors: Sequence[int]) -> Sequence[int]:
-        """Sleep until the deadline or until a descriptor is readable; return those that are."""
+        """Sleep until the deadline or until a descriptor is readable; return the readable ones."""
         remaining_s = deadline_s - (time.monotonic() - self._start_s)
         return select.select(descriptors, [], [], max(0.0, remaining_s))[0]
 
 
 def machine_s() -> float:
-    """Seconds since the machine was switched on, also those that it slept; all its processes share them."""
+    """Return the seconds since the boot including suspended time, the same for all processes."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def boot_id(path: Path = Path("/proc/sys/kernel/random/boot_id"), environment: Mapping[str, str] = os.environ) -> str:
-    """Return what names the run of the machine, empty where nothing does; a service sees no /proc/sys and is told."""
+    """Return the boot id, empty if unknown; a service has no access to /proc/sys and uses BOOT_ID."""
     try:
-        # Without a codec by name: its module would be sought on the disk.
+        # Without a codec name, because its module would be loaded from the disk.
         return (environment.get(BOOT_ID) or path.read_bytes().decode()).strip().replace("-", "")
     except (OSError, UnicodeDecodeError):
         return ""
 
 
 def set_utc_s(utc_s: float) -> bool:
-    """Set the machine's calendar clock, which no deadline depends on; False when that is not allowed."""
+    """Set the machine's calendar clock, which is not used for deadlines; False if not permitted."""
     try:
         time.clock_settime(time.CLOCK_REALTIME, utc_s)
     except OSError:
@@ -78,13 +78,13 @@ def set_utc_s(utc_s: float) -> bool:
 
 
 class LockstepClock:
-    """The HIL's clock: time stands still while the autopilot computes.
+    """The clock of the HIL: simulated time stops while the autopilot computes.
 
-    Each wait is one packet (deadline, the serial lines that are awaited, bytes written so far on each) and one
-    packet in return (the new time, a step of UTC, and what has been said before it). The HIL has by then
-    taken the bytes written, moved the world on to the deadline or to the first bytes that are awaited, and put those
-    into the serial lines. What somebody says who is never spoken to needs no answer: the HIL moves on behind it, and
-    waits return at its moments first. Everything else is the same code on the same lines as at sea.
+    Each wait sends one packet (deadline, serial lines to wait for, bytes written so far on each line) and receives one
+    (new time, step of UTC, and earlier data on read-only lines). Before the reply, the HIL has read the written bytes,
+    advanced the simulation to the deadline or to the first data on a line to wait for, and written these data into the
+    serial lines. Data on read-only lines need no reply: the HIL continues after them, and the waits return at their
+    times first. All other code is the same as at sea.
     """
 
     def __init__(
@@ -95,10 +95,10 @@ class LockstepClock:
         settle: Callable[[], bool] = lambda: False,
         fed: Callable[[], Sequence[int]] = tuple,
     ) -> None:
-        """Connect to the HIL's socket and name the serial lines whose bytes `written` counts.
+        """Connect to the socket of the HIL with the names of the serial lines; `written` returns their byte counts.
 
-        `settle` waits for the disk, which takes no time here either, and returns whether that has brought answers.
-        `fed` are the descriptors of the lines, which only the HIL makes readable.
+        `settle` waits for the disk, which takes no simulated time, and returns whether callbacks are due. `fed` returns
+        the descriptors of the lines, which only the HIL makes readable.
         """
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
@@ -117,26 +117,25 @@ class LockstepClock:
         self._packet = struct.Struct(f"<d{1 + len(lines)}Q")
         self._outstanding = False
         self._look_s = 0.0
-        self._coming: list[tuple[float, int]] = []  # moments that the HIL has told of: the last first, its line -1
+        self._coming: list[tuple[float, int]] = []  # times and lines of reported data, the last one first with line -1
 
     def close(self) -> None:
-        """Leave the HIL."""
+        """Close the connection to the HIL."""
         self._socket.close()
 
     def now_s(self) -> float:
-        """Seconds on the HIL's clock."""
+        """Return the time of the HIL in seconds."""
         return self._now_s
 
     def utc_s(self) -> float:
-        """Seconds since 1970-01-01 UTC on the HIL's clock."""
+        """Return the seconds since 1970-01-01 UTC by the clock of the HIL."""
         return self._utc_offset_s + self._now_s
 
     def wait(self, deadline_s: float, descriptors: Sequence[int]) -> Sequence[int]:
-        """Let the world move on; return the descriptors that are readable then.
+        """Advance the simulation; return the descriptors that are readable then.
 
-        Returns early, without any time gone by, for a descriptor that the HIL does not
-        feed (a socket of an outside ground station), and then for no other: the bytes that
-        the HIL puts into its lines meanwhile belong to a later time.
+        Returns early, at the same time, for a descriptor that the HIL does not feed (the socket of an external ground
+        station), and then for no other: the bytes that the HIL writes into its lines belong to a later time.
         """
         watch = self._watch(tuple(descriptors), tuple(self._fed()))
         if self._settle() and (ready := self._ready(watch)):
@@ -155,7 +154,7 @@ class LockstepClock:
         return watch.ready(fed=not (self._outstanding or self._coming))
 
     def _watch(self, descriptors: tuple[int, ...], fed: tuple[int, ...]) -> _Watch:
-        """Return what looks at these descriptors, of which there are a few sets, again and again."""
+        """Return the cached poll objects of a set of descriptors."""
         watch = self._watches.get((descriptors, fed))
         if watch is None:
             if len(self._watches) >= MAX_WATCHES:
@@ -167,14 +166,14 @@ class LockstepClock:
         try:
             self._socket.sendall(self._packet.pack(deadline_s, awaited, *self._written()))
         except OSError as error:
-            raise ClockError(f"the HIL has gone: {error.strerror}") from None
+            raise ClockError(f"connection to the HIL lost: {error.strerror}") from None
         self._outstanding = True
 
     def _receive(self) -> None:
         try:
             packet = self._socket.recv(MAX_REPLY_BYTES)
         except OSError as error:
-            raise ClockError(f"the HIL has gone: {error.strerror}") from None
+            raise ClockError(f"connection to the HIL lost: {error.strerror}") from None
         if not packet:
             raise ClockError("the HIL has ended the run")
         now_s, step_s, self._look_s = REPLY.unpack_from(packet)
@@ -184,10 +183,10 @@ class LockstepClock:
 
 
 class _Watch:
-    """Descriptors that are looked at together, tick after tick: a set up look costs a third of a new one."""
+    """Poll objects for a set of descriptors; reusing them costs a third of creating them."""
 
     def __init__(self, descriptors: Sequence[int], fed: Sequence[int], hil: int) -> None:
-        """Watch descriptors; those that are not `fed` may end a wait for the HIL."""
+        """Register descriptors; those not in `fed` may end a wait for the HIL."""
         self.lines = sum(1 << line for line, descriptor in enumerate(fed) if descriptor in descriptors)
         self._descriptors = descriptors
         self._hil = hil
@@ -198,15 +197,15 @@ class _Watch:
             self._waking.register(descriptor, select.POLLIN)
 
     def ready(self, *, fed: bool) -> list[int]:
-        """Return the readable descriptors in their order of registration, with or without the lines of the harness."""
+        """Return the readable descriptors in order of registration, with or without the lines of the HIL."""
         ready = {descriptor for descriptor, _ in (self._all if fed else self._waking).poll(0)}
         return [descriptor for descriptor in self._descriptors if descriptor in ready]
 
     def hil_has_answered(self, look_s: float) -> bool:
-        """Wait for the HIL or for anybody else; return whether it was the HIL.
+        """Wait for the HIL or another descriptor; return whether the HIL has replied.
 
-        For look_s, which the HIL says, it is looked for again and again: where nobody else wants the core, to be woken
-        takes longer than what the HIL does meanwhile.
+        For look_s, set by the HIL, the wait is a busy one: on a free core, waking up takes longer than the work of the
+        HIL.
         """
         end_s = time.monotonic() + look_s
         while not (ready := self._waking.poll(0)) and time.monotonic() < end_s:
@@ -215,14 +214,13 @@ class _Watch:
 
 
 class TickTimer:
-    """Absolute deadlines at a fixed rate, skipped in phase and never caught up.
+    """Absolute deadlines at a fixed rate; missed deadlines are skipped, not caught up.
 
-    The phase may drift slowly towards the arrivals of an outside event (a compass
-    sample); without arrivals it runs free.
+    The phase can be locked slowly to an external event (the arrival of a compass sample); without events it runs free.
     """
 
     def __init__(self, start_s: float, rate_hz: float) -> None:
-        """Make the first deadline start_s."""
+        """Set the first deadline to start_s."""
         self._deadline_s = start_s
         self._rate_hz = rate_hz
         self._shift_s = 0.0
@@ -234,24 +232,24 @@ class TickTimer:
 
     @property
     def deadline_s(self) -> float:
-        """The deadline that is due next."""
+        """The next deadline."""
         return self._deadline_s
 
     def set_rate(self, rate_hz: float) -> None:
-        """Change the rate from the deadline after the next one on."""
+        """Change the rate after the next deadline."""
         self._rate_hz = rate_hz
 
     def lock(self, arrival_s: float) -> None:
-        """Move the next deadlines a little towards a whole number of periods after arrival_s."""
+        """Shift the deadlines slightly towards a whole number of periods plus LOCK_MARGIN_S after arrival_s."""
         period_s = 1.0 / self._rate_hz
         ahead_s = self._deadline_s - (arrival_s + LOCK_MARGIN_S)
         error_s = ahead_s - period_s * math.floor(ahead_s / period_s + 0.5)
         self._shift_s = clamp(-LOCK_GAIN * error_s, -LOCK_SLEW * period_s, LOCK_SLEW * period_s)
 
     def advance(self, now_s: float) -> int:
-        """Set the next deadline after a tick done at now_s; return how many were skipped.
+        """Set the next deadline after a tick that ended at now_s; return the number of skipped ones.
 
-        A deadline less than half a period gone is still served, late; older ones are skipped.
+        A deadline that is less than half a period late is still served; older ones are skipped.
         """
         period_s = 1.0 / self._rate_hz
         self._deadline_s += period_s + self._shift_s

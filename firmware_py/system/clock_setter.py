@@ -1,4 +1,4 @@
-"""Sets the computer's clock from GPS when it has no better one; the loop runs on another clock and takes no notice."""
+"""Sets the computer's clock from GPS if nothing else synchronises it; the clock of the loop is not affected."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from firmware_py.common.records import Event, PositionSample, Severity
 
 SET_NEVER, SET_IF_INVALID, SET_IF_UNSYNCHRONISED = range(3)  # CLK_SET
 
-MIN_AGREEING_TIMES = 5  # times in a row that must agree before one is believed
+MIN_AGREEING_TIMES = 5  # consecutive times that must agree
 AGREEMENT_TOLERANCE_S = 1.0
 TOLERANCE_S = {
     SET_IF_INVALID: DAY_S,
     SET_IF_UNSYNCHRONISED: 2.0,
 }  # a receiver's sentence may come a second after its time
 CHECK_INTERVAL_S = 60.0
-RETRY_S = 3600.0  # after a clock that may not be set
+RETRY_S = 3600.0  # after a permission error
 
 
 class ClockSetter:
-    """Compares the times that GPS and ground stations say with the computer's, and sets that once they agree.
+    """Compares the times of GPS and ground stations with the computer's clock and sets it.
 
-    A source's time counts as its difference to the loop's clock, which never jumps.
+    Each time is stored as its difference from the clock of the loop, which does not jump.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class ClockSetter:
         set_utc_s: Callable[[float], bool],
         is_kept: Callable[[], bool],
     ) -> None:
-        """Take the computer's clock, the way to set it, and who knows whether something keeps it."""
+        """Set the functions to read and to set the clock, and to check whether it is synchronised."""
         self._utc_s = utc_s
         self._set_utc_s = set_utc_s
         self._is_kept = is_kept
@@ -42,11 +42,11 @@ class ClockSetter:
         self._due_s = -math.inf
 
     def add_station_time(self, utc_s: float, now_s: float) -> None:
-        """Take the time that a ground station says."""
+        """Add the time of a ground station."""
         self._station.append(utc_s - now_s)
 
     def update(self, policy: int, fixes: Sequence[PositionSample], now_s: float) -> tuple[Event, ...]:
-        """Take the fixes of a tick; set the clock if it must be and may be; return the event of it."""
+        """Add the fixes of a tick; set the clock if necessary and permitted; return the event."""
         self._gps.extend(fix.utc_s - fix.t_s for fix in fixes if fix.utc_s is not None)
         if policy == SET_NEVER or now_s < self._due_s:
             return ()
@@ -69,7 +69,7 @@ class ClockSetter:
 
 
 def _agreed_offset_s(offsets_s: deque[float], now_s: float) -> float | None:
-    """Return the latest difference, None unless enough agree and the time is a possible one; NaN never does."""
+    """Return the latest difference, None unless enough of them agree and the time is possible; rejects NaN."""
     if len(offsets_s) < MIN_AGREEING_TIMES:
         return None
     latest_s = offsets_s[-1]

@@ -1,7 +1,7 @@
-"""Prints the autopilot's messages without ever blocking the loop on a stuck terminal or pipe.
+"""Prints the messages of the autopilot without blocking the loop on a stuck terminal or pipe.
 
-Lines go to the descriptor itself: what Python keeps for a stream that takes nothing would spoil the exit code, and a
-lock held by a thread that waits for the reader would end the process with an abort.
+Lines are written to the descriptor: unflushed data of a Python stream would change the exit code, and the lock of a
+stream held by a waiting thread would abort the process at its end.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import queue
 import select
 import threading
 
-LIMIT = 200
+MAX_QUEUED_LINES = 200
 STANDARD_ERROR = 2
 
 
@@ -20,33 +20,33 @@ class Console:
 
     def __init__(self) -> None:
         """Start the writer."""
-        self._lines: queue.Queue[str | None] = queue.Queue(LIMIT)
-        self._lost = 0
-        self._ahead: list[str] = []
+        self._lines: queue.Queue[str | None] = queue.Queue(MAX_QUEUED_LINES)
+        self._lost_lines = 0
+        self._printed_early: list[str] = []
         self._thread = threading.Thread(target=self._write, name="console", daemon=True)
         self._thread.start()
 
     def line(self, text: str) -> None:
-        """Queue a line; a full queue drops it, which is said when there is room again."""
+        """Queue a line; a full queue drops and counts it."""
         try:
             self._lines.put_nowait(text)
         except queue.Full:
-            self._lost += 1
+            self._lost_lines += 1
 
     def ahead(self, text: str) -> None:
-        """Queue what an event is to tell with the first tick, which a start that fails does not come to."""
-        self._ahead.append(text)
+        """Queue the text of an event of the first tick early, in case the start fails before it."""
+        self._printed_early.append(text)
         self.line(text)
 
     def event(self, head: str, text: str) -> None:
-        """Queue the line of an event, unless it was said ahead."""
-        if text in self._ahead:
-            self._ahead.remove(text)
+        """Queue the line of an event unless it was printed early."""
+        if text in self._printed_early:
+            self._printed_early.remove(text)
         else:
             self.line(f"{head} {text}")
 
     def close(self) -> None:
-        """Write what is queued, for at most a second."""
+        """Write the queue, for at most a second."""
         try:
             self._lines.put_nowait(None)
         except queue.Full:
@@ -55,21 +55,21 @@ class Console:
 
     def _write(self) -> None:
         while (text := self._lines.get()) is not None:
-            lost = self._lost
-            if lost and _written(f"({lost} lines lost: nobody has read them)"):
-                self._lost -= lost
+            lost = self._lost_lines
+            if lost and _written(f"({lost} lines lost: output was blocked)"):
+                self._lost_lines -= lost
             if not _written(text):
-                self._lost += 1
+                self._lost_lines += 1
 
 
 def _written(text: str) -> bool:
-    """Write a line, however long its reader takes; False when it cannot be had: a pipe closed, a disk full."""
+    """Write a line, waiting for the reader; False on an error such as a closed pipe or a full disk."""
     left = f"{text}\n".encode(errors="backslashreplace")
     try:
         while left:
             try:
                 left = left[os.write(STANDARD_ERROR, left) :]
-            except BlockingIOError:  # somebody who shares the terminal has set it so
+            except BlockingIOError:  # another program has set the shared terminal to non-blocking
                 select.select([], [STANDARD_ERROR], [])
     except (OSError, ValueError):
         return False

@@ -1,6 +1,6 @@
-"""The state directory, held by one process alone: a lock on the directory itself and one on the file `lock` in it.
+"""Exclusive lock of the state directory: one on the directory itself and one on the file `lock` in it.
 
-The first can be had where nothing can be written. The second keeps out those who know of it only: the version before.
+The first also works on a read-only disk. The second excludes the previous version, which uses only the file.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ class StoreError(RuntimeError):
 
 
 class InUseError(StoreError):
-    """Another process holds the state directory."""
+    """Another process has locked the state directory."""
 
 
 class DirectoryLock:
-    """The locks on a directory, which need not be there yet."""
+    """The locks on a directory, which may not exist yet."""
 
     def __init__(self, directory: Path) -> None:
-        """Remember the directory; `acquire` makes and locks it."""
+        """Store the path; `acquire` creates and locks the directory."""
         self._directory = directory
         self._descriptors: list[int] = []
-        self.identity = (0, 0)  # device and number of the directory that is held, or was last
-        self._held_before = False
+        self.identity = (0, 0)  # device and inode of the directory that was locked last
+        self._was_locked = False
 
     def acquire(self, *, strict: bool) -> str:
-        """Make the directory and lock it; return why its lock file cannot be had, empty when it is.
+        """Create and lock the directory; return an error text if only the lock file is missing.
 
-        A directory that has been held before is not made anew: it may be on a medium that is gone.
-        Raises InUseError, and StoreError when there is no lock at all or, being strict, no lock file.
+        A directory that was locked before is not created again: its medium may have been removed. Raises InUseError,
+        and StoreError if there is no lock, or with `strict` no lock file.
         """
         try:
-            if not self._held_before:
+            if not self._was_locked:
                 make_directory(self._directory)
             status = self._directory.stat()
         except OSError as error:
@@ -53,18 +53,18 @@ class DirectoryLock:
         if no_file_lock is not None and (strict or no_directory_lock is not None):
             self.release()
             raise StoreError(self._text(no_file_lock))
-        self.identity, self._held_before = (status.st_dev, status.st_ino), True
+        self.identity, self._was_locked = (status.st_dev, status.st_ino), True
         return "" if no_file_lock is None else self._text(no_file_lock)
 
     def release(self) -> None:
-        """Give the locks up."""
+        """Release the locks."""
         for descriptor in self._descriptors:
-            with contextlib.suppress(OSError):  # it is closed all the same, and nothing was written through it
+            with contextlib.suppress(OSError):  # it is closed nevertheless, and nothing was written to it
                 os.close(descriptor)
         self._descriptors = []
 
     def is_valid(self) -> bool:
-        """Whether the path still leads to the directory that is held; another may have been mounted over it."""
+        """Whether the path still leads to the locked directory; another one may have been mounted over it."""
         try:
             status = self._directory.stat()
         except OSError:
@@ -72,7 +72,7 @@ class DirectoryLock:
         return bool(self._descriptors) and (status.st_dev, status.st_ino) == self.identity
 
     def _lock(self, open_it: Callable[[], int]) -> OSError | None:
-        """Open and lock; return what is in the way, InUseError when it is another process."""
+        """Open and lock; return an OSError; raises InUseError if another process has the lock."""
         try:
             descriptor = open_it()
             self._descriptors.append(descriptor)

@@ -1,4 +1,4 @@
-"""How the runs before have ended: what their service manager and they themselves have left, counted and kept.
+"""How earlier runs have ended: records of the service manager and of the runs themselves, counted and stored.
 
 The state directory may be on a disk that hangs, so these files lie in the runtime directory, which is in memory and is
 lost when the computer restarts. For each run that ends, the service manager adds a line to ENDED_FILE (ExecStopPost of
@@ -27,7 +27,7 @@ from firmware_py.files.writing import FILE_MODE
 ENDED_FILE, REASON_FILE, TRACEBACK_FILE = "ended", "last-words", "traceback"
 ENDINGS_FILE: Final = "endings.record"
 _VERSION: Final = 1
-EXIT_STUCK = 11  # the exit code of an autopilot of which a part was stuck
+EXIT_STUCK = 11  # exit code: a thread was stuck
 YOUNG_RUN_S: Final = 60.0
 MAX_ENDINGS = 20
 _MAX_FILE_BYTES = 1 << 16
@@ -47,7 +47,7 @@ _PLACE = re.compile(r'File "(?:[^"]*/)?([^"/]+/[^"/]+)", line (\d+) in (\S+)')
 
 
 class Ending(msgspec.Struct, frozen=True):
-    """How one run has ended: why, in words of our own, and what is known besides; when, as far as the machine knew."""
+    """The end of one run: reason (a word of the list above), details, and time by the machine's clock."""
 
     why: str
     text: str = ""
@@ -55,10 +55,10 @@ class Ending(msgspec.Struct, frozen=True):
 
 
 class Endings(msgspec.Struct, frozen=True):
-    """All that is kept: how often a run has ended why, the last endings (newest last), and whether one is under way.
+    """The stored record: number of endings by reason, the last endings (newest last), and whether a run is active.
 
-    `is_young`: the last run had not gone on for YOUNG_RUN_S. `failed`: it has ended by an error of its own.
-    `early` counts the runs in a row that failed so soon.
+    `is_young`: the last run was shorter than YOUNG_RUN_S. `failed`: it ended by its own error. `early` is the number of
+    consecutive short runs that failed.
     """
 
     counts: Mapping[str, int] = msgspec.field(default_factory=dict)
@@ -69,10 +69,7 @@ class Endings(msgspec.Struct, frozen=True):
     early: int = 0
 
     def with_added(self, endings: tuple[Ending, ...]) -> Endings:
-        """Return these and more of them.
-
-        A power cut leaves no sign of an error: it counts neither as a failure nor as a success.
-        """
+        """Return the record with more endings. A power cut counts neither as a failure nor as a success."""
         failed = self.failed or any(ending.why not in (*EXPECTED, CUT_OFF) for ending in endings)
         early = self.early + failed if self.is_young else 0
         counts = dict(self.counts)
@@ -82,12 +79,12 @@ class Endings(msgspec.Struct, frozen=True):
 
 
 def to_bytes(endings: Endings) -> bytes:
-    """Return the endings as they are stored."""
+    """Encode the endings for storage."""
     return record_codec.encode(endings, _VERSION)
 
 
 def from_bytes(content: bytes) -> tuple[Endings, tuple[str, ...]]:
-    """Return what `to_bytes` wrote, by this version or another, and notes on it; ValueError says why there is none."""
+    """Decode the endings of this or another version; return them and notes; raises ValueError."""
     endings, notes = record_codec.decode(Endings, content, _VERSION)
     counts = {
         _one_line(why): min(max(count, 0), _MAX_COUNT) for why, count in list(endings.counts.items())[:MAX_ENDINGS]
@@ -97,13 +94,13 @@ def from_bytes(content: bytes) -> tuple[Endings, tuple[str, ...]]:
 
 
 def _bounded(ending: Ending) -> Ending:
-    """Return an ending with texts of one bounded line, and 0 for a time that is not finite: JSON cannot show it."""
+    """Return an ending with short one-line texts, and time 0 if it is not finite (not valid in JSON)."""
     utc_s = ending.utc_s if math.isfinite(ending.utc_s) else 0.0
     return Ending(_one_line(ending.why), _one_line(ending.text), utc_s)
 
 
 def collect_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:
-    """Return how the runs since the last call have ended, oldest first, and forget it."""
+    """Return the endings of the runs since the last call, oldest first, and remove their files."""
     if runtime is None:
         return ()
     lines = _take(runtime / ENDED_FILE).splitlines()
@@ -116,7 +113,7 @@ def collect_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:
 
 
 def ending_of(line: str, now_s: float) -> Ending:
-    """Read a line of the service manager: when, SERVICE_RESULT, EXIT_CODE, EXIT_STATUS; what is missing is unknown."""
+    """Parse a line of the service manager: time, SERVICE_RESULT, EXIT_CODE, EXIT_STATUS; all may be missing."""
     when, result, _code, status = (*line.split(), "", "", "", "")[:4]
     utc_s = float(when) if when.isdecimal() else now_s
     if result == "success" or (result == "exit-code" and status in _BY_EXIT_STATUS):
@@ -130,17 +127,17 @@ def ending_of(line: str, now_s: float) -> Ending:
 
 
 def place_of(traceback: str) -> str:
-    """Return where the thread of the loop was, by Python's own words on a signal; empty when they do not say."""
+    """Return the position of the loop's thread from a traceback of faulthandler; empty if unknown."""
     _, _, current = traceback.rpartition("Current thread 0x")  # Python 3.14 adds "Current thread's C stack trace"
     match = _PLACE.search(current)
     return f"in {match[1]}:{match[2]} {match[3]}" if match else ""
 
 
 class EndingRecorder:
-    """Notes in the runtime directory how this run ends, where there is one."""
+    """Records in the runtime directory how this run ends, if there is one."""
 
     def __init__(self, runtime: Path | None) -> None:
-        """Have Python write where each thread is when a signal ends the process."""
+        """Enable the traceback of all threads on a fatal signal."""
         self._runtime = runtime
         if runtime is None:
             return
@@ -149,7 +146,7 @@ class EndingRecorder:
             faulthandler.enable(self._traceback)
 
     def record_reason(self, text: str) -> None:
-        """Leave the last words of this run."""
+        """Write the reason of the end of this run."""
         if self._runtime is None:
             return
         with contextlib.suppress(OSError):

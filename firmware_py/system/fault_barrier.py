@@ -1,7 +1,7 @@
-"""Keeps an error in the link from ending the loop: the boat steers on, says so, and the next call tries again.
+"""Keeps an error in the link from ending the loop: it is reported, and the next call tries again.
 
-A link that fails again and again is no link: then the error goes through, the process ends with
-the rudder amidships, and the supervisor starts it anew.
+After MAX_ERRORS errors within ERROR_WINDOW_S the next one is raised: the process ends with the rudder centred, and the
+service manager restarts it.
 """
 
 from __future__ import annotations
@@ -12,31 +12,32 @@ from collections.abc import Callable
 
 from firmware_py.common.records import Event, Severity
 
-MOST_ERRORS, WITHIN_S = 5, 600.0
+MAX_ERRORS, ERROR_WINDOW_S = 5, 600.0
 
 
 class FaultBarrier:
-    """Makes the calls whose errors the rudder does not depend on."""
+    """Makes calls whose errors do not affect steering."""
 
     def __init__(self, explain: Callable[[str], None]) -> None:
-        """Take what writes a line for the engineer, without waiting for anybody to read it."""
+        """`explain` prints a line of a traceback without blocking."""
         self._explain = explain
-        self._errors_s: deque[float] = deque(maxlen=MOST_ERRORS)
+        self._errors_s: deque[float] = deque(maxlen=MAX_ERRORS)
         self._events: list[Event] = []
 
     def call(self, now_s: float, act: Callable[[], None]) -> None:
-        """Act; an error is noted, and the one that is too much raised."""
+        """Call `act`; store an error as an event, or raise it after too many."""
         try:
             act()
         except Exception as error:
-            if len(self._errors_s) == MOST_ERRORS and now_s - self._errors_s[0] < WITHIN_S:
+            if len(self._errors_s) == MAX_ERRORS and now_s - self._errors_s[0] < ERROR_WINDOW_S:
                 raise
             self._errors_s.append(now_s)
             for line in "".join(traceback.format_exception(error)).splitlines():
                 self._explain(line)
-            self._events.append(Event(Severity.CRITICAL, f"Link: {type(error).__name__} inside, she steers on"))
+            text = f"Link error {type(error).__name__}; autopilot unaffected"
+            self._events.append(Event(Severity.CRITICAL, text))
 
     def take_events(self) -> tuple[Event, ...]:
-        """Hand over the events since the last call."""
+        """Return the events since the last call."""
         events, self._events = tuple(self._events), []
         return events

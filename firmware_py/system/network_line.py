@@ -1,4 +1,4 @@
-"""Lines of bytes from a boat's network: datagrams, and a TCP server such as a multiplexer. They are only read."""
+"""Byte lines on the boat's network: UDP datagrams, and a TCP server such as a multiplexer. They are read-only."""
 
 from __future__ import annotations
 
@@ -6,39 +6,39 @@ import os
 import socket
 from contextlib import suppress
 
-from firmware_py.system.serial_port import READ_LIMIT, REOPEN_INTERVAL_S, PortError
+from firmware_py.system.serial_port import MAX_READ_BYTES, REOPEN_INTERVAL_S, PortError
 
-LONGEST_DATAGRAM = 2048
-MOST_DATAGRAMS = 64  # read at once; the kernel drops what is more than its buffer holds
+MAX_DATAGRAM_BYTES = 2048
+MAX_DATAGRAMS = 64  # per read; the kernel drops what exceeds its buffer
 DEFAULT_HOST = "127.0.0.1"
-_SILENT_S, _PROBE_EVERY_S, _PROBES, _SYN_RETRIES = 10, 5, 3, 3  # a server that does not answer is gone after 25 s
+_SILENT_S, _PROBE_EVERY_S, _PROBES, _SYN_RETRIES = 10, 5, 3, 3  # the connection times out after 25 s
 
 
 class NetworkLine:
-    """What both lines share; `open` makes the socket and raises PortError with the remedy."""
+    """The common part of both lines; `open` creates the socket or raises PortError with the remedy."""
 
-    form = ""  # of the name
+    form = ""  # the expected form of the name
 
     def __init__(self, name: str) -> None:
-        """Remember the address; `open` or `reopen` opens the socket."""
+        """Store the address; `open` or `reopen` opens the socket."""
         self.name = name
         self.openings = 0
-        self.baud = 0  # a network has none
+        self.baud = 0  # not applicable
         self.written = 0
         self._socket: socket.socket | None = None
         self._retry_s = 0.0
 
     @property
     def connected(self) -> bool:
-        """Whether the socket is there."""
+        """Whether the socket is open."""
         return self._socket is not None
 
     def fileno(self) -> int:
-        """The descriptor, or -1 while there is no socket."""
+        """Return the descriptor, or -1 without a socket."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def address(self) -> tuple[str, int]:
-        """Return host (empty where none is named) and port of the name."""
+        """Return host (empty if not given) and port."""
         host, _, port = self.name.partition(":")[2].rpartition(":")
         if not (port.isascii() and port.isdecimal() and len(port) <= 5 and 0 < int(port) <= 65535):
             raise PortError(f"port {self.name}: write {self.form}")
@@ -49,15 +49,15 @@ class NetworkLine:
         raise NotImplementedError
 
     def reopen(self, now_s: float) -> str:
-        """Try once a second to open a socket that is not there; there is nothing to report."""
+        """Try once a second to open a missing socket; the report is always empty."""
         if self._socket is None and now_s >= self._retry_s:
             self._retry_s = now_s + REOPEN_INTERVAL_S
             with suppress(PortError):
                 self.open()
         return ""
 
-    def write(self, data: bytes) -> bool:  # noqa: ARG002 - a line like the others
-        """Send nothing: devices on a network are only heard."""
+    def write(self, data: bytes) -> bool:  # noqa: ARG002 - part of ByteLine
+        """Return False: network lines are read-only."""
         return False
 
     def close(self) -> None:
@@ -68,7 +68,7 @@ class NetworkLine:
 
 
 class UdpLine(NetworkLine):
-    """A UDP socket as a line, by `udp:[HOST:]PORT`; without a host, from this computer."""
+    """A UDP socket as a line, `udp:[HOST:]PORT`; without a host, only from this computer."""
 
     form = "udp:PORT or udp:HOST:PORT, with the address to listen at"
 
@@ -87,30 +87,30 @@ class UdpLine(NetworkLine):
         self.openings += 1
 
     def read(self) -> bytes:
-        """The datagrams that are there, until 4096 bytes or more have come; each ends a line."""
+        """Return the pending datagrams up to about 4096 bytes; each is a line."""
         pieces: list[bytes] = []
         count = 0
-        for _ in range(MOST_DATAGRAMS if self._socket is not None else 0):
+        for _ in range(MAX_DATAGRAMS if self._socket is not None else 0):
             try:
-                pieces.append(self._socket.recv(LONGEST_DATAGRAM) + b"\n")  # type: ignore[union-attr]
+                pieces.append(self._socket.recv(MAX_DATAGRAM_BYTES) + b"\n")  # type: ignore[union-attr]
             except OSError:
                 break
             count += len(pieces[-1])
-            if count >= READ_LIMIT:
+            if count >= MAX_READ_BYTES:
                 break
         return b"".join(pieces)
 
 
 class TcpLine(NetworkLine):
-    """A connection to a TCP server as a line, by `tcp:ADDRESS:PORT`; a server that is away is tried each second."""
+    """A connection to a TCP server as a line, `tcp:ADDRESS:PORT`; a failed connection is retried each second."""
 
     form = "tcp:ADDRESS:PORT of the server, with a numeric address, as in tcp:192.0.2.7:10110"
 
     def open(self) -> None:
-        """Begin to connect, which nothing waits for; PortError for what is no address."""
+        """Start to connect without waiting; raises PortError for an invalid address."""
         host, port = self.address()
         try:
-            socket.inet_pton(socket.AF_INET, host)  # a name would have to be looked up, which takes time
+            socket.inet_pton(socket.AF_INET, host)  # the lookup of a name would block
         except (OSError, ValueError):
             raise PortError(f"port {self.name}: write {self.form}") from None
         client = socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
@@ -119,16 +119,16 @@ class TcpLine(NetworkLine):
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _PROBE_EVERY_S)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_SYNCNT, _SYN_RETRIES)
-        client.connect_ex((host, port))  # an error shows when it is read
+        client.connect_ex((host, port))  # the next read reports an error
         self._socket = client
         self.openings += 1
 
     def read(self) -> bytes:
-        """The bytes that are there; a connection that has ended is closed, and `reopen` connects again."""
+        """Return the pending bytes; an ended connection is closed, and `reopen` connects again."""
         if self._socket is None:
             return b""
         try:
-            if data := self._socket.recv(READ_LIMIT):
+            if data := self._socket.recv(MAX_READ_BYTES):
                 return data
         except BlockingIOError:
             return b""

@@ -1,4 +1,4 @@
-"""Which other programs have a serial port open, from /proc: of other users' programs only root sees that."""
+"""Finds other programs with an open serial port in /proc; only root sees those of other users."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ PROC = Path("/proc")
 
 
 def port_users(paths: Iterable[str]) -> Mapping[str, str]:
-    """Return for each port that is also open elsewhere in whose hands: "gpsd (process 812), brltty (process 90)".
+    """Return the users of each port that is open elsewhere: "gpsd (process 812), brltty (process 90)".
 
-    Who holds the other end of a pseudo-terminal, an emulator, is not named.
+    The program at the other end of a pseudo-terminal, an emulator, is not listed.
     """
     targets = {os.path.realpath(path): path for path in paths}
     users: dict[str, list[str]] = {}
@@ -34,7 +34,7 @@ def _open_files(process: Path) -> Iterator[str]:
     try:
         entries = os.listdir(process / "fd")  # noqa: PTH208 - names alone
     except OSError:
-        return  # another user's, or gone
+        return  # of another user, or ended
     for entry in entries:
         try:
             yield os.readlink(process / "fd" / entry)  # noqa: PTH115 - a text: not every link is a path

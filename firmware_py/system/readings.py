@@ -1,4 +1,4 @@
-"""What a device says, in the units of whoever reads it ashore: degrees, a null for what is not known or no number."""
+"""Device values for JSON and operators: degrees, None for values that are unknown or not finite."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Values = dict[str, Any]
 
 
 def rounded(value: float | None, digits: int, convert: Callable[[float], float] = float) -> float | None:
-    """Return a value converted and rounded; None for one that is absent or not finite."""
+    """Return a converted and rounded value; None if absent or not finite."""
     return None if value is None or not math.isfinite(value) else round(convert(value), digits)
 
 
 def heading_values(sample: HeadingSample) -> Values:
-    """Return what a compass says."""
+    """Return the values of a compass."""
     return {
         f"heading_{sample.reference.name.lower()}_deg": rounded(sample.heading_rad, 2, compass_degrees),
         "roll_deg": rounded(sample.roll_rad, 1, degrees),
@@ -29,7 +29,7 @@ def heading_values(sample: HeadingSample) -> Values:
 
 
 def position_values(sample: PositionSample) -> Values:
-    """Return what a receiver says."""
+    """Return the values of a GNSS receiver."""
     return {
         "fix": sample.fix.name,
         "lat_deg": rounded(sample.latitude_rad, 7, degrees),
@@ -41,7 +41,7 @@ def position_values(sample: PositionSample) -> Values:
 
 
 def rudder_values(sample: RudderFeedback) -> Values:
-    """Return what a servo says."""
+    """Return the values of a servo."""
     return {
         "shaft_deg": rounded(sample.shaft_rad, 2, degrees),
         "temperature_c": sample.temperature_c,
@@ -52,7 +52,7 @@ def rudder_values(sample: RudderFeedback) -> Values:
 
 
 def power_values(sample: PowerSample) -> Values:
-    """Return what a battery monitor or a charger says; a current into the battery is positive."""
+    """Return the values of a battery monitor or charger; a current into the battery is positive."""
     return {
         "voltage_v": rounded(sample.voltage_v, 3),
         "current_a": rounded(sample.current_a, 3),
@@ -64,7 +64,7 @@ def power_values(sample: PowerSample) -> Values:
 
 
 def vessel_values(report: VesselPosition) -> Values:
-    """Return where another vessel says that it is."""
+    """Return the reported position of another vessel."""
     return {
         "mmsi": report.mmsi,
         "kind": report.kind.name.lower(),
@@ -77,14 +77,14 @@ def vessel_values(report: VesselPosition) -> Values:
 
 
 def identity_values(report: VesselIdentity) -> Values:
-    """Return what another vessel says of itself."""
+    """Return the reported identity of another vessel."""
     return {"mmsi": report.mmsi, "name": report.name, "call_sign": report.call_sign, "ship_type": report.ship_type}
 
 
 def device_values(
     name: str, driver: str, port: str, health: DeviceHealth | None, rate_hz: float | None, error: str = ""
 ) -> Values:
-    """Return how a device fares: its state, rate and errors; `error` is why it could not be opened."""
+    """Return state, rate and errors of a device; `error` is the reason if it could not be opened."""
     return {
         "device": name,
         "driver": driver,
@@ -98,17 +98,17 @@ def device_values(
 
 
 def device_line(record: Values) -> str:
-    """Return a line of `device_values` and what the device says."""
+    """Format `device_values` and further values of a device as a line."""
     head = ("device", "driver", "port", "state", "rate_hz", "accepted", "rejected", "error")
     rate = "      -" if record["rate_hz"] is None else f"{record['rate_hz']:7.2f}"
-    said = {name: value for name, value in record.items() if name not in head}
+    values = {name: value for name, value in record.items() if name not in head}
     text = (
         f"{record['device']:<11}{record['driver']:<10}{record['state']:<9}{rate} Hz  "
-        f"{record['accepted']} good, {record['rejected']} bad  {values_line(said)}"
+        f"{record['accepted']} good, {record['rejected']} bad  {values_line(values)}"
     ).rstrip()
     return f"{text}  [{record['error']}]" if record["error"] else text
 
 
 def values_line(values: Values) -> str:
-    """Return names and values in one line, a dash for what is not known."""
+    """Format names and values as one line, a dash for None."""
     return "  ".join(f"{name} {'-' if value is None else value}" for name, value in values.items())

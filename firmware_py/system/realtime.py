@@ -1,4 +1,4 @@
-"""Asks the kernel and the interpreter for steady timing, and says what was not granted."""
+"""Requests real-time scheduling from the kernel and the interpreter, and reports refusals."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from typing import NoReturn
 from firmware_py.common.interfaces import Clock
 
 PRIORITY = 40
-# Of the other threads of this process: the loop waits for whoever of them holds the interpreter, and that one must not
-# have to wait for other programs.
+# Of the other threads of this process: the loop waits for the thread that holds the interpreter, which must not wait
+# for other programs.
 BACKGROUND_PRIORITY = 10
 _MCL_CURRENT = 1
-_MCL_ONFAULT = 4  # only what is touched, so that whole libraries are not drawn into memory
+_MCL_ONFAULT = 4  # only pages in use, not whole libraries
 _MADV_COLLAPSE = 25  # since Linux 6.1, on kernels with large pages
 _LARGE_PAGE = Path("/sys/kernel/mm/transparent_hugepage/hpage_pmd_size")
-MOST_UNUSED_BYTES = 96 << 10  # of a large page: what it takes in memory beyond what the small ones took
+MAX_UNUSED_BYTES = 96 << 10  # additional memory of a large page compared with the small ones
 _PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
 _TIME_ERROR = 5  # adjtimex: the clock is not synchronised
-# A background thread that computes gives the interpreter up after this long.
+# A background thread that computes releases the interpreter after this time.
 SWITCH_INTERVAL_S = 0.0005
 
 
 def prepare(ordinary: Collection[str] = (), *, real_time: bool = True) -> tuple[str, ...]:
-    """Set real-time priorities, lock memory, tighten timers, freeze the collector; return what failed.
+    """Set real-time priorities, lock memory, set fine timers, freeze the collector; return the failures.
 
-    To be called when all threads are there. The `ordinary` ones, by name, keep the priority of other programs: those
-    whose work others decide on, for Linux takes a processor from real-time work for 50 ms in a second full of it.
-    Without `real_time`, where time stands still while the autopilot computes, the kernel is asked for nothing.
+    Call this when all threads are running. The threads named in `ordinary` keep the normal priority: external clients
+    determine their load, and Linux suspends real-time threads for 50 ms per second under full load. Without
+    `real_time`, in simulated time, nothing is requested from the kernel.
     """
     gc.collect()
-    release_free_memory()  # locked memory cannot be
+    release_free_memory()  # locked memory cannot be released
     refused = _ask_kernel(ordinary) if real_time else []
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     gc.freeze()
@@ -51,7 +51,7 @@ def prepare(ordinary: Collection[str] = (), *, real_time: bool = True) -> tuple[
 
 
 def _ask_kernel(ordinary: Collection[str]) -> list[str]:
-    """Set priorities, lock memory and tighten timers; return what failed."""
+    """Set priorities, lock memory and set fine timers; return the failures."""
     refused = []
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
@@ -71,15 +71,15 @@ def _ask_kernel(ordinary: Collection[str]) -> list[str]:
 
 
 def release_free_memory() -> None:
-    """Give what the start has freed back to the system, where the C library can."""
+    """Return memory freed by the start to the system, if the C library supports it."""
     with contextlib.suppress(AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
 
 
 def use_large_pages() -> None:
-    """Put what lies close together in memory into large pages, where the kernel can.
+    """Merge dense memory into large pages, if the kernel supports it.
 
-    A tick begins with cold caches and touches memory all over: with one entry for 2 MiB it waits less for page tables.
+    A tick starts with cold caches and accesses much memory; entries for 2 MiB need fewer page table reads.
     """
     try:
         size, maps = int(_LARGE_PAGE.read_text()), Path("/proc/self/maps").read_text(errors="replace")
@@ -88,15 +88,15 @@ def use_large_pages() -> None:
     libc = ctypes.CDLL(None)
     resident = ctypes.create_string_buffer(size // mmap.PAGESIZE)
     for address in spans(maps, size):
-        place = (ctypes.c_void_p(address), ctypes.c_size_t(size))
-        if libc.mincore(*place, resident) != 0:
+        span = (ctypes.c_void_p(address), ctypes.c_size_t(size))
+        if libc.mincore(*span, resident) != 0:
             continue
-        if resident.raw.count(b"\0") * mmap.PAGESIZE <= MOST_UNUSED_BYTES:
-            libc.madvise(*place, _MADV_COLLAPSE)
+        if resident.raw.count(b"\0") * mmap.PAGESIZE <= MAX_UNUSED_BYTES:
+            libc.madvise(*span, _MADV_COLLAPSE)
 
 
 def spans(maps: str, size: int) -> Iterator[int]:
-    """Yield the addresses of large pages of a size that lie within writable private memory without a file (proc(5))."""
+    """Yield the aligned addresses of large pages within writable private anonymous memory (proc(5))."""
     for line in maps.splitlines():
         bounds, mode, _offset, _device, inode, *name = line.split(maxsplit=5)
         if mode == "rw-p" and inode == "0" and name in ([], ["[heap]"]):
@@ -105,43 +105,43 @@ def spans(maps: str, size: int) -> Iterator[int]:
 
 
 def reset_scheduling() -> None:
-    """Give real-time priority back: a program started in place of this one, and its threads, would inherit it."""
+    """Reset the scheduling to normal: a program that replaces this one would inherit real-time priority."""
     try:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    except OSError:  # it was not granted either
+    except OSError:  # real-time priority was refused, too
         pass
 
 
 def restart_program() -> NoReturn:
-    """Replace this process by the same program with the same words; nothing after it is run."""
+    """Replace this process by the same program with the same arguments; does not return."""
     reset_scheduling()
-    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - the words this process was started with
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - the arguments of this process
 
 
 def clock_is_synchronised() -> bool:
-    """Whether something (NTP, PTP, a GPS daemon) disciplines the machine's clock, as far as the kernel knows."""
-    # struct timex begins with `modes`, 0 = only read; all of it is smaller than this on every Linux.
+    """Whether the kernel reports the machine's clock as synchronised (NTP, PTP, a GPS daemon)."""
+    # struct timex starts with `modes`, 0 = read only; the buffer is larger than the struct on every Linux.
     timex = ctypes.create_string_buffer(512)
     return int(ctypes.CDLL(None).adjtimex(timex)) not in (-1, _TIME_ERROR)
 
 
 def end_with_parent(pid: int) -> bool:
-    """Have the kernel send SIGTERM when the parent dies, however it dies; False when it is no longer `pid`."""
+    """Request SIGTERM from the kernel when the parent ends; False if the parent is no longer `pid`."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     return os.getppid() == pid
 
 
 class LoadMeter:
-    """How much of one core this process uses."""
+    """The processor load of this process as a share of one core."""
 
     def __init__(self, clock: Clock) -> None:
-        """Measure from now on."""
+        """Start the measurement."""
         self._clock = clock
         self._share = 0.0
         self._since_s, self._used_s = clock.now_s(), _used_s()
 
     def share(self) -> float:
-        """Return the share, 0 to 1, averaged over the last second or more."""
+        """Return the share, 0 to 1, averaged over at least one second."""
         now_s = self._clock.now_s()
         if now_s - self._since_s >= 1.0:
             used_s = _used_s()

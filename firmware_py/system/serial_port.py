@@ -1,4 +1,4 @@
-"""Serial ports through pyserial: exclusive, non-blocking, taken up again when they come back."""
+"""Serial ports with pyserial: exclusive, non-blocking, opened again when they reappear."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ import serial
 from firmware_py.system.port_users import port_users
 
 REOPEN_INTERVAL_S = 1.0
-LOOK_INTERVAL_S = 1.0
-MOST_PATIENCE_S = 300.0
-TELL_AGAIN_S = 600.0
-READ_LIMIT = 4096
-UNSENT_LIMIT = 4096
-# So many reads without a byte, and the port is looked at: is it still there, and ours?
-EMPTY_READS_LIMIT = 16
+CHECK_INTERVAL_S = 1.0
+MAX_SILENCE_S = 300.0
+REPORT_INTERVAL_S = 600.0
+MAX_READ_BYTES = 4096
+MAX_UNSENT_BYTES = 4096
+# After this number of empty reads, check whether the port still exists and is the same.
+MAX_EMPTY_READS = 16
 _NOTHING = bytes(4)
 
 
@@ -31,28 +31,27 @@ class PortError(RuntimeError):
 class SerialPort:
     """A serial port as a ByteLine.
 
-    Who reads a terminal that has nothing, or waits for it by its own descriptor, is held inside the kernel until an
-    ordinary thread there has moved what is under way, and on a busy computer that one waits its turn: a tick would
-    wait with it, whatever its priority. So the port is awaited by an epoll, which looks at the terminal only when it
-    has called, and is read only when it says that there are bytes.
+    Reading an empty terminal, or polling its descriptor, can block in the kernel until a normal-priority kernel thread
+    has moved pending data; on a busy computer a tick would wait for it in spite of its priority. So an epoll waits for
+    the port, and the port is read only if FIONREAD reports bytes.
 
-    Other programs open serial ports, too, and set them as they like (getty, gpsd, brltty, ModemManager). TIOCEXCL keeps
-    out those that are not root's and come later; the lock of pyserial keeps out those that ask for it. Once a second
-    the settings are compared with what they were when the port was opened, and set again.
+    Other programs (getty, gpsd, brltty, ModemManager) may open the port and change its settings. TIOCEXCL excludes
+    later programs of users other than root, and the lock of pyserial those that use such locks. Once a second the
+    settings are compared with those at the opening and restored.
     """
 
     def __init__(self, path: str, baud: int, *, silent_s: float = math.inf) -> None:
-        """Remember path and baud rate; `open` or `reopen` opens the port.
+        """Store path and baud rate; `open` or `reopen` opens the port.
 
-        A port without a byte for `silent_s` is closed and opened again, then after twice that time, and so on.
+        A port without data for `silent_s` is closed and opened again, then after twice that time, and so on.
         """
         self._path = path
         self._baud = baud
-        self._silent_s = self._patience_s = silent_s
+        self._silent_s = self._max_silence_s = silent_s
         self._settings: list[object] = []
-        self._heard = True
-        self._heard_s = self._look_s = 0.0
-        self._told_s = -math.inf
+        self._has_data = True
+        self._data_s = self._check_s = 0.0
+        self._reported_s = -math.inf
         self._port: serial.Serial | None = None
         self._fd = -1
         self._arrivals: select.epoll | None = None
@@ -61,7 +60,7 @@ class SerialPort:
         self._unsent = b""
         self._retry_s = 0.0
         self._empty_reads = 0
-        # As the kernel gives it. Python tries to write it: to find that it cannot costs three times what it asks.
+        # A writable buffer for FIONREAD: with an immutable one the call costs three times as much.
         self._count = bytearray(4)
 
     @property
@@ -71,12 +70,12 @@ class SerialPort:
 
     @property
     def baud(self) -> int:
-        """Bits a second."""
+        """The baud rate."""
         return self._baud
 
     @property
     def openings(self) -> int:
-        """How often the port has been opened."""
+        """The number of times the port was opened."""
         return self._openings
 
     @property
@@ -86,11 +85,11 @@ class SerialPort:
 
     @property
     def written(self) -> int:
-        """Bytes handed to the kernel since the port was last opened."""
+        """Bytes written to the kernel since the port was last opened."""
         return self._written
 
     def fileno(self) -> int:
-        """The descriptor that is readable when bytes are there, or -1 while the port is away."""
+        """Return the descriptor that is readable when there are bytes, or -1 while the port is closed."""
         return -1 if self._arrivals is None else self._arrivals.fileno()
 
     def open(self) -> None:
@@ -114,20 +113,20 @@ class SerialPort:
         self._openings += 1
         self._written = 0
         self._unsent = b""
-        self._heard = True
+        self._has_data = True
         try:
-            # USB adapters of the FTDI kind otherwise sit on received bytes for 16 ms.
+            # Otherwise FTDI USB adapters delay received bytes by 16 ms.
             self._port.set_low_latency_mode(True)
         except (OSError, ValueError, NotImplementedError, AttributeError):
-            pass  # not such an adapter
+            pass  # another adapter
 
     def reopen(self, now_s: float) -> str:
-        """Once a second open a port that is away, or check the settings of an open one; return a report or ""."""
+        """Once a second open a closed port, or check the settings of an open one; return a report or ""."""
         if self._fd >= 0:
-            if now_s < self._look_s:
+            if now_s < self._check_s:
                 return ""
-            self._look_s = now_s + LOOK_INTERVAL_S
-            return self._look_after(now_s)
+            self._check_s = now_s + CHECK_INTERVAL_S
+            return self._check_settings(now_s)
         if now_s >= self._retry_s:
             self._retry_s = now_s + REOPEN_INTERVAL_S
             self._try_to_open()
@@ -140,8 +139,8 @@ class SerialPort:
             return False
         return True
 
-    def _look_after(self, now_s: float) -> str:
-        """Set what another program has changed, and open a silent port again."""
+    def _check_settings(self, now_s: float) -> str:
+        """Restore settings changed by another program, and open a silent port again."""
         try:
             changed = termios.tcgetattr(self._fd) != self._settings
             if changed:
@@ -151,49 +150,49 @@ class SerialPort:
         except (OSError, termios.error):
             self.close()
             return ""
-        if self._heard:
-            self._heard, self._heard_s, self._patience_s = False, now_s, self._silent_s
-        silent = now_s - self._heard_s >= self._patience_s
+        if self._has_data:
+            self._has_data, self._data_s, self._max_silence_s = False, now_s, self._silent_s
+        silent = now_s - self._data_s >= self._max_silence_s
         if silent:
-            self._heard_s, self._patience_s = now_s, min(2.0 * self._patience_s, MOST_PATIENCE_S)
+            self._data_s, self._max_silence_s = now_s, min(2.0 * self._max_silence_s, MAX_SILENCE_S)
         if silent or not restored:
-            self._renew()
-        if not changed or now_s - self._told_s < TELL_AGAIN_S:
+            self._reopen_silent()
+        if not changed or now_s - self._reported_s < REPORT_INTERVAL_S:
             return ""
-        self._told_s = now_s
+        self._reported_s = now_s
         users = port_users([self._path]).get(self._path)
         return f"Port {self._path}: changed by another program, restored" + (f"; open in {users}" if users else "")
 
-    def _renew(self) -> None:
-        """Close and open the port; to a driver it is the same line, as its device has seen nothing of this."""
+    def _reopen_silent(self) -> None:
+        """Close and open the port; for the driver it is the same line, because the device is not affected."""
         openings, written = self._openings, self._written
         self.close()
         if self._try_to_open():
-            self._openings, self._written, self._heard = openings, written, False
+            self._openings, self._written, self._has_data = openings, written, False
 
     def read(self) -> bytes:
-        """All bytes that are there, at most 4096; a port that has gone is closed."""
+        """Return the pending bytes, at most 4096; a lost port is closed."""
         if self._fd < 0:
             return b""
         try:
             fcntl.ioctl(self._fd, termios.FIONREAD, self._count)
-            data = os.read(self._fd, READ_LIMIT) if self._count != _NOTHING else b""
+            data = os.read(self._fd, MAX_READ_BYTES) if self._count != _NOTHING else b""
         except BlockingIOError:
             return b""
         except OSError:
             self.close()
             return b""
-        # A raw terminal reads nothing both when it is idle and when its other end is gone.
+        # A raw terminal returns no bytes both when idle and when its other end is closed.
         self._empty_reads = 0 if data else self._empty_reads + 1
-        self._heard = self._heard or bool(data)
-        if self._empty_reads >= EMPTY_READS_LIMIT:
+        self._has_data = self._has_data or bool(data)
+        if self._empty_reads >= MAX_EMPTY_READS:
             self._empty_reads = 0
             if self._hung_up():
                 self.close()
         return data
 
     def _hung_up(self) -> bool:
-        """Say whether the other end is gone; when it is back already the path is there, and is another's."""
+        """Return whether the other end was closed; if it has reappeared, the path is another device."""
         try:
             termios.tcgetattr(self._fd)
             return os.stat(self._path).st_rdev != os.fstat(self._fd).st_rdev  # noqa: PTH116 - in the tick's path
@@ -201,17 +200,17 @@ class SerialPort:
             return True
 
     def write(self, data: bytes) -> bool:
-        """Hand data to the kernel; what does not fit now goes before the next write."""
-        if len(self._unsent) + len(data) > UNSENT_LIMIT:
-            # A line that was jammed may have come free: else what waits would shut it for ever.
+        """Write data to the kernel; the part that does not fit is written before the next data."""
+        if len(self._unsent) + len(data) > MAX_UNSENT_BYTES:
+            # A blocked line may be free again; otherwise the unsent bytes would block it permanently.
             self._unsent = self._push(self._unsent)
-        if self._fd < 0 or len(self._unsent) + len(data) > UNSENT_LIMIT:
+        if self._fd < 0 or len(self._unsent) + len(data) > MAX_UNSENT_BYTES:
             return False
         self._unsent = self._push(self._unsent + data if self._unsent else data)
         return self._fd >= 0
 
     def _push(self, pending: bytes) -> bytes:
-        """Hand bytes to the kernel and return those that do not fit; a port that has gone is closed."""
+        """Write bytes to the kernel and return those that do not fit; a lost port is closed."""
         if self._fd < 0:
             return b""
         try:
@@ -228,10 +227,12 @@ class SerialPort:
         if self._port is not None:
             try:
                 if self._fd >= 0:
-                    fcntl.ioctl(self._fd, termios.TIOCNXCL)  # the kernel keeps it while another program has it open
+                    fcntl.ioctl(
+                        self._fd, termios.TIOCNXCL
+                    )  # otherwise it stays while another program has the port open
                 self._port.close()
             except (serial.SerialException, OSError):
-                pass  # a port that has vanished cannot be closed in good order
+                pass  # the port was unplugged
         if self._arrivals is not None:
             self._arrivals.close()
         self._port = self._arrivals = None

@@ -1,7 +1,6 @@
-"""What a service manager is told, by the protocol of sd_notify(3): started, alive, stopping, and how it goes.
+"""Notifications to the service manager with the protocol of sd_notify(3): ready, alive, stopping, status.
 
-A datagram of lines `NAME=value` to the socket that NOTIFY_SOCKET names. Nobody waits: a manager that does not listen
-loses it.
+A notification is a datagram of lines `NAME=value` to the socket in NOTIFY_SOCKET, sent without blocking.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ STATUS_CHARACTERS = 120
 
 
 class ServiceManager:
-    """The service manager of this process, or nobody."""
+    """The service manager of this process, if there is one."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
-        """Look up in the environment whom to tell, and how often it wants to hear that the process is alive."""
+        """Read the address and the watchdog time from the environment."""
         self._address = _address(environment.get("NOTIFY_SOCKET", ""))
         self.watchdog_s = _watchdog_s(environment) if self._address else None
         self._ready = False
@@ -31,7 +30,7 @@ class ServiceManager:
         return bool(self._address)
 
     def notify_alive(self, status: str) -> None:
-        """Say that the process is alive; the first time that it has started, and how it goes where that has changed."""
+        """Send WATCHDOG=1, with READY=1 the first time and with a changed status."""
         if not self._address:
             return
         lines = ["WATCHDOG=1"]
@@ -39,19 +38,19 @@ class ServiceManager:
             lines.insert(0, "READY=1")
         if status != self._status:
             lines.append(_status_line(status))
-        # What did not go out is said again with the next one.
-        if self._tell(*lines):
+        # A failed notification is repeated with the next one.
+        if self._send(*lines):
             self._ready, self._status = True, status
 
     def notify_status(self, text: str) -> None:
-        """Say in one line how it goes."""
-        self._tell(_status_line(text))
+        """Send a status of one line."""
+        self._send(_status_line(text))
 
     def notify_stopping(self) -> None:
-        """Say that the process ends by itself: the watchdog is to wait for it no longer."""
-        self._tell("STOPPING=1")
+        """Send STOPPING=1, which ends the watchdog supervision."""
+        self._send("STOPPING=1")
 
-    def _tell(self, *lines: str) -> bool:
+    def _send(self, *lines: str) -> bool:
         if not self._address:
             return False
         try:
@@ -63,14 +62,14 @@ class ServiceManager:
 
 
 def _address(name: str) -> str:
-    """Return the address of a Unix socket: a path, or an abstract one, which begins with @; empty for any other."""
+    """Return the address of a Unix socket: a path, or an abstract one that starts with @; otherwise empty."""
     if name.startswith("@"):
         return "\0" + name[1:]
     return name if name.startswith("/") else ""
 
 
 def _watchdog_s(environment: Mapping[str, str]) -> float | None:
-    """Return the time within which a sign of life is awaited, None where none is, or not of this process."""
+    """Return the watchdog time, None without one or if it is for another process."""
     if environment.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
         return None
     with contextlib.suppress(ValueError):
@@ -84,6 +83,6 @@ def _status_line(text: str) -> str:
 
 
 def runtime_directory(environment: Mapping[str, str]) -> Path | None:
-    """Return the directory that the manager keeps for this service as long as the computer runs, None without one."""
+    """Return the runtime directory of the service, which lasts until the next boot, None without one."""
     first = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
     return Path(first) if first.startswith("/") else None

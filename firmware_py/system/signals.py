@@ -1,6 +1,6 @@
-"""What each signal does to an autopilot under way: a boat must not stop with her rudder over because of one.
+"""Handling of each signal: a signal must not stop the autopilot with the rudder deflected.
 
-The kernel's own answer to most of them is to end or to halt the process wherever it is.
+The default action of the kernel for most signals is to end or to stop the process at once.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ Handler = Callable[[int, FrameType | None], None] | signal.Handlers
 
 
 class Action(Enum):
-    """What is done; the text is that of the reference page."""
+    """The action; the text is on the reference page."""
 
-    STOP = "told and logged, makes the rudder safe and ends, exit code 0"
-    CONTINUE = "sails on, told once"
-    IGNORE = "sails on"
+    STOP = "reported and logged; the rudder is made safe; exit code 0"
+    CONTINUE = "ignored, reported once"
+    IGNORE = "ignored"
 
 
-# A handler would be called for ever by a terminal that stops who writes to it, so those are ignored in the kernel.
-# SIGXCPU is the last warning before a limit of processor time kills. Real-time signals are like the last row.
+# SIGTTIN and SIGTTOU would call a handler endlessly, so those are ignored in the kernel. SIGXCPU is the last warning
+# before the limit of processor time. Real-time signals are like the last row.
 TABLE: Mapping[signal.Signals, Action] = {
     **dict.fromkeys((signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGXCPU), Action.STOP),
     **dict.fromkeys((signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTTIN, signal.SIGTTOU), Action.IGNORE),
@@ -35,20 +35,20 @@ TABLE: Mapping[signal.Signals, Action] = {
         (signal.SIGVTALRM, signal.SIGPROF, signal.SIGIO, signal.SIGPWR, signal.SIGSTKFLT), Action.CONTINUE
     ),
 }  # fmt: skip
-REASONS = {signal.SIGHUP: "the terminal has gone", signal.SIGTSTP: "halting is refused"}
+REASONS = {signal.SIGHUP: "terminal closed", signal.SIGTSTP: "suspending refused"}
 
 
 class Signals:
-    """Takes the signals of this process from the first moment on; a context, of the main thread."""
+    """A context manager of the main thread that handles the signals of this process."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Start without signals."""
         self.stopping = False
-        self._told: deque[int] = deque()
+        self._signals: deque[int] = deque()
         self._before: dict[int, object] = {}
 
     def __enter__(self) -> Self:
-        """Take them over."""
+        """Install the handlers."""
         handlers: dict[Action, Handler] = {
             Action.STOP: self._stop,
             Action.CONTINUE: self._continue,
@@ -57,32 +57,32 @@ class Signals:
         for number in (*TABLE, *range(signal.SIGRTMIN, signal.SIGRTMAX + 1)):
             act = TABLE[number] if isinstance(number, signal.Signals) else Action.CONTINUE
             self._before[number] = signal.signal(number, handlers[act])
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, self._before)  # what has waited since `hold`
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, self._before)  # blocked since `hold`
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give them back; when it is told to stop, nothing shall change the exit code any more."""
+        """Restore the handlers; while stopping, ignore all signals so that none changes the exit code."""
         for number, before in self._before.items():
             signal.signal(number, signal.SIG_IGN if self.stopping else before)  # type: ignore[arg-type]
 
     def hold(self) -> None:
-        """Have signals wait until the program that is started in place of this one takes them."""
+        """Block signals until the program that replaces this one handles them."""
         signal.pthread_sigmask(signal.SIG_BLOCK, self._before)
 
     def take_events(self) -> tuple[Event, ...]:
-        """Hand over what is to be told of the signals since the last call."""
-        return tuple(_event(self._told.popleft()) for _ in range(len(self._told)))
+        """Return the events of the signals since the last call."""
+        return tuple(_event(self._signals.popleft()) for _ in range(len(self._signals)))
 
     def _stop(self, number: int, _frame: FrameType | None) -> None:
-        if not self.stopping:  # the first is what ends her
-            self._told.append(number)
+        if not self.stopping:  # only the first one is reported
+            self._signals.append(number)
         self.stopping = True
 
     def _continue(self, number: int, _frame: FrameType | None) -> None:
-        signal.signal(number, signal.SIG_IGN)  # told once; a flood of them costs nothing
-        self._told.append(number)
+        signal.signal(number, signal.SIG_IGN)  # reported once; further ones have no cost
+        self._signals.append(number)
 
 
 def _event(number: int) -> Event:
@@ -92,6 +92,6 @@ def _event(number: int) -> Event:
         name = f"SIGRTMIN+{number - signal.SIGRTMIN}"
     known = signal.Signals(number) if number in TABLE else None
     if known is not None and TABLE[known] is Action.STOP:
-        return Event(Severity.WARNING, f"{name}: she ends, the rudder goes amidships")
-    reason = "it means nothing here" if known is None else REASONS.get(known, "it means nothing here")
-    return Event(Severity.WARNING, f"{name}: {reason}, she sails on")
+        return Event(Severity.WARNING, f"{name}: autopilot ends, rudder centred")
+    reason = "not used" if known is None else REASONS.get(known, "not used")
+    return Event(Severity.WARNING, f"{name}: {reason}; autopilot continues")

@@ -1,12 +1,12 @@
-"""Two files for each name, written in turn and in place, so that the newest whole version is never touched.
+"""Two slots (files) for each name, written alternately and in place, so that the newest valid version is not touched.
 
-No directory and no file size changes by a write, which on a journalling file system cost ten times as
-much as the data. A slot, `NAME.0` or `NAME.1`, begins with a line of sequence number, length and checksum;
-the content follows as it is. A slot that holds nothing on purpose says so in its first line.
+A write changes neither the directory nor the file size, which on a journalling file system costs ten times as much as
+the data. A slot, `NAME.0` or `NAME.1`, starts with a line of sequence number, length and checksum; the content follows
+unchanged. An intentionally empty slot has a special first line.
 
-A slot without a byte counts as damaged: so a card that has lost a file leaves it. The slots of a secret must belong to
-the user of the process, and hold a version or nothing good: one that was taken back counts as damaged, so that a secret
-that was lost does not pass for none.
+A slot of 0 bytes counts as damaged, because a card that has lost a file leaves it so. The slots of a secret must belong
+to the user of the process. A withdrawn version of a secret counts as damaged, so that a lost secret is distinguished
+from none.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from firmware_py.files.writing import FILE_MODE, PRIVATE_MODE, set_aside, sync_d
 from firmware_py.system.state_export import KEY_ENDING, RECORD_ENDING, BrokenExportError, largest_bytes, pending_import
 
 SLOTS = (0, 1)
-# Earlier versions keep the same records as text under this ending. They stay whole there for a roll-back.
+# Earlier versions stored the same records as text with this suffix. They stay unchanged there for a roll-back.
 _EARLIER_ENDING = ".state"
 _ASIDE_ENDING = ".old"
-SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
+SLOT_BYTES = 4096  # initial size and size increment of a slot
 _HEAD = re.compile(rb"# rambler state (\d{1,18}) (\d{1,12}) ([0-9a-f]{8})\n")
 _EMPTY = b"# rambler empty\n"
 
 
 class Condition(Enum):
-    """What a slot is found to be: a lost version is another thing than none."""
+    """The condition of a slot; a lost version is distinguished from none."""
 
     WHOLE = "is whole"
     EMPTY = "is empty"
@@ -47,7 +47,7 @@ class Condition(Enum):
 
 
 class _Slot(msgspec.Struct, frozen=True):
-    """One slot: its number, what it is found to be, and the version in it."""
+    """One slot: number, condition and the version in it."""
 
     number: int
     condition: Condition
@@ -57,21 +57,21 @@ class _Slot(msgspec.Struct, frozen=True):
 
 
 def stored_content(directory: Path, name: str) -> bytes | None:
-    """Return the newest whole version of a name, or None: safe beside an autopilot that is writing."""
+    """Return the newest valid version of a name, or None; safe while an autopilot is writing."""
     return examine(directory, name).content
 
 
 def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
-    """Return the newest whole version of a name and what is wrong: a slot may be damaged, unreadable or missing.
+    """Return the newest valid version of a name and the damaged, unreadable or missing slots.
 
-    `owner_uid` is given for a secret: whose slots they must be. What an import that was cut off has brought counts.
-    A record counts only where no slot of an earlier version lies beside it: that version has run since, or may
-    run again after a roll-back.
+    `owner_uid`: the required owner of the slots of a secret. The content of a pending import has priority. A record
+    is not used if there is a slot of an earlier version: that version has run since, or may run again after a
+    roll-back.
     """
-    with contextlib.suppress(BrokenExportError, OSError):  # which the store reports
-        awaited = pending_import(directory)
-        if awaited is not None and name in awaited.files:
-            return Stored(awaited.content(name))
+    with contextlib.suppress(BrokenExportError, OSError):  # reported by the store
+        pending = pending_import(directory)
+        if pending is not None and name in pending.files:
+            return Stored(pending.content(name))
     for path in earlier_slots(directory, name):
         return Stored(damage=f"{path.name} is of another version")
     slots = _read_slots(directory, name, owner_uid)
@@ -87,7 +87,7 @@ def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
 
 
 def is_secret(name: str) -> bool:
-    """Whether what has this name is for nobody but the owner to read."""
+    """Whether only the owner may read the content of this name."""
     return Path(name).suffix == KEY_ENDING
 
 
@@ -97,12 +97,12 @@ def slot_path(directory: Path, name: str, slot: int) -> Path:
 
 
 def earlier_name(name: str) -> str:
-    """Return the name under which earlier versions kept a record, empty for a text."""
+    """Return the name that earlier versions used for a record, empty for a text."""
     return f"{name.removesuffix(RECORD_ENDING)}{_EARLIER_ENDING}" if name.endswith(RECORD_ENDING) else ""
 
 
 def earlier_slots(directory: Path, name: str) -> list[Path]:
-    """Return the slots in which an earlier version keeps a record; none for a text."""
+    """Return the existing slots of a record of an earlier version; none for a text."""
     earlier = earlier_name(name)
     paths = [slot_path(directory, earlier, slot) for slot in SLOTS] if earlier else []
     return [path for path in paths if os.path.lexists(path)]
@@ -115,14 +115,14 @@ def _read_slots(directory: Path, name: str, owner_uid: int | None) -> tuple[_Slo
 
 def _read_slot(path: Path, number: int, max_bytes: int, owner_uid: int | None) -> _Slot:
     try:
-        stranger_uid = None if owner_uid in (None, (uid := path.lstat().st_uid)) else uid
-        data = b"" if stranger_uid is not None else read_regular(path, max_bytes, follow=False)
-    except (FileNotFoundError, NotADirectoryError):  # the latter is the directory's fault, which is told as such
+        wrong_uid = None if owner_uid in (None, (uid := path.lstat().st_uid)) else uid
+        data = b"" if wrong_uid is not None else read_regular(path, max_bytes, follow=False)
+    except (FileNotFoundError, NotADirectoryError):  # the second is reported as an error of the directory
         return _Slot(number, Condition.ABSENT)
     except OSError as error:
         return _Slot(number, Condition.UNREADABLE, reason=error.strerror or "")
-    if stranger_uid is not None:
-        return _Slot(number, Condition.UNREADABLE, reason=f"it belongs to user {stranger_uid}")
+    if wrong_uid is not None:
+        return _Slot(number, Condition.UNREADABLE, reason=f"it belongs to user {wrong_uid}")
     if data.startswith(_EMPTY):
         return _Slot(number, Condition.EMPTY)
     head = _HEAD.match(data)
@@ -142,10 +142,10 @@ def _checksum(sequence: bytes, content: bytes) -> bytes:
     return f"{zlib.crc32(content, zlib.crc32(sequence)):08x}".encode()
 
 
-def _make_fit_for_secret(path: Path) -> None:
-    """See to it that nobody else can read what will be written; OSError when that cannot be.
+def _make_private(path: Path) -> None:
+    """Make a slot readable by the owner only before a secret is written; raises OSError.
 
-    A file of another user is replaced in one step by an empty one of ours: there is always one to tell of a loss.
+    A file of another user is replaced atomically by an empty one, which counts as damaged.
     """
     try:
         status = path.lstat()
@@ -164,22 +164,19 @@ def _in_blocks(count: int) -> int:
 
 
 class SlotWriter:
-    """Writes versions: it knows where the newest ones lie, and keeps the files open.
-
-    Opening one again costs more than half of what the disk takes.
-    """
+    """Writes versions; it stores the position of the newest ones and keeps the files open, which halves the time."""
 
     def __init__(self, directory: Path, private: frozenset[str]) -> None:
-        """Take the directory, and the names that are for nobody but the owner to read."""
+        """Set the directory and the names that only the owner may read."""
         self._directory = directory
         self._private = private
-        self._places: dict[str, tuple[int, int]] = {}  # slot and sequence of the newest version that is surely on disk
+        self._newest_slots: dict[str, tuple[int, int]] = {}  # slot and sequence of the newest version on disk
         self._stored: set[str] = set()  # names that this writer has saved
-        self._unproven: dict[str, int] = {}  # the slot that may hold a whole version whose storing has failed
+        self._uncertain: dict[str, int] = {}  # slots that may hold a valid version whose commit has failed
         self._files: dict[tuple[str, int], int] = {}
-        self._named = False  # a file was made whose name may not be on disk yet, whatever became of its content
+        self._has_new_file = False  # a file was created and its directory entry may not be on disk yet
         self.versions = 0
-        self.written_bytes = 0  # in whole blocks, as a disk takes them
+        self.written_bytes = 0  # in whole blocks
 
     def close(self) -> None:
         """Close the files."""
@@ -187,13 +184,13 @@ class SlotWriter:
             self._close_slot(name, slot)
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a new version into the slot that does not hold the newest one, and force it to disk.
+        """Write a new version into the older slot and sync it.
 
-        After an OSError the version before is the newest again, unless `is_unproven`.
+        After an OSError the previous version is the newest again, unless `is_uncertain`.
         """
         try:
-            self._places[name] = self._write_slot(name, content)
-            del self._unproven[name]
+            self._newest_slots[name] = self._write_slot(name, content)
+            del self._uncertain[name]
             self._stored.add(name)
         except OSError:
             with contextlib.suppress(OSError):
@@ -203,14 +200,14 @@ class SlotWriter:
             raise
 
     def clear(self, name: str) -> None:
-        """Leave nothing of a name that is no secret, as a start without it finds; OSError when that cannot be."""
+        """Make both slots of a name that is not a secret empty; raises OSError."""
         for slot in SLOTS:
             if slot_path(self._directory, name, slot).exists():
                 self._blank(name, slot)
-        self._places.pop(name, None)
+        self._newest_slots.pop(name, None)
 
     def set_aside(self, name: str) -> None:
-        """Rename the slots in which an earlier version keeps a record; OSError when that cannot be.
+        """Rename the slots of a record of an earlier version; raises OSError.
 
         A record that this version saved in an earlier run is older than those slots, so it is cleared first.
         """
@@ -220,16 +217,16 @@ class SlotWriter:
         if name not in self._stored:
             self.clear(name)
         for path in paths:
-            os.replace(path, f"{path}{_ASIDE_ENDING}")  # noqa: PTH105 - the tests' disk stands before the calls of os
+            os.replace(path, f"{path}{_ASIDE_ENDING}")  # noqa: PTH105 - tests inject errors into calls of os
         sync_directory(self._directory)
 
-    def is_unproven(self, name: str) -> bool:
-        """Whether a version whose storing has failed may be read at the next start."""
-        return name in self._unproven
+    def is_uncertain(self, name: str) -> bool:
+        """Whether a version whose commit has failed may be read at the next start."""
+        return name in self._uncertain
 
     def withdraw(self, name: str) -> None:
-        """Take back a version whose storing has failed, so that none reads it; OSError when that cannot be."""
-        slot = self._unproven.get(name)
+        """Remove a version whose commit has failed; raises OSError."""
+        slot = self._uncertain.get(name)
         if slot is None:
             return
         try:
@@ -238,75 +235,75 @@ class SlotWriter:
             self._close_slot(name, slot)
             slot_path(self._directory, name, slot).unlink(missing_ok=True)
             sync_directory(self._directory)
-        del self._unproven[name]
+        del self._uncertain[name]
 
     def _blank(self, name: str, slot: int) -> None:
         descriptor, present = self._open_slot(name, slot)
-        self._write_whole(descriptor, self._nothing_in(name).ljust(max(present, SLOT_BYTES), b"\0"))
+        self._write_whole(descriptor, self._empty_head(name).ljust(max(present, SLOT_BYTES), b"\0"))
         os.fdatasync(descriptor)
 
-    def _place(self, name: str) -> tuple[int, int]:
-        """Return slot and sequence of the newest version; an unreadable slot is never what is written beside."""
+    def _find_newest(self, name: str) -> tuple[int, int]:
+        """Return slot and sequence of the newest version; never choose an unreadable slot for writing."""
         slots = _read_slots(self._directory, name, os.geteuid() if name in self._private else None)
         for number in [slot.number for slot in slots if slot.condition is Condition.DAMAGED]:
             if name not in self._private:
                 self._close_slot(name, number)
-                set_aside(slot_path(self._directory, name, number))  # to be looked into
+                set_aside(slot_path(self._directory, name, number))  # for later inspection
         newest = _newest(slots)
         if newest is not None:
-            # A process that was killed may have left it, and its name, in memory only, and the other slot is next.
+            # A killed process may have left the file and its directory entry in memory only.
             os.fdatasync(self._open_slot(name, newest.number)[0])
-            self._named = True
+            self._has_new_file = True
             return newest.number, newest.sequence
         unreadable = [slot.number for slot in slots if slot.condition is Condition.UNREADABLE]
         for slot in unreadable[1:]:
-            self._blank(name, slot)  # what it holds might win when it can be read again
+            self._blank(name, slot)  # its content might be used when it is readable again
         return (1 - unreadable[0] if unreadable else SLOTS[1]), 0
 
     def _write_slot(self, name: str, content: bytes) -> tuple[int, int]:
-        # Kept after a failure: looked up anew, the failed version might pass for the newest.
-        place = self._places.get(name)
-        if place is None:
-            place = self._places[name] = self._place(name)
-        slot, number = 1 - place[0], place[1] + 1
+        # Not looked up again after a failure, when the failed version might be taken for the newest.
+        newest = self._newest_slots.get(name)
+        if newest is None:
+            newest = self._newest_slots[name] = self._find_newest(name)
+        slot, number = 1 - newest[0], newest[1] + 1
         sequence = b"%d" % number
         data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
         size = _in_blocks(len(data))
         if size > largest_bytes(name):
-            raise OSError(errno.EFBIG, "it is too large to be read again")
+            raise OSError(errno.EFBIG, "content too large")
         descriptor, present = self._open_slot(name, slot)
         if name in self._private:
-            data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
-        self._unproven[name] = slot
+            data = data.ljust(max(size, present), b"\0")  # overwrite the rest of a longer secret
+        self._uncertain[name] = slot
         if present < size:
-            # Real bytes, so that the space is there before it is needed.
-            self._write_whole(descriptor, self._nothing_in(name).ljust(size, b"\0"))
+            # Write bytes to allocate the space before it is needed.
+            self._write_whole(descriptor, self._empty_head(name).ljust(size, b"\0"))
         self.versions += 1
         self._write_whole(descriptor, data)
         os.fdatasync(descriptor)
-        if self._named:
+        if self._has_new_file:
             sync_directory(self._directory)
-            self._named = False
+            self._has_new_file = False
         return slot, number
 
     def _write_whole(self, descriptor: int, data: bytes) -> None:
-        """Write at the beginning of a file; OSError when not all of it finds room."""
+        """Write at the start of a file; raises OSError if there is not enough space."""
         self.written_bytes += _in_blocks(len(data))
         if os.pwrite(descriptor, data, 0) < len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _open_slot(self, name: str, slot: int) -> tuple[int, int]:
         """Return the descriptor of a slot and its size."""
-        kept = self._files.get((name, slot))
-        if kept is not None:
-            status = os.fstat(kept)
+        cached = self._files.get((name, slot))
+        if cached is not None:
+            status = os.fstat(cached)
             if status.st_nlink:
-                return kept, status.st_size
-            self._close_slot(name, slot)  # removed, or another put in its place
+                return cached, status.st_size
+            self._close_slot(name, slot)  # the file was removed or replaced
         path, mode = slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else FILE_MODE
         if name in self._private:
-            _make_fit_for_secret(path)
-        self._named |= not path.exists()
+            _make_private(path)
+        self._has_new_file |= not path.exists()
         flags, max_bytes = os.O_RDWR | os.O_CREAT, largest_bytes(name)
         try:
             descriptor = open_regular(path, flags=flags, mode=mode, follow=False, max_bytes=max_bytes)
@@ -318,12 +315,12 @@ class SlotWriter:
         self._files[name, slot] = descriptor
         return descriptor, os.fstat(descriptor).st_size
 
-    def _nothing_in(self, name: str) -> bytes:
-        """Return how a slot begins that holds no version."""
+    def _empty_head(self, name: str) -> bytes:
+        """Return the first line of an empty slot."""
         return b"" if name in self._private else _EMPTY
 
     def _close_slot(self, name: str, slot: int) -> None:
         descriptor = self._files.pop((name, slot), None)
         if descriptor is not None:
-            with contextlib.suppress(OSError):  # closed all the same, and what was forced to disk is there
+            with contextlib.suppress(OSError):  # it is closed nevertheless, and all data were synced
                 os.close(descriptor)

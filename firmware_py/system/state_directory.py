@@ -1,6 +1,6 @@
-"""What outlives a restart, by its names in the store: parameters, plans, resume record, signing key.
+"""The state that is stored over restarts: parameters, plans, resume record, signing key.
 
-What cannot be used of it is said and left out.
+Unusable parts are reported and left out.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ RECORD_FILES: Final = (RESUME_FILE, ENDINGS_FILE, SATELLITE_FILE)
 LOG_DIRECTORY: Final = "logs"
 UPLOAD_DIRECTORY: Final = "uploads"
 BOOT_COUNT: Final = "STAT_BOOTCNT"
-MAX_UNUSABLE_PARAMETERS: Final = 200  # stored parameters: more than a version adds
-# What is used of a name of which no version is left.
-_INSTEAD: Final = {
+MAX_UNUSABLE_PARAMETERS: Final = 200  # more than a version adds
+# Consequences if no version of a name is left.
+_REPLACEMENTS: Final = {
     PARAMETER_FILE: "the vehicle file's parameters are used",
     PLAN_FILES[PlanKind.MISSION]: "there is no mission",
     PLAN_FILES[PlanKind.FENCE]: "there is no fence",
@@ -46,73 +46,73 @@ _INSTEAD: Final = {
     ENDINGS_FILE: "how earlier runs have ended is forgotten",
     SATELLITE_FILE: "what was spent on messages is forgotten, and no message counts that was written before",
 }
-STATE_NAMES: Final = (*_INSTEAD, SIGNING_FILE)  # all that there is of a state
+STATE_NAMES: Final = (*_REPLACEMENTS, SIGNING_FILE)  # all names of a state
 OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
 
 class StateReader(Protocol):
-    """What reads the names of a state directory: the store that holds it, or `StateFiles` of somebody who looks on."""
+    """A reader of the names of a state directory: the store, or `StateFiles` without the lock."""
 
     def load(self, name: str) -> bytes | None:
-        """Return the newest whole version, or None when there is none."""
+        """Return the newest valid version, or None."""
 
     def examine(self, name: str) -> Stored:
-        """Return the newest whole version, and what is wrong with what is stored."""
+        """Return the newest valid version, and the problems of the slots."""
 
 
 class StateFiles(msgspec.Struct, frozen=True):
-    """A state directory that is not held: safe beside an autopilot that is writing; a StateReader."""
+    """A StateReader of a directory without its lock; safe while an autopilot is writing."""
 
     directory: Path
 
     def load(self, name: str) -> bytes | None:
-        """Return the newest whole version, or None when there is none."""
+        """Return the newest valid version, or None."""
         return self.examine(name).content
 
     def examine(self, name: str) -> Stored:
-        """Return the newest whole version, and what is wrong with what is stored."""
+        """Return the newest valid version, and the problems of the slots."""
         secret = name == SIGNING_FILE and self.directory.is_dir()
         return stored_key(self.directory) if secret else examine(self.directory, name)
 
 
 def report_damage(store: StateReader, say: Callable[[str], None]) -> None:
-    """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew.
+    """Report damaged, unreadable and missing slots and the consequences, before the first write.
 
-    Of the signing key tells `firmware_py.assemble.stored_state`, which knows what one is.
+    `firmware_py.assemble.stored_state` reports those of the signing key.
     """
-    for name, instead in _INSTEAD.items():
+    for name, replacement in _REPLACEMENTS.items():
         stored = store.examine(name)
         if stored.damage:
-            used = instead if stored.content is None else OTHER_SLOT
+            used = replacement if stored.content is None else OTHER_SLOT
             say(f"{stored.damage}: {used}")
 
 
 class StateDirectory:
-    """Reads what earlier runs have left in the store, and keeps what the next one shall find; a StateWriter."""
+    """Reads the state of earlier runs from the store and saves the new state; a StateWriter."""
 
     def __init__(self, store: Store, say: Callable[[str], None]) -> None:
-        """Read the parameters; `say` takes a line on each thing that cannot be used."""
+        """Read the parameters; `say` reports each unusable item."""
         self._store, self._say = store, say
         self._usable, unusable = load_parameters(store, say)
-        self._kept = unusable | self._usable
-        self._plans = Plans()  # in force, as far as they were stored
-        self._set: set[PlanKind] = set()  # those of them that were set since the start
-        store.on_mount((PARAMETER_FILE, *PLAN_FILES.values()), self._take_up)
+        self._saved_values = unusable | self._usable
+        self._plans = Plans()  # active plans that are stored
+        self._changed_kinds: set[PlanKind] = set()  # plans changed since the start
+        store.on_mount((PARAMETER_FILE, *PLAN_FILES.values()), self._merge_late_state)
 
     def count_start(self) -> None:
-        """Count one start more."""
-        count = self._usable[BOOT_COUNT] = _one_more(self._usable.get(BOOT_COUNT, 0.0))
+        """Increment the boot count."""
+        count = self._usable[BOOT_COUNT] = _incremented(self._usable.get(BOOT_COUNT, 0.0))
         self.save_parameters({BOOT_COUNT: count})
 
     def inventory(self, plans: Plans) -> str:
-        """Say in a few words what is used of what earlier runs have left."""
+        """Return a summary of the loaded state."""
         counts = [f"{len(self._usable)} parameters"]
         counts += [f"{kind.name.lower()} of {len(plans.of(kind).items)} items" for kind in PlanKind]
         return ", ".join(counts)
 
     def parameters_over(self, base: ParameterSet) -> ParameterSet:
-        """Return the parameters with the kept ones over them."""
+        """Return the parameters with the stored values applied."""
         for name, value in self._usable.items():
             base = base.replaced(name, value)
         return base
@@ -123,111 +123,111 @@ class StateDirectory:
         return self._plans
 
     def resume_record(self) -> bytes | None:
-        """Return the resume record of the last run, None when there is none."""
+        """Return the resume record of the last run, or None."""
         return self._store.load(RESUME_FILE)
 
     def save_parameters(self, changed: Mapping[str, float]) -> None:
-        """Keep parameters that were set."""
-        self._kept.update(changed)
+        """Save changed parameters."""
+        self._saved_values.update(changed)
         self._save_parameters()
 
     def clear_parameters(self) -> None:
-        """Forget all parameters that were set, or none when this cannot be stored."""
-        forgotten = dict(self._kept)
-        self._kept.clear()
+        """Remove all stored parameters; on an error none is removed."""
+        removed = dict(self._saved_values)
+        self._saved_values.clear()
 
-        def remember(stored: bool) -> None:  # noqa: FBT001 - the store's callback
+        def restore(stored: bool) -> None:  # noqa: FBT001 - the store's callback
             if not stored:
-                self._kept = forgotten | self._kept
+                self._saved_values = removed | self._saved_values
                 self._save_parameters()
 
-        self._store.try_save(PARAMETER_FILE, b"", remember)
+        self._store.try_save(PARAMETER_FILE, b"", restore)
 
     def save_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
-        """Keep a plan in place of the one of its kind, which stays when this cannot be stored; `done` says which."""
+        """Replace the stored plan of the same kind, which stays on an error; `done` receives the result."""
 
         def note(stored: bool) -> None:  # noqa: FBT001 - the store's callback
             if stored:
                 self._plans = self._plans.replaced(plan)
-                self._set.add(plan.kind)
+                self._changed_kinds.add(plan.kind)
             done(stored)
 
         self._store.try_save(PLAN_FILES[plan.kind], plan_to_text(plan).encode(), note)
 
     def save_resume(self, record: bytes) -> None:
-        """Keep a resume record in place of the last one."""
+        """Replace the resume record."""
         self._store.save(RESUME_FILE, record)
 
     def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once parameters and resume record are on disk, or cannot be (False)."""
+        """Call back on the loop's thread when parameters and resume record are on disk, with False on an error."""
         self._store.when_stored((PARAMETER_FILE, RESUME_FILE), call)
 
     def when_resume_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once the resume record is on disk (True) or cannot be (False)."""
+        """Call back on the loop's thread when the resume record is on disk, with False on an error."""
         self._store.when_stored((RESUME_FILE,), call)
 
-    def _take_up(self, found: Mapping[str, Stored]) -> None:
-        """Keep what is in a directory that has come late, under what has been set since the start.
+    def _merge_late_state(self, found: Mapping[str, Stored]) -> None:
+        """Merge the content of a directory that was mounted late with the values set since the start.
 
-        Where it holds no plan of a kind, as a disk that was formatted anew, it gets the one in force.
+        If it has no plan of a kind, as after formatting, the active one is saved.
         """
         stored = found[PARAMETER_FILE]
         values, unusable = read_parameters(stored.content, self._say)
-        self._kept = unusable | values | self._kept
+        self._saved_values = unusable | values | self._saved_values
         if BOOT_COUNT in values:
-            self._kept[BOOT_COUNT] = _one_more(values[BOOT_COUNT])
-        self._say("State directory is there now; what it holds counts from the next start")
+            self._saved_values[BOOT_COUNT] = _incremented(values[BOOT_COUNT])
+        self._say("State directory mounted: its content is used from the next start")
         if stored.damage:
             self._say(stored.damage)
         self._save_parameters()
         for kind, name in PLAN_FILES.items():
             plan = self._plans.of(kind)
-            if kind in self._set or (plan.items and found[name].content is None):
+            if kind in self._changed_kinds or (plan.items and found[name].content is None):
                 self._store.save_if_idle(name, plan_to_text(plan).encode())
 
     def _save_parameters(self) -> None:
-        self._store.save(PARAMETER_FILE, format_file(self._kept).encode())
+        self._store.save(PARAMETER_FILE, format_file(self._saved_values).encode())
 
 
 class KeyVault(msgspec.Struct, frozen=True):
-    """Keeps the signing key, or what else is named, in the store; a Vault."""
+    """A Vault in the store, by default for the signing key."""
 
     store: Store
     name: str = SIGNING_FILE
 
     def load(self) -> Stored:
-        """Return what was saved last."""
+        """Return the last saved content."""
         return self.store.examine(self.name)
 
     def on_mount(self, call: Callable[[Stored], None]) -> None:
-        """Call back, on the loop's thread, with what a directory holds that was not there at the start."""
+        """Call back on the loop's thread with the content of a directory that was mounted after the start."""
         self.store.on_mount((self.name,), lambda found: call(found[self.name]))
 
     def save(self, content: bytes, *, both_slots: bool = False) -> None:
-        """Keep this instead, in the background; `both_slots`: so that nothing is left of what was kept before."""
+        """Save the content in the background; `both_slots`: overwrite all earlier content."""
         self.store.save(self.name, content, both_slots=both_slots)
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""
+        """Call back on the loop's thread when the content is on disk, with False on an error."""
         self.store.when_stored((self.name,), call)
 
 
-def _one_more(count: float) -> float:
+def _incremented(count: float) -> float:
     return min(count + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
 
 
 def stored_key(directory: Path) -> Stored:
-    """Return what a state directory holds of a signing key, for its owner: safe beside an autopilot that is writing."""
+    """Return the signing key of a state directory; safe while an autopilot is writing."""
     return examine(directory, SIGNING_FILE, directory.stat().st_uid)
 
 
 def exposed_key_files(directory: Path) -> tuple[str, ...]:
-    """Return the names of the files of the signing key that others may read."""
+    """Return the names of the signing key files that other users may read."""
     exposed = []
     for path in (slot_path(directory, SIGNING_FILE, slot) for slot in SLOTS):
         try:
             mode = path.stat().st_mode
-        except OSError:  # what cannot be looked at is told elsewhere
+        except OSError:  # reported elsewhere
             continue
         if mode & (stat.S_IRWXG | stat.S_IRWXO):
             exposed.append(path.name)
@@ -235,16 +235,16 @@ def exposed_key_files(directory: Path) -> tuple[str, ...]:
 
 
 def load_parameters(store: StateReader, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
-    """Return what `read_parameters` does of what is stored."""
+    """Return the result of `read_parameters` for the stored parameters."""
     return read_parameters(store.load(PARAMETER_FILE), say)
 
 
 def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the values that ground stations have set in earlier runs, and those that this version cannot use.
+    """Return the stored parameter values, and those that this version cannot use.
 
-    The latter are said. They stay in the store for the version that knows them, until all are forgotten or
-    the parameter is set anew; a line that is no name and value is said and left out for good. What comes after the
-    first MAX_UNUSABLE_PARAMETERS lines of either kind is not read.
+    The latter are reported. They stay in the store for the version that knows them, until all parameters are cleared or
+    the parameter is set again. A line without name and value is reported and removed. After
+    MAX_UNUSABLE_PARAMETERS unusable lines the rest is not read.
     """
     values: dict[str, float] = {}
     unusable: dict[str, float] = {}
@@ -266,14 +266,14 @@ def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[
 
 
 def _name_and_value(line: str) -> tuple[str, float]:
-    """Split a stored line; an empty name for what may not be the parameter of another version."""
+    """Split a stored line; the name is empty if it cannot be a parameter of another version."""
     match = _LINE.fullmatch(line)
     value = float(match[2]) if match else math.nan
     return (match[1], value) if match and math.isfinite(value) else ("", value)
 
 
 def load_plans(store: StateReader, say: Callable[[str], None]) -> Plans:
-    """Return the plans of earlier runs; an unusable one is said and left out."""
+    """Return the stored plans; an unusable one is reported and left out."""
     plans = Plans()
     for kind, name in PLAN_FILES.items():
         content = store.load(name)
@@ -291,7 +291,7 @@ def load_plans(store: StateReader, say: Callable[[str], None]) -> Plans:
 
 
 def checked_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
-    """Read the stored plan of a kind, and notes on what another version has made of it; ValueError."""
+    """Return the stored plan of a kind and notes on differences of another version; raises ValueError."""
     plan, notes = plan_from_text(text)
     if plan.kind is not kind:
         raise ValueError(f"it is a {plan.kind.name.lower()}")

@@ -1,6 +1,6 @@
-"""The state as one file: a line with format, length and SHA-256, then JSON with the content of each name.
+"""Export of the state as one file: a line with format, length and SHA-256, then JSON with the content of each name.
 
-Texts stand as they are, records (`NAME.record`) as base64.
+Texts are stored as such, records (`NAME.record`) as base64.
 
 In a state directory, such a file named PENDING_IMPORT is an import that is in force and not yet in the slots.
 """
@@ -23,10 +23,10 @@ import msgspec
 from firmware_py.files.reading import UNFIT, read_regular
 from firmware_py.files.writing import PRIVATE_MODE, set_aside, sync_directory, write_atomically
 
-RECORD_ENDING: Final = ".record"  # of what this program alone writes and reads; everything else is text
-FORMAT: Final = 2  # 1: the records were texts, too
-MAX_EXPORT_BYTES: Final = 64 << 20  # more than all slots can hold, escaped
-# The largest slot that is read or written, by the ending of its name: no plan comes near it.
+RECORD_ENDING: Final = ".record"  # binary records of this program; everything else is text
+FORMAT: Final = 2  # in format 1 the records were texts
+MAX_EXPORT_BYTES: Final = 64 << 20  # more than the escaped content of all slots
+# Maximum size of a slot by the suffix of its name.
 KEY_ENDING: Final = ".key"
 _LARGEST_BYTES: Final = {".plan": 4 << 20, KEY_ENDING: 64 << 10}
 _LARGEST_BYTES_ELSE: Final = 1 << 20
@@ -35,46 +35,46 @@ MAX_ABOUT_ENTRIES, MAX_ABOUT_CHARACTERS = 8, 200
 PENDING_IMPORT: Final = "import.awaited"
 _DONE: Final = ".import.done"
 _HEAD = re.compile(rb"# rambler exported state (\d{1,9}) (\d{1,12}) ([0-9a-f]{64})\n")
-_NAME = re.compile(r"[a-z]{1,32}\.[a-z]{1,8}")  # of a file of the state: it leads nowhere else
+_NAME = re.compile(r"[a-z]{1,32}\.[a-z]{1,8}")  # of a state file; no path separators
 _ANY_HEAD = b"# rambler exported state "
 
 
 class BrokenExportError(ValueError):
-    """What was read is no exported state, or none that this version can read; the text names the remedy."""
+    """The file is not an exported state, or not readable by this version; the text names the remedy."""
 
 
 def largest_bytes(name: str) -> int:
-    """Return the size of the largest slot of a name."""
+    """Return the maximum slot size of a name."""
     return _LARGEST_BYTES.get(Path(name).suffix, _LARGEST_BYTES_ELSE)
 
 
 class Export(msgspec.Struct, frozen=True):
-    """The content of each name, None for one that holds nothing; `about` says where it comes from."""
+    """The content of each name, None for an empty one; `about` describes its origin."""
 
     files: Mapping[str, bytes | None]
     about: Mapping[str, str] = msgspec.field(default_factory=dict)
 
     def content(self, name: str) -> bytes | None:
-        """Return what a name holds."""
+        """Return the content of a name."""
         return self.files.get(name)
 
 
 def pack(export: Export) -> bytes:
-    """Return the file."""
+    """Return the content of an export file."""
     files = {name: None if content is None else _to_text(name, content) for name, content in export.files.items()}
     body = json.dumps({"about": dict(export.about), "files": files}, indent=1).encode() + b"\n"
     return b"# rambler exported state %d %d %s\n" % (FORMAT, len(body), _digest(body)) + body
 
 
 def unpack(data: bytes) -> Export:
-    """Read what `pack` has written; BrokenExportError."""
+    """Parse the content of an export file; raises BrokenExportError."""
     head = _HEAD.match(data)
     if head is None:
         known = data.startswith(_ANY_HEAD)
-        raise BrokenExportError(f"is {'damaged' if known else 'no state that rambler has exported'}")
+        raise BrokenExportError(f"is {'damaged' if known else 'not an exported state of rambler'}")
     if int(head[1]) != FORMAT:
-        remedy = "take a newer version" if int(head[1]) > FORMAT else "export that state with this version"
-        raise BrokenExportError(f"is of format {int(head[1])}, this version reads {FORMAT}; {remedy}")
+        remedy = "use a newer version" if int(head[1]) > FORMAT else "export that state with this version"
+        raise BrokenExportError(f"has format {int(head[1])}, this version reads {FORMAT}; {remedy}")
     body = data[head.end() :]
     if len(body) != int(head[2]) or _digest(body) != head[3]:
         raise BrokenExportError("is damaged")
@@ -87,13 +87,13 @@ def unpack(data: bytes) -> Export:
         return Export(files, {str(key)[:limit]: str(value)[:limit] for key, value in about})
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         text = ascii(str(error))[1:-1][:MAX_ABOUT_CHARACTERS]
-        raise BrokenExportError(f"is no state that rambler has exported: {text}") from None
+        raise BrokenExportError(f"is not an exported state of rambler: {text}") from None
 
 
 def begin_import(directory: Path, export: Export) -> None:
-    """Let a directory that this process holds count for what is imported from now on.
+    """Write an import into a directory locked by this process; from then on it is in force.
 
-    OSError: nothing has changed, unless its strerror says that the next start may find it all the same.
+    On OSError nothing has changed, unless its strerror says that the next start may find the import nevertheless.
     """
     path = directory / PENDING_IMPORT
     try:
@@ -101,18 +101,17 @@ def begin_import(directory: Path, export: Export) -> None:
     except OSError as error:
         try:
             with contextlib.suppress(FileNotFoundError):
-                os.unlink(path)  # noqa: PTH108 - the tests' disk stands before the calls of os
+                os.unlink(path)  # noqa: PTH108 - tests inject errors into calls of os
             sync_directory(directory)
         except OSError:
-            raise OSError(error.errno, f"{error.strerror}; the next start may find it all the same") from None
+            raise OSError(error.errno, f"{error.strerror}; the next start may find it nevertheless") from None
         raise
 
 
 def pending_import(directory: Path) -> Export | None:
-    """Return the import that counts and is not in the slots, None when there is none.
+    """Return the import that is in force and not yet in the slots, None without one.
 
-    BrokenExportError for what lies there and is none, OSError for a disk that does not give it. Only the owner of the
-    directory may have begun one.
+    Raises BrokenExportError for an invalid file, also if its owner is not that of the directory, and OSError.
     """
     path = directory / PENDING_IMPORT
     try:
@@ -130,7 +129,7 @@ def pending_import(directory: Path) -> Export | None:
 
 
 def end_import(directory: Path) -> None:
-    """Forget an import that is in the slots; what it held of a secret is overwritten. OSError."""
+    """Remove an import that is in the slots; its content is overwritten. Raises OSError."""
     done = directory / _DONE
     os.replace(directory / PENDING_IMPORT, done)  # noqa: PTH105
     sync_directory(directory)
@@ -138,7 +137,7 @@ def end_import(directory: Path) -> None:
 
 
 def remove_leftovers(directory: Path) -> None:
-    """Remove what imports that were cut off have left and does not count, overwritten. OSError."""
+    """Overwrite and remove unused files of interrupted imports. Raises OSError."""
     for name in (_DONE, f".{PENDING_IMPORT}.new"):
         _wipe(directory / name)
 
@@ -147,7 +146,7 @@ def _wipe(path: Path) -> None:
     with contextlib.suppress(FileNotFoundError):
         status = path.lstat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_EXPORT_BYTES:
-            set_aside(path)  # it is none of ours
+            set_aside(path)  # not a file of this program
             return
         descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
         try:
@@ -170,14 +169,14 @@ def _to_text(name: str, content: bytes) -> str:
 
 def _from_text(name: str, value: object) -> bytes:
     if not isinstance(value, str):
-        raise TypeError("a content is no text")
+        raise TypeError("a content is not a text")
     content = base64.b64decode(value, validate=True) if name.endswith(RECORD_ENDING) else value.encode()
     if len(content) > largest_bytes(name) - MAX_HEAD_BYTES:
-        raise ValueError(f"{name} is larger than it may be, {largest_bytes(name) >> 10} KiB")
+        raise ValueError(f"{name} is larger than {largest_bytes(name) >> 10} KiB")
     return content
 
 
 def _name(value: str) -> str:
     if not _NAME.fullmatch(value):
-        raise ValueError(f"{value[:40]!r} is no name of a state")
+        raise ValueError(f"{value[:40]!r} is not a valid name")
     return value

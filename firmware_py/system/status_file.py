@@ -1,8 +1,8 @@
-"""What a running autopilot says of itself to whoever is on the same computer: a file in memory, new each second.
+"""The status of a running autopilot for other programs on the same computer: a file in memory, written every second.
 
-Whoever reads it does so without the autopilot's knowledge, so nobody can hold it up, and no flash card is worn. It is
-found by the path of the state directory, which therefore need not be writable. A file that has become old tells that
-the loop stands still, or how things were when the process was killed; at an end in good order it is removed.
+Readers do not block the autopilot, and no flash card wears. The name of the file depends on the path of the state
+directory, which need not be writable. An old file means that the loop hangs or the process was killed; at a normal end
+it is removed.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ import msgspec
 from firmware_py.files.reading import read_json, read_regular
 from firmware_py.files.writing import write_atomically
 
-# The first is made by a service manager or a tmpfiles line and the second is on every Linux; whatever is not memory is
-# passed over.
+# The first is created by a service manager or a tmpfiles line, the second exists on every Linux; a directory that is
+# not in memory is skipped.
 DIRECTORIES = (Path("/run/rambler"), Path("/dev/shm"))  # noqa: S108 - see StatusFile.write
 MAX_STATUS_BYTES = 1 << 18
 STALE_S = 5.0  # the slowest loop writes every second
-TRIAL_DIRECTORY = ".rambler-update"  # where an update tries a program: it talks of no boat
+TRIAL_DIRECTORY = ".rambler-update"  # an update tests a program there, without a boat
 _PREFIX = "rambler-status-"
 _MEMORY = ("tmpfs", "ramfs")
 
 
 class Freshness(Enum):
-    """What a status is worth."""
+    """Whether a status is current."""
 
     RUNNING = "running"
     STALE = "stale"
@@ -42,9 +42,9 @@ class Freshness(Enum):
 
 
 class FoundStatus(msgspec.Struct, frozen=True):
-    """What was found of an autopilot: what it said, how long ago, and why it is not to be taken for what is now.
+    """The status of an autopilot: content, age, and the reason if it is not current.
 
-    `is_refused`: a file lies there that is not believed, and may stand in the way of the true one.
+    `is_refused`: there is a file of an untrusted user, which may block the real one.
     """
 
     freshness: Freshness
@@ -55,16 +55,16 @@ class FoundStatus(msgspec.Struct, frozen=True):
 
 
 def file_name(state_directory: Path) -> str:
-    """Return the name of the file for a state directory, the same whatever path leads there."""
+    """Return the name of the file for a state directory, the same for all paths to it."""
     path = os.fsencode(os.path.realpath(state_directory))
     return f"{_PREFIX}{hashlib.sha256(path).hexdigest()[:16]}.json"
 
 
 def is_memory(directory: Path) -> bool:
-    """Whether what is written into a directory reaches no disk; OSError when that cannot be found out."""
+    """Whether a directory is in memory; raises OSError."""
     device = directory.stat().st_dev
     number = f"{os.major(device)}:{os.minor(device)}"
-    # One mount a line: id, parent, device, root, place, options ..., "-", type, source, options (proc(5)).
+    # One mount per line: id, parent, device, root, mount point, options ..., "-", type, source, options (proc(5)).
     lines = [
         line.split() for line in Path("/proc/self/mountinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     ]
@@ -72,23 +72,23 @@ def is_memory(directory: Path) -> bool:
 
 
 class StatusFile:
-    """The writing side."""
+    """The writer of the status file."""
 
     def __init__(self, state_directory: Path, directories: Sequence[Path] = DIRECTORIES) -> None:
-        """Remember whose status it is, and the directories that are tried in turn."""
+        """Set the state directory, and the directories to try in order."""
         self._name = file_name(state_directory)
         self._directories = directories
         self._path: Path | None = None
 
     def write(self, content: bytes) -> None:
-        """Replace what was written before, so that nobody reads a mixture; OSError when no directory takes it."""
+        """Replace the file atomically; raises OSError if no directory is usable."""
         if self._path is None or not self._path.parent.is_dir():
             self._path = self._choose()
-        # Made anew each time, and never through a link or into a file of somebody else who may write there, too.
+        # A new file each time: it never follows a link or writes into a file of another user.
         write_atomically(self._path, content)
 
     def remove(self) -> None:
-        """Say nothing any more."""
+        """Remove the file."""
         if self._path is not None:
             with contextlib.suppress(OSError):
                 self._path.unlink()
@@ -98,18 +98,18 @@ class StatusFile:
             with contextlib.suppress(OSError):
                 if os.access(directory, os.W_OK | os.X_OK) and is_memory(directory):
                     return directory / self._name
-        places = ", ".join(map(str, self._directories))
-        raise OSError(errno.ENOENT, f"none of {places} is in memory and may be written to")
+        names = ", ".join(map(str, self._directories))
+        raise OSError(errno.ENOENT, f"none of {names} is in memory and writable")
 
 
 def find(state_directory: Path, machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> FoundStatus:
-    """Return what the autopilot on a state directory says; `machine_s` is now (system.clock.machine_s)."""
+    """Return the status of the autopilot of a state directory; `machine_s` is the time (system.clock.machine_s)."""
     paths = [directory / file_name(state_directory) for directory in directories]
     return _newest([_read(path, machine_s, state_directory) for path in paths if os.path.lexists(path)])
 
 
 def find_all(machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> dict[str, FoundStatus]:
-    """Return what every autopilot on this computer says, by the names of their files; not what an update tries."""
+    """Return the status of every autopilot on this computer by file name, without those of update tests."""
     paths = [
         path for directory in directories if directory.is_dir() for path in sorted(directory.glob(f"{_PREFIX}*.json"))
     ]
@@ -122,8 +122,8 @@ def find_all(machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> dic
 
 
 def _newest(found: Sequence[FoundStatus]) -> FoundStatus:
-    nothing = FoundStatus(Freshness.ABSENT, reason="it is not running, or has ended in good order")
-    return min(found, key=lambda one: float("inf") if one.age_s is None else one.age_s, default=nothing)
+    absent = FoundStatus(Freshness.ABSENT, reason="not running, or ended normally")
+    return min(found, key=lambda one: float("inf") if one.age_s is None else one.age_s, default=absent)
 
 
 def _owners(path: Path, state_directory: Path) -> set[int]:
@@ -142,7 +142,7 @@ def _owners(path: Path, state_directory: Path) -> set[int]:
 
 
 def _read(path: Path, machine_s: float, state_directory: Path | None) -> FoundStatus:
-    """Read a file; without `state_directory` that which the file names is asked whose word counts."""
+    """Read a file; without `state_directory`, use the one named in the file to check the owner."""
     try:
         owner_uid = path.lstat().st_uid
         owners = {owner_uid} if state_directory is None else _owners(path, state_directory)
@@ -155,16 +155,16 @@ def _read(path: Path, machine_s: float, state_directory: Path | None) -> FoundSt
             if owner_uid not in _owners(path, named) or file_name(named) != path.name:
                 raise PermissionError(errno.EPERM, f"is not of {named}")
     except OSError as error:
-        hint = "; look as a user of its group" if error.errno == errno.EACCES else ""
+        hint = "; use an account of its group" if error.errno == errno.EACCES else ""
         refused = error.errno not in (errno.EACCES, errno.ENOENT)
         return FoundStatus(Freshness.ABSENT, reason=f"{path}: {error.strerror}{hint}", is_refused=refused)
     except (ValueError, TypeError, KeyError):
-        return FoundStatus(Freshness.ABSENT, reason=f"{path}: it is no status; remove it")
-    if not _lives(pid):
-        return FoundStatus(Freshness.STALE, content, age_s, f"process {pid} is gone without having ended in good order")
+        return FoundStatus(Freshness.ABSENT, reason=f"{path}: not a status file; remove it")
+    if not _is_running(pid):
+        return FoundStatus(Freshness.STALE, content, age_s, f"process {pid} has ended unexpectedly")
     if not -STALE_S <= age_s <= STALE_S:
-        why = f"process {pid} is there and says nothing: it hangs or is halted, or {path.parent} is full"
-        return FoundStatus(Freshness.STALE, content, age_s, why)
+        reason = f"process {pid} does not update its status: it hangs or is stopped, or {path.parent} is full"
+        return FoundStatus(Freshness.STALE, content, age_s, reason)
     return FoundStatus(Freshness.RUNNING, content, age_s)
 
 
@@ -175,9 +175,9 @@ def _user(uid: int) -> str:
         return str(uid)
 
 
-def _lives(pid: int) -> bool:
+def _is_running(pid: int) -> bool:
     try:
-        os.kill(pid, 0)  # signal 0 is none: it asks whether there is somebody
+        os.kill(pid, 0)  # signal 0 only checks whether the process exists
     except (ProcessLookupError, OverflowError, ValueError):
         return False
     except OSError:

@@ -1,7 +1,7 @@
-"""Crash-safe state on disk: whole versions only, written in the background, proven by a checksum.
+"""Crash-safe state on disk: complete versions with a checksum, written in the background.
 
-Each name has its own result. One that could not be stored stays a job until it is on disk, or, where the
-caller is to go on with the version before, until the failed one is surely withdrawn.
+Each name has its own result. A failed job is repeated until the version is on disk or, for `try_save`, until the failed
+version is withdrawn.
 """
 
 from __future__ import annotations
@@ -15,44 +15,123 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
+import msgspec
 from msgspec.structs import replace
 
 from firmware_py.common.records import Progress, Stored
+from firmware_py.files.writing import set_aside
 from firmware_py.system.directory_lock import DirectoryLock, InUseError, StoreError
-from firmware_py.system.slots import SlotWriter, earlier_name, earlier_slots, examine
-from firmware_py.system.store_jobs import Failure, Job, finish_import, write_job
+from firmware_py.system.slots import SlotWriter, earlier_name, earlier_slots, examine, is_secret
+from firmware_py.system.state_export import (
+    PENDING_IMPORT,
+    BrokenExportError,
+    end_import,
+    pending_import,
+    remove_leftovers,
+)
 
-RETRY_S = 2.0  # after a pause of this length, what has failed is tried again
-_ARRIVING = "the state directory is being taken up"
+RETRY_S = 2.0  # pause before a failed job is repeated
+_MOUNTING = "the state directory is being loaded"
+
+
+class Job(msgspec.Struct, frozen=True):
+    """A version to write; None: withdraw the failed one. `once`: do not retry.
+
+    `both_slots`: write into both slots. `aside`: only rename the slots of an earlier version of this record.
+    """
+
+    content: bytes | None
+    once: bool = False
+    both_slots: bool = False
+    aside: str = ""
+
+
+class Failure(msgspec.Struct, frozen=True):
+    """The error of a name, and the remaining job."""
+
+    text: str
+    job: Job
+
+
+def write_job(writer: SlotWriter, name: str, job: Job, lock_problem: str) -> Failure | None:
+    """Do a job unless there is a problem with the lock; return the failure, or None."""
+    if lock_problem:
+        return Failure(f"{name} cannot be stored: {lock_problem}", Job(None) if job.once else job)
+    try:
+        if job.aside:
+            writer.set_aside(job.aside)
+        elif job.content is None:
+            writer.withdraw(name)
+        else:
+            for _ in range(1 + job.both_slots):
+                writer.write(name, job.content)
+    except OSError as error:
+        text = f"{name} cannot be {'set aside' if job.aside else 'stored'}: {error.strerror or error}"
+        if writer.is_uncertain(name):
+            text += "; the next start may find it nevertheless"
+        return Failure(text, Job(None) if job.once else job)
+    return None
+
+
+def finish_import(directory: Path) -> str:
+    """Write a pending import into the slots of a locked directory before any other write.
+
+    An unusable import is set aside; returns its problem. Raises StoreError on a disk error.
+    """
+    try:
+        remove_leftovers(directory)
+        pending = pending_import(directory)
+        if pending is None:
+            return ""
+        writer = SlotWriter(directory, frozenset(filter(is_secret, pending.files)))
+        try:
+            for name in pending.files:
+                content = pending.content(name)
+                if content is None:
+                    writer.clear(name)
+                for _ in range(0 if content is None else 1 + is_secret(name)):  # both slots of a secret
+                    writer.write(name, content or b"")
+                writer.set_aside(name)
+        finally:
+            writer.close()
+        end_import(directory)
+    except BrokenExportError as error:
+        with contextlib.suppress(OSError):
+            return f"Import not used: {error}; set aside as {set_aside(directory / PENDING_IMPORT).name}"
+        return f"Import not used: {error}"
+    except OSError as error:
+        text = f"state directory {directory}: import cannot be written: {error.strerror}"
+        raise StoreError(f"{text}; free disk space and start again") from None
+    return ""
 
 
 @dataclass(slots=True)
-class _Waiter:
-    """Who waits: for which save of each name, and whether those that are settled went well."""
+class _Waiting:
+    """A callback that waits for a number of saves of each name; `is_ok`: no completed one has failed."""
 
     saves: dict[str, int]
     call: Callable[[bool], None]
-    well: bool = True
+    is_ok: bool = True
 
 
 class Store:
-    """Named byte strings in a directory that this process holds alone.
+    """Named byte strings in a directory that only this process uses.
 
-    `save` returns at once; `when_stored` tells when names are on disk. The callbacks run in
-    `service`, on the caller's thread, when `fileno` is readable.
+    `save` returns at once; `when_stored` calls back when names are on disk. The callbacks run in `service`, on the
+    caller's thread, when `fileno` is readable.
     """
 
     def __init__(self, directory: Path, private: Collection[str] = (), *, wait: bool = False) -> None:
-        """Make and lock the directory, start the writer; StoreError when it cannot be used.
+        """Create and lock the directory, start the writer; raises StoreError.
 
-        The names in `private` are for nobody but the owner to read. With `wait` only another process that
-        holds the directory is an error: whatever else is wrong is a `failure`, and tried again.
+        Only the owner may read the names in `private`. With `wait`, only a lock by another process is an error; any
+        other problem is a `failure` and is retried.
         """
         self._directory = directory
         self._private = frozenset(private)
         self._directory_lock = DirectoryLock(directory)
-        self.start_problem = ""  # what kept the directory from being held as it should be at the start
-        self._lock_problem = ""  # why nothing can be written now: the directory is not held
+        self.start_problem = ""  # why the directory was not fully locked at the start
+        self._lock_problem = ""  # why the directory is not locked now and nothing can be written
         try:
             self.start_problem = self._directory_lock.acquire(strict=not wait)
             self.start_problem = finish_import(directory) or self.start_problem
@@ -66,64 +145,63 @@ class Store:
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
         self._idle = threading.Condition(self._lock)
-        self._wake: SimpleQueue[bool] = SimpleQueue()  # of the writer: half the cost of a condition; True: it ends
+        self._wake: SimpleQueue[bool] = SimpleQueue()  # wakes the writer at half the cost of a condition; True: end
         self._jobs: dict[str, Job] = {}
-        self._asked: dict[str, int] = {}  # saves asked for, by name
-        self._settled: dict[str, int] = {}  # saves finished, well or badly
-        self._saves = self._finished = (
-            0  # of all names; the first is changed by the caller's thread, the other by the writer
-        )
-        self._settlings = 0  # saves finished, those that are tried again counted again
-        self._rested = (-1, -1)  # saves and settlings when nothing was under way and nothing due
+        self._requested: dict[str, int] = {}  # number of requested saves by name
+        self._completed: dict[str, int] = {}  # number of completed saves by name, including failed ones
+        self._saves = 0  # requested saves of all names; changed by the caller's thread
+        self._finished = 0  # completed saves of all names; changed by the writer
+        self._attempts = 0  # completed saves including repeated ones
+        self._idle_at = (-1, -1)  # saves and attempts when there were no jobs and no callbacks
         self._failed: dict[str, Failure] = {}
         self._written = (0, 0)
-        self._waiting: deque[_Waiter] = deque()
+        self._waiting: deque[_Waiting] = deque()
         self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
-        self._welcomes: list[tuple[Collection[str], Callable[[Mapping[str, Stored]], None]]] = []
+        self._mount_callbacks: list[tuple[Collection[str], Callable[[Mapping[str, Stored]], None]]] = []
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
         try:
             self._thread.start()
-        except RuntimeError:  # there is no thread to be had
+        except RuntimeError:  # no thread available
             self._release()
             raise
 
     @property
     def failure(self) -> str:
-        """What is wrong with the names that are not on disk; empty when all are and others can be."""
+        """The errors of names that are not on disk, or of the lock; empty for none."""
         with self._lock:
             return "; ".join(failure.text for failure in self._failed.values()) or self._lock_problem
 
     def fileno(self) -> int:
-        """The descriptor that is readable when `service` has callbacks to run."""
+        """Return the descriptor that is readable when `service` has callbacks to run."""
         return self._wake_fd
 
     def load(self, name: str) -> bytes | None:
-        """Return the newest whole version, or None when there is none."""
+        """Return the newest valid version, or None."""
         return self.examine(name).content
 
     def examine(self, name: str) -> Stored:
-        """Return the newest whole version, and what is wrong with what is stored."""
+        """Return the newest valid version, and the problems of the slots."""
         return examine(self._directory, name, os.geteuid() if name in self._private else None)
 
     def save(self, name: str, content: bytes, *, both_slots: bool = False) -> None:
-        """Queue a new version, tried until it is on disk; a newer one of the same name replaces one not yet begun.
+        """Queue a new version, which is retried until it is on disk or replaced by a newer one.
 
-        `both_slots`: it is on disk when it is in both slots, so that nothing is left of the versions before.
+        `both_slots`: write both slots, so that no earlier version remains.
         """
         with self._lock:
             waiting = self._jobs.get(name)
             self._queue(name, Job(content, both_slots=both_slots or (waiting is not None and waiting.both_slots)))
 
     def save_if_idle(self, name: str, content: bytes) -> None:
-        """Queue a version as `save` does, unless one is queued: whoever waits for that would be told of this."""
+        """Queue a version like `save` unless one is queued, whose callback would get this result."""
         with self._lock:
             if name not in self._jobs:
                 self._queue(name, Job(content))
 
     def set_aside(self, names: Collection[str]) -> None:
-        """Queue the renaming of the slots in which an earlier version keeps these records, where there are any.
+        """Queue the renaming of slots of an earlier version of these records.
 
-        Until then, `examine` reads none of these records.
+        Until then, `examine` does not read these records.
         """
         for name in names:
             if earlier_slots(self._directory, name):
@@ -131,38 +209,42 @@ class Store:
                     self._queue(earlier_name(name), Job(None, aside=name))
 
     def try_save(self, name: str, content: bytes, done: Callable[[bool], None]) -> None:
-        """Queue a new version, tried once; run done(True) from `service` when it is on disk.
+        """Queue a new version without retry; `service` calls done(True) when it is on disk.
 
-        When it cannot be stored it is withdrawn, so that the version before stands at the next start: done(False).
+        On an error it is withdrawn, so that the previous version is loaded at the next start: done(False).
         """
         with self._lock:
             self._queue(name, Job(content, once=True))
-            self._waiting.append(_Waiter({name: self._asked[name]}, done))
+            self._waiting.append(_Waiting({name: self._requested[name]}, done))
 
     def when_stored(self, names: Collection[str], call: Callable[[bool], None]) -> None:
-        """Run call(True) from `service` once the names are on disk as saved last, call(False) if one cannot be.
+        """Run call(True) from `service` when the names are on disk as last saved, call(False) on an error.
 
-        What has failed before is tried again at once, but for what was to be tried once.
+        Failed jobs are retried at once, except those of `try_save`.
         """
         with self._lock:
             failed = {name: self._failed[name].job for name in names if name in self._failed and name not in self._jobs}
             withdrawn = any(job.content is None for job in failed.values())
             for name, job in failed.items():
                 self._queue(name, job)
-            saves = {name: asked for name in names if (asked := self._asked.get(name, 0)) > self._settled.get(name, 0)}
+            saves = {
+                name: requested
+                for name in names
+                if (requested := self._requested.get(name, 0)) > self._completed.get(name, 0)
+            }
             if saves:
-                self._waiting.append(_Waiter(saves, call, not withdrawn))
+                self._waiting.append(_Waiting(saves, call, not withdrawn))
             else:
                 self._due.append((call, True))
         if not saves:
             os.eventfd_write(self._wake_fd, 1)
 
-    def on_mount(self, names: Collection[str], welcome: Callable[[Mapping[str, Stored]], None]) -> None:
-        """Run welcome(what the names hold) from `service` when a directory is held that was not there at the start.
+    def on_mount(self, names: Collection[str], callback: Callable[[Mapping[str, Stored]], None]) -> None:
+        """Run callback(content of the names) from `service` when a new directory is locked, before any write to it.
 
-        It may also have been mounted over the one that was. Nothing is written there before.
+        It did not exist at the start, or was mounted over the first one.
         """
-        self._welcomes.append((names, welcome))
+        self._mount_callbacks.append((names, callback))
 
     def service(self) -> None:
         """Run the callbacks that are due."""
@@ -176,16 +258,18 @@ class Store:
             call(stored)
 
     def settle(self) -> bool:
-        """Wait until nothing is under way; return whether callbacks are due. Only where time stands still meanwhile."""
-        if self._rested == (self._saves, self._settlings) and not self._due:
-            return False  # asked several times a tick, while something is saved once in many
+        """Wait until all jobs are done; return whether callbacks are due. Only for simulated time."""
+        if self._idle_at == (self._saves, self._attempts) and not self._due:
+            return False  # the usual case: called several times a tick
         with self._lock:
-            self._idle.wait_for(lambda: all(self._settled.get(name) == asked for name, asked in self._asked.items()))
+            self._idle.wait_for(
+                lambda: all(self._completed.get(name) == requested for name, requested in self._requested.items())
+            )
             if self._due:
                 return True
             with contextlib.suppress(BlockingIOError):
-                os.eventfd_read(self._wake_fd)  # nobody is to be woken for nothing
-            self._rested = (self._saves, self._settlings)
+                os.eventfd_read(self._wake_fd)  # avoid a useless wake-up
+            self._idle_at = (self._saves, self._attempts)
             return False
 
     @property
@@ -194,14 +278,14 @@ class Store:
         return self._written
 
     def progress(self) -> Progress:
-        """Return how many saves the writer has finished, well or badly, and whether more are asked for."""
+        """Return the number of completed saves, and whether more are requested."""
         thread, finished = self._thread, self._finished
         return Progress(
             "state store", self._saves > finished, finished, alive=thread.is_alive(), thread=thread.native_id
         )
 
     def close(self) -> None:
-        """Finish the queued saves, try once more what has failed, and release the directory."""
+        """Finish the queued saves, retry failed ones once, and release the directory."""
         self._wake.put(True)
         self._thread.join(timeout=10.0)
         self._release()
@@ -212,10 +296,10 @@ class Store:
         self._directory_lock.release()
 
     def _queue(self, name: str, job: Job) -> None:
-        """Hand a job to the writer; the lock is held."""
+        """Pass a job to the writer; the lock must be held."""
         first = not self._jobs
         self._jobs[name] = job
-        self._asked[name] = self._asked.get(name, 0) + 1
+        self._requested[name] = self._requested.get(name, 0) + 1
         self._saves += 1
         if first:
             self._wake.put(False)
@@ -229,28 +313,28 @@ class Store:
             except Empty:
                 retry = True
             if not (self._lock_problem or self._directory_lock.is_valid()):
-                self._lock_problem = f"state directory {self._directory} is gone, or another one"
+                self._lock_problem = f"state directory {self._directory} was removed or replaced"
             if self._lock_problem and retry:
                 writer.close()
                 writer = SlotWriter(self._directory, self._private)
-                self._take_up()
+                self._acquire_again()
             with self._lock:
                 jobs = dict(self._jobs)
                 for name, failure in self._failed.items() if retry else ():
                     jobs.setdefault(name, failure.job)
-                owed = [name for name in jobs if name in self._failed and self._failed[name].job.both_slots]
-                jobs |= {name: replace(jobs[name], both_slots=True) for name in owed}
-                asked = {name: self._asked[name] for name in jobs}
+                both = [name for name in jobs if name in self._failed and self._failed[name].job.both_slots]
+                jobs |= {name: replace(jobs[name], both_slots=True) for name in both}
+                requested = {name: self._requested[name] for name in jobs}
                 self._jobs = {}
             for name, job in jobs.items():
                 result = write_job(writer, name, job, self._lock_problem)
                 self._written = (writer.versions, writer.written_bytes)
-                self._settle(name, asked[name], result)
+                self._settle(name, requested[name], result)
         writer.close()
 
-    def _take_up(self) -> None:
-        """Try to hold the directory; what it holds is handed over before anything is written there."""
-        if self._lock_problem == _ARRIVING:
+    def _acquire_again(self) -> None:
+        """Try to lock the directory again; a new one is passed to the callbacks before any write to it."""
+        if self._lock_problem == _MOUNTING:
             return
         before = self._directory_lock.identity
         try:
@@ -260,40 +344,40 @@ class Store:
             self._lock_problem = str(error)
             return
         if self._directory_lock.identity == before:
-            self._lock_problem = ""  # it was away: there is nothing in it but what is known
+            self._lock_problem = ""  # the same directory, with known content
             return
-        welcomes = tuple(self._welcomes)
-        found = {name: self.examine(name) for names, _call in welcomes for name in names}
-        self._lock_problem = _ARRIVING
+        callbacks = tuple(self._mount_callbacks)
+        found = {name: self.examine(name) for names, _call in callbacks for name in names}
+        self._lock_problem = _MOUNTING
 
-        def welcome(_: bool) -> None:  # noqa: FBT001 - as the store's other callbacks
-            for _names, call in welcomes:
+        def run_callbacks(_: bool) -> None:  # noqa: FBT001 - as the store's other callbacks
+            for _names, call in callbacks:
                 call(found)
             self._lock_problem = ""
 
         with self._lock:
-            self._due.append((welcome, True))
+            self._due.append((run_callbacks, True))
         os.eventfd_write(self._wake_fd, 1)
 
-    def _settle(self, name: str, asked: int, failure: Failure | None) -> None:
-        """Note how the saves of a name have ended, by this writing and not by one that may follow."""
+    def _settle(self, name: str, requested: int, failure: Failure | None) -> None:
+        """Store the result of a save of a name, and queue the callbacks that waited for it."""
         with self._lock:
-            self._finished += asked - self._settled.get(name, 0)
-            self._settlings += 1
-            self._settled[name] = asked
+            self._finished += requested - self._completed.get(name, 0)
+            self._attempts += 1
+            self._completed[name] = requested
             if failure is None:
                 self._failed.pop(name, None)
             else:
                 self._failed[name] = failure
-            still: deque[_Waiter] = deque()
+            still: deque[_Waiting] = deque()
             for waiter in self._waiting:
-                if waiter.saves.get(name, asked + 1) <= asked:
+                if waiter.saves.get(name, requested + 1) <= requested:
                     del waiter.saves[name]
-                    waiter.well &= failure is None
+                    waiter.is_ok &= failure is None
                 if waiter.saves:
                     still.append(waiter)
                 else:
-                    self._due.append((waiter.call, waiter.well))
+                    self._due.append((waiter.call, waiter.is_ok))
             self._waiting = still
             os.eventfd_write(self._wake_fd, 1)
             self._idle.notify_all()

@@ -1,42 +1,97 @@
-"""All who want to hear that the autopilot is alive, told by the loop alone, at the end of a tick."""
+"""The watchdogs of the service manager and of the computer, reset by the loop at the end of each tick."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import fcntl
+import os
+import stat
+import struct
 from pathlib import Path
 
-from firmware_py.system.hardware_watchdog import HardwareWatchdog
 from firmware_py.system.service_manager import ServiceManager
 
 _THREADS = Path("/proc/self/task")
 
 
+TIMEOUT_S = 15  # the maximum of the Raspberry Pi
+INTERVAL_S = 2.0
+_SET_TIMEOUT = 0xC0045706  # _IOWR('W', 6, int)
+_SIGN, _DISARM = b"\0", b"V"
+_REMEDY = "correct --watchdog, or leave it out"
+
+
+class WatchdogError(RuntimeError):
+    """The watchdog cannot be opened; the text names it and the remedy."""
+
+
+class HardwareWatchdog:
+    """A watchdog device, armed while it is open."""
+
+    def __init__(self, path: Path) -> None:
+        """Open and arm it; raises WatchdogError."""
+        self._due_s = 0.0
+        self.note = ""  # a deviation from the requested timeout
+        try:
+            if not stat.S_ISCHR(path.stat().st_mode):
+                raise OSError(errno.ENODEV, "not a watchdog device")  # noqa: TRY301 - reported like the others
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        except OSError as error:
+            busy = "in use, by systemd perhaps (RuntimeWatchdogSec)" if error.errno == errno.EBUSY else error.strerror
+            raise WatchdogError(f"watchdog {path}: {busy}; {_REMEDY}") from None
+        try:
+            answer = fcntl.ioctl(self._descriptor, _SET_TIMEOUT, struct.pack("i", TIMEOUT_S))
+            (timeout_s,) = struct.unpack("i", answer)
+            if timeout_s != TIMEOUT_S:
+                self.note = f"watchdog {path}: {timeout_s} s instead of {TIMEOUT_S} s"
+        except OSError as error:
+            self.note = f"watchdog {path}: timeout not set ({error.strerror}); using the driver's default"
+
+    def notify_alive(self, now_s: float) -> None:
+        """Reset it, at most every INTERVAL_S; write errors are ignored, and the watchdog reboots the computer."""
+        if now_s >= self._due_s:
+            self._due_s = now_s + INTERVAL_S
+            self._write(_SIGN)
+
+    def disarm(self) -> None:
+        """Disarm it if the driver allows that, and close it."""
+        self._write(_DISARM)
+        with contextlib.suppress(OSError):
+            os.close(self._descriptor)
+
+    def _write(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            os.write(self._descriptor, data)
+
+
 class Watchdogs:
-    """The service manager and the computer's watchdog, as far as there are any."""
+    """The watchdogs of the service manager and of the computer, if there are any."""
 
     def __init__(self, manager: ServiceManager | None = None, hardware: HardwareWatchdog | None = None) -> None:
-        """Take those that there are."""
+        """Store the available ones."""
         self._manager = manager if manager is not None else ServiceManager({})
         self._hardware = hardware
-        # Only those may end a process of which a part is stuck that have somebody to start it anew.
-        self.awaited = self._manager.present or hardware is not None
+        # A process with a stuck thread may only be ended if something restarts it.
+        self.can_restart = self._manager.present or hardware is not None
         self._status = ""
 
     def notify_alive(self, now_s: float, status: str = "") -> None:
-        """Say that the loop has done all that it is to do in a tick, and how it goes, if that is said."""
+        """Reset the watchdogs after a tick; an empty status means the last one."""
         self._status = status or self._status
         self._manager.notify_alive(self._status)
         if self._hardware is not None:
             self._hardware.notify_alive(now_s)
 
     def stop(self, *, restart: bool) -> None:
-        """Say that the process ends; what is to start `restart` stays watched by the computer's watchdog."""
+        """Notify that the process ends; before a `restart` the hardware watchdog stays armed."""
         self._manager.notify_stopping()
         if self._hardware is not None and not restart:
             self._hardware.disarm()
 
 
-def waits_in_kernel(thread: int) -> bool:
-    """Whether a thread of this process waits uninterruptibly, for a disk say: no signal ends such a one."""
+def is_in_uninterruptible_wait(thread: int) -> bool:
+    """Whether a thread of this process is in uninterruptible sleep, as for a disk; no signal ends it."""
     try:
         fields = (_THREADS / str(thread) / "stat").read_text(encoding="ascii", errors="replace")
     except OSError:

@@ -43,7 +43,7 @@ from firmware_py.system.state_directory import (
     report_damage,
 )
 from firmware_py.system.state_export import FORMAT, PENDING_IMPORT, BrokenExportError, unpack
-from firmware_py.system.store_jobs import finish_import
+from firmware_py.system.store import finish_import
 from firmware_py.vehicle import VehicleError, load
 from fuzz.boat import AFTERWARDS, UTC_S, inputs_at
 from fuzz.target import Target, bits, check_finite, check_line, records

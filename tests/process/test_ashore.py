@@ -181,7 +181,7 @@ def test_a_state_directory_that_appears_late_is_used_with_its_content(place, veh
         (place / "mount").unlink()
         (place / "mount").mkdir()
         (place / "medium").rename(place / "mount" / "state")
-        program.expect("State directory is there now; what it holds counts from the next start")
+        program.expect("State directory mounted: its content is used from the next start")
         program.expect("Storage error cleared")
     assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in stored_content(place / "mount" / "state", "parameters.param")
     assert stored_content(place / "mount" / "state", "mission.plan") == MISSION

@@ -143,7 +143,7 @@ def test_ignored_signals_neither_end_nor_halt_the_autopilot(make_boat):
     for name in ("HUP", "TSTP", "USR1", "USR2", "ALRM", "IO", "PWR", "PIPE", "TTIN", "TTOU", "HUP", "TSTP"):
         os.kill(pid_of(boat), getattr(signal, f"SIG{name}"))
         boat.run(0.5)
-    told = [text for text in boat.texts_since(0.0) if text.endswith("she sails on")]
+    told = [text for text in boat.texts_since(0.0) if text.endswith("autopilot continues")]
     assert [text.split(":")[0] for text in told] == [
         "SIGHUP",
         "SIGTSTP",
@@ -158,7 +158,7 @@ def test_ignored_signals_neither_end_nor_halt_the_autopilot(make_boat):
 
 
 def test_the_last_tick_has_the_reason_of_the_end_unless_killed(make_boat):
-    text = "SIGTERM: she ends, the rudder goes amidships"
+    text = "SIGTERM: autopilot ends, rudder centred"
     boat = make_boat()
     boat.start()
     boat.under_way(GUIDED)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.system.hardware_watchdog import INTERVAL_S, TIMEOUT_S
+from firmware_py.system.watchdogs import INTERVAL_S, TIMEOUT_S
 from support.paths import ROOT
 from support.program import Program
 

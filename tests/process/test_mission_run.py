@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.cli.export.messages import messages
 from firmware_py.common.plan import PlanKind
-from firmware_py.log.ardupilot_changes import FENCE_OFF, FENCE_ON
+from firmware_py.log.ardupilot_state import FENCE_OFF, FENCE_ON
 from firmware_py.log.disk import log_files
 from hil.ship import scenarios
 from hil.sim.truth import read

@@ -98,7 +98,7 @@ def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
     os.kill(boat.process._process.pid, signal.SIGSTOP)
     code, status = until(boat, "stale")
     assert (code, status["mode"]) == (1, "GUIDED")
-    assert "hangs or is halted" in status["reason"]
+    assert "hangs or is stopped" in status["reason"]
     assert status["age_s"] >= STALE_S  # told rounded
     os.kill(boat.process._process.pid, signal.SIGCONT)
     until(boat, "running")

@@ -324,7 +324,7 @@ def test_an_error_in_the_link_does_not_end_the_loop_and_is_reported(boat, where)
         boat.store.service = lambda: (boat.clock.plan.clear(), mistaken())
     turn(boat, 1.0)
     told = [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
-    assert told.count("Link: KeyError inside, she steers on") == 1
+    assert told.count("Link error KeyError; autopilot unaffected") == 1
     assert explained[-1] == "KeyError: 'inside'"
     assert len(ticks(boat)) == pytest.approx(10, abs=1)
 

@@ -37,7 +37,7 @@ from support.faulty_disk import CUTS, KINDS, FaultyDisk, sampled
 MISSION, FENCE = PLAN_FILES[PlanKind.MISSION], PLAN_FILES[PlanKind.FENCE]
 KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
 OPEN_NAMES = tuple(name for name in STATE_NAMES if name != SIGNING_FILE)
-DOUBT, COUNTS, REFUSED = "may find it all the same", "takes effect at the next start", "nothing was imported"
+DOUBT, COUNTS, REFUSED = "may find it nevertheless", "takes effect at the next start", "nothing was imported"
 
 
 def mission(number):
@@ -139,10 +139,10 @@ def test_damage_is_refused_wherever_it_is(exported, old, capsys, tmp_path):
     bad = tmp_path / "bad"
     for place in range(0, len(whole), 29):
         bad.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-        assert re.search("damaged|no state|of format", refused(capsys, bad, old))
+        assert re.search("damaged|not an exported state|has format", refused(capsys, bad, old))
     for length in (0, 10, 60, len(whole) - 1):
         bad.write_bytes(whole[:length])
-        assert re.search("damaged|no state", refused(capsys, bad, old))
+        assert re.search("damaged|not an exported state", refused(capsys, bad, old))
     bad.write_bytes(whole + b"\n")
     assert "damaged" in refused(capsys, bad, old)
 
@@ -156,7 +156,7 @@ def test_damage_is_refused_wherever_it_is(exported, old, capsys, tmp_path):
         ({ENDINGS_FILE: b"[]"}, "endings.record"),
         ({SATELLITE_FILE: b"ledger"}, "satellite.record"),
         ({SIGNING_FILE: b"secret"}, "not a signing key"),
-        ({"../passwd": b""}, "no name of a state"),
+        ({"../passwd": b""}, "not a valid name"),
     ],
 )
 def test_what_the_next_start_could_not_use_is_refused(files, words, old, capsys, tmp_path):
@@ -169,16 +169,16 @@ def test_a_content_that_is_no_text_is_refused(name, value, old, capsys, tmp_path
     body = json.dumps({"about": {}, "files": {name: value}}).encode()
     head = f"# rambler exported state {FORMAT} {len(body)} {hashlib.sha256(body).hexdigest()}\n"
     (tmp_path / "bad").write_bytes(head.encode() + body)
-    assert "is no state that rambler has exported: " in refused(capsys, tmp_path / "bad", old)
+    assert "is not an exported state of rambler: " in refused(capsys, tmp_path / "bad", old)
 
 
 def test_a_newer_format_a_foreign_file_and_one_that_is_not_there_are_refused(exported, old, capsys, tmp_path):
     newer = tmp_path / "newer"
-    for number, remedy in ((FORMAT + 1, "take a newer version"), (FORMAT - 1, "export that state with this version")):
+    for number, remedy in ((FORMAT + 1, "use a newer version"), (FORMAT - 1, "export that state with this version")):
         newer.write_bytes(exported.read_bytes().replace(b"state %d " % FORMAT, b"state %d " % number, 1))
-        assert f"is of format {number}, this version reads {FORMAT}; {remedy}" in refused(capsys, newer, old)
+        assert f"has format {number}, this version reads {FORMAT}; {remedy}" in refused(capsys, newer, old)
     newer.write_bytes(b"# rambler state 1 0 00000000\n")
-    assert "is no state that rambler has exported" in refused(capsys, newer, old)
+    assert "is not an exported state of rambler" in refused(capsys, newer, old)
     assert "No such file" in refused(capsys, tmp_path / "none", old)
     os.mkfifo(tmp_path / "pipe")
     assert "is a pipe" in refused(capsys, tmp_path / "pipe", old)

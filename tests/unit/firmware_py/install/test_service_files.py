@@ -27,7 +27,7 @@ from firmware_py.install.service_files import (
 )
 from firmware_py.install.steps import InstallError, check
 from firmware_py.loop import WATCHDOG_INTERVAL_S
-from firmware_py.system.hardware_watchdog import TIMEOUT_S
+from firmware_py.system.watchdogs import TIMEOUT_S
 from firmware_py.vehicle import load
 from support.paths import ROOT
 from support.service_manager import parse, seconds, words

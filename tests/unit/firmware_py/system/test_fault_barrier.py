@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.system.fault_barrier import MOST_ERRORS, WITHIN_S, FaultBarrier
+from firmware_py.system.fault_barrier import ERROR_WINDOW_S, MAX_ERRORS, FaultBarrier
 
 
 def faulty():
@@ -15,7 +15,7 @@ def test_a_mistake_is_told_once_and_explained_and_the_next_call_is_made():
     barrier.call(1.0, faulty)
     barrier.call(2.0, lambda: calls.append(1))
     assert calls == [1]
-    assert [event.text for event in barrier.take_events()] == ["Link: KeyError inside, she steers on"]
+    assert [event.text for event in barrier.take_events()] == ["Link error KeyError; autopilot unaffected"]
     assert barrier.take_events() == ()
     assert lines[0].startswith("Traceback")
     assert lines[-1] == "KeyError: 'inside'"
@@ -23,7 +23,7 @@ def test_a_mistake_is_told_once_and_explained_and_the_next_call_is_made():
 
 def test_too_many_mistakes_end_the_process():
     barrier = FaultBarrier(lambda _line: None)
-    for number in range(MOST_ERRORS):
+    for number in range(MAX_ERRORS):
         barrier.call(float(number), faulty)
     with pytest.raises(KeyError):
         barrier.call(10.0, faulty)
@@ -31,9 +31,9 @@ def test_too_many_mistakes_end_the_process():
 
 def test_rare_mistakes_do_not_add_up():
     barrier = FaultBarrier(lambda _line: None)
-    for number in range(3 * MOST_ERRORS):
-        barrier.call(number * WITHIN_S, faulty)
-    assert len(barrier.take_events()) == 3 * MOST_ERRORS
+    for number in range(3 * MAX_ERRORS):
+        barrier.call(number * ERROR_WINDOW_S, faulty)
+    assert len(barrier.take_events()) == 3 * MAX_ERRORS
 
 
 def test_an_operators_interrupt_is_no_mistake():

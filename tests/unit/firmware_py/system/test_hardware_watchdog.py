@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.system import hardware_watchdog
-from firmware_py.system.hardware_watchdog import INTERVAL_S, TIMEOUT_S, HardwareWatchdog, WatchdogError
+from firmware_py.system import watchdogs
+from firmware_py.system.watchdogs import INTERVAL_S, TIMEOUT_S, HardwareWatchdog, WatchdogError
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def device():
 def test_a_sign_of_life_every_two_seconds_and_disarmed_at_the_end(device):
     path, written = device
     watchdog = HardwareWatchdog(path)
-    assert "cannot be set" in watchdog.note
+    assert "timeout not set" in watchdog.note
     for tenth in range(41):
         watchdog.notify_alive(tenth / 10.0)
     watchdog.disarm()
@@ -49,7 +49,7 @@ def test_its_time_is_set_and_what_it_grants_is_told(device, monkeypatch, granted
         asked.append((number, int.from_bytes(data, "little")))
         return granted_s.to_bytes(4, "little")
 
-    monkeypatch.setattr(hardware_watchdog.fcntl, "ioctl", ioctl)
+    monkeypatch.setattr(watchdogs.fcntl, "ioctl", ioctl)
     watchdog = HardwareWatchdog(device[0])
     assert note in watchdog.note
     assert bool(note) == bool(watchdog.note)

@@ -49,7 +49,7 @@ from firmware_py.system.store import Store
 from support.faulty_disk import CUTS, KINDS, FaultyDisk, sampled
 
 UTC_S = 1.8e9
-DOUBT = "the next start may find it all the same"
+DOUBT = "the next start may find it nevertheless"
 LONG = tuple(PlanItem(16, 3, x=index, y=index) for index in range(60))  # more than a slot's first size
 
 

@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 
-from firmware_py.system.realtime import MOST_UNUSED_BYTES, spans
+from firmware_py.system.realtime import MAX_UNUSED_BYTES, spans
 
 SIZE = 0x1000
 MAPS = """\
@@ -62,7 +62,7 @@ def test_nothing_is_changed_and_memory_hardly_grows():
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, timeout=60)
     told = json.loads(done.stdout)
     assert told["kept"]
-    assert told["grown"] <= 16 * MOST_UNUSED_BYTES
+    assert told["grown"] <= 16 * MAX_UNUSED_BYTES
 
 
 def test_what_the_start_has_freed_is_given_back():

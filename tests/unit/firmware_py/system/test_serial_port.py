@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.system.port_users import port_users
-from firmware_py.system.serial_port import EMPTY_READS_LIMIT, UNSENT_LIMIT, PortError, SerialPort
+from firmware_py.system.serial_port import MAX_EMPTY_READS, MAX_UNSENT_BYTES, PortError, SerialPort
 
 
 class Cable:
@@ -129,7 +129,7 @@ def test_a_file_is_no_port(tmp_path):
 
 def test_a_cable_pulled_and_put_back_is_taken_up_again(line, cable):
     cable.pull()
-    assert [line.read() for _ in range(EMPTY_READS_LIMIT)] == [b""] * EMPTY_READS_LIMIT
+    assert [line.read() for _ in range(MAX_EMPTY_READS)] == [b""] * MAX_EMPTY_READS
     assert not line.connected
     assert line.fileno() == -1
     assert not line.write(b"x")
@@ -150,7 +150,7 @@ def test_a_cable_that_is_back_before_anybody_looks_is_taken_up_again(line, cable
     cable.pull()
     line.read()
     cable.plug()
-    for number in range(10 * EMPTY_READS_LIMIT):
+    for number in range(10 * MAX_EMPTY_READS):
         line.read()
         line.reopen(10.0 + number)
     assert line.openings == 2
@@ -162,7 +162,7 @@ def test_a_path_that_leads_elsewhere_is_followed(line, cable, tmp_path):
     """As when an adapter's name is given to another one while the first is still there."""
     other = Cable(tmp_path / "other")
     other.path.replace(cable.path)
-    for number in range(2 * EMPTY_READS_LIMIT):
+    for number in range(2 * MAX_EMPTY_READS):
         line.read()
         line.reopen(10.0 + number)
     assert line.openings == 2
@@ -171,7 +171,7 @@ def test_a_path_that_leads_elsewhere_is_followed(line, cable, tmp_path):
 
 
 def test_a_line_that_is_silent_is_not_opened_anew(line, cable):
-    for number in range(10 * EMPTY_READS_LIMIT):
+    for number in range(10 * MAX_EMPTY_READS):
         line.read()
         line.reopen(10.0 + number)
     assert line.openings == 1
@@ -319,7 +319,7 @@ def test_a_line_that_takes_no_more_refuses_whole_messages_and_keeps_order(line, 
         sent += message
         number += 1
         assert len(sent) < 10_000_000
-    assert 0 < len(line._unsent) <= UNSENT_LIMIT
+    assert 0 < len(line._unsent) <= MAX_UNSENT_BYTES
     os.set_blocking(cable.master, True)
     received = os.read(cable.master, 4096)
     while line.write(b""):
@@ -335,7 +335,7 @@ def test_a_line_that_was_jammed_goes_on_by_itself(line, cable):
     """What waits is pushed by the next write, also by one that is too large to be added to it."""
     while line.write(b"x" * 1200):
         pass
-    assert len(line._unsent) + 1200 > UNSENT_LIMIT
+    assert len(line._unsent) + 1200 > MAX_UNSENT_BYTES
     os.set_blocking(cable.master, False)
     for _ in range(1000):
         try:

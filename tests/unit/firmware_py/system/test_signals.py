@@ -42,7 +42,7 @@ def test_no_signal_is_left_to_the_kernel_that_would_end_or_halt_her():
 def test_what_ends_her_in_good_order(number):
     stopping, (told,) = sent(number, number)
     assert stopping
-    assert told == f"{number.name}: she ends, the rudder goes amidships"
+    assert told == f"{number.name}: autopilot ends, rudder centred"
     assert len(told) <= 50
     assert signal.getsignal(number) is signal.SIG_IGN  # one that comes late does not change the exit code
 
@@ -52,13 +52,13 @@ def test_what_means_nothing_is_told_once(number):
     stopping, (told,) = sent(number, number)
     assert not stopping
     assert told.startswith(f"{number.name}: ")
-    assert told.endswith("she sails on")
+    assert told.endswith("autopilot continues")
     assert len(told) <= 50
 
 
 def test_real_time_signals_mean_nothing():
     assert sent(*REAL_TIME)[0] is False
-    assert sent(signal.SIGRTMIN + 3)[1] == ["SIGRTMIN+3: it means nothing here, she sails on"]
+    assert sent(signal.SIGRTMIN + 3)[1] == ["SIGRTMIN+3: not used; autopilot continues"]
 
 
 def test_a_terminal_cannot_halt_who_writes_to_it():

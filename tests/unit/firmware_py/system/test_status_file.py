@@ -109,7 +109,7 @@ def test_what_is_old_is_told_as_old_and_shown(memory, state, age_s):
     StatusFile(state, (memory,)).write(content(state))
     found = find(state, NOW_S + age_s, (memory,))
     assert (found.freshness, found.content["mode"]) == (Freshness.STALE, "HOLD")
-    assert "hangs or is halted" in found.reason
+    assert "hangs or is stopped" in found.reason
 
 
 @pytest.mark.parametrize("pid", [2**22 + 5, 2**40])
@@ -117,7 +117,7 @@ def test_a_process_that_is_gone_is_told_however_new_its_words(memory, state, pid
     StatusFile(state, (memory,)).write(content(state, pid=pid))
     found = find(state, NOW_S, (memory,))
     assert found.freshness is Freshness.STALE
-    assert "is gone" in found.reason
+    assert "has ended" in found.reason
 
 
 @pytest.mark.parametrize(

@@ -37,8 +37,7 @@ from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE, Fault
-from firmware_py.system.status_report import MOST_EVENTS, StatusReporter, StatusSources
-from firmware_py.system.status_sections import SECTIONS
+from firmware_py.system.status_report import MAX_EVENTS, SECTIONS, StatusReporter, StatusSources
 
 
 class Shown:
@@ -131,7 +130,7 @@ def test_what_she_said_between_two_statuses_is_told(boat):
     assert event in boat.status(11.0)["events"]
     for number in range(1000):
         boat.reporter.update(said, 11.0 + 1e-4 * number)
-    assert len(boat.status(12.5)["events"]) == MOST_EVENTS
+    assert len(boat.status(12.5)["events"]) == MAX_EVENTS
 
 
 def test_where_she_is_going_and_what_home_is_stand_beside_it(boat):
