@@ -20,7 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the scenarios and the options."""
     if arguments.json:
-        print(json.dumps([asdict(row) for row in TABLE], indent=2))
+        rows_json = [asdict(row) for row in TABLE]
+        for row_json in rows_json:
+            row_json["extras"] = row_json.pop("disturbances")  # the key that scripts read
+        print(json.dumps(rows_json, indent=2))
         return 0
     rows = [
         (

@@ -1,4 +1,4 @@
-"""A disk that cannot be written, or a computer that is short of something, as the real program meets it."""
+"""The autopilot with an unwritable disk, or short of memory, descriptors or threads."""
 
 import contextlib
 import json
@@ -34,14 +34,14 @@ driver = "volz"
 port = "{}"
 baud = 115200
 """
-NOBODY = 65534
-# Root may write anywhere: it becomes somebody else once all is imported, for nobody may not even read root's Python.
-AS_NOBODY = f"""
+UNPRIVILEGED_USER = 65534
+# Root may write anywhere: the program changes its user, but after the imports, as others may not read root's Python.
+AS_UNPRIVILEGED_USER = f"""
 import gettext, locale, os, resource, shutil, subprocess, sys, traceback
 import firmware_py.cli.run
 from firmware_py.__main__ import main
 if not os.geteuid():
-    os.setgroups([]), os.setgid({NOBODY}), os.setuid({NOBODY})
+    os.setgroups([]), os.setgid({UNPRIVILEGED_USER}), os.setuid({UNPRIVILEGED_USER})
 sys.exit(main(sys.argv[1:]))
 """
 PLAIN = ["-m", "firmware_py"]
@@ -124,7 +124,7 @@ def parameters_in_log(directory):
 def test_the_autopilot_starts_without_a_writable_state_directory(place, vehicle, tmp_path, capsys):
     state = place / "state"
     filled(state)
-    how = ["-c", AS_NOBODY]
+    how = ["-c", AS_UNPRIVILEGED_USER]
     line = refused(vehicle, "--state", state, how=how)
     assert line == f"rambler run: state directory {state}: Permission denied; choose another with --state"
     with started(vehicle, tmp_path, "--state", state, "--wait", how=how) as program:
@@ -149,7 +149,7 @@ def test_root_does_not_write_the_state_of_another_user(place, vehicle):
     """What root wrote there, parameters among it, the service's next start could not read."""
     state = place / "state"
     filled(state)
-    os.chown(state, NOBODY, NOBODY)
+    os.chown(state, UNPRIVILEGED_USER, UNPRIVILEGED_USER)
     before = sorted(state.iterdir())
     line = refused(vehicle, "--state", state)
     assert line.startswith(f"rambler run: state directory {state} belongs to user ")
@@ -162,7 +162,7 @@ def test_an_unreadable_state_is_reported_and_the_vehicle_file_applies(place, veh
     state = place / "state"
     filled(state)
     state.chmod(0o700)
-    with started(vehicle, tmp_path, "--state", state, "--wait", how=["-c", AS_NOBODY]) as program:
+    with started(vehicle, tmp_path, "--state", state, "--wait", how=["-c", AS_UNPRIVILEGED_USER]) as program:
         if os.geteuid():
             return  # it is our own
         program.expect(r"parameters.param.0 cannot be read \(Permission denied\)")
@@ -233,7 +233,7 @@ def test_too_little_memory_is_one_line(place, vehicle, megabytes):
 def test_no_thread_is_one_line(place, vehicle):
     place.chmod(0o777)
     alone = "resource.setrlimit(resource.RLIMIT_NPROC, (1, 1))\nsys.exit"
-    line = refused(vehicle, "--state", place / "state", how=["-c", AS_NOBODY.replace("sys.exit", alone)])
+    line = refused(vehicle, "--state", place / "state", how=["-c", AS_UNPRIVILEGED_USER.replace("sys.exit", alone)])
     assert "cannot start a thread" in line
 
 
@@ -242,7 +242,7 @@ def test_twenty_two_descriptors_are_enough_and_too_few_for_many_links(place, veh
     links = [word for port in range(20) for word in ("--link", f"udpout:127.0.0.1:{40000 + port}")]
     limit = limits(resource.RLIMIT_NOFILE, 22)
     assert "oo many open files" in refused(vehicle, "--state", place / "state", *links, limit=limit)
-    how = ["-c", "import resource\nresource.setrlimit(resource.RLIMIT_NOFILE, (22, 22))\n" + AS_NOBODY]
+    how = ["-c", "import resource\nresource.setrlimit(resource.RLIMIT_NOFILE, (22, 22))\n" + AS_UNPRIVILEGED_USER]
     place.chmod(0o777)
     with started(vehicle, tmp_path, "--state", place / "state" / "another", "--wait", how=how) as program:
         program.expect("Mode HOLD")

@@ -19,7 +19,7 @@ BAUDS = {"compass": COMPASSES["nmea"].baud, "rudder": SERVOS["dynamixel"].baud, 
 
 LATE_ANSWER_S = 0.02  # the driver waits for 41 ms, of which question and answer take 8
 
-# She steers for 30 degrees from the start, with nobody on a link.
+# The autopilot steers for 30 degrees from the start, without a ground station.
 BOAT = """
 [compass]
 driver = "nmea"
@@ -53,8 +53,8 @@ def program(tmp_path):
         )
 
 
-def heard(program, file, seconds=3):
-    """What `listen` says of each device at last."""
+def listen_output(program, file, seconds=3):
+    """Return the last line of `listen` of each device."""
     listener = program("listen", *FLOAT, "listen", file, "--json", "--seconds", str(seconds))
     listener.exit_code()
     return {line["device"]: line for line in map(json.loads, listener.text().splitlines())}
@@ -63,7 +63,7 @@ def heard(program, file, seconds=3):
 def test_any_program_can_read_and_steer_the_board(program, tmp_path):
     board = program("board", *BENCH, "board", str(tmp_path / "board"), "gusts", "--goal", "0:30")
     board.expect("Ctrl-C ends it")
-    devices = heard(program, str(tmp_path / "board" / "vehicle.toml"))
+    devices = listen_output(program, str(tmp_path / "board" / "vehicle.toml"))
     assert {name for name, line in devices.items() if line["accepted"] > 0} == {"compass", "position", "rudder"}
     assert all(line["rejected"] == 0 for line in devices.values())
     ports = {name: tmp_path / "board" / name for name in BAUDS}
@@ -101,7 +101,7 @@ def test_devices_hang_on_adapters_whose_bus_is_half_duplex_and_echoes(servo_baud
         board = program("board", *BENCH, "board", str(tmp_path / "board"), "calm", "--vehicle", file, *words)
         board.expect("rudder: on the adapter")
         board.expect("Ctrl-C ends it")
-        devices = heard(program, file)
+        devices = listen_output(program, file)
         assert {name for name, line in devices.items() if line["accepted"] > 0} == set(bauds)
         bad = {name: line["rejected"] for name, line in devices.items() if line["rejected"]}
         if (waited_s := wires["rudder"].before_collision_s) is None:
@@ -114,7 +114,7 @@ def test_devices_hang_on_adapters_whose_bus_is_half_duplex_and_echoes(servo_baud
 
 
 def sailed_over_wires(program, tmp_path, servo_baud, words):
-    """Sail with an autopilot that is somebody else's: it has the far ends of the wires, and a TCP port."""
+    """Sail with an external autopilot at the far ends of the wires, with a TCP port."""
     bauds = {**BAUDS, "rudder": servo_baud}
     (port,) = unused_ports(["tcpin"])
     with ExitStack() as stack:

@@ -14,7 +14,7 @@ SETTINGS = {"BOOT_ARM": 1, "BOOT_MODE": 15, "CTL_HOLD_S": 1, "EST_MODE": 0, "CTL
 
 @pytest.fixture
 def moor(make_boat):
-    """Make a boat in real time that nobody speaks with; she steers for where she lies."""
+    """Make a boat in real time without a ground station; its goal is its heading."""
     return lambda compass, servo: make_boat(
         scenario="calm", compass=compass, servo=servo, speed=None, settings=SETTINGS, without=("position", "link")
     )
@@ -41,7 +41,7 @@ def replays(bench):
 
 
 def turn_by_hand(bench):
-    """Put her 30 degrees off her goal, so that the rudder has to work."""
+    """Put the boat 30 degrees off its goal, so that the rudder moves."""
     bench.world._hull._plant.heading_rad += math.radians(30.0)
 
 
@@ -105,7 +105,7 @@ def test_a_noisy_line_costs_samples_and_nothing_else(bench):
     assert all(heading_deg < 40.0 or heading_deg > 350.0 for heading_deg in headings_deg)
 
 
-def test_an_impossible_heading_is_not_used(moor):
+def test_an_impossible_value_is_not_used(moor):
     bodies = b"HEHDT,400.0,T", b"HEHDT,nan,T"
     sentences = [b"$%s*%02X\r\n" % (body, functools.reduce(operator.xor, body)) for body in bodies]
     bench = moor("nmea", "volz").start()

@@ -18,8 +18,8 @@ def test_the_rudder_moves_in_small_steps_and_is_released(make_boat, servo):
     with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as program:
         while program.poll() is None:
             boat.run(0.2)
-        told = json.loads(program.stdout.read())
-    assert (program.returncode, told["stopped"]) == (0, [False, False])
-    assert told["proposed_deg"] == {"RUD_LIMIT_DEG": 1.0}
-    assert told["reached_deg"] == pytest.approx([6.0, 6.0], abs=0.5)
-    assert told["scale"] == pytest.approx(1.0, abs=0.05)
+        result = json.loads(program.stdout.read())
+    assert (program.returncode, result["stopped"]) == (0, [False, False])
+    assert result["proposed_deg"] == {"RUD_LIMIT_DEG": 1.0}
+    assert result["reached_deg"] == pytest.approx([6.0, 6.0], abs=0.5)
+    assert result["scale"] == pytest.approx(1.0, abs=0.05)

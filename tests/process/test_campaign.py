@@ -83,14 +83,14 @@ def started(spec, out, *words):
 def finished_campaign(spec, out, *words):
     """Sail a campaign to its end and return the bytes that it came to."""
     campaign = started(spec, out, *words)
-    said, errors = campaign.communicate()
+    output, errors = campaign.communicate()
     assert campaign.returncode == 0, errors
-    assert str(out / store.RUNS) in said
+    assert str(out / store.RUNS) in output
     return (out / store.RUNS).read_bytes()
 
 
 def parts(out):
-    """Return how many batches are kept."""
+    """Return the number of stored batches."""
     return len(list((out / store.PARTS).glob("*.parquet")))
 
 
@@ -102,10 +102,10 @@ def test_a_campaign_with_a_killed_worker_and_a_restart_gives_equal_results(tmp_p
     until(lambda: parts(out) >= 2)
     os.kill(workers(campaign.pid)[0], signal.SIGKILL)
     until(lambda: parts(out) >= 5)
-    crew = workers(campaign.pid)
+    worker_pids = workers(campaign.pid)
     campaign.kill()
     campaign.communicate()
-    until(lambda: not any(b"spawn_main" in command_line(one) for one in crew))
+    until(lambda: not any(b"spawn_main" in command_line(one) for one in worker_pids))
     assert not (out / store.RUNS).exists()
     code, _, errors = rambler_hil("campaign", out.with_suffix(".toml"), "--out", out)
     assert (code, "go on with --resume" in errors) == (2, True)
@@ -117,14 +117,14 @@ def test_a_terminated_campaign_names_the_command_that_resumes_it(tmp_path):
     old_name = COMPILED.replace('"compiled"', '"twin"')
     campaign = started(old_name, tmp_path / "out", "--workers", "1")
     until(lambda: parts(tmp_path / "out") >= 1)
-    crew = workers(campaign.pid)
+    worker_pids = workers(campaign.pid)
     campaign.send_signal(signal.SIGTERM)
     _, errors = campaign.communicate()
     assert campaign.returncode == INTERRUPTED
     assert 'engine: "twin" is the old name of "compiled"' in errors
     assert errors.endswith("rambler-hil: interrupted; finished runs are stored, continue with --resume\n")
     assert "Traceback" not in errors
-    until(lambda: not any(b"spawn_main" in command_line(one) for one in crew))
+    until(lambda: not any(b"spawn_main" in command_line(one) for one in worker_pids))
 
 
 @pytest.mark.proof
@@ -135,8 +135,8 @@ def test_a_repeated_campaign_and_a_single_run_of_it_are_bit_identical(tmp_path):
     runs = store.read_table(out / store.RUNS).to_pylist()
     assert [row["ended"] for row in runs] == ["finished", "finished"]
     assert runs[0]["digest"] != runs[1]["digest"]
-    code, said, errors = rambler_hil("campaign", "replay", out, "1", "--out", run)
-    assert (code, said.splitlines()[0]) == (0, "run 1: identical to the last bit"), errors
+    code, output, errors = rambler_hil("campaign", "replay", out, "1", "--out", run)
+    assert (code, output.splitlines()[0]) == (0, "run 1: identical to the last bit"), errors
     assert hashlib.sha256((run / "truth.csv").read_bytes()).hexdigest() == runs[1]["digest"]
     assert (run / "report.html").exists()
 
@@ -146,8 +146,8 @@ def test_a_compiled_run_replays_as_the_autopilot_sails_it(tmp_path):
     out = tmp_path / "out"
     finished_campaign(COMPILED.replace("runs = 640", "runs = 4"), out)
     for row in range(4):
-        code, said, errors = rambler_hil("campaign", "replay", out, row, "--out", tmp_path / "run")
-        assert (code, said.splitlines()[0]) == (0, f"run {row}: identical to the last bit"), errors
+        code, output, errors = rambler_hil("campaign", "replay", out, row, "--out", tmp_path / "run")
+        assert (code, output.splitlines()[0]) == (0, f"run {row}: identical to the last bit"), errors
     (out / store.RUNS).unlink()
     (out / store.PARTS).mkdir()
     code, _, errors = rambler_hil("campaign", "replay", out, "1", "--out", tmp_path / "run")

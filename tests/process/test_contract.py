@@ -86,7 +86,7 @@ def names():
 
 
 def missing(expected, found):
-    """Return what is expected and not there."""
+    """Return the expected names that are missing."""
     if isinstance(expected, dict):
         return {
             name: gone for name, part in expected.items() if (gone := missing(part, found.get(name) or type(part)()))

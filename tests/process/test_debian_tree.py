@@ -105,7 +105,7 @@ def installed(tree):
     tree.run(f"cd /srv/boat\n{install}")
     tree.run(example)
     assert "[compass]" in tree.run("cat /etc/rambler/boat.toml")
-    tree.run("cp /srv/boat/boat.toml /etc/rambler/boat.toml")  # whoever reads the handbook writes it by hand
+    tree.run("cp /srv/boat/boat.toml /etc/rambler/boat.toml")  # a reader of the manual writes it by hand
     (tree.shared / "box.conf").write_text(PORTS_OF_THE_BOX)
     tree.run("install -D --mode=644 /srv/boat/box.conf /etc/systemd/system/rambler.service.d/box.conf")
     return tree.run(service)
@@ -114,23 +114,23 @@ def installed(tree):
 def test_the_steps_of_the_manual_give_a_service_that_restarts(tree, boat):
     print(installed(tree))
     assert tree.run("systemctl is-enabled rambler").strip() == "enabled"
-    assert boat.told(HEARTBEAT).autopilot is not None
+    assert boat.request(HEARTBEAT).autopilot is not None
     print(tree.run("systemd-analyze security --no-pager rambler | tail -1"))
     assert tree.run("systemd-analyze verify /etc/systemd/system/rambler.service 2>&1") == ""
     assert "not allowed" not in tree.run("journalctl --no-pager -u rambler"), "priority, memory or clock are refused"
 
     first = pid_of(tree)
     second = restarted(tree, first, f"kill -KILL {first}")
-    assert boat.told(HEARTBEAT)
+    assert boat.request(HEARTBEAT)
     third = restarted(tree, second, f"kill -STOP {second}")
-    assert boat.told(HEARTBEAT)
+    assert boat.request(HEARTBEAT)
     journal = tree.run("journalctl --no-pager -u rambler")
     assert "Started again: killed, SIGKILL (the first time)" in journal
     assert "Started again: watchdog" in journal
     fourth = restarted(tree, third, "systemctl restart rambler")
     tree.cut_power()
     tree.boot()
-    assert boat.told(HEARTBEAT)
+    assert boat.request(HEARTBEAT)
     assert pid_of(tree) != fourth
     assert "Started again: cut off" in tree.run("journalctl --no-pager --boot -u rambler")
     print(tree.run("rambler service remove"))
@@ -146,7 +146,7 @@ def page_at(address):
 
 
 def test_an_update_reports_a_changed_unit_and_its_command_installs_it(tree, boat):
-    """The unit that is there is made that of another version: it is kept until the command that is told is given."""
+    """The installed unit of another version stays until the operator runs the reported command."""
     installed(tree)
     before = pid_of(tree)
     unit = "/etc/systemd/system/rambler.service"
@@ -155,15 +155,15 @@ def test_an_update_reports_a_changed_unit_and_its_command_installs_it(tree, boat
     python = tree.run("python3 -c 'import sys; print(*sys.version_info[:2], sep=chr(46))'").strip()
     words = [ROOT / ".ci/bundle.py", "--for", f"{platform.machine()}:{python}", "--out", tree.shared]
     subprocess.run([sys.executable, *map(str, words)], check=True)
-    said = tree.run("rambler update /srv/boat/*.bundle")
-    print(said)
-    again = re.search("its unit is another one than that which is installed: when it has passed, sudo (.*)", said)[1]
-    assert boat.told(HEARTBEAT)
+    output = tree.run("rambler update /srv/boat/*.bundle")
+    print(output)
+    again = re.search("its unit is another one than that which is installed: when it has passed, sudo (.*)", output)[1]
+    assert boat.request(HEARTBEAT)
     assert tree.run("systemctl show rambler --property WatchdogUSec --value").strip() == "7s"
     (port,) = unused_ports(["tcp"])
     print(tree.run(f"{again} --view 127.0.0.1:{port}"))
     restarted(tree, pid_of(tree), "systemctl restart rambler; systemctl start rambler-view")
-    assert boat.told(HEARTBEAT)
+    assert boat.request(HEARTBEAT)
     assert tree.run("systemctl show rambler --property WatchdogUSec --value").strip() == "5s"
     assert tree.run("systemctl is-enabled rambler rambler-view").split() == ["enabled", "enabled"]
     assert b"<html" in until(lambda: page_at(f"http://127.0.0.1:{port}/"), "page").lower()

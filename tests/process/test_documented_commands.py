@@ -125,8 +125,8 @@ def manoeuvres(here):
 
 def shortened(command, number):
     """The command line as it is run here, and the exit codes that are right."""
-    for said, meant in PLACES.items():
-        command = command.replace(said, meant)
+    for output, meant in PLACES.items():
+        command = command.replace(output, meant)
     command = re.sub(r"^sudo (-u \w+ )?", "", command)
     command = re.sub(r"^make ", f"make -n -C {ROOT} ", command)  # as it is, it installs packages
     words = " ".join(command.split()[:2])
@@ -136,7 +136,7 @@ def shortened(command, number):
 
 
 def run_here(line, monkeypatch, capsys):
-    """Run a command of `rambler` in this process, which saves its start; return its exit code and what it said."""
+    """Run a command of `rambler` in this process, which saves its start; return its exit code and what it output."""
     words = [
         name
         for word in shlex.split(line)[1:]
@@ -167,8 +167,8 @@ def test_the_commands_of_a_page_run(place, some, monkeypatch, capsys):
             (place / "etc/boat.toml").unlink()
         line, right = shortened(command, number)
         here = quick and not line.startswith("make")
-        code, said = run_here(line, monkeypatch, capsys) if here else run_there(line, place)
-        assert code in right, (name, line, said)
+        code, output = run_here(line, monkeypatch, capsys) if here else run_there(line, place)
+        assert code in right, (name, line, output)
 
 
 def test_every_command_block_that_is_not_run_has_a_reason():

@@ -1,4 +1,4 @@
-"""What ends a voyage and what does not: signals, terminals that are stuck or gone, a rudder that is over."""
+"""End of the autopilot: signals, blocked or closed terminals, a rudder that is not centred."""
 
 import math
 import os
@@ -24,8 +24,8 @@ CRASH = (
 # A signal while the program is still being loaded, which takes it some tenths of a second.
 EARLY = (
     "import importlib, os, signal, sys; from firmware_py.__main__ import main; really = importlib.import_module\n"
-    "def told(*words): os.kill(os.getpid(), signal.SIG{name}); return really(*words)\n"
-    "importlib.import_module = told; sys.exit(main())"
+    "def texts(*words): os.kill(os.getpid(), signal.SIG{name}); return really(*words)\n"
+    "importlib.import_module = texts; sys.exit(main())"
 )
 
 
@@ -59,7 +59,7 @@ def pipe():
 
 @pytest.fixture
 def stuck(pipe):
-    """What takes no byte more, and nobody reads it."""
+    """A full pipe that is not read."""
     os.set_blocking(pipe[1].fileno(), False)
     while pipe[1].write(b"-" * 4096) is not None:
         pass
@@ -92,7 +92,7 @@ def in_the_turn(boat):
 
 
 def ended(boat):
-    """Let her end and return the exit code and how long that took by the boat's clock."""
+    """Wait for the end; return the exit code and the duration by the boat's clock."""
     before_s = boat.now_s
     boat.time.run_out(boat.board, boat.process)
     assert boat.process.wait(PATIENCE_S)
@@ -143,8 +143,8 @@ def test_ignored_signals_neither_end_nor_halt_the_autopilot(make_boat):
     for name in ("HUP", "TSTP", "USR1", "USR2", "ALRM", "IO", "PWR", "PIPE", "TTIN", "TTOU", "HUP", "TSTP"):
         os.kill(pid_of(boat), getattr(signal, f"SIG{name}"))
         boat.run(0.5)
-    told = [text for text in boat.texts_since(0.0) if text.endswith("autopilot continues")]
-    assert [text.split(":")[0] for text in told] == [
+    texts = [text for text in boat.texts_since(0.0) if text.endswith("autopilot continues")]
+    assert [text.split(":")[0] for text in texts] == [
         "SIGHUP",
         "SIGTSTP",
         "SIGUSR1",
@@ -153,7 +153,7 @@ def test_ignored_signals_neither_end_nor_halt_the_autopilot(make_boat):
         "SIGIO",
         "SIGPWR",
     ]
-    assert told[0] in boat.words()
+    assert texts[0] in boat.words()
     boat.finish()
 
 

@@ -1,4 +1,4 @@
-"""Every row of the fault table provoked in lockstep through the device emulators: told, acted on, and over again."""
+"""Every row of the fault table provoked in lockstep through the device emulators: reported, acted on and cleared."""
 
 import math
 import os
@@ -29,7 +29,7 @@ def nothing(_bench):
 
 @dataclass(frozen=True)
 class Drill:
-    """How a row is provoked: what is broken, how soon that is told, what is then true, how soon it is over."""
+    """How a row is provoked: the fault, the times of report and recovery, the condition that holds meanwhile."""
 
     fault: Fault
     broken: Callable
@@ -166,7 +166,7 @@ def sails_on(bench, t0_s):
 
 
 def points_into_it(bench, _t0_s):
-    """Current sets east: she heads west."""
+    """The current sets east, so the boat heads west."""
     bench.run(60.0)
     assert abs(bench.heading_error_deg(270.0)) < 30.0
 
@@ -182,7 +182,7 @@ def fence():
 
 
 def endless():
-    """A mission that waits where she is, for ever."""
+    """A mission that waits at its present position without end."""
     return ("mission.plan", plan_to_text(Plan.of(PlanKind.MISSION, [PlanItem(17, 3)])))
 
 
@@ -427,7 +427,7 @@ def test_a_clock_step_of_a_year_is_reported_and_does_not_affect_control(fault_be
 
 @pytest.mark.parametrize("compass", ["nmea", pytest.param("pni", marks=pytest.mark.proof)])
 def test_the_rudder_never_stays_far_over_without_a_heading(fault_bench, compass):
-    """A compass that freezes in a turn has her chase it; even told to hold on for ever she ends amidships."""
+    """A compass that freezes in a turn keeps the boat turning; even with a long hold time the rudder is centred."""
     bench = fault_bench(goals=TURN, compass=compass, settings={"CTL_HOLD_S": 600})
     bench.gps.fix = False
     bench.under_way(GUIDED)
@@ -516,8 +516,8 @@ def test_a_slow_compass_raises_no_fault_and_its_loss_is_detected(fault_bench, ra
     bench.under_way(GUIDED)
     bench.run(seconds)
     assert abs(bench.heading_error_deg()) < 3.0
-    told = bench.texts_since(0.0)
-    assert not any(text.startswith((row.text, "Heading lost")) for text in told for row in TABLE.values())
+    texts = bench.texts_since(0.0)
+    assert not any(text.startswith((row.text, "Heading lost")) for text in texts for row in TABLE.values())
     silenced(bench)
     bench.until(TABLE[Fault.COMPASS_SILENT].text, found_s)
     spoken(bench)

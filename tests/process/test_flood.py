@@ -52,7 +52,7 @@ class Line:
         self._write(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(self._mav))
 
     def keep_up(self):
-        """Read what has come, and say that somebody is there: whoever is silent or does not read loses the line."""
+        """Read the input and send a heartbeat: a peer that is silent or does not read loses its link."""
         while self._read():
             pass
         self.greet()
@@ -249,7 +249,7 @@ def listened(sea, lines, seconds):
 
 
 def sink_of(closing, links):
-    """A process that reads all that is poured into links of nobody's."""
+    """A process that reads all that is poured into links of unread_socket's."""
     udp, tcp, serial = links
     words = [sys.executable, str(SINK), str(udp.port), str(tcp.port), str(serial.far)]
     sink = closing.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, pass_fds=(serial.far,)))
@@ -280,13 +280,13 @@ def poured(sea, lines, links, directory, taken):
 
 
 def as_busy_and_bare(rate_hz):
-    """How late a process is that only computes for half of each period, while a flood goes to nobody.
+    """Lateness of a process that computes for half of each period, while a flood goes to an unread socket.
 
     A shared machine takes its processor from those who use it, for milliseconds: that is no doing of the autopilot's.
     """
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
-        nobody.bind(("127.0.0.1", 0))
-        words = [sys.executable, str(FLOOD), "udp", str(nobody.getsockname()[1]), str(SECONDS)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unread_socket:
+        unread_socket.bind(("127.0.0.1", 0))
+        words = [sys.executable, str(FLOOD), "udp", str(unread_socket.getsockname()[1]), str(SECONDS)]
         with subprocess.Popen(words, stdout=subprocess.DEVNULL):
             words = bare_sleep.command(rate_hz, round(SECONDS * rate_hz), 0.5)
             done = subprocess.run(words, capture_output=True, check=True, timeout=SECONDS + 30.0)

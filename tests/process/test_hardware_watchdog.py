@@ -1,7 +1,7 @@
 """The computer's watchdog hears of the loop alone: whatever hangs, the signs of life end, and nothing disarms it.
 
 A terminal stands in for the device: it shows what is written to it and when, and takes no ioctl. That the kernel starts
-the computer anew when nothing comes for the time that was asked for is the driver's part, and not shown here.
+the computer after the timeout is the driver's part and is not tested here.
 """
 
 import os
@@ -25,7 +25,7 @@ LATE_S = 1.5  # on a busy machine
 
 
 class Watched:
-    """A boat under way in real time whose autopilot tells a watchdog of its life."""
+    """A boat under way in real time whose autopilot feeds a watchdog."""
 
     def __init__(self, boat, directory):
         self._boat, self.hangs = boat, directory / "hangs"
@@ -33,7 +33,7 @@ class Watched:
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        self.said = []  # what was written to the watchdog, each with its time
+        self.written = []  # what was written to the watchdog, each with its time
         words = ["run", boat.directory / "boat.toml", "--state", boat.state, "--watchdog", os.ttyname(self._slave)]
         more = {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", "HANG_DIRECTORY": str(self.hangs)}
         command = [sys.executable, str(Path(ROOT) / "tests/support/hanging.py"), *map(str, words)]
@@ -51,7 +51,7 @@ class Watched:
         while time.monotonic() < end_s:
             self._boat.time.step(self._boat.board, self._boat.now_s + 0.05)
             try:
-                self.said.append((time.monotonic(), os.read(self._master, 4096)))
+                self.written.append((time.monotonic(), os.read(self._master, 4096)))
             except BlockingIOError:
                 pass
 
@@ -62,7 +62,7 @@ class Watched:
             self.sail(0.1)
 
     def signs(self):
-        return b"".join(data for _, data in self.said)
+        return b"".join(data for _, data in self.written)
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def watched(make_boat, tmp_path):
     boat = make_boat(speed=None, without=("link",))
     one = Watched(boat, tmp_path)
     try:
-        one.sail_until(lambda: one.said)
+        one.sail_until(lambda: one.written)
         yield one
     finally:
         one.close()
@@ -92,7 +92,7 @@ def test_the_watchdog_is_disarmed_only_at_an_orderly_end(watched):
 def test_a_hang_of_any_kind_leaves_the_watchdog_armed_and_unfed(watched, how):
     """`pytest -m proof tests/process/test_hardware_watchdog.py -s`: it stands still, is gone, or computes for ever."""
     watched.sail(UNDER_WAY_S)
-    times_s = [t_s for t_s, _ in watched.said]
+    times_s = [t_s for t_s, _ in watched.written]
     longest_s = max(after - before for before, after in pairwise(times_s))
     hung_s = time.monotonic()
     if how == "tick":
@@ -100,10 +100,10 @@ def test_a_hang_of_any_kind_leaves_the_watchdog_armed_and_unfed(watched, how):
     else:
         watched.program.send_signal(signal.SIGSTOP if how == "stopped" else signal.SIGKILL)
     watched.sail(TIMEOUT_S + 2.0)
-    last_s = watched.said[-1][0]
+    last_s = watched.written[-1][0]
     print(
         f"{how}: a sign at most every {longest_s:.2f} s, the last one {last_s - hung_s:+.2f} s from then: "
-        f"started anew {last_s + TIMEOUT_S - hung_s:.1f} s after"
+        f"restarted {last_s + TIMEOUT_S - hung_s:.1f} s after"
     )
     assert longest_s < INTERVAL_S + LATE_S
     assert -INTERVAL_S - LATE_S < last_s - hung_s < LATE_S

@@ -21,9 +21,9 @@ UNITS = {"K": "1/s", "T": "s"}
 def test_a_zigzag_of_goals_identifies_the_ship(tmp_path, figures):
     goals = ",".join(f"{40 * number}:{30 if number % 2 == 0 else -30}" for number in range(5))
     run(RunOptions(scenarios.named("tank"), 200.0, tmp_path, goals=parse_goals(goals)))
-    code, said, errors = rambler_hil("identify", tmp_path / LOG, "--json", "-")
+    code, output, errors = rambler_hil("identify", tmp_path / LOG, "--json", "-")
     assert (code, errors) == (0, "")
-    found = json.loads(said)
+    found = json.loads(output)
     assert found["rows"] > 1600
     for name, true in TRUE.items():
         one = found[name]
@@ -43,8 +43,8 @@ def test_a_log_without_motion_is_refused_as_such(tmp_path):
             scenarios.named("calm"), 40.0, tmp_path, goals=parse_goals("0:0"), settings={"EST_MODE": 0, "CTL_MODE": 0}
         )
     )
-    code, said, errors = rambler_hil("identify", tmp_path / LOG)
+    code, output, errors = rambler_hil("identify", tmp_path / LOG)
     assert code == 1
     assert errors == "rambler-hil: no model: these logs are as likely without a rudder; see the verdicts\n"
-    assert "the rudder explains next to nothing of the motion" in said
-    assert "sail a zigzag" in said
+    assert "the rudder explains next to nothing of the motion" in output
+    assert "sail a zigzag" in output

@@ -39,7 +39,7 @@ class Known:
     home: tuple[int, int] | None = None
 
     def fits(self, found):
-        """Whether what was found is what is known."""
+        """Whether the state that was found agrees with the expected one."""
         for name in ("armed", "mode", "current", "gain", "items", "home"):
             known = getattr(self, name)
             if known is not None and known != getattr(found, name):
@@ -51,7 +51,7 @@ class Known:
 
 @dataclass
 class Order:
-    """Something that a station asks for: how it is sent, when it is acknowledged, and what is known then."""
+    """A request of a station: how it is sent, when it is acknowledged, and the state expected then."""
 
     name: str
     send: (
@@ -98,9 +98,9 @@ def setpoint(numbers, _known):
         station.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, q, 0.0, 0.0, 0.0, 0.0))
         yield
         give_up_s = time.monotonic() + SEEN_S
-        while abs(off_deg(yaw_deg(station.told(TARGET).q), goal_deg)) > 0.01:
+        while abs(off_deg(yaw_deg(station.request(TARGET).q), goal_deg)) > 0.01:
             if time.monotonic() > give_up_s:
-                return None  # without a heading, perhaps: nobody knows
+                return None  # perhaps without a heading: unknown
             yield
         time.sleep(UNACKNOWLEDGED_S)
         return True
@@ -176,7 +176,7 @@ class Voyage:
     numbers: random.Random
     known: Known = field(default_factory=Known)
     possible: tuple[Known, ...] = ()
-    told: list[str] = field(default_factory=list)
+    orders: list[str] = field(default_factory=list)
     kills: int = 0
 
     def end(self):
@@ -193,15 +193,15 @@ class Voyage:
         self.station.gone = lambda: "" if self.process.running() else f"ended: {self.process.last_output()}"
         found = self.found()
         fitting = [known for known in self.possible or (self.known,) if known.fits(found)]
-        assert fitting, f"kill {self.kills}: came up with\n{found}\nand not with any of\n{self.possible}\n{self.told}"
+        assert fitting, f"kill {self.kills}: came up with\n{found}\nand not with any of\n{self.possible}\n{self.orders}"
         # Both may fit; what they know beyond each other may not be relied on.
         self.known = fitting[0] if len(fitting) == 1 else common(*fitting)
-        self.told.clear()
+        self.orders.clear()
 
     def found(self):
         self.station.ask([mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)], lambda _one: True)
-        heartbeat = self.station.told(HEARTBEAT)
-        home = None if self.known.home is None else self.station.told(HOME)
+        heartbeat = self.station.request(HEARTBEAT)
+        home = None if self.known.home is None else self.station.request(HOME)
         gain = self.station.ask(
             [mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)],
             lambda one: one.param_value if one.get_type() == "PARAM_VALUE" and one.param_id == "CTL_K1" else None,
@@ -210,10 +210,10 @@ class Voyage:
         return Known(
             armed=bool(heartbeat.base_mode & 128),
             mode=heartbeat.custom_mode,
-            goal_deg=yaw_deg(self.station.told(TARGET).q) % 360.0
+            goal_deg=yaw_deg(self.station.request(TARGET).q) % 360.0
             if steering and self.known.goal_deg is not None
             else None,
-            current=self.station.told(CURRENT).seq,
+            current=self.station.request(CURRENT).seq,
             gain=gain,
             items=self.station.download(),
             home=None if home is None else (home.latitude, home.longitude),
@@ -229,11 +229,11 @@ class Voyage:
         if not answer:
             for _ in range(self.numbers.randrange(4)):
                 next(steps, None)
-            self.told.append(f"{order.name}, unanswered")
+            self.orders.append(f"{order.name}, unanswered")
             self.possible = (self.known, after)
             return
         accepted = finish(steps)
-        self.told.append(f"{order.name}{'' if accepted else ', refused'}")
+        self.orders.append(f"{order.name}{'' if accepted else ', refused'}")
         if accepted is None:
             self.known = common(self.known, after)
         elif accepted:
@@ -257,7 +257,7 @@ def finish(steps):
 
 
 def common(first, second):
-    """Return what two have in common."""
+    """Return the fields in which both agree."""
     same = {
         name: getattr(first, name)
         for name in Known.__dataclass_fields__

@@ -60,13 +60,13 @@ def test_after_a_kill_on_a_mission_the_autopilot_steers_at_once(make_boat):
     assert abs(boat.command_deg()) > 5.0  # for a place abeam
     boat.run(118.0)
     boat.finish()
-    said = [line.split(maxsplit=2)[2] for line in boat.words().splitlines() if line.startswith("  ")]
-    assert said[:2] == ["Mode AUTO", "Resumed AUTO, 0 s old"]
-    assert not [text for text in said if text.startswith("Mission")], said  # the item before is not begun anew
+    output = [line.split(maxsplit=2)[2] for line in boat.words().splitlines() if line.startswith("  ")]
+    assert output[:2] == ["Mode AUTO", "Resumed AUTO, 0 s old"]
+    assert not [text for text in output if text.startswith("Mission")], output  # the item before is not restarted
     way = boat.track(0.0)
     distance_m = np.hypot(way[:, 1], way[:, 2] - 40.0)
     assert distance_m[0] == pytest.approx(40.0, abs=1.0)
-    assert distance_m.min() < 20.0  # her turning circle; there she keeps station
+    assert distance_m.min() < 20.0  # turning circle; the boat keeps station there
 
 
 EVERY_KIND = [
@@ -99,10 +99,10 @@ def test_a_mission_with_every_kind_of_item_is_completed(tmp_path):
     words += ["--set", "LOIT_RADIUS=60", "FENCE_ENABLE=1"]
     code, _, errors = rambler_hil(*words, "--seconds", "4000", "--speed", "max", "--out", tmp_path / "out")
     assert (code, errors) == (0, "")
-    said = (tmp_path / "out" / "firmware.log").read_text()
+    output = (tmp_path / "out" / "firmware.log").read_text()
     for number in (1, 3, 4, 5, 6, 7, 8, 10, 14, 15, 16, 18, 19):
-        assert f"Mission: item {number}\n" in said
-    assert said.count("Mission: item 16\n") == 2
+        assert f"Mission: item {number}\n" in output
+    assert output.count("Mission: item 16\n") == 2
     assert fence_events(tmp_path / "out") == [FENCE_ON, FENCE_OFF]
     truth = read(tmp_path / "out" / "truth.csv")
     last = truth.time_s > truth.time_s[-1] - 600.0
@@ -111,7 +111,7 @@ def test_a_mission_with_every_kind_of_item_is_completed(tmp_path):
 
 
 def fence_events(out):
-    """What the log says of the fence, in order: that it is heeded from now on, and that it is not."""
+    """Return the fence events of the log in order: enabled and disabled."""
     logs = [path for _, path in sorted(log_files(out / "state" / "logs").items())]
     found = [row.values["Id"] for path in logs for row in messages(path.read_bytes(), {"EV"})]
     return [event for event, _ in groupby(found) if event in {FENCE_ON, FENCE_OFF}]

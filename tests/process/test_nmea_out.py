@@ -40,14 +40,14 @@ def test_two_libraries_and_gpsd_read_the_nmea_output(boat, plotter):
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as listener:
         listener.bind(("127.0.0.1", boat.ports[0]))
         listener.settimeout(PATIENCE_S)
-        heard, place = {}, None
-        while not {"HDT", "HDG", "ROT", "RMC", "GGA", "RSA"} <= set(heard) or place is None:
+        sentences, place = {}, None
+        while not {"HDT", "HDG", "ROT", "RMC", "GGA", "RSA"} <= set(sentences) or place is None:
             for line in listener.recv(4096).splitlines(keepends=True):
                 parsed = read_by_both(line)
-                heard[parsed.sentence_type] = parsed
+                sentences[parsed.sentence_type] = parsed
                 if parsed.sentence_type == "RMC" and parsed.status == "A":
                     place = (parsed.latitude, parsed.longitude)
-    assert 0.0 <= float(heard["HDT"].heading) < 360.0
+    assert 0.0 <= float(sentences["HDT"].heading) < 360.0
     lines = (plotter[0].readline() for _ in range(100))  # in whose first there may be no fix yet
     assert {"HDT", "RMC"} <= {read_by_both(line).sentence_type for line in lines}
     if shutil.which("gpsd") is None:
@@ -64,7 +64,7 @@ def read_by_both(line):
 
 
 def gpsd_fix(port):
-    """Have gpsd connect, and return the first place that it tells."""
+    """Let gpsd connect; return the first position that it reports."""
     (own,) = unused_ports(["tcp"])
     command = ["gpsd", "-N", "-n", "-S", str(own), f"tcp://127.0.0.1:{port}"]
     gpsd = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -73,10 +73,10 @@ def gpsd_fix(port):
             client.settimeout(PATIENCE_S)
             client.sendall(b'?WATCH={"enable":true,"json":true};\n')
             for line in client.makefile():
-                said = json.loads(line)
-                if said["class"] == "TPV" and said.get("mode", 0) >= 2 and "lat" in said:
-                    return said
-        pytest.fail("gpsd tells no place")
+                output = json.loads(line)
+                if output["class"] == "TPV" and output.get("mode", 0) >= 2 and "lat" in output:
+                    return output
+        pytest.fail("gpsd reports no position")
     finally:
         gpsd.kill()
         gpsd.wait()

@@ -1,4 +1,4 @@
-"""A run that belongs to whoever plays with it."""
+"""`rambler-hil run --play`: a ground station steers and ends the run."""
 
 import json
 import signal
@@ -25,7 +25,7 @@ def test_a_station_steers_and_ends_a_run_with_play(tmp_path):
     ):
         game.expect("Ctrl-C ends the game")
         station = Station(link, tmp_path)
-        assert not station.heard("HEARTBEAT").base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED  # nobody else orders
+        assert not station.receive("HEARTBEAT").base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED  # no goal was given
         assert station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == mavlink.MAV_RESULT_ACCEPTED
         for mode in (Mode.GUIDED, Mode.HOLD, Mode.MANUAL):
             assert station.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, mode.value) == mavlink.MAV_RESULT_ACCEPTED
@@ -48,7 +48,7 @@ def test_a_shutdown_by_the_station_ends_a_run_with_its_figures(tmp_path):
         closing(mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")) as link,
     ):
         station = Station(link, tmp_path)
-        station.heard("HEARTBEAT")
+        station.receive("HEARTBEAT")
         command = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
         assert station.command(command, 2.0) == mavlink.MAV_RESULT_ACCEPTED
         assert game.exit_code() == 0

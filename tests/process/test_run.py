@@ -48,7 +48,7 @@ def test_heading_keeping_in_the_tank(tmp_path, seed, compass, servo):
         str(tmp_path),
     ]
     picture = seed == 1  # the others make the page of a computer without matplotlib
-    code, said, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, picture=picture)
+    code, output, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, picture=picture)
     assert (code, errors) == (0, "")
     assert (tmp_path / "run.png").exists() == picture
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -65,8 +65,8 @@ def test_heading_keeping_in_the_tank(tmp_path, seed, compass, servo):
     assert truth.time_s[-1] == 140.0
     assert abs(truth.rudder_rad).max() < 0.53
     assert replays(tmp_path)
-    assert "overshoot" in said
-    assert str(tmp_path / "report.html") in said
+    assert "overshoot" in output
+    assert str(tmp_path / "report.html") in output
     assert (tmp_path / "report.html").stat().st_size > 50_000
 
 
@@ -112,14 +112,14 @@ def assert_ten_readers_see_it_all(port):
 def test_a_run_in_real_time_turns_and_measures_lateness(tmp_path, compass, servo):
     words = ["run", "tank", "--speed", "real", "--seconds", "12", "--goal", "0:60"]
     began_s = time.time()
-    code, said, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
+    code, output, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
     assert (code, errors) == (0, "")
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["loop"]["ticks"] > 90
     assert set(summary["loop"]["lateness_us"]) == {"p50", "p99", "p99.9", "max"}
     assert summary["speed_ratio"] == pytest.approx(1.0, abs=0.05)
     assert read(tmp_path / "truth.csv").heading_low_rad[-1] > 0.08
-    assert "lateness of ticks" in said
+    assert "lateness of ticks" in output
     assert replays(tmp_path)
     (log,) = log_files(tmp_path / "state" / "logs").values()
     fixes = [fix for tick in read_log(log) for fix in tick.inputs.positions if fix.utc_s is not None]
@@ -130,9 +130,9 @@ def test_a_run_in_real_time_turns_and_measures_lateness(tmp_path, compass, servo
 def test_a_failed_start_shows_the_error_of_the_autopilot_and_replaces_no_run(tmp_path):
     for name in ("run.json", "vehicle.toml", "firmware.log"):
         (tmp_path / name).write_text("earlier")
-    code, said, errors = rambler_hil("run", "calm", "--speed", "max", "--link", "udp:nowhere", "--out", str(tmp_path))
+    code, output, errors = rambler_hil("run", "calm", "--speed", "max", "--link", "udp:nowhere", "--out", str(tmp_path))
     assert code == 1
-    assert said == ""
+    assert output == ""
     assert len(errors.splitlines()) == 1
     assert "the autopilot ended" in errors
     assert "udp:nowhere" in errors
@@ -142,15 +142,15 @@ def test_a_failed_start_shows_the_error_of_the_autopilot_and_replaces_no_run(tmp
 
 
 def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
-    # A compass that never says the one sentence the autopilot is told to steer by: she cannot be armed.
+    # The compass never sends the configured sentence, so the autopilot cannot be armed.
     vehicle = tmp_path / "boat.toml"
     vehicle.write_text(
         '[compass]\ndriver = "nmea"\nport = "x"\nbaud = 4800\nsentences = ["PASHR"]\n'
         '[rudder]\ndriver = "volz"\nport = "x"\nbaud = 115200\n'
     )
     words = ["run", "calm", "--speed", "max", "--goal", "0:10", "--seconds", "4", "--vehicle", str(vehicle)]
-    code, said, errors = rambler_hil(*words, "--out", str(tmp_path / "out"))
-    assert (code, said) == (1, "")
+    code, output, errors = rambler_hil(*words, "--out", str(tmp_path / "out"))
+    assert (code, output) == (1, "")
     assert len(errors.splitlines()) == 1
     assert "arming was never" in errors
     assert (tmp_path / "out" / "truth.csv").exists()
@@ -167,7 +167,7 @@ def test_a_run_with_a_killed_autopilot_writes_its_page(tmp_path):
     process = start_rambler_hil("run", "tank", "--seconds", "100000", "--speed", "15", "--out", str(tmp_path / "out"))
     pid = wait_for(lambda: next(iter(pids_of(tmp_path / "out" / "vehicle.toml")), None))
     wait_for(lambda: (tmp_path / "out" / "truth.csv").stat().st_size > 1 << 12)
-    # However fast she sails, her log goes to the disk once in a second of ours.
+    # At any speed of the run the log goes to the disk once in a second of real time.
     wait_for(
         lambda: any(b"Armed\0" in path.read_bytes() for path in (tmp_path / "out" / "state" / "logs").glob("*.BIN"))
     )
@@ -217,9 +217,9 @@ def test_an_interrupted_run_leaves_only_its_truth_and_page(tmp_path, number, spe
         time.sleep(0.05)
     time.sleep(0.5)
     process.send_signal(number)
-    said, _ = process.communicate(timeout=60.0)
+    output, _ = process.communicate(timeout=60.0)
     assert process.returncode == 130
-    assert f"report: {tmp_path / 'out' / 'report.html'}" in said
+    assert f"report: {tmp_path / 'out' / 'report.html'}" in output
     assert reported(tmp_path / "out")["ending"].startswith("interrupted after")
     assert list(scratch.iterdir()) == []
     assert read(tmp_path / "out" / "truth.csv").time_s.size > 1

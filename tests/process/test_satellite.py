@@ -1,4 +1,4 @@
-"""A boat with an emulated Iridium modem, the gateway ashore, and a ground station that sees and orders her."""
+"""A boat with an emulated Iridium modem, the gateway ashore, and a ground station that commands the boat."""
 
 import subprocess
 import sys
@@ -48,21 +48,21 @@ def test_a_station_receives_reports_and_sets_a_mode_by_satellite(tmp_path, progr
     )  # fmt: skip
     log = tmp_path / "run" / "firmware.log"
 
-    def heard(kind, wanted):
+    def receive(kind, wanted):
         def look():
             message = station.recv_match(type=kind, blocking=False)
             return message if message is not None and wanted(message) else None
 
         return gateway.wait_for(look, f"no {kind}: {log.exists() and log.read_text()[-2000:]}")
 
-    report = heard("HIGH_LATENCY2", lambda message: message.custom_mode == HOLD)
+    report = receive("HIGH_LATENCY2", lambda message: message.custom_mode == HOLD)
     assert report.get_srcSystem() == 1
     station.mav.command_long_send(1, 1, 176, 0, 1, GUIDED, 0, 0, 0, 0, 0)
-    assert heard("COMMAND_ACK", lambda _: True).result == 5  # in progress
-    hil.wait_for(lambda: "Mode GUIDED" in log.read_text(), "she does not obey")
-    heard("HIGH_LATENCY2", lambda message: message.custom_mode == GUIDED)
+    assert receive("COMMAND_ACK", lambda _: True).result == 5  # in progress
+    hil.wait_for(lambda: "Mode GUIDED" in log.read_text(), "the mode does not change")
+    receive("HIGH_LATENCY2", lambda message: message.custom_mode == GUIDED)
     words = [sys.executable, "-m", "firmware_py", "status", "--state", str(tmp_path / "run" / "state")]
-    told = subprocess.run(words, cwd=ROOT, check=False, capture_output=True, text=True).stdout
-    assert f"modem {IMEI}" in told
-    assert "credits" in told
+    output = subprocess.run(words, cwd=ROOT, check=False, capture_output=True, text=True).stdout
+    assert f"modem {IMEI}" in output
+    assert "credits" in output
     assert log.read_text().count("Mode GUIDED") == 1

@@ -1,4 +1,4 @@
-"""An autopilot of others on our ship: a stand-in that speaks ArduPilot's side of the protocol from outside."""
+"""An external autopilot on our ship: a stand-in that speaks ArduPilot's side of the protocol from outside."""
 
 import json
 import math
@@ -33,7 +33,7 @@ def test_an_external_autopilot_sails_and_is_scored_like_rambler(tmp_path):
         frame = 0
         while state["timestamp"] < 60.0 - 0.5 / RATE_HZ:
             frame += 1
-            if frame == 100:  # somebody has started one more
+            if frame == 100:  # a second one was started
                 second.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, 1, *[1900] * 16), ("127.0.0.1", port))
             pulses = [steering_us] + [1500] * 15
             autopilot.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, frame, *pulses), ("127.0.0.1", port))

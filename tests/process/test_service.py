@@ -91,13 +91,13 @@ def test_a_hang_is_detected_and_ended_by_a_restart(make_service, tmp_path, part)
 
 
 def have_something_stored(service):
-    """Ask for what is acknowledged once it is stored; nobody waits for that."""
+    """Request a change that is acknowledged when it is stored, without waiting."""
     for number in (2.0, float(service.number)):
         service.station.send(*service.station.command(SET_CURRENT, number))
 
 
 def wait_for_text(station, text):
-    """Wait for a text, and go on asking for something: one who says nothing is told nothing."""
+    """Wait for a text and keep sending: a silent peer receives nothing."""
     station.ask(station.command(REQUEST, HEARTBEAT), lambda one: one if getattr(one, "text", "") == text else None)
 
 
@@ -123,7 +123,7 @@ def test_a_disk_blocked_in_the_kernel_is_reported_and_control_continues(make_ser
         assert len(service.manager.runs) == 1
         service.assert_as_before()
     longest_s = max(after - before for before, after in pairwise(service.goals.times_s) if after > done_s)
-    print(f"told after {told_s - done_s:.1f} s, longest without a rudder frame {longest_s:.2f} s")
+    print(f"reported after {told_s - done_s:.1f} s, longest without a rudder frame {longest_s:.2f} s")
 
 
 def hang_and_restart(make_service, tmp_path, part):

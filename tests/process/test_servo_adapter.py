@@ -29,7 +29,7 @@ class Bench:
         self.servo = DynamixelEmulator(self.shaft, np.random.default_rng(1), baud=BAUD, collisions=True)
         self.rudder = dynamixel_rudder(port, DynamixelOptions())
         self.to_servo, self.to_here = [], []  # when there, bytes
-        self.heard = b""
+        self.received = b""
         self.states = []
 
     @property
@@ -38,15 +38,15 @@ class Bench:
 
     def pass_a_millisecond(self):
         self.now_ms += 1
-        said = self.line.read_until_total(self.port.written)
-        if said:
-            self.to_servo.append((self.now_s + transfer_s(len(said), BAUD), said))
+        output = self.line.read_until_total(self.port.written)
+        if output:
+            self.to_servo.append((self.now_s + transfer_s(len(output), BAUD), output))
         self.shaft.advance(self.now_s)
         while self.to_servo and self.to_servo[0][0] <= self.now_s:
-            _, said = self.to_servo.pop(0)
-            self.heard += said
-            self.servo.receive(self.now_s, said)
-            self.hand_over(said if self.echo else b"", 0.0)
+            _, output = self.to_servo.pop(0)
+            self.received += output
+            self.servo.receive(self.now_s, output)
+            self.hand_over(output if self.echo else b"", 0.0)
         if answer := self.servo.take_output(self.now_s):
             self.hand_over(answer, self.held_s())
         while self.to_here and self.to_here[0][0] <= self.now_s:
@@ -94,11 +94,11 @@ def test_late_answers_are_no_fault(bench_of, held_s, echo):
     bench.ticks([0.0] * 40)
     assert bench.states[-1] is DeviceState.RUNNING
     bench.states.clear()
-    bench.heard = b""
+    bench.received = b""
     feedback = bench.ticks([0.3 * math.sin(0.4 * number) for number in range(100)])
     assert len(feedback) > 60
     assert set(bench.states) == {DeviceState.RUNNING}
-    assert READ_LIMITS not in bench.heard  # nothing was refused, so nothing is taught anew
+    assert READ_LIMITS not in bench.received  # nothing was refused, so nothing is configured again
     bench.ticks([-0.4] * 20)
     assert bench.shaft.angle_rad() == pytest.approx(-0.4, abs=0.002)
     assert bench.servo.collision_count == 0

@@ -23,25 +23,25 @@ GUIDED = 15
 
 def status_of(boat, *words):
     """Return the exit code and the output of the command."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
         code = main(["status", "--state", str(boat.state), *words])
-    return code, json.loads(said.getvalue()) if "--json" in words else said.getvalue()
+    return code, json.loads(output.getvalue()) if "--json" in words else output.getvalue()
 
 
 def until(boat, wanted):
-    """Let time go on until her status is one that is wanted."""
+    """Let time pass until the boat has the wanted status."""
     return until_output(boat, lambda status: status["status"] == wanted, "--json")
 
 
 def until_output(boat, is_wanted, *words):
-    """Let time go on until the command says what is wanted."""
+    """Let time pass until the output of the command is the wanted one."""
     for _ in range(30):
-        code, said = status_of(boat, *words)
-        if is_wanted(said):
-            return code, said
+        code, output = status_of(boat, *words)
+        if is_wanted(output):
+            return code, output
         boat.run(1.0)
-    pytest.fail(f"{said}\n{boat.words()}")
+    pytest.fail(f"{output}\n{boat.words()}")
     return None
 
 
@@ -52,9 +52,9 @@ def boat(make_boat):
 
 def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
     assert status_of(boat, "--json")[1]["status"] == "absent"
-    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as nobody:
-        nobody.bind(("127.0.0.1", 0))
-        url = f"udpout:127.0.0.1:{nobody.getsockname()[1]}"
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as ground_station:
+        ground_station.bind(("127.0.0.1", 0))
+        url = f"udpout:127.0.0.1:{ground_station.getsockname()[1]}"
         boat.start("--link", url)
         boat.under_way(GUIDED)
         boat.run(4.0)
@@ -99,7 +99,7 @@ def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
     code, status = until(boat, "stale")
     assert (code, status["mode"]) == (1, "GUIDED")
     assert "hangs or is stopped" in status["reason"]
-    assert status["age_s"] >= STALE_S  # told rounded
+    assert status["age_s"] >= STALE_S  # rounded
     os.kill(boat.process._process.pid, signal.SIGCONT)
     until(boat, "running")
     boat.kill()

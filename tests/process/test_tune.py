@@ -34,7 +34,7 @@ def test_a_trial_run_equals_that_of_the_autopilot_in_the_same_waves(tmp_path, sc
     noise = np.radians(COMPASS_NOISE_DEG) * np.random.default_rng(1).standard_normal(ticks)
     waves = truth.heading_rad - truth.heading_low_rad
     ship = OCEAN_RAMBLER.at_speed(sea.speed_m_s)
-    # What turned her besides the rudder, from the truth itself: the K-T equation solved for the offset.
+    # The disturbance of the heading, from the truth: the K-T equation solved for the offset.
     rate = np.gradient(truth.heading_low_rad, 0.1)
     offset = (
         truth.rudder_rad
@@ -58,7 +58,7 @@ def test_a_trial_run_equals_that_of_the_autopilot_in_the_same_waves(tmp_path, sc
 
 @pytest.mark.proof
 def test_the_chain_of_the_paper_is_reproduced(tmp_path, figures):
-    code, said, errors = rambler_hil("reproduce", "--out", tmp_path)
+    code, output, errors = rambler_hil("reproduce", "--out", tmp_path)
     assert code == 0, errors  # progress, if it takes long
     found = json.loads((tmp_path / "reproduce.json").read_text())
     for row in found["rows"]:
@@ -69,4 +69,4 @@ def test_the_chain_of_the_paper_is_reproduced(tmp_path, figures):
     verdicts = [row["verdict"] for row in found["rows"]]
     assert verdicts.count("matches") >= 16
     assert (tmp_path / "reproduce.html").stat().st_size > 50_000
-    assert "MISSES" not in said
+    assert "MISSES" not in output

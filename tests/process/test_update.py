@@ -33,9 +33,9 @@ def ended_everywhere(tmp_path, kind, code=0, every=1):
         command = [sys.executable, str(program), folder, str(bundle), kind, str(every)]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    told = [json.loads(line) for line in done.stdout.splitlines()]
-    assert told[-1]["how"] == "done"
-    return told
+    steps = [json.loads(line) for line in done.stdout.splitlines()]
+    assert steps[-1]["how"] == "done"
+    return steps
 
 
 @pytest.mark.parametrize(
@@ -43,25 +43,25 @@ def ended_everywhere(tmp_path, kind, code=0, every=1):
     [("kill", "killed", 6), ("full", "refused", 1), pytest.param("kill", "killed", 1, marks=pytest.mark.proof)],
 )
 def test_an_update_that_ends_anywhere_leaves_a_boat_that_steers_and_updates(tmp_path, kind, how, every):
-    told = ended_everywhere(tmp_path, kind, every=every)
-    assert len(told) > {"kill": 100, "full": 15}[kind] / every, "the steps are found"
-    for one in told[:-1]:
+    steps = ended_everywhere(tmp_path, kind, every=every)
+    assert len(steps) > {"kill": 100, "full": 15}[kind] / every, "the steps are found"
+    for one in steps[:-1]:
         assert one["how"] == how, one
-        # Whatever is in force, the first start steers; a trial that nobody passes ends with the one before.
+        # Whatever is in force, the first start steers; a failed trial ends with the version before.
         assert set(one["starts"]) <= {"steers old", "steers new"}, one
         assert one["starts"][-1] == "steers old", one
         assert one["closed"] == [], one
         assert (one["again"], one["starts again"]) == ("done", ["steers new"] * 2), one
         assert len(one["left"]) == 2, one
-    assert told[-1]["starts"] == ["steers new"] * 3 + ["steers old"]
+    assert steps[-1]["starts"] == ["steers new"] * 3 + ["steers old"]
 
 
 @pytest.mark.parametrize("every", [16, pytest.param(1, marks=pytest.mark.proof)])
 def test_a_version_that_does_not_start_is_rolled_back(tmp_path, every):
-    told = ended_everywhere(tmp_path, "kill", code=1, every=every)
-    for one in told:
+    steps = ended_everywhere(tmp_path, "kill", code=1, every=every)
+    for one in steps:
         assert one["starts"] in (["steers old"] * 4, [""] * 3 + ["steers old"]), one
-    assert told[-1]["starts"][0] == ""
+    assert steps[-1]["starts"][0] == ""
 
 
 def version_of_checkout():
@@ -109,7 +109,7 @@ def cannot_be_imported(tree):
 
 
 class UpdatedBoat:
-    """A boat on her mission, whose service runs what a link leads to, and the updates of it."""
+    """A boat on its mission, whose service runs the program behind a symbolic link, and its updates."""
 
     def __init__(self, service, place):
         self.service, self.link = service, place / "bin/rambler"
@@ -135,7 +135,7 @@ class UpdatedBoat:
         return done.stdout.split()[1]
 
     def steers(self):
-        """She is under way as before, in this run and in the next one."""
+        """The boat is under way as before, in this run and in the next one."""
         self.service.goals.first_after(time.monotonic())
         self.service.assert_as_before()
         self.service.disturbed(lambda pid: os.kill(pid, signal.SIGKILL))
@@ -172,9 +172,9 @@ def updated_boat(make_service, whole_bundle, tmp_path):
 def test_real_bundles_forward_and_back_and_one_that_fails(updated_boat, whole_bundle, tmp_path):
     boat, ours = updated_boat, version_of_checkout()
     better = other_version(tmp_path, whole_bundle, "97.0.0", same)
-    code, said = boat.update(better)
+    code, output = boat.update(better)
     assert (code, boat.version()) == (2, ours)
-    assert "the boat is armed" in said
+    assert "the boat is armed" in output
     boat.steers()
     for version, words in (
         ("97.0.0", (better, "--armed")),
@@ -183,13 +183,13 @@ def test_real_bundles_forward_and_back_and_one_that_fails(updated_boat, whole_bu
     ):
         assert (boat.update(*words)[0], boat.version()) == (0, version)
         boat.steers()
-    code, said = boat.update(other_version(tmp_path, whole_bundle, "98.0.0", cannot_be_imported), "--armed")
+    code, output = boat.update(other_version(tmp_path, whole_bundle, "98.0.0", cannot_be_imported), "--armed")
     assert (code, boat.version()) == (2, "97.0.0")
-    assert "the new version cannot be imported: ImportError: no step" in said
+    assert "the new version cannot be imported: ImportError: no step" in output
     boat.steers()
-    code, said = boat.update(other_version(tmp_path, whole_bundle, "99.0.0", dies_as_a_service), "--armed")
+    code, output = boat.update(other_version(tmp_path, whole_bundle, "99.0.0", dies_as_a_service), "--armed")
     assert (code, boat.version()) == (1, "97.0.0")
-    assert "rolled back: rambler-99.0.0-" in said
+    assert "rolled back: rambler-99.0.0-" in output
     boat.steers()
     words = boat.service.log.read_text()
     assert "On trial: rambler-97.0.0-" in words
@@ -207,12 +207,13 @@ def test_real_updates_killed_at_any_moment(updated_boat, whole_bundle, tmp_path)
         begun_s = time.monotonic()
         process = subprocess.Popen(boat.command(better, "--armed"), stdout=subprocess.PIPE, text=True, env=CLEAN)
         try:
-            said = process.communicate(timeout=numbers.uniform(0.0, UPDATE_S))[0]
+            output = process.communicate(timeout=numbers.uniform(0.0, UPDATE_S))[0]
         except subprocess.TimeoutExpired:
             process.kill()
-            said = process.communicate()[0]
+            output = process.communicate()[0]
         boat.await_programs()
-        print(f"kill {count} after {time.monotonic() - begun_s:.1f} s: {(said.splitlines() or ['nothing said'])[-1]}")
+        last = (output.splitlines() or ["no output"])[-1]
+        print(f"kill {count} after {time.monotonic() - begun_s:.1f} s: {last}")
         boat.steers()
         assert boat.version() in (version_of_checkout(), "97.0.0")
         if boat.version() == "97.0.0":
@@ -239,11 +240,11 @@ def test_a_disk_that_is_full_or_gets_full_under_way(updated_boat, whole_bundle, 
             boat.link.symlink_to(small / "rambler/bin/rambler")
             filler = threading.Thread(target=fill, args=(small,))
             filler.start()
-            code, said = boat.update(better, "--armed")
+            code, output = boat.update(better, "--armed")
             (small / "filled").write_bytes(b"")
             filler.join()
-            assert code == 2, said
-            assert wrong in said
+            assert code == 2, output
+            assert wrong in output
             assert not list(small.glob("rambler-97*"))
             boat.steers()
         finally:

@@ -1,4 +1,4 @@
-"""A ship that crosses, from the air to the log: the harness's run with the real program."""
+"""A crossing vessel, from AIS sentences to the log, with the real program."""
 
 import json
 import time
@@ -16,10 +16,10 @@ def test_a_crossing_ship_is_reported_avoided_and_replayed(tmp_path):
     settings = ("--set", "AIS_ACT=1", "--set", "AIS_NEAR_S=2400")
     code, _, errors = rambler_hil(*WORDS, *settings, "--out", str(tmp_path))
     assert (code, errors) == (0, "")
-    said = (tmp_path / "firmware.log").read_text()
-    assert ": closest " in said
-    assert "Vessel approaching" in said
-    assert "Avoidance: heading" in said
+    output = (tmp_path / "firmware.log").read_text()
+    assert ": closest " in output
+    assert "Vessel approaching" in output
+    assert "Avoidance: heading" in output
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["with"] == "vessels=crossing:0:40"
     (ship,) = summary["vessels"]

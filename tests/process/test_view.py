@@ -37,7 +37,9 @@ CLIPPED = (
 TIMES = """[...document.querySelectorAll('svg.time text')].map((one) => one.textContent.match(/^([\\d.]+) s$/))
 .filter(Boolean).map((one) => Number(one[1]))"""
 LAST_TEXT = "[...document.querySelectorAll('tr[data-time] td.words')].pop().textContent"
-SHOWN = "[Number(document.querySelector('.now').dataset.time), document.querySelector('#now-heading').textContent]"
+TIME_AND_HEADING = (
+    "[Number(document.querySelector('.now').dataset.time), document.querySelector('#now-heading').textContent]"
+)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def shared_browser(tmp_path_factory):
 
 @pytest.fixture
 def browser(shared_browser):
-    """A browser that has shown nothing yet; its start takes a second of a processor."""
+    """A browser that has page_text nothing yet; its start takes a second of a processor."""
     shared_browser.open("about:blank")
     shared_browser.complaints.clear()
     shared_browser.requests.clear()
@@ -62,10 +64,10 @@ def address_of(process):
 
 
 def ended(process):
-    """What a run has said until its end, when it has gone well."""
-    said, errors = process.communicate(timeout=100.0)
+    """What a run has output until its end, when it has gone well."""
+    output, errors = process.communicate(timeout=100.0)
     assert (process.returncode, errors) == (0, "")
-    return said
+    return output
 
 
 def assert_fit_for_people(browser, url):
@@ -78,7 +80,7 @@ def assert_fit_for_people(browser, url):
         assert browser.value("document.documentElement.scrollWidth") <= width
         assert browser.value(CLIPPED) == 0
     assert browser.value("document.querySelector('meta[name=viewport]').content").startswith("width=device-width")
-    assert {asked.removesuffix("events") for asked in browser.requests} == {url}
+    assert {request.removesuffix("events") for request in browser.requests} == {url}
     browser.requests.clear()
 
 
@@ -98,7 +100,7 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
     browser.wait_for("document.querySelectorAll('path.line').length > 5")
     seen = []
     while len(seen) < 3 or not browser.value("document.querySelector('#now-faults').textContent > '0'"):
-        moment = browser.value(SHOWN)
+        moment = browser.value(TIME_AND_HEADING)
         if not seen or moment[0] > seen[-1][0]:
             seen.append(moment)
         time.sleep(0.05)
@@ -118,17 +120,17 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
     assert browser.value("document.querySelectorAll('svg.time path.line').length") > 6
     assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
     assert_fit_for_people(browser, (out / "report.html").as_uri())
-    told = json.loads((out / "summary.json").read_text())
-    first, second = told["arrivals"]
+    summary = json.loads((out / "summary.json").read_text())
+    first, second = summary["arrivals"]
     assert (first["item"], second["item"]) == (1, 2)
     assert 5.0 < first["time_s"] < second["time_s"] < 120.0
-    assert 0.0 < told["cross_track"]["rms_m"] <= told["cross_track"]["p95_m"] < 20.0
+    assert 0.0 < summary["cross_track"]["rms_m"] <= summary["cross_track"]["p95_m"] < 20.0
     for shape, number in (("fence", 3), ("fence.out", 2), ("leg", 1), ("spot", 2), ("home", 2), ("boat", 1)):
         assert browser.value(f"document.querySelectorAll('svg.track .{shape}').length") == number, shape
-    shown = browser.value("document.body.innerText")
-    assert f"{told['cross_track']['rms_m']:.1f} m off (rms)" in shown
-    assert f"1 at {first['time_s']:.0f} s" in shown
-    assert "cross-track distance (m, + to starboard)" in shown
+    page_text = browser.value("document.body.innerText")
+    assert f"{summary['cross_track']['rms_m']:.1f} m off (rms)" in page_text
+    assert f"1 at {first['time_s']:.0f} s" in page_text
+    assert "cross-track distance (m, + to starboard)" in page_text
     whole = browser.value(TIMES)
     browser.value("document.querySelector('button[title=\"show less\"]').click()")
     closer = browser.value(TIMES)
@@ -156,12 +158,12 @@ def test_the_page_of_logs_is_drawn_with_constant_signals(tmp_path, browser):
 
 
 def serve(port=0):
-    """Somebody who serves a page as `rambler view` does, and its hub."""
+    """Serve a page as `rambler view` does; return its hub."""
     history = History()
     hub = Hub(history.whole)
     server = ViewServer(("127.0.0.1", port), Guard("", loopback=True), hub)
     threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
-    hub.publish(lambda: (history.add({"time_s": 1.0, "heading_deg": 10.0}, [], {"title": "she"}), history.epoch))
+    hub.publish(lambda: (history.add({"time_s": 1.0, "heading_deg": 10.0}, [], {"title": "boat"}), history.epoch))
     return server, hub
 
 
@@ -215,11 +217,11 @@ def test_stale_values_are_grey_with_their_age_and_viewers_acknowledge_faults(bro
     assert re.fullmatch(r"over ground\n0.52 m/s\ncourse 12°\n[01] s old", text(CARD.format("over-ground")))
     assert text("document.querySelector('#now-heading')") == "45.0°"
     assert text("document.querySelector('#now-estimated-heading')") == "0.0°"
-    shown = text("document.body")
-    assert "0.0 s\tArmed" in shown
+    page_text = text("document.body")
+    assert "0.0 s\tArmed" in page_text
     assert "compass 0.0" in browser.value("document.querySelector('svg.time').textContent")
     for label in ("speed over ground\t0.52 m/s", "wave standard deviation\t3 deg", "valid\tyes", "travel\t405 deg/h"):
-        assert label in shown
+        assert label in page_text
     assert not any(stale(name) for name in ("estimated-heading", "over-ground", "rudder", "goal"))
     publish(**LOST)
     browser.wait_for("document.querySelectorAll('.faults button').length === 2")
@@ -279,9 +281,9 @@ def test_browsers_reconnect_to_a_restarted_and_to_a_full_service(browser):
 @pytest.mark.parametrize("listen", ["nowhere", "127.0.0.1:99999", "0.0.0.0:0"])
 def test_an_impossible_page_address_is_refused_before_the_run(tmp_path, capsys, listen):
     code = main(["run", "calm", "--goal", "0:0", "--view", listen, "--out", str(tmp_path / "run")])
-    said = capsys.readouterr()
-    assert (code, said.out, len(said.err.splitlines())) == (2, "", 1)
-    assert listen in said.err
+    output = capsys.readouterr()
+    assert (code, output.out, len(output.err.splitlines())) == (2, "", 1)
+    assert listen in output.err
     assert not (tmp_path / "run" / "report.html").exists()
 
 

@@ -61,7 +61,7 @@ class AskingStation:
         values = (*values, *(0.0,) * (7 - len(values)))
         return [mavlink.MAVLink_command_long_message(1, 1, number, 0, *values)]
 
-    def told(self, number):
+    def request(self, number):
         """Ask for a message; it comes once there was a tick."""
         return self.ask(self.command(REQUEST, number), lambda one: one if one.get_msgId() == number else None)
 

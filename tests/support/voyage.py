@@ -17,7 +17,7 @@ from hil.ship.scenarios import sea_of
 from hil.sim.goals import Goal
 
 
-def told(**parameters):
+def parameters_with(**parameters):
     """Return the delivered parameters with others in their place."""
     values = ParameterSet()
     for name, value in parameters.items():
@@ -27,7 +27,7 @@ def told(**parameters):
 
 def sail(text, seed, goals, seconds, *, blade_lost_s=math.inf, parameters=None):
     """Sail a sea for goals of (time, heading [rad]); return the rows of the ticks, and of heading and rudder."""
-    values = parameters or told()
+    values = parameters or parameters_with()
     sea = drawn(sea_of(text), seed, seconds)
     sea = sea._replace(ship=sea.ship._replace(blade_lost_s=blade_lost_s))
     task = sailing.task_of([Goal(t_s, degrees(heading_rad)) for t_s, heading_rad in goals])
