@@ -21,31 +21,31 @@ STORAGE, HOME = mavlink.MAV_CMD_PREFLIGHT_STORAGE, mavlink.MAV_CMD_DO_SET_HOME
 def test_she_tells_of_herself_what_is_asked(start_hil, connect):
     hil = start_hil("udpout")
     station = connect(f"udpin:127.0.0.1:{hil.ports[0]}")
-    place = station.heard("GLOBAL_POSITION_INT")
+    place = station.receive("GLOBAL_POSITION_INT")
     assert station.command(HOME, 1) == ACCEPTED
-    home = station.heard("HOME_POSITION")
-    origin = station.heard("GPS_GLOBAL_ORIGIN")
+    home = station.receive("HOME_POSITION")
+    origin = station.receive("GPS_GLOBAL_ORIGIN")
     assert (home.latitude, home.longitude) == (origin.latitude, origin.longitude)
     assert abs(home.latitude - place.lat) < 1000
-    local = station.heard("LOCAL_POSITION_NED", lambda found: found.time_boot_ms > place.time_boot_ms + 1000)
+    local = station.receive("LOCAL_POSITION_NED", lambda found: found.time_boot_ms > place.time_boot_ms + 1000)
     assert math.hypot(local.x, local.y) < 20.0
     assert station.command(HOME, 0, 0, 0, 0, 36.001, 121.0, 0) == ACCEPTED
-    local = station.heard("LOCAL_POSITION_NED", lambda found: found.x < -50.0)
+    local = station.receive("LOCAL_POSITION_NED", lambda found: found.x < -50.0)
     assert local.x == pytest.approx((place.lat * 1e-7 - 36.001) * 111_195.1, abs=10.0)
     frame, reposition = mavlink.MAV_FRAME_GLOBAL_INT, mavlink.MAV_CMD_DO_REPOSITION
     station.mav.command_int_send(1, 1, frame, reposition, 0, 0, -1, 1, 0, math.nan, 360_500_000, 1_210_500_000, 0)
-    target = station.heard("POSITION_TARGET_GLOBAL_INT")
+    target = station.receive("POSITION_TARGET_GLOBAL_INT")
     assert (target.lat_int, target.lon_int) == pytest.approx((360_500_000, 1_210_500_000), abs=100)
     for number, name in ((148, "AUTOPILOT_VERSION"), (235, "HIGH_LATENCY2"), (230, "ESTIMATOR_STATUS")):
         assert station.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number) == ACCEPTED
-        station.heard(name)
+        station.receive(name)
     station.mav.ping_send(77, 5, 0, 0)
-    assert station.heard("PING", lambda pong: pong.target_system == 200).seq == 5
+    assert station.receive("PING", lambda pong: pong.target_system == 200).seq == 5
     station.mav.timesync_send(0, 123_456)
-    assert station.heard("TIMESYNC", lambda answer: answer.tc1 > 0).ts1 == 123_456
+    assert station.receive("TIMESYNC", lambda answer: answer.tc1 > 0).ts1 == 123_456
     assert station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 31, 200_000) == ACCEPTED
-    turn = station.heard("ATTITUDE_QUATERNION")
-    yaw_rad = station.heard("ATTITUDE").yaw
+    turn = station.receive("ATTITUDE_QUATERNION")
+    yaw_rad = station.receive("ATTITUDE").yaw
     assert 2.0 * math.atan2(turn.q4, turn.q1) == pytest.approx(yaw_rad, abs=0.1)
     hil.end()
 
@@ -54,7 +54,7 @@ def rudder_deg(station, wanted_deg):
     def is_there(value):
         return value.name == "RUDDER" and abs(value.value - wanted_deg) < 0.5
 
-    station.heard("NAMED_VALUE_FLOAT", is_there)
+    station.receive("NAMED_VALUE_FLOAT", is_there)
 
 
 def test_the_workshop_disarmed_bench_centre_reset_and_restart(start_hil, connect):
@@ -63,7 +63,7 @@ def test_the_workshop_disarmed_bench_centre_reset_and_restart(start_hil, connect
     for refused in ((SERVO, 1, 1800), (CALIBRATE, 0, 0, 0, 2), (STORAGE, 2), (REBOOT, 1)):
         assert station.command(*refused) == REJECTED  # she is armed
     assert station.command(ARM, 0) == ACCEPTED
-    station.heard("HEARTBEAT", lambda beat: not beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+    station.receive("HEARTBEAT", lambda beat: not beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
     assert station.command(SERVO, 1, 1700) == ACCEPTED
     rudder_deg(station, 12.0)
     assert station.command(CALIBRATE, 0, 0, 0, 2) == ACCEPTED
@@ -71,11 +71,11 @@ def test_the_workshop_disarmed_bench_centre_reset_and_restart(start_hil, connect
     rudder_deg(station, 0.0)
     assert station.command(STORAGE, 2) == ACCEPTED
     assert station.parameter("RUD_CENTRE_DEG") == pytest.approx(12.0, abs=0.5)
-    before_ms = station.heard("ATTITUDE").time_boot_ms
+    before_ms = station.receive("ATTITUDE").time_boot_ms
     assert station.command(REBOOT, 1) == ACCEPTED
-    station.heard("ATTITUDE", lambda attitude: attitude.time_boot_ms < before_ms)
+    station.receive("ATTITUDE", lambda attitude: attitude.time_boot_ms < before_ms)
     assert station.parameter("RUD_CENTRE_DEG") == 0.0
-    assert station.heard("HEARTBEAT").custom_mode == HOLD  # BOOT_MODE
+    assert station.receive("HEARTBEAT").custom_mode == HOLD  # BOOT_MODE
     hil.end()
 
 
@@ -87,12 +87,12 @@ def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_
     assert station.set_parameter("BOOT_ARM", 1, integer) == 1
     assert station.set_parameter("BOOT_MODE", GUIDED, integer) == GUIDED
     assert station.command(REBOOT, 1) == REJECTED
-    before_ms = station.heard("ATTITUDE").time_boot_ms
+    before_ms = station.receive("ATTITUDE").time_boot_ms
     assert station.command(REBOOT, 1, 0, 0, 0, 0, FORCE) == ACCEPTED
-    station.heard("STATUSTEXT", lambda said: said.text.startswith("Mode GUIDED"))
-    after = station.heard("ATTITUDE")
+    station.receive("STATUSTEXT", lambda said: said.text.startswith("Mode GUIDED"))
+    after = station.receive("ATTITUDE")
     assert before_ms < after.time_boot_ms  # in lockstep the HIL's clock goes on
-    beat = station.heard("HEARTBEAT", lambda beat: beat.custom_mode == GUIDED)
+    beat = station.receive("HEARTBEAT", lambda beat: beat.custom_mode == GUIDED)
     assert beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     hil.end()
     names = {path.name for path in (hil.out / "state" / "logs").iterdir()}

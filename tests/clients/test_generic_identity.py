@@ -49,7 +49,7 @@ def test_pymavlink_reads_and_sets_whole_numbers_of_either_type(connect, generic_
     station.mav.param_request_list_send(1, 1)
     rows = {}
     while len(rows) < len(TABLE):
-        row = station.heard("PARAM_VALUE")
+        row = station.receive("PARAM_VALUE")
         rows[row.param_id] = row
     assert {name: row.param_value for name, row in rows.items()} == pytest.approx(EXPECTED)
     assert {row.param_type for row in rows.values()} == {REAL32}

@@ -46,7 +46,7 @@ def towards(length, bearing_deg):
 
 def far_away(station, bearing_deg):
     """A position in 1e-7 degrees, so far from the boat that the bearing stays the same."""
-    here = station.heard("GLOBAL_POSITION_INT")
+    here = station.receive("GLOBAL_POSITION_INT")
     north_deg, east_deg = towards(FAR_M / METRES_PER_DEGREE, bearing_deg)
     return here.lat + round(1e7 * north_deg), here.lon + round(1e7 * east_deg / math.cos(math.radians(here.lat * 1e-7)))
 
@@ -57,14 +57,14 @@ def reposition(station, bearing_deg):
     x, y = far_away(station, bearing_deg)
     number, frame = mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_FRAME_GLOBAL_INT
     station.mav.command_int_send(1, 1, frame, number, 0, 0, -1, 1, 0, NAN, x, y, 0)
-    assert station.heard("COMMAND_ACK", lambda ack: ack.command == number).result == mavlink.MAV_RESULT_ACCEPTED
+    assert station.receive("COMMAND_ACK", lambda ack: ack.command == number).result == mavlink.MAV_RESULT_ACCEPTED
 
 
 def guided_waypoint(station, bearing_deg):
     x, y = far_away(station, bearing_deg)
     number, frame = mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_FRAME_GLOBAL_INT
     station.mav.mission_item_int_send(1, 1, 0, frame, number, 2, 1, 0, 0, 0, 0, x, y, 0)
-    assert station.heard("MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
+    assert station.receive("MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
 
 
 def accepted(number, *parameters):
@@ -165,14 +165,14 @@ def test_what_is_no_goal_is_refused_and_changes_nothing(start_hil, connect):
     # First, because she says no more than two texts a second in the long run.
     for name, send in REFUSED_MESSAGES.items():
         send(station)
-        station.heard("STATUSTEXT", lambda said, name=name: name in said.text)
+        station.receive("STATUSTEXT", lambda said, name=name: name in said.text)
     for number, parameters, result in REFUSED:
         assert station.command(number, *parameters) == result, (number, parameters)
     for value in (NAN, INFINITE, 3e38, -1.0):
         assert station.set_parameter("CTL_K1", value, mavlink.MAV_PARAM_TYPE_REAL32) == 40.0
     check_that_others_are_left_alone(station)
     station.wait_for_goal(37.0, EXACT)
-    beat = station.heard("HEARTBEAT")
+    beat = station.receive("HEARTBEAT")
     assert (beat.custom_mode, beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) == (GUIDED, 128)
     happened = re.findall(r"(?:info|notice) +(.*)", hil.firmware_log.read_text())
     # At start, and by the HIL's operator, whose two orders may fall into one tick or into two.
@@ -187,4 +187,4 @@ def check_that_others_are_left_alone(station):
     for system, component in ((99, 1), (1, 99)):
         station.mav.command_long_send(system, component, disarm, 0, *[0.0] * 7)
     station.mav.command_long_send(1, 1, mavlink.MAV_CMD_NAV_LAND, 0, *[0.0] * 7)
-    assert station.heard("COMMAND_ACK").command == mavlink.MAV_CMD_NAV_LAND
+    assert station.receive("COMMAND_ACK").command == mavlink.MAV_CMD_NAV_LAND

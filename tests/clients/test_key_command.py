@@ -67,8 +67,8 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(
     assert near.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     assert near.parameter("CTL_K1") != 33.0
     near.mav.setup_signing_send(1, 1, list(key_of_passphrase(PASSPHRASE)), 0)
-    near.heard("STATUSTEXT", lambda text: text.text == "Signing key set")
-    near.heard("STATUSTEXT", lambda text: text.text == "Signing key problem cleared")
+    near.receive("STATUSTEXT", lambda text: text.text == "Signing key set")
+    near.receive("STATUSTEXT", lambda text: text.text == "Signing key problem cleared")
     assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in program.text()
     program.send_signal(2)
     assert program.exit_code() == 0

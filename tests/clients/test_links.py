@@ -22,11 +22,11 @@ def test_several_links_show_the_same_boat(start_hil, connect):
     # What one changes all are told; what one asks, one is answered.
     assert first.set_parameter("CTL_K1", 33.5, mavlink.MAV_PARAM_TYPE_REAL32) == 33.5
     for other in others:
-        told = other.heard("PARAM_VALUE")
+        told = other.receive("PARAM_VALUE")
         assert (told.param_id, told.param_value) == ("CTL_K1", 33.5)
     assert first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == mavlink.MAV_RESULT_ACCEPTED
     for station in stations:
-        station.heard("HEARTBEAT", lambda beat: beat.custom_mode == HOLD)
+        station.receive("HEARTBEAT", lambda beat: beat.custom_mode == HOLD)
     yaws = [yaws_of_two_seconds(station) for station in stations]
     common = yaws[0].keys() & yaws[1].keys() & yaws[2].keys()
     assert len(common) >= 5
@@ -44,7 +44,7 @@ def yaws_of_two_seconds(station):
     """By the stamps of the messages."""
     found = {}
     while not found or max(found) - min(found) < 2000:
-        message = station.heard("ATTITUDE")
+        message = station.receive("ATTITUDE")
         found[message.time_boot_ms] = message.yaw
     return found
 
@@ -91,7 +91,7 @@ def check_list(station, changed):
     station.mav.param_request_list_send(1, 1)
     rows = {}
     while len(rows) < len(TABLE):
-        row = station.heard("PARAM_VALUE")
+        row = station.receive("PARAM_VALUE")
         assert row.param_count == len(TABLE)
         rows[row.param_id] = row
     expected = {row.name: changed.get(row.name, row.default) for row in TABLE}

@@ -63,7 +63,7 @@ def check_commands(station):
             lambda ack: ack.command == mavlink.MAV_CMD_DO_SET_MODE,
         )
         assert ack.result == mavlink.MAV_RESULT_ACCEPTED
-    station.heard("HEARTBEAT", lambda beat: beat.custom_mode == 4)
+    station.receive("HEARTBEAT", lambda beat: beat.custom_mode == 4)
 
 
 def test_parameters_and_commands_over_a_lossy_link(lossy):

@@ -183,17 +183,17 @@ def send_items(station, count, start, until):
     """Answer her requests up to an item; return once she has asked for the one after it."""
     station.mav.mission_count_send(1, 1, count, 0)
     for sequence in range(until):
-        station.heard("MISSION_REQUEST_INT", lambda request, wanted=sequence: request.seq == wanted)
+        station.receive("MISSION_REQUEST_INT", lambda request, wanted=sequence: request.seq == wanted)
         station.mav.send(item(sequence, start))
 
 
 def places(station):
     station.mav.mission_request_list_send(1, 1, 0)
-    count = station.heard("MISSION_COUNT").count
+    count = station.receive("MISSION_COUNT").count
     found = []
     for sequence in range(count):
         station.mav.mission_request_int_send(1, 1, sequence, 0)
-        found.append(station.heard("MISSION_ITEM_INT", lambda one, wanted=sequence: one.seq == wanted).x)
+        found.append(station.receive("MISSION_ITEM_INT", lambda one, wanted=sequence: one.seq == wanted).x)
     return found[1:]
 
 
@@ -208,14 +208,14 @@ def test_a_mission_is_the_old_one_or_the_new_one_whatever_happens(begin, connect
 
     program, station = reboot("first")
     send_items(station, 40, 0, 40)
-    assert station.heard("MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
+    assert station.receive("MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
     program.send_signal(signal.SIGKILL)  # right after it was said to be stored
     program.exit_code()
 
     program, station = reboot("second")
     assert places(station) == expected(40, 0)
     send_items(station, 60, 1000, 30)
-    station.heard("MISSION_REQUEST_INT", lambda request: request.seq == 30)
+    station.receive("MISSION_REQUEST_INT", lambda request: request.seq == 30)
     program.send_signal(signal.SIGKILL)  # in the middle
     program.exit_code()
 

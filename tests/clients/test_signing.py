@@ -26,9 +26,9 @@ def test_a_key_set_over_the_cable_guards_the_radio(tmp_path, boot, free_ports, c
     near, far = connect(f"tcp:127.0.0.1:{cable}"), connect(f"udpout:127.0.0.1:{radio}", 201)
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     far.mav.setup_signing_send(1, 1, list(KEY), 0)
-    far.heard("STATUSTEXT", lambda text: "SETUP_SIGNING refused" in text.text)
+    far.receive("STATUSTEXT", lambda text: "SETUP_SIGNING refused" in text.text)
     near.mav.setup_signing_send(1, 1, list(KEY), 0)
-    near.heard("STATUSTEXT", lambda text: text.text == "Signing key set")
+    near.receive("STATUSTEXT", lambda text: text.text == "Signing key set")
     # Who has no key may look on, but no more.
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == DENIED
     assert far.parameter("CTL_K2") == pytest.approx(0.3)
@@ -45,14 +45,14 @@ def test_a_key_set_over_the_cable_guards_the_radio(tmp_path, boot, free_ports, c
     stranger = connect(f"udpout:127.0.0.1:{radio}", 202)
     assert stranger.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == DENIED
     far.mav.heartbeat_send(6, 8, 0, 0, 0)  # behind; the answer brings it up
-    far.heard("HEARTBEAT")
+    far.receive("HEARTBEAT")
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     # Removed where it was set, and nowhere else.
     stranger.mav.setup_signing_send(1, 1, [0] * 32, 0)
-    stranger.heard("STATUSTEXT", lambda text: "SETUP_SIGNING refused" in text.text)
+    stranger.receive("STATUSTEXT", lambda text: "SETUP_SIGNING refused" in text.text)
     near = connect(f"tcp:127.0.0.1:{cable}", 203)
     near.mav.setup_signing_send(1, 1, [0] * 32, 0)
-    near.heard("STATUSTEXT", lambda text: text.text == "Signing key removed")
+    near.receive("STATUSTEXT", lambda text: text.text == "Signing key removed")
     assert stranger.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     files = key_files(tmp_path)
     assert len(files) == 2

@@ -33,7 +33,7 @@ class GoalTap:
         self.times_s = self._watch.times_s
 
     def _take(self, now_s, data):
-        self._watch.take(time.monotonic(), data)
+        self._watch.receive(time.monotonic(), data)
         self._receive(now_s, data)
 
     def first_after(self, t_s):
@@ -88,10 +88,10 @@ class ServiceBoat:
 
     def assert_as_before(self):
         """Mode, arming, goal and item are what they were when the run before has ended."""
-        beat = self.station.told(HEARTBEAT)
+        beat = self.station.request(HEARTBEAT)
         assert (beat.custom_mode, beat.base_mode & ARMED) == (AUTO, ARMED), self.log.read_text()[-2000:]
-        assert self.station.told(CURRENT).seq == self.number
-        target, wanted = self.station.told(TARGET), ITEMS[self.number - 1]
+        assert self.station.request(CURRENT).seq == self.number
+        target, wanted = self.station.request(TARGET), ITEMS[self.number - 1]
         assert (target.lat_int, target.lon_int) == (wanted.x, wanted.y)
 
     def runs(self, count):

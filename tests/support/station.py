@@ -26,7 +26,7 @@ class Station:
         self._directory = directory
         self._next_s = 0.0
         self.mav = link.mav
-        self.heard("HEARTBEAT")
+        self.receive("HEARTBEAT")
         self.show_presence()  # in answer, as every station does: a link that waits for strangers serves who is there
 
     def show_presence(self):
@@ -34,7 +34,7 @@ class Station:
         self._next_s = time.monotonic() + 1.0
         self.mav.heartbeat_send(GROUND_STATION, NO_AUTOPILOT, 0, 0, 0)
 
-    def heard(self, kind, wanted=lambda _: True):
+    def receive(self, kind, wanted=lambda _: True):
         """Return the next message of a kind that is wanted."""
         give_up_s = time.monotonic() + PATIENCE_S
         last = None
@@ -51,27 +51,27 @@ class Station:
     def command(self, number, *parameters):
         """Send a COMMAND_LONG and return the result."""
         self.mav.command_long_send(1, 1, number, 0, *parameters, *[0.0] * (7 - len(parameters)))
-        return self.heard("COMMAND_ACK", lambda ack: ack.command == number).result
+        return self.receive("COMMAND_ACK", lambda ack: ack.command == number).result
 
     def set_parameter(self, name, value, kind):
         """Send a PARAM_SET and return the value that comes back."""
         self.mav.param_set_send(1, 1, name.encode(), value, kind)
-        return self.heard("PARAM_VALUE", lambda row: row.param_id == name).param_value
+        return self.receive("PARAM_VALUE", lambda row: row.param_id == name).param_value
 
     def parameter(self, name):
         """Ask for the value of a parameter."""
         self.mav.param_request_read_send(1, 1, name.encode(), -1)
-        return self.heard("PARAM_VALUE", lambda row: row.param_id == name).param_value
+        return self.receive("PARAM_VALUE", lambda row: row.param_id == name).param_value
 
     def wait_for_goal(self, goal_deg, tolerance_deg):
         """Wait until she shows this heading as her goal."""
-        self.heard("ATTITUDE_TARGET", lambda shown: abs(off_deg(yaw_deg(shown.q), goal_deg)) < tolerance_deg)
+        self.receive("ATTITUDE_TARGET", lambda shown: abs(off_deg(yaw_deg(shown.q), goal_deg)) < tolerance_deg)
 
     def wait_until_steady(self, goal_deg, tolerance_deg, steady_s):
         """Wait until she has lain on a goal for a while; return the ATTITUDE messages of it."""
         kept = []
         while not kept or kept[-1].time_boot_ms - kept[0].time_boot_ms < 1000.0 * steady_s:
-            kept.append(self.heard("ATTITUDE"))
+            kept.append(self.receive("ATTITUDE"))
             if abs(off_deg(math.degrees(kept[-1].yaw), goal_deg)) > tolerance_deg:
                 kept.clear()
         return kept
