@@ -177,7 +177,7 @@ class FakePosition:
 
 
 class FakePower:
-    """A battery monitor that says nothing."""
+    """A battery monitor without samples."""
 
     def __init__(self):
         self.read_s = []
@@ -216,7 +216,7 @@ class FakeStore:
         self.calls.append(call)
 
     def on_mount(self, _names, _welcome):
-        """It is there from the start."""
+        """The store is mounted from the start."""
 
     def service(self):
         while self.calls:
@@ -241,12 +241,12 @@ def boat():
         store=store,
         lines=[],
         print_event=lambda _event: None,
-        fault_barrier=FaultBarrier(pytest.fail),  # no test but that of it makes mistakes
+        fault_barrier=FaultBarrier(pytest.fail),  # errors occur only in its own test
     )
 
 
 def turn(boat, seconds):
-    # The tick after the stop is done.
+    # One more tick follows the stop.
     last_s = boat.clock.t_s + seconds - 1.0 / boat.autopilot.parameters()["LOOP_RATE_HZ"]
     run(boat, lambda: boat.clock.t_s >= last_s - 1e-9)
 
@@ -286,7 +286,7 @@ def test_a_stall_is_skipped_in_phase_and_reported(boat):
 
 
 class FakeLine:
-    """A port that is away: when it was tried again."""
+    """A closed port that records when it is reopened."""
 
     written = 0
 
@@ -323,8 +323,8 @@ def test_an_error_in_the_link_does_not_end_the_loop_and_is_reported(boat, where)
         boat.clock.plan = [(0.15, boat.store.fileno())]
         boat.store.service = lambda: (boat.clock.plan.clear(), mistaken())
     turn(boat, 1.0)
-    told = [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
-    assert told.count("Link error KeyError; autopilot unaffected") == 1
+    texts = [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
+    assert texts.count("Link error KeyError; autopilot unaffected") == 1
     assert explained[-1] == "KeyError: 'inside'"
     assert len(ticks(boat)) == pytest.approx(10, abs=1)
 
@@ -359,7 +359,7 @@ def test_a_closed_port_is_not_waited_on(boat):
 
 @pytest.mark.parametrize("descriptor", [FakeLink.DESCRIPTOR, 30])
 def test_a_connection_that_was_closed_while_the_link_was_served_is_not_waited_on(boat, descriptor):
-    """Its own service may close one, and so may what is done once something is stored."""
+    """The service of the link or a callback of the store may close it."""
     boat.clock.plan = [(0.137, descriptor)]
 
     def close(*_):
@@ -390,7 +390,7 @@ def test_the_link_is_not_served_shortly_before_a_deadline(boat):
     turn(boat, 0.4)
     served = [t_s for what, t_s in boat.link.log if what == "service"]
     assert served[0] == pytest.approx(0.15)
-    assert served[1] >= 0.2 - 1e-9  # its bytes came within the guard time
+    assert served[1] >= 0.2 - 1e-9  # received within the guard time
 
 
 def test_remaining_link_data_are_served_before_waiting(boat):
@@ -418,10 +418,10 @@ def test_the_ticks_drift_to_just_after_the_compass(boat):
     ("on_compass", "locked", "said_s", "whole", "begun_s"),
     [
         (True, 1, 0.098, True, 0.098),
-        (True, 1, 0.098, False, 0.1),  # only the beginning of a sentence has come
+        (True, 1, 0.098, False, 0.1),  # an incomplete sentence
         (True, 1, 0.095, True, 0.1),  # too early for this deadline
         (True, 0, 0.098, True, 0.1),
-        (False, 1, 0.098, True, 0.1),  # where time stands still there is nothing to save
+        (False, 1, 0.098, True, 0.1),  # not in lockstep
     ],
 )
 def test_a_tick_begins_with_the_sample_that_it_is_locked_to(boat, on_compass, locked, said_s, whole, begun_s):
@@ -456,7 +456,7 @@ def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
 
 
 def test_a_flood_gets_a_limited_share_and_ticks_are_punctual(boat):
-    """However much there is to serve: Linux would take the processor from one that uses all of it."""
+    """Linux suspends a real-time process that uses all of the processor."""
     boat.link.left_over = 10**6
 
     def on_service(_now_s):
@@ -567,10 +567,10 @@ def test_a_clock_step_moves_no_deadline_and_is_reported(boat):
     assert [later - earlier for earlier, later in itertools.pairwise(times_s)] == pytest.approx(
         [0.1] * (len(times_s) - 1), abs=1e-3
     )
-    told = [event.text for output in boat.link.outputs for event in output.events if "Clock" in event.text]
+    texts = [event.text for output in boat.link.outputs for event in output.events if "Clock" in event.text]
     logged = [event.text for _, output, _ in boat.recorder.ticks for event in output.events if "Clock" in event.text]
-    assert told == logged
-    assert len(told) == 1
+    assert texts == logged
+    assert len(texts) == 1
 
 
 MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))

@@ -315,7 +315,7 @@ def test_a_servo_is_not_silent_after_the_process_was_halted(halted_s):
     boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
     boat.run(10.0)
     boat.index += round(10 * halted_s)
-    boat.servo = False  # what it has answered is of before, or is only asked for now
+    boat.servo = False  # no reply during the halt
     boat.tick(skipped=round(10 * halted_s))
     boat.servo = True
     assert boat.run(3.0).snapshot.mode is Mode.GUIDED
@@ -332,7 +332,7 @@ def test_the_compass_timeout_depends_on_its_rate(every, found_s, estimator):
     assert boat.run(20.0).snapshot.faults == 0
     while (boat.index - 1) % every:
         boat.tick()
-    boat.compass = False  # the tick before has had the last heading
+    boat.compass = False  # the last heading was in the tick before
     last_s = boat.t_s - 0.1 - 0.002
     while not boat.run(0.1).snapshot.faults >> Fault.COMPASS_LOST & 1:
         assert boat.t_s < last_s + 10.0
@@ -431,7 +431,7 @@ def test_a_delay_until_a_time_of_day_ends_without_the_receiver():
     turn = PlanItem(Command.YAW, frame=2, params=(90.0, 0.0, 0.0, 0.0))
     boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [until, turn])))
     boat.under_way(Mode.AUTO)
-    boat.run(5.0)  # it is midnight in all of its fixes, the last one, too
+    boat.run(5.0)  # all fixes say midnight
     boat.position = None
     boat.run(55.0)
     assert "Mission: item 2" not in boat.events
@@ -501,46 +501,36 @@ def test_an_item_that_enables_the_fence_reports_a_missing_fence(fence, expected)
     assert [text for text in of_fence if "reach" not in text] == [expected]
 
 
-def first_item_number(*fixes, orders=()):
-    """Return home after each fix (time, latitude, longitude); orders (time, intent) come with the fix of their time."""
-    state, found = State.at_start(ParameterSet().replaced("POS_JUMP_S", 60.0)), []
-    for index, (t_s, latitude_rad, longitude_rad) in enumerate(fixes):
-        requests = tuple(Request(t_s, intent) for when_s, intent in orders if when_s == t_s)
-        positions = (PositionSample(t_s, FixType.FIX_3D, latitude_rad, longitude_rad, 3.0),)
-        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 1.0), (), positions, (), (), requests))
-        found.append(output.snapshot.home)
-    return found
-
-
 WRONG, RIGHT = (0.0, 0.1), (0.5, 0.2)
+SET = (0.4, 0.1)
 
 
-def test_home_moves_with_a_corrected_first_position():
-    found = first_item_number(*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
-    assert found[0] == found[50] == Home(*WRONG, 3.0)
-    assert found[-1] == Home(*RIGHT, 3.0)
+def fixes(place, start_s, end_s, step_s=1):
+    return [(float(t_s), *place) for t_s in range(start_s, end_s, step_s)]
 
 
-@pytest.mark.parametrize(("wrong_s", "home"), [(1700, RIGHT), (1900, WRONG)])
-def test_a_first_position_can_be_corrected_for_half_an_hour(wrong_s, home):
-    fixes = ((1e4 + t, *(WRONG if t < wrong_s else RIGHT)) for t in range(0, wrong_s + 200, 10))
-    assert first_item_number(*fixes)[-1] == Home(*home, 3.0)
-
-
-def test_home_set_before_the_first_fix_stays():
-    state = replace(State.at_start(ParameterSet()), home=Home(0.4, 0.1, 0.0))
-    for index in range(3):
-        positions = (PositionSample(float(index), FixType.FIX_3D, *RIGHT, 3.0),)
-        state, output = step(state, Inputs(Tick(index, float(index), 0.0, 0, 1.0), (), positions, (), (), ()))
-        assert output.snapshot.home == Home(0.4, 0.1, 0.0)
-
-
-def test_home_stays_when_positions_are_wrong_later():
-    right, wrong = range(0, 1900, 10), range(1900, 2000)
-    found = first_item_number(
-        *((float(t), *RIGHT) for t in right), *((float(t), *WRONG) for t in wrong), (2000.0, *RIGHT)
-    )
-    assert set(found) == {Home(*RIGHT, 3.0)}
+@pytest.mark.parametrize(
+    ("positions", "set_s", "expected"),
+    [
+        (fixes(WRONG, 0, 20) + fixes(RIGHT, 20, 100), None, [WRONG, RIGHT]),
+        (fixes(WRONG, 0, 20) + fixes(RIGHT, 20, 100), 10.0, [WRONG, SET]),  # a commanded home stays
+        (fixes(RIGHT, 0, 3), 0.0, [SET]),
+        # A wrong first position is corrected for half an hour.
+        (fixes(WRONG, 10_000, 11_700, 10) + fixes(RIGHT, 11_700, 11_900, 10), None, [WRONG, RIGHT]),
+        (fixes(WRONG, 10_000, 11_900, 10) + fixes(RIGHT, 11_900, 12_100, 10), None, [WRONG]),
+        # Later errors do not change home.
+        (fixes(RIGHT, 0, 1900, 10) + fixes(WRONG, 1900, 2000) + fixes(RIGHT, 2000, 2001), None, [RIGHT]),
+    ],
+)
+def test_home_is_the_corrected_first_position_unless_it_is_set(positions, set_s, expected):
+    state, homes = State.at_start(ParameterSet().replaced("POS_JUMP_S", 60.0)), []
+    for index, (t_s, *place) in enumerate(positions):
+        requests = (Request(t_s, SetHome(*SET, 0.0)),) if t_s == set_s else ()
+        samples = (PositionSample(t_s, FixType.FIX_3D, *place, 3.0),)
+        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 1.0), (), samples, (), (), requests))
+        homes.append(output.snapshot.home)
+    heights_m = {WRONG: 3.0, RIGHT: 3.0, SET: 0.0}
+    assert list(dict.fromkeys(homes)) == [Home(*place, heights_m[place]) for place in expected]
 
 
 @pytest.mark.parametrize(("armed", "least_m", "most_m"), [(True, 21.0, 27.0), (False, 0.0, 3.0)])
@@ -556,12 +546,6 @@ def test_dead_reckoning_moves_the_position_only_while_armed(armed, least_m, most
     north_m = 6371008.8 * (place.latitude_rad - fix.latitude_rad)
     east_m = 6371008.8 * math.cos(0.5) * (place.longitude_rad - fix.longitude_rad)
     assert least_m <= math.hypot(north_m, east_m) <= most_m
-
-
-def test_a_commanded_home_stays_with_a_corrected_first_position():
-    reported = ((10.0, SetHome(0.4, 0.1, 0.0)),)
-    fixes = (*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
-    assert first_item_number(*fixes, orders=reported)[-1] == Home(0.4, 0.1, 0.0)
 
 
 def test_rtl_turns_to_the_corrected_home():
@@ -740,9 +724,7 @@ def test_a_failsafe_hold_stays_one_after_a_restart(ordered, restarted):
     assert "Failsafe ended: HOLD kept" in boat.events
     if ordered:
         state, _ = accept(boat.state, Request(boat.t_s, SetMode(Mode.HOLD)))
-        assert not resume_of(
-            state, Moment(1.8e9)
-        ).modes.by_failsafe  # what is acknowledged is on disk before the next tick
+        assert not resume_of(state, Moment(1.8e9)).modes.by_failsafe  # a command is on disk before the next tick
         boat.tick(SetMode(Mode.HOLD))
     if restarted:
         stored = to_bytes(resume_of(boat.state, Moment(1.8e9)))
