@@ -47,7 +47,7 @@ def test_it_is_fast_enough_in_the_tank():
 
 @pytest.mark.parametrize("gain_reduction", [2.0, 4.0, 8.0])
 def test_with_reduced_gain_it_turns_with_less_rudder_and_reaches_the_goal(gain_reduction):
-    """In the time that each 1 of gain reduction beyond the first stands for it turns by LEAD_RAD at most."""
+    """In REDUCED_TURN_S per 1 of gain reduction above 1, it turns by LEAD_RAD at most."""
     ship = ship_at(0.4)
     headings, rudders = turned(ship, 100.0, 400.0, gain_reduction=gain_reduction)
     assert headings[-1] == pytest.approx(math.radians(100.0), abs=math.radians(0.5))

@@ -1,4 +1,4 @@
-"""Dead reckoning of the tick: where it starts, how it goes on, and how its error grows."""
+"""Dead reckoning in a tick: start, velocity and growth of the error."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The heading filter on synthetic recordings: honest, near the filter that is given all levels, and hard to upset."""
+"""Heading filter on synthetic recordings: consistent, near the filter with the true levels, and robust."""
 
 import math
 from functools import cache
@@ -57,7 +57,7 @@ GRID = {
     for known in (True, False)
 }
 # R2 of the heading ahead is lower than that of the filter that is given all levels by at most so much. In the old seas
-# the bias returns to its mean within 100 s, which a random walk does not foresee; beside much disturbance a small bias
+# the bias returns to its mean within 100 s, which a random walk does not predict; with a large disturbance a small bias
 # cannot be distinguished from the prior.
 SHORTFALLS = {
     "D 6, bias 2 deg, 900 s, rudder": 0.07,
@@ -74,13 +74,13 @@ def comparison_of(name: str, seeds: int = 20):
     return compared(sea, range(1, seeds + 1), rudder_known=known)
 
 
-def assert_honest_and_accurate(found) -> None:
+def assert_consistent_and_accurate(found) -> None:
     assert 0.6 <= found.learned.nees <= 1.4
     assert found.learned.error_deg <= 1.1 * found.informed.error_deg + 0.1
     assert found.learned.error_deg <= found.low_pass_deg
 
 
-def assert_foresees(found, shortfall: float = 0.05) -> None:
+def assert_predicts(found, shortfall: float = 0.05) -> None:
     for ours, best in zip(found.learned.r2, found.informed.r2, strict=True):
         assert ours >= best - shortfall
 
@@ -91,8 +91,8 @@ def assert_foresees(found, shortfall: float = 0.05) -> None:
 )
 def test_it_is_consistent_and_near_the_filter_with_the_true_levels(name):
     found = comparison_of(name, seeds=2)
-    assert_honest_and_accurate(found)
-    assert_foresees(found)
+    assert_consistent_and_accurate(found)
+    assert_predicts(found)
 
 
 @pytest.mark.proof
@@ -101,10 +101,10 @@ def test_it_is_consistent_and_accurate_on_the_whole_grid(name):
     ours, best, low_pass_deg = found = comparison_of(name)
     r2 = " ".join(f"{a:.2f}/{b:.2f}" for a, b in zip(ours.r2, best.r2, strict=True))
     print(
-        f"{name}: error {ours.error_deg:.2f}, given all levels {best.error_deg:.2f}, low-pass {low_pass_deg:.2f} deg; "
+        f"{name}: error {ours.error_deg:.2f}, true levels {best.error_deg:.2f}, low-pass {low_pass_deg:.2f} deg; "
         f"NEES {ours.nees:.2f}; R2 {r2}"
     )
-    assert_honest_and_accurate(found)
+    assert_consistent_and_accurate(found)
 
 
 @pytest.mark.proof
@@ -122,13 +122,13 @@ def test_it_is_consistent_and_accurate_on_the_whole_grid(name):
     ],
 )
 def test_predictions_are_nearly_as_good_on_the_whole_grid(name):
-    assert_foresees(comparison_of(name))
+    assert_predicts(comparison_of(name))
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize(("name", "shortfall"), SHORTFALLS.items())
 def test_known_shortfalls_do_not_grow(name, shortfall):
-    assert_foresees(comparison_of(name), shortfall)
+    assert_predicts(comparison_of(name), shortfall)
 
 
 @pytest.mark.parametrize(

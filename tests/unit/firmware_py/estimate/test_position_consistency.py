@@ -38,7 +38,7 @@ def test_a_position_that_drifts_against_its_velocity_is_reported_after_4_min_and
 
 def test_positions_that_agree_with_their_velocities_are_not_reported():
     assert voyage(3000.0) == []
-    assert voyage(3000.0, (0.8, 0.0)) == []  # within what receivers differ by
+    assert voyage(3000.0, (0.8, 0.0)) == []  # within the errors of receivers
 
 
 def test_rare_fixes_and_fixes_without_a_course_are_not_reported():

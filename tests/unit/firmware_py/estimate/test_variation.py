@@ -1,4 +1,4 @@
-"""Variation that a compass states, beside the declination of the operator, from the sentence to the heading."""
+"""Variation stated by a compass and configured declination, from the sentence to the heading."""
 
 import math
 
@@ -22,7 +22,7 @@ MODEL, CONFIGURED, NOT_CONFIGURED = {"CMP_DECL_AUTO": 1}, {"CMP_DECL_DEG": BY_MO
 
 
 def steered(body, settings, *more):
-    """Return the true heading [deg] that the boat steers by after its sentences each second, and what is reported."""
+    """Return the true heading [deg] after these sentences each second, and the reports."""
     values = ParameterSet()
     for name, value in settings.items():
         values = values.replaced(name, value)

@@ -47,7 +47,7 @@ def test_a_turn_of_60_deg_is_sufficient_at_any_uncertainty():
 
 
 def test_a_turn_that_the_learned_diffusion_explains_is_none():
-    """With 2.8 deg in 2 s; 6 deg^2/s wander by 43 deg in 25 s at most."""
+    """2.8 deg in 2 s; a diffusion of 6 deg^2/s explains 43 deg in 25 s."""
     assert Boat().turn(60.0, -1.0, 0.0) == 36.0
     assert Boat(diffusion_deg2_s=6.0).turn(60.0, -1.0, 0.0) > 40.0
 
