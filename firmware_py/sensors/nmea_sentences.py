@@ -108,7 +108,7 @@ def _position(latitude_at: int) -> tuple[tuple[str, Reader], ...]:
 
 def _fix_quality(satellites_at: int) -> tuple[tuple[str, Reader], ...]:
     return (
-        ("satellites", number(satellites_at, 0, 999)),
+        ("satellites", number(satellites_at, 0, 255)),
         ("hdop", number(satellites_at + 1, 0.0, 1e4)),
         ("altitude_m", number(satellites_at + 2, -1e3, 1e5)),
     )
