@@ -119,8 +119,8 @@ def test_what_is_stored_is_counted_and_what_is_damaged_or_of_no_use_is_warned_of
     texts = [row["text"] for row in found["state"]]
     assert levels(found["state"]) == ["warn"] * 3
     assert "mission.plan.0 is damaged" in texts[0]
-    assert any("fence.plan left out" in text for text in texts)
-    assert any("resume.record left out" in text for text in texts)
+    assert any("fence.plan ignored" in text for text in texts)
+    assert any("resume.record ignored" in text for text in texts)
 
 
 def test_a_watch_circle_that_she_cannot_hold_is_warned_of(check, state):
@@ -228,7 +228,7 @@ def test_a_program_that_has_a_port_open_too_is_named(check, state):
         found = check("--link", f"serial:{port}:57600")
     for rows, number, path in ((found["compass"], other.pid, check.compass), (found["links"], third.pid, port)):
         assert rows[0]["level"] == "fail"
-        assert re.fullmatch(rf"Port {path}: also open in .+ \(process {number}\); end that", rows[0]["text"])
+        assert re.fullmatch(rf"Port {path}: also open in .+ \(process {number}\); end that program", rows[0]["text"])
     assert "also open" not in found["rudder"][0]["text"]
     for end in ends:
         os.close(end)
