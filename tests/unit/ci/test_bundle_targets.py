@@ -1,4 +1,4 @@
-"""The computers for which `make bundle` makes bundles, and what it installs for that."""
+"""Target computers and dependencies of `make bundle`."""
 
 import re
 import subprocess
@@ -10,7 +10,7 @@ from support.small_bundle import bundle_maker
 
 
 @pytest.mark.parametrize("computer", ["armv7l:3.13", "aarch64:3.10", "aarch64", ""])
-def test_a_computer_without_wheels_is_refused_with_the_supported_ones(computer, monkeypatch, capsys):
+def test_unsupported_computer_names_the_supported_ones(computer, monkeypatch, capsys):
     maker = bundle_maker()
     monkeypatch.setattr(maker, "pip", lambda *_: pytest.fail("asks for packages"))
     monkeypatch.setattr("sys.argv", ["bundle.py", "--for", "aarch64:3.13", computer])
@@ -21,7 +21,7 @@ def test_a_computer_without_wheels_is_refused_with_the_supported_ones(computer, 
     )
 
 
-def test_the_name_of_a_bundle_states_its_computers(monkeypatch, tmp_path, capsys):
+def test_bundle_name_has_its_computers(monkeypatch, tmp_path, capsys):
     maker = bundle_maker()
 
     def pip(*words):
@@ -35,7 +35,7 @@ def test_the_name_of_a_bundle_states_its_computers(monkeypatch, tmp_path, capsys
     assert "-aarch64-3.13_x86_64-3.11.bundle (" in capsys.readouterr().out
 
 
-def test_a_program_that_fails_is_a_line_and_no_traceback(monkeypatch, tmp_path, capsys):
+def test_failing_program_is_a_one_line_error(monkeypatch, tmp_path, capsys):
     maker = bundle_maker()
 
     def pip(*words):
@@ -47,8 +47,8 @@ def test_a_program_that_fails_is_a_line_and_no_traceback(monkeypatch, tmp_path, 
     assert capsys.readouterr().err == "bundle: python -m pip download --no-deps ... failed; its messages are above\n"
 
 
-def test_make_bundle_installs_no_tests_nor_simulator():
-    said = subprocess.run(
+def test_make_bundle_installs_no_tests_or_simulator():
+    output = subprocess.run(
         ["make", "-n", "-B", "bundle", "PIP=pip-install"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-    assert re.findall("pip-install .*", said) == ["pip-install msgspec"]
+    assert re.findall("pip-install .*", output) == ["pip-install msgspec"]

@@ -1,4 +1,4 @@
-"""The import law bites: what it forbids is refused, also by a detour."""
+"""The import contracts detect direct and indirect violations."""
 
 import re
 import shutil
@@ -15,7 +15,7 @@ HERE = "from __future__ import annotations\n"
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """Copy what the law is about, once for all of these tests."""
+    """Copy the checked packages once for all tests."""
     folder = tmp_path_factory.mktemp("checkout")
     for program in ("firmware_py", "hil"):
         shutil.copytree(ROOT / program, folder / program, ignore=shutil.ignore_patterns("__pycache__"))
@@ -24,7 +24,7 @@ def checkout(tmp_path_factory):
 
 
 def broken(folder):
-    """The names of the contracts that do not hold."""
+    """Return the names of the broken contracts."""
     done = subprocess.run(
         [sys.executable, "-c", CALL, "--no-cache"],
         cwd=folder,
@@ -38,7 +38,7 @@ def broken(folder):
     return re.findall(r"^(.+) BROKEN\b", done.stdout, re.MULTILINE)
 
 
-def test_the_tree_obeys_the_law(checkout):
+def test_import_contracts_hold(checkout):
     assert broken(checkout) == []
 
 
@@ -58,7 +58,7 @@ LINES = [
 
 
 def add(folder, file, line):
-    """Add a line to a module, or make it; return a function that takes it back."""
+    """Add a line to a new or existing module; return a function that removes it."""
     path = folder / file
     before = path.read_text() if path.exists() else None
     path.parent.mkdir(exist_ok=True)
@@ -66,7 +66,7 @@ def add(folder, file, line):
     return lambda: shutil.rmtree(path.parent) if before is None else path.write_text(before)
 
 
-def test_the_law_is_broken_by_lines_against_each_of_its_contracts(checkout):
+def test_each_contract_can_be_broken(checkout):
     undo = [add(checkout, file, line) for file, line, _ in LINES]
     try:
         names = broken(checkout)
@@ -78,7 +78,7 @@ def test_the_law_is_broken_by_lines_against_each_of_its_contracts(checkout):
 
 @pytest.mark.proof
 @pytest.mark.parametrize(("file", "line", "contract"), LINES)
-def test_a_line_against_the_law_is_refused(checkout, file, line, contract):
+def test_forbidden_import_is_refused(checkout, file, line, contract):
     take_back = add(checkout, file, line)
     try:
         assert any(name.startswith(contract) for name in broken(checkout))

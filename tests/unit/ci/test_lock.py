@@ -1,4 +1,4 @@
-"""The lock of the float's packages: whole, hashed, and of the versions that everything is tested with."""
+"""The package lock of the float: complete, hashed, tested versions."""
 
 import importlib.metadata
 import importlib.util
@@ -25,20 +25,20 @@ def locked():
             for name, version, hashes in PINNED.findall(LOCK.read_text())}  # fmt: skip
 
 
-def test_the_lock_holds_versions_and_hashes_and_nothing_else():
-    """No other line: an index or a marker in it would count for every float."""
+def test_lock_has_versions_and_hashes_only():
+    """No other lines: an index or a marker would apply to every float."""
     assert PINNED.sub("", LOCK.read_text()) == ""
     for name, (_, hashes) in locked().items():
         assert len(hashes) == len(set(hashes)) >= 2, f"{name}: a wheel and a source, at the least"
 
 
-def test_the_versions_are_those_that_everything_is_tested_with():
+def test_locked_versions_are_the_tested_ones():
     lines = (ROOT / ".ci/constraints.txt").read_text().split()
     constraints = {canonicalize_name(name): version for name, version in (line.split("==") for line in lines)}
     assert {name: constraints[name] for name in locked()} == {name: version for name, (version, _) in locked().items()}
 
 
-def test_the_lock_has_what_the_autopilot_needs_and_what_that_needs():
+def test_lock_is_complete():
     waiting, needed = [Requirement(text) for text in PROJECT["dependencies"]], set()
     while waiting:
         requirement = waiting.pop()
@@ -50,11 +50,11 @@ def test_the_lock_has_what_the_autopilot_needs_and_what_that_needs():
         if name not in needed:
             needed.add(name)
             waiting += [Requirement(text) for text in importlib.metadata.requires(name) or ()]
-    assert needed == set(locked()), "nothing that nobody needs"
+    assert needed == set(locked()), "no unused package"
 
 
-def test_a_package_that_is_not_the_locked_one_is_refused(tmp_path):
-    """By pip itself, without an index: a wheel of the name and version of pyserial with other bytes."""
+def test_changed_package_is_refused(tmp_path):
+    """Check with pip: a wheel with name and version of pyserial but other bytes."""
     dist = tmp_path / "pyserial-3.5-py3-none-any.whl"
     dist.write_bytes(b"PK\5\6" + bytes(18))  # an empty archive
     lines = re.search(r"pyserial==3\.5 .*?\n(?=\S|\Z)", LOCK.read_text(), re.DOTALL)[0]
@@ -66,7 +66,7 @@ def test_a_package_that_is_not_the_locked_one_is_refused(tmp_path):
     assert "THESE PACKAGES DO NOT MATCH THE HASHES" in done.stderr
 
 
-def test_the_list_of_what_is_installed_is_valid_and_names_the_locked_packages(tmp_path):
+def test_sbom_is_valid_and_names_the_locked_packages(tmp_path):
     if importlib.util.find_spec("cyclonedx_py") is None:
         pytest.skip("cyclonedx-bom is not installed; install the extra [supply]")
     out = tmp_path / "sbom.json"

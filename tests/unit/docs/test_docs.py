@@ -1,4 +1,4 @@
-"""What the documentation names is there: paths, modules, commands with their options, parameters, figures."""
+"""Names in the documentation exist: paths, modules, commands, options, parameters, figures."""
 
 import contextlib
 import importlib
@@ -27,12 +27,12 @@ def code_in(text):
 
 
 def wrong_pages(wrong_in, pages=PAGES):
-    """Return what is wrong in the text of each page, for those in which something is."""
+    """Return the errors of each page that has any."""
     found = {path.relative_to(ROOT).as_posix(): wrong_in(path.read_text()) for path in pages}
     return {name: wrong for name, wrong in found.items() if wrong}
 
 
-def test_every_path_that_is_named_exists():
+def test_named_paths_exist():
     def missing(text):
         # NAME stands for what the reader chooses; _build is made by `make docs`.
         found = re.findall(rf"(?<![\w./-]){FOLDERS}/[\w./-]*", text)
@@ -59,7 +59,7 @@ def resolve(name):
     return getattr(resolve(owner), last)
 
 
-def test_every_module_that_is_named_exists():
+def test_named_modules_exist():
     def missing(text):
         names = re.findall(r"(?<![\w./-])(?:firmware_py|hil)(?:\.[a-z_]\w*)+", text)
         return [name for name in names if not name.endswith(".py") and not resolves(name)]
@@ -67,7 +67,7 @@ def test_every_module_that_is_named_exists():
     assert wrong_pages(missing) == {}
 
 
-def test_every_function_of_the_walks_exists():
+def test_functions_of_the_walks_exist():
     text = (ROOT / "docs/explanation/architecture.md").read_text()
     rows = re.findall(r"^\| \d+ \| `([\w.]+)` `([\w.]+)` \|", text, re.MULTILINE)
     names = [f"{module}.{function}" for module, function in rows]
@@ -79,10 +79,10 @@ def test_every_function_of_the_walks_exists():
 @cache
 def help_of(program, *words):
     main = importlib.import_module(PROGRAMS[program]).main
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), contextlib.suppress(SystemExit):
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output), contextlib.suppress(SystemExit):
         main([*words, "-h"])
-    return said.getvalue()
+    return output.getvalue()
 
 
 def commands_in(text):
@@ -95,7 +95,7 @@ def commands_in(text):
 
 
 def wrong_with(program, words):
-    """Say what a command line names that its program does not know; empty when all is there."""
+    """Return the unknown names of a command line; empty if all are known."""
     commands = importlib.import_module(PROGRAMS[program]).COMMANDS
     if not words or words == ["--version"]:
         return ""
@@ -111,7 +111,7 @@ def wrong_with(program, words):
     return f"{program} {words[0]} {' '.join(unknown)}" if unknown else ""
 
 
-def test_every_command_and_option_that_is_named_exists():
+def test_named_commands_and_options_exist():
     def unknown(text):
         text = re.sub(r"<!-- help: .*?<!-- end -->", "", text, flags=re.DOTALL)
         return {wrong_with(program, words) for program, words in commands_in(text)} - {""}
@@ -121,7 +121,7 @@ def test_every_command_and_option_that_is_named_exists():
 
 @cache
 def refused(program, *words):
-    """Return why the parser of a program refuses a command line; empty when it takes it, or lacks a word only."""
+    """Return the error of the parser for a command line; empty if it is accepted or only incomplete."""
     commands = importlib.import_module(PROGRAMS[program]).COMMANDS
     errors = io.StringIO()
     module = importlib.import_module(commands[words[0]][0])
@@ -130,7 +130,7 @@ def refused(program, *words):
     return "" if "required" in errors.getvalue() else errors.getvalue()
 
 
-def test_every_command_line_that_is_named_is_taken_by_its_program():
+def test_named_command_lines_are_accepted():
     def wrong(text):
         text = re.sub(r"<!-- (?:help|output|code): .*?<!-- end -->", "", text, flags=re.DOTALL)
         for span in code_in(text):
@@ -146,38 +146,38 @@ def test_every_command_line_that_is_named_is_taken_by_its_program():
     assert "expected" in refused("rambler-hil", "run", "tank", "--seconds")
 
 
-def test_the_check_of_commands_sees_what_is_wrong():
+def test_command_check_detects_errors():
     assert wrong_with("rambler", ["run", "boat.toml", "--state", "DIR"]) == ""
     assert wrong_with("rambler", ["sail"]) == "rambler sail"
     assert wrong_with("rambler-hil", ["run", "tank", "--sped", "max"]) == "rambler-hil run --sped"
     assert wrong_with("rambler", ["plan", "eat"]) == "rambler plan eat"
 
 
-def test_the_page_of_the_command_line_has_every_command():
+def test_command_line_page_has_every_command():
     text = (ROOT / "docs/reference/command-line.md").read_text()
     for program, module in PROGRAMS.items():
         for command in importlib.import_module(module).COMMANDS:
             assert f"<!-- help: {program} {command} -->" in text
 
 
-def test_every_parameter_that_is_named_exists():
+def test_named_parameters_exist():
     names = {row.name for row in TABLE}
     prefixes = "|".join(sorted({name.split("_")[0] for name in names}))
     assert wrong_pages(lambda text: set(re.findall(rf"`((?:{prefixes})_[A-Z0-9_]+)`", text)) - names) == {}
 
 
-def test_every_link_leads_to_a_file():
+def test_links_lead_to_files():
     for page in HOSTED:
         links = re.findall(r"\]\((?!https?:)([^)#\s]+)", CODE.sub("", page.read_text()))
         assert [link for link in links if not (page.parent / link).exists()] == [], page
 
 
 def test_no_page_shows_a_placeholder_or_a_directive():
-    shown = re.compile(r"\{\{.*|^ *```\{.*|^ *:::.*|\{[a-z:-]+\}`.*", re.MULTILINE)
-    assert wrong_pages(shown.findall, HOSTED) == {}
+    names = re.compile(r"\{\{.*|^ *```\{.*|^ *:::.*|\{[a-z:-]+\}`.*", re.MULTILINE)
+    assert wrong_pages(names.findall, HOSTED) == {}
 
 
-def test_every_figure_says_where_it_comes_from():
+def test_every_figure_has_a_source():
     for name, entry in json.loads((ROOT / "docs/figures.json").read_text()).items():
         assert re.fullmatch(r"[a-z0-9_]+", name)
         assert {"value", "unit", "when", "commit", "machine", "command"} <= set(entry), name

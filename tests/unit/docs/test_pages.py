@@ -42,7 +42,7 @@ def filled(pages):
         ("2.7 to 3.7", "2.7 to 3.7"),
     ],
 )
-def test_a_number_has_three_significant_digits(pages, value, text):
+def test_numbers_have_three_significant_digits(pages, value, text):
     assert pages.number(value) == text
 
 
@@ -61,12 +61,12 @@ def test_an_unknown_figure_is_an_error(filled):
 @pytest.mark.parametrize(
     "text", ["<!-- figure: a --><!-- end --> is it.", "Text <!-- figure: a -->", "Text <!-- help: rambler -->"]
 )
-def test_a_part_that_a_viewer_would_show_wrongly_or_that_has_no_end_is_an_error(filled, text):
+def test_invalid_generated_part_is_an_error(filled, text):
     with pytest.raises(ValueError, match=r"takes for HTML|has no end"):
         filled(text, a={"value": 1.0, "unit": ""})
 
 
-def test_a_bench_table_shows_a_missed_aim_and_has_no_empty_columns(filled):
+def test_bench_table_marks_missed_aims_without_empty_columns(filled):
     entry = {"name": "CPU", "value": 3.5, "unit": "%", "aim": "<= 1.5 %", "met": False}
     table = filled("<!-- table: bench load -->\n<!-- end -->", load_cpu=entry).splitlines()
     assert table[2] == "| figure | measured | aim |"
@@ -78,12 +78,12 @@ def test_a_table_without_figures_is_an_error(filled):
         filled("<!-- table: bench load -->\n<!-- end -->")
 
 
-def test_the_table_of_sources_counts_what_was_measured_together(filled):
+def test_source_table_counts_figures_of_a_measurement(filled):
     text = filled("<!-- table: sources -->\n<!-- end -->", a={"value": 1.0, "unit": "s"}, b={"value": 2.0, "unit": "s"})
     assert text.splitlines()[4] == "| `a command` | 2026-01-02 | abc1234 | a machine | 2 |"
 
 
-def test_an_excerpt_stands_indented_in_a_list(filled):
+def test_excerpt_is_indented_in_a_list(filled):
     text = "1. Code:\n\n   <!-- code: docs/extensions/tables.py setup -->\n   old\n   <!-- end -->\n"
     lines = filled(text).splitlines()
     assert lines[4:6] == ["   ```python", "   def setup(app: Sphinx) -> ExtensionMetadata:"]
@@ -91,10 +91,10 @@ def test_an_excerpt_stands_indented_in_a_list(filled):
     assert filled("\n".join(lines)) == "\n".join(lines)
 
 
-def test_the_help_of_a_command_is_printed(filled):
+def test_help_of_a_command_is_inserted(filled):
     text = filled("<!-- help: rambler replay -->\n<!-- end -->")
     assert text.splitlines()[2:4] == ["```text", "usage: rambler replay [-h] [--json] LOG"]
 
 
-def test_every_generated_part_of_the_pages_can_be_made(pages):
+def test_all_generated_parts_can_be_written(pages):
     assert {path.name for path, text in pages.expected() if text} > {"REFERENCE.md", "README.md", "command-line.md"}

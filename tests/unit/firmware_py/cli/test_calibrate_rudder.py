@@ -1,4 +1,4 @@
-"""`rambler calibrate rudder`: the bench against a shaft with stops, the centre from a voyage; nothing is set."""
+"""`rambler calibrate rudder`: limits on a simulated servo with stops, the centre from a log."""
 
 import json
 import math
@@ -18,7 +18,7 @@ from firmware_py.log.reader import LoggedTick
 
 
 class Shaft:
-    """A servo whose rudder meets stops; `scale` of what is commanded arrives."""
+    """A servo with mechanical stops; it moves `scale` of the command."""
 
     def __init__(self, low_deg=-90.0, high_deg=90.0, scale=1.0, first_deg=1.5, heavy_deg=None, silent=False):
         self.low, self.high, self.scale, self.heavy = low_deg, high_deg, scale, heavy_deg
@@ -43,7 +43,7 @@ def found(shaft, *, amidships=False, asks=False, **values):
     return examine(shaft, parameters, amidships=amidships, asks=asks)
 
 
-def test_a_free_rudder_keeps_its_limit():
+def test_free_rudder_keeps_its_limit():
     proposed, values, _ = found(Shaft())
     assert proposed == {"RUD_LIMIT_DEG": 30.0}
     assert values["stopped"] == [False, False]
@@ -51,7 +51,7 @@ def test_a_free_rudder_keeps_its_limit():
 
 
 @pytest.mark.parametrize(("low", "high", "limit"), [(-90, 21, 18.0), (-17, 90, 14.0), (-9, 25, 6.0)])
-def test_the_nearer_stop_with_a_margin_is_the_limit(low, high, limit):
+def test_limit_is_the_nearer_stop_less_a_margin(low, high, limit):
     shaft = Shaft(low, high)
     proposed, _, lines = found(shaft)
     assert proposed["RUD_LIMIT_DEG"] == pytest.approx(limit, abs=2.0)
@@ -61,24 +61,24 @@ def test_the_nearer_stop_with_a_margin_is_the_limit(low, high, limit):
     assert farthest <= high + 5.0  # it is not pressed against
 
 
-def test_a_rudder_that_goes_hard_is_at_its_stop():
+def test_high_current_counts_as_a_stop():
     proposed, values, _ = found(Shaft(heavy_deg=20.0))
     assert values["stopped"] == [True, True]
     assert proposed["RUD_LIMIT_DEG"] == 16.0
 
 
-def test_the_centre_is_where_it_was_laid_by_hand_and_only_then():
+def test_centre_is_proposed_only_with_amidships():
     assert found(Shaft(), amidships=True)[0]["RUD_CENTRE_DEG"] == 1.5
     assert "RUD_CENTRE_DEG" not in found(Shaft())[0]
 
 
-def test_a_servo_that_tells_no_angle_when_it_is_release_has_its_limits_all_the_same():
+def test_servo_without_angle_while_released_still_gets_limits():
     assert found(Shaft(silent=True))[0] == {"RUD_LIMIT_DEG": 30.0}
     with pytest.raises(BenchError, match="without --amidships"):
         found(Shaft(silent=True), amidships=True)
 
 
-def test_the_steps_are_small_and_end_amidships():
+def test_steps_are_small_and_end_amidships():
     shaft = Shaft()
     found(shaft, RUD_CENTRE_DEG=5.0)
     ways = [degrees(one) for one in shaft.moves[1:]]
@@ -88,17 +88,17 @@ def test_the_steps_are_small_and_end_amidships():
 
 
 @pytest.mark.parametrize(("answer", "reverse"), [("y", 0.0), ("n", 1.0), ("?", None)])
-def test_the_direction_is_what_the_operator_sees(monkeypatch, answer, reverse):
+def test_direction_follows_the_answer_of_the_operator(monkeypatch, answer, reverse):
     monkeypatch.setattr("builtins.input", lambda _question: answer)
     assert found(Shaft(), asks=True)[0].get("RUD_REVERSE") == reverse
 
 
-def test_what_the_operator_is_shown_keeps_from_a_stop_that_was_found(monkeypatch):
+def test_demonstrated_deflection_keeps_the_margin_to_a_stop(monkeypatch):
     shaft = Shaft(high_deg=9.0)
-    monkeypatch.setattr("builtins.input", lambda _question: str(shown.append(shaft.moves[-1])))
-    shown = []
+    monkeypatch.setattr("builtins.input", lambda _question: str(demonstrated.append(shaft.moves[-1])))
+    demonstrated = []
     proposed, _, _ = found(shaft, asks=True)
-    assert [degrees(one) for one in shown] == pytest.approx([proposed["RUD_LIMIT_DEG"]], abs=0.05)
+    assert [degrees(one) for one in demonstrated] == pytest.approx([proposed["RUD_LIMIT_DEG"]], abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -110,12 +110,12 @@ def test_what_the_operator_is_shown_keeps_from_a_stop_that_was_found(monkeypatch
         (Shaft(high_deg=5.0), "stops at 5.0 deg on one side"),
     ],
 )
-def test_a_servo_that_cannot_be_trusted_is_no_proposal(shaft, text):
+def test_faulty_servo_gives_no_proposal(shaft, text):
     with pytest.raises(BenchError, match=text):
         found(shaft)
 
 
-def test_a_port_that_is_not_there_is_one_line(capsys, tmp_path):
+def test_missing_port_is_a_one_line_error(capsys, tmp_path):
     path = tmp_path / "boat.toml"
     path.write_text(
         '[compass]\ndriver = "nmea"\nport = "/dev/none"\nbaud = 4800\n'
@@ -129,9 +129,9 @@ def test_a_port_that_is_not_there_is_one_line(capsys, tmp_path):
 
 
 def voyage(courses=24, off_deg=3.0, wave_deg=2.0, armed=True, reverse=False, spinning=False):
-    """Yield straight courses of ten minutes and a bit, on each of which wind wants another angle of the rudder."""
+    """Yield straight courses of a little over ten minutes with different rudder angles."""
     chances, index = random.Random(1), 0
-    asked = [SetParameter("RUD_CENTRE_DEG", 10.0), SetParameter("RUD_REVERSE", float(reverse)), Arm(armed)]
+    questions = [SetParameter("RUD_CENTRE_DEG", 10.0), SetParameter("RUD_REVERSE", float(reverse)), Arm(armed)]
     for course in range(courses):
         goal_rad = 2.0 * math.pi * chances.random()
         for second in range(0, 620, 2):
@@ -139,7 +139,7 @@ def voyage(courses=24, off_deg=3.0, wave_deg=2.0, armed=True, reverse=False, spi
             heading_rad = wrap_two_pi(goal_rad + radians(chances.gauss(0.0, wave_deg)))
             rudder_deg = off_deg + 4.0 * math.sin(goal_rad) + chances.gauss(0.0, 3.0)
             shaft_rad = radians(10.0 + (-rudder_deg if reverse else rudder_deg))
-            requests = tuple(Request(t_s, one) for one in asked) if course == second == 0 else ()
+            requests = tuple(Request(t_s, one) for one in questions) if course == second == 0 else ()
             other = HeadingSample(t_s, wrap_two_pi(0.1 * t_s), NorthReference.TRUE, source=1)
             inputs = Inputs(
                 Tick(index, t_s, 0.0, 0, 0.5),
@@ -151,16 +151,16 @@ def voyage(courses=24, off_deg=3.0, wave_deg=2.0, armed=True, reverse=False, spi
             index += 1
 
 
-def told(monkeypatch, capsys, *words, **how):
+def output(monkeypatch, capsys, *words, **how):
     monkeypatch.setattr(logged_ticks, "read_log", lambda _path: voyage(**how))
     code = main(["calibrate", "rudder", "any.BIN", "--json", *words])
     return code, json.loads(capsys.readouterr().out)
 
 
 @pytest.mark.parametrize(("reverse", "centre"), [(False, 13.0), (True, 7.0)])
-def test_the_centre_is_the_mean_on_all_courses(monkeypatch, capsys, tmp_path, reverse, centre):
+def test_centre_is_the_mean_over_all_courses(monkeypatch, capsys, tmp_path, reverse, centre):
     path = tmp_path / "rudder.parm"
-    code, values = told(monkeypatch, capsys, "--save", str(path), courses=60, reverse=reverse, off_deg=3.0)
+    code, values = output(monkeypatch, capsys, "--save", str(path), courses=60, reverse=reverse, off_deg=3.0)
     assert code == (0 if values["ready"] else 1)
     assert values["mean_deg"] == pytest.approx(3.0, abs=0.7)
     assert values["proposed_deg"]["RUD_CENTRE_DEG"] == pytest.approx(centre, abs=0.7)
@@ -169,17 +169,17 @@ def test_the_centre_is_the_mean_on_all_courses(monkeypatch, capsys, tmp_path, re
         assert parse_file(path.read_text(), "-") == values["proposed_deg"]
 
 
-def test_what_a_second_compass_shows_changes_nothing(monkeypatch, capsys):
-    assert told(monkeypatch, capsys, spinning=True) == told(monkeypatch, capsys)
+def test_second_compass_has_no_effect(monkeypatch, capsys):
+    assert output(monkeypatch, capsys, spinning=True) == output(monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("how", [{"courses": 3}, {"wave_deg": 9.0}, {"armed": False}])
-def test_too_little_calm_or_nothing_that_steers_is_no_proposal(monkeypatch, capsys, how):
-    code, values = told(monkeypatch, capsys, **how)
+def test_waves_or_no_steering_give_no_proposal(monkeypatch, capsys, how):
+    code, values = output(monkeypatch, capsys, **how)
     assert (code, values["ready"]) == (1, False)
 
 
-def test_the_words_for_people_name_what_is_missing(monkeypatch, capsys):
+def test_report_names_the_missing_data(monkeypatch, capsys):
     monkeypatch.setattr(logged_ticks, "read_log", lambda _path: voyage(courses=4))
     assert main(["calibrate", "rudder", "any.BIN"]) == 1
     assert "not enough data" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""`rambler check`: what it finds, how grave that is, and how it is told to people and to programs."""
+"""`rambler check`: findings, levels and output formats."""
 
 import json
 import os
@@ -56,7 +56,7 @@ def state(tmp_path):
 
 @pytest.fixture
 def check(tmp_path, state, capsys, monkeypatch):
-    """Check a boat on ptys that say nothing; return the exit code and the findings, by subject."""
+    """Check a boat with silent ptys; return the exit code and the findings by subject."""
     monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.1)
     ends = [pty.openpty() for _ in range(2)]
     path = tmp_path / "boat.toml"
@@ -64,10 +64,10 @@ def check(tmp_path, state, capsys, monkeypatch):
 
     def run(*words):
         code = main(["check", str(path), "--state", str(state), "--json", *words])
-        told = json.loads(capsys.readouterr().out)
-        assert (code == 1) == (told["verdict"] == "fail") == any(row["level"] == "fail" for row in told["findings"])
+        text = json.loads(capsys.readouterr().out)
+        assert (code == 1) == (text["verdict"] == "fail") == any(row["level"] == "fail" for row in text["findings"])
         found = {}
-        for row in told["findings"]:
+        for row in text["findings"]:
             found.setdefault(row["subject"], []).append(row)
         return found
 
@@ -88,7 +88,7 @@ def store(state, **files):
     held.close()
 
 
-def test_a_fresh_boat_has_no_link_and_devices_that_say_nothing(check):
+def test_new_boat_without_links_and_with_silent_devices(check):
     found = check()
     assert levels(found["parameters"]) == levels(found["state"]) == ["pass"]
     assert levels(found["storage"])[0] == "pass"
@@ -100,14 +100,14 @@ def test_a_fresh_boat_has_no_link_and_devices_that_say_nothing(check):
     assert (found["compass"][0]["driver"], found["compass"][0]["accepted"]) == ("nmea", 0)
 
 
-def test_people_get_a_line_each(tmp_path, state, capsys, monkeypatch, check):
+def test_each_finding_is_one_line(tmp_path, state, capsys, monkeypatch, check):
     assert main(["check", str(tmp_path / "boat.toml"), "--state", str(state)]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert {line[:6] for line in lines} <= {"PASS  ", "WARN  ", "FAIL  "}
     assert any(line.startswith("WARN  links") for line in lines)
 
 
-def test_what_is_stored_is_counted_and_what_is_damaged_or_of_no_use_is_warned_of(check, state):
+def test_stored_state_is_counted_and_damage_is_a_warning(check, state):
     mission = to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 3, x=1, y=2),)))
     store(state, parameters_param="CTL_K1 33\n", mission_plan=mission)
     found = check()
@@ -123,14 +123,14 @@ def test_what_is_stored_is_counted_and_what_is_damaged_or_of_no_use_is_warned_of
     assert any("resume.record ignored" in text for text in texts)
 
 
-def test_a_watch_circle_that_she_cannot_hold_is_warned_of(check, state):
+def test_too_small_loiter_radius_is_a_warning(check, state):
     store(state, parameters_param="LOIT_RADIUS 20\n")
     (valid, circle) = check()["parameters"]
     assert (valid["level"], circle["level"], circle["held_m"]) == ("pass", "warn", 78.0)
     assert circle["text"] == "LOIT_RADIUS 20 m: in a current the boat needs at least 78 m"
 
 
-def test_a_key_that_was_lost_fails_and_one_that_others_read_is_warned_of(check, state):
+def test_lost_key_fails_and_readable_key_is_a_warning(check, state):
     (state / "signing.key.0").write_text("spoiled")
     (state / "signing.key.0").chmod(0o644)
     found = check()
@@ -138,7 +138,7 @@ def test_a_key_that_was_lost_fails_and_one_that_others_read_is_warned_of(check, 
     assert "rambler key" in found["state"][1]["text"]
 
 
-def test_a_running_boat_is_named(check, state, monkeypatch):
+def test_running_autopilot_is_reported(check, state, monkeypatch):
     from firmware_py.system.status_file import FoundStatus, Freshness  # noqa: PLC0415
 
     monkeypatch.setattr(
@@ -152,7 +152,7 @@ def test_a_running_boat_is_named(check, state, monkeypatch):
 @pytest.mark.parametrize(
     ("free_mb", "level", "word"), [(0.5, "fail", "LOG_FREE_MB"), (2.5, "warn", "LOG_KEEP_MB"), (900, "pass", "free")]
 )
-def test_the_room_is_measured_by_what_the_logs_may_take(check, state, monkeypatch, free_mb, level, word):
+def test_free_space_is_compared_with_the_log_limits(check, state, monkeypatch, free_mb, level, word):
     monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=free_mb * 1e6))
     found = check()
     assert found["storage"][0]["level"] == level
@@ -160,14 +160,14 @@ def test_the_room_is_measured_by_what_the_logs_may_take(check, state, monkeypatc
 
 
 @pytest.mark.parametrize(("logs_mb", "level"), [(1.4, "fail"), (2.0, "warn")])
-def test_a_full_disk_fails_unless_her_own_logs_can_make_room(check, state, monkeypatch, logs_mb, level):
+def test_full_disk_fails_unless_old_logs_can_be_deleted(check, state, monkeypatch, logs_mb, level):
     monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=0.5e6))
     (state / "logs").mkdir()
     (state / "logs/00000001.BIN").write_bytes(bytes(int(logs_mb * 1e6)))
     assert check()["storage"][0]["level"] == level
 
 
-def test_a_state_directory_that_cannot_be_made_fails(check, state):
+def test_state_directory_that_cannot_be_created_fails(check, state):
     state.rmdir()
     state.write_text("a file")
     found = check()
@@ -175,21 +175,21 @@ def test_a_state_directory_that_cannot_be_made_fails(check, state):
     assert "state" not in found, "it is not made at the first start"
 
 
-def test_nothing_is_made_by_looking(check, state):
-    """Made by root, who looks, it could not be used by whom the autopilot runs as."""
+def test_check_creates_no_files(check, state):
+    """A directory created by root could not be used by the user of the autopilot."""
     state.rmdir()
-    found = check("--state", str(state / "of" / "hers"))
+    found = check("--state", str(state / "of" / "boat"))
     assert levels(found["storage"]) == ["pass", "pass"]
     assert "will be created at the first start" in found["state"][0]["text"]
     assert not state.exists()
 
 
-def test_a_file_in_place_of_the_logs_fails(check, state):
+def test_file_in_place_of_the_log_directory_fails(check, state):
     (state / "logs").touch()
     assert "logs is not a directory" in check()["storage"][0]["text"]
 
 
-def test_each_link_is_opened_and_who_may_command_over_it_is_told(check, state):
+def test_each_link_is_opened_and_open_access_is_a_warning(check, state):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken, socket.socket() as free:
         taken.bind(("127.0.0.1", 0))
         free.bind(("127.0.0.1", 0))
@@ -212,7 +212,7 @@ def test_each_link_is_opened_and_who_may_command_over_it_is_told(check, state):
     assert "no such port" in texts[4]
 
 
-def test_a_program_that_has_a_port_open_too_is_named(check, state):
+def test_program_sharing_a_port_is_named(check, state):
     opener = (
         "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('opened', flush=True); sys.stdin.read()"
     )
@@ -253,7 +253,7 @@ NO_FIX, FIX = PositionSample(2.0, FixType.NONE), PositionSample(2.0, FixType.FIX
         (None, DeviceState.STARTING, 0, 9, "checksum", Level.FAIL, "checksum"),
     ],
 )
-def test_a_device_is_judged_by_what_it_says(sample, state, accepted, rejected, text, level, word):
+def test_device_finding_depends_on_health_and_samples(sample, state, accepted, rejected, text, level, word):
     health = DeviceHealth(3.0, DeviceRole.COMPASS, state, accepted, rejected, text)
     count = 0 if sample is None else 30
     device = BenchDevice("compass", "nmea", "/dev/x", count=count, first_s=0.0, last=sample, health=health)
@@ -264,7 +264,7 @@ def test_a_device_is_judged_by_what_it_says(sample, state, accepted, rejected, t
 
 
 def modem(*, answers):
-    """Return a terminal's path and what ends its far side, where AT commands are answered, or not."""
+    """Return the path of a pty that replies to AT commands, or not, and a function that ends it."""
     far, near = pty.openpty()
     tty.setraw(near)
     over = threading.Event()
@@ -273,8 +273,8 @@ def modem(*, answers):
         while not over.is_set():
             if select.select([far], [], [], 0.1)[0]:
                 for command in os.read(far, 256).split(b"\r")[:-1]:
-                    said = b"\r\n300234010753370\r\n" if command == b"AT+CGSN" else b""
-                    os.write(far, said + b"\r\nOK\r\n" if answers else b"\r\n")
+                    output = b"\r\n300234010753370\r\n" if command == b"AT+CGSN" else b""
+                    os.write(far, output + b"\r\nOK\r\n" if answers else b"\r\n")
 
     thread = threading.Thread(target=serve)
     thread.start()
@@ -289,7 +289,7 @@ def modem(*, answers):
 
 
 @pytest.mark.parametrize(("answers", "level"), [(True, "pass"), (False, "fail")])
-def test_a_modem_is_asked_for_its_number(check, monkeypatch, answers, level):
+def test_modem_is_found_by_its_serial_number(check, monkeypatch, answers, level):
     monkeypatch.setattr(preflight, "MODEM_S", 5.0 if answers else 0.3)
     path, end = modem(answers=answers)
     try:

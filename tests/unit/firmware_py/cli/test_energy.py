@@ -24,21 +24,21 @@ MEASURED = {"servo_v": 12.0, "steering_j": 30.0, "battery_v": 12.5, "load_w": 5.
 
 
 @pytest.fixture
-def told(tmp_path, capsys):
-    """Have the command tell of a thin log in a state directory."""
+def energy(tmp_path, capsys):
+    """Run the command on a thin log in a state directory."""
 
-    def tell(data, *more, name="00000001.BIN"):
+    def run(data, *more, name="00000001.BIN"):
         thin = tmp_path / "logs" / "thin"
         thin.mkdir(parents=True, exist_ok=True)
         (thin / name).write_bytes(HEAD + data)
         code = main(["energy", str(tmp_path), *more])
         return code, capsys.readouterr().out
 
-    return tell
+    return run
 
 
-def test_a_day_by_consumer(told):
-    code, out = told(minutes(DAY_UTC_S, 600, **MEASURED, charge=0.75), "--json")
+def test_energy_of_a_day_by_consumer(energy):
+    code, out = energy(minutes(DAY_UTC_S, 600, **MEASURED, charge=0.75), "--json")
     (day,) = json.loads(out)["days"]
     assert (code, day["day"], day["logged_h"], day["charge"]) == (0, "2027-01-01", 10.0, 0.75)
     amounts = {name: (day[name]["wh"], day[name]["estimated"]) for name in ("solar", "load", "servo", "rest")}
@@ -46,9 +46,9 @@ def test_a_day_by_consumer(told):
     assert (day["charged"]["wh"], day["discharged"]["wh"]) == (pytest.approx(30.0), 0.0)
 
 
-def test_days_begin_at_midnight_and_what_no_clock_knew_stands_apart(told):
+def test_days_begin_at_midnight_utc_and_undated_minutes_are_separate(energy):
     data = minutes(DAY_UTC_S - 1800.0, 60, **MEASURED) + minutes(0.0, 5, **MEASURED)
-    days = json.loads(told(data, "--json")[1])["days"]
+    days = json.loads(energy(data, "--json")[1])["days"]
     assert [(day["day"], day["load"]["wh"]) for day in days] == [
         (None, pytest.approx(5.0 / 12.0, abs=1e-3)),
         ("2026-12-31", pytest.approx(2.5)),
@@ -56,54 +56,54 @@ def test_days_begin_at_midnight_and_what_no_clock_knew_stands_apart(told):
     ]
 
 
-def test_a_start_whose_clock_was_set_later_is_of_its_day(told):
+def test_minutes_before_clock_setting_belong_to_the_day(energy):
     begun, then = minutes(0.0, 3, **MEASURED), minutes(DAY_UTC_S, 60, **MEASURED)
-    days = json.loads(told(begun + then[len(begun) :], "--json")[1])["days"]
+    days = json.loads(energy(begun + then[len(begun) :], "--json")[1])["days"]
     assert [(day["day"], day["logged_h"], day["load"]["wh"]) for day in days] == [("2027-01-01", 1.0, 5.0)]
 
 
-def test_what_was_not_measured_is_as_the_rest_of_the_day_and_marked(told):
+def test_unmeasured_time_is_extrapolated_and_marked(energy):
     data = minutes(DAY_UTC_S, 300, **MEASURED) + minutes(DAY_UTC_S + 18000.0, 300, steering_j=30.0, servo_v=12.0)
-    (day,) = json.loads(told(data, "--json")[1])["days"]
+    (day,) = json.loads(energy(data, "--json")[1])["days"]
     assert day["load"] == {"wh": 50.0, "measured_h": 5.0, "estimated": True}
     assert day["servo"] == {"wh": 5.0, "measured_h": 10.0, "estimated": False}
     assert day["rest"]["estimated"]
-    code, out = told(data)
+    code, out = energy(data)
     assert code == 0
     assert "~50.00" in out
     assert " 5.00" in out
 
 
-def test_without_a_monitor_the_rest_is_not_known_unless_it_is_said(told):
+def test_rest_needs_a_monitor_or_rest_w(energy):
     data = minutes(DAY_UTC_S, 600, steering_j=30.0, servo_v=12.0)
-    (day,) = json.loads(told(data, "--json")[1])["days"]
+    (day,) = json.loads(energy(data, "--json")[1])["days"]
     assert (day["load"], day["rest"], day["servo"]["wh"]) == (None, None, 5.0)
-    (day,) = json.loads(told(data, "--json", "--rest-w", "4")[1])["days"]
+    (day,) = json.loads(energy(data, "--json", "--rest-w", "4")[1])["days"]
     assert (day["load"], day["rest"]["wh"]) == ({"wh": 45.0, "measured_h": 0.0, "estimated": True}, 40.0)
 
 
-def test_a_servo_that_tells_no_power_is_not_said_to_take_none(told):
-    (day,) = json.loads(told(minutes(DAY_UTC_S, 60, steering_j=0.0, load_w=5.0), "--json")[1])["days"]
+def test_servo_without_power_reading_is_unknown(energy):
+    (day,) = json.loads(energy(minutes(DAY_UTC_S, 60, steering_j=0.0, load_w=5.0), "--json")[1])["days"]
     assert (day["servo"], day["rest"], day["load"]["wh"]) == (None, None, 5.0)
 
 
 @pytest.mark.parametrize("cut", [1, 40, 200])
-def test_a_row_that_was_cut_off_counts_for_nothing(told, cut):
+def test_incomplete_row_is_ignored(energy, cut):
     whole = minutes(DAY_UTC_S, 60, **MEASURED)
-    (day,) = json.loads(told(whole[:-cut], "--json")[1])["days"]
+    (day,) = json.loads(energy(whole[:-cut], "--json")[1])["days"]
     assert day["logged_h"] in (pytest.approx(59 / 60, abs=1e-4), pytest.approx(58 / 60, abs=1e-4))
 
 
-def test_nothing_to_tell_is_told(told, tmp_path, capsys):
-    assert told(b"") == (1, "no energy records yet; run for at least a minute\n")
+def test_missing_records_and_bad_arguments(energy, tmp_path, capsys):
+    assert energy(b"") == (1, "no energy records yet; run for at least a minute\n")
     assert main(["energy", str(tmp_path / "nothing.BIN")]) == 2
     assert "give a thin log" in capsys.readouterr().err
     assert main(["energy", str(tmp_path), "--rest-w", "nan"]) == 2
 
 
-def test_a_column_of_another_sort_is_not_taken_for_numbers(told):
+def test_column_of_another_type_is_ignored(energy):
     values, place = UPKEEP.type.values, UPKEEP.type.labels.split(",").index("Load")
     odd = HEAD.replace(values.encode(), f"{values[:place]}n{values[place + 1 :]}".encode())  # four letters, not a float
     assert odd != HEAD
-    (day,) = json.loads(told(odd + minutes(DAY_UTC_S, 60, **MEASURED), "--json")[1])["days"]
+    (day,) = json.loads(energy(odd + minutes(DAY_UTC_S, 60, **MEASURED), "--json")[1])["days"]
     assert (day["load"], day["solar"]["wh"]) == (None, pytest.approx(8.0))

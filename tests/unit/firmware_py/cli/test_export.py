@@ -1,4 +1,4 @@
-"""Exports of a log, opened by the libraries that others open them with."""
+"""Exports of a log, read back with independent libraries."""
 
 import csv
 import errno
@@ -37,8 +37,8 @@ def export(log, tmp_path):
     return exported
 
 
-def test_logs_one_behind_the_other_in_a_file_are_all_told(log, tmp_path, capsys):
-    """The second head describes all messages anew."""
+def test_concatenated_logs_are_all_exported(log, tmp_path, capsys):
+    """The second header describes all messages again."""
     both = tmp_path / "both.BIN"
     both.write_bytes(2 * log.read_bytes())
     for kind in ("csv", "gpx", "kml"):
@@ -47,7 +47,7 @@ def test_logs_one_behind_the_other_in_a_file_are_all_told(log, tmp_path, capsys)
 
 
 @pytest.mark.parametrize(("program", "words"), [(main, ["export", "--to", "csv"]), (hil_main, ["report"])])
-def test_a_log_is_not_written_over_by_what_is_made_of_it(program, words, log, tmp_path, capsys):
+def test_output_never_overwrites_the_log(program, words, log, tmp_path, capsys):
     mine = tmp_path / "00000001.BIN"
     content = log.read_bytes()
     mine.write_bytes(content)
@@ -58,7 +58,7 @@ def test_a_log_is_not_written_over_by_what_is_made_of_it(program, words, log, tm
         assert mine.read_bytes() == content
 
 
-def test_a_row_a_tick(export):
+def test_csv_has_one_row_per_tick(export):
     with export("csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == TICKS
@@ -80,7 +80,7 @@ def test_parquet_has_the_same_table(export):
     assert set(table.column("mode").to_pylist()) == {"GUIDED"}
 
 
-def test_mcap_has_every_message_at_the_receivers_date(export):
+def test_mcap_has_every_message_with_gps_time(export):
     reader = pytest.importorskip("mcap.reader")
     path = export("mcap")
     first, topics, places = None, set(), []
@@ -102,7 +102,7 @@ JSON_TYPES = ("boolean", "string", "number", "integer", "object", "array")
 PATH = re.compile(r"(/\w+)(?:\{(\w+)==\d+\})?\.(\w+)")
 
 
-def test_foxglove_understands_each_schema_and_each_message_is_of_it(export):
+def test_mcap_messages_match_their_schemas(export):
     reader = pytest.importorskip("mcap.reader")
     lacking, validators = 0, {}
     with export("mcap").open("rb") as file:
@@ -118,14 +118,14 @@ def test_foxglove_understands_each_schema_and_each_message_is_of_it(export):
     assert lacking, "nothing was unknown, so that nothing was tested"
 
 
-def test_the_layout_shows_numbers_that_are_in_the_file(export):
+def test_layout_refers_to_existing_fields(export):
     reader = pytest.importorskip("mcap.reader")
     path = export("mcap")
-    fields, said = {}, {}
+    fields, output = {}, {}
     with path.open("rb") as file:
         for schema, channel, message in reader.make_reader(file).iter_messages():
             fields[channel.topic] = (schema.name, json.loads(schema.data)["properties"])
-            said.setdefault(channel.topic, set()).update(json.loads(message.data))
+            output.setdefault(channel.topic, set()).update(json.loads(message.data))
     layout = json.loads((path.parent / "boat.mcap.layout.json").read_text())
     panels = layout["configById"]
     lines = [line["value"] for panel in panels.values() for line in panel.get("paths", ())]
@@ -134,7 +134,7 @@ def test_the_layout_shows_numbers_that_are_in_the_file(export):
         topic, filtered, field = PATH.fullmatch(line).groups()
         for one in filter(None, (filtered, field)):
             assert fields[topic][1][one]["type"] == "number", line
-            assert one in said[topic], line
+            assert one in output[topic], line
     assert fields[panels["map!rambler"]["followTopic"]][0] == "foxglove.LocationFix"
     assert fields[panels["RosOut!rambler"]["topicToRender"]][0] == "foxglove.Log"
     assert sorted(leaves(layout["layout"])) == sorted(panels)
@@ -149,7 +149,7 @@ def leaves(node):
     return leaves(node["first"]) + leaves(node["second"])
 
 
-def test_gpx_has_the_track_in_utc_and_the_mission(export):
+def test_gpx_has_track_in_utc_and_mission(export):
     found = gpxpy.parse(export("gpx").read_text(encoding="utf-8"))
     ((segment,),) = [track.segments for track in found.tracks]
     assert len(segment.points) == TICKS // 5
@@ -159,7 +159,7 @@ def test_gpx_has_the_track_in_utc_and_the_mission(export):
     assert [one.name for one in found.waypoints] == ["1 NAV_WAYPOINT"]
 
 
-def test_kml_has_track_mission_and_fence_and_is_of_its_schema(export):
+def test_kml_has_track_mission_and_fence_and_is_valid(export):
     path = export("kml")
     assert fastkml.validator.validate(file_to_validate=path)
     (document,) = fastkml.kml.KML.parse(path).features
@@ -174,7 +174,7 @@ def test_kml_has_track_mission_and_fence_and_is_of_its_schema(export):
         assert math.hypot(north - 7e-7, east - 8e-7) * 111_195.0 == pytest.approx(50.0, rel=1e-3)
 
 
-def test_a_missing_library_names_the_extra(log, tmp_path, monkeypatch, capsys):
+def test_missing_library_names_the_extra(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert main(["export", str(log), "--to", "parquet", "--out", str(tmp_path / "x.parquet")]) == 2
     assert "pip" not in (error := capsys.readouterr().err)
@@ -184,28 +184,28 @@ def test_a_missing_library_names_the_extra(log, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("kind", ["csv", "gpx"])
-def test_a_log_without_anything_is_a_finding_and_leaves_no_file(kind, tmp_path, capsys):
+def test_empty_log_is_a_finding_and_leaves_no_file(kind, tmp_path, capsys):
     (tmp_path / "empty.BIN").write_bytes(header(TYPES, 0))
     assert main(["export", str(tmp_path / "empty.BIN"), "--to", kind, "--out", str(tmp_path / "out")]) == 1
     assert "nothing to export" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["empty.BIN"]
 
 
-def test_a_log_that_is_not_there_is_one_line(tmp_path, capsys):
+def test_missing_log_is_a_one_line_error(tmp_path, capsys):
     assert main(["export", str(tmp_path / "none.BIN"), "--to", "csv", "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_a_log_of_a_version_that_told_no_plans_is_not_said_to_have_none(tmp_path, capsys):
+def test_log_version_without_plans_is_reported(tmp_path, capsys):
     old = tmp_path / "old.BIN"
     old.write_bytes((REPLAY / "mission_failsafe.BIN").read_bytes().replace(b"CMD\0", b"OLD\0", 1))  # no message CMD
     for kind in ("gpx", "kml"):
         assert main(["export", str(old), "--to", kind, "--out", str(tmp_path / kind)]) == 0
-        said = capsys.readouterr().out
-        assert re.search(r": \d+ fixes; mission and fence are not in logs of that version\n$", said)
+        output = capsys.readouterr().out
+        assert re.search(r": \d+ fixes; mission and fence are not in logs of that version\n$", output)
 
 
-def test_a_place_without_room_is_named(log, tmp_path, capsys, monkeypatch):
+def test_full_disk_names_the_output(log, tmp_path, capsys, monkeypatch):
     def full(*_words):
         raise OSError(errno.ENOSPC, "No space left on device")
 

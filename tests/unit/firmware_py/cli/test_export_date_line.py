@@ -1,4 +1,4 @@
-"""Tracks, missions and fences across 180 degrees: in parts that no map draws around the globe."""
+"""Tracks, missions and fences across the 180th meridian are split."""
 
 from itertools import pairwise
 from xml.etree import ElementTree as ET
@@ -41,7 +41,7 @@ def lines(tracks, path):
         ((-0.1, 0.1), [2]),
     ],
 )
-def test_a_track_is_split_there(longitudes_deg, parts):
+def test_track_is_split_at_the_180th_meridian(longitudes_deg, parts):
     root = _gpx(Tracks(points(*longitudes_deg)))
     found = gpxpy.parse(ET.tostring(root, "unicode"))
     assert [len(segment.points) for segment in found.tracks[0].segments] == parts
@@ -52,12 +52,12 @@ def test_a_track_is_split_there(longitudes_deg, parts):
         assert all(abs(a[0] - b[0]) < 180.0 for a, b in pairwise(line))
 
 
-def test_a_waypoint_on_the_line_is_below_180():
+def test_waypoint_on_the_180th_meridian_is_below_180():
     root = _gpx(Tracks(points(0.0), mission=[waypoint(1, -16.8, 180.0), waypoint(2, -16.8, -180.0)]))
     assert [one.get("lon") for one in root.iter("wpt")] == ["-180.0000000"] * 2
 
 
-def test_the_way_of_a_mission_is_cut_where_it_crosses():
+def test_mission_line_is_cut_at_the_180th_meridian():
     mission = [waypoint(1, -16.8, 179.97), waypoint(2, -16.6, -179.99), waypoint(3, -16.6, -180.0)]
     _, east, west = lines(Tracks(points(0.0), mission=mission), "LineString")  # behind the track
     assert east == [(179.97, -16.8), (180.0, pytest.approx(-16.65))]
@@ -69,7 +69,7 @@ SQUARE = [(-16.79, 179.99), (-16.79, -179.97), (-16.81, -179.97), (-16.81, 179.9
 
 @pytest.mark.parametrize("first", range(4))
 @pytest.mark.parametrize(("shift_deg", "across"), [(0.0, True), (0.005, True), (-0.04, False), (-50.0, False)])
-def test_a_fence_across_is_an_outline_in_parts(first, shift_deg, across):
+def test_fence_across_is_an_outline_in_parts(first, shift_deg, across):
     turned = SQUARE[first:] + SQUARE[:first]
     places = [(north, (shift_deg + east + 180.0) % 360.0 - 180.0) for north, east in turned]
     tracks = Tracks(points(0.0), fence=[corner(98, *place) for place in places])
@@ -80,7 +80,7 @@ def test_a_fence_across_is_an_outline_in_parts(first, shift_deg, across):
     assert [line[0] for line in rings] == [line[-1] for line in rings]
 
 
-def test_a_circle_across_is_one_too():
+def test_circle_across_is_an_outline_in_parts():
     tracks = Tracks(points(0.0), fence=[corner(93, 0.0, 180.0, radius_m=500.0)])
     assert list(lines(tracks, "LinearRing")) == []
     outlines = list(lines(tracks, "LineString"))[1:]

@@ -1,4 +1,4 @@
-"""`rambler key`: what it says, what it takes for a key, and what it refuses."""
+"""`rambler key`: states, valid and invalid keys."""
 
 import errno
 import io
@@ -28,7 +28,7 @@ def state(tmp_path):
 
 @pytest.fixture
 def typed(monkeypatch):
-    """Gives bytes to standard input."""
+    """Write bytes to standard input."""
 
     def give(data):
         monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
@@ -58,13 +58,13 @@ def refused(capsys, *words):
     return line
 
 
-def shown(capsys, directory):
+def state_of(capsys, directory):
     assert main(["key", "show-state", "--state", str(directory), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
-def test_a_key_is_set_shown_by_its_state_alone_and_removed(state, typed, capsys):
-    assert shown(capsys, state) == {"state": "absent", "problem": "", "readable_by_others": []}
+def test_key_is_set_shown_as_state_only_and_removed(state, typed, capsys):
+    assert state_of(capsys, state) == {"state": "absent", "problem": "", "readable_by_others": []}
     typed(PASSPHRASE + b"\n")
     assert main(["key", "set", "--state", str(state)]) == 0
     assert capsys.readouterr().out == f"{state}: present\n"
@@ -80,7 +80,7 @@ def test_a_key_is_set_shown_by_its_state_alone_and_removed(state, typed, capsys)
 
 
 @pytest.mark.parametrize("data", [b"two words", b"two words\n", b"two words\r\n"])
-def test_a_passphrase_is_a_line_from_a_file_or_standard_input(data, state, typed, tmp_path):
+def test_passphrase_is_read_from_file_or_standard_input(data, state, typed, tmp_path):
     typed(data)
     assert main(["key", "set", "--state", str(state)]) == 0
     assert key_in(state) == sha256(b"two words").digest()
@@ -89,7 +89,7 @@ def test_a_passphrase_is_a_line_from_a_file_or_standard_input(data, state, typed
     assert key_in(state) == sha256(b"deux words").digest()
 
 
-def test_digits_are_a_passphrase_unless_they_are_said_to_be_the_key(state, typed):
+def test_hex_digits_are_a_key_only_with_the_option(state, typed):
     digits = "0123456789abcdefABCDEF9876543210" * 2
     typed(digits.encode())
     assert main(["key", "set", "--state", str(state)]) == 0
@@ -112,57 +112,57 @@ def test_digits_are_a_passphrase_unless_they_are_said_to_be_the_key(state, typed
         (b"0" * 64, ("--hex",), "a key must not be all zeros"),
     ],
 )
-def test_what_is_no_key_is_refused_and_the_old_one_stands(data, more, reason, keyed, typed, capsys):
+def test_invalid_key_is_refused_and_the_old_one_stays(data, more, reason, keyed, typed, capsys):
     typed(data)
     assert reason in refused(capsys, "set", "--state", keyed, *more)
     assert key_in(keyed) == KEY
 
 
-def test_a_key_is_never_an_argument(state, capsys):
+def test_key_is_never_an_argument(state, capsys):
     assert "-h" in refused(capsys, "set", "seaworthy", "--state", state)
     assert key_in(state) is None
 
 
 @pytest.mark.parametrize("words", [("show-state",), ("remove",), ("set", "--key-file", "none")])
-def test_a_directory_or_a_file_that_is_not_there_is_told(words, tmp_path, state, capsys):
+def test_missing_directory_or_key_file_is_an_error(words, tmp_path, state, capsys):
     assert "does not exist" in refused(capsys, *words, "--state", tmp_path / "none")
     assert not (tmp_path / "none").exists()
     if words[0] == "set":
         assert "give a readable file" in refused(capsys, *words, "--state", state)
 
 
-def test_the_directory_of_an_autopilot_under_way_is_left_alone(keyed, typed, capsys):
+def test_key_of_a_running_autopilot_is_not_changed(keyed, typed, capsys):
     autopilot = Store(keyed)
     try:
         typed(b"another")
         assert "end that one, or set the key over a trusted link" in refused(capsys, "set", "--state", keyed)
         assert "end that one, or set the key over a trusted link" in refused(capsys, "remove", "--state", keyed)
-        assert shown(capsys, keyed)["state"] == "present"
+        assert state_of(capsys, keyed)["state"] == "present"
     finally:
         autopilot.close()
     assert key_in(keyed) == KEY
 
 
-def test_only_the_user_of_the_directory_changes_the_key(state, typed, capsys, monkeypatch):
-    """What another has written, root too, the autopilot would not believe: its key would be lost."""
+def test_only_the_owner_changes_the_key(state, typed, capsys, monkeypatch):
+    """The autopilot does not accept files of another user, not even of root: the key would be lost."""
     monkeypatch.setattr(os, "geteuid", lambda: 54321)
     typed(PASSPHRASE)
     assert "run this as that user" in refused(capsys, "set", "--state", state)
     assert "run this as that user" in refused(capsys, "remove", "--state", state)
 
 
-def test_a_full_standard_output_is_no_fault_of_the_directory(keyed, capsys, monkeypatch):
+def test_full_standard_output_is_a_disk_error(keyed, capsys, monkeypatch):
     with Path("/dev/full").open("wb", buffering=0) as full:
         monkeypatch.setattr("sys.stdout", io.TextIOWrapper(full, write_through=True))
         assert main(["key", "show-state", "--state", str(keyed)]) == 2
     assert capsys.readouterr().err.startswith("rambler: a disk is full (see df)")
 
 
-def test_a_lost_key_is_told_with_its_cause_and_can_be_removed(keyed, capsys):
+def test_lost_key_has_a_cause_and_can_be_removed(keyed, capsys):
     for path in keyed.glob("signing.key.*"):
         path.write_bytes(b"")
         path.chmod(0o644)
-    assert shown(capsys, keyed) == {
+    assert state_of(capsys, keyed) == {
         "state": "lost",
         "problem": "signing.key.0 is damaged, signing.key.1 is damaged",
         "readable_by_others": ["signing.key.0", "signing.key.1"],
@@ -171,20 +171,20 @@ def test_a_lost_key_is_told_with_its_cause_and_can_be_removed(keyed, capsys):
     assert find_key(stored_key(keyed)).state is KeyState.ABSENT
 
 
-def test_who_may_not_read_it_is_not_told_that_it_is_lost(keyed, capsys, monkeypatch):
+def test_key_of_another_user_is_unreadable_not_lost(keyed, capsys, monkeypatch):
     def refuse(*_words):
         raise PermissionError(13, "denied")
 
     monkeypatch.setattr(os, "geteuid", lambda: 54321)
     monkeypatch.setattr("os.read", refuse)
-    told = shown(capsys, keyed)
-    assert told["state"] == "unreadable"
-    assert told["problem"].startswith(
+    result = state_of(capsys, keyed)
+    assert result["state"] == "unreadable"
+    assert result["problem"].startswith(
         "signing.key.0 cannot be read (denied), signing.key.1 cannot be read (denied); run this as"
     )
 
 
-def test_what_cannot_be_stored_is_told(state, typed, capsys, monkeypatch):
+def test_write_error_is_reported(state, typed, capsys, monkeypatch):
     typed(PASSPHRASE)
 
     def no_room(*_words):
@@ -192,11 +192,11 @@ def test_what_cannot_be_stored_is_told(state, typed, capsys, monkeypatch):
 
     monkeypatch.setattr(os, "pwrite", no_room)
     assert "signing.key cannot be stored" in refused(capsys, "set", "--state", state)
-    assert shown(capsys, state)["state"] == "absent"
+    assert state_of(capsys, state)["state"] == "absent"
 
 
 @pytest.mark.parametrize(("again", "code"), [("seaworthy", 0), ("seawrothy", 2)])
-def test_at_a_terminal_it_is_asked_for_twice(again, code, state, capsys, monkeypatch):
+def test_terminal_asks_for_the_passphrase_twice(again, code, state, capsys, monkeypatch):
     keyboard, terminal = pty.openpty()
     answers, prompts = iter(("seaworthy", again)), []
 

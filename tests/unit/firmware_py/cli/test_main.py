@@ -1,4 +1,4 @@
-"""The command line from the outside: exit codes, one-line errors, help."""
+"""The command line: exit codes, one-line errors, help."""
 
 import io
 import json
@@ -61,7 +61,7 @@ def one_line_error(capsys, arguments, code=2):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself(command, capsys):
+def test_every_command_has_help(command, capsys):
     with pytest.raises(SystemExit) as ended:
         main([command, "-h"])
     assert ended.value.code == 0
@@ -69,7 +69,7 @@ def test_every_command_explains_itself(command, capsys):
 
 
 @pytest.mark.parametrize("arguments", [[], ["sink"], ["run"], ["run", "a", "--bogus"], ["decode", "morse", "x"]])
-def test_bad_usage_is_one_line_that_names_the_remedy(arguments, capsys):
+def test_usage_error_is_one_line_with_remedy(arguments, capsys):
     assert "-h" in one_line_error(capsys, arguments)
 
 
@@ -79,7 +79,7 @@ def test_run_refuses_a_wrong_vehicle_file(capsys, tmp_path, vehicle):
     assert "unknown parameter 'CTL_K9'" in one_line_error(capsys, ["run", path])
 
 
-def test_run_refuses_what_a_driver_refuses(capsys, vehicle, ports, tmp_path):
+def test_run_refuses_wrong_driver_options(capsys, vehicle, ports, tmp_path):
     path = vehicle(*ports)
     text = (tmp_path / "boat.toml").read_text().replace("baud = 4800", 'baud = 4800\nsentences = ["HDX"]')
     (tmp_path / "boat.toml").write_text(text)
@@ -120,12 +120,12 @@ def test_params_prints_the_table_and_checks_files(capsys, tmp_path):
     assert "boat.param:1" in one_line_error(capsys, ["params", str(file)], code=1)
 
 
-def test_generated_pages_are_the_repository_s(capsys):
+def test_generated_pages_are_up_to_date(capsys):
 
     params = ROOT / "params"
     for option, name in (("--markdown", "REFERENCE.md"), ("--faults", "FAULTS.md"), ("--texts", "TEXTS.md")):
         assert main(["params", option]) == 0
-        assert capsys.readouterr().out == (params / name).read_text(), "make pages writes them anew"
+        assert capsys.readouterr().out == (params / name).read_text(), "write them with make pages"
 
 
 def test_decode_prints_json_lines(capsys, tmp_path):
@@ -142,13 +142,13 @@ def test_decode_prints_json_lines(capsys, tmp_path):
     )
 
 
-def test_replay_refuses_what_is_no_log(capsys, tmp_path):
+def test_replay_refuses_a_file_that_is_not_a_log(capsys, tmp_path):
     file = tmp_path / "x.BIN"
     file.write_bytes(b"nothing of the kind")
     assert "x.BIN" in one_line_error(capsys, ["replay", str(file)])
 
 
-def test_check_has_a_line_for_each_thing_and_fails_for_silent_devices(capsys, vehicle, ports, tmp_path, monkeypatch):
+def test_check_prints_each_finding_and_fails_for_silent_devices(capsys, vehicle, ports, tmp_path, monkeypatch):
     monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.2)
     assert main(["check", vehicle(*ports), "--state", str(tmp_path / "state")]) == 1
     lines = capsys.readouterr().out.splitlines()
@@ -158,7 +158,7 @@ def test_check_has_a_line_for_each_thing_and_fails_for_silent_devices(capsys, ve
     assert any("silent; check power, wiring and baud rate" in line for line in lines)
 
 
-def test_a_second_compass_is_listened_to_and_checked_as_well(capsys, vehicle, monkeypatch, tmp_path):
+def test_listen_and_check_include_a_second_compass(capsys, vehicle, monkeypatch, tmp_path):
     monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.2)
     path = vehicle(more='[compass_b]\ndriver = "pni_tcm"\nport = "/dev/none-c"\nbaud = 38400\n')
     assert main(["listen", path, "--seconds", "1.05", "--json"]) == 1
@@ -167,7 +167,7 @@ def test_a_second_compass_is_listened_to_and_checked_as_well(capsys, vehicle, mo
     assert "FAIL  compass_b" in capsys.readouterr().out
 
 
-def test_listen_says_what_is_missing(capsys, vehicle):
+def test_listen_reports_missing_ports(capsys, vehicle):
     assert main(["listen", vehicle(), "--seconds", "1.05", "--json"]) == 1
     records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {record["device"]: record["state"] for record in records} == {"compass": "absent", "rudder": "absent"}
@@ -175,7 +175,7 @@ def test_listen_says_what_is_missing(capsys, vehicle):
     assert "--seconds" in one_line_error(capsys, ["listen", vehicle(), "--seconds", "-1"])
 
 
-def test_an_example_that_finds_no_room_is_told_and_nothing_is_left_of_it(tmp_path):
+def test_example_on_a_full_disk_leaves_no_file(tmp_path):
     command = f"ulimit -f 0; exec {sys.executable} -m firmware_py example {tmp_path / 'boat.toml'}"
     done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (
@@ -186,42 +186,42 @@ def test_an_example_that_finds_no_room_is_told_and_nothing_is_left_of_it(tmp_pat
 
 
 @pytest.mark.parametrize("words", ["firmware_py plan items", "hil scenarios"])
-def test_standard_streams_that_are_closed_at_the_start_are_dev_null(words):
+def test_closed_standard_streams_become_dev_null(words):
     command = f"exec {sys.executable} -m {words} <&- >&-"
     done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(("program", "word"), [(main, "replay"), (hil_main, "report")])
-def test_a_path_that_the_terminal_cannot_write_is_written_in_escapes(program, word, monkeypatch):
-    said = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
-    monkeypatch.setattr(sys, "stderr", said)
+def test_unprintable_path_is_escaped(program, word, monkeypatch):
+    output = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
+    monkeypatch.setattr(sys, "stderr", output)
     assert program([word, "/nowhere/B\u00f8t"]) == 2
-    said.seek(0)
-    assert "/nowhere/B\\xf8t" in said.read()
+    output.seek(0)
+    assert "/nowhere/B\\xf8t" in output.read()
 
 
 @pytest.mark.parametrize(
     "words", [("run", "tank", "--goal", "0:0", "--out"), ("board",), ("report", "--out", "page.html")]
 )
-def test_a_name_that_is_no_utf_8_is_refused_in_a_line(words, tmp_path, monkeypatch, capsys):
+def test_name_that_is_not_utf_8_is_a_one_line_error(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     name = os.fsdecode(b"B\xf8t")
     if words[0] == "report":
         (tmp_path / name).write_bytes((REPLAY / "tank_pni_volz.BIN").read_bytes())
     assert hil_main([*words, name]) == 2
-    said = capsys.readouterr()
-    assert (said.out, said.err.count("\n")) == ("", 1)
-    assert "not representable in this locale; use another name, or LC_ALL=C.UTF-8\n" in said.err
+    output = capsys.readouterr()
+    assert (output.out, output.err.count("\n")) == ("", 1)
+    assert "not representable in this locale; use another name, or LC_ALL=C.UTF-8\n" in output.err
     assert not [path for path in tmp_path.iterdir() if path.is_dir()]
 
 
-def test_a_relative_state_home_is_told_and_ignored(tmp_path, monkeypatch, capsys):
+def test_relative_state_home_is_reported_and_ignored(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(Path, "home", lambda: tmp_path / "home")
     monkeypatch.setenv("XDG_STATE_HOME", "some/where")
     assert default_state_directory("Boat 1") == tmp_path / "home/.local/state/rambler/boat-1"
-    told = "rambler: XDG_STATE_HOME=some/where is not absolute and is ignored; give an absolute path, or --state\n"
-    assert capsys.readouterr().err == told
+    text = "rambler: XDG_STATE_HOME=some/where is not absolute and is ignored; give an absolute path, or --state\n"
+    assert capsys.readouterr().err == text
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert default_state_directory("Boat 1") == tmp_path / "rambler/boat-1"
     monkeypatch.setenv("XDG_STATE_HOME", "")
@@ -230,7 +230,7 @@ def test_a_relative_state_home_is_told_and_ignored(tmp_path, monkeypatch, capsys
 
 
 @pytest.mark.parametrize("words", [("run",), ("check",), ("calibrate", "rudder")])
-def test_a_user_without_a_home_is_asked_for_a_state_directory(words, vehicle, monkeypatch, capsys):
+def test_user_without_home_directory_needs_state(words, vehicle, monkeypatch, capsys):
     def nowhere():
         raise RuntimeError("Could not determine home directory.")
 
@@ -241,7 +241,7 @@ def test_a_user_without_a_home_is_asked_for_a_state_directory(words, vehicle, mo
     )
 
 
-def test_nothing_that_keeps_a_file_open_is_imported_before_the_standard_streams_are_looked_at():
-    """A newer libffi opens itself with ctypes: started with a closed standard input, it would become that."""
+def test_ctypes_is_not_imported_before_the_standard_streams_are_checked():
+    """libffi opens a file with ctypes, which would become a closed standard input."""
     code = "import sys, firmware_py.__main__; sys.exit('ctypes' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

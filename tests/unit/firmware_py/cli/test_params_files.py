@@ -12,7 +12,7 @@ SETTINGS = [row for row in TABLE if not row.read_only]
 
 
 @pytest.mark.parametrize("form", ["plain", "qgc"])
-def test_a_file_is_written_and_read_back(capsys, tmp_path, form):
+def test_parameter_file_round_trip(capsys, tmp_path, form):
     given, out = tmp_path / "boat.param", tmp_path / "out.param"
     given.write_text("CTL_K1 41\nEST_TAU_S,1.7\nSTAT_BOOTCNT 9\n")
     assert main(["params", str(given), "--save", str(out), "--format", form]) == 0
@@ -25,57 +25,60 @@ def test_a_file_is_written_and_read_back(capsys, tmp_path, form):
     assert "2 differ from their defaults" in capsys.readouterr().out
 
 
-def test_the_defaults_are_written_without_a_file(capsys, tmp_path):
+def test_save_without_file_writes_defaults(capsys, tmp_path):
     assert main(["params", "--save", str(tmp_path / "out")]) == 0
     assert parse_file((tmp_path / "out").read_text(), "out") == {row.name: row.default for row in SETTINGS}
 
 
-def test_what_cannot_be_written_is_one_line(capsys, tmp_path):
+def test_unwritable_file_is_a_one_line_error(capsys, tmp_path):
     assert main(["params", "--save", str(tmp_path / "none" / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_a_wrong_file_is_not_saved_on(capsys, tmp_path):
+def test_invalid_file_is_not_saved(capsys, tmp_path):
     given, out = tmp_path / "boat.param", tmp_path / "out.param"
     given.write_text("CTL_K1 4100\n")
     assert main(["params", str(given), "--save", str(out)]) == 1
     assert not out.exists()
 
 
-def test_the_metadata_is_printed(capsys):
+def test_metadata_is_printed(capsys):
     assert main(["params", "--metadata"]) == 0
     assert [row["name"] for row in json.loads(capsys.readouterr().out)["parameters"]] == [row.name for row in TABLE]
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "text"),
     [
         (["--markdown", "CTL_K1"], "--markdown prints the whole page; remove CTL_K1"),
         (["--texts", "--save", "out"], "--texts prints the whole page; remove --save"),
         (["--markdown", "--faults"], "not allowed with argument --markdown"),
     ],
 )
-def test_what_a_page_would_not_heed_is_refused(capsys, words, told):
+def test_page_options_refuse_other_arguments(capsys, words, text):
     assert main(["params", *words]) == 2
-    said = capsys.readouterr()
-    assert (said.out, told in said.err) == ("", True), said.err
+    output = capsys.readouterr()
+    assert (output.out, text in output.err) == ("", True), output.err
 
 
 @pytest.mark.parametrize("name", ["RUD_LIMIT_DEG", "rud_limit_deg"])
-def test_a_name_is_explained(capsys, name):
+def test_parameter_is_explained(capsys, name):
     assert main(["params", name]) == 0
     assert capsys.readouterr().out == (
         "RUD_LIMIT_DEG: Maximum rudder angle to either side.\ndefault   30 deg\nallowed   1 to 60 deg\n"
     )
 
 
-def test_every_parameter_is_explained_with_all_its_choices_and_conditions(capsys):
+def test_every_parameter_is_explained_with_choices_and_conditions(capsys):
     for row in TABLE:
         assert main(["params", row.name]) == 0
-        said = capsys.readouterr().out
-        assert row.text in said
-        assert ("next start" in said, "read-only" in said) == (row.reboot or "next start" in row.text, row.read_only)
-        assert all(text in said for text in (row.choices or {}).values())
+        output = capsys.readouterr().out
+        assert row.text in output
+        assert ("next start" in output, "read-only" in output) == (
+            row.reboot or "next start" in row.text,
+            row.read_only,
+        )
+        assert all(text in output for text in (row.choices or {}).values())
 
 
 @pytest.mark.parametrize(
@@ -89,33 +92,33 @@ def test_every_parameter_is_explained_with_all_its_choices_and_conditions(capsys
         ("POS_TIMOUT_S", "POS_TIMEOUT_S"),
     ],
 )
-def test_a_name_that_was_mistyped_brings_the_one_that_was_meant(capsys, name, meant):
+def test_mistyped_name_suggests_the_right_one(capsys, name, meant):
     assert main(["params", name]) == 2
-    said = capsys.readouterr()
-    (line,) = said.err.splitlines()
+    output = capsys.readouterr()
+    (line,) = output.err.splitlines()
     assert meant in line
-    assert said.out == ""
+    assert output.out == ""
 
 
-def test_a_file_of_the_name_of_a_parameter_is_a_file(capsys, tmp_path, monkeypatch):
+def test_file_takes_precedence_over_parameter_name(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "CTL_K1").write_text("CTL_K1 41\n")
     assert main(["params", "CTL_K1"]) == 0
     assert "40 -> 41" in capsys.readouterr().out
 
 
-def test_all_that_is_wrong_with_a_file_is_told_at_once(capsys, tmp_path):
+def test_all_errors_of_a_file_are_reported(capsys, tmp_path):
     given = tmp_path / "boat.param"
     given.write_text("CTL_K1 1e9\nCTL_K2 0.5\nNONE 1\nCTL_K2\nCTL_K2 two\n")
     assert main(["params", str(given)]) == 1
-    said = capsys.readouterr()
-    lines = said.err.splitlines()
+    output = capsys.readouterr()
+    lines = output.err.splitlines()
     assert [line.split(":")[2] for line in lines] == ["1", "3", "4", "5"]
     assert all(line.startswith(f"rambler params: {given}:") for line in lines)
-    assert said.out == ""
+    assert output.out == ""
 
 
-def test_of_a_file_that_is_none_not_more_is_told_than_anybody_reads(capsys, tmp_path):
+def test_number_of_reported_errors_is_limited(capsys, tmp_path):
     given = tmp_path / "boat.param"
     given.write_text("nothing of the kind\n" * 10_000)
     assert main(["params", str(given)]) == 1

@@ -1,4 +1,4 @@
-"""`rambler plan` from the outside."""
+"""`rambler plan`: check, load, show and save."""
 
 import errno
 import json
@@ -32,70 +32,70 @@ def state(tmp_path):
     return directory
 
 
-def said(capsys, *words, code=0):
+def output_of(capsys, *words, code=0):
     assert main(["plan", *map(str, words)]) == code
     captured = capsys.readouterr()
     return captured.err if code else captured.out
 
 
-def shown(capsys, state):
-    return json.loads(said(capsys, "show", "--json", "--state", state))
+def plans_in(capsys, state):
+    return json.loads(output_of(capsys, "show", "--json", "--state", state))
 
 
-def test_a_plan_goes_into_a_state_and_out_again(capsys, tmp_path, file, state):
-    assert said(capsys, "check", file) == f"{file}: mission: 2 items, all valid\n"
-    assert said(capsys, "load", file, "--state", state) == f"{state}: mission: 2 items\n"
-    first, jump = shown(capsys, state)["mission"]
+def test_plan_is_loaded_shown_and_saved(capsys, tmp_path, file, state):
+    assert output_of(capsys, "check", file) == f"{file}: mission: 2 items, all valid\n"
+    assert output_of(capsys, "load", file, "--state", state) == f"{state}: mission: 2 items\n"
+    first, jump = plans_in(capsys, state)["mission"]
     assert (first["latitude_deg"], first["params"]) == (36.1234567, [0.0, 5.5, 0.0, None])
     assert (jump["name"], jump["params"]) == ("DO_JUMP", [0.0, -1.0, 0.0, 0.0])
-    assert "NAV_WAYPOINT" in said(capsys, "show", "--state", state)
-    before = shown(capsys, state)
+    assert "NAV_WAYPOINT" in output_of(capsys, "show", "--state", state)
+    before = plans_in(capsys, state)
     for name in ("b.plan", "b.waypoints"):
-        said(capsys, "save", tmp_path / name, "--state", state)
-        assert json.loads(said(capsys, "check", "--json", tmp_path / name))["mission"] == before["mission"]
-        said(capsys, "load", tmp_path / name, "--state", state)
-        assert shown(capsys, state) == before
+        output_of(capsys, "save", tmp_path / name, "--state", state)
+        assert json.loads(output_of(capsys, "check", "--json", tmp_path / name))["mission"] == before["mission"]
+        output_of(capsys, "load", tmp_path / name, "--state", state)
+        assert plans_in(capsys, state) == before
 
 
-def test_a_plan_that_is_refused_changes_nothing(capsys, file, state):
-    said(capsys, "load", file, "--state", state)
-    before = shown(capsys, state)
+def test_refused_plan_changes_nothing(capsys, file, state):
+    output_of(capsys, "load", file, "--state", state)
+    before = plans_in(capsys, state)
     file.write_text(WAYPOINTS.replace("\t177\t1\t", "\t177\t9\t"))
-    error = said(capsys, "load", file, "--state", state, code=2)
+    error = output_of(capsys, "load", file, "--state", state, code=2)
     text = "item 2: DO_JUMP: the target item does not exist; correct it (home is item 0)"
     assert error == f"rambler plan load: {file}: mission: {text}\n"
-    assert shown(capsys, state) == before
+    assert plans_in(capsys, state) == before
 
 
-def test_a_state_in_use_is_left_to_the_ground_stations_but_can_be_shown(capsys, file, state):
+def test_state_in_use_is_not_changed_but_shown(capsys, file, state):
     store = Store(state)
     try:
-        error = said(capsys, "load", file, "--state", state, code=2)
+        error = output_of(capsys, "load", file, "--state", state, code=2)
         assert "in use" in error
         assert "ground station" in error
-        assert shown(capsys, state) == {"mission": [], "fence": [], "rally": []}
+        assert plans_in(capsys, state) == {"mission": [], "fence": [], "rally": []}
     finally:
         store.close()
 
 
-def test_a_disk_that_fails_is_told(capsys, file, state, monkeypatch):
+def test_write_error_is_one_line(capsys, file, state, monkeypatch):
     def no_room(*_words):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "pwrite", no_room)
-    error = said(capsys, "load", file, "--state", state, code=2)
+    error = output_of(capsys, "load", file, "--state", state, code=2)
     assert "cannot be stored" in error
     assert error.count("\n") == 1
 
 
-def test_the_table_of_items_is_complete(capsys):
-    table = said(capsys, "items")
+def test_table_of_items_is_complete(capsys):
+    table = output_of(capsys, "items")
     assert all(f"| {row.name} | {int(row.command)} |" in table for row in TABLE)
 
 
-def test_a_plan_that_was_lost_is_told_by_name(capsys, file, state):
+def test_damaged_plan_is_named(capsys, file, state):
     for _ in range(2):
-        said(capsys, "load", file, "--state", state)
+        output_of(capsys, "load", file, "--state", state)
     (state / "mission.plan.1").write_bytes(bytes(4096))
     main(["plan", "show", "--state", str(state)])
     assert "mission.plan.1 is damaged: the other slot is used" in capsys.readouterr().err
@@ -104,28 +104,28 @@ def test_a_plan_that_was_lost_is_told_by_name(capsys, file, state):
     assert "mission.plan.1 is damaged: no plan remains" in capsys.readouterr().err
 
 
-def test_states_that_are_none(capsys, file, tmp_path, state):
-    told = said(capsys, "show", "--state", tmp_path / "none", code=2)
-    assert told.endswith(f"{tmp_path / 'none'} does not exist; give that of `rambler run --state`, or create it: "
+def test_unusable_state_directories(capsys, file, tmp_path, state):
+    error = output_of(capsys, "show", "--state", tmp_path / "none", code=2)
+    assert error.endswith(f"{tmp_path / 'none'} does not exist; give that of `rambler run --state`, or create it: "
                          f"mkdir -p {tmp_path / 'none'}\n")  # fmt: skip
-    assert "is a file; give that of" in said(capsys, "load", file, "--state", file, code=2)
-    said(capsys, "load", file, "--state", tmp_path / "a" / "new", code=0)
-    assert len(shown(capsys, tmp_path / "a" / "new")["mission"]) == 2
+    assert "is a file; give that of" in output_of(capsys, "load", file, "--state", file, code=2)
+    output_of(capsys, "load", file, "--state", tmp_path / "a" / "new", code=0)
+    assert len(plans_in(capsys, tmp_path / "a" / "new")["mission"]) == 2
     store = Store(state)
     store.save("mission.plan", b"nonsense")
     store.close()
-    assert "load the plan again" in said(capsys, "show", "--state", state, code=2)
-    said(capsys, "load", file, "--state", state)
-    assert "Is a directory" in said(capsys, "save", tmp_path, "--state", state, code=2)
-    assert "see rambler plan" in said(capsys, "show", code=2)
+    assert "load the plan again" in output_of(capsys, "show", "--state", state, code=2)
+    output_of(capsys, "load", file, "--state", state)
+    assert "Is a directory" in output_of(capsys, "save", tmp_path, "--state", state, code=2)
+    assert "see rambler plan" in output_of(capsys, "show", code=2)
 
 
-def test_a_file_that_cannot_be_read_is_named(capsys, tmp_path):
-    assert "No such file" in said(capsys, "check", tmp_path / "none", code=2)
-    assert "Is a directory" in said(capsys, "check", tmp_path, code=2)
+def test_unreadable_file_is_named(capsys, tmp_path):
+    assert "No such file" in output_of(capsys, "check", tmp_path / "none", code=2)
+    assert "Is a directory" in output_of(capsys, "check", tmp_path, code=2)
     huge = tmp_path / "huge"
     huge.write_bytes(b"1 2\n" * (3 << 20))
-    assert "larger than" in said(capsys, "check", huge, code=2)
+    assert "larger than" in output_of(capsys, "check", huge, code=2)
 
 
 OUTSIDE = {
@@ -145,7 +145,7 @@ OUTSIDE = {
 WARNED = "warning: Mission item 2 is 778 m outside the fence\n"
 
 
-def test_a_mission_outside_the_fence_is_told(capsys, tmp_path, state):
+def test_mission_outside_the_fence_is_a_warning(capsys, tmp_path, state):
     both, mission = tmp_path / "both.plan", tmp_path / "mission.plan"
     both.write_text(json.dumps(OUTSIDE))
     mission.write_text(json.dumps({"fileType": "Plan", "mission": OUTSIDE["mission"]}))
@@ -161,14 +161,14 @@ def test_a_mission_outside_the_fence_is_told(capsys, tmp_path, state):
 
 
 @pytest.mark.parametrize("text", ['{"version": 1, "polygon": [[1, 2]]}', '{"version": 2, "polygon": []}', "{}"])
-def test_a_fence_that_is_not_understood_leaves_the_one_in_force(capsys, tmp_path, state, text):
+def test_invalid_fence_leaves_the_old_one(capsys, tmp_path, state, text):
     path = tmp_path / "a.plan"
     path.write_text(json.dumps(OUTSIDE))
     main(["plan", "load", str(path), "--state", str(state)])
     capsys.readouterr()
-    before = shown(capsys, state)
+    before = plans_in(capsys, state)
     path.write_text(f'{{"fileType": "Plan", "mission": {{"items": []}}, "geoFence": {text}}}')
-    assert "geoFence: " in said(capsys, "load", path, "--state", state, code=2)
-    assert shown(capsys, state) == before
+    assert "geoFence: " in output_of(capsys, "load", path, "--state", state, code=2)
+    assert plans_in(capsys, state) == before
     path.write_text('{"fileType": "Plan", "geoFence": {"polygons": [], "circles": []}}')
-    assert said(capsys, "load", path, "--state", state) == f"{state}: fence: 0 items, 4 removed\n"
+    assert output_of(capsys, "load", path, "--state", state) == f"{state}: fence: 0 items, 4 removed\n"

@@ -1,4 +1,4 @@
-"""`rambler replay`: what cannot be read is one line and exit 2, what is of another version is noted."""
+"""`rambler replay`: errors, notes and differences."""
 
 import json
 import re
@@ -50,16 +50,16 @@ def edited(change):
 
 
 def refused(capsys, path):
-    """The one line of a refusal."""
+    """Return the one-line error."""
     assert main(["replay", str(path)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("rambler replay: ")
-    assert said.err.count("\n") == 1
-    return said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("rambler replay: ")
+    assert output.err.count("\n") == 1
+    return output.err
 
 
-def test_a_log_with_its_checkpoint_written_again_is_identical(tmp_path, capsys):
+def test_rewritten_checkpoint_replays_identically(tmp_path, capsys):
     path = with_checkpoint(tmp_path / "again.BIN", lambda text: state_codec.state_to_text(_state(text)))
     assert main(["replay", path]) == 0
     assert "note" not in capsys.readouterr().out
@@ -71,7 +71,7 @@ def _state(text):
     return state
 
 
-def test_what_is_not_known_is_noted(tmp_path, capsys):
+def test_unknown_fields_are_noted(tmp_path, capsys):
     path = with_checkpoint(tmp_path / "later.BIN", edited(lambda data: data.update(version=99, tide_m=1.0, idle=None)))
     main(["replay", path])
     assert (
@@ -83,15 +83,15 @@ def test_what_is_not_known_is_noted(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["notes"] == ["State: field 'tide_m' is not known here, ignored"]
 
 
-def test_what_behaves_otherwise_is_shown(tmp_path, capsys):
+def test_invalid_parameter_and_changed_state_are_reported(tmp_path, capsys):
     path = with_checkpoint(tmp_path / "less.BIN", edited(lambda data: data["parameters"].update(CTL_K1=1e9)))
     assert main(["replay", path]) in (0, 1)
     assert "CTL_K1: 1e+09 is out of range" in capsys.readouterr().out
     path = with_checkpoint(tmp_path / "other.BIN", edited(lambda data: data["rudder"].update(command_rad=0.2)))
     assert main(["replay", path]) == 1
-    told = capsys.readouterr().out
-    assert "commands differ, by up to " in told
-    assert re.search(r"commands differ, by up to \d\S* rad; the first at tick", told)
+    output = capsys.readouterr().out
+    assert "commands differ, by up to " in output
+    assert re.search(r"commands differ, by up to \d\S* rad; the first at tick", output)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def test_what_behaves_otherwise_is_shown(tmp_path, capsys):
     [b"", b"\0" * 5000, bytes(range(256)) * 40, b"\xa3\x95\x80" * 100, b"# no log\n" * 50, LOG.read_bytes()[:3000]],
     ids=["empty", "zeros", "bytes", "marks", "text", "head"],
 )
-def test_what_is_no_log_is_one_line(tmp_path, capsys, content):
+def test_file_that_is_not_a_log_is_a_one_line_error(tmp_path, capsys, content):
     (tmp_path / "no.BIN").write_bytes(content)
     assert "no whole tick in it" in refused(capsys, tmp_path / "no.BIN")
 
@@ -114,7 +114,7 @@ def test_what_is_no_log_is_one_line(tmp_path, capsys, content):
         lambda _: "[]",
     ],
 )
-def test_a_checkpoint_that_is_none_is_one_line(tmp_path, capsys, change):
+def test_invalid_checkpoint_is_a_one_line_error(tmp_path, capsys, change):
     assert "checkpoint refused" in refused(capsys, with_checkpoint(tmp_path / "bad.BIN", change))
 
 
@@ -128,15 +128,15 @@ def far_index(data):
 
 
 @pytest.mark.parametrize("change", [short_filter, far_index])
-def test_impossible_numbers_end_in_no_traceback(tmp_path, capsys, change):
+def test_impossible_numbers_cause_no_traceback(tmp_path, capsys, change):
     path = with_checkpoint(tmp_path / "odd.BIN", edited(change))
     code = main(["replay", path])
-    said = capsys.readouterr()
-    assert (code == 0) == (" every" in said.out.replace("\n", " "))
-    assert said.err.count("\n") == (code == 2)
+    output = capsys.readouterr()
+    assert (code == 0) == (" every" in output.out.replace("\n", " "))
+    assert output.err.count("\n") == (code == 2)
 
 
-def test_whatever_goes_wrong_is_one_line(monkeypatch, capsys):
+def test_any_exception_is_a_one_line_error(monkeypatch, capsys):
     def broken(*_):
         raise MemoryError("two\nlines")
 
@@ -146,7 +146,7 @@ def test_whatever_goes_wrong_is_one_line(monkeypatch, capsys):
     assert "cannot be read (MemoryError: two lines)" in refused(capsys, LOG)
 
 
-def test_a_log_of_an_early_layout_names_the_version_that_can_replay_it(capsys):
+def test_early_log_layout_names_the_version_that_wrote_it(capsys):
     line = refused(capsys, EARLY)
     reason = "written as text by an early development version, which this version cannot read"
     assert f"{EARLY}: checkpoint refused ({reason}): replay it with the version of rambler that wrote it (" in line
@@ -154,7 +154,7 @@ def test_a_log_of_an_early_layout_names_the_version_that_can_replay_it(capsys):
 
 
 @pytest.fixture
-def stiffer(monkeypatch):
+def changed_controller(monkeypatch):
     """A program whose rudder commands differ by a little."""
     monkeypatch.setattr(command, "step", changed_step)
 
@@ -164,18 +164,18 @@ def changed_step(state, inputs):
     return state, replace(output, command=replace(output.command, shaft_rad=1.01 * output.command.shaft_rad))
 
 
-@pytest.mark.usefixtures("stiffer")
-def test_a_log_that_comes_out_otherwise_is_told_whose_it_is(capsys):
+@pytest.mark.usefixtures("changed_controller")
+def test_difference_to_another_version_is_explained(capsys):
     assert main(["replay", str(LOG)]) == 1
-    said = capsys.readouterr().out.splitlines()
-    assert said[-1] == "NOT identical"
+    output = capsys.readouterr().out.splitlines()
+    assert output[-1] == "NOT identical"
     assert re.fullmatch(
-        r"log written by rambler 0\.1\.0.*, recomputed by rambler .*: a difference is expected", said[-2]
+        r"log written by rambler 0\.1\.0.*, recomputed by rambler .*: a difference is expected", output[-2]
     )
 
 
-@pytest.mark.usefixtures("stiffer")
-def test_a_program_that_steers_otherwise_than_itself_has_no_such_excuse(capsys, monkeypatch):
+@pytest.mark.usefixtures("changed_controller")
+def test_difference_to_the_same_version_is_not_explained(capsys, monkeypatch):
     monkeypatch.setattr(command, "commit_of", lambda _root: "")
     monkeypatch.setattr(command, "version_text", lambda _program, _commit: reading.software)
     reader = LogReader(LOG)

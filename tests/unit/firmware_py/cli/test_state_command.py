@@ -97,7 +97,7 @@ def refused(capsys, path, directory):
     return captured.err.splitlines()[-1]
 
 
-def test_what_is_exported_is_imported_and_what_it_does_not_hold_is_gone(exported, new, old, capsys):
+def test_import_replaces_the_whole_state(exported, new, old, capsys):
     assert import_it(exported, old) == 0
     assert {**contents(old), ENDINGS_FILE: None} == {**contents(new), ENDINGS_FILE: None}
     kept, _ = from_bytes(contents(old)[ENDINGS_FILE])
@@ -111,7 +111,7 @@ def test_what_is_exported_is_imported_and_what_it_does_not_hold_is_gone(exported
     assert StateFiles(more).examine(FENCE).damage == ""
 
 
-def test_the_key_is_in_the_file_only_when_it_is_asked_for(exported, new, old, tmp_path, capsys):
+def test_key_is_exported_only_with_key(exported, new, old, tmp_path, capsys):
     assert KEY.hex() not in exported.read_text()
     assert stat.S_IMODE(exported.stat().st_mode) == 0o640
     secret = tmp_path / "secret.state"
@@ -128,13 +128,13 @@ def test_the_key_is_in_the_file_only_when_it_is_asked_for(exported, new, old, tm
     assert not any(KEY.hex() in path.read_text("latin-1") for path in old.iterdir() if SIGNING_FILE not in path.name)
 
 
-def test_a_directory_keeps_its_own_key_beside_an_import_without_one(exported, tmp_path):
+def test_import_without_key_keeps_the_key(exported, tmp_path):
     keyed = fill(tmp_path / "keyed", OLD, OTHER_KEY)
     assert import_it(exported, keyed) == 0
     assert find_key(stored_key(keyed)).record.key == OTHER_KEY
 
 
-def test_damage_is_refused_wherever_it_is(exported, old, capsys, tmp_path):
+def test_damaged_file_is_refused(exported, old, capsys, tmp_path):
     whole = exported.read_bytes()
     bad = tmp_path / "bad"
     for place in range(0, len(whole), 29):
@@ -159,20 +159,20 @@ def test_damage_is_refused_wherever_it_is(exported, old, capsys, tmp_path):
         ({"../passwd": b""}, "not a valid name"),
     ],
 )
-def test_what_the_next_start_could_not_use_is_refused(files, words, old, capsys, tmp_path):
+def test_unusable_content_is_refused(files, words, old, capsys, tmp_path):
     (tmp_path / "bad").write_bytes(pack(Export(files)))
     assert words in refused(capsys, tmp_path / "bad", old)
 
 
 @pytest.mark.parametrize(("name", "value"), [(MISSION, 7), (ENDINGS_FILE, "no base64!")])
-def test_a_content_that_is_no_text_is_refused(name, value, old, capsys, tmp_path):
+def test_content_that_is_not_text_is_refused(name, value, old, capsys, tmp_path):
     body = json.dumps({"about": {}, "files": {name: value}}).encode()
     head = f"# rambler exported state {FORMAT} {len(body)} {hashlib.sha256(body).hexdigest()}\n"
     (tmp_path / "bad").write_bytes(head.encode() + body)
     assert "is not an exported state of rambler: " in refused(capsys, tmp_path / "bad", old)
 
 
-def test_a_newer_format_a_foreign_file_and_one_that_is_not_there_are_refused(exported, old, capsys, tmp_path):
+def test_newer_format_other_file_and_missing_file_are_refused(exported, old, capsys, tmp_path):
     newer = tmp_path / "newer"
     for number, remedy in ((FORMAT + 1, "use a newer version"), (FORMAT - 1, "export that state with this version")):
         newer.write_bytes(exported.read_bytes().replace(b"state %d " % FORMAT, b"state %d " % number, 1))
@@ -184,16 +184,16 @@ def test_a_newer_format_a_foreign_file_and_one_that_is_not_there_are_refused(exp
     assert "is a pipe" in refused(capsys, tmp_path / "pipe", old)
 
 
-def test_names_and_parameters_of_another_version_are_told(old, capsys, tmp_path):
+def test_names_and_parameters_of_another_version_are_reported(old, capsys, tmp_path):
     (tmp_path / "other").write_bytes(pack(Export({"sails.state": b"x", PARAMETER_FILE: b"CTL_K1 5\nNEW_ONE 1\n"})))
     assert import_it(tmp_path / "other", old) == 0
-    told = capsys.readouterr().err
-    assert "sails.state ignored: written by another version" in told
-    assert "kept for another version" in told
+    output = capsys.readouterr().err
+    assert "sails.state ignored: written by another version" in output
+    assert "kept for another version" in output
     assert contents(old)[PARAMETER_FILE] == b"CTL_K1 5\nNEW_ONE 1\n"
 
 
-def test_a_running_boat_is_exported_and_never_imported_over(exported, old, capsys, tmp_path):
+def test_running_autopilot_is_exported_but_not_imported(exported, old, capsys, tmp_path):
     store = Store(old)
     assert "in use by another autopilot" in refused(capsys, exported, old)
     assert main(["state", "export", str(tmp_path / "out"), "--state", str(old)]) == 0
@@ -201,7 +201,7 @@ def test_a_running_boat_is_exported_and_never_imported_over(exported, old, capsy
     assert unpack((tmp_path / "out").read_bytes()).content(MISSION) == OLD[MISSION]
 
 
-def test_a_damaged_slot_is_told_and_the_other_one_exported(new, tmp_path, capsys):
+def test_damaged_slot_is_reported_and_the_other_exported(new, tmp_path, capsys):
     store = Store(new)
     store.save(MISSION, mission(3))
     store.close()
@@ -212,7 +212,7 @@ def test_a_damaged_slot_is_told_and_the_other_one_exported(new, tmp_path, capsys
     assert unpack((tmp_path / "out").read_bytes()).content(MISSION) == mission(2)
 
 
-def test_an_empty_directory_and_a_missing_one_are_no_state(tmp_path, capsys):
+def test_empty_and_missing_directories_are_refused(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     for name, words in (("empty", "contains no state"), ("none", "does not exist")):
         assert main(["state", "export", str(tmp_path / "out"), "--state", str(tmp_path / name)]) == 2
@@ -221,7 +221,7 @@ def test_an_empty_directory_and_a_missing_one_are_no_state(tmp_path, capsys):
 
 
 def attempt(exported, before, folder, monkeypatch, failing, capsys):
-    """Import on a failing disk; return the code, what was said, each image of the disk, what failed, and the calls."""
+    """Import on a failing disk; return exit code, output, images of the disk, failed calls and all calls."""
     at, kind, lasting = failing
     shutil.copytree(before, folder / "state")
     with monkeypatch.context() as patches:
@@ -239,7 +239,7 @@ def attempt(exported, before, folder, monkeypatch, failing, capsys):
     for name in ("killed", *CUTS):
         seen = contents(folder / name)
         Store(folder / name).close()
-        assert contents(folder / name) == seen, "the next start finds what whoever looked on has found"
+        assert contents(folder / name) == seen, "the next start finds the same as a reader"
         assert not (folder / name / PENDING_IMPORT).exists()
         images.append(seen)
     return code, capsys.readouterr().err, images, failed, calls
@@ -251,9 +251,7 @@ SAMPLED = [(*one, False) for one in FAILINGS]
 
 
 @pytest.mark.parametrize(("kind", "lasting", "every"), SAMPLED + EVERY)
-def test_killed_or_failing_at_a_call_all_is_imported_or_nothing(
-    exported, old, tmp_path, monkeypatch, capsys, kind, lasting, every
-):
+def test_import_is_atomic_under_kills_and_errors(exported, old, tmp_path, monkeypatch, capsys, kind, lasting, every):
     before = contents(old)
     well = attempt(exported, old, tmp_path / "well", monkeypatch, (None, kind, False), capsys)
     code, _, (after, *_), _, calls = well
@@ -261,9 +259,9 @@ def test_killed_or_failing_at_a_call_all_is_imported_or_nothing(
     outcomes = set()
     for at in itertools.count() if every else sampled(calls, 3, f"{kind} {lasting}"):
         folder = tmp_path / f"{at}"
-        code, said, images, failed, _ = attempt(exported, old, folder, monkeypatch, (at, kind, lasting), capsys)
-        wanted = [after] if code == 0 or COUNTS in said else [before, after] if DOUBT in said else [before]
-        assert all(image in wanted for image in images), (at, failed, said, images)
+        code, output, images, failed, _ = attempt(exported, old, folder, monkeypatch, (at, kind, lasting), capsys)
+        wanted = [after] if code == 0 or COUNTS in output else [before, after] if DOUBT in output else [before]
+        assert all(image in wanted for image in images), (at, failed, output, images)
         outcomes.add(code)
         shutil.rmtree(folder)
         if not failed:
@@ -271,7 +269,7 @@ def test_killed_or_failing_at_a_call_all_is_imported_or_nothing(
     assert outcomes == {0, 2} or not every
 
 
-def test_the_autopilot_at_sea_goes_on_without_an_import_that_is_damaged(old):
+def test_damaged_pending_import_is_set_aside(old):
     (old / PENDING_IMPORT).write_bytes(b"# rambler exported state 2 5 ")
     store = Store(old)
     assert store.start_problem == f"Import not used: {PENDING_IMPORT} is damaged; set aside as {PENDING_IMPORT}.aside"
@@ -290,7 +288,7 @@ TEXTS = st.text(st.characters(codec="utf-8"), max_size=9).map(str.encode)
         {}, optional={name: st.none() | (st.binary() if name in RECORD_FILES else TEXTS) for name in STATE_NAMES}
     )
 )
-def test_any_content_is_packed_and_unpacked(files):
+def test_any_content_round_trip(files):
     assert unpack(pack(Export(files, {"host": "a"}))) == Export(files, {"host": "a"})
 
 

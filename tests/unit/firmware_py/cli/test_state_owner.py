@@ -1,4 +1,4 @@
-"""Where what looks on finds the state: with the service that runs the vehicle file, else with the user."""
+"""Location and owner of the state directory."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ EXAMPLE = ROOT / "params/shared_port_volz.toml"
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A vehicle file, a link to it, another file, and a service that runs the first; the user has a home, too."""
+    """A vehicle file, a link to it, another file, and a service with the first; and a home directory."""
     monkeypatch.setattr("firmware_py.cli.state_owner.UNIT", tmp_path / "rambler.service")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
     for name in ("boat.toml", "other.toml"):
@@ -29,18 +29,18 @@ def place(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "of_the_service"), [("boat.toml", True), ("link.toml", True), ("other.toml", False)])
-def test_the_state_of_a_vehicle_file_is_that_of_the_service_which_runs_it(place, name, of_the_service):
+def test_state_directory_is_that_of_the_service(place, name, of_the_service):
     found = state_directory_of(place / name, load(EXAMPLE))
     assert (found == Path("/srv/boat")) == of_the_service
     assert (place / "home" in found.parents) != of_the_service
 
 
-def test_without_a_service_it_is_the_users(place):
+def test_state_directory_without_service_is_that_of_the_user(place):
     (place / "rambler.service").unlink()
     assert place / "home" in state_directory_of(place / "boat.toml", load(EXAMPLE)).parents
 
 
-def test_a_state_that_may_not_be_read_is_not_said_to_have_lost_its_key(tmp_path, monkeypatch):
+def test_unreadable_state_is_not_a_lost_key(tmp_path, monkeypatch):
     monkeypatch.setattr(preflight.os, "access", lambda *_: False)
     (finding,) = preflight.check_state(tmp_path)
     assert (finding.level, "(sudo)" in finding.text) == (preflight.Level.FAIL, True)
@@ -51,25 +51,25 @@ def test_a_state_that_may_not_be_read_is_not_said_to_have_lost_its_key(tmp_path,
     [("plan", "show"), ("plan", "save", "OUT.plan"), ("state", "export", "OUT.state")],
     ids=lambda words: words[1],
 )
-def test_what_may_not_be_read_is_not_said_to_be_gone(tmp_path, monkeypatch, capsys, words):
-    """Nor saved as what is left of it."""
+def test_unreadable_state_is_refused(tmp_path, monkeypatch, capsys, words):
+    """And nothing is saved."""
     monkeypatch.setattr("firmware_py.cli.state_owner.os.access", lambda *_: False)
     monkeypatch.chdir(tmp_path)
     assert main([*words, "--state", str(tmp_path)]) == 2
-    said = capsys.readouterr()
-    assert "permission denied; run this as user" in said.err
-    assert (said.err.count("\n"), said.out) == (1, "")
+    output = capsys.readouterr()
+    assert "permission denied; run this as user" in output.err
+    assert (output.err.count("\n"), output.out) == (1, "")
     assert not list(tmp_path.iterdir())
 
 
-def test_damage_is_told_once(tmp_path, capsys):
+def test_damage_is_reported_once(tmp_path, capsys):
     (tmp_path / "mission.plan.0").write_text("spoilt")
     assert main(["plan", "show", "--state", str(tmp_path)]) == 0
     assert capsys.readouterr().err.count("no plan remains") == 1
 
 
-def test_files_that_somebody_else_has_left_in_a_state_are_found_before_she_sails(tmp_path, monkeypatch):
-    """As root leaves them who runs the autopilot by hand on the state of the service."""
+def test_files_of_another_user_are_found(tmp_path, monkeypatch):
+    """Root leaves such files after running the autopilot by hand on the state of the service."""
     theirs, status = ["parameters.param.0", "00000001.BIN"], Path.lstat
     (tmp_path / "logs/thin").mkdir(parents=True)
     for name in ("parameters.param.0", "resume.state.0", "lost+found", "logs/00000001.BIN", "logs/thin/00000002.BIN"):

@@ -1,4 +1,4 @@
-"""`rambler status` of what earlier runs have left: it is told whether one runs or not."""
+"""`rambler status`: endings of earlier runs."""
 
 import json
 
@@ -30,15 +30,15 @@ def status(capsys, directory, *words):
     return capsys.readouterr().out
 
 
-def test_json_has_all_that_is_kept(state, capsys):
-    told = json.loads(status(capsys, state, "--json"))["endings"]
-    assert told["counts"] == {"watchdog": 3, "killed": 1, "stopped": 9}
-    assert told["last"][0] == {"why": "watchdog", "text": "in core/step.py:0 step", "utc_s": UTC_S}
-    assert told["last"][-1] == {"why": "killed", "text": "", "utc_s": 0.0}
-    assert len(told["last"]) == 6
+def test_json_has_all_endings(state, capsys):
+    endings = json.loads(status(capsys, state, "--json"))["endings"]
+    assert endings["counts"] == {"watchdog": 3, "killed": 1, "stopped": 9}
+    assert endings["last"][0] == {"why": "watchdog", "text": "in core/step.py:0 step", "utc_s": UTC_S}
+    assert endings["last"][-1] == {"why": "killed", "text": "", "utc_s": 0.0}
+    assert len(endings["last"]) == 6
 
 
-def test_lines_have_the_counts_and_the_last_few_newest_first(state, capsys):
+def test_lines_have_counts_and_the_last_endings(state, capsys):
     lines = status(capsys, state).splitlines()[1:]
     assert [line.strip() for line in lines] == [
         "endings       watchdog 3, killed 1, stopped 9",
@@ -48,7 +48,7 @@ def test_lines_have_the_counts_and_the_last_few_newest_first(state, capsys):
     ]
 
 
-def test_what_cannot_be_read_is_told_and_nothing_is_where_nothing_was(state, tmp_path, capsys):
+def test_damaged_and_missing_endings(state, tmp_path, capsys):
     (tmp_path / "new").mkdir()
     assert json.loads(status(capsys, tmp_path / "new", "--json"))["endings"] == {}
     path = slot_path(state, ENDINGS_FILE, 0)

@@ -1,4 +1,4 @@
-"""Each text that a ground station can receive has an entry, and each entry a text."""
+"""Each STATUSTEXT has an entry on the page of texts, and each entry a text."""
 
 import re
 
@@ -6,14 +6,14 @@ import pytest
 
 from firmware_py.cli.text_page import SECTIONS, markdown
 from firmware_py.faults.table import TABLE
-from support.told_texts import told
+from support.status_texts import status_texts
 
 ENTRIES = {text: row for section in SECTIONS.values() for text, row in section.items()}
 PATTERNS = {
     text: re.compile("(?s)" + ".+".join(re.escape(part) for part in re.split("<[^<>]*>", text))) for text in ENTRIES
 }
-# Texts that are put together from parts, which support.told_texts does not find.
-PUT_TOGETHER = (
+# Texts composed of parts, which support.status_texts does not find.
+COMPOSED = (
     "AIS: another station uses the boat's MMSI 235000007",
     "Mission item 2 is 778 m outside the fence",
     "Leg to mission item 2 leaves the fence by 55 m",
@@ -30,15 +30,15 @@ PUT_TOGETHER = (
 
 
 def words(form):
-    """Return the words of a form, without its placeholders."""
+    """Return a text without its placeholders."""
     return re.sub(r"<[^<>]*>|PreArm", "", form)
 
 
 @pytest.fixture(scope="module")
 def forms():
-    """Each text and its place in the source. A form without words of its own passes on a text made elsewhere."""
-    found = {form: place for form, place in told() if re.search("[a-z]{3}", words(form))}
-    return found | dict.fromkeys(PUT_TOGETHER, "")
+    """Each text and its location. Texts of placeholders only forward a text created elsewhere."""
+    found = {form: place for form, place in status_texts() if re.search("[a-z]{3}", words(form))}
+    return found | dict.fromkeys(COMPOSED, "")
 
 
 def test_every_text_has_an_entry(forms):
@@ -60,7 +60,7 @@ def test_every_entry_has_a_text(forms):
     assert set(ENTRIES) - described == set()
 
 
-def test_an_entry_says_more_than_its_text():
+def test_every_entry_has_meaning_and_remedy():
     for text, parts in ENTRIES.items():
         assert words(text).strip(" :,.;"), text
         assert all(part.strip() for part in parts), text

@@ -34,7 +34,7 @@ def opened(path, data):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_gzip_reads_it_and_so_do_we(tmp_path, size):
+def test_gzip_and_packed_file_read_it(tmp_path, size):
     content = content_of(size)
     data = packed(content)
     assert gzip.decompress(data) == content
@@ -45,14 +45,14 @@ def test_gzip_reads_it_and_so_do_we(tmp_path, size):
 
 
 @given(st.integers(0, 3 * BLOCK_BYTES + 100), st.integers(0, 2 * BLOCK_BYTES))
-def test_any_place_is_read_as_of_the_log_itself(tmp_path_factory, offset, count):
+def test_random_access_matches_the_log(tmp_path_factory, offset, count):
     content = content_of(SIZES[-1])
     file = opened(tmp_path_factory.getbasetemp() / "any.BIN.gz", packed(content))
     assert file.read(offset, count) == content[offset : offset + count]
     file.close()
 
 
-def test_a_damaged_block_is_an_error_and_the_others_are_read(tmp_path):
+def test_damaged_block_is_an_error_others_are_readable(tmp_path):
     content = content_of(SIZES[-1])
     data = bytearray(packed(content))
     data[len(pack_block(content[:BLOCK_BYTES])) + 100] ^= 0x10  # in the second block
@@ -65,17 +65,17 @@ def test_a_damaged_block_is_an_error_and_the_others_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("cut", [0, 1, 13, 14, 20, 1000])
-def test_what_is_not_whole_or_not_ours_is_refused_and_leaves_nothing_open(tmp_path, cut):
+def test_incomplete_or_other_file_is_refused_and_closed(tmp_path, cut):
     data = packed(content_of(SIZES[-1]))
     before = len(list(Path("/proc/self/fd").iterdir()))
-    for other in (data[: len(data) - cut - 1], gzip.compress(b"of somebody else"), data[cut + 1 :]):
+    for other in (data[: len(data) - cut - 1], gzip.compress(b"another program"), data[cut + 1 :]):
         with pytest.raises(OSError, match="gzip -d"):
             opened(tmp_path / "a.BIN.gz", other)
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
 @given(st.data())
-def test_no_bytes_make_it_fail_otherwise(tmp_path_factory, data):
+def test_any_bytes_are_read_or_raise_oserror(tmp_path_factory, data):
     content = bytearray(packed(content_of(BLOCK_BYTES + 5)))
     for _ in range(data.draw(st.integers(1, 4))):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
@@ -93,7 +93,7 @@ def test_no_bytes_make_it_fail_otherwise(tmp_path_factory, data):
         file.close()
 
 
-def test_an_unfinished_file_is_known_by_its_whole_members(tmp_path):
+def test_complete_members_of_an_unfinished_file(tmp_path):
     content = content_of(SIZES[-1])
     members = [pack_block(content[at : at + BLOCK_BYTES]) for at in range(0, len(content), BLOCK_BYTES)]
     sizes = [len(member) for member in members]
@@ -110,7 +110,7 @@ def test_an_unfinished_file_is_known_by_its_whole_members(tmp_path):
     os.close(descriptor)
 
 
-def test_a_log_is_found_by_its_first_name_once_it_is_compressed(tmp_path):
+def test_compressed_log_is_found_by_its_original_name(tmp_path):
     path = tmp_path / "00000001.BIN"
     with pytest.raises(FileNotFoundError):
         open_log(path)

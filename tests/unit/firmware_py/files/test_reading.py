@@ -1,4 +1,4 @@
-"""What is no regular file, or too large, is refused by name and at once."""
+"""Only regular files up to a size limit are read."""
 
 import errno
 import os
@@ -38,7 +38,7 @@ ODD = {
 
 @pytest.mark.parametrize("make", ODD, ids=lambda make: make.__name__)
 @pytest.mark.filterwarnings("ignore:unclosed")
-def test_what_is_no_file_or_too_large_is_refused_unread(make, tmp_path, monkeypatch):
+def test_other_types_and_large_files_are_refused_unread(make, tmp_path, monkeypatch):
     make(tmp_path / "odd")
     monkeypatch.setattr(os, "read", lambda *_: pytest.fail("it is read"))
     before = len(list(Path("/proc/self/fd").iterdir()))
@@ -48,12 +48,12 @@ def test_what_is_no_file_or_too_large_is_refused_unread(make, tmp_path, monkeypa
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
-def test_a_nul_is_an_error_of_the_system_like_others(tmp_path):
+def test_nul_in_name_is_an_oserror(tmp_path):
     with pytest.raises(OSError, match="contains a NUL"):
         read_regular(tmp_path / "a\0b", 10)
 
 
-def test_links_are_followed_only_where_that_is_asked_for(tmp_path):
+def test_links_are_followed_only_on_request(tmp_path):
     (tmp_path / "file").write_bytes(b"content")
     (tmp_path / "link").symlink_to("file")
     assert read_regular(tmp_path / "link", 7) == b"content"
@@ -66,7 +66,7 @@ def test_links_are_followed_only_where_that_is_asked_for(tmp_path):
     assert not (tmp_path / "file").exists()
 
 
-def test_what_is_exchanged_after_the_look_is_neither_waited_for_nor_followed(tmp_path, monkeypatch):
+def test_file_replaced_after_the_check_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"")
     real = os.open
     for exchange in (os.mkfifo, endless):
@@ -85,19 +85,19 @@ def test_what_is_exchanged_after_the_look_is_neither_waited_for_nor_followed(tmp
         (tmp_path / "file").write_bytes(b"")
 
 
-def test_a_file_that_grows_while_it_is_read_is_refused_all_the_same(tmp_path, monkeypatch):
+def test_growing_file_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"12345")
     monkeypatch.setattr(os, "read", lambda _, most: b"x" * most)
     with pytest.raises(OSError, match="is larger than 64 KiB"):
         read_regular(tmp_path / "file", 64 << 10)
 
 
-def test_the_limit_itself_is_allowed(tmp_path):
+def test_limit_itself_is_allowed(tmp_path):
     (tmp_path / "file").write_bytes(b"x" * 3_000_000)
     assert read_regular(tmp_path / "file", 3_000_000) == b"x" * 3_000_000
 
 
-def test_what_is_no_text_is_told(tmp_path):
+def test_text_must_be_utf_8(tmp_path):
     (tmp_path / "file").write_bytes(b"a\xff")
     with pytest.raises(OSError, match="not UTF-8 text: invalid start byte at byte 1"):
         read_text(tmp_path / "file", 10)

@@ -1,4 +1,4 @@
-"""Modes are exact whatever the umask, and what is there keeps its own."""
+"""Modes of new files and directories."""
 
 import os
 import stat
@@ -19,7 +19,7 @@ def mode(path):
     return stat.S_IMODE(path.stat().st_mode)
 
 
-def test_modes_are_exact_whatever_the_umask(umask, tmp_path):
+def test_modes_are_independent_of_the_umask(umask, tmp_path):
     with exact_modes():
         make_directory(tmp_path / "a" / "b")
         for name, wanted in (("file", FILE_MODE), ("key", PRIVATE_MODE)):
@@ -29,7 +29,7 @@ def test_modes_are_exact_whatever_the_umask(umask, tmp_path):
     assert (mode(tmp_path / "a" / "file"), mode(tmp_path / "a" / "key")) == (0o640, 0o600)
 
 
-def test_without_it_nothing_is_wider(tmp_path):
+def test_modes_without_exact_modes_are_not_wider(tmp_path):
     before = os.umask(0)
     try:
         make_directory(tmp_path / "a" / "b")
@@ -38,14 +38,14 @@ def test_without_it_nothing_is_wider(tmp_path):
     assert (mode(tmp_path / "a"), mode(tmp_path / "a" / "b")) == (0o750, 0o750)
 
 
-def test_a_directory_that_is_there_keeps_its_mode(tmp_path):
+def test_existing_directory_keeps_its_mode(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "a").chmod(0o755)
     make_directory(tmp_path / "a")
     assert mode(tmp_path / "a") == 0o755
 
 
-def test_a_file_in_the_way_is_an_error(tmp_path):
+def test_file_in_place_of_a_directory_is_an_error(tmp_path):
     (tmp_path / "file").touch()
     for path in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(NotADirectoryError):

@@ -1,4 +1,4 @@
-"""A bundle is taken whole and as it was made, or not at all."""
+"""Bundles: integrity, signatures, versions."""
 
 import io
 import json
@@ -54,7 +54,7 @@ def repacked(path, change):
     return path
 
 
-def test_what_was_packed_is_unpacked(make, tmp_path):
+def test_bundle_round_trip(make, tmp_path):
     bundle = unpack(make(), tmp_path / "out", None)
     assert (bundle.version, bundle.commit, bundle.commit_utc_s) == ("0.2.0", "abcd1234", 1000)
     assert bundle.title == "0.2.0 (git abcd1234)"
@@ -65,21 +65,21 @@ def test_what_was_packed_is_unpacked(make, tmp_path):
         bundle.of("numpy")
 
 
-def test_the_same_files_make_the_same_bundle(make):
+def test_same_files_make_the_same_bundle(make):
     assert make(name="one").read_bytes() == make(name="two").read_bytes()
 
 
-def test_a_bundle_that_is_cut_off_anywhere_is_refused(make, tmp_path):
+def test_truncated_bundle_is_refused(make, tmp_path):
     path = make()
     whole = path.read_bytes()
     with tarfile.open(path) as archive:
         end = max(member.offset_data + member.size for member in archive)
     for length in (*range(0, end, 97), end - 1):
         path.write_bytes(whole[:length])
-        assert "copy it again" in (said := refusal(path, tmp_path / "out")) or "not a bundle" in said, length
+        assert "copy it again" in (output := refusal(path, tmp_path / "out")) or "not a bundle" in output, length
 
 
-def test_a_byte_that_is_another_anywhere_is_found_or_has_no_effect(make, tmp_path):
+def test_changed_byte_is_detected_or_has_no_effect(make, tmp_path):
     path = make()
     whole = path.read_bytes()
     for place in range(0, len(whole), 61):
@@ -92,18 +92,18 @@ def test_a_byte_that_is_another_anywhere_is_found_or_has_no_effect(make, tmp_pat
         assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == FILES, place
 
 
-def test_what_the_list_does_not_name_is_refused(make, tmp_path):
+def test_unlisted_file_is_refused(make, tmp_path):
     def add(members):
         return [*members, (tarfile.TarInfo("more.whl"), b"")]
 
     assert "more.whl" in refusal(repacked(make(), add), tmp_path / "out")
 
 
-def test_a_file_twice_is_refused(make, tmp_path):
+def test_repeated_file_is_refused(make, tmp_path):
     assert "is not in its list" in refusal(repacked(make(), lambda members: [*members, members[-1]]), tmp_path / "out")
 
 
-def test_a_link_in_place_of_a_file_is_refused(make, tmp_path):
+def test_link_in_place_of_a_file_is_refused(make, tmp_path):
     def link(members):
         members[-1][0].type, members[-1][0].linkname = tarfile.SYMTYPE, "/etc/passwd"
         return members
@@ -112,7 +112,7 @@ def test_a_link_in_place_of_a_file_is_refused(make, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a/b", "", ".hidden", "x" * 300])
-def test_names_that_lead_elsewhere_are_refused(name):
+def test_path_names_are_refused(name):
     listed = {name: {"bytes": 1, "sha256": "0" * 64}}
     data = {"format": 1, "version": "1.0.0", "commit": "", "commit_utc_s": 0, "files": listed}
     with pytest.raises(UpdateError, match="invalid entry"):
@@ -120,7 +120,7 @@ def test_names_that_lead_elsewhere_are_refused(name):
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"{}", b"\xff", b'{"format": 2}', b"[" * 100_000, b'{"format": 1}'])
-def test_what_is_no_list_is_refused_in_a_line(content):
+def test_invalid_list_is_a_one_line_error(content):
     with pytest.raises(UpdateError) as caught:
         read_list(content)
     assert "\n" not in str(caught.value)
@@ -146,14 +146,14 @@ def signers(tmp_path, key):
     return tmp_path / "signers"
 
 
-def test_only_what_a_signer_has_signed_is_taken(make, tmp_path, key, signers):
+def test_only_signed_bundles_are_accepted(make, tmp_path, key, signers):
     assert unpack(make(key=tmp_path / "owner"), tmp_path / "out", signers).version == "0.2.0"
-    assert unpack(tmp_path / "b.bundle", tmp_path / "out2", None).version == "0.2.0", "nobody asks"
+    assert unpack(tmp_path / "b.bundle", tmp_path / "out2", None).version == "0.2.0", "no signature required"
     assert "not signed, but" in refusal(make(name="unsigned"), tmp_path / "out", signers)
     assert "not signed by one of" in refusal(make(name="stranger", key=key("stranger")), tmp_path / "out", signers)
 
 
-def test_a_signature_is_for_this_list_alone_and_nothing_is_written_without_it(make, tmp_path, signers):
+def test_signature_covers_the_list_and_is_checked_first(make, tmp_path, signers):
     signed = make(key=tmp_path / "owner")
     with tarfile.open(signed) as archive:
         signature = archive.extractfile(SIGNATURE).read()
@@ -166,7 +166,7 @@ def test_a_signature_is_for_this_list_alone_and_nothing_is_written_without_it(ma
     assert {path.name for path in (tmp_path / "out").iterdir()} == {SIGNATURE}
 
 
-def test_a_signature_for_another_use_is_refused(make, tmp_path, signers):
+def test_signature_of_another_namespace_is_refused(make, tmp_path, signers):
     def other_use(members):
         content = members[0][1]
         words = [KEYGEN, "-Y", "sign", "-f", str(tmp_path / "owner"), "-n", "file"]
@@ -195,7 +195,7 @@ def test_versions_are_ordered():
         ("0.1.9", 9000, False),
     ],
 )
-def test_older_is_by_version_and_then_by_commit(make, tmp_path, version, commit_utc_s, older):
+def test_older_by_version_then_by_commit_time(make, tmp_path, version, commit_utc_s, older):
     assert is_older(unpack(make(), tmp_path / "out", None), version, commit_utc_s) is older
 
 
@@ -208,7 +208,7 @@ def test_older_is_by_version_and_then_by_commit(make, tmp_path, version, commit_
         ("x86_64", (3, 13), True),
     ],
 )
-def test_a_bundle_for_other_computers_is_told_with_the_command_that_makes_the_right_one(make, machine, python, missing):
+def test_bundle_for_other_computers_names_the_make_command(make, machine, python, missing):
     names = [f"lxml-6.1-cp{n}-cp{n}-manylinux_2_26_aarch64.manylinux_2_28_aarch64.whl" for n in (311, 313)]
     more = ["fastcrc-0.5-cp37-abi3-manylinux2014_aarch64.whl", "fastcrc-0.5-cp37-abi3-manylinux2014_x86_64.whl"]
     more += ["pyserial-3.5-py2.py3-none-any.whl", "hidapi-1.0-1-py3-none-manylinux_2_17_aarch64.whl"]

@@ -1,4 +1,4 @@
-"""Which program is in force, the trial of another one, and the way back, as the service's start decides it in shell."""
+"""The link to the installed program, trials and roll-backs by the start script of the service."""
 
 import subprocess
 
@@ -28,7 +28,7 @@ def link(place):
 
 @pytest.fixture
 def start(place):
-    """Start the service as far as the trial is concerned; return what is in force, and what was said."""
+    """Run the start script; return the installed program and the output."""
 
     def started():
         words = ["/bin/sh", str(place / "trial"), str(place / "bin/rambler"), str(place / "state")]
@@ -49,28 +49,28 @@ def keep_passed(place, text):
     store.close()
 
 
-def test_without_a_trial_a_start_changes_nothing(link, place, start):
+def test_start_without_trial_changes_nothing(link, place, start):
     assert start() == ("old", "")
     assert (link.target(), link.before(), link.trial(), link.failed()) == (program(place, "old"), None, None, None)
     assert [path.name for path in (place / "bin").iterdir()] == ["rambler"]
 
 
-def test_a_program_that_does_not_pass_has_its_starts_and_is_taken_back(link, place, start):
+def test_failed_trial_is_rolled_back_after_its_starts(link, place, start):
     link.switch(program(place, "new"))
     assert (link.target(), link.before()) == (program(place, "new"), program(place, "old"))
     for count in range(1, STARTS + 1):
         assert start() == ("new", "")
         assert link.trial() == Trial(program(place, "new"), count)
-    in_force, said = start()
+    in_force, output = start()
     assert in_force == "old"
-    assert f"has had {STARTS} starts" in said
+    assert f"has had {STARTS} starts" in output
     assert (link.trial(), link.before()) == (None, None)
     assert link.failed() == Trial(program(place, "new"), STARTS)
     assert link.failed().name == "new"
     assert start() == ("old", "")
 
 
-def test_one_that_has_passed_stays(link, place, start):
+def test_passed_program_stays(link, place, start):
     link.switch(program(place, "new"))
     start()
     keep_passed(place, passed_text(program(place, "new")))
@@ -79,7 +79,7 @@ def test_one_that_has_passed_stays(link, place, start):
     assert (link.trial(), link.failed(), link.before()) == (None, None, program(place, "old"))
 
 
-def test_that_another_has_passed_does_not_count(link, place, start):
+def test_passed_trial_of_another_program_does_not_count(link, place, start):
     keep_passed(place, passed_text(program(place, "newer")))
     keep_passed(place, passed_text(program(place, "new") / "x"))
     keep_passed(place, "passed " + str(program(place, "ne")) + "\n")
@@ -87,7 +87,7 @@ def test_that_another_has_passed_does_not_count(link, place, start):
     assert [start()[0] for _ in range(STARTS + 1)] == ["new"] * STARTS + ["old"]
 
 
-def test_the_next_switch_forgets_the_trial_before(link, place, start):
+def test_next_switch_ends_the_earlier_trial(link, place, start):
     link.switch(program(place, "new"))
     for _ in range(STARTS + 1):
         start()
@@ -96,7 +96,7 @@ def test_the_next_switch_forgets_the_trial_before(link, place, start):
     assert [start()[0] for _ in range(STARTS + 1)] == ["newer"] * STARTS + ["old"]
 
 
-def test_forward_and_back(link, place, start):
+def test_switch_forward_and_back(link, place, start):
     link.switch(program(place, "new"))
     link.end_trial()
     link.switch(link.before())
@@ -104,8 +104,8 @@ def test_forward_and_back(link, place, start):
     assert start()[0] == "old"
 
 
-def test_a_trial_of_what_is_not_in_force_is_dropped(link, place, start):
-    """The switch was cut off before its rename, or somebody has led the link elsewhere."""
+def test_trial_of_another_program_is_dropped(link, place, start):
+    """The switch was interrupted before its rename, or the link was changed."""
     link.switch(program(place, "new"))
     (place / "bin/rambler").unlink()
     (place / "bin/rambler").symlink_to(program(place, "newer"))
@@ -115,27 +115,27 @@ def test_a_trial_of_what_is_not_in_force_is_dropped(link, place, start):
 
 
 @pytest.mark.parametrize("content", [b"", b"\n", b"nonsense", b"\0\0\0", b"/somewhere/else\n"])
-def test_a_record_of_a_trial_that_says_nothing_is_dropped(link, place, start, content):
+def test_empty_trial_record_is_dropped(link, place, start, content):
     link.switch(program(place, "new"))
     (place / "bin/.rambler.trial").write_bytes(content)
     assert link.trial() is None
     assert [start()[0] for _ in range(2 * STARTS)] == ["new"] * (2 * STARTS)
 
 
-def test_without_a_program_before_there_is_nothing_to_go_back_to(link, place, start):
+def test_no_roll_back_without_previous_program(link, place, start):
     link.switch(program(place, "new"))
     (place / "bin/.rambler.before").unlink()
     assert [start()[0] for _ in range(2 * STARTS)] == ["new"] * (2 * STARTS)
 
 
-def test_a_state_that_is_not_there_or_odd_does_not_hold_the_start_up(link, place, start):
+def test_missing_or_odd_state_does_not_delay_the_start(link, place, start):
     link.switch(program(place, "new"))
     (place / "state" / f"{UPDATE_FILE}.0").mkdir()
     (place / "state" / f"{UPDATE_FILE}.1").symlink_to("/dev/zero")
     assert [start()[0] for _ in range(STARTS + 1)] == ["new"] * STARTS + ["old"]
 
 
-def test_names_with_spaces_are_names(tmp_path):
+def test_names_with_spaces_work(tmp_path):
     (bin_directory := tmp_path / "a place").mkdir()
     for name in ("old one", "new one"):
         (tmp_path / name / "bin").mkdir(parents=True)
@@ -150,6 +150,6 @@ def test_names_with_spaces_are_names(tmp_path):
     assert link.target() == tmp_path / "old one/bin/rambler"
 
 
-def test_what_is_no_link_cannot_be_switched(place):
+def test_only_a_link_can_be_switched(place):
     with pytest.raises(FileNotFoundError):
         ProgramLink(place / "nothing").switch(program(place, "new"))

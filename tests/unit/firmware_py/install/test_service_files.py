@@ -1,4 +1,4 @@
-"""What the service is made of, and that systemd reads it without a word."""
+"""The files of the service and their installation."""
 
 import fnmatch
 import os
@@ -46,7 +46,7 @@ def unit_file(tmp_path, request):
     return path
 
 
-def test_the_unit_never_gives_up_and_leaves_down_what_was_shut_down():
+def test_unit_restarts_without_limit_except_after_shut_down():
     unit = parse(unit_text(SERVICE))
     service = unit["Service"]
     assert (service["Type"], service["Restart"], unit["Unit"]["StartLimitIntervalSec"]) == ("notify", "always", "0")
@@ -59,7 +59,7 @@ def test_the_unit_never_gives_up_and_leaves_down_what_was_shut_down():
 
 
 @pytest.mark.parametrize("word", ["plain", "with space", 'a"quote', "per%cent", "dol$lar", "back\\slash", "semi;colon"])
-def test_words_of_the_command_are_quoted_as_systemd_reads_them(word):
+def test_command_is_quoted_for_systemd(word):
     text = unit_text(Service(("/opt/rambler",), Path("/etc") / word, Path("/srv") / word, Path("/dev/watchdog")))
     settings = parse(text)["Service"]
     assert words(settings["ExecStart"])[2] == f"/etc/{word}"
@@ -69,7 +69,7 @@ def test_words_of_the_command_are_quoted_as_systemd_reads_them(word):
     assert settings["ReadWritePaths"].lstrip('"').startswith("-/")  # it may be missing
 
 
-def test_what_is_not_asked_for_is_not_in_the_unit():
+def test_optional_settings_are_absent_by_default():
     text = unit_text(SERVICE)
     assert "watchdog" not in text.lower().replace("watchdogsec", "")
     assert "ReadWritePaths" not in text
@@ -78,8 +78,8 @@ def test_what_is_not_asked_for_is_not_in_the_unit():
 
 
 @pytest.mark.parametrize("driver", ["ttyS", "ttyAMA", "ttyUSB", "ttyACM", "ttySC", "ttymxc", "ttySTM", "ttyTHS"])
-def test_the_serial_ports_of_any_board_may_be_opened_and_no_terminal_or_disk(driver):
-    """As /proc/devices names them, matched as systemd.resource-control(5) says of DeviceAllow."""
+def test_device_access_covers_serial_ports_only(driver):
+    """Names of /proc/devices, matched as in DeviceAllow of systemd.resource-control(5)."""
     allowed = re.findall(r"^DeviceAllow=char-(\S+) rw$", unit_text(SERVICE), re.MULTILINE)
     assert any(fnmatch.fnmatchcase(driver, pattern) for pattern in allowed)
     for other in ("tty", "/dev/tty", "mem", "i2c", "spi", "hidraw", "input"):
@@ -87,7 +87,7 @@ def test_the_serial_ports_of_any_board_may_be_opened_and_no_terminal_or_disk(dri
 
 
 @pytest.mark.skipif(ANALYZE is None, reason=NO_SYSTEMD)
-def test_systemd_reads_the_unit_without_a_word(unit_file):
+def test_systemd_verifies_the_unit(unit_file):
     done = subprocess.run(
         [ANALYZE, "verify", "--man=no", str(unit_file)], capture_output=True, text=True, check=False, timeout=60
     )
@@ -95,7 +95,7 @@ def test_systemd_reads_the_unit_without_a_word(unit_file):
 
 
 @pytest.mark.skipif(ANALYZE is None, reason=NO_SYSTEMD)
-def test_its_exposure_is_below_3(unit_file):
+def test_exposure_is_below_3(unit_file):
     done = subprocess.run(
         [ANALYZE, "security", "--offline=true", "--no-pager", str(unit_file)],
         capture_output=True, text=True, check=False, timeout=60,
@@ -104,7 +104,7 @@ def test_its_exposure_is_below_3(unit_file):
     assert exposure < MOST_EXPOSURE
 
 
-def test_the_handbook_says_what_is_so():
+def test_manual_matches_the_unit():
     page = " ".join((ROOT / "docs/how-to/installation.md").read_text().split())
     service = parse(unit_text(SERVICE))["Service"]
     assert f"After {service['WatchdogSec']} s without a message" in page
@@ -113,7 +113,7 @@ def test_the_handbook_says_what_is_so():
     assert f"{TIMEOUT_S} s, with `--watchdog`" in page
 
 
-def test_names_are_those_of_sockets():
+def test_device_names_match_sockets():
     rules = next(file.text for file in service_files(SERVICE) if file.path.suffix == ".rules")
     lines = [line for line in rules.splitlines() if line and not line.startswith("#")]
     assert any('SYMLINK+="rambler/usb-%b"' in line and "bInterfaceNumber" in line for line in lines)
@@ -122,7 +122,7 @@ def test_names_are_those_of_sockets():
             assert re.fullmatch(r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"', part), part
 
 
-def test_other_programs_are_kept_from_every_serial_port_behind_their_own_rules():
+def test_other_programs_are_kept_from_serial_ports():
     (file,) = (file for file in service_files(SERVICE) if file.path.suffix == ".rules")
     assert file.path.name > "90-brltty"  # gpsd has 60, ModemManager 77 to 80, brltty 85 or 90
     (ports,) = (line for line in file.text.splitlines() if "ID_MM_PORT_IGNORE" in line)
@@ -139,11 +139,11 @@ def test_other_programs_are_kept_from_every_serial_port_behind_their_own_rules()
     ("path", "expected"),
     [("/home/pi/boat.toml", True), ("/root", True), ("/tmp/x", True), ("/etc/rambler/boat.toml", False)],
 )
-def test_what_the_service_would_not_see(path, expected):
+def test_paths_hidden_from_the_service(path, expected):
     assert is_hidden(Path(path)) is expected
 
 
-def test_examples_and_pages_come_with_the_program():
+def test_examples_and_pages_are_packaged():
     for name in ("REFERENCE.md", "FAULTS.md", "MESSAGES.md", "TEXTS.md", *NAMES.values()):
         assert example(name).is_file()
     with pytest.raises(FileNotFoundError):
@@ -151,7 +151,7 @@ def test_examples_and_pages_come_with_the_program():
 
 
 @pytest.mark.parametrize("kind", NAMES)
-def test_an_example_is_a_vehicle_file_that_is_never_written_over_another(tmp_path, kind, capsys):
+def test_example_is_a_vehicle_file_and_never_overwrites(tmp_path, kind, capsys):
     path = tmp_path / "new" / "boat.toml"
     assert main(["example", str(path), "--kind", kind]) == 0
     assert load(path).compass.driver
@@ -161,7 +161,7 @@ def test_an_example_is_a_vehicle_file_that_is_never_written_over_another(tmp_pat
     assert path.read_text() == before
 
 
-def test_an_example_has_nothing_of_one_boat_in_force(tmp_path, capsys):
+def test_example_has_no_active_settings_of_one_boat(tmp_path, capsys):
     for kind in NAMES:
         path = tmp_path / kind
         assert main(["example", str(path), "--kind", kind]) == 0
@@ -177,7 +177,7 @@ def test_an_example_has_nothing_of_one_boat_in_force(tmp_path, capsys):
 
 @pytest.fixture
 def image(tmp_path, monkeypatch):
-    """The root of a system that is not running, and the words that its programs were called with."""
+    """The root of a system image, and the arguments of the programs called."""
     root = tmp_path / "image"
     (root / "etc/rambler").mkdir(parents=True)
     assert main(["example", str(root / "etc/rambler/boat.toml")]) == 0
@@ -198,7 +198,7 @@ def install(root, *more):
     )
 
 
-def test_it_is_installed_in_an_image_again_without_a_change_and_removed(image, capsys):
+def test_install_in_image_is_idempotent_and_removable(image, capsys):
     root, called = image
     assert install(root) == 0
     assert called() == [f"systemd-sysusers --root={root}", f"systemctl --root={root} --quiet enable rambler"]
@@ -217,7 +217,7 @@ def test_it_is_installed_in_an_image_again_without_a_change_and_removed(image, c
     assert "not installed" in capsys.readouterr().out
 
 
-def test_the_page_is_a_service_of_its_own_for_whoever_asks_for_it(image, capsys):
+def test_live_page_has_its_own_service(image, capsys):
     root, called = image
     page = root / "etc/systemd/system/rambler-view.service"
     assert install(root) == 0
@@ -248,7 +248,7 @@ def test_the_page_is_a_service_of_its_own_for_whoever_asks_for_it(image, capsys)
     assert not page.exists()
 
 
-def test_the_token_of_the_page_is_handed_over_by_systemd():
+def test_page_token_is_passed_by_systemd():
     text = page_unit_text(SERVICE, OPEN_PAGE)
     assert "LoadCredential=token:/etc/rambler/view%%.token\n" in text
     assert text.count("@COMMAND@") == text.count("@CREDENTIAL@") == 0
@@ -257,7 +257,7 @@ def test_the_token_of_the_page_is_handed_over_by_systemd():
 @pytest.mark.parametrize(
     ("more", "remedy"),
     [
-        (["--view", "0.0.0.0:8046"], "asks for a token"),
+        (["--view", "0.0.0.0:8046"], "needs a token"),
         (["--view", "nowhere"], "ADDRESS:PORT"),
         (["--view-token", "/etc/rambler/view.token"], "needs --view"),
         (["--view", "0.0.0.0:8046", "--view-token", "/etc/rambler/none.token"], "create it"),
@@ -266,19 +266,19 @@ def test_the_token_of_the_page_is_handed_over_by_systemd():
         (["--root", "/nowhere/at/all"], "no such directory"),
     ],
 )
-def test_what_could_not_work_is_refused_and_changes_nothing(image, capsys, more, remedy):
+def test_invalid_arguments_are_refused_and_change_nothing(image, capsys, more, remedy):
     root, called = image
     assert install(root, *more) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert remedy in said
+    output = capsys.readouterr().err
+    assert output.count("\n") == 1
+    assert remedy in output
     assert called() == []
     assert not (root / "etc/systemd").exists()
 
 
 @pytest.mark.parametrize("missing", ["systemctl", "systemd-sysusers"])
-def test_without_a_program_of_systemd_nothing_is_written(image, capsys, monkeypatch, missing):
-    """As on Alpine: files that no `remove` could take away again."""
+def test_missing_systemd_program_prevents_installation(image, capsys, monkeypatch, missing):
+    """As on Alpine: no files that `remove` could not delete."""
     root, called = image
     (root.parent / "bin" / missing).unlink()
     monkeypatch.setenv("PATH", str(root.parent / "bin"))
@@ -288,7 +288,7 @@ def test_without_a_program_of_systemd_nothing_is_written(image, capsys, monkeypa
     assert called() == []
 
 
-def test_an_image_without_systemd_is_refused(image, capsys):
+def test_image_without_systemd_is_refused(image, capsys):
     root, _ = image
     (root / "usr/lib/systemd/systemd").unlink()
     assert install(root) == 2
@@ -296,7 +296,7 @@ def test_an_image_without_systemd_is_refused(image, capsys):
     assert not (root / "etc/systemd").exists()
 
 
-def test_a_computer_that_does_not_run_systemd_is_refused_but_no_image_from_inside(image, tmp_path, monkeypatch):
+def test_systemd_must_run_except_in_a_chroot(image, tmp_path, monkeypatch):
     monkeypatch.setattr("firmware_py.install.steps._RUNNING", tmp_path / "none")
     monkeypatch.setattr("firmware_py.install.steps._FIRST_ROOT", Path("/"))
     with pytest.raises(InstallError, match="systemd does not run"):
@@ -306,7 +306,7 @@ def test_a_computer_that_does_not_run_systemd_is_refused_but_no_image_from_insid
         check(SERVICE, Path("/"))
 
 
-def test_a_wrong_vehicle_file_is_refused(image, capsys):
+def test_wrong_vehicle_file_is_refused(image, capsys):
     root, _ = image
     (root / "etc/rambler/boat.toml").write_text("nonsense = 1\n")
     assert install(root) == 2
@@ -320,7 +320,7 @@ def test_only_root_changes_the_system(monkeypatch, capsys):
         assert "sudo" in capsys.readouterr().err
 
 
-def test_what_a_program_of_the_system_says_is_told(image, capsys):
+def test_error_of_a_system_program_is_reported(image, capsys):
     root, _ = image
     (root.parent / "bin/systemctl").write_text("#!/bin/sh\necho 'no such unit' >&2\nexit 1\n")
     assert install(root) == 2

@@ -1,4 +1,4 @@
-"""What the unit of the service runs is read as systemd reads it, drop-ins included."""
+"""The unit and its drop-ins are read as systemd reads them."""
 
 from pathlib import Path
 
@@ -16,20 +16,20 @@ OTHER = COMMAND.replace("/etc/boat.toml", "/etc/other.toml")
 
 @pytest.fixture
 def place(tmp_path):
-    """A place of units with one of ours, and an empty directory for its drop-ins."""
+    """A directory with a unit of rambler and an empty drop-in directory."""
     (tmp_path / "a.service").write_text(unit_text(SERVICE))
     (tmp_path / "a.service.d").mkdir()
     return tmp_path
 
 
-def test_the_unit_says_what_runs(tmp_path):
+def test_service_status_is_read_from_systemctl(tmp_path):
     service = Service(("/usr/bin/a b/rambler",), Path("/etc/per%cent/boat.toml"), Path("/srv/state dir"))
     (tmp_path / "unit").write_text(unit_text(service))
     found = installation_of(tmp_path / "unit")
     assert (found.link.path, found.vehicle, found.state) == (Path(service.program[0]), service.vehicle, service.state)
 
 
-def test_a_unit_tells_what_its_service_runs(place):
+def test_unit_is_parsed(place):
     found = installation_of(place / "a.service")
     assert (found.link.path, found.vehicle, found.state) == (Path("/opt/rambler"), SERVICE.vehicle, SERVICE.state)
     assert (found.watchdog, found.unit) == (SERVICE.watchdog, unit_text(SERVICE))
@@ -45,15 +45,13 @@ def test_a_unit_tells_what_its_service_runs(place):
         + "\n",
     ],
 )
-def test_a_drop_in_counts(place, text):
+def test_drop_in_overrides_the_unit(place, text):
     (place / "a.service.d/override.conf").write_text(text)
     found = installation_of(place / "a.service")
     assert (found.vehicle, found.state, found.watchdog) == (Path("/etc/other.toml"), SERVICE.state, None)
 
 
-def test_the_last_drop_in_by_name_counts_and_one_of_the_administrator_hides_one_of_the_same_name(
-    place, tmp_path, monkeypatch
-):
+def test_drop_in_order_and_masking(place, tmp_path, monkeypatch):
     monkeypatch.setattr(unit, "UNIT", place / "a.service")
     monkeypatch.setattr(unit, "_PLACES", (place, tmp_path / "run"))
     (tmp_path / "run/a.service.d").mkdir(parents=True)
@@ -70,20 +68,20 @@ def test_the_last_drop_in_by_name_counts_and_one_of_the_administrator_hides_one_
 
 
 @pytest.mark.parametrize(
-    ("command", "told"),
+    ("command", "text"),
     [
         (COMMAND.replace("/srv/state", "/srv/other"), "runs /opt/rambler on /srv/other, but the starts of a trial"),
         (COMMAND.replace("/opt/", "/usr/"), "runs /usr/rambler on /srv/state, but the starts of a trial"),
         (COMMAND, ""),
     ],
 )
-def test_a_drop_in_that_no_trial_would_fit_is_told_and_what_it_runs(place, command, told):
+def test_drop_in_without_matching_trial_blocks_updates(place, command, text):
     (place / "a.service.d/override.conf").write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
     found = installation_of(place / "a.service")
-    assert (str(found.state) in command, told in found.blocked_reason, bool(found.blocked_reason)) == (
+    assert (str(found.state) in command, text in found.blocked_reason, bool(found.blocked_reason)) == (
         True,
         True,
-        bool(told),
+        bool(text),
     )
 
 
@@ -96,13 +94,13 @@ def test_a_drop_in_that_no_trial_would_fit_is_told_and_what_it_runs(place, comma
         "ExecStart=",
     ],
 )
-def test_a_drop_in_that_makes_it_no_service_of_ours_is_refused(place, text):
+def test_drop_in_with_another_command_is_refused(place, text):
     (place / "a.service.d/override.conf").write_text(f"[Service]\n{text}\n")
     with pytest.raises(UpdateError, match="not a current unit"):
         installation_of(place / "a.service")
 
 
-def test_a_drop_in_that_cannot_be_read_is_refused(place):
+def test_unreadable_drop_in_is_refused(place):
     (place / "a.service.d/override.conf").symlink_to(place / "gone")
     with pytest.raises(UpdateError, match=r"override\.conf: No such file"):
         installation_of(place / "a.service")

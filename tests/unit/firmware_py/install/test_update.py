@@ -1,4 +1,4 @@
-"""An update is refused, with the remedy, wherever it would not be safe; what it tries is beside what sails."""
+"""Updates: refusals, checks and trials."""
 
 import json
 import os
@@ -29,7 +29,7 @@ from support.small_bundle import small_bundle
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A tree of small programs in which an update goes through unless something is in the way."""
+    """A tree of small programs in which an update succeeds."""
     begin(tmp_path / "place", small_bundle(tmp_path))
     monkeypatch.setattr(environment, "_run", build)
     monkeypatch.setattr(environment, "check_room", lambda *_: None)
@@ -42,15 +42,15 @@ def place(tmp_path, monkeypatch):
 
 @pytest.fixture
 def ask(place, capsys):
-    """Run `rambler update` in the tree; return its exit code and what it said."""
+    """Run `rambler update` in the tree; return exit code and output."""
 
-    def asked(*words):
+    def run(*words):
         words = words or (str(place / "new.bundle"),)
         code = main(["update", *words, "--unit", str(place / "rambler.service")])
-        said = capsys.readouterr()
-        return code, said.err or said.out
+        output = capsys.readouterr()
+        return code, output.err or output.out
 
-    return asked
+    return run
 
 
 def in_force(place):
@@ -58,16 +58,16 @@ def in_force(place):
 
 
 def says(place, **status):
-    """Have an autopilot say something of itself, as far as a file can."""
+    """Write a status file of an autopilot."""
     whole = {"written_machine_s": machine_s(), "pid": os.getpid(), "state_directory": str(place / "state"), **status}
     (DIRECTORIES[1] / file_name(place / "state")).write_text(json.dumps(whole))
 
 
-def test_forward_and_back_and_forward(place, ask):
-    code, said = ask()
+def test_update_roll_back_and_update(place, ask):
+    code, output = ask()
     assert code == 0
-    assert "9.9.9 (git abcd1234), hashes correct" in said
-    assert "on trial for 3 starts" in said
+    assert "9.9.9 (git abcd1234), hashes correct" in output
+    assert "on trial for 3 starts" in output
     forward = in_force(place)
     assert forward.startswith("rambler-9.9.9-")
     assert "is on trial (0 starts so far)" in ask()[1]
@@ -78,49 +78,49 @@ def test_forward_and_back_and_forward(place, ask):
     assert in_force(place) == forward
 
 
-def test_what_is_in_force_is_not_installed_again(place, ask):
+def test_installed_version_is_refused(place, ask):
     ask()
     (place / "bin/.rambler.trial").unlink()
     assert ask() == (2, "rambler update: 9.9.9 (git abcd1234) is already installed\n")
 
 
-def test_nothing_is_before_the_first_update(ask):
+def test_roll_back_needs_a_previous_version(ask):
     assert ask("--back") == (2, "rambler update: there is no previous version\n")
 
 
-def test_an_armed_boat_on_the_state_that_a_drop_in_names_is_left_alone(place, ask):
-    """The unit alone would name a state on which nothing runs, and so nothing would seem to be armed."""
+def test_armed_boat_with_state_from_drop_in_is_not_updated(place, ask):
+    """The unit alone names a state directory without a running autopilot."""
     says(place, armed=True)
     unit = place / "rambler.service"
     unit.write_text(unit.read_text().replace(str(place / "state"), str(place / "other")))
     (place / "rambler.service.d").mkdir()
     command = f"{place / 'bin/rambler'} run {place / 'boat.toml'} --state {place / 'state'} --wait"
     (place / "rambler.service.d/override.conf").write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
-    code, said = ask()
+    code, output = ask()
     assert (code, in_force(place)) == (2, "rambler")
-    assert f"override.conf runs {place / 'bin/rambler'} on {place / 'state'}" in said
+    assert f"override.conf runs {place / 'bin/rambler'} on {place / 'state'}" in output
 
 
-def test_an_armed_boat_is_left_alone_unless_told(place, ask):
+def test_armed_boat_is_updated_only_with_armed(place, ask):
     says(place, armed=True)
-    code, said = ask()
+    code, output = ask()
     assert (code, in_force(place)) == (2, "rambler")
-    assert "the boat is armed; disarm it, or use --armed" in said
-    code, said = ask(str(place / "new.bundle"), "--armed")
+    assert "the boat is armed; disarm it, or use --armed" in output
+    code, output = ask(str(place / "new.bundle"), "--armed")
     assert code == 0
-    assert "no autopilot runs; the next start" in said, "whose number is in the status is no autopilot of this link"
+    assert "no autopilot runs; the next start" in output, "whose number is in the status is no autopilot of this link"
 
 
 @pytest.mark.parametrize("status", [{}, {"armed": False, "written_machine_s": 1.0}, {"armed": False, "pid": 2**22 + 1}])
-def test_one_that_does_not_say_whether_she_is_armed_is_left_alone(place, ask, status):
+def test_unknown_arming_state_counts_as_armed(place, ask, status):
     says(place, **status)
-    code, said = ask()
+    code, output = ask()
     assert (code, in_force(place)) == (2, "rambler")
-    assert "--armed" in said
+    assert "--armed" in output
 
 
 @pytest.mark.parametrize("words", [(), ("--back",)])
-def test_a_boat_that_is_armed_while_the_new_version_is_tried_is_left_alone(place, ask, monkeypatch, words):
+def test_arming_during_the_checks_stops_the_update(place, ask, monkeypatch, words):
     if words:
         ask()
     before = in_force(place)
@@ -131,48 +131,46 @@ def test_a_boat_that_is_armed_while_the_new_version_is_tried_is_left_alone(place
 
     monkeypatch.setattr(update, "self_check", armed)
     monkeypatch.setattr(update.os, "access", lambda *_: bool(armed()))
-    code, said = ask(*words)
+    code, output = ask(*words)
     assert (code, in_force(place)) == (2, before)
-    assert "the boat is armed; disarm it" in said
+    assert "the boat is armed; disarm it" in output
 
 
-def test_a_disarmed_boat_is_updated(place, ask):
+def test_disarmed_boat_is_updated(place, ask):
     says(place, armed=False)
     assert ask()[0] == 0
 
 
-def test_an_older_version_is_told_and_refused_unless_asked_for(place, ask, tmp_path):
+def test_downgrade_needs_older(place, ask, tmp_path):
     older = small_bundle(tmp_path, version="0.0.1")
-    code, said = ask(str(older))
+    code, output = ask(str(older))
     assert (code, in_force(place)) == (2, "rambler")
-    assert f"0.0.1 (git abcd1234) is older than the installed {__version__}" in said
-    code, said = ask(str(older), "--older")
+    assert f"0.0.1 (git abcd1234) is older than the installed {__version__}" in output
+    code, output = ask(str(older), "--older")
     assert code == 0
-    assert "is older than" in said
+    assert "is older than" in output
 
 
-def test_within_a_version_the_time_of_the_commit_counts_of_what_was_installed_by_hand_too(
-    place, ask, tmp_path, monkeypatch
-):
+def test_same_version_is_compared_by_commit_time(place, ask, tmp_path, monkeypatch):
     monkeypatch.setattr(update, "ROOT", tmp_path)
     (tmp_path / "firmware_py").mkdir()
     (tmp_path / COMMIT_FILE).write_text("89abcdef\n1001\n")
     same = str(small_bundle(tmp_path, version=__version__))
-    told = f"{__version__} (git abcd1234) is older than the installed {__version__} (git 89abcdef)"
-    assert told in ask(same)[1]
+    text = f"{__version__} (git abcd1234) is older than the installed {__version__} (git 89abcdef)"
+    assert text in ask(same)[1]
     assert in_force(place) == "rambler"
-    code, said = ask(same, "--older")
-    assert (code, told in said) == (0, True)
+    code, output = ask(same, "--older")
+    assert (code, text in output) == (0, True)
 
 
-def test_only_signed_bundles_where_there_are_signers(place, ask):
+def test_signers_require_a_signature(place, ask):
     (place / "signers").write_text("")
-    code, said = ask(str(place / "new.bundle"), "--signers", str(place / "signers"))
+    code, output = ask(str(place / "new.bundle"), "--signers", str(place / "signers"))
     assert (code, in_force(place)) == (2, "rambler")
-    assert "not signed" in said
+    assert "not signed" in output
 
 
-def test_signers_that_a_link_leads_nowhere_to_are_no_leave_to_take_anything(place, ask, monkeypatch):
+def test_dangling_link_to_signers_requires_a_signature(place, ask, monkeypatch):
     (place / "signers").symlink_to(place / "gone")
     monkeypatch.setattr("firmware_py.cli.update.SIGNERS", place / "signers")
     assert "not signed" in ask()[1]
@@ -185,21 +183,21 @@ def test_one_update_at_a_time(place, ask):
         assert ask() == (2, "rambler update: another update is running; wait for its end\n")
 
 
-def test_only_what_updates_have_made_is_removed(place, ask):
+def test_only_environments_of_updates_are_removed(place, ask):
     made, by_hand = "rambler-0.1.0.dev0-0123abcd", ("rambler-new", "rambler-hil", "rambler-2-of-mine")
     for name in (made, *by_hand):
         shutil.copytree(place / "opt/rambler", place / "opt" / name)
-    code, said = ask()
+    code, output = ask()
     assert code == 0
-    assert f"removed {made} of an earlier update" in said
+    assert f"removed {made} of an earlier update" in output
     assert {path.name for path in (place / "opt").iterdir()} == {"rambler", *by_hand, in_force(place)}
 
 
-def test_a_terminal_that_goes_away_changes_nothing_about_an_update(place, monkeypatch):
-    """What it prints nobody can read from the switch on; the service must be told to start the new one all the same."""
-    told = []
+def test_closed_terminal_does_not_interrupt_an_update(place, monkeypatch):
+    """The running program is ended although output fails after the switch."""
+    text = []
     monkeypatch.setattr(update, "_is_autopilot", lambda *_: True)
-    monkeypatch.setattr(os, "kill", lambda pid, number: told.append(number))
+    monkeypatch.setattr(os, "kill", lambda pid, number: text.append(number))
     says(place, armed=False)
 
     def gone(*_words, **_more):
@@ -209,10 +207,10 @@ def test_a_terminal_that_goes_away_changes_nothing_about_an_update(place, monkey
     monkeypatch.setattr("builtins.print", gone)
     words = ["update", str(place / "new.bundle"), "--unit", str(place / "rambler.service")]
     assert main(words) == 0
-    assert signal.SIGTERM in told
+    assert signal.SIGTERM in text
 
 
-def test_a_check_that_fails_leaves_nothing_behind(place, ask, monkeypatch):
+def test_failed_check_leaves_no_files(place, ask, monkeypatch):
     def fails(_candidate):
         yield "tried"
         raise UpdateError("it does not start: no")
@@ -223,17 +221,17 @@ def test_a_check_that_fails_leaves_nothing_behind(place, ask, monkeypatch):
     assert [path.name for path in (place / "bin").iterdir()] == ["rambler"]
 
 
-def test_a_file_that_is_no_bundle_or_not_there_is_refused(place, ask):
+def test_invalid_or_missing_bundle_is_refused(place, ask):
     (place / "text").write_text("hello")
     assert "not a bundle" in ask(str(place / "text"))[1]
     os.mkfifo(place / "pipe")
-    for path, told in ((place / "pipe", "is a pipe"), (Path("/dev/zero"), "is a device"), (place, "Is a directory")):
-        code, said = ask(str(path))
-        assert (code, said.startswith(f"rambler update: {path}: {told}")) == (2, True), said
+    for path, text in ((place / "pipe", "is a pipe"), (Path("/dev/zero"), "is a device"), (place, "Is a directory")):
+        code, output = ask(str(path))
+        assert (code, output.startswith(f"rambler update: {path}: {text}")) == (2, True), output
     assert ask(str(place / "nothing"))[0] == 2
 
 
-def test_what_is_no_service_of_ours_is_not_updated(place, ask):
+def test_other_units_are_refused(place, ask):
     unit = place / "rambler.service"
     text = unit.read_text()
     unit.write_text(text.replace("ExecStartPre", "#"))
@@ -246,20 +244,20 @@ def test_what_is_no_service_of_ours_is_not_updated(place, ask):
     assert "only a service can be updated" in ask()[1]
 
 
-def test_a_program_that_is_no_link_cannot_be_led_elsewhere(place, ask):
+def test_program_without_link_is_refused(place, ask):
     (place / "bin/rambler").unlink()
     shutil.copy(place / "opt/rambler/bin/rambler", place / "bin/rambler")
     assert "is not a link" in ask()[1]
 
 
-def test_packages_of_the_system_are_not_replaced(place, ask):
+def test_environment_with_system_packages_is_refused(place, ask):
     (place / "opt/rambler/pyvenv.cfg").write_text("include-system-site-packages = true\n")
     assert "A board without wheels" in ask()[1]
     (place / "opt/rambler/pyvenv.cfg").unlink()
     assert "is not in a virtual environment" in ask()[1]
 
 
-def test_the_disk_must_have_room(tmp_path, monkeypatch):
+def test_update_needs_free_space(tmp_path, monkeypatch):
     (tmp_path / "wheels").mkdir()
     wheel = shutil.make_archive(str(tmp_path / "wheel"), "zip", tmp_path, "wheels")
     shutil.move(wheel, tmp_path / "wheels/a-1-py3-none-any.whl")
@@ -269,46 +267,46 @@ def test_the_disk_must_have_room(tmp_path, monkeypatch):
         check_room(Environment(tmp_path / "rambler"), tmp_path / "wheels")
 
 
-def test_how_a_trial_has_ended_is_told(place, ask):
-    installation, said = installation_of(place / "rambler.service"), []
+def test_end_of_a_trial_is_reported(place, ask):
+    installation, output = installation_of(place / "rambler.service"), []
     ask()
     program = installation.link.target()
     store = Store(place / "state")
     store.save(UPDATE_FILE, passed_text(program).encode())
     store.close()
-    assert update.await_trial(installation, said.append)
+    assert update.await_trial(installation, output.append)
     assert installation.link.trial() is None
     for slot in (place / "state").glob(f"{UPDATE_FILE}.*"):
         slot.unlink()
-    assert update.await_trial(installation, said.append), "the service has ended it"
+    assert update.await_trial(installation, output.append), "the service has ended it"
     ask("--back")
     (place / "bin/.rambler.before").replace(place / "bin/rambler")
     (place / "bin/.rambler.trial").replace(place / "bin/.rambler.failed")
-    assert not update.await_trial(installation, said.append)
-    assert said[:2] == ["trial passed: the new version stays", "trial passed before: the version stays"]
-    assert said[2].startswith("rolled back: rambler has not passed its trial in 0 starts")
+    assert not update.await_trial(installation, output.append)
+    assert output[:2] == ["trial passed: the new version stays", "trial passed before: the version stays"]
+    assert output[2].startswith("rolled back: rambler has not passed its trial in 0 starts")
 
 
-def test_a_trial_that_was_passed_while_nobody_looked_on_keeps_no_update_out(place, ask, tmp_path):
-    """The next start of the service forgets such a trial, and that may be months away."""
+def test_trial_passed_unobserved_allows_the_next_update(place, ask, tmp_path):
+    """The next start of the service removes such a trial, which may be months later."""
     ask()
     store = Store(place / "state")
     store.save(UPDATE_FILE, passed_text(installation_of(place / "rambler.service").link.target()).encode())
     store.close()
-    code, said = ask(str(small_bundle(tmp_path, version="9.9.10")))
-    assert (code, in_force(place).startswith("rambler-9.9.10-")) == (0, True), said
+    code, output = ask(str(small_bundle(tmp_path, version="9.9.10")))
+    assert (code, in_force(place).startswith("rambler-9.9.10-")) == (0, True), output
 
 
-def test_a_version_that_has_passed_before_is_not_said_to_be_on_trial(place, ask):
+def test_version_that_has_passed_needs_no_trial(place, ask):
     old = installation_of(place / "rambler.service").link.target()
     store = Store(place / "state")
     store.save(UPDATE_FILE, passed_text(old).encode())
     store.close()
     assert "on trial for 3 starts" in ask()[1]
-    code, said = ask("--back")
+    code, output = ask("--back")
     assert code == 0
-    assert f"points to {old}\n" in said
-    assert "on trial" not in said
+    assert f"points to {old}\n" in output
+    assert "on trial" not in output
 
 
 VEHICLE = """
@@ -332,7 +330,7 @@ CTL_K1 = 30.5
 """
 
 
-def test_what_is_tried_opens_no_port_and_no_link_of_hers(tmp_path):
+def test_checks_use_no_real_ports_or_links(tmp_path):
     (tmp_path / "boat.toml").write_text(VEHICLE)
     (work := tmp_path / "work").mkdir()
     dry = tomllib.loads(dry_text(tmp_path / "boat.toml", work))
@@ -345,7 +343,7 @@ def test_what_is_tried_opens_no_port_and_no_link_of_hers(tmp_path):
         dry_text(tmp_path / "boat.toml", work)
 
 
-def test_what_is_tried_works_on_a_copy_of_the_state(tmp_path, monkeypatch):
+def test_checks_use_a_copy_of_the_state(tmp_path, monkeypatch):
     for name in ("state", "work", "state/logs"):
         (tmp_path / name).mkdir()
     for name in ("parameters.param.0", "signing.key.1", "lock", "logs/00000001.BIN"):
@@ -363,30 +361,30 @@ def test_what_is_tried_works_on_a_copy_of_the_state(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("output", "text"),
     [
         ("9 ticks, 4 recomputed\n1 damaged ticks, 3 unreadable bytes\nNOT identical\n", "is incomplete: 9 ticks"),
         ("9 ticks, 9 recomputed\n3 commands differ, the first at\nNOT identical\n", "steers differently"),
         ("", None),  # it has failed
     ],
 )
-def test_a_log_that_is_damaged_or_comes_out_otherwise_keeps_nobody_from_an_update(tmp_path, monkeypatch, said, told):
+def test_damaged_or_different_log_does_not_prevent_an_update(tmp_path, monkeypatch, output, text):
     (tmp_path / "state/logs").mkdir(parents=True)
     (tmp_path / "state/logs/00000001.BIN").touch()
-    done = subprocess.CompletedProcess([], 1, said, "Traceback" if told is None else "")
+    done = subprocess.CompletedProcess([], 1, output, "Traceback" if text is None else "")
     monkeypatch.setattr("firmware_py.install.self_check._run", lambda *_: done)
     candidate = Candidate(Environment(tmp_path), None, tmp_path / "boat.toml", tmp_path / "state", tmp_path)
-    if told is None:
+    if text is None:
         with pytest.raises(UpdateError, match="cannot replay"):
             CHECKS["newest log"](candidate)
     else:
-        assert told in CHECKS["newest log"](candidate)
+        assert text in CHECKS["newest log"](candidate)
 
 
-def test_a_unit_that_the_new_version_wants_otherwise_is_told(place, ask, monkeypatch):
+def test_changed_unit_is_reported(place, ask, monkeypatch):
     installed = installation_of(place / "rambler.service").unit
     monkeypatch.setattr(update, "printed_unit", lambda _program, _words: installed)
-    assert "its unit" not in ask()[1]
+    assert "another service unit" not in ask()[1]
     (place / "bin/.rambler.trial").unlink()
     asked_for = []
 
@@ -400,7 +398,7 @@ def test_a_unit_that_the_new_version_wants_otherwise_is_told(place, ask, monkeyp
     assert asked_for == [("rambler", [*words, "--program", str(place / "bin/rambler")])]
 
 
-def test_the_unit_of_a_version_is_what_it_prints(tmp_path):
+def test_unit_of_a_version_is_its_output(tmp_path):
     program = tmp_path / "rambler"
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m firmware_py "$@"\n')
     program.chmod(0o755)

@@ -1,4 +1,4 @@
-"""The shell of a page: what it holds cannot become part of it, and nothing comes from outside."""
+"""The frame of a page: escaping, content security policy, style."""
 
 import base64
 import hashlib
@@ -13,7 +13,7 @@ from firmware_py.view.document import LIVE, PLOTS, asset, data_block, document
 from firmware_py.view.model import PANELS, plan_rows, voyage
 
 
-def test_what_somebody_said_does_not_become_a_script():
+def test_text_does_not_become_a_script():
     text = "</script><script>alert(1)</script>"
     page = document(text, [data_block("voyage", {"marks": [[1.0, 4, text]]})], PLOTS)
     assert page.count("<script") == 2
@@ -22,7 +22,7 @@ def test_what_somebody_said_does_not_become_a_script():
     assert json.loads(block)["marks"][0][2] == text
 
 
-def test_the_browser_is_told_to_run_and_load_nothing_else():
+def test_policy_forbids_other_scripts_and_resources():
     page = document("a page", [], PLOTS)
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1]
     assert policy.startswith("default-src 'none'")
@@ -33,12 +33,12 @@ def test_the_browser_is_told_to_run_and_load_nothing_else():
         assert f"{kind}-src 'sha256-{digest}'" in policy
 
 
-def test_scripts_are_small_and_ask_nobody():
+def test_scripts_are_small_and_contact_no_server():
     assert len(asset(*LIVE)) + len(asset("view.css")) < 60_000
     assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)|fetch\(|import\(|innerHTML|eval\(", asset(*LIVE))
 
 
-def test_every_page_fits_a_phone_and_both_schemes():
+def test_pages_support_phones_and_both_color_schemes():
     page = document("a page", [])
     assert 'name="viewport" content="width=device-width' in page
     assert "prefers-color-scheme: dark" in page
@@ -61,24 +61,24 @@ def luminance(colour):
 @pytest.mark.parametrize("scheme", schemes(), ids=["light", "dark"])
 @pytest.mark.parametrize("text", ["ink", "soft", "main", "second", "goal", "command", "bad", "good"])
 @pytest.mark.parametrize("ground", ["page", "card"])
-def test_whatever_is_written_can_be_read(scheme, text, ground):
+def test_text_is_escaped(scheme, text, ground):
     low, high = sorted((luminance(scheme[text]), luminance(scheme[ground])))
     assert (high + 0.05) / (low + 0.05) >= 4.5  # WCAG 2, level AA
 
 
-def test_what_is_not_known_is_null():
+def test_non_finite_values_are_null():
     made = voyage({"time_s": [0.0, 1.0], "heading_deg": [math.nan, 1.23456]}, [(math.nan, 1, "x"), (1.0, 2, "y")])
     assert made["columns"] == {"time_s": [0.0, 1.0], "heading_deg": [None, 1.235]}
     assert made["marks"] == [[1.0, 2, "y"]]
     json.dumps(made, allow_nan=False)
 
 
-def test_a_plan_is_rows_of_places_in_degrees():
+def test_plan_rows_are_in_degrees():
     item = PlanItem(17, params=(0.0, math.nan, 40.0, 0.0), x=361234567, y=-1210000000)
     assert plan_rows(Plan.of(PlanKind.MISSION, [item])) == [[17, 0.0, None, 40.0, 0.0, 36.1234567, -121.0]]
 
 
-def test_looks_of_lines_are_classes_of_the_style():
+def test_line_looks_are_css_classes():
     for panel in PANELS:
         for line in panel.lines:
             assert line.look == "main" or f".line.{line.look}" in asset("view.css")

@@ -1,4 +1,4 @@
-"""From what the autopilot says of itself to the rows of a page."""
+"""From the status of the autopilot to the rows of the live page."""
 
 import json
 
@@ -35,8 +35,8 @@ class Rig:
         self.found = FoundStatus(Freshness.RUNNING, content | changes, 0.1)
 
     def poll(self):
-        told = self.feed.poll()
-        return None if told is None else json.loads(told)
+        update = self.feed.poll()
+        return None if update is None else json.loads(update)
 
     def values(self):
         return dict(zip(COLUMNS, self.poll()["values"], strict=True))
@@ -47,7 +47,7 @@ def rig():
     return Rig()
 
 
-def test_a_status_is_a_row(rig):
+def test_status_becomes_a_row(rig):
     values = rig.values()
     assert (values["time_s"], values["compass_deg"], values["heading_deg"], values["goal_deg"]) == (
         0.0,
@@ -61,11 +61,11 @@ def test_a_status_is_a_row(rig):
     assert rig.values()["time_s"] == 2.0
 
 
-def test_every_column_of_a_page_is_known_to_it():
+def test_every_column_has_a_source():
     assert set(FROM_STATUS) | {"time_s", "true_heading_deg", "faults"} == set(COLUMNS)
 
 
-def test_what_she_said_is_told_once_and_when_it_was(rig):
+def test_event_is_a_mark_at_its_time_once(rig):
     assert rig.poll()["marks"] == [[-2.0, 4, "GPS position lost"]]
     rig.later(1.0)
     assert rig.poll()["marks"] == []
@@ -73,7 +73,7 @@ def test_what_she_said_is_told_once_and_when_it_was(rig):
     assert rig.poll()["marks"] == [[1.5, 6, "GPS position recovered"]]
 
 
-def test_what_is_past_its_time_out_is_no_value_of_the_row(rig):
+def test_timed_out_values_are_empty(rig):
     place, rudder = {"lat_deg": 36.0, "sog_m_s": 0.5}, {"angle_deg": 4.0}
     names = ("lat_deg", "ground_m_s", "compass_deg", "heading_deg", "error_deg", "rudder_deg")
     rig.later(position={"ok": True, **place}, heading_ok=True, rudder={"ok": True, **rudder})
@@ -85,16 +85,16 @@ def test_what_is_past_its_time_out_is_no_value_of_the_row(rig):
     assert rig.history.now["status"]["heading_deg"] == 12.0, "the last value is shown, with its age"
 
 
-def test_a_fault_comes_with_its_remedy(rig):
+def test_fault_has_its_remedy(rig):
     assert rig.poll()["now"]["status"]["faults"] == [{"fault": "POSITION_LOST", "remedy": "look at the antenna"}]
 
 
-def test_what_is_reported_before_a_run_begins_is_of_its_first_moment(rig):
+def test_events_before_a_run_are_at_its_start(rig):
     rig.feed.take_line(b'{"time_s": 0.5}')
     assert rig.poll()["marks"] == [[0.0, 4, "GPS position lost"]]
 
 
-def test_plans_are_read_when_they_change(rig):
+def test_plans_are_read_after_a_change(rig):
     now = rig.poll()["now"]
     assert now["plans"] == {"mission": [[16]], "home": [36.0, 121.0]}
     assert now["target"] == [36.1, 121.1, 40.0]
@@ -105,16 +105,16 @@ def test_plans_are_read_when_they_change(rig):
     assert rig.plans_read == 2
 
 
-def test_what_is_old_is_told_and_is_no_row(rig):
+def test_stale_status_adds_no_row(rig):
     rig.poll()
     rig.found = FoundStatus(Freshness.STALE, rig.found.content, 9.0, "process 7 is gone")
-    told = rig.poll()
-    assert (told["now"]["freshness"], told["now"]["reason"], told["rows"]) == ("stale", "process 7 is gone", [])
+    update = rig.poll()
+    assert (update["now"]["freshness"], update["now"]["reason"], update["rows"]) == ("stale", "process 7 is gone", [])
     rig.found = FoundStatus(Freshness.ABSENT, reason="it is not running")
     assert rig.poll()["now"]["freshness"] == "absent"
 
 
-def test_a_computer_that_was_started_anew_begins_another_voyage(rig):
+def test_restarted_computer_begins_another_voyage(rig):
     rig.later(50.0)
     rig.poll()
     rig.later(-140.0)
@@ -122,7 +122,7 @@ def test_a_computer_that_was_started_anew_begins_another_voyage(rig):
     assert len(json.loads(rig.history.whole())["rows"]) == 1
 
 
-def test_a_harness_knows_what_really_happens(rig):
+def test_harness_lines_add_true_values(rig):
     rig.feed.take_line(b'{"title": "tank"}')
     assert rig.poll() is None, "it has not begun"
     rig.feed.take_line(b'{"time_s": 50.5, "true_heading_deg": 371.2}\n')
@@ -133,7 +133,7 @@ def test_a_harness_knows_what_really_happens(rig):
 
 
 @pytest.mark.parametrize("line", [b"", b"\xff", b"[1]", b"{", b"[" * 9000, b'{"time_s": ' + b"1" * 20_000 + b"}"])
-def test_a_line_that_is_none_changes_nothing(rig, line):
+def test_invalid_harness_line_is_ignored(rig, line):
     rig.feed.take_line(line)
     assert rig.values()["time_s"] == 0.0
 
@@ -141,6 +141,6 @@ def test_a_line_that_is_none_changes_nothing(rig, line):
 @pytest.mark.parametrize(
     "changes", [{"events": 3}, {"faults": None}, {"rudder": [1]}, {"utc_s": "x"}, {"home": {"x": 1}}]
 )
-def test_the_words_of_another_version_end_nothing(rig, changes):
+def test_status_of_another_version_is_reported(rig, changes):
     rig.later(**changes)
     assert rig.poll()["now"]["freshness"] in ("stale", "running")

@@ -1,4 +1,4 @@
-"""Who may read the page: what its own browser sends passes, and nothing that another site can have sent."""
+"""Access control of the live page."""
 
 import pytest
 
@@ -13,7 +13,7 @@ COOKIE = {"Host": "10.0.0.7:8046", "Cookie": f"rambler_view={TOKEN}"}
 @pytest.mark.parametrize(
     "host", ["localhost", "localhost:8046", "127.0.0.1:8046", "127.9.9.9", "[::1]:8046", "LOCALHOST:1"]
 )
-def test_on_this_computer_its_own_names_are_answered(host):
+def test_loopback_names_are_accepted(host):
     assert LOCAL.judge("GET", "/", {"Host": host}).status == 200
     assert LOCAL.judge("HEAD", "/events", {"Host": host, "Origin": f"http://{host}"}).path == "/events"
 
@@ -24,7 +24,7 @@ def test_on_this_computer_its_own_names_are_answered(host):
      "boat:8046", "0x7f000001", "2130706433", "127.1", "[::1", "::ffff:10.0.0.7",
      "localhost:80:80", "127.0.0.1:8046\r\nx", "\0"],
 )  # fmt: skip
-def test_a_name_that_is_none_of_ours_is_not(host):
+def test_other_host_names_are_refused(host):
     assert LOCAL.judge("GET", "/", {"Host": host}).status == 421
 
 
@@ -39,21 +39,21 @@ def test_a_name_that_is_none_of_ours_is_not(host):
         {"Sec-Fetch-Site": "same-site", "Sec-Fetch-Mode": "no-cors"},
     ],
 )
-def test_another_page_may_not_ask(headers):
+def test_cross_site_requests_are_refused(headers):
     assert LOCAL.judge("GET", "/events", {"Host": "localhost:8046", **headers}).status == 403
 
 
-def test_a_person_may_follow_a_link():
+def test_navigation_from_another_site_is_allowed():
     headers = {"Host": "localhost:8046", "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
     assert LOCAL.judge("GET", "/", headers).status == 200
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "PATCH", "TRACE", "CONNECT", "get"])
-def test_nothing_can_be_written(method):
+def test_write_methods_are_refused(method):
     assert LOCAL.judge(method, "/", {"Host": "localhost"}).status == 405
 
 
-def test_beyond_this_computer_the_token_is_asked_for():
+def test_remote_access_needs_the_token():
     assert OPEN.judge("GET", "/", {"Host": "10.0.0.7:8046"}).status == 403
     assert OPEN.judge("GET", "/events", COOKIE).status == 200
     verdict = OPEN.judge("GET", f"/?token={TOKEN}", {"Host": "boat.local:8046"})
@@ -64,21 +64,21 @@ def test_beyond_this_computer_the_token_is_asked_for():
 @pytest.mark.parametrize(
     "word", ["", "0123456789abcde", "0123456789abcdef0", "é" * 16, "%00", TOKEN.upper(), f"{TOKEN}&token={TOKEN}"]
 )
-def test_a_word_that_is_not_the_token_is_refused(word):
+def test_wrong_token_is_refused(word):
     assert OPEN.judge("GET", f"/?token={word}", {"Host": "10.0.0.7"}).status == 403
     assert OPEN.judge("GET", "/", {"Host": "10.0.0.7", "Cookie": "rambler_view=x; rambler_view"}).status == 403
 
 
-def test_an_address_has_an_end():
+def test_too_long_address_is_refused():
     assert LOCAL.judge("GET", "/" + "x" * 2000, {"Host": "localhost"}).status == 414
 
 
 @pytest.mark.parametrize("target", ["//evil.example/", "http://[", "/?token=%ff%fe", "*", "\0"])
-def test_an_odd_address_is_judged_too(target):
+def test_odd_address_is_refused(target):
     assert OPEN.judge("GET", target, {"Host": "10.0.0.7"}).status == 403
 
 
-def test_a_token_is_read_from_a_file_of_ones_own(tmp_path):
+def test_token_file_must_be_private_and_valid(tmp_path):
     path = tmp_path / "token"
     path.write_text(TOKEN + "\n")
     path.chmod(0o600)

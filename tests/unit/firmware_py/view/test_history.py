@@ -1,4 +1,4 @@
-"""What a page under way has to show stays small, and whole."""
+"""The history of the live page is bounded."""
 
 import json
 import math
@@ -10,19 +10,19 @@ def whole(history):
     return json.loads(history.whole())
 
 
-def test_a_reader_is_told_what_has_come_and_can_be_told_all():
+def test_history_returns_updates_and_all_data():
     history = History()
-    told = json.loads(
+    update = json.loads(
         history.add({"time_s": 1.0, "heading_deg": 10.0004}, [(0.5, 4, "GPS position lost")], {"title": "boat"})
     )
-    assert told["rows"] == [told["values"]]
-    assert dict(zip(COLUMNS, told["values"], strict=True))["heading_deg"] == 10.0
-    assert told["marks"] == [[0.5, 4, "GPS position lost"]]
-    assert whole(history)["rows"] == told["rows"]
+    assert update["rows"] == [update["values"]]
+    assert dict(zip(COLUMNS, update["values"], strict=True))["heading_deg"] == 10.0
+    assert update["marks"] == [[0.5, 4, "GPS position lost"]]
+    assert whole(history)["rows"] == update["rows"]
     assert whole(history)["now"] == {"title": "boat"}
 
 
-def test_however_long_it_takes_the_rows_are_few_and_reach_from_begin_to_end():
+def test_number_of_rows_is_bounded_over_the_whole_voyage():
     history = History()
     for number in range(20_000):
         history.add({"time_s": float(number)}, [(float(number), 6, "x")], {})
@@ -33,23 +33,23 @@ def test_however_long_it_takes_the_rows_are_few_and_reach_from_begin_to_end():
     assert times[-1] > 19_980.0
     assert times == sorted(times)
     assert len(found["marks"]) == MAX_MARKS
-    assert history.epoch > 0, "readers that have the rows that were left out are told anew"
+    assert history.epoch > 0, "readers with dropped rows reload all rows"
 
 
-def test_what_is_no_number_is_null():
+def test_invalid_numbers_are_null():
     history = History()
-    told = json.loads(
+    update = json.loads(
         history.add({"time_s": 1.0, "heading_deg": math.nan, "goal_deg": "x", "rudder_deg": None}, [], {})
     )
-    assert set(told["values"][1:]) == {None}
+    assert set(update["values"][1:]) == {None}
 
 
-def test_a_row_without_a_time_is_no_row():
+def test_row_without_time_is_ignored():
     history = History()
     assert json.loads(history.add({}, [], {"freshness": "absent"}))["rows"] == []
 
 
-def test_another_voyage_begins_anew():
+def test_restart_clears_rows_and_marks():
     history = History()
     history.add({"time_s": 1.0}, [(0.5, 4, "x")], {})
     history.restart()

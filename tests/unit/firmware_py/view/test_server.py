@@ -1,4 +1,4 @@
-"""The page's server: what it answers, to how many, and that nobody who is slow holds up anybody."""
+"""The server of the live page: replies, limits, slow readers."""
 
 import http.client
 import json
@@ -66,7 +66,7 @@ def site():
 
 
 @pytest.mark.parametrize("write", [str, str.lower, str.upper])
-def test_the_names_of_headers_may_be_written_in_any_way(site, write):
+def test_header_names_are_case_insensitive(site, write):
     def status(*headers):
         with socket.create_connection(("127.0.0.1", site.port), PATIENCE_S) as asking:
             lines = [f"{write(name)}: {value}" for name, value in headers]
@@ -80,7 +80,7 @@ def test_the_names_of_headers_may_be_written_in_any_way(site, write):
     assert status(host, ("Host", "evil.example")) == 421
 
 
-def test_the_page_comes_with_what_a_browser_shall_not_do(site):
+def test_page_has_security_headers(site):
     answer = site.ask()
     assert answer.status == 200
     assert answer.headers["Content-Security-Policy"].startswith("default-src 'none'")
@@ -91,14 +91,14 @@ def test_the_page_comes_with_what_a_browser_shall_not_do(site):
     assert b'id="live"' in answer.read()
 
 
-def test_there_is_nothing_else(site):
+def test_other_paths_are_not_found(site):
     assert [site.ask(target=target).status for target in ("/etc/passwd", "/../", "/events/", "/status")] == [404] * 4
     assert site.ask("POST").status == 405
     assert site.ask(Host="evil.example").status == 421
     assert site.ask("HEAD").read() == b""
 
 
-def test_a_token_becomes_a_cookie_that_no_script_reads():
+def test_token_becomes_an_http_only_cookie():
     site = Site(Guard("0123456789abcdef", loopback=False))
     try:
         assert site.ask().status == 403
@@ -111,7 +111,7 @@ def test_a_token_becomes_a_cookie_that_no_script_reads():
         site.close()
 
 
-def test_a_reader_is_told_all_and_then_what_is_new(site):
+def test_reader_receives_all_data_then_updates(site):
     site.publish(heading_deg=10.0)
     reader = site.read()
     kind, whole = reader.next()
@@ -124,7 +124,7 @@ def test_a_reader_is_told_all_and_then_what_is_new(site):
     assert reader.next()[0] == "end"
 
 
-def test_a_reader_of_a_server_that_is_stopped_is_not_told_that_all_is_over(site):
+def test_stopped_server_sends_no_end_event(site):
     site.publish(heading_deg=10.0)
     reader = site.read()
     assert reader.next()[0] == "whole"
@@ -132,7 +132,7 @@ def test_a_reader_of_a_server_that_is_stopped_is_not_told_that_all_is_over(site)
     assert b"event:" not in reader.response.read()
 
 
-def test_who_is_far_behind_is_told_all_anew():
+def test_reader_far_behind_receives_all_data_again():
     history = History()
     hub = Hub(history.whole)
     here, _ = hub.next(None)
@@ -146,7 +146,7 @@ def test_who_is_far_behind_is_told_all_anew():
     assert [kind for kind, _ in hub.next(here)[1]] == ["whole"], "of another epoch"
 
 
-def test_ten_readers_of_whom_nine_read_nothing_hold_up_nobody(site):
+def test_stuck_readers_delay_no_other_reader(site):
     site.publish()
     sleepers = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(9)]
     for one in sleepers:
@@ -158,14 +158,14 @@ def test_ten_readers_of_whom_nine_read_nothing_hold_up_nobody(site):
         site.publish(heading_deg=float(number))
     seen = 0
     while seen < 299.0:
-        kind, told = reader.next()
-        rows = told["rows"]
-        seen = rows[-1][told["names"].index("heading_deg")] if kind == "whole" else told["values"][5]
+        kind, content = reader.next()
+        rows = content["rows"]
+        seen = rows[-1][content["names"].index("heading_deg")] if kind == "whole" else content["values"][5]
     for one in sleepers:
         one.close()
 
 
-def test_more_than_so_many_are_sent_away_and_room_comes_back(site, monkeypatch):
+def test_connection_limit_is_enforced_and_released(site, monkeypatch):
     monkeypatch.setattr(server_module, "TIMEOUT_S", 0.2)
     idle = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(MAX_CONNECTIONS + 5)]
     for one in idle:  # who asks for nothing, and who is too many, is let go
@@ -178,7 +178,7 @@ def test_more_than_so_many_are_sent_away_and_room_comes_back(site, monkeypatch):
     assert site.ask().status == 200
 
 
-def test_a_request_that_never_ends_is_ended(site, monkeypatch):
+def test_slow_request_is_closed(site, monkeypatch):
     monkeypatch.setattr(server_module, "TIMEOUT_S", 0.2)
     with socket.create_connection(("127.0.0.1", site.port)) as connection:
         connection.settimeout(PATIENCE_S)
@@ -196,7 +196,7 @@ NO_REQUESTS = (
 
 
 @pytest.mark.parametrize("data", NO_REQUESTS)
-def test_what_is_no_request_is_refused(site, data):
+def test_invalid_request_is_refused(site, data):
     with socket.create_connection(("127.0.0.1", site.port)) as connection:
         connection.settimeout(PATIENCE_S)
         try:
@@ -208,6 +208,6 @@ def test_what_is_no_request_is_refused(site, data):
     assert site.ask().status == 200
 
 
-def test_an_address_that_cannot_be_had_is_told_with_a_remedy(site):
+def test_address_in_use_is_an_error_with_remedy(site):
     with pytest.raises(ViewError, match="use another --listen"):
         ViewServer(("127.0.0.1", site.port), Guard("", loopback=True), site.hub)

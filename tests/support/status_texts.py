@@ -1,4 +1,4 @@
-"""Every text that a ground station can be told, as the source has it: found where texts are made, never by running."""
+"""All STATUSTEXTs of the firmware, found in the source by a static search of the calls that create them."""
 
 import ast
 import re
@@ -9,9 +9,9 @@ import firmware_py
 
 ROOT = Path(firmware_py.__file__).parent
 HOLE = "<>"
-_DEEPEST = 8
-_ASHORE = {"cli", "install", "vehicle.py"}  # they print, and tell no station
-# Who takes a text that may be told, and where in its arguments; or by the keyword beside it.
+_MAX_DEPTH = 8
+_CONSOLE_ONLY = {"cli", "install", "vehicle.py"}  # these send no STATUSTEXT
+# Functions and classes that take a text: its position among the arguments, and its keyword.
 MAKERS = {
     "Event": (1, "text"),
     "send_text": (2, "text"),
@@ -34,14 +34,14 @@ MAKERS = {
     "WatchdogError": (0, ""),
     "finish_when_stored": (2, "text"),
 }
-_SECOND = {"finish_when_stored": (3, "failure")}  # and another one
-_KEPT = {"note", "start_problem"}  # attributes that keep a text until it is told
+_SECOND = {"finish_when_stored": (3, "failure")}  # a second text
+_KEPT = {"note", "start_problem"}  # attributes that store a text
 
 
-def told():
-    """Yield the form, with a hole for each value, and the place of every text that is made."""
+def status_texts():
+    """Yield each text, with a placeholder for each value, and its location in the source."""
     for path in sorted(ROOT.rglob("*.py")):
-        if path.relative_to(ROOT).parts[0] not in _ASHORE:
+        if path.relative_to(ROOT).parts[0] not in _CONSOLE_ONLY:
             for node, scopes in _calls_of(path):
                 for argument in _texts_of(node):
                     forms = dict.fromkeys(re.sub("(<>)+", HOLE, form) for form in _Forms(path, scopes).of(argument))
@@ -59,7 +59,7 @@ def _calls_of(path):
 
 
 def _calls(node, scopes):
-    """Yield each call, and each keeping of a text, with the functions around it."""
+    """Yield each call and each storing assignment with the enclosing functions."""
     inside = (*scopes, node) if isinstance(node, ast.FunctionDef | ast.Lambda) else scopes
     if isinstance(node, ast.Call) or (isinstance(node, ast.Assign) and _kept(node)):
         yield node, inside
@@ -86,14 +86,14 @@ def _texts_of(call):
 
 
 class _Forms:
-    """What an expression can be, as far as the source says it: constants, and holes for the rest."""
+    """Possible values of an expression: constants, and placeholders for the rest."""
 
     def __init__(self, path, scopes, deep=0):
         self.path, self.scopes, self.deep = path, scopes, deep
 
     def of(self, node):
         """Return the forms of an expression."""
-        if self.deep > _DEEPEST:
+        if self.deep > _MAX_DEPTH:
             return [HOLE]
         read = {
             ast.Constant: lambda: [node.value if isinstance(node.value, str) else HOLE],
@@ -134,7 +134,7 @@ class _Forms:
         return [HOLE] if value is None else self._below(path, ()).of(value)
 
     def _passed(self, function, name):
-        """Return the forms that callers in the same module pass for a parameter."""
+        """Return the values that callers in the same module pass for a parameter."""
         names = [argument.arg for argument in function.args.args if argument.arg != "self"]
         forms = []
         for call, scopes in _calls_of(self.path):
@@ -165,7 +165,7 @@ class _Forms:
 
 @cache
 def _assigned(scope, name):
-    """Return all that a name is given in a function: by =, by :=, and in a pair by either branch."""
+    """Return the expressions assigned to a name in a function: by =, by :=, and in pairs by either branch."""
     values = []
     for node in ast.walk(scope):
         if isinstance(node, ast.NamedExpr) and node.target.id == name:
@@ -185,7 +185,7 @@ def _assigned(scope, name):
 
 @cache
 def _origins(path):
-    """Return the modules of the firmware that a module takes names from, by name."""
+    """Return the firmware modules from which a module imports, by imported name."""
     origins = {}
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("firmware_py"):
