@@ -13,9 +13,9 @@ from firmware_py.common.records import Inputs
 from firmware_py.common.reports import Output
 from firmware_py.core.accept import accept
 from firmware_py.core.compass_swing import CompassSwing
-from firmware_py.core.parameter_keeper import ParameterKeeper
+from firmware_py.core.parameter_writer import ParameterWriter
 from firmware_py.core.resume import Moment
-from firmware_py.core.resume_keeper import ResumeKeeper
+from firmware_py.core.resume_writer import ResumeWriter
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 
@@ -33,14 +33,14 @@ class Autopilot:
     wait for the tick and cannot differ from its result.
     """
 
-    def __init__(self, state: State, keeper: StateWriter, begun: Moment | None = None) -> None:
-        """Start from a state; `keeper` stores data over restarts, `begun` is the moment at which `now_s` was 0."""
+    def __init__(self, state: State, writer: StateWriter, begun: Moment | None = None) -> None:
+        """Start from a state; `writer` stores data over restarts, `begun` is the moment at which `now_s` was 0."""
         self._state = state
         self._ahead = state
         self._pending: list[Request] = []
-        self._keeper = keeper
-        self._parameters = ParameterKeeper(keeper)
-        self._resume = ResumeKeeper(begun or Moment(0.0))
+        self._writer = writer
+        self._parameters = ParameterWriter(writer)
+        self._resume = ResumeWriter(begun or Moment(0.0))
         self._waiting: list[Callable[[bool], None]] = []  # callbacks for a record not passed to the store yet
         self._awaited = 0  # all callbacks that wait for a record
         self._now_s = 0.0
@@ -101,7 +101,7 @@ class Autopilot:
             # The item number of the old mission is invalid in the new one.
             self.when_orders_stored(lambda _stored: done(answer))
 
-        self._keeper.save_plan(intent.plan, finish)
+        self._writer.save_plan(intent.plan, finish)
 
     def parameters(self) -> ParameterSet:
         """Return the values in force, accepted requests included."""
@@ -113,7 +113,7 @@ class Autopilot:
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back when all accepted parameters are on disk (True) or cannot be stored (False)."""
-        self._keep()  # FENCE_ENABLE and BOOT_RESUME change the resume record
+        self._save()  # FENCE_ENABLE and BOOT_RESUME change the resume record
         self._parameters.when_stored(call, self._now_s)
 
     def when_orders_stored(self, call: Callable[[bool], None]) -> None:
@@ -131,7 +131,7 @@ class Autopilot:
 
         self._awaited += 1
         self._waiting.append(finish)
-        self._keep()
+        self._save()
 
     def take_requests(self) -> tuple[Request, ...]:
         """Return and remove the requests since the last tick."""
@@ -152,16 +152,16 @@ class Autopilot:
         """Store changed parameters and the resume record; `last`: all changes, the process ends."""
         self._now_s, self._utc_offset_s = now_s, utc_s - now_s
         self._parameters.update(now_s, last=last)
-        self._keep(last=last)
+        self._save(last=last)
 
-    def _keep(self, *, last: bool = False) -> None:
+    def _save(self, *, last: bool = False) -> None:
         if self._utc_offset_s is None:
             return
         utc_s = self._now_s + self._utc_offset_s
         record = self._resume.update(self._ahead, self._now_s, utc_s, is_awaited=bool(self._waiting), last=last)
         if record is not None:
-            self._keeper.save_resume(record)
+            self._writer.save_resume(record)
         if self._resume.is_current:
             waiting, self._waiting = self._waiting, []
             for call in waiting:
-                self._keeper.when_resume_stored(call)
+                self._writer.when_resume_stored(call)

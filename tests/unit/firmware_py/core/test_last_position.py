@@ -13,7 +13,7 @@ from firmware_py.common.records import FixType, PositionSample
 from firmware_py.core import last_position
 from firmware_py.core.last_position import MAX_MOVE_M, LastPosition
 from firmware_py.core.resume import Moment, from_bytes, restore, resume_of, to_bytes
-from firmware_py.core.resume_keeper import FINE_INTERVAL_S, REFRESH_S, ResumeKeeper
+from firmware_py.core.resume_writer import FINE_INTERVAL_S, REFRESH_S, ResumeWriter
 from firmware_py.core.state import State
 from firmware_py.estimate import dead_reckoning, water_results
 from firmware_py.estimate.dead_reckoning import UNUSABLE_SD_M, DeadReckoning
@@ -128,12 +128,12 @@ def with_water(current_m_s, speed_m_s):
 
 @pytest.mark.parametrize(("current_m_s", "speed_m_s"), [(0.0, 0.0), (0.1, 0.4), (0.5, 0.5), (1.5, 1.0)])
 def test_a_restart_on_station_moves_the_position_by_at_most_the_step(current_m_s, speed_m_s):
-    keeper, state = ResumeKeeper(Moment(0.0, "a", 500.0)), with_water(current_m_s, speed_m_s)
-    assert keeper.update(state, 0.0, UTC_S)
+    writer, state = ResumeWriter(Moment(0.0, "a", 500.0)), with_water(current_m_s, speed_m_s)
+    assert writer.update(state, 0.0, UTC_S)
     kept_s = oldest_s = 0.0
     for t_s in range(1, 2 * round(REFRESH_S) + 60):
         oldest_s = max(oldest_s, t_s - kept_s)
-        text = keeper.update(state, float(t_s), UTC_S + t_s)
+        text = writer.update(state, float(t_s), UTC_S + t_s)
         if text:
             kept_s = t_s
             assert from_bytes(text)[0].machine_s == 500.0 + kept_s
@@ -145,11 +145,11 @@ def test_a_restart_on_station_moves_the_position_by_at_most_the_step(current_m_s
 
 
 def test_the_record_is_written_at_the_end_and_when_a_fix_comes_or_the_clock_is_set():
-    keeper, state = ResumeKeeper(Moment(0.0, "a", 500.0)), with_water(0.0, 0.0)
-    assert keeper.update(state, 0.0, UTC_S)
-    assert keeper.update(state, FINE_INTERVAL_S + 1.0, UTC_S + 31.0) is None
-    assert keeper.update(state, 62.0, UTC_S + 86_400.0)
-    assert keeper.update(at_sea(PositionState()), 93.0, UTC_S + 86_431.0)
-    assert keeper.update(state, 124.0, UTC_S + 86_462.0)
-    last = from_bytes(keeper.update(state, 125.0, UTC_S + 86_463.0, last=True))[0]
+    writer, state = ResumeWriter(Moment(0.0, "a", 500.0)), with_water(0.0, 0.0)
+    assert writer.update(state, 0.0, UTC_S)
+    assert writer.update(state, FINE_INTERVAL_S + 1.0, UTC_S + 31.0) is None
+    assert writer.update(state, 62.0, UTC_S + 86_400.0)
+    assert writer.update(at_sea(PositionState()), 93.0, UTC_S + 86_431.0)
+    assert writer.update(state, 124.0, UTC_S + 86_462.0)
+    last = from_bytes(writer.update(state, 125.0, UTC_S + 86_463.0, last=True))[0]
     assert (last.utc_s, last.boot, last.machine_s) == (UTC_S + 86_463.0, "a", 625.0)

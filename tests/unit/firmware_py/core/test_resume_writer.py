@@ -9,7 +9,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import Home
 from firmware_py.core.resume import Moment, from_bytes
-from firmware_py.core.resume_keeper import BURST, FINE_INTERVAL_S, RATE_HZ, REFRESH_S, ResumeKeeper
+from firmware_py.core.resume_writer import BURST, FINE_INTERVAL_S, RATE_HZ, REFRESH_S, ResumeWriter
 from firmware_py.core.state import State
 from firmware_py.estimate.heading_estimator import with_expected_water
 from firmware_py.guidance.guidance import GuidanceState
@@ -42,14 +42,14 @@ def with_mission(state, **changes):
 
 
 class Keeping:
-    """A keeper, and how often it has written."""
+    """A writer, and the number of its writes."""
 
     def __init__(self):
-        self.keeper = ResumeKeeper(Moment(0.0))
+        self.writer = ResumeWriter(Moment(0.0))
         self.writes = 0
 
     def __call__(self, t_s, state, **how):
-        text = self.keeper.update(state, t_s, UTC_S + t_s, **how)
+        text = self.writer.update(state, t_s, UTC_S + t_s, **how)
         self.writes += text is not None
         return text is not None
 
@@ -95,7 +95,7 @@ def test_continuous_changes_are_written_at_intervals(change):
     keep, state = Keeping(), at_sea()
     assert keep(0.0, state)
     assert not keep(FINE_INTERVAL_S - 0.1, change(state))
-    assert keep.keeper.is_current
+    assert keep.writer.is_current
     assert keep(FINE_INTERVAL_S, change(state))
     assert not keep(2 * FINE_INTERVAL_S, state := change(state))
     assert keep(FINE_INTERVAL_S + REFRESH_S, state)  # its age
@@ -108,7 +108,7 @@ def test_without_resume_nothing_is_written():
     keep = Keeping()
     for t_s in range(10):
         assert not keep(float(t_s), with_goal(at_sea(0), t_s), is_awaited=True)
-        assert keep.keeper.is_current
+        assert keep.writer.is_current
     assert keep(10.0, at_sea())
     assert not keep(11.0, at_sea(0))
     assert keep(12.0, at_sea())  # what lies there has aged meanwhile
@@ -130,7 +130,7 @@ def test_any_mix_of_changes_respects_the_limit_and_is_written_finally():
         state = numbers.choice((with_goal, with_mode, *[lambda state, _number: state] * 2))(state, tick)
         keep(t_s, state, is_awaited=numbers.random() < 0.3)
     assert keep.writes <= BURST + RATE_HZ * t_s
-    if not keep.keeper.is_current:
+    if not keep.writer.is_current:
         assert keep(t_s + 1.0 / RATE_HZ * BURST, state)
 
 
@@ -140,21 +140,21 @@ def test_a_stream_of_setpoints_leaves_writes_for_acknowledged_goals_and_those_fo
         keep(0.0, with_goal(state, tick))
     streamed = keep.writes
     assert not keep(0.0, with_goal(state, 9999))
-    assert not keep.keeper.is_current
+    assert not keep.writer.is_current
     assert keep(0.0, with_goal(state, 9999), is_awaited=True)
     for tick in range(2000):
         keep(0.0, with_goal(state, tick), is_awaited=True)
     assert not keep(0.0, with_goal(state, 9999), is_awaited=True)
     assert keep.writes > 5 * streamed
     assert keep(0.0, with_mode(state, 1))
-    assert keep.keeper.is_current
+    assert keep.writer.is_current
 
 
 def test_a_delayed_record_holds_the_newest_values():
     keep, state = Keeping(), at_sea()
     while keep(0.0, with_goal(state, keep.writes)):
         pass
-    text = keep.keeper.update(with_goal(state, 5), 1.0 / RATE_HZ, UTC_S)
+    text = keep.writer.update(with_goal(state, 5), 1.0 / RATE_HZ, UTC_S)
     assert from_bytes(text)[0].modes.goal == HeadingGoal(5e-3)
 
 

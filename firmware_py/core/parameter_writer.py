@@ -12,12 +12,12 @@ BURST, RATE_HZ = 1000.0, 0.5  # limit of writes
 AWAITED_LIMIT: Final = 256  # callbacks that wait for a write; more are called with False
 
 
-class ParameterKeeper:
+class ParameterWriter:
     """Collects changed parameters and passes them to the store together with the waiting callbacks."""
 
-    def __init__(self, keeper: StateWriter) -> None:
+    def __init__(self, writer: StateWriter) -> None:
         """Create it with the store of parameters."""
-        self._keeper = keeper
+        self._writer = writer
         self._changed: dict[str, float] = {}  # not passed to the store yet
         self._waiting: list[Callable[[bool], None]] = []
         self._bucket = TokenBucket(BURST, RATE_HZ)
@@ -28,8 +28,8 @@ class ParameterKeeper:
 
     def forget(self) -> None:
         """Delete all stored parameters, or none if that fails."""
-        self._hand_over()
-        self._keeper.clear_parameters()
+        self._flush()
+        self._writer.clear_parameters()
 
     def when_stored(self, call: Callable[[bool], None], now_s: float) -> None:
         """Call back when all changes so far are on disk (True) or cannot be stored (False)."""
@@ -43,12 +43,12 @@ class ParameterKeeper:
         """Pass changes on if the rate limit allows; `last`: in any case."""
         if self._changed and not last and not self._bucket.spend_one(now_s):
             return
-        self._hand_over()
+        self._flush()
 
-    def _hand_over(self) -> None:
+    def _flush(self) -> None:
         changed, self._changed = self._changed, {}
         if changed:
-            self._keeper.save_parameters(changed)
+            self._writer.save_parameters(changed)
         waiting, self._waiting = self._waiting, []
         for call in waiting:
-            self._keeper.when_parameters_stored(call)
+            self._writer.when_parameters_stored(call)

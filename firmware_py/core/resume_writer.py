@@ -78,7 +78,7 @@ def _are_identical(parts: tuple[object, ...], others: tuple[object, ...]) -> boo
     return len(parts) == len(others) and all(part is other for part, other in zip(parts, others, strict=True))
 
 
-class ResumeKeeper:
+class ResumeWriter:
     """Decides when the record is written, by the last record and the recent number of writes."""
 
     def __init__(self, begun: Moment) -> None:
