@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.guidance.mission_commands import TABLE as COMMANDS
 from firmware_py.guidance.mission_step import MissionStep, step_of, steps_of
 from firmware_py.plans.items import TABLE, Command
 
@@ -92,3 +93,7 @@ def test_tags_and_distances_are_resolved_to_items_and_places():
     assert (delay.command, delay.seconds) == (Command.CONDITION_DELAY, 30.0)
     assert (to_tag.command, to_tag.target, to_tag.times) == (Command.JUMP, 0, 2)
     assert astray.target == -1  # passed over; no plan that is accepted has one
+
+
+def test_the_table_of_commands_has_all_items_that_take_time():
+    assert COMMANDS.keys() == {row.command for row in TABLE if row.kind is PlanKind.MISSION and row.lasts}

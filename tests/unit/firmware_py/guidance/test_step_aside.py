@@ -1,4 +1,4 @@
-"""Stepping aside: which heading is taken, what it keeps clear of, and the way back."""
+"""Vessel avoidance: choice of the heading, fence, and return to the course."""
 
 import math
 
@@ -46,18 +46,16 @@ def fenced(east_m):
     return Plan.of(PlanKind.FENCE, items)
 
 
-def test_a_ship_head_on_a_little_to_port_is_left_to_port_as_far_as_the_sector_lets():
-    state, texts = decided(ship(6000.0, -50.0))
-    assert math.degrees(state.heading_rad) == pytest.approx(60.0)
-    assert texts == ["Avoidance: heading 60 deg, closest 384 m instead of 50 m"]
+@pytest.mark.parametrize(("east_m", "heading_deg"), [(-50.0, 60.0), (0.0, 60.0), (50.0, 300.0)])
+def test_a_ship_ahead_is_passed_on_its_side_at_the_limit_of_the_sector(east_m, heading_deg):
+    state, texts = decided(ship(6000.0, east_m))
+    assert math.degrees(state.heading_rad) == pytest.approx(heading_deg)
+    (text,) = texts
+    if east_m == -50.0:
+        assert text == "Avoidance: heading 60 deg, closest 384 m instead of 50 m"
 
 
-def test_a_ship_to_starboard_is_passed_on_that_side():
-    state, _ = decided(ship(6000.0, 50.0))
-    assert math.degrees(state.heading_rad) == pytest.approx(300.0)
-
-
-def test_the_sector_is_kept_about_any_way():
+def test_the_heading_stays_within_the_sector():
     for way_deg in range(0, 360, 30):
         state, _ = decided(ship(3000.0, 4000.0, 6.0, 230.0), unchanged_rad=math.radians(way_deg))
         if state.heading_rad is not None:
@@ -65,10 +63,10 @@ def test_the_sector_is_kept_about_any_way():
             assert abs(off) <= 60.0 + 1e-6
 
 
-def test_the_other_side_is_taken_where_a_fence_stands():
+def test_a_fence_forces_the_other_side():
     free, _ = decided(ship(6000.0, -50.0), fence=fenced(3000.0))
     assert math.degrees(free.heading_rad) == pytest.approx(60.0)
-    for others in ((), (ship(6000.0, -60.0, in_s=0.0),)):  # the way counts for as long as the last of them comes nearer
+    for others in ((), (ship(6000.0, -60.0, in_s=0.0),)):  # the track is checked until the last vessel has passed
         state, _ = decided(ship(6000.0, -50.0), *others, fence=fenced(200.0))
         assert math.degrees(state.heading_rad) > 180.0
 
@@ -117,7 +115,7 @@ def test_abeam_of_a_ship_at_anchor_the_boat_follows_its_line(set_m_s):
     assert state.heading_rad == away_rad
 
 
-def test_the_sector_turns_with_a_way_that_turns():
+def test_the_sector_follows_a_turning_course():
     state, _ = decided(ship(0.0, 90.0, 0.0), unchanged_rad=math.radians(90.0))
     assert math.degrees(state.heading_rad) < 90.0 + 60.0
     for way_deg in (120.0, 150.0, 180.0, 210.0):
@@ -128,10 +126,10 @@ def test_the_sector_turns_with_a_way_that_turns():
         assert abs(math.degrees(state.heading_rad) - way_deg) <= 60.0 + 1e-6
 
 
-def test_of_several_vessels_the_nearest_to_come_counts():
+def test_of_several_vessels_the_closest_approach_counts():
     state, _ = decided(ship(6000.0, -50.0), ship(6000.0, 450.0))
     aside_deg = math.degrees(state.heading_rad)
-    assert aside_deg > 180.0  # to starboard the second one comes
+    assert aside_deg > 180.0  # the second vessel passes to starboard
 
 
 def test_avoidance_ends_when_the_vessel_is_clear_or_gone():
@@ -146,7 +144,7 @@ def test_avoidance_ends_when_the_vessel_is_clear_or_gone():
     assert step_aside.end(IDLE) == (IDLE, ())
 
 
-def test_between_two_rounds_nothing_is_tried_and_after_half_a_minute_or_with_another_goal_at_once():
+def test_rounds_start_every_half_minute_or_with_another_goal():
     vessel = ship(6000.0, -50.0)
     state, _ = decided(vessel, t_s=100.0)
     for tenths in range(300):
@@ -159,11 +157,6 @@ def test_between_two_rounds_nothing_is_tried_and_after_half_a_minute_or_with_ano
     turned, _ = decided(vessel, state=state, **other)
     assert abs(math.remainder(turned.heading_rad + 1.2, 2.0 * math.pi)) <= SETTINGS.sector_rad + 1e-6
     assert step_aside.update(SETTINGS, TRAFFIC, turned, inputs(vessel, **other)) == (turned, ())
-
-
-def test_a_ship_right_ahead_is_passed_port_to_port():
-    state, _ = decided(ship(6000.0, 0.0))
-    assert math.degrees(state.heading_rad) == pytest.approx(60.0)
 
 
 def test_reported_distances_are_those_at_the_end_of_the_round():
@@ -183,7 +176,7 @@ def test_reported_distances_are_those_at_the_end_of_the_round():
 
 @pytest.mark.parametrize("out", [0.5, 1.5, 3.5])
 def test_the_fence_is_checked_between_two_places(out):
-    """A small circle on the way of 60 degrees: of its four legs the ends are far enough from it."""
+    """A small circle on the track of 60 degrees; the ends of its four legs are far enough from it."""
     radius_m, out_m = 15.0, out * 0.25 * 0.4 * 960.0
     centre = out_m * math.cos(math.radians(60.0)), out_m * math.sin(math.radians(60.0))
     fence = Plan.of(PlanKind.FENCE, [item(EXCLUDED_CIRCLE, *centre, radius_m)])

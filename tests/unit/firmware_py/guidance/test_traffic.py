@@ -205,19 +205,14 @@ def keeping(mmsi, off_m, speed_m_s=0.5):
     return lambda t_s, way_m: position(mmsi, t_s, way_m + off_m + 8.0 * math.sin(t_s), 5.0, speed_m_s, 0.0)
 
 
-def test_the_own_echo_is_reported_once_and_is_not_near():
-    state, log = sail_north(900.0, keeping(235000007, 0.0))
+@pytest.mark.parametrize(("seconds", "radius_m", "latest_s"), [(900.0, math.inf, 140.0), (3000.0, 60.0, 3000.0)])
+def test_the_own_echo_is_reported_once_and_is_not_near(seconds, radius_m, latest_s):
+    state, log = sail_north(seconds, keeping(235000007, 0.0), radius_m=radius_m)
     assert [text for _, text in log][1:] == ["MMSI 235000007: own echo, ignored"]
-    assert log[1][0] < 50.0 / 0.5 + 40.0
+    assert log[1][0] < latest_s
     assert not state.near
     (echo,) = state.vessels
     assert (echo.own, echo.is_avoidable) == (True, False)
-
-
-def test_the_own_echo_is_detected_during_station_keeping():
-    state, log = sail_north(3000.0, keeping(235000007, 0.0), radius_m=60.0)
-    assert log[-1][1].endswith("own echo, ignored")
-    assert not state.near
 
 
 @pytest.mark.parametrize("off_m", [60.0, 80.0, -150.0])
