@@ -168,12 +168,12 @@ def select(
     model: KtModel,
     now_s: float,
     timeouts_s: tuple[float, float],
-    known: WaterState,
+    water_state: WaterState,
     fix_timeout_s: float,
 ) -> HeadingTick:
-    """Return the state with the source chosen; model: the boat at its present speed; known: the water estimate."""
-    fixed = now_s - known.fix_t_s <= fix_timeout_s
-    north_m_s, east_m_s = water.over_ground_m_s(known, s.filter.motion.heading_rad)
+    """Return the state with the source chosen; model: the boat at its present speed; water_state: current and speed."""
+    fixed = now_s - water_state.fix_t_s <= fix_timeout_s
+    north_m_s, east_m_s = water.over_ground_m_s(water_state, s.filter.motion.heading_rad)
     if fixed and math.sqrt(north_m_s * north_m_s + east_m_s * east_m_s) < MOORED_SPEED_M_S:
         s = with_uncorrected(s, s.uncorrected, math.nan)
     s = with_standstill(s, settings, model, now_s)
@@ -181,7 +181,7 @@ def select(
         heading_filter.has_started(s.filter)
         and fixed
         and s.filter.motion.p00 <= MAX_COURSE_SD_RAD * MAX_COURSE_SD_RAD
-        and water.guidance_values(known)[2] >= settings.course_speed_m_s
+        and water.guidance_values(water_state)[2] >= settings.course_speed_m_s
     )
     s = with_sources(s, sources.select(s.sources, now_s, settings.frozen_s, timeouts_s, course_ok))
     step_s = now_s - s.filter.t_s
@@ -354,7 +354,7 @@ def heading_at(s: HeadingTick, model: KtModel, now_s: float) -> tuple[float, flo
     return wrap_two_pi(heading_rad), yaw_rate_rad_s
 
 
-def estimate_of(s: HeadingTick, heading_rad: float, yaw_rate_rad_s: float, known: WaterState) -> HeadingEstimate:
+def estimate_of(s: HeadingTick, heading_rad: float, yaw_rate_rad_s: float, water_state: WaterState) -> HeadingEstimate:
     """Return the input of the control law at this heading and yaw rate."""
     m = s.filter.motion
     # Positional arguments take half the time of keywords.
@@ -364,8 +364,8 @@ def estimate_of(s: HeadingTick, heading_rad: float, yaw_rate_rad_s: float, known
         yaw_rate_rad_s,
         m.bias_rad,
         s.bias_mean_rad,
-        water.model_speed(known),
-        water.speed_sd(known),
+        water.model_speed(water_state),
+        water.speed_sd(water_state),
     )
 
 

@@ -62,8 +62,8 @@ def check(
         misplaced = stated is not None and sample.reference is NorthReference.MAGNETIC
         differs = stated and declination_rad is not None and abs(wrap_pi(stated - declination_rad)) > MAX_DIFFERENCE_RAD
         unused = stated if misplaced or differs else None
-        known = odd[sample.source]
-        if (unused is None) == (known is None) and abs((unused or 0.0) - (known or 0.0)) < MAX_DIFFERENCE_RAD:
+        reported = odd[sample.source]
+        if (unused is None) == (reported is None) and abs((unused or 0.0) - (reported or 0.0)) < MAX_DIFFERENCE_RAD:
             continue
         odd[sample.source] = unused
         if unused is None:

@@ -152,10 +152,10 @@ def advance_dead_reckoning(
     dead_reckoning: DeadReckoning, heading_rad: float, step_s: float
 ) -> tuple[DeadReckoning, float, float]:
     """Return the dead reckoning after a step, and the velocity over ground in it, north and east; NaN: no heading."""
-    known, u, v = math.isfinite(heading_rad), dead_reckoning.speed_m_s, dead_reckoning.sideways_m_s
-    cosine, sine = (math.cos(heading_rad), math.sin(heading_rad)) if known else (0.0, 0.0)
+    has_heading, u, v = math.isfinite(heading_rad), dead_reckoning.speed_m_s, dead_reckoning.sideways_m_s
+    cosine, sine = (math.cos(heading_rad), math.sin(heading_rad)) if has_heading else (0.0, 0.0)
     blind_m = dead_reckoning.blind_m
-    if not known:
+    if not has_heading:
         blind_m += step_s * math.sqrt(u * u + v * v)
     after = DeadReckoning(
         dead_reckoning.current_north_m_s,

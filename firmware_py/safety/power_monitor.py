@@ -92,12 +92,12 @@ def update(state: PowerMonitorState, samples: Sequence[PowerSample]) -> PowerMon
         state = replace(state, samples=(newest[0], newest[1], newest[2]), updated_s=now_s)
         if before_s is None or not 0.0 < now_s - before_s <= FRESH_S:
             continue
-        known, step_s = supply(state, now_s), now_s - before_s
-        battery_w = known.battery_w
+        present, step_s = supply(state, now_s), now_s - before_s
+        battery_w = present.battery_w
         state = replace(
             state,
-            solar=_integrated(state.solar, known.solar_w, step_s),
-            load=_integrated(state.load, known.load_w, step_s),
+            solar=_integrated(state.solar, present.solar_w, step_s),
+            load=_integrated(state.load, present.load_w, step_s),
             charged=_integrated(state.charged, None if battery_w is None else max(0.0, battery_w), step_s),
             discharged=_integrated(state.discharged, None if battery_w is None else max(0.0, -battery_w), step_s),
         )
@@ -113,14 +113,14 @@ def report(state: PowerMonitorState, now_s: float) -> Power | None:
     """Return the report for log and link; None before the first sample."""
     if state.updated_s is None:
         return None
-    known = supply(state, now_s)
+    present = supply(state, now_s)
     return Power(
-        known.voltage_v,
-        known.current_a,
-        known.charge,
-        known.temperature_c,
-        known.solar_w,
-        known.load_w,
+        present.voltage_v,
+        present.current_a,
+        present.charge,
+        present.temperature_c,
+        present.solar_w,
+        present.load_w,
         state.solar,
         state.load,
         state.charged,
