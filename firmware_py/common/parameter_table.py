@@ -149,7 +149,7 @@ TABLE: tuple[Parameter, ...] = (
         "Time after which a position that jumped farther than the boat can sail is accepted, if it stays. Larger: "
         "safer against spoofing, slower after a real jump."),
     real("POS_RECKON_M", 500.0, 0.0, 100000.0, "m",
-        "Maximum standard deviation of the dead-reckoned position without fixes; above it the boat keeps station. "
+        "Maximum standard deviation of dead reckoning without fixes; above it the boat keeps station. "
         "0: no dead reckoning."),
     real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s",
         "Maximum age of a valid position; for a slow receiver at least 2.5 of its sample intervals. Smaller: "

@@ -1,5 +1,5 @@
 "use strict";
-// What all plots share: SVG elements, scales, ticks, numbers as people read them.
+// Shared by all plots: SVG elements, scales, ticks, number formats.
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -22,7 +22,7 @@ function html(parent, name, attributes = {}, text = null) {
 const clamp = (value, low, high) => Math.max(low, Math.min(high, value));
 const known = (value) => value !== null && value !== undefined;
 
-// A step of 1, 2 or 5 times a power of ten, or of a table, that makes at most so many ticks.
+// A tick step of 1, 2 or 5 times a power of ten, or of a table, for at most the given number of ticks.
 function niceStep(span, most, table = null) {
   const rough = Math.max(span, 1e-12) / Math.max(1, most);
   if (table) for (const step of table) if (step >= rough) return step;
@@ -44,12 +44,12 @@ function shown(value, step) {
   return Number(text) === 0 ? (0).toFixed(digits) : text;
 }
 
-// A direction from 0 to 360 degrees, which is 0 also where rounding makes 360 of it.
+// A direction from 0 to below 360 degrees, also after rounding.
 const compassText = (value, digits) => (known(value) ? ((Number(value.toFixed(digits)) % 360 + 360) % 360).toFixed(digits) : "–");
 
 const TIMES = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400];
 
-// A moment of a voyage: seconds, hours and minutes, or the calendar where it has one.
+// A time of a voyage: seconds, hours and minutes, or the calendar time if known.
 function momentText(time, span, begin) {
   if (known(begin)) {
     const text = new Date((begin + time) * 1000).toISOString();
@@ -61,7 +61,7 @@ function momentText(time, span, begin) {
   return `${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")} h`;
 }
 
-// The place at which degrees are cut open so that few lines cross it: the middle of the widest gap, or the emptiest.
+// The angle at which the compass axis is cut so that few lines cross it: the middle of the widest gap, or the emptiest.
 function cutOf(columns) {
   const bins = new Array(72).fill(0);
   for (const values of columns) for (const value of values) if (known(value)) {
@@ -84,7 +84,7 @@ function firstAfter(times, time) {
   return low;
 }
 
-// The path of a line: of each dot of its width the first, least, greatest and last, so that no peak is lost.
+// The path of a line: first, lowest, highest and last value of each pixel column, so that no peak is lost.
 function pathOf(times, values, first, last, x, y, jump, step) {
   const parts = [];
   let pen = false, before = null, column = null, low = null, high = null;
