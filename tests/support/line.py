@@ -64,7 +64,7 @@ class LateLine(FakeLine):
         super().__init__(device, baud=baud)
         self.delay_s = delay_s
         self.now_s = 0.0
-        self.asked = []
+        self.request_times_s = []
         self._under_way = []  # when there, bytes
 
     def read(self):
@@ -78,7 +78,7 @@ class LateLine(FakeLine):
         answer = bytes(self.inbox[before:])
         del self.inbox[before:]
         if answer:
-            self.asked.append(self.now_s)
+            self.request_times_s.append(self.now_s)
             delay_s = self.delay_s()
             if delay_s is not None:
                 earliest_s = self._under_way[-1][0] if self._under_way else 0.0

@@ -112,7 +112,7 @@ def test_the_goal_is_the_first_frame_of_every_tick(fakes, line, servo, period_s)
 
 
 @pytest.mark.parametrize(("ticks", "first"), [(6, 64), (7, 116)])
-def test_a_tick_is_one_write_and_one_answer_that_tells_whether_the_goal_was_taken(sail, line, servo, ticks, first):
+def test_a_tick_is_one_write_and_one_reply_that_shows_whether_the_goal_was_accepted(sail, line, servo, ticks, first):
     sail.ticks(ticks)
     sail.slack = 0
     line.written.clear()
@@ -130,7 +130,7 @@ def test_a_tick_is_one_write_and_one_answer_that_tells_whether_the_goal_was_take
 
 
 @pytest.mark.parametrize("answer", [4, None])
-def test_a_servo_that_does_not_answer_for_all_at_once_is_asked_for_less(sail, servo, answer):
+def test_a_servo_without_replies_to_the_combined_read_gets_separate_reads(sail, servo, answer):
     servo.longest_read, servo.too_long = 60, answer  # an error, or silence
     sail.ticks(60)
     assert sail.health().state is DeviceState.RUNNING
@@ -173,7 +173,7 @@ def test_an_answer_is_waited_for_while_something_is_to_follow_it(fakes, line, se
 
 
 def test_half_duplex_never_two_frames_without_an_answer(fakes, servo):
-    line = fakes.line()  # nobody answers by itself
+    line = fakes.line()  # replies only on demand
     rudder = dynamixel_rudder(line, DynamixelOptions())
     now_s = 0.0
     for _ in range(200):
@@ -255,7 +255,7 @@ def test_long_power_loss_is_configured_again(sail, servo, line):
     assert feedback[-1].torque_on is True
 
 
-def test_a_servo_that_was_away_for_long_is_asked_for_all_at_once_again(sail, servo):
+def test_after_a_long_absence_the_combined_read_is_used_again(sail, servo):
     sail.ticks(5)
     servo.powered = False
     sail.ticks(200)
@@ -383,7 +383,7 @@ def test_watchdog_trip_is_cleared(sail, servo):
 
 @pytest.mark.parametrize("ticks", range(6, 12))
 def test_a_watchdog_that_tripped_while_the_autopilot_stood_still_is_cleared_before_the_next_goal(sail, servo, ticks):
-    """The goal is the one that the servo has, so that it takes it tells nothing: it stands where it stopped."""
+    """The servo already has this goal, so its acceptance shows nothing: the rudder stays where it stopped."""
     sail.ticks(ticks, shaft_deg=15.0)
     goal = servo.position
     servo.position = 2048
@@ -449,7 +449,7 @@ def test_what_a_servo_reported_before_the_cable_was_out_is_not_said_of_the_one_t
     assert (sail.health().state, sail.health().text) == (DeviceState.STARTING, "model 1170, firmware 47")
 
 
-def test_a_torque_refused_is_not_asked_for_again_once_it_is_known_why(sail, servo):
+def test_a_refused_torque_is_not_requested_again_once_the_reason_is_known(sail, servo):
     sail.ticks(6, torque_on=False)
     servo.shut_down(0x20)
     sail.ticks(6)

@@ -25,7 +25,7 @@ def test_lengths_tell_the_blocks_apart():
     assert 0 not in lengths  # a write
 
 
-def test_the_whole_has_what_is_asked_for_by_itself():
+def test_the_combined_block_contains_the_separate_blocks():
     whole = bytes(range(table.COMBINED.address, table.COMBINED.address + table.COMBINED.length))
     for block in (table.STATE, table.WATCHDOG, table.GOAL_AND_TELEMETRY, table.TELEMETRY):
         alone = bytes(range(block.address, block.address + block.length))
@@ -48,7 +48,7 @@ def test_goal(angle_deg, counts):
     assert table.goal_counts(math.radians(angle_deg), {}) == counts
 
 
-def test_limits_that_contradict_each_other_bind_nobody():
+def test_contradictory_limits_are_ignored():
     image = {table.LIMITS: (100).to_bytes(4, "little") + (200).to_bytes(4, "little")}
     assert table.goal_counts(0.0, image) == 2048
 

@@ -43,7 +43,7 @@ def test_silence_needs_half_a_second_and_three_requests(bus):
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_after_a_sign_of_life_silence_needs_as_much_anew(bus, late):
+def test_after_a_reply_the_silence_timeout_starts_again(bus, late):
     ask_in_vain(bus, "a1", "b1", "c1", "d1")
     if late:
         bus.match_reply(starts_with("c"))  # d1 may still come
@@ -59,7 +59,7 @@ def test_after_a_sign_of_life_silence_needs_as_much_anew(bus, late):
     assert bus.is_silent(3.501)
 
 
-def test_nothing_asked_is_nothing_lost(bus):
+def test_without_a_request_nothing_expires(bus):
     for tick in range(100):
         assert bus.take_expired(float(tick)) is None
     bus.ask(b"?", "question", 100.0)

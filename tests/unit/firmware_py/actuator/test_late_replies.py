@@ -65,7 +65,7 @@ class Noted:
         self.asked_s[self.servo.position] = self.line.now_s
         return answer
 
-    def is_told_truly(self, feedback):
+    def is_reported_truly(self, feedback):
         """Say whether all feedback says where the shaft was at its time."""
         return all(round(sample.shaft_rad / COUNT_RAD) + 2048 in self.positions_at[sample.t_s] for sample in feedback)
 
@@ -92,8 +92,8 @@ def test_an_adapter_that_holds_each_answer_back_is_no_fault(fakes, servo, late_s
     feedback = sail.ticks(200)
     assert set(sail.states) == {DeviceState.RUNNING}
     assert len(feedback) >= 120
-    assert noted.is_told_truly(feedback)
-    assert servo.reads.count(48) == 0  # the limits: nothing was refused, so nothing is taught anew
+    assert noted.is_reported_truly(feedback)
+    assert servo.reads.count(48) == 0  # the limits are not read again, because no goal was rejected
     assert {address for address, _ in servo.ram_writes} == {116}
     assert len(servo.ram_writes) >= 120
     assert 64 in servo.reads  # and what goes wrong in the servo is still looked for
@@ -112,11 +112,11 @@ def test_an_answer_that_is_late_or_lost_now_and_then_changes_nothing(fakes, serv
     feedback = sail.ticks(300)
     assert set(sail.states) == {DeviceState.RUNNING}
     assert len(feedback) > 150
-    assert noted.is_told_truly(feedback)
+    assert noted.is_reported_truly(feedback)
     assert servo.reads.count(48) == 0
 
 
-def test_a_goal_that_is_refused_is_told_by_late_answers_too(fakes, servo):
+def test_a_rejected_goal_is_also_detected_by_late_replies(fakes, servo):
     sail, _ = late_sail(fakes, servo, lambda: 0.12)
     sail.ticks(CONFIGURED_TICKS)
     servo.refuse[116] = 7
@@ -146,12 +146,12 @@ def test_an_answer_in_time_brings_the_short_question_back(fakes, servo):
     sail, _ = late_sail(fakes, servo, lambda: delay_s[0])
     sail.ticks(CONFIGURED_TICKS)
     longer = {look.address for look in GOAL_READS[1:]}
-    for held_back_s, asked in ((0.002, set()), (0.12, longer), (0.002, set())):
+    for held_back_s, addresses in ((0.002, set()), (0.12, longer), (0.002, set())):
         delay_s[0] = held_back_s
         sail.ticks(4)
         servo.reads.clear()
         sail.ticks(60)
-        assert {address for address in servo.reads if 99 < address < 116} == asked
+        assert {address for address in servo.reads if 99 < address < 116} == addresses
 
 
 DELAYS = st.lists(st.sampled_from([0.0, 0.016, 0.05, 0.12, 0.21, 0.4, None]), min_size=1, max_size=40)
@@ -172,7 +172,7 @@ def test_however_late_no_answer_is_said_to_be_newer_than_it_is_and_no_goal_is_sa
             assert sample.t_s <= noted.asked_s[round(sample.shaft_rad / COUNT_RAD) + 2048]
     assert DeviceState.FAULTY not in sail.states
     quiet = sail.ticks(round(3.0 / period_s) + 5)
-    assert noted.is_told_truly(quiet[-3:])
+    assert noted.is_reported_truly(quiet[-3:])
     assert quiet[-1].t_s >= sail.now_s - 2.0 * period_s - 1e-6
     assert sail.states[-1] is DeviceState.RUNNING
     assert servo.goal == servo.position
@@ -182,13 +182,13 @@ def test_a_volz_behind_such_an_adapter_is_said_to_be_where_it_was_at_the_time(fa
     servo = fakes.volz()
     sail, noted = late_sail(fakes, servo, lambda: 0.12, lambda line: volz_rudder(line, VolzOptions()), baud=115_200)
     sail.ticks(10)
-    before = len(sail.line.asked)
+    before = len(sail.line.request_times_s)
     feedback = [sample for _ in range(100) for sample in sail.tick()]
     radians_per_count = math.radians(100.0) / 0x0780
     assert len(feedback) >= 40
     for sample in feedback:
         assert round(sample.shaft_rad / radians_per_count) + 0x0800 in noted.positions_at[sample.t_s]
-    assert len(sail.line.asked) > before
+    assert len(sail.line.request_times_s) > before
     assert set(sail.states[10:]) == {DeviceState.RUNNING}
 
 
@@ -218,7 +218,7 @@ class TestSpoiled:
 
     def steers_on(self, sail, servo, ticks=20):
         feedback = sail.ticks(ticks)
-        assert sail.noted.is_told_truly(feedback)
+        assert sail.noted.is_reported_truly(feedback)
         assert len(feedback) >= ticks - 2
         assert set(sail.states) == {DeviceState.RUNNING}
         assert servo.reads.count(48) == 0

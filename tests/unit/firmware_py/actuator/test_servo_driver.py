@@ -168,7 +168,7 @@ def test_a_refusal_is_counted_and_is_an_answer(line, driver, servo):
     assert (health.state, health.accepted, health.rejected) == (DeviceState.RUNNING, 0, 2)
 
 
-def test_silence_is_told_to_the_servo_and_by_the_health(line, driver, servo):
+def test_silence_is_passed_to_the_servo_and_to_the_health(line, driver, servo):
     for tick in range(8):
         driver.command(RudderCommand(0.1, torque_on=True), 0.1 * tick)
     assert servo.silences > 0
@@ -181,7 +181,7 @@ def test_silence_is_told_to_the_servo_and_by_the_health(line, driver, servo):
     assert driver.health(1.8).state is DeviceState.SILENT
 
 
-def test_a_line_that_is_away_gets_nothing_and_a_new_one_starts_anew(line, driver, servo):
+def test_a_closed_line_gets_no_data_and_a_reopened_one_starts_again(line, driver, servo):
     driver.command(RudderCommand(0.1, torque_on=True), 0.0)
     reply(line, driver, b"0.1", 0.01)
     line.unplug()
@@ -204,7 +204,7 @@ def test_a_line_that_takes_nothing_is_tried_again(line, driver, servo):
     assert servo.sent == [(b"0.1", 0.01)]
 
 
-def test_feedback_that_nobody_takes_is_bounded(line, driver):
+def test_feedback_without_polls_is_bounded(line, driver):
     for number in range(3 * MAX_FEEDBACK):
         driver.command(RudderCommand(float(number), torque_on=True), float(number))
         reply(line, driver, repr(float(number)).encode(), number + 0.01)

@@ -23,7 +23,7 @@ class Run:
     def __init__(self, pretend, directory, **options):
         self.pretend = pretend
         self.recorder = pretend.recorder_in(directory, clock_utc_s=lambda: 1.8e9, **options)
-        self.state, self.index, self.said = pretend.State(), 0, []
+        self.state, self.index, self.reports = pretend.State(), 0, []
 
     def sail(self, seconds, faults=0, *, every=1.0):
         """Let `every` seconds be a tick, so that minutes are few of them."""
@@ -72,7 +72,7 @@ def test_closed_logs_are_compressed_and_read_back_tick_by_tick(tmp_path, pretend
     run.recorder.close()
     times = list(itertools.chain.from_iterable(times_of(path) for _, path in sorted(log_files(tmp_path).items())))
     assert times == [pytest.approx(12.3 + index) for index in range(500)]
-    assert boxes(tmp_path) == []  # she has gone on all the while
+    assert boxes(tmp_path) == []
     assert run.recorder.health(1.0).state is DeviceState.RUNNING
 
 
@@ -134,7 +134,7 @@ def test_the_minutes_around_a_severe_fault_are_kept_and_a_slight_one_is_none(tmp
     run.recorder.close()
 
 
-def test_a_disk_that_fails_is_told_tried_again_and_the_log_goes_on(tmp_path, pretend, monkeypatch):
+def test_a_disk_error_is_reported_and_retried_while_the_log_continues(tmp_path, pretend, monkeypatch):
     run = Run(pretend, tmp_path, file_bytes=100_000)
     real = os.pwrite
 
@@ -170,7 +170,7 @@ def test_a_disk_that_failed_once_is_not_said_to_fail_while_nothing_is_left_to_do
 
 
 def test_a_closed_file_without_a_tick_is_compressed_without_a_box(tmp_path, pretend):
-    (tmp_path / "00000001.BIN").write_bytes(b"of somebody else" * 1000)
+    (tmp_path / "00000001.BIN").write_bytes(b"another program " * 1000)
     run = Run(pretend, tmp_path).sail(3.0)
     run.turn(60)
     assert [path.name for path in log_files(tmp_path).values()] == ["00000001.BIN.gz", "00000002.BIN"]

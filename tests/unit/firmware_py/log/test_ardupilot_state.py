@@ -60,7 +60,7 @@ def test_uavlogviewer_finds_attitude_track_mission_fence_and_arming(read):
     assert found["STAT"][-1].Armed == 1
 
 
-def test_faults_the_stick_the_version_and_the_batteries_are_told(read):
+def test_faults_stick_version_and_batteries_are_logged(read):
     found, _, _ = read
     assert column(found, "ERR", "Subsys", "ECode") == [(9, 1), (9, 0)]
     held = [(round(message.TimeUS * 1e-6, 1), message.C1) for message in found["RCIN"] if message.C1]
@@ -78,7 +78,7 @@ def test_the_estimate_is_over_ground_and_from_home(read):
     assert pytest.approx(6371e3 * 1e-4 * math.cos(0.7), rel=0.01) == found["XKF1"][-1].PE
 
 
-def told(kind, ticks, **unknown):
+def messages_of(kind, ticks, **unknown):
     """The messages of a kind that these ticks tell, by the names of their columns; the first opens a file."""
     state, found = ArduPilotState(), []
     layout = Format(kind.number, kind.size, kind.name, kind.values, kind.labels)
@@ -94,30 +94,30 @@ def told(kind, ticks, **unknown):
     return found
 
 
-def test_a_file_that_begins_at_sea_says_that_she_is_armed_at_home_and_fenced():
+def test_a_file_that_starts_at_sea_has_armed_home_and_fence():
     ticks = [(number, inputs_of(number)) for number in range(TICKS - 20, TICKS)]
     assert boat(TICKS - 20).armed
-    assert [event["Id"] for event in told(ardupilot_formats.EVENT, ticks)] == [10, 25, 41]
+    assert [event["Id"] for event in messages_of(ardupilot_formats.EVENT, ticks)] == [10, 25, 41]
 
 
 @pytest.mark.parametrize("phase", range(5))
-def test_the_interval_of_fixes_is_told_whatever_ticks_they_fall_on(phase):
+def test_the_fix_interval_is_logged_for_any_phase(phase):
     ticks = [
         (number, msgspec.structs.replace(inputs_of(number - phase), tick=inputs_of(number).tick))
         for number in range(100)
     ]
-    intervals = [message["Delta"] for message in told(ardupilot_formats.RECEIVER, ticks)]
+    intervals = [message["Delta"] for message in messages_of(ardupilot_formats.RECEIVER, ticks)]
     assert len(intervals) == 9
     assert set(intervals) <= {499, 500}
 
 
-def test_a_compass_without_roll_and_pitch_shows_her_upright_and_none_shows_nothing():
+def test_attitude_is_upright_without_roll_and_pitch_and_absent_without_a_heading():
     ticks = [(number, inputs_of(number)) for number in range(100)]
     for kind in (ardupilot_formats.ATTITUDE, ardupilot_formats.ATTITUDE_B):
-        messages = told(kind, ticks, roll_rad=None, pitch_rad=None)
+        messages = messages_of(kind, ticks, roll_rad=None, pitch_rad=None)
         assert messages
         assert {(message["Roll"], message["Pitch"]) for message in messages} == {(0.0, 0.0)}
-        assert told(kind, ticks, heading_rad=None) == []
+        assert messages_of(kind, ticks, heading_rad=None) == []
 
 
 def test_the_log_grows_by_a_tenth_at_most(read, log):

@@ -109,7 +109,7 @@ def test_a_cut_record_is_tail():
 
 
 def test_types_of_other_programs_are_stepped_over():
-    odd = FMT.pack(77, 20, b"ODD", b"x?", b"A,B")  # characters nobody knows
+    odd = FMT.pack(77, 20, b"ODD", b"x?", b"A,B")  # unknown characters
     short = FMT.pack(78, 2, b"BAD", b"", b"")  # shorter than its own head: cannot be
     data = HEAD + odd + short + b"\xa3\x95\x4d" + b"\xa3\x95\xc8" + b"\0" * 14 + b"".join(BODY)
     found, parser = found_in(data)

@@ -128,7 +128,7 @@ def test_boxes_go_last_and_what_was_left_of_compressing_goes_with_its_log(tmp_pa
 
 def test_boxes_take_a_quarter_at_most_and_go_where_they_are_densest(tmp_path):
     months = [aged(tmp_path, f"boxes/{number:08d}-end.BIN.gz", 10, 300.0 - 30.0 * number) for number in range(5)]
-    for number in range(20):  # she restarts every minute
+    for number in range(20):  # a restart every minute
         aged(tmp_path, f"boxes/{100 + number:08d}-end.BIN.gz", 10, 1.0 - number / 1440.0)
     LocalDisk().prune(tmp_path, 400)
     kept = left(tmp_path)

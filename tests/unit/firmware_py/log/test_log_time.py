@@ -37,7 +37,7 @@ def test_two_hundred_starts_at_1970_each_have_their_own_clock():
     assert times(*rows) == expected
 
 
-def test_a_clock_that_nobody_sets_again_changes_nothing():
+def test_a_clock_that_is_not_set_changes_nothing():
     rows = [*run(NOON_S, 3), *run(NOON_S + 1e4, 3, first_s=7.0, span_s=6.5)]
     assert times(*rows) == [utc_s for utc_s, _, _ in rows]
     assert corrected_utc_s([], [], []) == []

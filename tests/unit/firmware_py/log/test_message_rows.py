@@ -35,8 +35,8 @@ def described(kind: MessageType):
     return Format(kind.number, kind.size, kind.name, kind.values, kind.labels)
 
 
-def read_all(row, data, said=None):
-    reader, size = RowReader(row, described(row.type), {} if said is None else said), row.type.size
+def read_all(row, data, notes=None):
+    reader, size = RowReader(row, described(row.type), {} if notes is None else notes), row.type.size
     return [reader.read(data, at) for at in range(0, len(data), size)]
 
 
@@ -79,55 +79,55 @@ def test_a_length_beyond_its_column_is_refused():
 def test_a_number_outside_its_enumeration_leaves_the_record_out():
     data = bytearray(PLAIN.pack(1.0, Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D)))
     data[-1] = 99
-    said = {}
-    assert read_all(PLAIN, bytes(data) * 2, said) == [None, None]
-    assert list(said) == ["message PLN: Fix 99 is not known here, the record is left out"]
+    notes = {}
+    assert read_all(PLAIN, bytes(data) * 2, notes) == [None, None]
+    assert list(notes) == ["message PLN: Fix 99 is not known here, the record is left out"]
 
 
 def test_a_number_outside_its_enumeration_leaves_a_field_at_its_default():
     row = Row(202, "DEF", (*COLUMNS, choice("Snd", "sound", FixType)), Thing)
     thing = Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D, sound=FixType.DGPS)
-    data, said = bytearray(row.pack(1.0, thing)), {}
+    data, notes = bytearray(row.pack(1.0, thing)), {}
     data[-1] = 99
-    assert read_all(row, bytes(data), said) == [Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D)]
-    assert list(said) == ["message DEF: Snd 99 is not known here, its default is taken"]
+    assert read_all(row, bytes(data), notes) == [Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D)]
+    assert list(notes) == ["message DEF: Snd 99 is not known here, its default is taken"]
 
 
 def test_a_number_that_cannot_be_a_whole_one_leaves_the_record_out():
-    thing, said = Thing(1.0, 2.0, math.inf, True, True, FixType.FIX_2D), {}
-    assert read_all(PLAIN, PLAIN.pack(1.0, thing), said) == [None]
-    assert list(said) == ["message PLN: N inf is not known here, the record is left out"]
+    thing, notes = Thing(1.0, 2.0, math.inf, True, True, FixType.FIX_2D), {}
+    assert read_all(PLAIN, PLAIN.pack(1.0, thing), notes) == [None]
+    assert list(notes) == ["message PLN: N inf is not known here, the record is left out"]
 
 
 def test_columns_are_found_by_label():
     kind = MessageType(200, "PLN", "New,Fix,Kn,On,N,D,S", "QBbBddd", "-------", "-------")
-    said = {}
-    reader = RowReader(PLAIN, described(kind), said)
+    notes = {}
+    reader = RowReader(PLAIN, described(kind), notes)
     assert reader.read(kind.pack(7, 3, -1, 1, 4.0, math.nan, 0.5), 0) == Thing(0.5, None, 4, True, None, FixType.FIX_3D)
-    assert said == {}
+    assert notes == {}
 
 
 def test_a_missing_column_without_a_default_leaves_the_records_out():
-    kind, said = MessageType(200, "PLN", "S,D,N,On,Kn", "dddBb", "-----", "-----"), {}
-    reader = RowReader(PLAIN, described(kind), said)
+    kind, notes = MessageType(200, "PLN", "S,D,N,On,Kn", "dddBb", "-----", "-----"), {}
+    reader = RowReader(PLAIN, described(kind), notes)
     assert reader.missing == ("Fix",)
     assert reader.read(kind.pack(0.5, 1.0, 2.0, 1, 1), 0) is None
-    assert list(said) == ["message PLN: column Fix is missing, its records are left out"]
+    assert list(notes) == ["message PLN: column Fix is missing, its records are left out"]
 
 
 def test_a_missing_column_takes_the_default_of_its_field():
-    row, said = Row(200, "PLN", (*COLUMNS, choice("Snd", "sound", FixType)), Thing), {}
-    reader = RowReader(row, described(PLAIN.type), said)
+    row, notes = Row(200, "PLN", (*COLUMNS, choice("Snd", "sound", FixType)), Thing), {}
+    reader = RowReader(row, described(PLAIN.type), notes)
     thing = Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D)
     assert reader.read(PLAIN.pack(1.0, thing), 0) == thing
-    assert list(said) == ["message PLN: column Snd is missing, its default is taken"]
+    assert list(notes) == ["message PLN: column Snd is missing, its default is taken"]
 
 
 def test_a_column_of_another_size_is_read_and_one_of_another_sort_is_not():
-    kind, said = MessageType(200, "PLN", "S,D,N,On,Kn,Fix", "fddQbH", "------", "------"), {}
-    reader = RowReader(PLAIN, described(kind), said)
+    kind, notes = MessageType(200, "PLN", "S,D,N,On,Kn,Fix", "fddQbH", "------", "------"), {}
+    reader = RowReader(PLAIN, described(kind), notes)
     assert reader.read(kind.pack(0.5, 1.0, 2.0, 1, 1, 2), 0) == Thing(0.5, 1.0, 2, True, True, FixType.FIX_2D)
-    assert "message PLN: column Fix is stored as 'H', here as 'B'" in said
+    assert "message PLN: column Fix is stored as 'H', here as 'B'" in notes
     kind = MessageType(200, "PLN", "S,D,N,On,Kn,Fix", "qddBbB", "------", "------")
     assert RowReader(PLAIN, described(kind), {}).missing == ("S",)
 

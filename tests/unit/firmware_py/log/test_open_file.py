@@ -1,4 +1,4 @@
-"""A compressed log is read as it was written, by whoever compressed it, and a damaged one but for the damage."""
+"""Compressed logs of this and other programs are read, damaged ones without the damaged blocks."""
 
 import errno
 import gzip
@@ -58,7 +58,7 @@ def test_one_that_is_cut_or_damaged_is_read_up_to_there(log, part):
 
 
 @pytest.mark.parametrize("chunk_bytes", [1000, 1 << 20])
-def test_a_damaged_block_costs_what_is_in_it_and_that_is_told(tmp_path, pretend, monkeypatch, chunk_bytes):
+def test_a_damaged_block_is_skipped_and_reported(tmp_path, pretend, monkeypatch, chunk_bytes):
     """A bit of a card, months old, and half of a log of 64 MB was not read."""
     monkeypatch.setattr(open_file, "_CHUNK_BYTES", chunk_bytes)
     pretend.logged(tmp_path, 900)
@@ -83,7 +83,7 @@ def test_one_that_unpacks_without_end_is_refused(log, monkeypatch):
         list(LogReader(path))
 
 
-def test_one_that_is_neither_there_nor_compressed_is_told_by_what_to_give(tmp_path):
+def test_a_missing_log_is_an_error_with_a_remedy(tmp_path):
     with pytest.raises(LogError, match=r"No such file or directory: give the path of a \.BIN or \.BIN\.gz file"):
         list(LogReader(tmp_path / "00000007.BIN"))
 
@@ -95,7 +95,7 @@ def no_directory(*_words, **_more):
     raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
 
 
-def test_a_disk_without_room_to_unpack_it_is_told(log, monkeypatch):
+def test_a_full_disk_during_unpacking_is_reported(log, monkeypatch):
     path, _ = packed(log)
     monkeypatch.setattr(tempfile, "TemporaryFile", no_directory)
     with pytest.raises(LogError, match=NO_ROOM):

@@ -51,7 +51,7 @@ def test_one_bit_of_one_sample_is_found(ticks, pretend):
     assert report.largest_rad >= abs(first.recomputed.shaft_rad - first.logged.shaft_rad) > 0.0
 
 
-def test_how_far_commands_differ_is_told(ticks, pretend):
+def test_the_largest_difference_of_commands_is_reported(ticks, pretend):
     for number, off_rad in ((4, 1e-3), (5, -0.25), (6, 0.1)):
         command = ticks[number].command
         ticks[number] = replace(ticks[number], command=replace(command, shaft_rad=command.shaft_rad + off_rad))
@@ -100,7 +100,7 @@ def test_after_a_gap_the_next_checkpoint_goes_on(ticks, pretend):
     holed = [*ticks[:3], replace(ticks[5], gap=True), *ticks[6:8], replace(ticks[8], checkpoint=pretend.to_text(state))]
     report = replayed([*holed, *ticks[9:]], pretend)
     assert (report.ticks, report.compared, report.gaps, report.differences) == (10, 7, 1, 0)
-    assert not report.identical  # three ticks of it nobody can vouch for
+    assert not report.identical  # three ticks are not verified
 
 
 def test_a_gap_with_its_checkpoint_is_whole(ticks, pretend):

@@ -72,7 +72,7 @@ def test_a_row_a_minute_sums_up_what_was_since_the_one_before(tmp_path, pretend)
         assert more.Enr == pytest.approx(120.0)
         assert more.Skip == 2
         assert math.isnan(row.Lat)
-        assert math.isnan(more.BatV)  # nobody measures it yet
+        assert math.isnan(more.BatV)  # not measured yet
 
 
 def test_a_row_has_the_mean_powers_of_its_minute_where_they_are_measured(tmp_path, pretend):
@@ -110,10 +110,10 @@ def test_texts_are_kept_and_a_flood_of_them_is_counted(tmp_path, pretend):
 
     log = ThinLog(lambda: UTC_S, (Event(Severity.INFO, "rambler 1"),))
     data = rows_of(log, outputs(pretend, range(62), events=events))
-    told = messages(tmp_path, HEAD + data, "MSG")
-    assert told[0].Message == "rambler 1"
-    assert len(told) == MAX_BURST_ROWS
-    assert sum(row.Lost for row in messages(tmp_path, HEAD + data, "THNE")) == 1 + 40 + 60 * 3 - len(told)
+    texts = messages(tmp_path, HEAD + data, "MSG")
+    assert texts[0].Message == "rambler 1"
+    assert len(texts) == MAX_BURST_ROWS
+    assert sum(row.Lost for row in messages(tmp_path, HEAD + data, "THNE")) == 1 + 40 + 60 * 3 - len(texts)
     later = rows_of(log, outputs(pretend, range(10_000, 10_001), events=events))
     assert len(messages(tmp_path, HEAD + later, "MSG")) == 3  # quiet for long: there is room again
 

@@ -104,7 +104,7 @@ def test_large_queues_are_written_in_pieces(disk):
 
 def test_a_full_queue_says_so_by_count_and_by_size(disk):
     writer = writer_on(disk, queue_batches=4)
-    writer._thread = threading.current_thread()  # nobody drains
+    writer._thread = threading.current_thread()  # the queue is not drained
     put(writer, b"a", b"b", b"c")
     assert not writer.full()
     put(writer, b"d")
@@ -209,7 +209,7 @@ def test_a_queue_half_full_wakes_the_thread(disk):
 
 
 def test_a_patient_loop_waits_for_the_first_on_the_disk_and_for_room(disk):
-    """As in lockstep, where neither a log nor what is told of it may depend on how fast the disk is."""
+    """In lockstep neither the log nor its health may depend on the speed of the disk."""
     writer = writer_on(disk, queue_batches=4, wait_for_disk=True)
     writer.start()
     put(writer, b"ONE")

@@ -45,7 +45,7 @@ def test_of_a_vessel_that_waits_the_newest_is_given_and_what_it_is_is_put_togeth
     assert (identity.name, identity.call_sign, identity.ship_type) == ("BOB", "XY", 37)
 
 
-def test_what_she_sends_herself_is_no_vessel_and_teaches_her_number():
+def test_own_transmissions_are_not_vessels_and_give_the_own_mmsi():
     line, device = receiver()
     own = sentences(position_b(235000007, 36.0, 121.0, 0.8, 0.0), own=True)
     assert take(line, device, own) == ()
@@ -55,7 +55,7 @@ def test_what_she_sends_herself_is_no_vessel_and_teaches_her_number():
     assert len(take(line, device, ship(235000008))) == 1
 
 
-def test_the_number_of_the_vehicle_file_is_not_learned_anew():
+def test_the_mmsi_of_the_vehicle_file_is_not_replaced():
     line, device = receiver(own_mmsi=235000007)
     take(line, device, sentences(position_b(235000099, 36.0, 121.0, 0.8, 0.0), own=True))
     assert take(line, device, ship(235000007)) == ()

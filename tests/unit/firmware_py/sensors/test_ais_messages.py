@@ -23,7 +23,7 @@ KNOT = 1852.0 / 3600.0
 
 
 def messages(path):
-    """What we read of each whole message of a recording: the sentences, what it tells or the MessageError."""
+    """Yield the sentences of each message of a recording, with its reports or the MessageError."""
     finder, assembler = SentenceFinder(), Assembler()
     for line in path.read_bytes().splitlines(keepends=True):
         for body, checksum in finder.feed(line):
@@ -54,38 +54,38 @@ def known(value, unknown):
     return None if value is None or value in unknown else value
 
 
-def check_position(ours, told, kind):
-    assert ours.mmsi == int(told["mmsi"])
-    assert degrees(ours.latitude_rad) == pytest.approx(told["lat"], abs=1e-5)
-    assert degrees(ours.longitude_rad) == pytest.approx(told["lon"], abs=1e-5)
-    assert ours.accurate == bool(told["accuracy"])
+def check_position(ours, expected, kind):
+    assert ours.mmsi == int(expected["mmsi"])
+    assert degrees(ours.latitude_rad) == pytest.approx(expected["lat"], abs=1e-5)
+    assert degrees(ours.longitude_rad) == pytest.approx(expected["lon"], abs=1e-5)
+    assert ours.accurate == bool(expected["accuracy"])
     coarse = kind == 27
-    speed = known(told.get("speed"), (63,) if coarse else (102.3,))
+    speed = known(expected.get("speed"), (63,) if coarse else (102.3,))
     assert ours.speed_m_s == (None if speed is None else pytest.approx(speed * KNOT))
-    course = told.get("course")
+    course = expected.get("course")
     # pyais gives the number as it is; what is no course is none.
     assert ours.course_rad == (
         None if course is None or course >= 360.0 else pytest.approx(math.radians(course), abs=1e-9)
     )
-    heading = told.get("heading")
+    heading = expected.get("heading")
     assert ours.heading_rad == (None if heading is None or heading >= 360 else pytest.approx(math.radians(heading)))
-    assert ours.status == int(told.get("status", 15))
-    turn = told.get("turn")
+    assert ours.status == int(expected.get("status", 15))
+    turn = expected.get("turn")
     if isinstance(turn, float) and math.isfinite(turn) and ours.turn_rad_s is not None:
         assert degrees(ours.turn_rad_s) * 60.0 == pytest.approx(turn, abs=0.6)  # theirs is rounded
 
 
-def check_identity(ours, told):
+def check_identity(ours, expected):
     """The texts are the same to the first letter that is none; theirs are stripped at both ends."""
-    assert ours.mmsi == int(told["mmsi"])
-    name = told.get("shipname", told.get("name"))
+    assert ours.mmsi == int(expected["mmsi"])
+    name = expected.get("shipname", expected.get("name"))
     if name is not None:
         assert ours.name.strip() == name.partition("@")[0].strip()  # theirs may go on behind the end
-    assert ours.call_sign.strip() == told.get("callsign", "").strip()
-    if "ship_type" in told:
-        assert ours.ship_type == told["ship_type"]
+    assert ours.call_sign.strip() == expected.get("callsign", "").strip()
+    if "ship_type" in expected:
+        assert ours.ship_type == expected["ship_type"]
     if ours.dimensions_m is not None:
-        assert ours.dimensions_m == tuple(told[f"to_{side}"] for side in ("bow", "stern", "port", "starboard"))
+        assert ours.dimensions_m == tuple(expected[f"to_{side}"] for side in ("bow", "stern", "port", "starboard"))
 
 
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
@@ -95,23 +95,23 @@ def test_recordings_are_read_as_pyais_reads_them(path):
         if payload is None and not isinstance(reports, MessageError):
             continue  # of a type that is not read
         try:
-            told = theirs(message)
+            expected = theirs(message)
         except AISBaseException:
             assert isinstance(reports, MessageError)
             continue
         if isinstance(reports, MessageError):
             # The one that is: a place that is none.
-            assert abs(told["lat"]) > 90.0 or abs(told["lon"]) > 180.0
+            assert abs(expected["lat"]) > 90.0 or abs(expected["lon"]) > 180.0
             continue
-        assert told["msg_type"] == min(payload.kind, 24) or payload.kind == told["msg_type"]
+        assert expected["msg_type"] == min(payload.kind, 24) or payload.kind == expected["msg_type"]
         for report in reports:
             compared += 1
             if isinstance(report, VesselPosition):
-                check_position(report, told, payload.kind)
+                check_position(report, expected, payload.kind)
             else:
-                check_identity(report, told)
-        if "lat" in told and not any(isinstance(report, VesselPosition) for report in reports):
-            assert told["lat"] == pytest.approx(91.0, abs=0.01) or told["lon"] == pytest.approx(181.0, abs=0.01)
+                check_identity(report, expected)
+        if "lat" in expected and not any(isinstance(report, VesselPosition) for report in reports):
+            assert expected["lat"] == pytest.approx(91.0, abs=0.01) or expected["lon"] == pytest.approx(181.0, abs=0.01)
     assert compared >= 20
 
 
@@ -124,20 +124,20 @@ def test_the_recordings_hold_every_type():
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
 def test_recordings_are_read_as_gpsd_reads_them_to_the_last_bit(path):
     lines = b"".join(line + b"\n" for line in path.read_bytes().splitlines() if line.startswith(b"!"))
-    said = subprocess.run(["gpsdecode", "-j", "-u"], input=lines, capture_output=True, check=True).stdout
-    told = {}
-    for line in said.splitlines():
+    output = subprocess.run(["gpsdecode", "-j", "-u"], input=lines, capture_output=True, check=True).stdout
+    expected = {}
+    for line in output.splitlines():
         one = json.loads(line)
         if one.get("class") == "AIS" and one["type"] in READ:
-            told.setdefault((one["type"], one["mmsi"], one.get("lon"), one.get("lat")), []).append(one)
+            expected.setdefault((one["type"], one["mmsi"], one.get("lon"), one.get("lat")), []).append(one)
     compared = 0
     for _, payload, _ in messages(path):
         if payload is None:
             continue
         ours = {GPSD_NAMES.get(name, name): value for name, value in (payload.numbers | payload.texts).items()}
-        candidates = told.get((min(payload.kind, 24), payload.mmsi, ours.get("lon"), ours.get("lat")))
+        candidates = expected.get((min(payload.kind, 24), payload.mmsi, ours.get("lon"), ours.get("lat")))
         if payload.kind == 27:
-            candidates = told.get((27, payload.mmsi, ours["lon"], ours["lat"]))
+            candidates = expected.get((27, payload.mmsi, ours["lon"], ours["lat"]))
         if not candidates:
             continue  # of a length that gpsd refuses, or the first part of two that it waits for
         shared = [name for name in ours if all(name in one for one in candidates)]

@@ -46,7 +46,7 @@ def test_a_packet_may_come_in_pieces(piece, solution):
     assert [fault for *_, fault in whole if isinstance(fault, str)] == ["malformed", "checksum"]
 
 
-def test_a_capture_that_ends_in_a_packet_is_told():
+def test_a_capture_that_ends_within_a_packet_is_reported():
     assert feed(pni_protocol.framer(), INFO, DATA[:4]) == [(0, 5, INFO), (5, 4, "checksum")]
     assert feed(pni_protocol.framer()) == []
 

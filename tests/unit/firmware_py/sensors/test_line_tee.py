@@ -39,7 +39,7 @@ def test_bytes_from_before_a_reopening_are_forgotten(line, tee):
     assert tee.second.read() == b"new"
 
 
-def test_a_second_view_that_nobody_reads_does_not_eat_the_memory(line, tee):
+def test_a_second_view_without_reads_has_a_bounded_queue(line, tee):
     for _ in range(100):
         line.inbox += b"x" * 4096
         tee.first.read()

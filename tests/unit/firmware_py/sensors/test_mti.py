@@ -45,9 +45,9 @@ def compass(line):
 def hear(line, compass):
     """Have the device say something at a time; what the driver writes upon it."""
 
-    def at(now_s, *said):
+    def at(now_s, *packets):
         before = len(line.written)
-        line.inbox += b"".join(said)
+        line.inbox += b"".join(packets)
         compass.receive(now_s)
         return line.written[before:]
 
@@ -74,7 +74,7 @@ def test_outputs_that_are_there_already_are_not_written_again(hear):
     assert hear(0.2, message(0xC1, WANTED)) == [GO_TO_MEASUREMENT]
 
 
-def test_a_slower_device_is_taken_as_it_is_and_not_asked_again(hear):
+def test_a_lower_rate_of_the_device_is_accepted(hear):
     slower = bytes.fromhex("E020FFFF203400058020000508100001")
     hear(0.0)
     hear(0.0, message(0x31))
@@ -86,7 +86,7 @@ def test_a_slower_device_is_taken_as_it_is_and_not_asked_again(hear):
     assert hear(0.2, message(0xC1, slower)) == [GO_TO_MEASUREMENT]
 
 
-def test_a_device_without_orientation_is_told_and_asked_again_in_peace(hear, compass):
+def test_a_device_without_orientation_is_reported_and_configured_again_after_a_pause(hear, compass):
     hear(0.0)
     hear(0.0, message(0x31))
     hear(0.0, message(0xC1, b""))
@@ -114,7 +114,7 @@ def test_an_unanswered_command_is_never_a_flood(line, compass):
     assert len(times) == 60
 
 
-def test_acknowledgements_that_nobody_asked_for_change_nothing(hear):
+def test_unexpected_acknowledgements_have_no_effect(hear):
     hear(0.0)
     assert hear(0.1, message(0x11), message(0xC1, WANTED), message(0x01, bytes(4))) == []
     assert hear(0.2, message(0x31), message(0x31), message(0x31)) == [ASK_OUTPUT]
@@ -150,7 +150,7 @@ def test_nothing_is_sent_while_headings_come(hear, compass, set_up):
     assert len(compass.poll()) == 100
 
 
-def test_silence_begins_the_set_up_anew(hear, compass, set_up):
+def test_silence_restarts_the_set_up(hear, compass, set_up):
     hear(0.5, data())
     assert hear(0.5 + DATA_TIMEOUT_S - 0.01) == []
     assert hear(0.5 + DATA_TIMEOUT_S) == [GO_TO_CONFIG]
@@ -162,7 +162,7 @@ def test_a_device_that_woke_up_is_answered_at_once_and_set_up(hear, set_up):
     assert hear(0.5 + WAKE_UP_S) == [GO_TO_CONFIG]
 
 
-def test_a_port_that_was_opened_again_is_set_up_anew(line, hear, compass, set_up):
+def test_a_port_that_was_opened_again_is_set_up_again(line, hear, compass, set_up):
     hear(0.5, data(), data()[:9])
     line.unplug()
     hear(0.7)
@@ -197,7 +197,7 @@ def test_another_frame_than_ned_is_no_heading(hear, compass, set_up):
     assert compass.health(3.0).text == "Euler angles in ENU, not in NED"
 
 
-def test_an_error_is_told_and_ends_the_set_up_for_a_second(hear, compass):
+def test_an_error_is_reported_and_ends_the_set_up_for_a_second(hear, compass):
     hear(0.0)
     hear(0.0, message(0x31))
     assert hear(0.1, message(0x42, b"\x21")) == []
@@ -206,7 +206,7 @@ def test_an_error_is_told_and_ends_the_set_up_for_a_second(hear, compass):
     assert hear(0.1 + DATA_TIMEOUT_S) == [GO_TO_CONFIG]
 
 
-def test_an_error_while_measuring_is_told_and_no_more(hear, compass, set_up):
+def test_an_error_while_measuring_is_only_reported(hear, compass, set_up):
     assert hear(0.5, message(0x42, b"\x29"), data()) == []
     assert compass.health(0.5).text == "device error 41: more data than the baud rate carries"
     assert len(compass.poll()) == 1

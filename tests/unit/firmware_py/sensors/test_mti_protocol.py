@@ -105,5 +105,5 @@ def test_an_output_configuration_goes_there_and_back():
         (b"\x29\x00", "device error 41: more data than the baud rate carries"),
     ],
 )
-def test_errors_are_told_with_their_meaning(data, text):
+def test_errors_are_reported_with_their_meaning(data, text):
     assert xbus.error_text(data) == text

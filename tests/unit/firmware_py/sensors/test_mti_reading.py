@@ -36,10 +36,10 @@ def test_in_ned_yaw_is_the_heading():
 
 
 @pytest.mark.parametrize(
-    ("told", "boat"), [(0.0, 0.0), (25.0, 25.0), (-25.0, -25.0), (-155.0, 25.0), (155.0, -25.0), (180.0, 0.0)]
+    ("device", "boat"), [(0.0, 0.0), (25.0, 25.0), (-25.0, -25.0), (-155.0, 25.0), (155.0, -25.0), (180.0, 0.0)]
 )
-def test_the_boat_s_roll_is_upright_whichever_side_of_the_device_is_up(told, boat):
-    assert read_data(euler(told, 0.0, 0.0)).roll_deg == boat
+def test_the_boat_s_roll_is_upright_whichever_side_of_the_device_is_up(device, boat):
+    assert read_data(euler(device, 0.0, 0.0)).roll_deg == boat
 
 
 @pytest.mark.parametrize(("identifier", "frame"), [(0x2030, Frame.ENU), (0x2038, Frame.NWU)])

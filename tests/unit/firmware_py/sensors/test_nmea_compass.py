@@ -107,7 +107,7 @@ def test_the_slow_repeat_in_vhw_and_foreign_sentences_are_not_taken(line, hear):
     assert compass.health(1.0).rejected == 0
 
 
-def test_a_compass_that_says_400_degrees_is_refused_and_told(line, hear):
+def test_a_compass_that_says_400_degrees_is_refused_and_reported(line, hear):
     compass = NmeaCompass(line, NmeaCompassOptions())
     assert hear(compass, "HEHDT,400,T") == ()
     health = compass.health(1.0)
@@ -132,17 +132,17 @@ def test_a_missing_checksum_is_refused_unless_the_vehicle_allows_it(line, hear):
     assert lenient.health(1.0).rejected == 4
 
 
-def test_true_headings_that_come_seldom_do_not_silence_a_quick_magnetic_one(line, hear):
-    """Else she had a compass for one second in three, and went by the course over ground meanwhile."""
+def test_rare_true_headings_do_not_suppress_frequent_magnetic_ones(line, hear):
+    """Otherwise the compass would be valid for one second in three, with the course fallback between."""
     compass = NmeaCompass(line, NmeaCompassOptions())
-    heard = []
+    samples = []
     for tenths in range(300):
         texts = ("HCHDM,8,M", "HCHDT,20,T") if tenths % 30 == 0 else ("HCHDM,8,M",)
-        heard += [
+        samples += [
             (tenths, *degrees) for text in texts for degrees in degrees_of(hear(compass, text, now_s=tenths / 10))
         ]
-    assert [tenths for tenths, _, reference in heard if reference == "MAGNETIC"] == list(range(300))
-    assert len(heard) == 310
+    assert [tenths for tenths, _, reference in samples if reference == "MAGNETIC"] == list(range(300))
+    assert len(samples) == 310
 
 
 def test_a_magnetic_heading_is_dropped_once_true_ones_are_established(line, hear):
@@ -162,7 +162,7 @@ def test_named_sentences_are_the_only_ones(line, hear):
         NmeaCompassOptions(sentences=("HDG", "VHW"))
 
 
-def test_a_reopened_port_begins_anew(line, hear, nmea):
+def test_a_reopened_port_begins_again(line, hear, nmea):
     compass = NmeaCompass(line, NmeaCompassOptions())
     hear(compass, "HEHDT,10,T", "TIROT,60,A")
     line.inbox += nmea("HEHDT,20,T")[:9]
@@ -178,7 +178,7 @@ def test_a_reopened_port_begins_anew(line, hear, nmea):
     assert hear(compass, "HEHDT,30,T", now_s=1.3)[0].yaw_rate_rad_s is None
 
 
-def test_samples_that_nobody_polls_are_bounded(line, nmea):
+def test_samples_without_polls_are_bounded(line, nmea):
     compass = NmeaCompass(line, NmeaCompassOptions())
     for _ in range(40):
         line.inbox += nmea("HEHDT,1,T") * 200

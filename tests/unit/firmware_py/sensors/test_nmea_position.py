@@ -144,7 +144,7 @@ def test_a_receiver_without_fix_is_running_and_says_so(line, hear):
 
 
 def test_a_receiver_that_says_one_time_again_and_again_has_no_fix(line, hear):
-    """It has hung, or a router repeats what it said last: she would sail on past every place."""
+    """A hanging receiver, or a router that repeats its last sentences: the boat would pass every waypoint."""
     receiver = NmeaPosition(line, NmeaPositionOptions())
     fixes = [sample.fix for second in range(60) for sample in hear(receiver, rmc(), gga(), now_s=float(second))]
     assert fixes[:3] == [FixType.FIX_3D] * 3
@@ -158,8 +158,8 @@ def test_a_receiver_that_says_one_time_again_and_again_has_no_fix(line, hear):
 
 def test_whole_seconds_of_a_quick_receiver_are_no_time_that_stands_still(line, hear):
     receiver = NmeaPosition(line, NmeaPositionOptions())
-    said = [(tenths / 10, rmc(time=f"1036{tenths // 10:02d}")) for tenths in range(300)]
-    fixes = [sample.fix for now_s, body in said for sample in hear(receiver, body, now_s=now_s)]
+    sentences = [(tenths / 10, rmc(time=f"1036{tenths // 10:02d}")) for tenths in range(300)]
+    fixes = [sample.fix for now_s, body in sentences for sample in hear(receiver, body, now_s=now_s)]
     assert len(fixes) > 290
     assert FixType.NONE not in fixes
 
@@ -221,7 +221,7 @@ def test_a_missing_checksum_is_refused_unless_the_file_says_otherwise(line, hear
     assert (strict.health(1.0).accepted, strict.health(1.0).rejected) == (0, 1)
 
 
-def test_a_reopened_port_begins_anew(line, hear):
+def test_a_reopened_port_begins_again(line, hear):
     receiver = NmeaPosition(line, NmeaPositionOptions())
     hear(receiver, rmc())
     line.unplug()

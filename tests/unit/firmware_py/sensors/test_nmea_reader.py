@@ -21,7 +21,7 @@ def test_only_the_wanted_pass_and_damage_of_any_kind_counts(line, monitor, nmea)
     line.inbox += nmea("HEHDT,1,T") + nmea("GPGSV,1,1,00") + nmea("HCHDM,1,M")
     line.inbox += b"$GPGSV,1,1,00*00\r\n$GPGSV,1,1,00\r\n$HEHDT,1,T\r\n$HEHDT,1,T*00\r\n"
     assert kinds(reader.read(1.0)) == ["HDT"]
-    # The GSV without a checksum is no damage, and nobody wanted it.
+    # A GSV without a checksum is not counted: it is not a selected kind.
     assert monitor.health(1.0).rejected == 3
     assert reader.read(1.1) == []
 
@@ -36,7 +36,7 @@ def test_a_restart_forgets_what_was_begun(line, monitor, nmea):
     assert monitor.health(1.1).rejected == 0
 
 
-def test_whole_sentences_of_another_device_are_told_from_another_baud_rate(line, monitor, nmea):
+def test_sentences_of_another_device_are_distinguished_from_a_wrong_baud_rate(line, monitor, nmea):
     reader = NmeaReader(line, monitor, {"HDT"})
     monitor.notice_reopening()
     line.inbox += b"\x80\xfe\x00"

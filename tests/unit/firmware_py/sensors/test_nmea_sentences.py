@@ -164,7 +164,7 @@ def test_a_known_transducer_with_a_value_that_cannot_be_is_refused(nmea, body):
         decode(nmea(body))
 
 
-def test_unknown_sentences_and_namesakes_are_no_error(nmea):
+def test_unknown_sentences_and_other_sentences_of_the_same_name_are_no_error(nmea):
     assert decode(nmea("GPGSV,1,1,00")) is None
     assert decode(nmea("GPHDTX,1")) is None
     assert decode(nmea("PASHR,ARR,1,3,12,160159.00,123.45,123.45,-123.45,12.34")) is None

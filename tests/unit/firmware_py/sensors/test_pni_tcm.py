@@ -48,7 +48,7 @@ def test_the_set_up_is_what_the_manual_asks(line, compass, pni, set_up):
 
 def test_one_command_at_a_time_and_never_a_flood(line, compass):
     times = []
-    for step in range(3000):  # 30 s in steps of 10 ms, nobody answers
+    for step in range(3000):  # 30 s in steps of 10 ms, without replies
         before = len(line.written)
         compass.receive(step / 100)
         times += [step / 100] * (len(line.written) - before)
@@ -171,7 +171,7 @@ def test_a_full_line_repeats_the_command(line, compass):
 
 
 @pytest.mark.parametrize("values", [(math.nan,), (400.0,), (1.0, math.inf)])
-def test_absurd_values_are_refused_and_told(line, compass, pni_heading, set_up, values):
+def test_absurd_values_are_refused_and_reported(line, compass, pni_heading, set_up, values):
     line.inbox += pni_heading(*values)
     compass.receive(set_up)
     health = compass.health(set_up)

@@ -34,8 +34,8 @@ class Dated:
     """A receiver on a computer whose clock, newest log and operator the test has in hand."""
 
     def __init__(self, clock_s, last_s=0.0):
-        self.receiver, self.said = Receiver(), []
-        self.position = DatedPosition(self.receiver, lambda: clock_s, last_s, self.said.append)
+        self.receiver, self.reports = Receiver(), []
+        self.position = DatedPosition(self.receiver, lambda: clock_s, last_s, self.reports.append)
 
     def times(self, *utc_s):
         self.receiver.utc_s = utc_s
@@ -48,26 +48,26 @@ def test_it_is_the_receiver_in_all_else():
     assert (dated.position.fileno(), dated.receiver.received_s) == (7, 3.0)
     assert dated.position.health(4.0).role is DeviceRole.POSITION
     assert dated.times(NOW_S, None, NOW_S + 2.0) == [NOW_S, None, NOW_S + 2.0]
-    assert dated.said == []
+    assert dated.reports == []
 
 
-def test_rolled_over_weeks_are_mended_from_the_first_fix_and_told_once():
+def test_a_week_rollover_is_corrected_from_the_first_fix_and_reported_once():
     dated = Dated(NOW_S + 2.0)
     early = [NOW_S - ROLLOVER_S + second for second in range(20)]
     assert dated.times(*early) == [NOW_S + second for second in range(20)]
-    assert dated.said == ["GPS week rollover: 2007-04-08 corrected to 2026-11-22"]
+    assert dated.reports == ["GPS week rollover: 2007-04-08 corrected to 2026-11-22"]
     assert dated.times(*[NOW_S] * MIN_AGREEING_FIXES) == [NOW_S] * MIN_AGREEING_FIXES
-    assert dated.said[1:] == ["GPS date recovered"]
+    assert dated.reports[1:] == ["GPS date recovered"]
 
 
-def test_a_date_that_cannot_be_is_left_out_and_told_once():
+def test_an_invalid_date_is_removed_and_reported_once():
     dated = Dated(0.0)
     assert dated.times(*[315_964_800.0] * 30) == [None] * 30
-    assert dated.said == ["GPS date 1980-01-06 invalid: time not used"]
+    assert dated.reports == ["GPS date 1980-01-06 invalid: time not used"]
 
 
 @pytest.mark.parametrize("count", range(1, MIN_AGREEING_FIXES))
 def test_what_a_receiver_says_as_it_starts_is_not_worth_a_word(count):
     dated = Dated(NOW_S)
     assert dated.times(*[315_964_800.0] * count, NOW_S) == [None] * count + [NOW_S]
-    assert dated.said == []
+    assert dated.reports == []

@@ -124,7 +124,7 @@ def test_a_recording(line, hear, recordings):
     assert receiver.health(1.0).state is DeviceState.RUNNING
 
 
-def test_a_reopened_port_begins_anew(line, hear, solution):
+def test_a_reopened_port_begins_again(line, hear, solution):
     receiver = UbxPosition(line)
     hear(receiver, solution()[:50])
     line.unplug()

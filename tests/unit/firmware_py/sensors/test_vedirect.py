@@ -32,12 +32,12 @@ def hear(line):
     return give
 
 
-def test_a_charger_tells_battery_panels_and_load(line, hear):
+def test_a_charger_reports_battery_panels_and_load(line, hear):
     (sample,) = hear(VeDirectPower(line), CHARGER, now_s=2.5)
     assert sample == PowerSample(2.5, 0, pytest.approx(13.79), pytest.approx(-0.01), None, 37.0, pytest.approx(0.32))
 
 
-def test_a_monitor_tells_the_charge_and_its_history_counts_as_a_word_of_it(line, hear):
+def test_a_monitor_reports_the_charge_and_its_history_counts_as_accepted(line, hear):
     device = VeDirectPower(line)
     (sample,) = hear(device, MONITOR + HISTORY)
     assert (sample.charge, sample.current_a) == (pytest.approx(0.876), pytest.approx(-1.52))
@@ -94,7 +94,7 @@ def test_a_checksum_may_be_any_byte(line, hear, checksum):
         (block(**{"V\x7f": "1"}), "malformed"),
     ],
 )
-def test_what_is_damaged_or_cannot_be_is_refused_and_told(line, hear, data, text):
+def test_damaged_and_invalid_blocks_are_rejected_and_reported(line, hear, data, text):
     device = VeDirectPower(line)
     hear(device, HISTORY)
     assert hear(device, data) == ()
@@ -110,7 +110,7 @@ def test_an_error_of_the_charger_is_a_fault_of_the_device_until_it_goes(line, he
     assert device.health(1.0).state is DeviceState.RUNNING
 
 
-def test_an_alarm_of_the_monitor_is_told(line, hear):
+def test_an_alarm_of_the_monitor_is_reported(line, hear):
     device = VeDirectPower(line)
     hear(device, block(V="10100", I="-10", Alarm="ON", AR="1"))
     assert device.health(1.0).text == "alarm, reason code 1"
@@ -143,7 +143,7 @@ def test_a_stream_without_an_end_is_forgotten_and_counted_once_it_is_too_long():
     assert [one.fault for one in framer.feed(MONITOR + CHARGER)] == [""]
 
 
-def test_a_capture_is_told_line_by_line():
-    told = list(decode("vedirect", HISTORY + MONITOR + CHARGER[:-1] + b"\x00"))
-    assert [one["type"] for one in told] == ["other", "power", "error"]
-    assert (told[1]["voltage_v"], told[1]["charge"], told[1]["line"]) == (12.341, 0.876, 2)
+def test_a_capture_is_decoded_line_by_line():
+    results = list(decode("vedirect", HISTORY + MONITOR + CHARGER[:-1] + b"\x00"))
+    assert [one["type"] for one in results] == ["other", "power", "error"]
+    assert (results[1]["voltage_v"], results[1]["charge"], results[1]["line"]) == (12.341, 0.876, 2)

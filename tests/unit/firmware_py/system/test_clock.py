@@ -21,9 +21,9 @@ from firmware_py.system.clock import (
 )
 
 
-def answer(now_s, *said, step_s=0.0, look_s=0.0):
+def answer(now_s, *events, step_s=0.0, look_s=0.0):
     """What the HIL answers: the new time, and who has said something when before it."""
-    return struct.pack("<ddd", now_s, step_s, look_s) + b"".join(struct.pack("<dQ", *one) for one in said)
+    return struct.pack("<ddd", now_s, step_s, look_s) + b"".join(struct.pack("<dQ", *one) for one in events)
 
 
 def test_a_run_of_the_machine_has_a_name_where_the_machine_gives_it_one(tmp_path):
@@ -34,7 +34,7 @@ def test_a_run_of_the_machine_has_a_name_where_the_machine_gives_it_one(tmp_path
     assert boot_id(tmp_path / "strange", {}) == ""
 
 
-def test_a_service_is_told_the_run_of_the_machine_by_its_unit(tmp_path):
+def test_a_service_gets_the_boot_id_from_its_unit(tmp_path):
     """ProcSubset=pid hides the file from it."""
     text = unit_text(Service(("/x",), Path("/y")))
     assert "\nProcSubset=pid\n" in text
@@ -201,7 +201,7 @@ def test_bytes_on_a_line_of_the_hil_do_not_keep_time_from_going_on(lockstep):
         assert clock.now_s() == 3.1
 
 
-def test_the_hil_is_told_which_lines_are_awaited_and_waits_return_at_what_they_said(lockstep):
+def test_the_hil_gets_the_lines_to_wait_for_and_waits_return_at_their_data(lockstep):
     clock, hil = lockstep
     fed, other = socket.socketpair()
     with fed, other:
@@ -211,7 +211,7 @@ def test_the_hil_is_told_which_lines_are_awaited_and_waits_return_at_what_they_s
         assert struct.unpack("<dQQQ", hil.recv(64)) == (3.1, 0b10, 7, 9)
         assert clock.now_s() == 3.05
         assert list(clock.wait(3.05, [fed.fileno()])) == []  # who is busy does not go on
-        assert list(clock.wait(3.1, [fed.fileno()])) == []  # nobody waits for the other line any more
+        assert list(clock.wait(3.1, [fed.fileno()])) == []  # the other line is not in the set
         assert clock.now_s() == 3.06
         other.sendall(b"x")
         assert list(clock.wait(3.1, [fed.fileno()])) == [fed.fileno()]
@@ -233,7 +233,7 @@ def test_an_answer_that_is_looked_for_is_the_same(lockstep, look_s):
     other.join()
 
 
-def test_what_is_readable_comes_in_the_order_that_was_asked_for(lockstep):
+def test_readable_descriptors_keep_the_requested_order(lockstep):
     clock, hil = lockstep
     pairs = [socket.socketpair() for _ in range(4)]
     descriptors = [pair[0].fileno() for pair in pairs]
@@ -260,7 +260,7 @@ def test_in_lockstep_the_disk_takes_no_time(lockstep):
         ours.recv(1)
         clock.settled.append(lambda: theirs.send(b"x"))
         hil.sendall(answer(3.1))
-        assert list(clock.wait(3.1, [])) == []  # shortly before a tick nobody listens to the disk
+        assert list(clock.wait(3.1, [])) == []  # shortly before a tick the disk is not in the set
         assert clock.now_s() == 3.1
 
 

@@ -12,7 +12,7 @@ TRUE_S = FIRST_UTC_S + 1e7
 
 
 class Computer:
-    """A calendar clock, with or without somebody who keeps it."""
+    """A calendar clock, synchronised or not."""
 
     def __init__(self, utc_s, *, kept=False, may=True):
         self.offset_s = utc_s
@@ -28,15 +28,15 @@ class Computer:
         return self.may
 
     def turn(self, policy, fixes=(), count=20):
-        """Turn for some seconds with a fix each; return what was told."""
-        told = []
+        """Turn for some seconds with a fix each; return the texts of the events."""
+        texts = []
         for index in range(count):
             self.now_s += 1.0
             utc_s = fixes[index % len(fixes)] if fixes else None
             utc_s = None if utc_s is None else utc_s + self.now_s
             sample = PositionSample(self.now_s - 0.1, FixType.FIX_3D, utc_s=None if utc_s is None else utc_s - 0.1)
-            told += [event.text for event in self.setter.update(policy, [sample], self.now_s)]
-        return told
+            texts += [event.text for event in self.setter.update(policy, [sample], self.now_s)]
+        return texts
 
 
 @pytest.mark.parametrize("policy", [SET_IF_INVALID, SET_IF_UNSYNCHRONISED])
@@ -44,10 +44,10 @@ class Computer:
 @pytest.mark.parametrize("shown_s", [1000.0, LAST_UTC_S + 1000.0, 9.2e9])
 def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept, shown_s):
     computer = Computer(shown_s, kept=kept)
-    told = computer.turn(policy, [TRUE_S], 7200)
+    texts = computer.turn(policy, [TRUE_S], 7200)
     assert len(computer.sets) == 1
     assert computer.offset_s == pytest.approx(TRUE_S)
-    assert told == [f"Clock set from GPS: it was {shown_s - TRUE_S:.0f} s off"]
+    assert texts == [f"Clock set from GPS: it was {shown_s - TRUE_S:.0f} s off"]
 
 
 @pytest.mark.parametrize(
@@ -95,19 +95,19 @@ def test_one_that_is_set_wrong_under_way_is_right_again_within_two_minutes(polic
     assert computer.offset_s == pytest.approx(TRUE_S)
 
 
-def test_where_it_may_not_be_set_that_is_told_once_an_hour():
+def test_a_missing_permission_is_reported_once_an_hour():
     computer = Computer(1000.0, may=False)
-    told = computer.turn(SET_IF_INVALID, [TRUE_S], 7000)
-    assert len(told) == len(computer.sets) == 2
-    assert "CAP_SYS_TIME" in told[0]
+    texts = computer.turn(SET_IF_INVALID, [TRUE_S], 7000)
+    assert len(texts) == len(computer.sets) == 2
+    assert "CAP_SYS_TIME" in texts[0]
 
 
 def test_a_ground_stations_time_serves_where_there_is_no_gps():
     computer = Computer(1000.0)
     for _ in range(5):
         computer.setter.add_station_time(TRUE_S + computer.now_s, computer.now_s)
-        told = computer.turn(SET_IF_INVALID, count=1)
-    assert told == [f"Clock set from a ground station: it was {1000.0 - TRUE_S:.0f} s off"]
+        texts = computer.turn(SET_IF_INVALID, count=1)
+    assert texts == [f"Clock set from a ground station: it was {1000.0 - TRUE_S:.0f} s off"]
     for policy, utc_s in ((SET_IF_UNSYNCHRONISED, TRUE_S + 100.0), (SET_NEVER, 1000.0)):
         computer = Computer(utc_s)
         for _ in range(9):

@@ -83,8 +83,8 @@ def test_preflight_status_and_export_report_them_too(directory, tmp_path, capsys
     example = tmp_path / "boat.toml"
     assert main(["example", str(example)]) == 0
     main(["check", str(example), "--state", str(directory)])
-    said = capsys.readouterr().out
-    assert all(text in said for text in REPORTS)
+    output = capsys.readouterr().out
+    assert all(text in output for text in REPORTS)
     main(["status", "--state", str(directory)])
     assert "endings.state.0 is of another version" in capsys.readouterr().out
     assert main(["state", "export", str(tmp_path / "out"), "--state", str(directory)]) == 1

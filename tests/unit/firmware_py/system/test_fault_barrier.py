@@ -9,7 +9,7 @@ def faulty():
     raise KeyError("inside")
 
 
-def test_a_mistake_is_told_once_and_explained_and_the_next_call_is_made():
+def test_an_error_is_reported_once_with_a_traceback_and_the_next_call_is_made():
     lines, calls = [], []
     barrier = FaultBarrier(lines.append)
     barrier.call(1.0, faulty)

@@ -42,18 +42,18 @@ def test_a_sign_of_life_every_two_seconds_and_disarmed_at_the_end(device):
 
 
 @pytest.mark.parametrize(("granted_s", "note"), [(TIMEOUT_S, ""), (60, "60 s instead of 15 s")])
-def test_its_time_is_set_and_what_it_grants_is_told(device, monkeypatch, granted_s, note):
-    asked = []
+def test_the_timeout_is_set_and_a_deviation_is_noted(device, monkeypatch, granted_s, note):
+    requests = []
 
     def ioctl(_descriptor, number, data):
-        asked.append((number, int.from_bytes(data, "little")))
+        requests.append((number, int.from_bytes(data, "little")))
         return granted_s.to_bytes(4, "little")
 
     monkeypatch.setattr(watchdogs.fcntl, "ioctl", ioctl)
     watchdog = HardwareWatchdog(device[0])
     assert note in watchdog.note
     assert bool(note) == bool(watchdog.note)
-    assert asked == [(0xC0045706, TIMEOUT_S)]
+    assert requests == [(0xC0045706, TIMEOUT_S)]
     watchdog.disarm()
 
 

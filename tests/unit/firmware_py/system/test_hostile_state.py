@@ -69,7 +69,7 @@ def exported(files, about=None):
 
 
 def started(state):
-    """Return what a start that is to be refused by anything has of the parameters, and what it reports."""
+    """Return the stored parameters and the start problem of a store."""
     store = Store(state)
     found = store.load(PARAMETER_FILE), store.start_problem
     for name in STATE_NAMES:
@@ -161,13 +161,13 @@ def test_numbers_beyond_all_bounds_in_the_endings_are_none(state, tmp_path, caps
 
 
 @pytest.mark.parametrize("ledger", [Ledger(day=1 << 40), Ledger(day=3_000_000), Ledger(total=(1 << 64) - 1)])
-def test_a_ledger_beyond_the_calendar_is_begun_anew(ledger):
+def test_a_ledger_with_an_invalid_date_is_started_again(ledger):
     with pytest.raises(ValueError, match="beyond all bounds"):
         satellite_from_bytes(satellite_to_bytes(Record(ledger)))
 
 
 def test_a_megabyte_of_rubbish_for_parameters_is_reported_in_a_bounded_number_of_lines():
-    said = []
-    values, unusable = read_parameters(b"CTL_K1 7\n" + b"X 1\nrubbish\n" * 50_000, said.append)
+    reports = []
+    values, unusable = read_parameters(b"CTL_K1 7\n" + b"X 1\nrubbish\n" * 50_000, reports.append)
     assert (values, unusable) == ({"CTL_K1": 7.0}, {"X": 1.0})
-    assert len(said) == MAX_UNUSABLE_PARAMETERS + 1
+    assert len(reports) == MAX_UNUSABLE_PARAMETERS + 1

@@ -218,7 +218,7 @@ def test_one_file_of_another_user_is_not_believed_beside_one_of_ours(tmp_path):
     assert (finding.state, finding.record.key[0], finding.aged) == (PRESENT, 9, True)
 
 
-def test_whose_files_they_are_counts_whoever_we_are(tmp_path, monkeypatch):
+def test_the_owner_of_the_files_is_checked_for_any_user(tmp_path, monkeypatch):
     kept(tmp_path, OLD)
     monkeypatch.setattr(os, "geteuid", lambda: 54321)
     vault = vault_of(tmp_path)
@@ -249,7 +249,7 @@ def test_a_disk_that_does_not_read_is_a_lost_key(number, tmp_path, monkeypatch):
     assert os.strerror(number) in found(tmp_path).problem
 
 
-def test_files_that_others_may_read_are_used_told_and_shut_by_the_next_save(tmp_path):
+def test_files_readable_by_others_are_used_reported_and_made_private_by_the_next_save(tmp_path):
     kept(tmp_path, OLD)
     assert exposed_key_files(tmp_path) == ()
     slots(tmp_path)[1].chmod(0o640)
@@ -277,7 +277,7 @@ def test_a_save_that_follows_a_failed_one_into_both_slots_goes_into_both_too(tmp
     disk.arm(0, lasting=True)
     assert not keep(vault, NEW)
     disk.arm(None)
-    vault.save(NEW)  # what has failed is tried anew with it
+    vault.save(NEW)  # the failed save is retried with it
     vault.store.close()
     assert not any(OLD_SECRET in path.read_bytes() for path in slots(tmp_path))
 

@@ -192,7 +192,7 @@ FOUND = {}  # by what lies on the disk: most faults leave the same as others
 
 
 def found(directory, act):
-    """Return what the next start finds."""
+    """Return the state that the next start loads."""
     image = (act, *sorted((path.name, path.read_bytes()) for path in directory.iterdir()))
     if image not in FOUND:
         FOUND[image] = ACTS[act](Boat.start(directory, resumes=act in ORDERS).end())
@@ -200,7 +200,7 @@ def found(directory, act):
 
 
 def images(disk, folder):
-    """Return what the next start may find: after a kill, and after a power cut."""
+    """Return the possible states at the next start: after a kill, and after a power cut."""
     with disk.still:
         shutil.copytree(disk.directory, folder / "killed")
         for pattern in CUTS:
@@ -231,8 +231,8 @@ def judge(act, tmp_path, monkeypatch, before, failing, *, restart):
     forgets = act is clear_parameters and before >= 2
     mine = PLAN_FILES[PlanKind.MISSION] in failure if act in PLANS else bool(failure)
     assert not (mine and stored), "what is stored has not failed"
-    # What was to be forgotten is kept anew at once, which may have gone well by now.
-    assert mine or stored or forgets, "a failure is told as long as it is one"
+    # After a failed clearing the parameters are saved again at once, possibly with success.
+    assert mine or stored or forgets, "a failure is reported while it lasts"
     if stored:
         assert set(results) == {new}, f"acknowledged, and not there: {failed}"
     elif act is set_key or act in RECORDS:
@@ -271,7 +271,7 @@ def found_after(act, number):
 
 
 def cases():
-    """All acts in a run that has done so many, and of each kind one that is the first of a run anew."""
+    """All acts in a run with earlier acts, and each kind of act as the first one of a run."""
     yield from ((act, before, False) for act in ACTS if act not in RECORDS for before in range(4))
     yield from ((act, 1, False) for act in RECORDS)
     yield from ((act, 2, True) for act in (set_parameter, replace_plan, set_key, arm_or_disarm))
@@ -400,16 +400,16 @@ INSTEAD = {
 
 
 def reported(directory):
-    said = []
+    reports = []
     store = Store(directory)
-    report_damage(store, said.append)
+    report_damage(store, reports.append)
     store.close()
-    return said
+    return reports
 
 
 @pytest.mark.parametrize("name", INSTEAD)
 @pytest.mark.parametrize("lose", LOSSES, ids=lambda lose: lose.__name__)
-def test_what_was_lost_is_told_by_name_with_what_is_used_instead(name, lose, tmp_path):
+def test_lost_slots_are_reported_by_name_with_the_replacement(name, lose, tmp_path):
     store = Store(tmp_path)
     store.save(name, b"")
     store.close()
@@ -420,12 +420,12 @@ def test_what_was_lost_is_told_by_name_with_what_is_used_instead(name, lose, tmp
         store.close()
     assert reported(tmp_path) == []
     lose(tmp_path / f"{name}.0")
-    told = f"{name}.0 {LOSSES[lose]}"
-    assert reported(tmp_path) == [f"{told}: the other slot is used, perhaps an older version"]
+    damage = f"{name}.0 {LOSSES[lose]}"
+    assert reported(tmp_path) == [f"{damage}: the other slot is used, perhaps an older version"]
     if lose is Path.unlink:
         return
     lose(tmp_path / f"{name}.1")
-    assert reported(tmp_path) == [f"{told}, {name}.1 {LOSSES[lose]}: {INSTEAD[name]}"]
+    assert reported(tmp_path) == [f"{damage}, {name}.1 {LOSSES[lose]}: {INSTEAD[name]}"]
 
 
 def test_a_state_directory_that_is_new_has_lost_nothing(tmp_path):
@@ -474,9 +474,9 @@ def test_another_disk_gets_the_plan_in_force_unless_it_holds_one_and_none_was_se
         (tmp_path / "2").rename(tmp_path / "1")
     else:
         (tmp_path / "1").mkdir()
-    said = []
-    boat.store.when_stored(("a",), said.append)
-    while boat.store.failure or not said:
+    reports = []
+    boat.store.when_stored(("a",), reports.append)
+    while boat.store.failure or not reports:
         assert select.select([boat.store.fileno()], [], [], 10.0)[0]
         boat.store.service()
     boat.end()

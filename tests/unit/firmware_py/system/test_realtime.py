@@ -60,9 +60,9 @@ def test_large_pages_lie_wholly_within_private_memory_without_a_file():
 
 def test_nothing_is_changed_and_memory_hardly_grows():
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, timeout=60)
-    told = json.loads(done.stdout)
-    assert told["kept"]
-    assert told["grown"] <= 16 * MAX_UNUSED_BYTES
+    result = json.loads(done.stdout)
+    assert result["kept"]
+    assert result["grown"] <= 16 * MAX_UNUSED_BYTES
 
 
 def test_what_the_start_has_freed_is_given_back():

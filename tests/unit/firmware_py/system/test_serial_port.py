@@ -97,7 +97,7 @@ def test_a_terminal_is_neither_awaited_by_itself_nor_read_while_it_is_empty(line
     assert len(reads) == 1
 
 
-def test_a_port_that_cannot_be_awaited_is_told_and_not_kept(cable, monkeypatch):
+def test_a_port_without_epoll_is_an_error_and_is_closed(cable, monkeypatch):
     def refused():
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
@@ -111,12 +111,12 @@ def test_a_port_that_cannot_be_awaited_is_told_and_not_kept(cable, monkeypatch):
     made.close()
 
 
-def test_a_missing_port_is_told_with_its_remedy(tmp_path):
+def test_a_missing_port_is_reported_with_its_remedy(tmp_path):
     with pytest.raises(PortError, match="no such port"):
         SerialPort(str(tmp_path / "none"), 9600).open()
 
 
-def test_a_port_in_use_is_told_with_its_remedy(line, cable):
+def test_a_port_in_use_is_reported_with_its_remedy(line, cable):
     with pytest.raises(PortError, match="in use by another program"):
         SerialPort(str(cable.path), 9600).open()
 
@@ -170,7 +170,7 @@ def test_a_path_that_leads_elsewhere_is_followed(line, cable, tmp_path):
     assert read_all(line, 4) == b"here"
 
 
-def test_a_line_that_is_silent_is_not_opened_anew(line, cable):
+def test_a_line_that_is_silent_is_not_opened_again(line, cable):
     for number in range(10 * MAX_EMPTY_READS):
         line.read()
         line.reopen(10.0 + number)
@@ -192,7 +192,7 @@ def set_as_a_terminal(cable, then=lambda descriptor: None):
     return before
 
 
-def test_settings_that_another_program_has_changed_are_restored_and_told_once(line, cable):
+def test_settings_that_another_program_has_changed_are_restored_and_reported_once(line, cable):
     assert line.reopen(10.0) == ""
     before = set_as_a_terminal(cable)
     os.write(cable.master, b"no line end")
@@ -202,7 +202,7 @@ def test_settings_that_another_program_has_changed_are_restored_and_told_once(li
     assert read_all(line, 11) == b"no line end"
     assert line.openings == 1
     set_as_a_terminal(cable)
-    assert line.reopen(12.0) == ""  # told a second ago
+    assert line.reopen(12.0) == ""  # reported a second ago
     assert termios.tcgetattr(cable._slave) == before
     set_as_a_terminal(cable)
     assert line.reopen(612.0)

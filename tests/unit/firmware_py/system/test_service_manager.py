@@ -1,4 +1,4 @@
-"""What a service manager is told, at a socket with a path and at an abstract one."""
+"""Notifications to a service manager at a socket with a path and at an abstract one."""
 
 import os
 import secrets
@@ -20,7 +20,7 @@ def manager_side(request, tmp_path):
         yield made, name
 
 
-def told(made):
+def notifications(made):
     lines = []
     while True:
         try:
@@ -37,7 +37,7 @@ def test_it_hears_once_that_all_is_ready_then_signs_of_life_and_what_has_changed
     manager.notify_alive("HOLD")
     manager.notify_alive("AUTO\nREADY=0 " + "x" * 500)
     manager.notify_stopping()
-    first, second, third, last = told(made)
+    first, second, third, last = notifications(made)
     assert (first, second, last) == (["READY=1", "WATCHDOG=1", "STATUS=HOLD"], ["WATCHDOG=1"], ["STOPPING=1"])
     assert third[0] == "WATCHDOG=1"
     assert third[1].startswith("STATUS=AUTO READY=0 x")
@@ -51,7 +51,7 @@ def test_what_did_not_reach_it_is_said_again(tmp_path):
         made.bind(str(tmp_path / "late"))
         made.setblocking(False)
         manager.notify_alive("HOLD")
-        assert told(made) == [["READY=1", "WATCHDOG=1", "STATUS=HOLD"]]
+        assert notifications(made) == [["READY=1", "WATCHDOG=1", "STATUS=HOLD"]]
 
 
 def test_one_that_does_not_read_is_not_waited_for(manager_side):
@@ -62,7 +62,7 @@ def test_one_that_does_not_read_is_not_waited_for(manager_side):
 
 
 @pytest.mark.parametrize("name", ["", "vsock:2:1234", "relative/path"])
-def test_nobody_is_told_where_nobody_asks(name):
+def test_without_a_socket_nothing_is_sent(name):
     manager = ServiceManager({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "5000000"})
     assert not manager.present
     assert manager.watchdog_s is None

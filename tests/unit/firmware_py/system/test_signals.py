@@ -29,31 +29,31 @@ def sent(*numbers):
     with Signals() as signals:
         for number in numbers:
             os.kill(os.getpid(), number)
-        told = [event.text for event in signals.take_events()]
+        texts = [event.text for event in signals.take_events()]
         assert signals.take_events() == ()
-    return signals.stopping, told
+    return signals.stopping, texts
 
 
-def test_no_signal_is_left_to_the_kernel_that_would_end_or_halt_her():
+def test_every_signal_that_would_end_or_stop_the_process_is_handled():
     assert set(signal.valid_signals()) - set(TABLE) - set(REAL_TIME) == HARMLESS | BEYOND | FATAL
 
 
 @pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Action.STOP])
-def test_what_ends_her_in_good_order(number):
-    stopping, (told,) = sent(number, number)
+def test_signals_that_end_the_autopilot(number):
+    stopping, (text,) = sent(number, number)
     assert stopping
-    assert told == f"{number.name}: autopilot ends, rudder centred"
-    assert len(told) <= 50
+    assert text == f"{number.name}: autopilot ends, rudder centred"
+    assert len(text) <= 50
     assert signal.getsignal(number) is signal.SIG_IGN  # one that comes late does not change the exit code
 
 
 @pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Action.CONTINUE])
-def test_what_means_nothing_is_told_once(number):
-    stopping, (told,) = sent(number, number)
+def test_signals_without_a_use_are_reported_once(number):
+    stopping, (text,) = sent(number, number)
     assert not stopping
-    assert told.startswith(f"{number.name}: ")
-    assert told.endswith("autopilot continues")
-    assert len(told) <= 50
+    assert text.startswith(f"{number.name}: ")
+    assert text.endswith("autopilot continues")
+    assert len(text) <= 50
 
 
 def test_real_time_signals_mean_nothing():
@@ -77,9 +77,9 @@ def test_what_was_before_comes_back():
 def test_the_reference_says_the_same():
     page = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (SIG[^|]*?) \| ([^|]*?) \|$", page, re.MULTILINE)
-    said = {name: text for names, text in rows for name in re.findall(r"SIG\w+", names)}
+    effects = {name: text for names, text in rows for name in re.findall(r"SIG\w+", names)}
     for number, act in TABLE.items():
-        assert said[number.name].startswith(act.value), number.name
-    assert {name for name in said if name not in ("SIGRTMIN", "SIGRTMAX")} == {
+        assert effects[number.name].startswith(act.value), number.name
+    assert {name for name in effects if name not in ("SIGRTMIN", "SIGRTMAX")} == {
         number.name for number in {*TABLE, *HARMLESS, *BEYOND, *FATAL}
     }

@@ -28,11 +28,11 @@ def state(tmp_path):
 
 
 def content(state, **more):
-    said = {"written_machine_s": NOW_S, "pid": os.getpid(), "state_directory": str(state), "mode": "HOLD", **more}
-    return json.dumps(said).encode()
+    content = {"written_machine_s": NOW_S, "pid": os.getpid(), "state_directory": str(state), "mode": "HOLD", **more}
+    return json.dumps(content).encode()
 
 
-def test_memory_is_told_from_a_disk():
+def test_memory_is_distinguished_from_a_disk():
     assert is_memory(Path("/dev/shm"))
     assert not is_memory(Path("/proc"))
 
@@ -92,7 +92,7 @@ def test_a_directory_that_was_away_is_taken_again(memory, state):
     assert find(state, NOW_S, (memory,)).freshness is Freshness.ABSENT
 
 
-def test_a_link_that_somebody_has_laid_is_not_written_through(memory, state, tmp_path):
+def test_a_symbolic_link_is_not_followed(memory, state, tmp_path):
     victim = tmp_path / "victim"
     victim.write_text("mine")
     name = file_name(state)
@@ -105,7 +105,7 @@ def test_a_link_that_somebody_has_laid_is_not_written_through(memory, state, tmp
 
 
 @pytest.mark.parametrize("age_s", [STALE_S + 0.1, -STALE_S - 0.1, 1e9])
-def test_what_is_old_is_told_as_old_and_shown(memory, state, age_s):
+def test_an_old_status_is_stale_and_still_shown(memory, state, age_s):
     StatusFile(state, (memory,)).write(content(state))
     found = find(state, NOW_S + age_s, (memory,))
     assert (found.freshness, found.content["mode"]) == (Freshness.STALE, "HOLD")
@@ -113,7 +113,7 @@ def test_what_is_old_is_told_as_old_and_shown(memory, state, age_s):
 
 
 @pytest.mark.parametrize("pid", [2**22 + 5, 2**40])
-def test_a_process_that_is_gone_is_told_however_new_its_words(memory, state, pid):
+def test_a_recent_status_of_an_ended_process_is_stale(memory, state, pid):
     StatusFile(state, (memory,)).write(content(state, pid=pid))
     found = find(state, NOW_S, (memory,))
     assert found.freshness is Freshness.STALE
@@ -129,7 +129,7 @@ def test_a_process_that_is_gone_is_told_however_new_its_words(memory, state, pid
      b'{"pid": 1, "written_machine_s": 0, "state_directory": "/", "mode": "HOLD", "x": 1e400}',
      b'{"pid": 1, "written_machine_s": 0, "state_directory": "/", "x": ' + b"[" * 900 + b"]" * 900 + b"}"],
 )  # fmt: skip
-def test_what_is_no_status_is_told_as_such(memory, state, data):
+def test_a_file_that_is_not_a_status_is_reported(memory, state, data):
     (memory / file_name(state)).write_bytes(data)
     found = find(state, NOW_S, (memory,))
     assert found.freshness is Freshness.ABSENT
@@ -137,7 +137,7 @@ def test_what_is_no_status_is_told_as_such(memory, state, data):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
-def test_whose_word_it_is_is_told(memory, state):
+def test_the_owner_of_a_status_is_reported(memory, state):
     StatusFile(state, (memory,)).write(content(state))
     os.chown(state, 4242, 4242)
     os.chown(memory / file_name(state), 4242, 4242)

@@ -40,7 +40,7 @@ from firmware_py.faults.table import TABLE, Fault
 from firmware_py.system.status_report import MAX_EVENTS, SECTIONS, StatusReporter, StatusSources
 
 
-class Shown:
+class FakeStatusFile:
     """Takes what is written, as the file does, or fails."""
 
     def __init__(self):
@@ -58,7 +58,7 @@ class Shown:
 class Boat:
     def __init__(self):
         self.per_status = 20
-        self.file, self.said = Shown(), []
+        self.file, self.reports = FakeStatusFile(), []
         self.accepted = 0
         self.swing = SwingReport()
         self.latch = LatchState()
@@ -82,7 +82,7 @@ class Boat:
                 machine_s=lambda: 55.5,
             ),
             self.file,
-            self.said.append,
+            self.reports.append,
         )
         _, self.output = step(State.at_start(ParameterSet(), Plans()), Inputs(Tick(0, 10.0, 0.0, 0, 10.0)))
 
@@ -122,18 +122,18 @@ def test_it_has_what_the_operator_asks_for(boat):
     assert status["faults"] == []
 
 
-def test_what_she_said_between_two_statuses_is_told(boat):
+def test_events_between_two_statuses_are_listed(boat):
     boat.status(10.0)
-    said = replace(boat.output, events=(Event(Severity.WARNING, "GPS position lost"),))
-    boat.reporter.update(said, 10.1)
+    output = replace(boat.output, events=(Event(Severity.WARNING, "GPS position lost"),))
+    boat.reporter.update(output, 10.1)
     event = {"t_s": 10.1, "severity": 4, "text": "GPS position lost"}
     assert event in boat.status(11.0)["events"]
     for number in range(1000):
-        boat.reporter.update(said, 11.0 + 1e-4 * number)
+        boat.reporter.update(output, 11.0 + 1e-4 * number)
     assert len(boat.status(12.5)["events"]) == MAX_EVENTS
 
 
-def test_where_she_is_going_and_what_home_is_stand_beside_it(boat):
+def test_target_and_home_are_in_the_status(boat):
     going = Navigation(target_latitude_rad=0.1, target_longitude_rad=0.2, radius_m=40.0)
     status = boat.status(navigation=going, home=Home(0.3, 0.4, 0.0), mission=MissionReport(identities=(1, 2, 3)))
     assert (status["navigation"]["target_lat_deg"], status["navigation"]["radius_m"]) == (5.7295780, 40.0)
@@ -141,13 +141,13 @@ def test_where_she_is_going_and_what_home_is_stand_beside_it(boat):
     assert status["plan_identities"] == [1, 2, 3]
 
 
-def test_a_reckoned_place_is_no_fix_and_stands_with_its_uncertainty(boat):
+def test_a_dead_reckoning_position_is_not_a_fix_and_has_its_uncertainty(boat):
     assert "reckoned_sd_m" not in boat.status()["position"]
-    told = boat.status(
+    values = boat.status(
         12.0, position_ok=False, dead_reckoning=DeadReckoningPosition(0.1, 0.2, 0.3, 0.0, 250.4, 3600.2)
     )["position"]
-    assert (told["ok"], told["reckoned_lat_deg"], told["reckoned_lon_deg"]) == (False, 5.72958, 11.45916)
-    assert (told["reckoned_sd_m"], told["reckoned_s"]) == (250.0, 3600.0)
+    assert (values["ok"], values["reckoned_lat_deg"], values["reckoned_lon_deg"]) == (False, 5.72958, 11.45916)
+    assert (values["reckoned_sd_m"], values["reckoned_s"]) == (250.0, 3600.0)
 
 
 def test_energy_is_there_when_the_snapshot_has_it(boat):
@@ -157,16 +157,16 @@ def test_energy_is_there_when_the_snapshot_has_it(boat):
     assert (status["energy"]["servo_power_w"], status["energy"]["travel_deg_per_h"]) == (1.23, 180.0)
 
 
-def test_battery_and_panels_are_there_when_somebody_measures_them(boat):
+def test_battery_and_solar_power_are_shown_if_measured(boat):
     assert boat.status()["power"] == {}
     power = Power(13.123, -0.5, 0.876, solar=Flow(3600.0, 60.0), discharged=Flow(7200.0, 60.0))
-    shown = boat.status(12.0, power=power)["power"]
-    assert (shown["battery_v"], shown["charge_percent"], shown["load_w"]) == (13.12, 87.6, None)
-    assert (shown["solar_wh"], shown["discharged_wh"]) == (1.0, 2.0)
-    assert "load_wh" not in shown  # which nobody measures
+    values = boat.status(12.0, power=power)["power"]
+    assert (values["battery_v"], values["charge_percent"], values["load_w"]) == (13.12, 87.6, None)
+    assert (values["solar_wh"], values["discharged_wh"]) == (1.0, 2.0)
+    assert "load_wh" not in values  # not measured
 
 
-def test_a_fault_is_told_with_its_text_and_how_long_it_stands(boat):
+def test_a_fault_has_its_text_and_duration(boat):
     since = [None] * len(TABLE)
     since[Fault.SUPPLY_LOW] = 4.0
     boat.latch = LatchState(tuple(since), tuple(since), 1 << Fault.SUPPLY_LOW)
@@ -175,7 +175,7 @@ def test_a_fault_is_told_with_its_text_and_how_long_it_stands(boat):
                      "text": TABLE[Fault.SUPPLY_LOW].text, "since_s": 6.0}  # fmt: skip
 
 
-def test_rates_are_of_the_last_ten_seconds_and_the_stations_are_told_as_peers(boat):
+def test_rates_are_means_of_ten_seconds_and_stations_are_peers(boat):
     first = boat.status(10.0)["devices"]
     assert [device["device"] for device in first] == ["compass", "storage"]
     assert (first[0]["rate_hz"], first[0]["driver"], first[0]["port"]) == (None, "nmea", "/dev/compass")
@@ -220,13 +220,13 @@ def test_numbers_that_are_none_are_null_so_that_any_reader_of_json_takes_it(boat
 
 
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), RuntimeError("odd")])
-def test_what_cannot_be_shown_is_told_once_and_ends_nothing(boat, failure):
+def test_an_error_of_the_status_is_reported_once_and_ends_nothing(boat, failure):
     boat.file.failure = failure
     with pytest.raises(IndexError):
         boat.status(10.0)
     boat.reporter.update(boat.output, 20.0)
-    assert len(boat.said) == 1
-    assert "No space left" in boat.said[0] or "odd" in boat.said[0]
+    assert len(boat.reports) == 1
+    assert "No space left" in boat.reports[0] or "odd" in boat.reports[0]
     boat.file.failure = None
     assert boat.status(30.0)["mode"] == "HOLD"
     boat.reporter.close()

@@ -20,12 +20,12 @@ def store(tmp_path):
 
 def settle(store, *names):
     """Wait for the writer to say that the saves are done; return what it said."""
-    said = []
-    store.when_stored(names or ("a",), said.append)
-    while not said:
+    results = []
+    store.when_stored(names or ("a",), results.append)
+    while not results:
         assert select.select([store.fileno()], [], [], 10.0)[0]
         store.service()
-    return said
+    return results
 
 
 def reopened(store, directory):
@@ -174,7 +174,7 @@ def test_who_waits_for_the_directory_is_refused_until_it_is_there_and_nothing_in
 
 
 def stored_before_and_now(directory):
-    """Return what both slots hold: the newest is never written over."""
+    """Return the content of both slots: the newest is not overwritten."""
     return {(directory / f"a.{slot}").read_bytes().split(b"\n")[1].rstrip(b"\0") for slot in (0, 1)}
 
 
@@ -200,7 +200,7 @@ def test_a_directory_put_in_place_of_the_one_that_was_held_is_taken_up_too(tmp_p
     assert not (tmp_path / "hidden" / "a.0").exists()
 
 
-def test_a_directory_that_is_gone_is_not_made_anew(tmp_path, no_pause):
+def test_a_removed_directory_is_not_created_again(tmp_path, no_pause):
     """It was on a medium: below the place where that was mounted there is another disk."""
     store = Store(tmp_path / "state")
     (tmp_path / "state").rename(tmp_path / "away")
@@ -216,7 +216,7 @@ def test_a_directory_that_is_gone_is_not_made_anew(tmp_path, no_pause):
     store.close()
 
 
-def test_another_autopilot_is_kept_out_by_whoever_waits_too(tmp_path, no_pause):
+def test_another_autopilot_is_excluded_even_with_wait(tmp_path, no_pause):
     """Also where a directory lay in the place of the lock file: it is set aside."""
     (tmp_path / "state").mkdir()
     (tmp_path / "state" / "lock").mkdir()
@@ -297,7 +297,7 @@ def test_what_would_be_too_large_to_be_read_is_not_stored(store):
     assert "too large" in store.failure
 
 
-def test_close_finishes_what_was_asked(tmp_path):
+def test_close_finishes_what_was_requested(tmp_path):
     store = Store(tmp_path / "state")
     for number in range(50):
         store.save("a", str(number).encode())
@@ -319,7 +319,7 @@ def test_many_saves_call_back_in_order(store):
 def test_what_is_private_is_for_the_owner_alone(tmp_path):
     directory = tmp_path / "state"
     directory.mkdir()
-    (directory / "secret.1").write_bytes(b"")  # as somebody has copied it here, for all to read
+    (directory / "secret.1").write_bytes(b"")  # a copy that all users can read
     (directory / "secret.1").chmod(0o644)
     store = Store(directory, private=("secret",))
     try:
@@ -341,14 +341,14 @@ def test_a_failure_is_not_hidden_by_a_later_success(tmp_path):
         store.save(name, bytes(2 << 20 if name == "broken" else 1))  # the first is too large
         store.when_stored((name,), lambda well, name=name: answers.append((name, well)))
         assert select.select([store.fileno()], [], [], 10.0)[0]
-        woken = os.eventfd_read(store.fileno())  # nobody looks in between
+        woken = os.eventfd_read(store.fileno())  # not read in between
     os.eventfd_write(store.fileno(), woken)
     store.service()
     store.close()
     assert answers == [("broken", False), ("whole", True)]
 
 
-def test_files_that_were_taken_away_or_replaced_under_way_are_written_anew(store, tmp_path):
+def test_removed_or_replaced_files_are_written_again(store, tmp_path):
     """They stay open, so what is written to one that has no name any more would be lost."""
     directory = tmp_path / "state"
     for content in (b"first", b"second"):
@@ -428,18 +428,18 @@ def test_writes_are_counted_in_blocks_as_a_disk_takes_them(store, tmp_path):
     assert store.written == (6, 11 * 4096)
 
 
-def test_what_is_asked_for_is_settled_when_time_may_go_on(store, tmp_path):
+def test_what_is_requested_for_is_settled_when_time_may_go_on(store, tmp_path):
     assert not store.settle()
-    said = []
+    results = []
     for number in range(20):
         store.save(f"a{number % 3}", b"%d" % number)
-    store.when_stored(["a0", "a1", "a2"], said.append)
+    store.when_stored(["a0", "a1", "a2"], results.append)
     assert store.settle()
-    assert said == []
+    assert results == []
     store.service()
-    assert said == [True]
+    assert results == [True]
     assert not store.settle()
-    store.try_save("b/c", b"1", said.append)  # there is no such directory
+    store.try_save("b/c", b"1", results.append)  # there is no such directory
     assert store.settle()
     store.service()
-    assert said == [True, False]
+    assert results == [True, False]
