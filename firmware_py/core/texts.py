@@ -150,12 +150,12 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the file for `rambler status` cannot be written",
         "check space and permissions of the runtime directory (`/run/rambler`)",
     ),
-    "Compass calibration: turn her slowly through a full circle": (
+    "Compass calibration: turn the boat slowly through a full circle": (
         "the compass samples the magnetic field",
         "turn the boat within a quarter of an hour, with some pitch and roll; COMMAND_CANCEL cancels",
     ),
     "Compass calibrated and saved: score <score>": ("the compass has stored its calibration", _NOTHING),
-    "Compass calibration was broken off": ("by COMMAND_CANCEL, or because the compass stopped", "try again"),
+    "Compass calibration aborted": ("by COMMAND_CANCEL, or because the compass stopped", "try again"),
     "Compass calibration failed: <problem>": (
         "the calibration has failed; the old one stays active",
         "check power and cable of the compass; try again, turning more slowly",

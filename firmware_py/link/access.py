@@ -1,4 +1,4 @@
-"""Who may do what: judged frame by frame, before anything else looks at one."""
+"""Access rights: each received frame is judged before any other code sees it."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _MAVLINK2 = 0xFD
 SETUP_SIGNING = 256
 RADIO_STATUS = 109
 _COMMAND_INT, _COMMAND_LONG, _FILE_TRANSFER = 75, 76, 110
-_VOUCHED = 16  # frames that may be on their way to here
+_VOUCHED = 16  # frames on their way from the satellite link to the gate
 
 
 class Permission(IntEnum):
-    """What a frame may do."""
+    """Rights of a frame."""
 
-    NONE = 0  # as if it had not come
-    READER = 1  # ask, but change nothing
+    NONE = 0  # ignored
+    READER = 1  # may request data, but change nothing
     COMMANDER = 2
 
 
 class Admitted(NamedTuple):
-    """A frame and what it may do; `verified`: it is signed with the boat's key."""
+    """A frame and its rights; `verified`: it is signed with the boat's key."""
 
     frame: Frame
     standing: Permission
@@ -40,41 +40,41 @@ class Gate:
     """Judges the frames of all links."""
 
     def __init__(self, signing: Signing) -> None:
-        """Take what knows the key."""
+        """Take the signing state."""
         self._signing = signing
         self._vouched: deque[bytes] = deque(maxlen=_VOUCHED)
-        self.mavlink1 = True  # whether MAVLink 1 frames, which cannot be signed, are heard
-        self.refused_frames = 0  # frames that were not heard at all
-        self.false_signatures = 0  # those of them whose signature did not hold
+        self.mavlink1 = True  # whether MAVLink 1 frames, which cannot be signed, are accepted
+        self.refused_frames = 0  # frames that were ignored
+        self.false_signatures = 0  # of them, those with a wrong signature
 
     @property
     def late_frames(self) -> int:
-        """Frames with the right key and an old timestamp: replayed, or from somebody who is behind."""
+        """Number of frames with the right key and an old timestamp: replayed, or from a slow clock."""
         return self._signing.late_frames
 
     @property
     def keyed(self) -> bool:
-        """Whether there is a key, so that who is who can be told."""
+        """Whether a signing key is set."""
         return self._signing.active
 
     def vouch(self, frame: bytes) -> None:
-        """Take the next frame like this that comes by satellite for signed: its message was, in the short form."""
+        """Accept the next copy of this frame from a satellite link as signed: its message carried a valid code."""
         self._vouched.append(frame)
 
     def knows(self, options: LinkOptions, *, verified: bool) -> bool:
-        """Return whether a sender is one of the owner's, as far as can be told; without a key everybody may be."""
+        """Return whether a sender belongs to the owner, as far as that can be verified; without a key any may."""
         return verified or options.trusted or not self.keyed
 
     def admit(self, frames: Iterable[Frame], options: LinkOptions, *, line: bool) -> list[Admitted]:
-        """Return those that are heard at all; `line`: they came over a line, which may have a modem in it."""
+        """Return the frames that are not ignored; `line`: they came over a line, which may have a modem in it."""
         admitted = []
         for frame in frames:
             verified = self._verified(frame.data, options)
             if frame.number == RADIO_STATUS and verified is None:
-                # From the modem of a line, which knows no key. On a network there is none: as if it had not come.
+                # From the modem of a line, which has no key. On a network there is no modem: ignored.
                 if not line:
                     continue
-                standing = Permission.READER if self._heard(frame.data) else Permission.NONE
+                standing = Permission.READER if self._accepts_version(frame.data) else Permission.NONE
             else:
                 standing = self._standing(frame, options, verified=verified)
             if standing is Permission.NONE:
@@ -83,11 +83,11 @@ class Gate:
                 admitted.append(Admitted(frame, standing, bool(verified)))
         return admitted
 
-    def _heard(self, data: bytes) -> bool:
+    def _accepts_version(self, data: bytes) -> bool:
         return self.mavlink1 or data[0] == _MAVLINK2
 
     def _verified(self, data: bytes, options: LinkOptions) -> bool | None:
-        """Return whether the signature of a frame holds; None for a frame without one, or a boat without a key."""
+        """Return whether the signature of a frame is valid; None for a frame without one, or without a key."""
         if options.link_class is LinkClass.MESSAGES and data in self._vouched:
             self._vouched.remove(data)
             return True
@@ -97,7 +97,7 @@ class Gate:
 
     def _standing(self, frame: Frame, options: LinkOptions, *, verified: bool | None) -> Permission:
         data = frame.data
-        if not self._heard(data):
+        if not self._accepts_version(data):
             return Permission.NONE
         second = data[0] == _MAVLINK2
         if options.systems is not None and data[5 if second else 3] not in options.systems:
@@ -114,17 +114,17 @@ class Gate:
         return most
 
     def unsigned(self, options: LinkOptions) -> Permission:
-        """Return what a frame without a signature may do at most."""
+        """Return the maximum rights of a frame without a signature."""
         policy = options.policy
         if self._signing.problem and not options.trusted:
-            return Permission.NONE  # whose key was lost, was not left open
+            return Permission.NONE  # a lost key does not open the link
         if policy is Policy.AUTO:
             policy = Policy.SIGNED_COMMANDS if self.keyed and not options.trusted else Policy.OPEN
         return _UNSIGNED[policy]
 
 
 def is_open_to_anyone(gate: Gate, transport: Transport) -> bool:
-    """Return whether who reaches a transport from another computer commands the boat without a key."""
+    """Return whether any sender that reaches a transport from another computer can command without a key."""
     options = transport.options
     return transport.exposed and not options.trusted and gate.unsigned(options) is Permission.COMMANDER
 
@@ -135,7 +135,7 @@ _UNSIGNED: Mapping[Policy, Permission] = {
     Policy.SIGNED_ONLY: Permission.NONE,
 }
 
-# Messages that change nothing but what is sent to their sender. What is not here is a command.
+# Messages that change nothing except what is sent to their sender. All others are commands.
 READING = frozenset(
     {
         0,  # HEARTBEAT
@@ -159,11 +159,11 @@ READING = frozenset(
 )
 # Of MAVLink FTP: none, terminate and reset sessions, list, open and read, checksum, burst, list with times.
 _READING_OPCODES = frozenset({0, 1, 2, 3, 4, 5, 14, 15, 16})
-_OPCODE = 3  # its place in the payload
+_OPCODE = 3  # its index in the payload
 
 
 def reads_only(reading_commands: frozenset[int]) -> Callable[[int, Message], bool]:
-    """Return what tells whether a message changes nothing; `reading_commands` are the commands that only ask."""
+    """Return a function that decides whether a message changes nothing; `reading_commands` only request data."""
 
     def judge(number: int, message: Message) -> bool:
         if number in (_COMMAND_INT, _COMMAND_LONG):

@@ -1,4 +1,4 @@
-"""What every microservice works with: the request handler, the latest state, the ways to answer."""
+"""The context of all services: request handler, latest snapshot, and the functions that send."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.frames import Codec
 from firmware_py.link.wire.outbox import Priority
 
-_IN_FIRST_VERSION = "You speak MAVLink 1: fence, rally points and signing need MAVLink 2"
-_UNASKED = 0xFFFF  # the index of a value that is none of a list
+_IN_FIRST_VERSION = "MAVLink 1 in use: fence, rally and signing need MAVLink 2"
+_UNASKED = 0xFFFF  # index of a parameter value outside a list
 
 Handler = Callable[[Peer, Message, float], None]
 
 
 class Suppliers(msgspec.Struct, frozen=True):
-    """What the link asks of its surroundings."""
+    """Sources outside the link."""
 
     utc_s: Callable[[], float]
-    load: Callable[[], float]  # of one core, 0 to 1
-    offer_utc: Callable[[float, float], None] | None = None  # takes a ground station's time and when it came
+    load: Callable[[], float]  # share of one core, 0 to 1
+    offer_utc: Callable[[float, float], None] | None = None  # takes the UTC of a ground station and its reception time
     calibrator: Calibrator | None = None  # a compass that calibrates itself
-    written: Callable[[], tuple[int, int] | None] = lambda: None  # versions of the state put on disk, and their bytes
+    written: Callable[[], tuple[int, int] | None] = lambda: None  # stored versions of the state, and their bytes
 
 
 class LinkContext:
-    """The link's own state, on the loop's thread."""
+    """The state that the services share, on the loop's thread."""
 
     def __init__(self, request_handler: RequestHandler, suppliers: Suppliers, version: Version) -> None:
-        """Take the loop's side; the system id and the identity hold until the next start."""
+        """Take the request handler; system id and identity are fixed until the next start."""
         values = request_handler.parameters()
         self.request_handler = request_handler
         self.suppliers = suppliers
@@ -58,14 +58,14 @@ class LinkContext:
         self._text_number = 0
         self.snapshot: Snapshot | None = None
         self.refused_frames = 0
-        self.intended_mode: int | None = None  # custom_mode that was last asked for and entered
-        self.home_report_due = False  # since it was last told; whoever sets it is told also where it was there before
-        self.high_latency = False  # asked for on the satellite links
-        self.override_us: tuple[float, int] | None = None  # when channel 1 was overridden last, and by what
-        self.fence_breaches: tuple[int, float] = (0, 0.0)  # how many since start, and when the last one began
-        self.now_s = 0.0  # of the latest call of the loop
+        self.intended_mode: int | None = None  # custom_mode of the latest accepted request
+        self.home_report_due = False  # home was set, perhaps to the same position
+        self.high_latency = False  # requested on the satellite links
+        self.override_us: tuple[float, int] | None = None  # time and pulse of the latest override of channel 1
+        self.fence_breaches: tuple[int, float] = (0, 0.0)  # number since start, time of the latest
+        self.now_s = 0.0  # time of the latest call of the loop
         self.peers: Iterable[Peer] = ()
-        self.all_peers: Callable[[], Iterable[Peer]] = lambda: self.peers  # those without a place, too
+        self.all_peers: Callable[[], Iterable[Peer]] = lambda: self.peers  # with pending ones
 
     # ------------------------------------------------------------------ the state
 
@@ -78,11 +78,11 @@ class LinkContext:
 
     @property
     def home(self) -> Home | None:
-        """Where local coordinates begin, None before the first fix."""
+        """Origin of local coordinates; None before the first fix."""
         return None if self.snapshot is None else self.snapshot.home
 
     def telemetry_context(self) -> TelemetryContext | None:
-        """Return what the telemetry builders look at; None before the first tick."""
+        """Return the input of the telemetry builders; None before the first tick."""
         if self.snapshot is None:
             return None
         return TelemetryContext(
@@ -100,48 +100,48 @@ class LinkContext:
         )
 
     def _override_in_force(self) -> int | None:
-        """Return the pulse on channel 1 that a station overrides it with; None when none does."""
+        """Return the pulse of a valid override of channel 1; None without one."""
         if self.override_us is None:
             return None
         since_s, pulse_us = self.override_us
         return pulse_us if self.now_s - since_s <= self.request_handler.parameters()["MAN_TIMEOUT_S"] else None
 
-    # ------------------------------------------------------------------ who is meant
+    # ------------------------------------------------------------------ addressee
 
     def is_addressee(self, message: Message) -> bool:
-        """Return whether a message is for this system and component, or for all."""
+        """Return whether a message is addressed to this system and component, or to all."""
         system = getattr(message, "target_system", getattr(message, "target", 0))
         component = getattr(message, "target_component", 0)
         return system in (0, self.system) and component in (0, self.component)
 
-    # ------------------------------------------------------------------ answering
+    # ------------------------------------------------------------------ sending
 
     def send(self, peer: Peer, message: Message, priority: Priority = Priority.REPLY) -> None:
         """Queue a message to one peer."""
         peer.outbox.push(self.codec.pack(message), priority)
 
     def send_all(self, message: Message, priority: Priority = Priority.REPLY, *, asker: Peer | None = None) -> None:
-        """Queue a message to every peer, to the quiet ones only when they have asked for it."""
+        """Queue a message to every active peer, but to a quiet one only if it is the asker."""
         packed = self.codec.pack(message)
         for peer in self.peers:
             if peer is asker or not peer.quiet:
                 peer.outbox.push(packed, priority)
 
     def flush_all(self) -> None:
-        """Send what waits, outside a call of the loop."""
+        """Send all queued frames, outside a call of the loop."""
         for peer in self.peers:
             peer.outbox.flush(self.now_s)
 
     def heartbeat(self) -> Message:
-        """Return the heartbeat that a new peer gets at once."""
+        """Return the heartbeat of this moment."""
         telemetry = self.telemetry_context()
         return identity.first_heartbeat(self.autopilot) if telemetry is None else identity.heartbeat(telemetry)
 
     def introduce(self, peer: Peer) -> None:
-        """Send the checks before arming to a station, before the first heartbeat that it sees of an armed boat.
+        """Send the arming check parameters before the first heartbeat of an armed boat.
 
-        MAVProxy looks for it then, before it has asked for any, and says that checks are disabled if it has none.
-        Who is answered in MAVLink 1 is told once.
+        MAVProxy reads them then, before it has requested any, and reports disabled checks if it has none. A peer that
+        is answered in MAVLink 1 gets a notice once.
         """
         if peer.outbox.mavlink1_only and not peer.version_reported:
             peer.version_reported = True
@@ -158,17 +158,17 @@ class LinkContext:
         return mavlink.MAVLink_param_value_message(name, value, int(kind), len(TABLE), index)
 
     def send_text_limited(self, peer: Peer, severity: Severity, text: str, now_s: float) -> None:
-        """Tell one peer something, unless the same was said just now or too much was said."""
+        """Send a text to one peer, unless the same text was sent just now or the rate is exceeded."""
         if peer.notices.admit(text, now_s):
             self.send_text(peer, severity, text)
 
     def send_text(self, peer: Peer, severity: Severity, text: str) -> None:
-        """Tell one peer something in any case."""
+        """Send a text to one peer in any case."""
         for message in self._text(severity, text):
             self.send(peer, message)
 
     def send_text_all(self, severity: Severity, text: str) -> None:
-        """Tell every peer something, except the quiet ones; those who are paid by the message, what is a warning."""
+        """Send a text to all active peers that are not quiet, and warnings also to those by message."""
         for message in self._text(severity, text):
             self.send_all(message)
             for peer in self.peers:
@@ -179,10 +179,10 @@ class LinkContext:
         self._text_number = self._text_number % 0xFFFF + 1
         return text_messages(severity, text, self._text_number)
 
-    # ------------------------------------------------------------------ asking the loop
+    # ------------------------------------------------------------------ requests
 
     def request(self, message: Message, intent: Intent, now_s: float) -> Answer:
-        """Put an intent of a message's sender to the request handler."""
+        """Return the decision of the request handler on an intent of the message's sender."""
         sender, component = message.get_srcSystem(), message.get_srcComponent()
         answer = self.request_handler.decide(Request(now_s, intent, sender, component))
         if answer.verdict is Verdict.ACCEPTED:
@@ -195,7 +195,7 @@ class LinkContext:
         return answer
 
     def request_or_warn(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:
-        """Put the goal of an unacknowledged message to the request handler, or warn of why not."""
+        """Request the intent of an unacknowledged message; send a warning with the reason of a refusal."""
         name = type(message).msgname
         if isinstance(intent, str):
             self.send_text_limited(peer, Severity.WARNING, f"{name}: {intent}", now_s)
@@ -206,5 +206,5 @@ class LinkContext:
 
 
 def within(value: float, low: float, high: float) -> bool:
-    """Return whether a number from outside is finite and in [low, high]."""
+    """Return whether a received number is finite and in [low, high]."""
     return math.isfinite(value) and low <= value <= high

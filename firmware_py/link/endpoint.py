@@ -1,4 +1,4 @@
-"""The link as the loop sees it: reads and answers between ticks, publishes after each."""
+"""The link as the loop sees it: receives and replies between ticks, publishes after each."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ from firmware_py.link.wire.worker import Worker
 _HEARTBEAT = 0
 _GROUND_STATION = 6  # MAV_TYPE_GCS
 _EVENTS_PER_TICK = 16
-# In one call, which must be short even where the machine is slow for a moment: half a millisecond at the most. A piece
-# has room for the longest frame, so that a stranger's first one is found whole.
-_FRAMES_AT_ONCE = 4  # answered
+# Limits of one call, which must take at most half a millisecond. A piece holds the longest frame, so that the first
+# frame of an unknown sender is found whole.
+_FRAMES_AT_ONCE = 4  # dispatched
 _BYTES_AT_ONCE = 256  # searched for frames, and the rest of the last piece
 _PIECE_BYTES = 320
-_STRANGER_BYTES = 64  # to take up a stranger costs as much as to search these
-_NOTICES, _NOTICES_HZ = 4, 1.0 / 30.0  # of who has no place: at once, and in the long run
+_STRANGER_BYTES = 64  # a new peer costs as much time as a search of these
+_NOTICES, _NOTICES_HZ = 4, 1.0 / 30.0  # of rejected peers: burst, and average
 NO_STORAGE = FileRoot()
 _FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
 
 _DATA_STREAM = 66
 
-Source = tuple[int, Address]  # index of the transport, and who
-_SHARE_BYTES = 16_384  # may wait for one correspondent; one datagram may always
-_STRANGERS: Source = (-1, None)  # who are not a peer share one share
+Source = tuple[int, Address]  # index of the transport, address on it
+_SHARE_BYTES = 16_384  # may be queued for one peer; one datagram always may
+_STRANGERS: Source = (-1, None)  # all unknown senders have one share
 
 
 def _no_load() -> float:
@@ -65,7 +65,7 @@ def _nothing_written() -> None:
 
 
 class Endpoint:
-    """One MAVLink component on several transports; fulfils interfaces.Link."""
+    """One MAVLink component on several transports; implements interfaces.Link."""
 
     def __init__(
         self,
@@ -84,11 +84,10 @@ class Endpoint:
     ) -> None:
         """Take opened transports and the loop's side.
 
-        `load` gives the share of a core in use, 0 to 1. `vault` keeps the signing key and its timestamps over restarts.
-        `offer_utc` takes the time that a ground station says, and when it came. `calibrator` is the compass, if it can
-        calibrate itself. `storage` is what file transfer and log download show of the disk, `written` how
-        many versions of the state, and of how many bytes, were put there.
-        `start_events` are those of the first tick that a station is told whatever else has happened before it comes.
+        `load` returns the share of a core in use, 0 to 1. `vault` stores the signing key and its timestamps.
+        `offer_utc` takes the UTC of a ground station and the time of its reception. `calibrator` is the compass, if it
+        can calibrate itself. `storage` names the files for file transfer and log download, `written` returns the number
+        of stored versions of the state and their bytes. `start_events` are sent to every station that connects later.
         """
         self._transports = tuple(transports)
         self._context = LinkContext(request_handler, Suppliers(utc_s, load, offer_utc, calibrator, written), version)
@@ -127,50 +126,50 @@ class Endpoint:
     def _open_links(self) -> Iterator[Event]:
         for transport in self._transports:
             if is_open_to_anyone(self._gate, transport):
-                yield Event(Severity.WARNING, f"Whoever reaches {transport.name} commands her: it wants a signing key")
+                yield Event(Severity.WARNING, f"Open link: anyone on {transport.name} can command; set a signing key")
 
     @property
     def handlers(self) -> Mapping[int, Handler]:
-        """Who hears which message, by its number."""
+        """The handler of each message, by its number."""
         return self._handlers
 
     # ------------------------------------------------------------------ interfaces.Link
 
     def descriptors(self) -> Sequence[int]:
-        """Return the descriptors whose readability `service` wants."""
+        """Return the descriptors that `service` reads."""
         descriptors = [descriptor for transport in self._transports for descriptor in transport.descriptors()]
         return descriptors if self._worker.fileno() < 0 else [*descriptors, self._worker.fileno()]
 
     @property
     def busy(self) -> bool:
-        """Whether `service` has something to do even when no descriptor is ready."""
+        """Whether `service` has work even when no descriptor is ready."""
         if self._unread or self._receive_queue or self._services.pumping:
             return True
-        for peer in self._peers:  # asked at each wake: no generator
+        for peer in self._peers:  # called at each wake-up: no generator
             if peer.bulk.can_continue and peer.proven and not peer.outbox.waiting(Priority.REPLY):
                 return True
         return False
 
     @property
     def station_s(self) -> float | None:
-        """When a ground station was last heard, None when none has been."""
+        """Time of the latest heartbeat of a ground station that may command; None before the first."""
         return self._station_s
 
     def take_up_key(self, stored: Stored) -> bool:
-        """Take up the signing key of a disk that has come late; False when who commands has said since what it is."""
+        """Use the signing key of a disk that is available late; False if a station has set or removed a key since."""
         return self._signing.take_up(stored)
 
     @property
     def key_problem(self) -> str:
-        """How the signing key was lost; empty when it was not."""
+        """Why the signing key was lost; empty if it was not."""
         return self._signing.problem
 
     def status(self, now_s: float) -> Sequence[LinkStatus]:
-        """Return who is on each link, and how it fares."""
+        """Return the status of each link and its peers."""
         return self._peers.status(now_s)
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
-        """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""
+        """Read a bounded piece from each ready transport, unless one of its stream is still queued; dispatch some."""
         self._context.now_s = now_s
         if self._worker.fileno() in ready:
             self._worker.poll()
@@ -188,7 +187,7 @@ class Endpoint:
         self._peers.flush(now_s)
 
     def publish(self, output: Output, now_s: float) -> None:
-        """Send the telemetry that is due and what the tick has to say."""
+        """Send the telemetry that is due and the events of the tick."""
         self._context.now_s = now_s
         if self._worker.has_pending_jobs:
             self._worker.poll()
@@ -204,11 +203,11 @@ class Endpoint:
         self._peers.flush(now_s)
 
     def progress(self) -> Sequence[Progress]:
-        """Return what the thread for the disk work has done."""
+        """Return the progress of the thread for disk work."""
         return self._worker.progress()
 
     def close(self) -> None:
-        """Send what waits and close the transports."""
+        """Send all queued frames and close the transports."""
         self._worker.close()
         self._signing.store_exactly()
         self._context.flush_all()
@@ -236,14 +235,14 @@ class Endpoint:
         while self._receive_queue and searched < _BYTES_AT_ONCE and len(self._unread) < _FRAMES_AT_ONCE:
             piece = self._receive_queue.pop()
             self._search(*piece, now_s)
-            least = 0 if self._peers.has(*piece[:2]) else _STRANGER_BYTES
-            searched += max(least, min(len(piece[2]), _PIECE_BYTES))
+            new_peer = 0 if self._peers.has(*piece[:2]) else _STRANGER_BYTES
+            searched += max(new_peer, min(len(piece[2]), _PIECE_BYTES))
         for _ in range(min(_FRAMES_AT_ONCE, len(self._unread))):
             self._dispatch(*self._unread.popleft(), now_s)
 
     def _dispatch(self, peer: Peer, admitted: Admitted, now_s: float) -> None:
         frame, standing, verified = admitted
-        # With a key, a heartbeat that anybody may have sent is no sign of the owner's station.
+        # With a key, an unsigned heartbeat is no proof of the owner's station.
         if frame.number == _HEARTBEAT and not self._gate.knows(peer.transport.options, verified=verified):
             return
         message = self._context.codec.decode(frame.data)
@@ -252,7 +251,7 @@ class Endpoint:
         if self._from_self(message):
             self._duplicate_system_id.check(message, now_s)
             return
-        # A station that may not command cannot take the boat back: it does not keep STATION_SILENT off.
+        # A station that may not command cannot recover the boat: its heartbeat does not clear STATION_SILENT.
         if frame.number == _HEARTBEAT and standing is not Permission.COMMANDER:
             return
         if standing is Permission.COMMANDER or self._reads_only(frame.number, message):
@@ -261,19 +260,19 @@ class Endpoint:
             deny(self._context, peer, message, now_s)
 
     def _from_self(self, message: Message) -> bool:
-        """Return whether this bears our own ids: sent back by a loop in somebody's wiring, or another vehicle's."""
+        """Return whether a message has the boat's own ids: echoed by a loop, or of another vehicle."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         return sender == (self._context.system, self._context.component)
 
     def _note_ground_station(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Note a ground station that may command; a program with the boat's own system id is none."""
+        """Note a ground station that may command; a program with the boat's own system id is not one."""
         if message.type == _GROUND_STATION and message.get_srcSystem() != self._context.system:
             peer.ground_station_s = self._station_s = now_s
 
     # ------------------------------------------------------------------ out
 
     def greet(self, peer: Peer, now_s: float) -> None:
-        """Send one who has got a place a heartbeat, and what there is to know."""
+        """Send a new active peer a heartbeat, the start events and the recent warnings."""
         if peer.quiet:
             if self._context.high_latency:
                 peer.streams.set_high_latency(self._context.request_handler.parameters()["LNK_SAT_S"], now_s)
@@ -285,21 +284,21 @@ class Endpoint:
             self._context.send_text(peer, event.severity, event.text)
 
     def announce(self, peer: Peer) -> None:
-        """Queue what one who waits for a place gets now and then."""
+        """Queue the periodic messages to a pending peer."""
         self._context.introduce(peer)
         self.send_heartbeat(peer)
 
     def send_heartbeat(self, peer: Peer) -> None:
-        """Queue a heartbeat, and nothing else, to one without a place."""
+        """Queue a heartbeat, and nothing else."""
         self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
 
     def tell(self, text: str, now_s: float) -> None:
-        """Tell every station what was refused to somebody, not too often."""
+        """Report a rejected peer or an overload to every station, at a limited rate."""
         if self._notices.spend_one(now_s):
             self._context.send_text_all(Severity.NOTICE, text)
 
     def _report_changes(self, snapshot: Snapshot, now_s: float) -> None:
-        """Take the state after a tick, and make what has changed due at once."""
+        """Take the state after a tick, and make changed messages due at once."""
         before = self._context.snapshot
         self._context.refused_frames = self._peers.refused_frames() + self._peers.rejected + self._gate.refused_frames
         self._gate.mavlink1 = bool(self._context.request_handler.parameters()["LNK_MAVLINK1"])
@@ -315,31 +314,31 @@ class Endpoint:
 
 
 class Service(Protocol):
-    """What every service has."""
+    """A part of the link that handles messages."""
 
     def handlers(self) -> Mapping[int, Handler]:
-        """Return who handles a message, by its number."""
+        """Return the handler of each message, by its number."""
 
 
 class TickedService(Service, Protocol):
-    """A service that does something by itself."""
+    """A service with periodic work."""
 
     def update(self, now_s: float) -> None:
-        """Do what is due after a tick."""
+        """Do the work that is due after a tick."""
 
 
 class PumpedService(Service, Protocol):
-    """A service whose answers may be long."""
+    """A service with long transfers."""
 
     def pump(self, peer: Peer, now_s: float) -> None:
-        """Send a peer some more of what it is owed, as far as its line keeps up."""
+        """Send the next part of a transfer, as far as the line has room."""
 
 
 class Services:
-    """All services of one link; a new one is a line here."""
+    """All services of one link."""
 
     def __init__(self, context: LinkContext, key_setup: KeySetup, root: FileRoot, worker: Worker) -> None:
-        """Take what they answer through, what sets the key, what they show of the disk, and who waits for the disk."""
+        """Take the context, the service that sets the key, the visible files, and the worker for the disk."""
         commands = CommandServer(context, COMMANDS)
         parameters = ParameterServer(context)
         extended = ExtendedParameters(context, parameters)
@@ -362,27 +361,27 @@ class Services:
         )
         self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs, SatelliteReports(context))
         self._pumped: tuple[PumpedService, ...] = (parameters, extended, files, logs)
-        self._next_peer = 0  # whose long answer goes on next
-        self.pumping = False  # whether one did in the last call
+        self._next_peer = 0  # index of the peer whose transfer continues next
+        self.pumping = False  # whether a transfer continued in the last call
 
     def handlers(self) -> dict[int, Handler]:
-        """Return who handles which message, by its number."""
+        """Return the handler of each message, by its number."""
         handlers: dict[int, Handler] = {_DATA_STREAM: request_data_stream, RADIO_STATUS: note_radio_status}
         for service in self._all:
             handlers.update(service.handlers())
         return handlers
 
     def report_changes(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
-        """Report what a tick has changed and no table of telemetry has."""
+        """Report changes after a tick that are not in the telemetry table."""
         self._mission.report_progress(before, snapshot, now_s)
 
     def update(self, now_s: float) -> None:
-        """Have each service do what is due after a tick."""
+        """Update each service after a tick."""
         for service in self._ticked:
             service.update(now_s)
 
     def pump(self, peers: Iterable[Peer], now_s: float) -> None:
-        """Go on with a long answer to one peer; the others have their turns in the next calls."""
+        """Continue the transfers to one peer; the others have their turns in the next calls."""
         present = tuple(peers)
         self.pumping = False
         for number in range(len(present)):
@@ -398,21 +397,26 @@ class Services:
 
 
 class ReceiveQueue:
-    """Queues of pieces by correspondent, emptied in turn."""
+    """Received bytes by peer, a fair share each, taken in turn.
+
+    All senders share a datagram socket. It is read much faster than frames can be answered; bytes beyond the share of
+    their sender are dropped here, instead of those of others in the system's buffer. A stream is read only while none
+    of its bytes are queued here, so that its sender is held up instead.
+    """
 
     def __init__(self, is_peer: Callable[[int, Address], bool]) -> None:
-        """Take what tells whether somebody is a peer."""
+        """Take the function that identifies active peers."""
         self._is_peer = is_peer
         self._waiting: OrderedDict[Source, deque[tuple[int, Address, bytes]]] = OrderedDict()
         self._bytes: dict[Source, int] = {}
-        self.dropped = 0  # datagrams beyond somebody's share
+        self.dropped = 0  # datagrams beyond the share of their sender
 
     def __bool__(self) -> bool:
-        """Return whether something waits."""
+        """Return whether bytes are queued."""
         return bool(self._waiting)
 
     def holds(self, index: int) -> bool:
-        """Return whether something of a transport waits."""
+        """Return whether bytes of a transport are queued."""
         return any(source[0] == index for source in self._waiting)
 
     def offer(self, index: int, address: Address, data: bytes) -> None:
@@ -426,13 +430,13 @@ class ReceiveQueue:
         self._bytes[source] = held + len(data)
 
     def put_back(self, index: int, address: Address, data: bytes) -> None:
-        """Queue the rest of a piece of a known correspondent before all else of his."""
+        """Queue the rest of a piece before the other bytes of its peer."""
         source = (index, address)
         self._waiting.setdefault(source, deque()).appendleft((index, address, data))
         self._bytes[source] = self._bytes.get(source, 0) + len(data)
 
     def pop(self) -> tuple[int, Address, bytes]:
-        """Return the next piece, of another correspondent than the last one if there is one; KeyError of none."""
+        """Return the next piece, of another peer than the last one if possible; KeyError if there is none."""
         source, queue = self._waiting.popitem(last=False)
         piece = queue.popleft()
         if queue:

@@ -1,9 +1,8 @@
 """Log download and erasure: LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END, LOG_ERASE.
 
-The numbers are a ring, because ground stations do not agree where they begin: N logs are listed as 0 to N - 1, as
-MAVSDK wants it, and N is 0 again, the newest log; so 1 to N are all logs too, the oldest first, as QGroundControl wants
-it of ArduPilot (it asks for N when it has not come). A log that is compressed on disk is listed and sent as it was
-written: stations know no other.
+Log numbers form a ring, because ground stations do not agree on the first one: N logs are listed as 0 to N - 1, as
+MAVSDK expects, and N is again the newest log, 0. So 1 to N are all logs, the oldest first, as QGroundControl expects of
+ArduPilot. A log that is compressed on disk is listed and sent uncompressed.
 """
 
 from __future__ import annotations
@@ -30,15 +29,15 @@ _DATA = struct.Struct("<IHB")
 _ENTRY = struct.Struct("<IIHHH")
 _FRAME_BYTES = 12 + _DATA.size + _BLOCK
 _MAX_PEERS = 4  # served at the same time; each has a file open
-_SILENT_S = 10.0  # who says nothing for so long has gone, when another wants his place
-_MAX_RANGES = 64  # waiting for one peer: MAVProxy asks for twenty gaps at once
-_CHUNK_BYTES = 512 * _BLOCK  # MAVSDK and QGroundControl ask for so much at once
-_STREAM_BYTES = 256 * _BLOCK  # in a tick, to those that ask for all: a receive buffer of 208 KiB holds four ticks
+_SILENT_S = 10.0  # of silence: another peer may take over the download
+_MAX_RANGES = 64  # queued for one peer: MAVProxy requests twenty gaps at once
+_CHUNK_BYTES = 512 * _BLOCK  # in one request of MAVSDK and QGroundControl
+_STREAM_BYTES = 256 * _BLOCK  # in a tick, for requests of a whole log: a receive buffer of 208 KiB holds four ticks
 _MAX_LOGS = 0xFFFF
 
 
 class LogFile(NamedTuple):
-    """One log as it was when it was listed."""
+    """One log at the time of its listing."""
 
     path: Path
     size: int
@@ -46,9 +45,9 @@ class LogFile(NamedTuple):
 
 
 class _Range(NamedTuple):
-    """A piece of a log that is asked for; an open end is asked for with a number too large.
+    """A requested part of a log; its end may be beyond the log.
 
-    It holds the log itself: the list may be another one, or empty, before the piece has been sent.
+    It refers to the log itself, since the list may change before the part is sent.
     """
 
     number: int
@@ -58,7 +57,7 @@ class _Range(NamedTuple):
 
 
 class _Download:
-    """What one peer is sent: entries of the list, then ranges of one log."""
+    """The download of one peer: entries of the list, then ranges of one log."""
 
     def __init__(self) -> None:
         self.entries: Iterator[Packed] | None = None
@@ -69,7 +68,7 @@ class _Download:
         self.granted_bytes = _STREAM_BYTES  # of ranges that are longer than a chunk, in this tick
 
     def read(self, log: LogFile, offset: int, count: int) -> bytes:
-        """Return what a log holds there; OSError when it cannot be read."""
+        """Return bytes of a log; OSError if it cannot be read."""
         if self.file is None or self.open_log != log:
             self.close()
             self.file = open_log(log.path)
@@ -77,19 +76,19 @@ class _Download:
         return self.file.read(offset, count)
 
     def close(self) -> None:
-        """Give up the file."""
+        """Close the file."""
         if self.file is not None:
             self.file.close()
         self.file = self.open_log = None
 
 
 class LogServer:
-    """Lists, sends and erases what `catalogue` finds: paths by number, the newest has the highest."""
+    """Lists, sends and erases the logs of `catalogue`: paths by number, the newest has the highest."""
 
     def __init__(
         self, context: LinkContext, catalogue: Callable[[], Mapping[int, Path]], worker: Worker, *, logging: bool
     ) -> None:
-        """Take the context to answer through; with `logging` the newest log is being written and never erased."""
+        """Take context, logs and worker; with `logging` the newest log is being written and never erased."""
         self._context = context
         self._catalogue = catalogue
         self._worker = worker
@@ -100,7 +99,7 @@ class LogServer:
         """Return the messages handled here."""
         return {117: self._list, 119: self._data, 121: self._erase, 122: self._end}
 
-    # ------------------------------------------------------------------ asked
+    # ------------------------------------------------------------------ requests
 
     def _list(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         start, end = message.start, message.end
@@ -118,12 +117,12 @@ class LogServer:
         download = self._download(peer)
         if download is None:
             self._context.send_text_limited(
-                peer, Severity.WARNING, "Log download: others are being served, try again", now_s
+                peer, Severity.WARNING, "Log download refused: server busy, try again", now_s
             )
         elif download.logs:
             self._queue_range(peer, download, message, now_s)
         else:
-            # A station that remembers the list of an earlier connection.
+            # A station that uses the list of an earlier connection.
             def keep(logs: tuple[LogFile, ...] | Exception) -> None:
                 download.logs = logs if isinstance(logs, tuple) else ()
                 self._queue_range(peer, download, message, self._context.now_s)
@@ -140,7 +139,7 @@ class LogServer:
         if download.ranges and download.ranges[0][:2] != span[:2]:
             download.ranges.clear()
         if any(queued.start <= span.start and span.end <= queued.end for queued in download.ranges):
-            return  # on its way
+            return  # already queued
         if len(download.ranges) < _MAX_RANGES:
             download.ranges.append(span)
 
@@ -153,7 +152,7 @@ class LogServer:
     def _erase(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
         snapshot = self._context.snapshot
         if snapshot is None or snapshot.armed:
-            self._context.send_text_limited(peer, Severity.WARNING, "Logs are erased only while she is disarmed", now_s)
+            self._context.send_text_limited(peer, Severity.WARNING, "Log erase refused: armed, disarm first", now_s)
             return
         for download in self._downloads.values():
             download.ranges.clear()
@@ -173,13 +172,13 @@ class LogServer:
     # ------------------------------------------------------------------ on the worker's thread
 
     def _find_logs(self) -> tuple[LogFile, ...]:
-        """Return the logs, the newest first and then from the oldest on, as the ring of numbers has it."""
+        """Return the logs by number of the ring: the newest, then the others from the oldest on."""
         logs = []
         for _, path in sorted(self._catalogue().items())[-_MAX_LOGS + 1 :]:
             try:
                 size, modified_s = _size_and_time(path)
             except OSError:
-                continue  # removed meanwhile to make room, or compressed and damaged since
+                continue  # removed or damaged meanwhile
             logs.append(LogFile(path, min(size, 0xFFFFFFFF), max(0, int(modified_s)) & 0xFFFFFFFF))
         return (*logs[-1:], *logs[:-1])
 
@@ -187,11 +186,11 @@ class LogServer:
         logs = sorted(self._catalogue().items())
         erased = logs[:-1] if self._logging else logs
         for _, path in erased:
-            for name in {path, packed_path(path)}:  # which may just have taken its place
+            for name in {path, packed_path(path)}:  # it may have been compressed just now
                 name.unlink(missing_ok=True)
         return len(erased)
 
-    # ------------------------------------------------------------------ sent
+    # ------------------------------------------------------------------ replies
 
     def _download(self, peer: Peer) -> _Download | None:
         download = self._downloads.get(peer)
@@ -203,7 +202,7 @@ class LogServer:
         return download
 
     def _make_room(self, now_s: float) -> None:
-        """Make room: those that have gone, and then those that want nothing now or are silent in the midst of it."""
+        """Remove downloads of peers that are gone; if there are too many, idle and silent ones, too."""
         present = set(self._context.all_peers())
         for peer, download in tuple(self._downloads.items()):
             idle = not download.ranges and download.entries is None
@@ -217,7 +216,7 @@ class LogServer:
         if not count:
             yield self._context.codec.pack_payload(_LOG_ENTRY, bytes(_ENTRY.size))
             return
-        # The whole ring without its second name for the newest, or what is asked for by number.
+        # The whole ring without the second number of the newest, or the requested numbers.
         last = min(end, count if start > 0 or end <= count else count - 1)
         for number in range(start, last + 1):
             log = logs[number % count]
@@ -225,12 +224,12 @@ class LogServer:
             yield self._context.codec.pack_payload(_LOG_ENTRY, payload)
 
     def update(self, now_s: float) -> None:  # noqa: ARG002 - a service like the others
-        """Let the downloads go on that do not ask piece by piece."""
+        """Grant downloads of whole logs their bytes of this tick."""
         for download in self._downloads.values():
             download.granted_bytes = _STREAM_BYTES
 
     def pump(self, peer: Peer, now_s: float) -> None:
-        """Go on with what a peer has asked for, as far as its line keeps up."""
+        """Continue the download of a peer, as far as its line has room."""
         download = self._downloads.get(peer)
         if download is None or not (download.ranges or download.entries):
             return
@@ -256,10 +255,10 @@ class LogServer:
             peer.bulk.mark_unfinished()
 
     def _send_range(self, peer: Peer, download: _Download, frames: int) -> int:
-        """Queue blocks of the first range; return how many."""
+        """Queue blocks of the first range; return their number."""
         number, log, start, end = download.ranges[0]
         if end - start > _CHUNK_BYTES and peer.transport.datagrams:
-            # Nobody says how much of such a stream arrives: more at once would be lost on a slow reader.
+            # The station does not acknowledge such a stream: more at once would be lost on a slow reader.
             frames = min(frames, download.granted_bytes // _BLOCK)
             download.granted_bytes -= frames * _BLOCK
             if frames <= 0:
@@ -280,7 +279,7 @@ class LogServer:
             download.ranges[0] = _Range(number, log, start, end)
             return sent
         if not sent:
-            # Only to who asks beyond the end: MAVProxy takes an empty block for the end, whatever was lost before.
+            # Only for a request beyond the end: MAVProxy takes an empty block for the end, whatever was lost before.
             push(pack(_LOG_DATA, _DATA.pack(start, number, 0)), Priority.REPLY)
             sent = 1
         download.ranges.popleft()
@@ -288,6 +287,6 @@ class LogServer:
 
 
 def _size_and_time(path: Path) -> tuple[int, float]:
-    """Return the size of a log as it was written, and when it was; OSError."""
+    """Return uncompressed size and time of a log; OSError."""
     with contextlib.closing(open_log(path)) as file:
         return file.size, file.modified_s

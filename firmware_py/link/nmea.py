@@ -1,4 +1,7 @@
-"""An output of NMEA 0183 for plotters, loggers and other instruments."""
+"""Output of NMEA 0183 for plotters, loggers and other instruments: `nmea:udpout:HOST:PORT?sentences=HDT,RMC&rate=2`.
+
+Source: E. S. Raymond, "NMEA Revealed". A field without a value is empty, and so is one whose value is not fresh.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ _SLOWEST_HZ, _FASTEST_HZ = 0.01, 10.0
 
 
 class NmeaData(msgspec.Struct, frozen=True):
-    """The boat after a tick, the time, and the declination in force (east positive)."""
+    """The snapshot after a tick, the time, and the declination in force (east positive)."""
 
     snapshot: Snapshot
     utc_s: float
@@ -39,7 +42,7 @@ class NmeaData(msgspec.Struct, frozen=True):
 
     @property
     def fix(self) -> PositionSample | None:
-        """Return the position while it is fresh and one."""
+        """Return the position while it is fresh and complete."""
         fix = self.snapshot.position
         usable = self.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
         return fix if usable else None
@@ -54,7 +57,7 @@ class NmeaData(msgspec.Struct, frozen=True):
         return None if true_rad is None else true_rad - self.declination_rad
 
 
-Fields = Sequence[str] | None  # None: nothing to say
+Fields = Sequence[str] | None  # None: no sentence
 
 
 def sentence(talker: str, name: str, fields: Sequence[str]) -> bytes:
@@ -100,7 +103,7 @@ def _degrees_minutes(angle_rad: float, width: int, sides: str) -> tuple[str, str
 
 
 def _time_and_date(scene: NmeaData) -> tuple[str, str]:
-    """Return the receiver's time, or else the computer's if it can be right."""
+    """Return the receiver's time, otherwise the computer's if it is plausible."""
     fix = scene.fix
     utc_s = fix.utc_s if fix is not None and fix.utc_s is not None else scene.utc_s
     if not is_possible(utc_s):
@@ -150,12 +153,12 @@ def _gga(scene: NmeaData) -> Fields:
 
 def _rsa(scene: NmeaData) -> Fields:
     angle_rad = scene.snapshot.rudder_rad if scene.snapshot.rudder_ok else None
-    # Positive turns her to starboard, in both ways of counting. She has one rudder.
+    # Positive turns the boat to starboard, here as in NMEA. There is one rudder.
     return ("", "V", "", "V") if angle_rad is None else (_number(degrees(angle_rad)), "A", "", "V")
 
 
 def _off_track(scene: NmeaData) -> tuple[str, str, str] | None:
-    """Return how far off the line she is and to which side to steer, None without a line."""
+    """Return the distance from the line and the side to steer to; None without a line."""
     navigation = scene.snapshot.navigation
     if navigation.activity is not Activity.LINE or navigation.cross_track_m is None:
         return None
@@ -180,7 +183,7 @@ def _apb(scene: NmeaData) -> Fields:
 
 
 def _line_rad(snapshot: Snapshot) -> float | None:
-    """Return the direction of the line to the place: from there she is off by the cross-track distance."""
+    """Return the direction of the line to the waypoint."""
     bearing_rad, distance_m, off_m = snapshot.bearing_rad, snapshot.distance_m, snapshot.navigation.cross_track_m
     if bearing_rad is None or distance_m is None or off_m is None or abs(off_m) >= distance_m:
         return None
@@ -212,9 +215,9 @@ TABLE: Mapping[str, tuple[str, Callable[[NmeaData], Fields]]] = {
 
 
 def sentences(scene: NmeaData, names: Sequence[str]) -> list[bytes]:
-    """Return the sentences of a scene that have something to say, in the order of the names."""
-    said = ((talker, name, build(scene)) for name in names for talker, build in (TABLE[name],))
-    return [sentence(talker, name, fields) for talker, name, fields in said if fields is not None]
+    """Return the sentences that have a value, in the order of the names."""
+    built = ((talker, name, build(scene)) for name in names for talker, build in (TABLE[name],))
+    return [sentence(talker, name, fields) for talker, name, fields in built if fields is not None]
 
 
 class NmeaOptions(msgspec.Struct, frozen=True):
@@ -225,16 +228,16 @@ class NmeaOptions(msgspec.Struct, frozen=True):
 
 
 class NmeaOutput:
-    """Says the sentences to whoever listens; what listeners say is read and forgotten."""
+    """Sends the sentences to all listeners; received bytes are dropped."""
 
     def __init__(self, name: str, transport: Transport, options: NmeaOptions) -> None:
-        """Take the way out."""
+        """Take the transport."""
         self._name, self._transport, self._options = name, transport, options
         self._due_s = 0.0
         self._sent_bytes = self._dropped = 0
 
     def publish(self, scene: Callable[[], NmeaData], now_s: float) -> None:
-        """Say what is due; at most once in a call, and late ones are left out."""
+        """Send the sentences if they are due; missed intervals are skipped."""
         if now_s < self._due_s:
             return
         period_s = 1.0 / self._options.rate_hz
@@ -246,18 +249,18 @@ class NmeaOutput:
         listeners = (*transport.addresses(), *transport.connections())
         if not listeners:
             return
-        said = b"".join(sentences(scene(), self._options.sentences))
+        data = b"".join(sentences(scene(), self._options.sentences))
         for address in listeners:
-            if not said:
+            if not data:
                 continue
-            if transport.send(address, said):
-                self._sent_bytes += len(said)
+            if transport.send(address, data):
+                self._sent_bytes += len(data)
             else:
                 self._dropped += 1
 
     def status(self, _now_s: float) -> LinkStatus:
-        """Return how much was said, and how often a listener had no room for it."""
-        said = PeerStatus(
+        """Return the sent bytes, and the number of dropped messages."""
+        listeners = PeerStatus(
             address=f"{len(self._transport.addresses()) + len(self._transport.connections())} listening",
             ground_station=False,
             has_place=True,
@@ -267,10 +270,10 @@ class NmeaOutput:
             dropped=self._dropped,
             rejected=0,
         )
-        return LinkStatus(self._name, "NMEA 0183", (said,), blocked_reason=self._transport.blocked_reason)
+        return LinkStatus(self._name, "NMEA 0183", (listeners,), blocked_reason=self._transport.blocked_reason)
 
     def close(self) -> None:
-        """Close the way out."""
+        """Close the transport."""
         self._transport.close()
 
 

@@ -1,4 +1,13 @@
-"""Peers."""
+"""Peers of the link: identity of stations, capacity of links, paths and duplicate frames, duplicate system ids.
+
+A peer is one address on one transport. It is pending until it has proven that it receives what is sent to it, then
+active. A station may use several peers: a router sends each frame over all links that lead to the boat, and a NAT
+changes the port of a station in the middle of a transfer. `PeerPaths` finds that two paths belong to one station, so
+that a service continues on one path what began on the other, and a frame counts once.
+
+Only ids and frame counters identify a station, and two stations may have the same ids. Two paths belong to one station
+after several frames that are identical to the byte, and to two stations after two different frames with one number.
+"""
 
 from __future__ import annotations
 
@@ -20,37 +29,37 @@ from firmware_py.link.wire.outbox import BulkShare, Outbox, Priority, RadioPace,
 from firmware_py.link.wire.transport import Address, Satellite, Transport, usual_class
 from firmware_py.link.wire.urls import LinkClass
 
-DUPLICATE_S = 10.0  # a frame that comes by another way does so within this
-MIN_IDENTICAL_FRAMES = 3  # so many frames alike make two ways one station's
-SPLIT_PENALTY_FRAMES = 10  # and so many more where they were found to be two's
-MOVE_TIMEOUT_S = 10.0  # a station that comes by another port goes on within this
-MAX_LOST_FRAMES = 16  # its frames that may be lost meanwhile
+DUPLICATE_S = 10.0  # maximum delay of a frame on its second path
+MIN_IDENTICAL_FRAMES = 3  # before two paths are taken for one station's
+SPLIT_PENALTY_FRAMES = 10  # additional ones after the paths were found to be those of two stations
+MOVE_TIMEOUT_S = 10.0  # maximum silence of a station that changes its port
+MAX_LOST_FRAMES = 16  # meanwhile
 _SENDERS = 8
 _NUMBERS = 256
 _MAVLINK2 = 0xFD
 
-# What goes to who may not be where he says he is, in bytes for each that came from there: whoever forges an address
-# draws less than ten times of what he spends.
+# Bytes that may be sent to an unproven address for each byte received from it: a forged address draws less than ten
+# times the bytes that were spent on it.
 _CREDIT = 8
-HEARTBEAT_GAP_S = 3.0  # stations send a heartbeat each second
-DENIALS = 20  # answered at once to who has no right to what he asks
-DENIALS_HZ = 5.0  # and in the long run
+HEARTBEAT_GAP_S = 3.0  # stations send a heartbeat every second
+DENIALS = 20  # replies to refused requests in a burst
+DENIALS_HZ = 5.0  # and on average
 
 Sender = tuple[int, int]  # MAVLink system and component
 
-MAX_ACTIVE_PEERS = 8  # on one link, beside those whom the vehicle file names
-MAX_UNKNOWN_PEERS = 4  # of them, once there is a key to tell strangers by
-QUIET_S = 10.0  # one who is silent for this long makes room for a new one
-MAX_PENDING_PEERS = 16  # who have not shown yet that they are there; not counted among the places
+MAX_ACTIVE_PEERS = 8  # on one link, beside those that the vehicle file names
+MAX_UNKNOWN_PEERS = 4  # of them, if a signing key is set
+QUIET_S = 10.0  # a peer that is silent for longer may be evicted
+MAX_PENDING_PEERS = 16  # in addition
 
-UNPROVEN_AFTER_S = 10.0  # a datagram peer silent for this long has to prove anew that it is there, unless it signs
-FORGET_S = 300.0  # and whoever is silent for this long loses his place
-HEARTBEAT_S = 1.0  # between heartbeats to one who waits
-BLOCKED_REPORT_S = 10.0  # a link by which nothing has left for this long is told to whom there are others to
-LATE_HEARTBEATS = 4  # signed heartbeats at once to strangers whose timestamps are behind
-LATE_HEARTBEATS_HZ = 1.0  # and in the long run
+UNPROVEN_AFTER_S = 10.0  # of silence: a datagram peer must prove its address again, unless it signs
+FORGET_S = 300.0  # of silence: the peer is removed
+HEARTBEAT_S = 1.0  # between heartbeats to a pending peer
+BLOCKED_REPORT_S = 10.0  # a link that is blocked for longer is reported over the other links
+LATE_HEARTBEATS = 4  # signed heartbeats in a burst to unknown senders with old timestamps
+LATE_HEARTBEATS_HZ = 1.0  # and on average
 
-Key: TypeAlias = tuple[int, Address]  # index of the transport, and who
+Key: TypeAlias = tuple[int, Address]  # index of the transport, address on it
 
 _HEARTBEAT, _SYSTEM_TIME = 0, 2
 _FOREIGN_FRAMES = 5  # in a row, before a duplicate system id is reported
@@ -59,24 +68,24 @@ _ECHO_S = 60.0  # maximum age of an own frame that a loop sends back
 _DUPLICATE_REPORT_S = 600.0
 
 
-class Way:
-    """One way to the boat, and the station that comes by it; `place` is the transport and the computer it is of."""
+class PeerPath:
+    """One path to the boat, and the station at its end; `origin` is the transport and the station's computer."""
 
-    __slots__ = ("alike", "heard_s", "place", "since_s", "station")
+    __slots__ = ("heard_s", "identical_frames", "origin", "since_s", "station")
 
-    def __init__(self, place: object, now_s: float) -> None:
-        """Begin as the way of a station of its own."""
-        self.place = place
+    def __init__(self, origin: object, now_s: float) -> None:
+        """Start as the path of a new station."""
+        self.origin = origin
         self.since_s = self.heard_s = now_s
         self.station = object()
-        self.alike = 0  # frames that another station was heard to send, too
+        self.identical_frames = 0  # to those of another path
 
 
-class _Heard(NamedTuple):
-    """A frame as it came first."""
+class _FirstCopy(NamedTuple):
+    """The first copy of a frame."""
 
     mark: int
-    way: Way
+    path: PeerPath
     t_s: float
     order: int  # among its sender's frames
 
@@ -87,57 +96,57 @@ class _Sender:
     __slots__ = ("by_number", "count", "last_number")
 
     def __init__(self) -> None:
-        self.by_number: dict[int, _Heard] = {}
+        self.by_number: dict[int, _FirstCopy] = {}
         self.count = 0
         self.last_number = 0
 
 
 class PeerPaths:
-    """The latest frames of the latest few senders, and by which way each came first; bounded."""
+    """The latest frames of the latest senders, and the path on which each came first; bounded."""
 
     def __init__(self) -> None:
-        """Start with nothing heard."""
+        """Start without frames."""
         self._senders: OrderedDict[Sender, _Sender] = OrderedDict()
 
-    def is_duplicate(self, way: Way, frame: bytes, now_s: float) -> bool:
-        """Return whether a frame has come already by another way of its station; learn whose way this is.
+    def is_duplicate(self, path: PeerPath, frame: bytes, now_s: float) -> bool:
+        """Return whether a frame has come already on another path of its station; learn whose path this is.
 
-        What comes twice by one way is not judged: each service knows what to do with it.
+        A frame that comes twice on one path is left to the services.
         """
         sender, number = _address(frame)
         known = self._senders.get(sender)
         before = None if known is None else known.by_number.get(number)
-        way.heard_s = now_s
-        if before is None or before.way is way or now_s - before.t_s > DUPLICATE_S or before.mark != hash(frame):
+        path.heard_s = now_s
+        if before is None or before.path is path or now_s - before.t_s > DUPLICATE_S or before.mark != hash(frame):
             return False
-        if before.way.station is way.station:
+        if before.path.station is path.station:
             return True
-        # A program that was started again says what it said before, but not by two ways at once.
-        if before.way.heard_s > way.since_s:
-            way.alike += 1
-            if way.alike >= MIN_IDENTICAL_FRAMES:
-                way.station = before.way.station
+        # A program that was restarted repeats its frames, but not on two paths at once.
+        if before.path.heard_s > path.since_s:
+            path.identical_frames += 1
+            if path.identical_frames >= MIN_IDENTICAL_FRAMES:
+                path.station = before.path.station
         return False
 
-    def note(self, way: Way, frame: bytes, now_s: float) -> None:
-        """Note a frame that was heard; a number that another frame of the same station bears parts the two ways."""
+    def note(self, path: PeerPath, frame: bytes, now_s: float) -> None:
+        """Store a frame. If the same station has sent another frame with its number, the two paths are separated."""
         sender, number = _address(frame)
         known = self._senders.get(sender) or _Sender()
         mark, before = hash(frame), known.by_number.get(number)
-        if before is not None and before.way is not way and now_s - before.t_s <= DUPLICATE_S:
+        if before is not None and before.path is not path and now_s - before.t_s <= DUPLICATE_S:
             if before.mark == mark:
-                return  # it stays the other way's, which is not known to be the same station's yet
-            if before.way.station is way.station and known.count - before.order < _NUMBERS // 2:
-                way.station, way.alike = object(), -SPLIT_PENALTY_FRAMES
+                return  # it belongs to the other path, which is not known to be the same station's yet
+            if before.path.station is path.station and known.count - before.order < _NUMBERS // 2:
+                path.station, path.identical_frames = object(), -SPLIT_PENALTY_FRAMES
         known.count += 1
         known.last_number = number
-        known.by_number[number] = _Heard(mark, way, now_s, known.count)
+        known.by_number[number] = _FirstCopy(mark, path, now_s, known.count)
         keep_latest(self._senders, sender, known, _SENDERS)
 
-    def follow(self, way: Way, frame: bytes, now_s: float, *, verified: bool) -> None:
-        """Take a new way for that of a station whose frames it goes on with: from the same computer, or signed.
+    def follow(self, path: PeerPath, frame: bytes, now_s: float, *, verified: bool) -> None:
+        """Assign a new path to the station whose frame numbers it continues, from the same computer or signed.
 
-        Who begins with 0 is a program that was started just now, such as a script beside the station.
+        Number 0 is that of a program that was started just now, such as a script beside the station.
         """
         sender, number = _address(frame)
         known = self._senders.get(sender)
@@ -145,22 +154,22 @@ class PeerPaths:
             return
         last = known.by_number[known.last_number]
         goes_on = 1 <= (number - known.last_number) % _NUMBERS <= MAX_LOST_FRAMES
-        if goes_on and (verified or last.way.place == way.place) and now_s - last.t_s <= MOVE_TIMEOUT_S:
-            way.station = last.way.station
+        if goes_on and (verified or last.path.origin == path.origin) and now_s - last.t_s <= MOVE_TIMEOUT_S:
+            path.station = last.path.station
 
 
 def _address(frame: bytes) -> tuple[Sender, int]:
-    """Return who sent a frame, and its number."""
+    """Return the sender and the number of a frame."""
     if frame[0] == _MAVLINK2:
         return (frame[5], frame[6]), frame[4]
     return (frame[3], frame[4]), frame[2]
 
 
 class Peer:
-    """A correspondent: the parser of its bytes, the queue to it, the rates it has asked for.
+    """A peer: the parser of its bytes, the queue to it, the rates that it has requested.
 
-    One is proven when what is sent to its address is known to arrive: it was answered, and then spoke again, or its
-    frames are signed. Until then it gets a few times the bytes that came from there and no more.
+    It is proven when frames that are sent to its address are known to arrive: it has sent again after a reply, or its
+    frames are signed. Until then it gets at most a few times the bytes that came from its address.
     """
 
     __slots__ = (
@@ -181,21 +190,21 @@ class Peer:
         "outbox",
         "parameter_list_row",
         "parameter_rows_due",
+        "path",
         "rest_follows",
         "splitter",
         "streams",
         "transport",
         "verified",
         "version_reported",
-        "way",
     )
 
     def __init__(self, transport: Transport, address: Address, sealer: Sealer, now_s: float) -> None:
-        """Start with nothing heard and the rates of the transport's class."""
+        """Start with the rates of the transport's class."""
         self.transport = transport
         self.address = address
         datagrams = transport.datagrams
-        self.way = Way((transport, transport.host(address)) if datagrams else (transport, address), now_s)
+        self.path = PeerPath((transport, transport.host(address)) if datagrams else (transport, address), now_s)
         self.splitter = Splitter(transport.byte_rate)
         self.outbox = Outbox(lambda data: transport.send(address, data), transport.byte_rate, sealer)
         self.link_class = usual_class(transport)
@@ -203,34 +212,34 @@ class Peer:
         self.notices = TextLimiter()
         self.denial_tokens = TokenBucket(DENIALS, DENIALS_HZ)
         self.parameter_list_row: int | None = None  # the next row of the parameter list it gets
-        self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table that it is owed, in order
-        self.extended_rows_due: dict[int, None] = {}  # and those by PARAM_EXT
+        self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table to be sent, in order
+        self.extended_rows_due: dict[int, None] = {}  # and those to be sent as PARAM_EXT
         self.bulk = BulkShare(transport.byte_rate)
         self._radio_pace = RadioPace(transport.byte_rate)
         self._version = VersionDetector()
-        self.last_frame_s = now_s  # a valid frame came from it, or it was taken up
+        self.last_frame_s = now_s  # time of the latest valid frame, or of the start
         self.heard_s: float | None = None  # its latest valid frame
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
-        self.heartbeat_s = -math.inf  # it was sent one while it had no place
-        self.introduced = False  # it was sent what must come before the heartbeat of an armed boat
-        self.version_reported = False  # that it is answered in MAVLink 1
-        self.rest_follows = False  # the next bytes are of a datagram of which a part was looked at
+        self.heartbeat_s = -math.inf  # of the latest one that was sent while it was pending
+        self.introduced = False  # the arming checks were sent before the first heartbeat
+        self.version_reported = False  # the notice that it is answered in MAVLink 1 was sent
+        self.rest_follows = False  # the rest of the datagram is still in the receive queue
         self.verified = False  # it has signed a frame with the boat's key
-        self._unanswered_bytes = 0  # sent to it when it was doubted
+        self._unanswered_bytes = 0  # sent before it became unproven
 
     @property
     def quiet(self) -> bool:
-        """Whether it gets only what it has asked for: a satellite's bytes are paid for one by one."""
+        """Whether it gets only what it has requested: every byte over a satellite is paid for."""
         return self.link_class is LinkClass.SATELLITE or self.by_message
 
     @property
     def by_message(self) -> bool:
-        """Whether reports and warnings go there unasked, and each is paid for."""
+        """Whether it gets reports and warnings as single messages, each of which is paid for."""
         return self.link_class is LinkClass.MESSAGES
 
     @property
     def routes(self) -> bool:
-        """Whether what others say to one another passes over its link."""
+        """Whether messages between other systems are routed over its link."""
         route = self.transport.options.route
         if self.link_class is LinkClass.MESSAGES:
             return False
@@ -238,17 +247,17 @@ class Peer:
 
     @property
     def proven(self) -> bool:
-        """Whether what is sent to its address is known to arrive there."""
+        """Whether frames that are sent to its address are known to arrive."""
         return self.outbox.credit_bytes is None
 
     def take_over(self, other: Peer) -> None:
-        """Take the place of one that its station has left: what it has asked for is sent here from now on."""
+        """Replace another peer of the same station: its requests are served here from now on."""
         self.streams, self.introduced, self.ground_station_s = other.streams, other.introduced, other.ground_station_s
         self.parameter_list_row = other.parameter_list_row
         self.parameter_rows_due, self.extended_rows_due = other.parameter_rows_due, other.extended_rows_due
 
     def status(self, now_s: float, *, has_place: bool) -> PeerStatus:
-        """Return how the correspondence with it fares."""
+        """Return the status of the peer for reports."""
         host = self.transport.host(self.address)
         where = ":".join(map(str, self.address)) if isinstance(self.address, tuple) else str(host)
         return PeerStatus(
@@ -263,22 +272,22 @@ class Peer:
         )
 
     def bulk_frames(self, frame_bytes: int, now_s: float) -> int:
-        """Return how many frames of a long transfer may be queued now; none to one who may be elsewhere."""
+        """Return the number of frames of a long transfer that may be queued now; 0 for an unproven peer."""
         return self.bulk.frames(frame_bytes, self.outbox.waiting(Priority.REPLY), now_s) if self.proven else 0
 
     def update_version(self, frames: Iterable[Frame], now_s: float) -> None:
-        """Answer in MAVLink 1 who goes on in it though she was there to be heard; by satellite nobody can tell."""
+        """Answer in MAVLink 1 if the peer continues to use it; not by satellite, where the cause is not known."""
         if self.outbox.sent_bytes and not self.quiet:
             self._version.hear(frames, now_s)
             self.outbox.mavlink1_only = self._version.version1_only
 
     def keep_pace(self, free_percent: int, now_s: float) -> None:
-        """Take how much of its buffer a modem in the line has free."""
+        """Adapt the rate to the free buffer of a modem in the line."""
         self._radio_pace.hear(free_percent, now_s)
         self._pace(now_s)
 
     def forget_silent_radio(self, now_s: float) -> None:
-        """Send as fast as the line carries again where there is no modem any more."""
+        """Return to the full rate of the line if its modem reports no more."""
         if self._radio_pace.forget(now_s):
             self._pace(now_s)
 
@@ -287,16 +296,16 @@ class Peer:
         self.bulk.pace(self._radio_pace.share, now_s)
 
     def may_need_introduction(self, now_s: float) -> bool:
-        """Whether the next heartbeat may be the first one that somebody there sees."""
+        """Whether the next heartbeat may be the first one that a program there receives."""
         return not self.introduced or self.heard_s is None or now_s - self.heard_s > HEARTBEAT_GAP_S
 
     def mark_unproven(self) -> None:
-        """Take it for one who may not be where he says he is."""
+        """Limit what is sent until the address is proven again."""
         self.outbox.credit_bytes = 0
         self._unanswered_bytes = self.outbox.sent_bytes
 
     def hear(self, count_bytes: int, now_s: float) -> bool:
-        """Note that frames came from it, in so many bytes; return whether that proves it."""
+        """Note the reception of frames with this number of bytes; return whether the peer is proven."""
         self.heard_s = self.last_frame_s = now_s
         if self.outbox.credit_bytes is None:
             return True
@@ -308,18 +317,18 @@ class Peer:
 
 
 class Station:
-    """A station and the way by which it was heard; equal are those of one station, by whatever way.
+    """A station and the peer through which it is answered; equal for one station on all of its paths.
 
-    Its numbers alone do not tell a station, since 255 and 190 are everybody's: `ways` says which ways are one's.
+    The ids alone do not identify a station, since most use 255 and 190.
     """
 
     __slots__ = ("_key", "peer", "sender")
 
     def __init__(self, peer: Peer, sender: Sender) -> None:
-        """Take the way, and the numbers."""
+        """Take the peer and the MAVLink ids."""
         self.peer = peer
         self.sender = sender
-        self._key = (peer.way.station, sender)
+        self._key = (peer.path.station, sender)
 
     def __eq__(self, other: object) -> bool:
         """Compare the stations."""
@@ -331,145 +340,145 @@ class Station:
 
 
 def sender_of(message: Message) -> Sender:
-    """Return who sent a message."""
+    """Return system and component of the sender of a message."""
     return message.get_srcSystem(), message.get_srcComponent()
 
 
 def station_of(peer: Peer, message: Message) -> Station:
-    """Return who sent a message, and by which way."""
+    """Return the station that sent a message, with the peer through which it came."""
     return Station(peer, sender_of(message))
 
 
 class Contender(NamedTuple):
-    """One who has, or wants, a place."""
+    """An active or pending peer in the competition for capacity."""
 
-    key: tuple[int, Hashable]  # index of the transport, and who
-    host: Hashable  # the computer it comes from
-    known: bool  # the owner's, as far as can be told
+    key: tuple[int, Hashable]  # index of the transport, address on it
+    host: Hashable  # its computer
+    known: bool  # it belongs to the owner, as far as that can be verified
     heard_s: float
 
 
-def select_evictions(newcomer: Contender, connections: Sequence[Contender], now_s: float) -> Sequence[Contender] | None:
-    """Return who has to leave for a newcomer: nobody while there is room; None when there is none for him.
+def select_evictions(newcomer: Contender, contenders: Sequence[Contender], now_s: float) -> Sequence[Contender] | None:
+    """Return the peers to evict for a newcomer: none while there is capacity; None if the newcomer is rejected.
 
-    One of the owner's takes a stranger's place, a stranger never one of the owner's. Among equals the silent one
-    leaves, or one of the address that has more places than the newcomer's would.
+    A known peer evicts an unknown one, never the reverse. Among equals a silent one is evicted, or one of the host that
+    has more peers than the newcomer's host would have.
     """
-    strangers = [guest for guest in connections if not guest.known]
-    if len(connections) < MAX_ACTIVE_PEERS and (newcomer.known or len(strangers) < MAX_UNKNOWN_PEERS):
+    unknown = [contender for contender in contenders if not contender.known]
+    if len(contenders) < MAX_ACTIVE_PEERS and (newcomer.known or len(unknown) < MAX_UNKNOWN_PEERS):
         return ()
-    if newcomer.known and strangers:
-        return (_select_longest_silent(strangers),)
-    rivals = connections if newcomer.known else strangers
+    if newcomer.known and unknown:
+        return (_select_longest_silent(unknown),)
+    rivals = contenders if newcomer.known else unknown
     if not rivals:
         return None
-    silent = min(rivals, key=lambda guest: guest.heard_s)
+    silent = min(rivals, key=lambda contender: contender.heard_s)
     if now_s - silent.heard_s > QUIET_S:
         return (silent,)
-    places = Counter(guest.host for guest in rivals)
+    peers_of_host = Counter(contender.host for contender in rivals)
     candidate = _select_longest_silent(rivals)
-    return (candidate,) if places[candidate.host] > places[newcomer.host] + 1 else None
+    return (candidate,) if peers_of_host[candidate.host] > peers_of_host[newcomer.host] + 1 else None
 
 
-def select_pending_evictions(waiting: Sequence[Contender]) -> Sequence[Contender]:
-    """Return who has to leave when too many wait: of the address with the most, who has waited longest."""
-    return (_select_longest_silent(waiting),) if len(waiting) > MAX_PENDING_PEERS else ()
+def select_pending_evictions(pending: Sequence[Contender]) -> Sequence[Contender]:
+    """Return the pending peers to evict if there are too many: the oldest of the host with the most."""
+    return (_select_longest_silent(pending),) if len(pending) > MAX_PENDING_PEERS else ()
 
 
-def _select_longest_silent(connections: Sequence[Contender]) -> Contender:
-    places = Counter(guest.host for guest in connections)
-    return min(connections, key=lambda guest: (-places[guest.host], guest.heard_s))
+def _select_longest_silent(contenders: Sequence[Contender]) -> Contender:
+    peers_of_host = Counter(contender.host for contender in contenders)
+    return min(contenders, key=lambda contender: (-peers_of_host[contender.host], contender.heard_s))
 
 
 class PeerObserver(Protocol):
-    """What the link does for its correspondents."""
+    """Actions of the link when the state of a peer changes."""
 
     def greet(self, peer: Peer, now_s: float) -> None:
-        """Tell one who has got a place what it must know."""
+        """Send a new active peer its first messages."""
 
     def announce(self, peer: Peer) -> None:
-        """Queue what one who waits for a place gets now and then."""
+        """Queue the periodic messages to a pending peer."""
 
     def send_heartbeat(self, peer: Peer) -> None:
-        """Queue a heartbeat, and nothing else, to one without a place."""
+        """Queue a heartbeat, and nothing else."""
 
     def tell(self, text: str, now_s: float) -> None:
-        """Tell the owner what was refused to somebody."""
+        """Report a rejected peer to the stations."""
 
 
 class Peers:
-    """All peers; bounded, and nobody gets on it with noise.
+    """All active and pending peers; bounded.
 
-    Whom the vehicle file names is a peer from the start. Anybody else waits at first: on a datagram transport once a
-    whole frame of his was admitted, on a connection once it is there. While he waits he gets a heartbeat now and then
-    (none where he must sign), and answers within his credit. He gets a place when he has proven that he is there:
-    by a second frame in answer, over a connection by the first. One who has the key but an old timestamp (the boat
-    was restarted, and is ahead) gets a heartbeat to go by, since nobody's timestamp stays behind what he has heard; so
-    does who replays a frame, and that is all he gets.
+    Peers that the vehicle file names are active from the start. Any other is pending first: on a datagram transport
+    after its first admitted frame, on a connection as soon as it is open. A pending peer gets a heartbeat every second
+    (none where it must sign) and replies within its credit. It becomes active when it is proven: by a second frame
+    after a reply, on a connection by the first frame. A sender with the key and an old timestamp (after a
+    restart of the boat its own clock may be ahead) gets one signed heartbeat, from which it learns the timestamp; a
+    sender that replays a frame gets no more than that.
     """
 
     def __init__(
         self, transports: Sequence[Transport], gate: Gate, sealer: Callable[[int], Sealer], host: PeerObserver
     ) -> None:
-        """Take the transports, who judges their frames, who signs for each, and who speaks to a new peer."""
+        """Take the transports, the gate that judges frames, the signer of each transport, and the observer."""
         self._transports = tuple(transports)
-        # Asked once: Python looks each method up, which took a tenth of every status.
+        # Checked once: isinstance of a protocol took a tenth of every status.
         self._satellites = tuple(each if isinstance(each, Satellite) else None for each in self._transports)
         self._gate = gate
         self._sealer = sealer
         self._host = host
         self._late_heartbeats = TokenBucket(LATE_HEARTBEATS, LATE_HEARTBEATS_HZ)
-        self._peers: dict[Key, Peer] = {}
+        self._active: dict[Key, Peer] = {}
         self._pending: dict[Key, Peer] = {}
         self._paths = PeerPaths()
-        self.rejected = 0  # datagrams of strangers without a frame, or without room for them
+        self.rejected = 0  # datagrams of unknown senders without a frame, or beyond the capacity
         self._gone_rejected = 0
-        self._blocked_since_s: dict[int, float] = {}  # transports by which nothing leaves; infinite when that was told
+        self._blocked_since_s: dict[int, float] = {}  # by transport; infinite once it was reported
 
     def __iter__(self) -> Iterator[Peer]:
-        """Go through those who have a place, as they are now."""
-        return iter(tuple(self._peers.values()))
+        """Iterate over the active peers of this moment."""
+        return iter(tuple(self._active.values()))
 
     def __len__(self) -> int:
-        """Return the number of those who have a place."""
-        return len(self._peers)
+        """Return the number of active peers."""
+        return len(self._active)
 
     def all_peers(self) -> Iterable[Peer]:
-        """Go through those who wait, too."""
-        return (*self._peers.values(), *self._pending.values())
+        """Return active and pending peers."""
+        return (*self._active.values(), *self._pending.values())
 
     def has(self, index: int, address: Address) -> bool:
-        """Return whether somebody has a place."""
-        return (index, address) in self._peers
+        """Return whether an address is that of an active peer."""
+        return (index, address) in self._active
 
     def refused_frames(self) -> int:
         """Return the number of broken frames from all peers since start."""
         return self._gone_rejected + sum([peer.splitter.rejected for peer in self.all_peers()])
 
     def flush(self, now_s: float) -> None:
-        """Hand what waits for anybody to the transports."""
+        """Hand all queued frames to the transports."""
         for peer in self.all_peers():
             peer.outbox.flush(now_s)
 
     def status(self, now_s: float) -> tuple[LinkStatus, ...]:
-        """Return who is on each transport, those who wait for a place last."""
-        seated = [(key[0], peer.status(now_s, has_place=True)) for key, peer in self._peers.items()]
-        waiting = [(key[0], peer.status(now_s, has_place=False)) for key, peer in self._pending.items()]
+        """Return the status of each transport with its peers, pending ones last."""
+        active = [(key[0], peer.status(now_s, has_place=True)) for key, peer in self._active.items()]
+        pending = [(key[0], peer.status(now_s, has_place=False)) for key, peer in self._pending.items()]
         return tuple(
             LinkStatus(
                 transport.name,
                 usual_class(transport).value,
-                tuple(peer for index, peer in (*seated, *waiting) if index == number),
+                tuple(peer for index, peer in (*active, *pending) if index == number),
                 None if satellite is None else satellite.satellite_status(now_s),
                 transport.blocked_reason,
             )
             for number, (transport, satellite) in enumerate(zip(self._transports, self._satellites, strict=True))
         )
 
-    # ------------------------------------------------------------------ as time passes
+    # ------------------------------------------------------------------ timeouts
 
     def update(self, now_s: float) -> None:
-        """Take up who is connected, forget who has gone or says nothing, send heartbeats to those who wait."""
+        """Add new connections, remove closed and silent peers, send heartbeats to pending ones."""
         permanent: dict[Key, None] = {}
         connected: dict[Key, None] = {}
         for index, transport in enumerate(self._transports):
@@ -479,14 +488,14 @@ class Peers:
                 connected[index, address] = None
         self._report_blocked_links(now_s)
         for key in permanent:
-            if key not in self._peers:
+            if key not in self._active:
                 self._activate(key, self._new_peer(key, now_s), now_s)
             else:
-                self._peers[key].forget_silent_radio(now_s)
+                self._active[key].forget_silent_radio(now_s)
         for key in connected:
-            if key not in self._peers and key not in self._pending:
-                self._wait(key, self._new_peer(key, now_s), now_s)
-        for key, peer in tuple(self._peers.items()):
+            if key not in self._active and key not in self._pending:
+                self._set_pending(key, self._new_peer(key, now_s), now_s)
+        for key, peer in tuple(self._active.items()):
             if key in permanent:
                 continue
             datagrams, silent_s = peer.transport.datagrams, now_s - peer.last_frame_s
@@ -505,13 +514,13 @@ class Peers:
                 self._announce_if_due(peer, now_s)
 
     def _report_blocked_links(self, now_s: float) -> None:
-        """Tell those who can be reached that a link has been dumb for a while, once for each time."""
+        """Report each link that stays blocked, once each time."""
         for index, transport in enumerate(self._transports):
             if not transport.blocked_reason:
                 self._blocked_since_s.pop(index, None)
             elif now_s - self._blocked_since_s.setdefault(index, now_s) >= BLOCKED_REPORT_S:
                 self._blocked_since_s[index] = math.inf
-                self._host.tell(f"Nothing leaves by {transport.name}: {transport.blocked_reason}", now_s)
+                self._host.tell(f"Link blocked: {transport.name}: {transport.blocked_reason}", now_s)
 
     def _permanent(self, key: Key) -> bool:
         return key[1] in self._transports[key[0]].addresses()
@@ -522,39 +531,39 @@ class Peers:
             peer.heartbeat_s = now_s
             self._host.announce(peer)
 
-    # ------------------------------------------------------------------ as bytes come
+    # ------------------------------------------------------------------ received bytes
 
     def frames(self, index: int, address: Address, data: bytes, now_s: float) -> tuple[Peer, list[Admitted]] | None:
-        """Return the peer that sent these bytes and the frames they complete; None for a stranger's noise."""
+        """Return the peer that sent these bytes and the frames they complete; None for noise of an unknown sender."""
         key, transport = (index, address), self._transports[index]
-        peer = self._peers.get(key) or self._pending.get(key)
+        peer = self._active.get(key) or self._pending.get(key)
         splitter = Splitter() if peer is None else peer.splitter
         late_before = self._gate.late_frames
         frames = splitter.feed(data, now_s)
-        # Before they are judged: the timestamp of a signed one that has come by another way is not new.
+        # Before the gate: a signed frame that has come on another path fails there for its timestamp.
         fresh = frames if peer is None else self._fresh(peer, frames, now_s)
         admitted = self._gate.admit(fresh, transport.options, line=transport.byte_rate is not None)
         if not admitted and len(fresh) == len(frames):
-            if key not in self._peers and self._gate.late_frames > late_before:
+            if key not in self._active and self._gate.late_frames > late_before:
                 self._help_stale_timestamp(peer or self._new_peer(key, now_s), now_s)
             if peer is None:
                 self.rejected += 1
             return None if peer is None else (peer, admitted)
         if peer is None:
             peer = self._new_peer(key, now_s)
-            peer.splitter = splitter  # it may hold the beginning of a frame whose rest follows
+            peer.splitter = splitter  # it may hold the first part of a frame
             if self._permanent(key):
                 self._activate(key, peer, now_s)
             else:
                 peer.mark_unproven()
-                self._wait(key, peer, now_s)
+                self._set_pending(key, peer, now_s)
             first = admitted[0]
-            self._paths.follow(peer.way, first.frame.data, now_s, verified=first.verified)
+            self._paths.follow(peer.path, first.frame.data, now_s, verified=first.verified)
             fresh = self._fresh(peer, (each.frame for each in admitted), now_s)
             admitted = [each for each in admitted if each.frame in fresh]
         for each in admitted:
             if each.standing is Permission.COMMANDER:
-                self._paths.note(peer.way, each.frame.data, now_s)
+                self._paths.note(peer.path, each.frame.data, now_s)
         peer.update_version((each.frame for each in admitted), now_s)
         peer.verified = peer.verified or any(frame.verified for frame in admitted)
         if peer.hear(len(data), now_s):
@@ -569,21 +578,21 @@ class Peers:
         return peer, admitted
 
     def _fresh(self, peer: Peer, frames: Iterable[Frame], now_s: float) -> list[Frame]:
-        return [frame for frame in frames if not self._paths.is_duplicate(peer.way, frame.data, now_s)]
+        return [frame for frame in frames if not self._paths.is_duplicate(peer.path, frame.data, now_s)]
 
     def _help_stale_timestamp(self, peer: Peer, now_s: float) -> None:
         if self._late_heartbeats.spend_one(now_s):
             self._host.send_heartbeat(peer)
             peer.outbox.flush(now_s)
 
-    # ------------------------------------------------------------------ places
+    # ------------------------------------------------------------------ capacity
 
     def _take_over(self, key: Key, peer: Peer, now_s: float) -> bool:
-        """Give a station that a NAT has moved to another port the place that it has left; False if it has none."""
-        for other_key, other in tuple(self._peers.items()):
-            way = other.way
-            same = way.station is peer.way.station and way.place == peer.way.place
-            if same and way.heard_s < peer.way.since_s and not self._permanent(other_key):
+        """Replace the peer of a station whose port has changed behind a NAT; False if there is none."""
+        for other_key, other in tuple(self._active.items()):
+            path = other.path
+            same = path.station is peer.path.station and path.origin == peer.path.origin
+            if same and path.heard_s < peer.path.since_s and not self._permanent(other_key):
                 peer.take_over(other)
                 self._remove(other_key, now_s)
                 self._set_active(key, peer)
@@ -592,14 +601,16 @@ class Peers:
 
     def _activate_if_admitted(self, key: Key, peer: Peer, now_s: float) -> bool:
         newcomer = self._contender(key, peer)
-        seated = [self._contender(*item) for item in self._peers.items() if item[0][0] == key[0]]
-        leaving = select_evictions(newcomer, [guest for guest in seated if not self._permanent(guest.key)], now_s)
+        active = [self._contender(*item) for item in self._active.items() if item[0][0] == key[0]]
+        leaving = select_evictions(newcomer, [evicted for evicted in active if not self._permanent(evicted.key)], now_s)
         if leaving is None:
-            self._host.tell(f"No place for {newcomer.host} on {peer.transport.name}", now_s)
+            self._host.tell(f"Station {newcomer.host} refused: {peer.transport.name} is full", now_s)
             return False
-        for guest in leaving:
-            self._remove(guest.key, now_s)
-            self._host.tell(f"Place of {guest.host} on {peer.transport.name} given to {newcomer.host}", now_s)
+        for evicted in leaving:
+            self._remove(evicted.key, now_s)
+            self._host.tell(
+                f"Station {evicted.host} dropped from {peer.transport.name}: replaced by {newcomer.host}", now_s
+            )
         self._activate(key, peer, now_s)
         return True
 
@@ -609,17 +620,17 @@ class Peers:
 
     def _set_active(self, key: Key, peer: Peer) -> None:
         self._pending.pop(key, None)
-        self._peers[key] = peer
+        self._active[key] = peer
         peer.outbox.credit_bytes = None
 
-    def _wait(self, key: Key, peer: Peer, now_s: float) -> None:
+    def _set_pending(self, key: Key, peer: Peer, now_s: float) -> None:
         self._pending[key] = peer
         queue = [self._contender(*item) for item in self._pending.items() if item[0][0] == key[0]]
-        for guest in select_pending_evictions(queue):
-            self._remove(guest.key, now_s)
+        for evicted in select_pending_evictions(queue):
+            self._remove(evicted.key, now_s)
 
     def _remove(self, key: Key, now_s: float) -> None:
-        peer = self._pending.pop(key, None) or self._peers.pop(key)
+        peer = self._pending.pop(key, None) or self._active.pop(key)
         peer.outbox.flush(now_s)
         self._gone_rejected += peer.splitter.rejected
         peer.transport.drop(key[1])
@@ -661,7 +672,7 @@ class DuplicateSystemId:
         self._foreign_frames += 1
         if self._foreign_frames >= _FOREIGN_FRAMES and now_s - self._reported_s >= _DUPLICATE_REPORT_S:
             self._reported_s = now_s
-            self._report(f"Another vehicle is system {self._system}, too: give one of them another LNK_SYSID")
+            self._report(f"Duplicate system id {self._system} on the link: change LNK_SYSID")
 
     def _is_own_time(self, message: Message, now_s: float) -> bool:
         """Whether this boat may have sent a SYSTEM_TIME lately: both of its clocks match."""

@@ -1,11 +1,8 @@
-"""Routes between links: what others of the network say to one another passes through the boat.
+"""Routes messages between other systems over the boat's links, such as a companion computer and a ground station.
 
-A companion computer and a ground station, or two stations, hear each other over the boat's links. Each system and
-component is known by the correspondent that it was heard from last; a message for it goes there alone, one for all goes
-to everybody. Only who may command is routed, and only over links that route: fast ones, others when their URL says so.
-
-A frame goes round in no loop, however others have wired links together: it passes on from the correspondent that its
-sender belongs to alone, and never twice.
+The route to a system and component leads to the peer from which it sent last. A message with an address goes to that
+peer, a broadcast to all. Only frames of senders that may command are routed, and only over links that route: fast ones,
+others if their URL says so. Loops are cut: a frame is routed only from the peer of its sender, and never twice.
 """
 
 from __future__ import annotations
@@ -23,13 +20,13 @@ from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.frames import Frame, Packed
 from firmware_py.link.wire.outbox import Priority
 
-ROUTES = 64  # of the network's components, those heard last
-MOVES_S = 10.0  # a sender that is heard over another correspondent is believed to be there after this silence
-SEEN_S = 3.0  # the same bytes within this are the same frame: a sender counts its frames
+ROUTES = 64  # to the components that sent last
+MOVES_S = 10.0  # of silence before a route changes to another peer
+SEEN_S = 3.0  # identical bytes within this are one frame, since frames are numbered
 SEEN = 1024
-BURST, RATE_HZ = 100, 200.0  # messages that are passed on, from all together
-_WAITING = 32  # a correspondent for whom so many messages wait gets no more
-_OVERLOAD = f"More than {RATE_HZ:g} messages a second to pass on between links: some are lost"
+BURST, RATE_HZ = 100, 200.0  # routed messages, of all senders together
+_WAITING = 32  # queued messages of a peer before more are dropped
+_OVERLOAD = f"Routing overload: over {RATE_HZ:g} messages/s, some dropped"
 _MAVLINK2, _HEADER2, _HEADER1 = 0xFD, 10, 6
 
 Address = tuple[int, int]  # MAVLink system and component
@@ -37,10 +34,10 @@ ALL: Address = (0, 0)
 
 
 class Router:
-    """Learns who is where, and passes frames on as they came, signature and number included."""
+    """Learns routes, and passes frames on unchanged, with signature and number."""
 
     def __init__(self, own: Address, peers: Iterable[Peer], tell: Callable[[str, float], None]) -> None:
-        """Take the boat's own address, those who have a place, and what tells the operator."""
+        """Take the boat's own address, the active peers, and the function that notifies the operator."""
         self._own = own
         self._peers = peers
         self.tell = tell
@@ -49,7 +46,7 @@ class Router:
         self._tokens = TokenBucket(BURST, RATE_HZ)
 
     def pass_on(self, peer: Peer, frames: Iterable[Admitted], now_s: float) -> None:
-        """Learn from the frames of a correspondent where they come from, and pass on those for others."""
+        """Learn routes from the frames of a peer, and pass on those for others."""
         if not peer.routes:
             return
         present = [other for other in self._peers if other.routes and other.proven]
@@ -60,7 +57,7 @@ class Router:
                 self._pass(peer, frame, present, now_s)
 
     def _learn(self, source: Address, peer: Peer, present: Iterable[Peer], now_s: float) -> bool:
-        """Note where a sender is; False for the boat's own frame, and for one that comes a strange way."""
+        """Learn the route to a sender; False for the boat's own frame, and for one from another peer than its route."""
         if source == self._own:
             return False
         known, heard_s = self._routes.get(source, (peer, now_s))
@@ -85,7 +82,7 @@ class Router:
                 other.outbox.push(Packed(frame.data, b""), priority)
 
     def _recipients(self, target: Address, present: Iterable[Peer]) -> Iterable[Peer]:
-        """Return whom a message is for: everybody, or those who have spoken for its target."""
+        """Return the peers that a message is for: all, or those with a route to its target."""
         system, component = target
         if not system:
             return present
@@ -111,16 +108,16 @@ def _source(data: bytes) -> Address:
 
 
 def _target(frame: Frame) -> Address:
-    """Return whom a frame is for; a message without an address, or with a part of one, is for all."""
+    """Return the address of a frame; a message without one, or with a part of one, is for all."""
     data, places = frame.data, _TARGETS.get(frame.number, ())
     start = _HEADER2 if data[0] == _MAVLINK2 else _HEADER1
-    # MAVLink 2 leaves zeros at the end of a payload away.
+    # MAVLink 2 omits zeros at the end of a payload.
     system, component = ((*(data[start + place] if place < data[1] else 0 for place in places), 0, 0))[:2]
     return system, component
 
 
 def _places(kind: type) -> tuple[int, ...]:
-    """Return where in its payload a message has the target's system and component, as far as it has."""
+    """Return the payload offsets of target system and component, as far as a message has them."""
     layout = re.findall(r"\d*[a-zA-Z]", kind.unpacker.format.lstrip("<"))  # type: ignore[attr-defined]
     names, place, found = kind.ordered_fieldnames, 0, {}  # type: ignore[attr-defined]
     for name, part in zip(names, layout, strict=True):

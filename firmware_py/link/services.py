@@ -19,15 +19,15 @@ from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 
 _REMEMBERED = 32
-_FARTHEST_S = 1e11
+_MAX_UTC_S = 1e11
 
 _SERIAL_CONTROL = 126
 _REPLY = mavlink.SERIAL_CONTROL_FLAG_REPLY
-_NO_SHELL = b"no shell over MAVLink; log in to her computer by ssh\r\n"
+_NO_SHELL = b"no shell over MAVLink; log in by ssh\r\n"
 _DATA = _NO_SHELL.ljust(70, b"\0")
 
 BATTERY_STATUS = 147
-INTERVAL_S = 0.5  # what comes oftener is not looked at
+INTERVAL_S = 0.5  # minimum interval between two samples
 
 _UNTRUSTED = "SETUP_SIGNING refused: set the key by `rambler key set`, or over a link with ?trusted=1 in its URL"
 
@@ -37,7 +37,7 @@ _PAYLOAD_BYTES = 251
 
 
 class Timesync:
-    """Answers questions about time, and hears what stations say of it."""
+    """Answers PING and TIMESYNC, and offers the UTC of stations to the clock."""
 
     def __init__(self, context: LinkContext) -> None:
         """Take the context to answer through."""
@@ -49,10 +49,10 @@ class Timesync:
         return {2: self._system_time, 4: self._ping, 111: self._timesync}
 
     def _ping(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
-        """Answer a ping to everybody, and the first of its kind that is addressed to this boat.
+        """Answer a ping to all, and the first of its kind that is addressed to this boat.
 
-        An addressed one is an answer by the book, but some stations ask so, too; the boat
-        never asks. Only the first, lest two who answer everything answer each other for ever.
+        By the specification an addressed ping is a reply, but some stations send requests so, and the boat sends none.
+        Only the first is answered: two systems that answer every ping would never stop.
         """
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if message.target_system:
@@ -64,7 +64,7 @@ class Timesync:
         self._context.send(peer, reply, Priority.URGENT)
 
     def _timesync(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Answer with the time since start; what answers a question of somebody else is left alone."""
+        """Answer a request with the time since start; a reply to another system is ignored."""
         if message.tc1:
             return
         sender, component = message.get_srcSystem(), message.get_srcComponent()
@@ -72,10 +72,10 @@ class Timesync:
         self._context.send(peer, reply, Priority.URGENT)
 
     def _system_time(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Hear the time of a ground station, for a clock that is plainly wrong (`CLK_SET`)."""
+        """Offer the UTC of a ground station to a clock that is clearly wrong (`CLK_SET`)."""
         utc_s = message.time_unix_usec * 1e-6
         offer = self._context.suppliers.offer_utc
-        if offer is not None and peer.ground_station_s is not None and 0.0 < utc_s < _FARTHEST_S:
+        if offer is not None and peer.ground_station_s is not None and 0.0 < utc_s < _MAX_UTC_S:
             offer(utc_s, now_s)
 
 
@@ -85,7 +85,7 @@ def note_radio_status(peer: Peer, message: Message, now_s: float) -> None:
 
 
 class Shell:
-    """Says that there is none, where a station would wait for ever."""
+    """Replies to the console of a ground station that there is no shell; without a reply it would wait forever."""
 
     def __init__(self, context: LinkContext) -> None:
         """Take the context to answer through."""
@@ -96,14 +96,14 @@ class Shell:
         return {_SERIAL_CONTROL: self._answer}
 
     def _answer(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
-        """Answer what is typed into a console with a line that there is no shell; an answer is not answered."""
+        """Answer console input with one line; a reply is not answered."""
         if message.device == mavlink.SERIAL_CONTROL_DEV_SHELL and message.count and not message.flags & _REPLY:
             make = mavlink.MAVLink_serial_control_message
             self._context.send(peer, make(message.device, _REPLY, 0, 0, len(_NO_SHELL), _DATA))
 
 
 class Companion:
-    """Takes the first battery of the component that was chosen; what others say of theirs is left alone."""
+    """Takes BATTERY_STATUS of the first battery from the component that PWR_COMPANION names; ignores others."""
 
     def __init__(self, context: LinkContext) -> None:
         """Take the context to ask and to answer through."""
@@ -123,13 +123,13 @@ class Companion:
 
 
 def is_chosen(context: LinkContext, message: Message) -> bool:
-    """Return whether the sender of a message is the component of the boat that is believed about the battery."""
+    """Return whether the sender of a message is the component that PWR_COMPANION names."""
     chosen = int(context.request_handler.parameters()["PWR_COMPANION"])
     return chosen != 0 and (message.get_srcSystem(), message.get_srcComponent()) == (context.system, chosen)
 
 
 def reported(message: Message) -> ReportBattery:
-    """Return what a BATTERY_STATUS says; a current out of the battery is positive in it."""
+    """Return the values of a BATTERY_STATUS, in which a current out of the battery is positive."""
     millivolts = _known(message.voltages, UINT16_MAX) + _known(message.voltages_ext, 0)
     centiamperes, percent = message.current_battery, message.battery_remaining
     return ReportBattery(
@@ -145,10 +145,10 @@ def _known(cells: Sequence[int], unknown: int) -> list[int]:
 
 
 class KeySetup:
-    """Sets the key that frames are signed with, or removes it (a key of zeros and a timestamp of zero)."""
+    """Sets or removes the signing key (SETUP_SIGNING), over a trusted link only; zeros for key and timestamp remove."""
 
     def __init__(self, context: LinkContext, signing: Signing, vault: Vault) -> None:
-        """Take the context to answer through, what holds the key, and where that is kept."""
+        """Take the context, the signing state and its storage."""
         self._context = context
         self._signing = signing
         self._vault = vault
@@ -183,9 +183,9 @@ class KeySetup:
 
 
 def deny(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
-    """Answer a message that its sender has no right to, unless too many were answered just now."""
+    """Send the refusal of a message without rights, by its protocol and as a text, at a limited rate."""
     if type(message).id == BATTERY_STATUS and not is_chosen(context, message):
-        return  # said to everybody, and nothing that was asked of us
+        return  # a broadcast, not a request to the boat
     if not peer.denial_tokens.spend_one(now_s):
         return
     build = _ANSWERS.get(type(message).id)
@@ -194,7 +194,7 @@ def deny(context: LinkContext, peer: Peer, message: Message, now_s: float) -> No
         context.send(peer, answer, Priority.URGENT)
     systems = peer.transport.options.systems
     stranger = systems is not None and message.get_srcSystem() not in systems
-    reason = f"system {message.get_srcSystem()} may not command here" if stranger else "it is not signed"
+    reason = f"system {message.get_srcSystem()} may not command here" if stranger else "not signed"
     context.send_text_limited(peer, Severity.WARNING, f"{type(message).msgname} refused: {reason}", now_s)
 
 
@@ -221,9 +221,9 @@ def _mission(message: Message, system: int, component: int) -> Message:
 
 
 def _file(message: Message, system: int, component: int) -> Message:
-    asked = bytes(message.payload)
-    sequence = (int.from_bytes(asked[:2], "little") + 1) & 0xFFFF
-    head = (*sequence.to_bytes(2, "little"), asked[2], _NAK, 1, asked[3], 0, 0, *bytes(4), _FAIL_PROTECTED)
+    payload = bytes(message.payload)
+    sequence = (int.from_bytes(payload[:2], "little") + 1) & 0xFFFF
+    head = (*sequence.to_bytes(2, "little"), payload[2], _NAK, 1, payload[3], 0, 0, *bytes(4), _FAIL_PROTECTED)
     reply = bytes(head).ljust(_PAYLOAD_BYTES, b"\0")
     return mavlink.MAVLink_file_transfer_protocol_message(0, system, component, reply)
 

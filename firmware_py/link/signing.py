@@ -1,4 +1,12 @@
-"""Signing."""
+"""MAVLink 2 signatures: the stored key, the boat's own timestamps, and the latest timestamp of each sender.
+
+Source: https://mavlink.io/en/guide/message_signing.html. A signed frame ends with the id of its link, a timestamp of 48
+bits in units of 10 us since 2015, and the first 48 bits of SHA-256 over the key and the frame before. The timestamp is
+checked only if the signature is valid: otherwise one forged frame from the far future would lock out the true sender.
+
+Timestamps survive a restart, also a sudden one: the stored ones are always a little ahead of those in use, so that they
+are written only now and then.
+"""
 
 from __future__ import annotations
 
@@ -25,23 +33,23 @@ SIGNED_FLAG = 0x01  # of the incompatibility flags
 UNITS_HZ = 100_000  # units of the timestamp in a second
 EPOCH_S = 1_420_070_400  # 2015-01-01 UTC
 TOLERANCE = 60 * UNITS_HZ  # a new stream may begin this far behind our own timestamp
-LATEST = 80 * 365 * 86_400 * UNITS_HZ  # what shows more (2094) is not a clock; 48 bits end ten years later
-# The boat's own clock counts to 2084: one set to what is heard last, by a false GPS, would shut her soon and for ever.
+LATEST = 80 * 365 * 86_400 * UNITS_HZ  # a later timestamp (2094) is refused; 48 bits end ten years later
+# The boat's own clock is used up to 2084: if a false GPS set it to LATEST, no timestamp would be left.
 OWN_LATEST = LATEST - 10 * 365 * 86_400 * UNITS_HZ
-AHEAD = 15 * UNITS_HZ  # so far ahead of what was used is what is on disk
+AHEAD = 15 * UNITS_HZ  # of the stored timestamps before those in use
 _TIMESTAMP_BYTES = 6
 
 
 class KeyState(Enum):
-    """What there is of a key."""
+    """State of the stored key."""
 
     ABSENT = "absent"  # never set, or removed
     PRESENT = "present"
-    LOST = "lost"  # something is there, and no key can be had of it
+    LOST = "lost"  # damaged, or not a key
 
 
 class KeyRecord(msgspec.Struct, frozen=True):
-    """A key, a timestamp that is no older than any used with it, and the latest of each stream."""
+    """A key, a timestamp not older than any used with it, and the latest timestamp of each stream."""
 
     key: bytes
     timestamp: int
@@ -49,7 +57,7 @@ class KeyRecord(msgspec.Struct, frozen=True):
 
 
 class KeyFinding(msgspec.Struct, frozen=True):
-    """What is found of a key; `problem` says how it was lost. `aged`: the record may be an older one."""
+    """The result of reading the stored key; `problem`: why it was lost. `aged`: the record may be an older one."""
 
     state: KeyState
     record: KeyRecord | None = None
@@ -58,17 +66,17 @@ class KeyFinding(msgspec.Struct, frozen=True):
 
 
 class NoVault:
-    """A Vault that keeps nothing."""
+    """A Vault that stores nothing."""
 
     def load(self) -> Stored:
-        """Return that there is nothing."""
+        """Return an empty state."""
         return Stored()
 
     def save(self, content: bytes, *, both_slots: bool = False) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Say that it is not stored."""
+        """Report a failure."""
         call(False)
 
 
@@ -76,7 +84,7 @@ NO_VAULT = NoVault()
 
 
 def find_key(stored: Stored) -> KeyFinding:
-    """Return what there is of a key: none where there is no file, or a whole empty one, and no damage."""
+    """Return the stored key: absent without a file or with an empty, undamaged one."""
     record = from_text(stored.content) if stored.content else None
     if record is not None:
         return KeyFinding(KeyState.PRESENT, record, aged=bool(stored.damage))
@@ -88,7 +96,7 @@ def find_key(stored: Stored) -> KeyFinding:
 
 
 def from_text(text: bytes) -> KeyRecord | None:
-    """Read what `to_text` has written; None for anything else."""
+    """Read the output of `to_text`; None for anything else."""
     match = _TEXT.fullmatch(text)
     if match is None or not any(key := bytes.fromhex(match[1].decode())):
         return None
@@ -108,15 +116,15 @@ def to_text(record: KeyRecord) -> bytes:
 
 
 def key_of_passphrase(passphrase: str) -> bytes:
-    """Return the key that MAVProxy, Mission Planner and QGroundControl make of a passphrase."""
+    """Return the key that MAVProxy, Mission Planner and QGroundControl derive from a passphrase."""
     return sha256(passphrase.encode()).digest()
 
 
 class Save(Protocol):
-    """Keeps the state on disk, in the background; `both_slots`: so that nothing is left of what was kept before."""
+    """Stores the state in the background; `both_slots`: so that nothing of the former state is left."""
 
     def __call__(self, content: bytes, *, both_slots: bool = False) -> None:
-        """Keep this instead of what was kept."""
+        """Store this in place of the former state."""
 
 
 def signature(key: bytes, covered: bytes) -> bytes:
@@ -136,13 +144,13 @@ class LinkSealer:
     __slots__ = ("_link", "_signing")
 
     def __init__(self, signing: Signing, link: int) -> None:
-        """Take the number that tells this link from the others."""
+        """Take the id of this link."""
         self._signing = signing
         self._link = link & 0xFF
 
     @property
     def overhead_bytes(self) -> int:
-        """What a signature adds to a frame; 0 while there is no key."""
+        """Bytes that a signature adds to a frame; 0 without a key."""
         return SIGNATURE_BYTES if self._signing.active else 0
 
     def seal(self, packed: Packed, sequence: int) -> bytes:
@@ -151,9 +159,9 @@ class LinkSealer:
 
 
 class Signing:
-    """Signs what leaves and judges what comes; without a key it does neither.
+    """Signs frames that leave and verifies frames that are received; without a key it does neither.
 
-    `problem` says how a key was lost, and is empty when none was.
+    `problem` says why the key was lost; it is empty if it was not.
     """
 
     def __init__(self, utc_s: Callable[[], float], save: Save) -> None:
@@ -161,9 +169,9 @@ class Signing:
         self._utc_s = utc_s
         self._save = save
         self._key: bytes | None = None
-        self._timestamp = 0  # the latest that was used or, with a right signature, heard
+        self._timestamp = 0  # the latest that was used, or received with a valid signature
         self._streams: dict[Stream, int] = {}  # the latest of each
-        self._stored = 0  # what the disk has for _timestamp
+        self._stored = 0  # stored value for _timestamp
         self._stored_streams: dict[Stream, int] = {}
         self._removed = False  # since the start
         self.problem = ""
@@ -177,22 +185,22 @@ class Signing:
     # ------------------------------------------------------------------ the key
 
     def restore(self, stored: Stored) -> KeyState:
-        """Take up the state of an earlier run."""
+        """Restore the state of an earlier run."""
         finding = find_key(stored)
         self.problem = finding.problem
         if (record := finding.record) is not None:
             self._key = record.key
             self._timestamp = self._stored = min(record.timestamp, LATEST)
-            if finding.aged:  # it may lack a stream: none may begin anew behind what was heard
+            if finding.aged:  # a stream may be missing; a new one must not start with an old timestamp
                 self._timestamp = min(self._timestamp + TOLERANCE, LATEST)
-            self._streams = {stream: min(heard, LATEST) for stream, heard in record.streams.items()}
+            self._streams = {stream: min(latest, LATEST) for stream, latest in record.streams.items()}
             self._stored_streams = dict(self._streams)
         return finding.state
 
     def take_up(self, stored: Stored) -> bool:
-        """Take up what a disk holds that has come late; False when there is a key by now, or one was removed.
+        """Restore the state of a disk that is available late; False if a key has been set or removed since.
 
-        The disk then gets what there is.
+        In that case the present state is stored.
         """
         if self._key is not None:
             self._store(AHEAD, both_slots=True)
@@ -204,13 +212,13 @@ class Signing:
         return False
 
     def set_key(self, key: bytes, timestamp: int) -> bool:
-        """Take a key and the timestamp to begin at; False, and nothing changed, for what is none."""
+        """Set a key and its first timestamp; False, without a change, if they are not valid."""
         if len(key) != KEY_BYTES or not any(key) or not 0 <= timestamp <= LATEST:
             return False
         if key == self._key:
             self._timestamp = max(self._timestamp, timestamp)
         else:
-            # Nothing that was ever signed with this key has been heard: the past need not be guarded.
+            # No frame with this key was ever received, so none can be replayed.
             self._key = key
             self._streams = {}
             self._timestamp = timestamp
@@ -219,7 +227,7 @@ class Signing:
         return True
 
     def remove_key(self) -> None:
-        """Forget the key."""
+        """Remove the key."""
         self._key = None
         self._removed = True
         self._streams = {}
@@ -227,7 +235,7 @@ class Signing:
         self._save(b"", both_slots=True)
 
     def store_exactly(self) -> None:
-        """Store what was used and no more, before an orderly end: the next run then need not wait for anything."""
+        """Store the timestamps in use, before an orderly end, so that the next run starts without a gap."""
         if self._key is not None:
             self._store(0)
 
@@ -246,13 +254,13 @@ class Signing:
         return covered + signature(self._key, covered)
 
     def code(self, covered: bytes) -> bytes | None:
-        """Return the HMAC-SHA256 of what is no frame, by the key; None without one."""
+        """Return the HMAC-SHA256 of a message by satellite; None without a key."""
         return None if self._key is None else digest(self._key, covered, "sha256")
 
     # ------------------------------------------------------------------ in
 
     def verify(self, frame: bytes) -> bool:
-        """Return whether a signed MAVLink 2 frame holds: right key, and newer than all before it on its stream."""
+        """Return whether a signed MAVLink 2 frame is valid: right key, and newer than all before on its stream."""
         if self._key is None or not compare_digest(signature(self._key, frame[:-6]), frame[-6:]):
             return False
         timestamp = int.from_bytes(frame[-12:-6], "little")
@@ -274,15 +282,15 @@ class Signing:
         return True
 
     def _make_room(self) -> None:
-        """Forget the stream that is furthest behind: it would be a new one again, within the tolerance."""
+        """Remove the stream with the oldest timestamp: if it continues, it counts as a new one."""
         if len(self._streams) >= MAX_STREAMS:
             oldest = min(self._streams, key=self._streams.__getitem__)
             del self._streams[oldest]
 
-    # ------------------------------------------------------------------ on disk
+    # ------------------------------------------------------------------ storage
 
     def _keep_ahead(self, stream: Stream | None = None) -> None:
-        """Store anew when half of what the disk is ahead has been used up."""
+        """Store again when half of the lead of the stored timestamps is used up."""
         behind = self._stored - self._timestamp
         if stream is not None:
             behind = min(behind, self._stored_streams.get(stream, 0) - self._streams[stream])

@@ -10,7 +10,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "`rambler key set`, and the same key at your stations",
     ),
     "signing.key lost: <problem>; set or remove the key over a trusted link or by `rambler key`": (
-        "see the fault KEY_LOST: nobody is heard but over trusted links",
+        "see the fault KEY_LOST: only trusted links are accepted",
         "as it says",
     ),
     "Signing key loaded and active": ("the disk with the key has come after the start", "nothing"),
@@ -26,38 +26,41 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     ),
     "SETUP_SIGNING refused: no key, or no timestamp": ("all zeros, of one of them", "set a key of 32 bytes"),
     "Signature refused: wrong key or old timestamp": (
-        "somebody signs with another key, or with a clock that is behind",
-        "the station's key and clock; if it is nobody of yours, leave it",
+        "a station signs with another key, or its clock is slow",
+        "check key and clock of the station; ignore it if the station is not yours",
     ),
-    "<message> refused: it is not signed": ("the link wants signatures for this", "give the station the key"),
+    "<message> refused: not signed": ("the link wants signatures for this", "give the station the key"),
     "<message> refused: system <number> may not command here": (
         "the link's allow-list does not name that system",
         "the station's system number, or `systems=` of the link",
     ),
-    "Whoever reaches <link> commands her: it wants a signing key": (
+    "Open link: anyone on <link> can command; set a signing key": (
         "the link is open and no key is set",
         "`rambler key set`, or `systems=` and `policy=` of the link: see who may command",
     ),
-    "More than <number> messages a second to pass on between links: some are lost": (
+    "Routing overload: over <number> messages/s, some dropped": (
         "a station or a companion computer says more than the boat routes",
         "ask it for less, or keep its link out of it with `?route=0`",
     ),
-    "Another vehicle is system <number>, too: give one of them another LNK_SYSID": (
-        "frames of another vehicle with her ids are heard: what a station on that link orders, both may do",
-        "give each vehicle a system id of its own, and start it anew",
+    "Duplicate system id <number> on the link: change LNK_SYSID": (
+        "another vehicle on the link uses the boat's ids: both may obey a command",
+        "give each vehicle its own system id, and restart it",
     ),
-    "You speak MAVLink 1: fence, rally points and signing need MAVLink 2": (
+    "MAVLink 1 in use: fence, rally and signing need MAVLink 2": (
         "the station goes on in MAVLink 1 and is answered in it, without the messages and fields that it does not have",
-        "set the station to MAVLink 2 if it knows it; she follows with its first frame",
+        "set the station to MAVLink 2 if possible; the boat changes with its first frame",
     ),
-    "Nothing leaves by <link>: <why>": (
-        "the system has refused what goes out there for ten seconds; told once each time, to those on other links",
+    "Link blocked: <link>: <why>": (
+        "the system has refused to send on the link for 10 s; reported once each time, over the other links",
         "see to that network, its firewall or the adapter; `rambler status` says when it is over",
     ),
-    "No place for <address> on <link>": ("as many stations as are served are there already", "close one of them"),
-    "Place of <address> on <link> given to <address>": (
+    "Station <address> refused: <link> is full": (
+        "as many stations as are served are there already",
+        "close one of them",
+    ),
+    "Station <address> dropped from <link>: replaced by <address>": (
         "one that was silent or not signed made room for a better one",
         "nothing, unless the one named is yours",
     ),
-    "<address> on <link> dropped: no valid frame": ("somebody connected and spoke no MAVLink", "nothing"),
+    "<address> on <link> dropped: no valid frame": ("a connection sent no MAVLink", "nothing"),
 }

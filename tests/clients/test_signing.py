@@ -78,7 +78,7 @@ def test_mavproxy_sets_up_a_key_and_commands_with_it(tmp_path, boot, start, free
     client = start("mavproxy", words, cwd=home, env=env)
     client.expect("online system 1")
     client.say("mode HOLD")
-    client.expect("COMMAND_LONG refused: it is not signed|DENIED")
+    client.expect("COMMAND_LONG refused: not signed|DENIED")
     client.say(f"signing setup {PASSPHRASE}")
     client.expect("Signing key set")
     client.say("param fetch")

@@ -18,13 +18,13 @@ from firmware_py.link.files.tree import FileRoot
 from support.ftp import FtpStation
 from support.link import Rig, of_type
 
-# Two of them have the number that every ground station has unless it is told otherwise.
+# Two of them have the number that every ground station has unless it is reported otherwise.
 STATIONS = {"one": (255, 190), "two": (255, 190), "three": (254, 190)}
 LOG_BYTES = 60_000
 
 
 class SlowWorker:
-    """Does a job when it is told to, in order; the results wait for `poll`."""
+    """Does a job when it is reported to, in order; the results wait for `poll`."""
 
     def __init__(self, *, background):
         assert background
@@ -63,7 +63,7 @@ class SlowWorker:
 
 
 class Author:
-    """What a station uploads: each plan of its own, told by the longitude of its items."""
+    """What a station uploads: each plan of its own, reported by the longitude of its items."""
 
     def __init__(self, place):
         self.longitude = place * 1_000_000
@@ -116,7 +116,7 @@ class Sea:
 
     def check(self):
         """A block of a log is of one log, and where it says it is."""
-        for block in of_type(self.rig.said(), "LOG_DATA"):
+        for block in of_type(self.rig.replies(), "LOG_DATA"):
             assert len(set(block.data[: block.count])) <= 1
             assert block.ofs + block.count <= LOG_BYTES or block.count == 0
         items = self.rig.request_handler.plans().mission.items

@@ -16,7 +16,7 @@ class Reply:
         self.to = (message.target_system, message.target_component)
         payload = bytes(message.payload)
         fields = struct.unpack("<HBBBBBBI", payload[:12])
-        self.sequence, self.session, self.opcode, self.size, self.asked, self.last, _, self.offset = fields
+        self.sequence, self.session, self.opcode, self.size, self.query, self.last, _, self.offset = fields
         self.data = payload[12 : 12 + self.size]
 
     @property
@@ -53,9 +53,9 @@ class FtpStation:
         return self.replies(self.rig.tell(self.request(*request, **fields), address=self.address))
 
     @staticmethod
-    def replies(said):
+    def replies(replies):
         """What was said of file transfer."""
-        return [Reply(message) for message in of_type(said, "FILE_TRANSFER_PROTOCOL")]
+        return [Reply(message) for message in of_type(replies, "FILE_TRANSFER_PROTOCOL")]
 
     def ask(self, *request, **fields):
         """The one reply to a request."""

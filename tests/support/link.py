@@ -55,7 +55,7 @@ class DecidesTogether:
 
 
 class FakeRequestHandler(DecidesTogether):
-    """Gives the scripted answer, keeps parameters, stores when told to."""
+    """Gives the scripted answer, keeps parameters, stores when reported to."""
 
     def __init__(self):
         self.requests = []
@@ -232,14 +232,14 @@ class Rig:
         self.endpoint.service(self.now_s, [self.transport.descriptor])
         while self.endpoint.busy:
             self.endpoint.service(self.now_s, [])
-        return self.said()
+        return self.replies()
 
     def tell(self, *messages, address="station"):
         """Send messages to the link; return what it said."""
         return self.give(b"".join(self.frame(message) for message in messages), address)
 
     def prove(self, address="station"):
-        """Be heard once, and again in answer, as whoever wants a place on a link that waits for strangers."""
+        """Be heard once, and again in answer, as any peer that wants a place on a link that waits for strangers."""
         beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
         return [*self.tell(beat, address=address), *self.tell(beat, address=address)]
 
@@ -255,20 +255,20 @@ class Rig:
     def tick(self, **changes):
         """Publish one tick; return what the link said."""
         self.tick_silently(**changes)
-        return self.said()
+        return self.replies()
 
     def ticks(self, count):
         """Publish some ticks; return what the link said in all of them."""
         return [message for _ in range(count) for message in self.tick()]
 
     def tick_silently(self, *, seconds=0.1, events=(), **changes):
-        """Publish one tick; `said` tells what the link said."""
+        """Publish one tick; `said` reports what the link said."""
         self.now_s += seconds
         snapshot = msgspec.structs.replace(SNAPSHOT, t_s=self.now_s, **changes)
         self.endpoint.publish(Output(RudderCommand(0.0, True), snapshot, tuple(events)), self.now_s)
 
-    def said(self, address=None):
-        """Return what was sent since the last call, decoded by pymavlink's own parser."""
+    def replies(self, address=None):
+        """Return the data that was sent since the last call, decoded by pymavlink's own parser."""
         sent, self.transport.sent = self.transport.sent, []
         decoder = mavlink.MAVLink(None)
         data = b"".join(data for to, data in sent if address in (None, to))
@@ -279,7 +279,7 @@ UNASKED = 0xFFFF  # the index of a value that comes before the first heartbeat o
 
 
 def without_unasked(messages):
-    """Leave out what she tells of her arming checks by herself."""
+    """Leave out what the boat reports of its arming checks by itself."""
     return [message for message in messages if getattr(message, "param_index", None) != UNASKED]
 
 

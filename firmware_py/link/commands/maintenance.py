@@ -14,7 +14,7 @@ from firmware_py.link.commands.server import ACCEPTED, CommandCall, CommandRow, 
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry.status import report_of
 
-BENCH_S = 10.0  # a rudder on the bench goes back amidships unless it is told again
+BENCH_S = 10.0  # then the rudder on the bench returns to amidships, unless the command is repeated
 
 _CENTRE_US, _FULL_US = 1500.0, 500.0
 _RUDDER_SERVO = 1.0
@@ -31,7 +31,7 @@ _DEVIATION_NAMES = tuple(f"CMP_DEV_{letter}" for letter in "ABCDE")
 
 
 def set_servo(context: LinkContext, call: CommandCall) -> Answer:
-    """Hold the rudder somewhere for a while, on the bench: servo 1, 1000 to 2000 us as in SERVO_OUTPUT_RAW."""
+    """Hold the rudder at an angle for BENCH_S: servo 1, 1000 to 2000 us as in SERVO_OUTPUT_RAW."""
     servo, pulse_us = call.parameters[:2]
     if servo != _RUDDER_SERVO:
         return call.denied("there is servo 1, the rudder, only")
@@ -41,13 +41,13 @@ def set_servo(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def calibrate(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """Take the rudder as it stands for amidships (param4 = 2), or calibrate the compass (param2 = 1).
+    """Set the present rudder angle as amidships (param4 = 2), or calibrate the compass (param2 = 1).
 
-    A compass that can does so by itself, disarmed; else a swing under way is begun. The rest is refused with what to do
-    instead.
+    A compass with its own calibration uses that, disarmed; otherwise a swing is started. Other calibrations are refused
+    with a remedy.
     """
-    asked = (*call.parameters, call.x, call.y, call.z)
-    wanted = {number: value for number, value in enumerate(asked, start=1) if value and not math.isnan(value)}
+    values = (*call.parameters, call.x, call.y, call.z)
+    wanted = {number: value for number, value in enumerate(values, start=1) if value and not math.isnan(value)}
     if not wanted:
         return ACCEPTED
     if wanted == {2: 1.0}:
@@ -63,28 +63,28 @@ def calibrate(context: LinkContext, call: CommandCall) -> Answer | PendingComman
         return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: the rudder servo gives no angle")
     answer = _set_parameter(context, call, "RUD_CENTRE_DEG", degrees(wrap_pi(shaft_rad)))
     if isinstance(answer, PendingCommand):
-        # Off the bench: from the new centre the old deflection is another place.
+        # End the bench command: from the new centre its deflection is another angle.
         context.request(call.message, BenchRudder(0.0, 0.0), call.now_s)
     return answer
 
 
 def _calibrate_compass(context: LinkContext, call: CommandCall, compass: Calibrator) -> Answer | PendingCommand:
-    """Have the compass sample while the boat is turned slowly through a full circle; it may be cancelled."""
+    """Start the compass's own calibration while the boat is turned slowly through a full circle."""
     if context.snapshot is None or context.snapshot.armed:
         return _ARMED
     if not compass.calibrate(call.now_s):
-        return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: the compass is not there or at it already")
+        return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: compass missing or busy")
 
     def ended() -> Answer | None:
         now = compass.calibration()
         if now.state is CalibrationState.RUNNING:
             return None
         if now.state is not CalibrationState.DONE:
-            return Answer(Verdict.FAILED, now.text or "Compass calibration was broken off")
+            return Answer(Verdict.FAILED, now.text or "Compass calibration aborted")
         context.send_text(call.peer, Severity.NOTICE, now.text)
         return ACCEPTED
 
-    context.send_text(call.peer, Severity.NOTICE, "Compass calibration: turn her slowly through a full circle")
+    context.send_text(call.peer, Severity.NOTICE, "Compass calibration: turn the boat slowly through a full circle")
     return PendingCommand(
         timeout_s=CIRCLE_TIMEOUT_S,
         percent=lambda: compass.calibration().percent,
@@ -94,7 +94,7 @@ def _calibrate_compass(context: LinkContext, call: CommandCall, compass: Calibra
 
 
 def align_compass(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """Mount the compass so that its heading now is the one that is known: from true north, in degrees."""
+    """Set the compass offset so that its present heading equals the known one (degrees from true north)."""
     yaw_deg, compasses = call.parameters[:2]
     if not within(yaw_deg, -360.0, 360.0):
         return call.denied("the yaw is not within -360 to 360 deg")
@@ -111,7 +111,7 @@ def align_compass(context: LinkContext, call: CommandCall) -> Answer | PendingCo
 
 
 def _set_parameter(context: LinkContext, call: CommandCall, name: str, value: float) -> Answer | PendingCommand:
-    """Set a parameter, and be done once it is on disk."""
+    """Set a parameter; the command ends when it is stored."""
     answer = context.request(call.message, SetParameter(name, value), call.now_s)
     if answer.verdict is not Verdict.ACCEPTED:
         return answer
@@ -120,7 +120,7 @@ def _set_parameter(context: LinkContext, call: CommandCall, name: str, value: fl
 
 
 def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """Read or write what is stored, which is always what is in force; or (param1 = 2) forget what links have set."""
+    """Accept read and write, since parameters are always stored; param1 = 2 resets those that links have set."""
     parameters, plans = call.parameters[:2]
     if parameters not in (_READ, _WRITE, _RESET):
         return call.denied("param1 is neither 0 (read), 1 (write) nor 2 (reset)")
@@ -130,22 +130,22 @@ def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
         answer = context.request(call.message, ForgetParameters(), call.now_s)
         if answer.verdict is not Verdict.ACCEPTED:
             return answer
-        text = "Parameters are those of the vehicle file from the next start on"
-        return finish_when_stored(context, call, text, "this could not be stored; they stay as they are")
+        text = "Parameters reset to the vehicle file at the next start"
+        return finish_when_stored(context, call, text, "not stored, parameters unchanged")
     if parameters == _READ:
         return ACCEPTED
-    return finish_when_stored(context, call, "All is stored", "not all could be stored; it is tried again by itself")
+    return finish_when_stored(context, call, "All settings stored", "not all stored; retrying")
 
 
 def start_swing(context: LinkContext, call: CommandCall) -> Answer:
-    """Begin to look on while she sails; refused where she could sail for days without anything to be seen."""
+    """Start a swing; refused in a state in which it could not make progress."""
     if (denial := _mask_denial(call)) is not None:
         return denial
     return begin_swing(context)
 
 
 def begin_swing(context: LinkContext) -> Answer:
-    """Begin a swing, or say what it lacks."""
+    """Start a swing, or return the reason of a refusal."""
     swing, boat = context.request_handler.compass_swing, context.snapshot
     if boat is None or not boat.armed:
         return _swing_refused("disarmed")
@@ -156,22 +156,20 @@ def begin_swing(context: LinkContext) -> Answer:
     if swing.report.state is not CalibrationState.NONE:
         return _swing_refused("one is under way, cancel it first")
     swing.begin(context.request_handler.parameters())
-    text = "Compass swing: sail courses all round, a quarter of an hour each; nothing is set until you accept"
+    text = "Compass swing: sail all headings, 15 min each, then accept"
     context.send_text_all(Severity.NOTICE, text)
     return ACCEPTED
 
 
 def accept_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """Make the parameters what is proposed."""
+    """Set the proposed deviation parameters."""
     if (denial := _mask_denial(call)) is not None:
         return denial
     swing = context.request_handler.compass_swing
     report = None if swing is None else swing.report
     if swing is None or report is None or report.state is not CalibrationState.DONE:
         percent = 0 if report is None else report.percent
-        return Answer(
-            Verdict.TEMPORARILY_REJECTED, f"Compass swing: nothing to accept, {percent} percent of it is done"
-        )
+        return Answer(Verdict.TEMPORARILY_REJECTED, f"Compass swing: nothing to accept, {percent} % done")
     values = {name: round(degrees(value), 2) for name, value in zip(_DEVIATION_NAMES, report.found_rad, strict=True)}
     answer = _set_deviation(context, call, values, "is in force", undo=True)
     if isinstance(answer, PendingCommand):
@@ -180,9 +178,9 @@ def accept_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCom
 
 
 def cancel_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """End a swing, drop its proposal, or take back the one that was accepted last.
+    """End a swing, drop its proposal, or restore the values before the latest accepted one.
 
-    Accepted when there is nothing to be cancelled, too: QGroundControl asks so whether this is known here.
+    Accepted without a swing, too: QGroundControl tests by it whether the command is supported.
     """
     if (denial := _mask_denial(call)) is not None:
         return denial
@@ -198,7 +196,7 @@ def cancel_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCom
 def _set_deviation(
     context: LinkContext, call: CommandCall, values: Mapping[str, float], what: str, *, undo: bool
 ) -> Answer | PendingCommand:
-    """Set all five or none, and end the swing; `undo`: what they were is kept, to go back to."""
+    """Set all five or none, and end the swing; `undo`: keep the former values for a later cancel."""
     parameters = before = context.request_handler.parameters()
     try:
         for name, value in values.items():
@@ -210,8 +208,8 @@ def _set_deviation(
     if answer.verdict is not Verdict.ACCEPTED:
         return answer
     context.request_handler.compass_swing.end({name: before[name] for name in values} if undo else None)
-    shown = " ".join(f"{name[-1]} {value:.2f}" for name, value in values.items())
-    text = f"Compass swing: {shown} deg {what}"
+    deviations = " ".join(f"{name[-1]} {value:.2f}" for name, value in values.items())
+    text = f"Compass swing: {deviations} deg {what}"
     return finish_when_stored(context, call, text, "the deviation is in force but could not be stored")
 
 
@@ -235,9 +233,9 @@ COMMANDS = (
         241,
         "PREFLIGHT_CALIBRATION",
         calibrate,
-        "disarmed: param4 = 2 takes the rudder as it stands for amidships (`RUD_CENTRE_DEG`); param2 = 1 has a PNI "
-        "compass calibrate itself while she is turned through a circle (IN_PROGRESS, COMMAND_CANCEL); with any other "
-        "it is DO_START_MAG_CAL",
+        "disarmed: param4 = 2 sets the present rudder angle as amidships (`RUD_CENTRE_DEG`); param2 = 1 has a PNI "
+        "compass calibrate itself while the boat is turned through a circle (IN_PROGRESS, COMMAND_CANCEL); with "
+        "another compass it is DO_START_MAG_CAL",
     ),
     CommandRow(
         245,
@@ -249,25 +247,25 @@ COMMANDS = (
         42006,
         "FIXED_MAG_CAL_YAW",
         align_compass,
-        "disarmed: she heads param1 (deg true) now; sets `CMP_OFFSET_DEG`",
+        "disarmed: the boat heads param1 (deg true) now; sets `CMP_OFFSET_DEG`",
     ),
     CommandRow(
         42424,
         "DO_START_MAG_CAL",
         start_swing,
-        "armed, under way: look on for the deviation of compass A; MAG_CAL_PROGRESS, MAG_CAL_REPORT and a text tell "
-        "how far it is; nothing is saved by itself (param3), retry and delays are ignored",
+        "armed, under way: estimate the deviation of compass A; progress in MAG_CAL_PROGRESS, MAG_CAL_REPORT and a "
+        "text; nothing is saved before DO_ACCEPT_MAG_CAL (param3), retry and delays are ignored",
     ),
     CommandRow(
         42425,
         "DO_ACCEPT_MAG_CAL",
         accept_swing,
-        "take what a swing of the compass proposes (`CMP_DEV_A` to `CMP_DEV_E`)",
+        "set the deviation that a swing of the compass proposes (`CMP_DEV_A` to `CMP_DEV_E`)",
     ),
     CommandRow(
         42426,
         "DO_CANCEL_MAG_CAL",
         cancel_swing,
-        "end a swing and drop its proposal; after it was accepted: put back what it replaced",
+        "end a swing and drop its proposal; after its acceptance: restore the former values",
     ),
 )

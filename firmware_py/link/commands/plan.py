@@ -16,7 +16,7 @@ _PRESENT = -1.0  # the current item
 
 
 def set_home(context: LinkContext, call: CommandCall) -> Answer:
-    """Set home to where the boat is (param1 = 1) or to a position."""
+    """Set home to the present position (param1 = 1) or to a given one."""
     use_present = call.parameters[0]
     if use_present not in (0.0, 1.0):
         return call.denied(NEITHER)
@@ -29,7 +29,7 @@ def set_home(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def pause_or_continue(context: LinkContext, call: CommandCall) -> Answer:
-    """Halt the mission (param1 = 0) or go on with it (1)."""
+    """Pause the mission (param1 = 0) or continue it (1)."""
     wanted = call.parameters[0]
     if wanted not in (0.0, 1.0):
         return call.denied(NEITHER)
@@ -37,7 +37,7 @@ def pause_or_continue(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def start_mission(context: LinkContext, call: CommandCall) -> Answer:
-    """Enter AUTO, at an item when param1 names one; where it ends (param2) cannot be chosen."""
+    """Enter AUTO, at item param1 if that is not 0; the last item (param2) cannot be chosen."""
     first, last = call.parameters[:2]
     if not _count(context):
         return call.denied("there is no mission")
@@ -46,14 +46,14 @@ def start_mission(context: LinkContext, call: CommandCall) -> Answer:
     if index is None or not within(last, 0, UINT16_MAX) or last not in last_items:
         return call.denied(f"{first:g} to {last:g} are not a first item of the mission and its last")
     answer = context.request(call.message, SetMode(int(Mode.AUTO)), call.now_s)
-    # 0 is where the boat stands in the mission; what is in range is not refused any more.
+    # 0 is the current item. An item in range is not refused after the mode change.
     if answer.verdict is not Verdict.ACCEPTED or first == 0.0:
         return answer
     return context.request(call.message, SetMissionItem(index), call.now_s)
 
 
 def set_mission_item(context: LinkContext, call: CommandCall) -> Answer:
-    """Go on with another item of the mission; param2 = 1 also begins it anew."""
+    """Continue with another item of the mission; param2 = 1 also restarts it."""
     number, restart = call.parameters[:2]
     if restart not in (0.0, 1.0):
         return call.denied("param2 is neither 0 nor 1")
@@ -64,60 +64,62 @@ def set_mission_item(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def _count(context: LinkContext) -> int:
-    """Return the number of items in force now; what the last tick has reported may be from before an upload."""
+    """Return the number of items in force now; the snapshot may be from before an upload."""
     return len(context.request_handler.plans().mission.items)
 
 
 def _item(context: LinkContext, number: float) -> int | None:
-    """Return the index of an item by the number that ground stations give it, None for one that is not there."""
+    """Return the index of an item from the number that ground stations use; None if there is no such item."""
     if _count(context) == 0:
         return None
     if number == _PRESENT:
         return 0 if context.snapshot is None else context.snapshot.mission.index or 0
     if not within(number, 0, UINT16_MAX) or number != int(number):
         return None
-    # Home, where it is item 0, stands for the first.
+    # Home, if it is item 0, stands for the first item.
     index = max(0, int(number) - first_item_number(context.autopilot, PlanKind.MISSION))
     return index if index < _count(context) else None
 
 
 def enable_fence(context: LinkContext, call: CommandCall) -> Answer:
-    """Heed the fence (param1 = 1) or not (0), the whole of it."""
+    """Enable (param1 = 1) or disable (0) the whole fence."""
     wanted, kinds = call.parameters[:2]
     if wanted not in (0.0, 1.0):
         return call.denied(NEITHER)
     if not within(kinds, 0, UINT16_MAX) and kinds == kinds:  # noqa: PLR0124 - NaN says "not used"
         return call.denied("the kinds of fence are not a number")
     if kinds > 0:
-        return Answer(Verdict.UNSUPPORTED, f"{call.name}: the fence is heeded as a whole")
+        return Answer(Verdict.UNSUPPORTED, f"{call.name}: fence kinds cannot be chosen; use param2 = 0")
     return context.request(call.message, EnableFence(wanted == 1.0), call.now_s)
 
 
 def change_speed(context: LinkContext, call: CommandCall) -> Answer:
-    """Take a speed as a mission's item of this name does: it is one for planning."""
+    """Check a speed as in a mission item, and ignore it with a notice."""
     for meaning in ROWS[Command.CHANGE_SPEED].meanings:
         value = call.parameters[meaning.number - 1]
         if not meaning.admits(value):
             return call.denied(f"param{meaning.number} is {value:g}; allowed: {meaning.allowed()}")
-    context.send_text_limited(call.peer, Severity.NOTICE, "Speed is for planning: her own is the sea's", call.now_s)
+    context.send_text_limited(
+        call.peer, Severity.NOTICE, "Speed command ignored: a wave glider cannot set its speed", call.now_s
+    )
     return Answer(Verdict.ACCEPTED)
 
 
 COMMANDS = (
-    CommandRow(178, "DO_CHANGE_SPEED", change_speed, "nothing, and says so: her speed is the sea's"),
-    CommandRow(179, "DO_SET_HOME", set_home, "home is where she is (param1 = 1), or param5 to param7 (0)"),
-    CommandRow(193, "DO_PAUSE_CONTINUE", pause_or_continue, "halt the mission (param1 = 0), go on with it (1)"),
-    CommandRow(207, "DO_FENCE_ENABLE", enable_fence, "heed the fence (param1 = 1) or not (0), the whole of it"),
+    CommandRow(178, "DO_CHANGE_SPEED", change_speed, "no effect, with a notice: a wave glider cannot set its speed"),
+    CommandRow(179, "DO_SET_HOME", set_home, "home is the present position (param1 = 1), or param5 to param7 (0)"),
+    CommandRow(193, "DO_PAUSE_CONTINUE", pause_or_continue, "pause the mission (param1 = 0), continue it (1)"),
+    CommandRow(207, "DO_FENCE_ENABLE", enable_fence, "enable (param1 = 1) or disable (0) the whole fence"),
     CommandRow(
         224,
         "DO_SET_MISSION_CURRENT",
         set_mission_item,
-        "go on with item param1 (-1: the current one); param2 = 1 begins the mission anew",
+        "continue with item param1 (-1: the current one); param2 = 1 restarts the mission",
     ),
     CommandRow(
         300,
         "MISSION_START",
         start_mission,
-        "enter AUTO and go on, at item param1 unless it is 0; a complete mission begins anew",
+        "enter AUTO and continue, at item param1 unless it is 0; a complete mission restarts",
     ),
 )

@@ -26,7 +26,7 @@ def _number(value: float) -> int:
 
 
 # Messages that do not depend on the state of the boat, by the context and the index asked for.
-# An index that is not given (NaN) asks for all, as 0 does.
+# Index NaN means all, as 0 does.
 FIXED: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
     148: lambda context, _index: (identity.autopilot_version(context.version),),
     300: lambda _session, _index: (identity.protocol_version(),),
@@ -37,7 +37,7 @@ FIXED: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
 
 
 def _current(context: LinkContext, number: int) -> Sequence[Message] | None:
-    """Return the messages of telemetry, as far as they have something to say."""
+    """Return the telemetry messages with this number that have content now; None for an unknown number."""
     if number not in ROWS_OF:
         return None
     telemetry = context.telemetry_context()
@@ -57,7 +57,7 @@ def _deliver(context: LinkContext, call: CommandCall, number: int, index: float 
 
 
 def request_message(context: LinkContext, call: CommandCall) -> Answer:
-    """Send one message now; param2 is the index of AVAILABLE_MODES, or the message that MESSAGE_INTERVAL tells of."""
+    """Send one message now; param2 is the index of AVAILABLE_MODES, or the message id for MESSAGE_INTERVAL."""
     number, index = _number(call.parameters[0]), call.parameters[1]
     if number == _MESSAGE_INTERVAL:
         return _send_interval(context, call, _number(index))
@@ -85,12 +85,12 @@ def set_message_interval(context: LinkContext, call: CommandCall) -> Answer:  # 
     if number not in ROWS_OF:
         return _UNKNOWN_MESSAGE
     if not call.peer.streams.set_interval(number, call.parameters[1], call.now_s):
-        return call.denied("not HEARTBEAT, and 20 ms (satellite: 10 s) to 1 h, 0 or -1")
+        return call.denied("interval must be 20 ms (satellite: 10 s) to 1 h, 0 or -1; HEARTBEAT is fixed")
     return ACCEPTED
 
 
 def control_high_latency(context: LinkContext, call: CommandCall) -> Answer:
-    """Start or stop HIGH_LATENCY2 on every satellite link, from whichever link it is asked."""
+    """Start or stop HIGH_LATENCY2 on every satellite link."""
     wanted = call.parameters[0]
     if wanted not in (0.0, 1.0):
         return call.denied(NEITHER)
@@ -103,7 +103,7 @@ def control_high_latency(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def get_message_interval(context: LinkContext, call: CommandCall) -> Answer:
-    """Send MESSAGE_INTERVAL: microseconds, -1 off, 0 for a message that is not ours."""
+    """Send MESSAGE_INTERVAL: microseconds, -1 off, 0 for a message that the boat does not send."""
     return _send_interval(context, call, _number(call.parameters[0]))
 
 
@@ -111,13 +111,13 @@ def _send_interval(context: LinkContext, call: CommandCall, number: int) -> Answ
     interval_us = call.peer.streams.interval_us(number)
     if number > UINT16_MAX:
         return _UNKNOWN_MESSAGE
-    shown = 0 if interval_us is None else min(interval_us, INT32_MAX)
-    context.send(call.peer, mavlink.MAVLink_message_interval_message(max(number, 0), shown))
+    interval_us_or_0 = 0 if interval_us is None else min(interval_us, INT32_MAX)
+    context.send(call.peer, mavlink.MAVLink_message_interval_message(max(number, 0), interval_us_or_0))
     return ACCEPTED if interval_us is not None else _UNKNOWN_MESSAGE
 
 
 def request_data_stream(peer: Peer, message: Message, now_s: float) -> None:
-    """Set the rates of a group of messages, in the old way that MAVProxy still uses."""
+    """Set the rates of a group of messages by the old REQUEST_DATA_STREAM, which MAVProxy still uses."""
     wanted = message.start_stop == 1
     peer.streams.set_stream(message.req_stream_id, float(message.req_message_rate) if wanted else 0.0, now_s)
 
@@ -136,7 +136,7 @@ COMMANDS = (
         512,
         "REQUEST_MESSAGE",
         request_message,
-        "send message param1 once; param2: the index of AVAILABLE_MODES, the message that MESSAGE_INTERVAL tells of",
+        "send message param1 once; param2: the index of AVAILABLE_MODES, the message id for MESSAGE_INTERVAL",
         repeatable=True,
     ),
     CommandRow(519, "REQUEST_PROTOCOL_VERSION", protocol_version, "send PROTOCOL_VERSION", repeatable=True),

@@ -22,16 +22,16 @@ ACCEPTED = Answer(Verdict.ACCEPTED)
 NEITHER = "param1 is neither 0 nor 1"
 
 _MAX_PENDING = 8
-_STORE_TIMEOUT_S = 15.0  # longer than a write may have to wait for the ones before
-_NOT_STORED = 1  # result_param2 of what is done and may be forgotten by a restart
+_STORE_TIMEOUT_S = 15.0  # longer than a write waits for the ones before it
+_NOT_STORED = 1  # result_param2: executed, but a restart may forget it
 
-RETRY_S = 5.0  # a confirmation within this belongs to the earlier command
-SATELLITE_RETRY_S = 600.0  # where an acknowledgement takes two minutes
-OVERTAKEN_S = 2.0  # what comes with an older sequence number within this was overtaken on the way, or doubled
-RELATIVE_RETRY_S = 30.0  # so long QGroundControl and others go on to repeat what was not acknowledged
+RETRY_S = 5.0  # a retry (confirmation > 0) within this belongs to the earlier command
+SATELLITE_RETRY_S = 600.0  # by satellite, where an acknowledgement takes two minutes
+OVERTAKEN_S = 2.0  # an older sequence number within this is of an overtaken or duplicate frame
+RELATIVE_RETRY_S = 30.0  # QGroundControl and others repeat unacknowledged commands for so long
 REPEAT_S = 1.0  # MAVSDK repeats an unanswered COMMAND_INT after half a second
 REMEMBERED = 32
-_LATEST = 4  # of each command: a double of an earlier one may come behind its contrary
+_LATEST = 4  # of each command: a duplicate of an earlier one may follow the opposite command
 _NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
 
 IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
@@ -42,7 +42,7 @@ PROGRESS_INTERVAL_S = 1.0
 
 
 class CommandCall(msgspec.Struct, frozen=True):
-    """One command as it came; the fields are unchecked: NaN, infinite, anything."""
+    """One received command; the fields are unchecked and may be NaN or infinite."""
 
     peer: Peer
     message: Message
@@ -56,7 +56,7 @@ class CommandCall(msgspec.Struct, frozen=True):
     name: str
 
     def denied(self, reason: str) -> Answer:
-        """Return the refusal of a parameter that is out of range or no number."""
+        """Return the refusal of a parameter that is out of range or not a number."""
         return Answer(Verdict.DENIED, f"{self.name}: {reason}")
 
     @property
@@ -67,12 +67,12 @@ class CommandCall(msgspec.Struct, frozen=True):
 
     @property
     def station(self) -> Station:
-        """Who sent it, by whatever way."""
+        """The station that sent it."""
         return station_of(self.peer, self.message)
 
     @property
     def sender(self) -> tuple[int, int]:
-        """System and component of who sent it."""
+        """System and component of the sender."""
         return self.message.get_srcSystem(), self.message.get_srcComponent()
 
 
@@ -81,7 +81,7 @@ def _unknown() -> int:
 
 
 class PendingCommand:
-    """Returned by a command's action in place of an answer; whoever works on it calls `finish`, once."""
+    """A command that takes a while; its action returns this in place of an answer. `finish` is to be called once."""
 
     def __init__(
         self,
@@ -92,9 +92,9 @@ class PendingCommand:
         poll: Callable[[], Answer | None] | None = None,
         late: Answer = _LATE,
     ) -> None:
-        """Take how long it may take, who knows the progress (0 to 100), who can call it off, who knows the end.
+        """Take the timeout and functions that return the progress (0 to 100), cancel, and poll the end.
 
-        `late` is the answer when it takes longer; its text goes behind the command's name.
+        `late` is the answer after the timeout; its text follows the name of the command.
         """
         self._timeout_s = timeout_s
         self._cancel = cancel
@@ -106,7 +106,7 @@ class PendingCommand:
         self.late = late
 
     def begin(self, now_s: float, done: Callable[[Answer], None]) -> None:
-        """Say who is to be told of the end, at once if it has come already."""
+        """Set the function that is called at the end; at once if the end has come already."""
         self._started_s, self._next_progress_s = now_s, now_s + FIRST_PROGRESS_S
         if self._answer is None:
             self._done = done
@@ -115,46 +115,46 @@ class PendingCommand:
 
     @property
     def ended(self) -> bool:
-        """Whether it has its answer."""
+        """Whether it has an answer."""
         return self._answer is not None
 
     def finish(self, answer: Answer) -> None:
-        """End it; only the first end counts."""
+        """End it; only the first call counts."""
         if self._answer is None:
             self._answer = answer
-            # Who is told knows this command: kept, the two would hold each other until the next collection, and a
-            # flood of commands would fill the memory with them.
+            # `done` refers to this command: without its release each would hold the other until the next garbage
+            # collection, and a flood of commands would fill the memory.
             done, self._done = self._done, None
             if done is not None:
                 done(answer)
 
     def cancel(self) -> bool:
-        """CommandCall it off; False when that cannot be done any more."""
+        """Cancel the command; False if that is not possible any more."""
         if self._cancel is None or self._answer is not None:
             return False
         self.give_up()
         return True
 
     def give_up(self) -> None:
-        """CommandCall it off if that can be done, and take no notice of how it ends."""
+        """Cancel the command if possible, and ignore its end."""
         if self._cancel is not None:
             self._cancel()
         self._done = None
 
     def check_end(self) -> None:
-        """End it when whoever knows the end says so."""
+        """Poll the end."""
         if self._poll is not None and self._answer is None and (answer := self._poll()) is not None:
             self.finish(answer)
 
     def progress_due(self, now_s: float) -> bool:
-        """Return whether it is time for a word on the progress, and count it as said."""
+        """Return whether a progress message is due, and schedule the next."""
         if now_s < self._next_progress_s:
             return False
         self._next_progress_s = now_s + PROGRESS_INTERVAL_S
         return True
 
     def timed_out(self, now_s: float) -> bool:
-        """Return whether it has taken too long."""
+        """Return whether the timeout has passed."""
         return now_s - self._started_s > self._timeout_s
 
 
@@ -164,10 +164,9 @@ CommandAction = Callable[[LinkContext, CommandCall], Answer | PendingCommand]
 class CommandRow(msgspec.Struct, frozen=True):
     """One command.
 
-    `text` says what it does, for the reference. `repeatable`: a retry is carried out again,
-    since it only asks for something. `relative`: done twice it does something else than
-    done once, so that its retries and doubles are known by whatever way they come, and a
-    COMMAND_INT, which has no number of its retries, is one when it comes again at once.
+    `text` is its description in the reference. `repeatable`: a retry is executed again, since it only requests data.
+    `relative`: a second execution changes the result, so retries and duplicates are detected on all paths, and a
+    COMMAND_INT, which has no retry counter, counts as a retry when it is repeated at once.
     """
 
     command: int
@@ -179,23 +178,23 @@ class CommandRow(msgspec.Struct, frozen=True):
 
 
 class CommandServer:
-    """Finds the row of a command, carries it out and acknowledges it."""
+    """Finds the row of a command, executes it and acknowledges it."""
 
     def __init__(self, context: LinkContext, rows: Iterable[CommandRow]) -> None:
-        """Take the rows that are known here."""
+        """Take the supported commands."""
         self._context = context
         self._rows: Mapping[int, CommandRow] = {row.command: row for row in rows}
         self._memory = CommandMemory()
         self._pending: list[tuple[CommandCall, PendingCommand]] = []
-        self._storing_commands: list[tuple[CommandCall, PendingCommand]] = []  # done, and on their way to the disk
+        self._storing_commands: list[tuple[CommandCall, PendingCommand]] = []  # executed, not stored yet
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
         return {76: self._long, 75: self._int, 11: self._set_mode, 80: self._cancel}
 
     def update(self, now_s: float) -> None:
-        """Say how the commands under way are getting on, and end those that take too long."""
-        # Of a row of the same command the latest speaks for all.
+        """Send the progress of pending commands, and end those that take too long."""
+        # The latest of several copies of a command reports for all.
         latest = {(call.peer, call.sender, call.command): pending for call, pending in self._storing_commands}
         for call, pending in (*self._pending, *self._storing_commands):
             pending.check_end()
@@ -208,41 +207,41 @@ class CommandServer:
                 self._acknowledge(call, IN_PROGRESS, pending.percent())
 
     def _long(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Carry out a command, or acknowledge it as before when it has come before."""
+        """Execute a command, or repeat the acknowledgement of a duplicate."""
         first = (message.param1, message.param2, message.param3, message.param4)
         last = (message.param5, message.param6, message.param7)
         row = self._rows.get(message.command)
         call = CommandCall(peer, message, message.command, first, *last, None, now_s, _name(row))
-        # As bytes, since NaN is not equal to itself.
+        # Compared as bytes, since NaN is not equal to itself.
         self._execute_once(row, call, struct.pack("<7f", *first, *last), confirmed=message.confirmation > 0)
 
     def _int(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Carry out a command whose place is in whole numbers."""
+        """Execute a command whose position is in integers."""
         first = (message.param1, message.param2, message.param3, message.param4)
         row = self._rows.get(message.command)
         place = (float(message.x), float(message.y), message.z)
         call = CommandCall(peer, message, message.command, first, *place, message.frame, now_s, _name(row))
-        asked = struct.pack("<B4fiif", message.frame, *first, message.x, message.y, message.z)
-        self._execute_once(row, call, asked, confirmed=False)
+        content = struct.pack("<B4fiif", message.frame, *first, message.x, message.y, message.z)
+        self._execute_once(row, call, content, confirmed=False)
 
-    def _execute_once(self, row: CommandRow | None, call: CommandCall, asked: bytes, *, confirmed: bool) -> None:
+    def _execute_once(self, row: CommandRow | None, call: CommandCall, content: bytes, *, confirmed: bool) -> None:
         if row is None or row.repeatable:
             self._execute(row, call)
             return
-        done = CommandRecord(call.now_s, call.message.get_seq(), asked, call.frame is not None, call.station)
+        done = CommandRecord(call.now_s, call.message.get_seq(), content, call.frame is not None, call.station)
         earlier = self._memory.find_duplicate(call.command, done, confirmed=confirmed, relative=row.relative)
         if earlier is not None and earlier.result == Verdict.ACCEPTED:
-            self._acknowledge_when_stored(call)  # what could not be stored then may be now
+            self._acknowledge_when_stored(call)  # it may have failed to be stored then
             return
         if earlier is not None:
             self._acknowledge(call, earlier.result)
             return
-        # Remembered first: a command under way says its result later.
+        # Stored first: a pending command sets its result later.
         self._memory.remember(call.command, done, relative=row.relative)
         self._execute(row, call)
 
     def _set_mode(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Take the old message as DO_SET_MODE, acknowledged as a command as ArduPilot does."""
+        """Execute the old message as DO_SET_MODE, and acknowledge it as a command, as ArduPilot does."""
         first = (float(message.base_mode), float(message.custom_mode), 0.0, 0.0)
         row = self._rows[int(mavlink.MAV_CMD_DO_SET_MODE)]
         number = int(mavlink.MAVLINK_MSG_ID_SET_MODE)
@@ -250,19 +249,19 @@ class CommandServer:
         self._execute_once(row, call, struct.pack("<BI", message.base_mode, message.custom_mode), confirmed=False)
 
     def _cancel(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
-        """Cancel a command that is under way, whoever has begun it; one that is done stays done."""
+        """Cancel a pending command of any station; a completed one is not undone."""
         for call, pending in tuple(self._pending):
             if call.command == message.command and pending.cancel():
                 self._conclude(call, pending, CANCELLED)
 
-    # ------------------------------------------------------------------ carrying out
+    # ------------------------------------------------------------------ execution
 
     def _execute(self, row: CommandRow | None, call: CommandCall) -> None:
         if row is None:
             self._acknowledge(call, Verdict.UNSUPPORTED)
             return
         if any(under_way.command == call.command for under_way, _ in self._pending):
-            self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, f"{call.name} is under way already"))
+            self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, f"{call.name} is already in progress"))
             return
         answer = row.act(self._context, call)
         if isinstance(answer, PendingCommand):
@@ -273,9 +272,9 @@ class CommandServer:
             self._conclude(call, None, answer)
 
     def _acknowledge_when_stored(self, call: CommandCall) -> None:
-        """Acknowledge a command that is done once the next start would go on with what came of it.
+        """Acknowledge an executed command once its result is stored for the next start.
 
-        One that cannot be kept is acknowledged all the same, since it is done; that it may be forgotten is said first.
+        If storing fails, it is acknowledged all the same, since it is executed; a warning is sent first.
         """
         late = Answer(Verdict.ACCEPTED, "done, but not on disk yet; a restart may forget it")
         pending = PendingCommand(timeout_s=_STORE_TIMEOUT_S, late=late)
@@ -293,7 +292,7 @@ class CommandServer:
     def _begin(self, call: CommandCall, pending: PendingCommand) -> None:
         if len(self._pending) >= _MAX_PENDING:
             pending.cancel()
-            self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, "Too many commands are under way"))
+            self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, "Too many commands in progress"))
             return
         self._note_result(call, IN_PROGRESS)
         self._pending.append((call, pending))
@@ -332,12 +331,12 @@ def _name(row: CommandRow | None) -> str:
 
 
 class CommandRecord(msgspec.Struct, frozen=True):
-    """A command as it came: when, with which sequence number, what it asked, and who; and its result."""
+    """A received command: time, sequence number, content, station; and its result."""
 
     t_s: float
     sequence: int
-    asked: bytes
-    in_whole_numbers: bool  # COMMAND_INT
+    content: bytes
+    is_int: bool  # COMMAND_INT
     station: Station
     result: int = _NO_RESULT
 
@@ -345,22 +344,22 @@ class CommandRecord(msgspec.Struct, frozen=True):
 class CommandMemory:
     """The latest few of each command of each station, bounded.
 
-    A relative command done twice turns the boat twice. So those are remembered by the sender's numbers alone: the same
-    order by another way is one, even before `Ways` has found that the two ways are one station's.
+    A relative command that is executed twice turns the boat twice. Relative commands are therefore stored by the ids of
+    the sender alone: a copy on another path is a duplicate even before `PeerPaths` has assigned that path.
     """
 
     def __init__(self) -> None:
-        """Start with nothing done."""
+        """Start empty."""
         self._done: OrderedDict[tuple[Station | Sender, int], tuple[CommandRecord, ...]] = OrderedDict()
 
     def __len__(self) -> int:
-        """Return how many commands are remembered."""
+        """Return the number of stored commands."""
         return len(self._done)
 
     def find_duplicate(
         self, command: int, now: CommandRecord, *, confirmed: bool, relative: bool
     ) -> CommandRecord | None:
-        """Return the one that this is a retry or a double of, None when it is new."""
+        """Return the command of which this is a retry or a duplicate; None for a new one."""
         latest, *earlier = self._done.get(_key(now.station, command, relative=relative), (None,))
         if latest is None:
             return None
@@ -376,15 +375,15 @@ class CommandMemory:
         behind = (latest.sequence - now.sequence) & 0xFF
         if behind < 128 and age_s < OVERTAKEN_S:
             return latest
-        return latest if relative and now.in_whole_numbers and age_s < REPEAT_S else None
+        return latest if relative and now.is_int and age_s < REPEAT_S else None
 
     def remember(self, command: int, done: CommandRecord, *, relative: bool = False) -> None:
-        """Remember a command, before those of its kind."""
+        """Store a command as the latest of its kind."""
         key = _key(done.station, command, relative=relative)
         keep_latest(self._done, key, (done, *self._done.get(key, ()))[:_LATEST], REMEMBERED)
 
     def set_result(self, station: Station, command: int, sequence: int, result: int, *, relative: bool = False) -> None:
-        """Note the result of the command that came with a sequence number, if it is remembered."""
+        """Set the result of the stored command with a sequence number, if there is one."""
         key = _key(station, command, relative=relative)
         records = list(self._done.get(key, ()))
         for number, record in enumerate(records):
@@ -401,20 +400,20 @@ def _key(station: Station, command: int, *, relative: bool) -> tuple[Station | S
 def _is_repeated(record: CommandRecord, now: CommandRecord, *, confirmed: bool) -> bool:
     """Whether a relative command was executed before: sent again with a confirmation, or a duplicate frame."""
     age_s = now.t_s - record.t_s
-    way = now.station.peer.way
+    path = now.station.peer.path
     if confirmed:
         return age_s < (SATELLITE_RETRY_S if now.station.peer.quiet else RELATIVE_RETRY_S)
-    # A program that was started again counts from 0 again, and comes by a new way.
-    there = way is not record.station.peer.way and way.since_s < record.t_s + OVERTAKEN_S
+    # A program that was restarted counts from 0 again, on a new path.
+    there = path is not record.station.peer.path and path.since_s < record.t_s + OVERTAKEN_S
     return there and record.sequence == now.sequence and age_s < DUPLICATE_S
 
 
 def _same(one: CommandRecord, other: CommandRecord) -> bool:
-    return one.asked == other.asked and one.in_whole_numbers is other.in_whole_numbers
+    return one.content == other.content and one.is_int is other.is_int
 
 
 def _earlier_duplicate(now: CommandRecord, latest: CommandRecord, earlier: list[CommandRecord]) -> CommandRecord | None:
-    """Return the one before the latest of which this is the very frame, which a line has held back and doubled."""
+    """Return the command before the latest of which this frame is a delayed duplicate."""
     if now.sequence == latest.sequence:  # a sender that does not count
         return None
     return next(
@@ -428,7 +427,7 @@ def _earlier_duplicate(now: CommandRecord, latest: CommandRecord, earlier: list[
 
 
 def finish_when_stored(context: LinkContext, call: CommandCall, text: str, failure: str) -> PendingCommand:
-    """Be done once the disk has answered: until then nobody can say whether it will be stored."""
+    """Return a pending command that ends when the disk has stored its result, or failed to."""
     pending = PendingCommand(timeout_s=math.inf)
 
     def stored(well: bool) -> None:  # noqa: FBT001 - the request handler's callback

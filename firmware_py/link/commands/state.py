@@ -19,7 +19,7 @@ _CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
 def set_mode(context: LinkContext, call: CommandCall) -> Answer:
-    """Enter a mode. Only custom modes: the flags of base_mode say nothing definite. The number is taken whole."""
+    """Enter a custom mode by its number; the flags of base_mode alone do not define a mode."""
     base_mode, custom_mode = call.parameters[:2]
     if not within(base_mode, 0, 255) or not int(base_mode) & _CUSTOM:
         return call.denied("only custom modes can be set")
@@ -29,11 +29,11 @@ def set_mode(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def set_standard_mode(context: LinkContext, call: CommandCall) -> Answer:
-    """Enter the mode that is a MAV_STANDARD_MODE here."""
+    """Enter the mode of a MAV_STANDARD_MODE."""
     standard = call.parameters[0]
     mode = identity.mode_of_standard(int(standard)) if within(standard, 0, 255) and standard == int(standard) else None
     if mode is None:
-        return Answer(Verdict.FAILED, f"{call.name}: she has no such standard mode")
+        return Answer(Verdict.FAILED, f"{call.name}: standard mode not supported; use 5 (RTL) or 6 (AUTO)")
     return context.request(call.message, SetMode(mode), call.now_s)
 
 
@@ -48,16 +48,16 @@ return_to_launch = _enter(Mode.RTL)
 
 
 def loiter(context: LinkContext, call: CommandCall) -> Answer:
-    """Enter LOITER where she is; another place is refused, and not taken for this one."""
+    """Enter LOITER at the present position; any other position is refused."""
     if any(value not in (0.0, INT32_MAX) and not math.isnan(value) for value in (call.x, call.y)):
-        return call.denied("she keeps station where she is; DO_REPOSITION goes to a place")
+        return call.denied("LOITER holds the present position; use DO_REPOSITION")
     return context.request(call.message, SetMode(int(Mode.LOITER)), call.now_s)
 
 
 def restart(context: LinkContext, call: CommandCall) -> Answer:
-    """Start the autopilot anew (param1 = 1) or end it (2), the rudder made safe first.
+    """Restart the autopilot (param1 = 1) or end it (2), after making the rudder safe.
 
-    Only the autopilot: the computer (param2) and other components (param3) are not its to restart.
+    The computer (param2) and other components (param3) cannot be restarted.
     """
     action, computer, component = call.parameters[:3]
     if action not in (0.0, 1.0, 2.0):
@@ -79,7 +79,7 @@ def arm_disarm(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def run_prearm_checks(context: LinkContext, call: CommandCall) -> Answer:
-    """Say whether arming would be accepted, and why not."""
+    """Report whether arming would be accepted, or the reason of a refusal."""
     if context.snapshot is None:
         return Answer(Verdict.TEMPORARILY_REJECTED, "PreArm: starting")
     if context.snapshot.armed:
@@ -91,7 +91,7 @@ def run_prearm_checks(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def send_banner(context: LinkContext, call: CommandCall) -> Answer:
-    """Say which program this is."""
+    """Report name and version of the program."""
     version = context.version
     number = f"{version.major}.{version.minor}.{version.patch}"
     commit = f" (git {version.commit})" if version.commit else ""
@@ -100,17 +100,17 @@ def send_banner(context: LinkContext, call: CommandCall) -> Answer:
 
 
 COMMANDS = (
-    CommandRow(17, "NAV_LOITER_UNLIM", loiter, "enter LOITER where she is; with a place: refused"),
+    CommandRow(17, "NAV_LOITER_UNLIM", loiter, "enter LOITER at the present position; another position is refused"),
     CommandRow(20, "NAV_RETURN_TO_LAUNCH", return_to_launch, "enter RTL"),
     CommandRow(176, "DO_SET_MODE", set_mode, "enter the custom mode param2"),
     CommandRow(
         246,
         "PREFLIGHT_REBOOT_SHUTDOWN",
         restart,
-        "disarmed, or forced by param6 = 20190226: start the autopilot anew (param1 = 1), end it (2)",
+        "disarmed, or forced by param6 = 20190226: restart the autopilot (param1 = 1), end it (2)",
     ),
     CommandRow(262, "DO_SET_STANDARD_MODE", set_standard_mode, "enter AUTO (param1 = 6) or RTL (5)"),
     CommandRow(400, "COMPONENT_ARM_DISARM", arm_disarm, "arm (param1 = 1) or disarm (0); param2 = 21196 forces"),
-    CommandRow(401, "RUN_PREARM_CHECKS", run_prearm_checks, "say what forbids arming", repeatable=True),
-    CommandRow(42428, "DO_SEND_BANNER", send_banner, "say the version", repeatable=True),
+    CommandRow(401, "RUN_PREARM_CHECKS", run_prearm_checks, "report the reason that prevents arming", repeatable=True),
+    CommandRow(42428, "DO_SEND_BANNER", send_banner, "report the version", repeatable=True),
 )

@@ -21,19 +21,19 @@ from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanResult
 
-# 0 deg N 0 deg E stands for unset fields, nine times out of ten: no goal and no home; in a mission, where she is.
+# 0 deg N 0 deg E usually means unset fields: refused as goal and home; in a mission it means the present position.
 
 # MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain. A boat has no altitude.
 GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 
 _HIGHEST_M = 10_000.0
-_FARTHEST_M = 100_000.0  # the flat-earth offset is no good beyond
+_FARTHEST_M = 100_000.0  # limit of the flat-earth offset
 
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COURSE_OVER_GROUND, _HEADING = 0.0, 1.0  # HEADING_TYPE
 _HOW_RELATIVE = "param{} says neither absolute (0) nor relative (1)"
 
-Goal = SteerHeading | SteerPosition | str  # a goal, or why it is none
+Goal = SteerHeading | SteerPosition | str  # a goal, or the reason of a refusal
 
 # POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK: a set bit says that the field is to be ignored.
 _IGNORE_POSITION = 0b0000_0000_0000_0011
@@ -47,9 +47,9 @@ _BODY_FRAMES = frozenset({8, 9, 12})  # BODY_NED, BODY_OFFSET_NED, BODY_FRD: off
 _RELATIVE_FRAMES = _BODY_FRAMES | {_LOCAL_OFFSET_NED}
 _LOCAL_FRAMES = _BODY_FRAMES | {_LOCAL_NED, _LOCAL_OFFSET_NED}
 
-GUIDED = 2  # `current` of such an item
+GUIDED = 2  # `current` of a mission item that is a goal
 _UNIT_TOLERANCE = 0.01
-_REMEMBERED = 128  # relative goals: two stations may send 20 a second each
+_REMEMBERED = 128  # relative goals: two stations may send 20 per second each
 _SLOWEST_M_S = 1e-3
 _FASTEST_M_S = 1e3
 
@@ -61,20 +61,20 @@ _CHANNEL_1 = "channel 1 is the rudder in MANUAL, the heading in STEERING"
 
 
 def position_goal(latitude_deg: float, longitude_deg: float, *, change_mode: bool = False) -> SteerPosition | str:
-    """Return the goal, or why it is none."""
+    """Return the goal, or the reason of a refusal."""
     if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
-        return "the position is not on this planet"
+        return "latitude or longitude out of range"
     if latitude_deg == 0.0 and longitude_deg == 0.0:
-        return "0, 0 is no place to go to"
+        return "position 0, 0 is not accepted"
     return SteerPosition(radians(latitude_deg), radians(longitude_deg), change_mode=change_mode)
 
 
 def home_request(latitude_deg: float, longitude_deg: float, altitude_m: float) -> SetHome | str:
-    """Return the request to set home there, or why it is none; an altitude that is not given (NaN) is 0."""
+    """Return the request to set home, or the reason of a refusal; altitude NaN counts as 0."""
     if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
-        return "the position is not on this planet"
+        return "latitude or longitude out of range"
     if latitude_deg == 0.0 and longitude_deg == 0.0:
-        return "0, 0 is no home"
+        return "home at 0, 0 is not accepted"
     if math.isnan(altitude_m):
         altitude_m = 0.0
     if not within(altitude_m, -_HIGHEST_M, _HIGHEST_M):
@@ -83,7 +83,7 @@ def home_request(latitude_deg: float, longitude_deg: float, altitude_m: float) -
 
 
 def offset_goal(latitude_rad: float, longitude_rad: float, north_m: float, east_m: float) -> SteerPosition | str:
-    """Return the goal that lies north and east of a position, or why it is none."""
+    """Return the goal at an offset from a position, or the reason of a refusal."""
     if not within(north_m, -_FARTHEST_M, _FARTHEST_M) or not within(east_m, -_FARTHEST_M, _FARTHEST_M):
         return f"the position is not within {_FARTHEST_M / 1e3:.0f} km"
     goal = Place(latitude_rad, longitude_rad).at_local_offset(north_m, east_m)
@@ -95,8 +95,7 @@ def offset_goal(latitude_rad: float, longitude_rad: float, north_m: float, east_
 def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
     """Steer to an angle: absolute, or relative to the present heading with the direction in param3.
 
-    A negative relative angle without a direction means to port. The rate of turn
-    (param2) is not ours to choose and is ignored.
+    A negative relative angle without a direction means to port. The rate of turn (param2) is ignored.
     """
     angle_deg, _, direction, relative = call.parameters
     if relative not in (0.0, 1.0):
@@ -124,7 +123,7 @@ def change_heading(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def set_yaw_speed(context: LinkContext, call: CommandCall) -> Answer:
-    """Steer to an angle, absolute or (param3 = 1) from the present heading; a wave glider's speed is the sea's."""
+    """Steer to an angle, absolute or (param3 = 1) from the present heading; the speed is ignored."""
     angle_deg, _, relative, _ = call.parameters
     if relative not in (0.0, 1.0):
         return call.denied(_HOW_RELATIVE.format(3))
@@ -157,13 +156,13 @@ class Setpoints:
         return {82: self._attitude, 84: self._local, 86: self._global, 243: self._home}
 
     def _attitude(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Steer the heading of the attitude."""
+        """Steer to the heading of the attitude."""
         ignored = message.type_mask & _IGNORE_ATTITUDE
         goal = "the attitude is masked out" if ignored else attitude_goal(message.q)
         self._context.request_or_warn(peer, message, goal, now_s)
 
     def _global(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Go to the position, or steer where velocity or yaw point."""
+        """Go to the position, or steer to the direction of velocity or yaw."""
         mask = message.type_mask
         goal: Goal
         if message.coordinate_frame not in GLOBAL_FRAMES:
@@ -175,7 +174,7 @@ class Setpoints:
         self._context.request_or_warn(peer, message, goal, now_s)
 
     def _local(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Go to the position, from home or from her, or steer where velocity or yaw point."""
+        """Go to the position relative to home or boat, or steer to the direction of velocity or yaw."""
         goal: Goal
         if message.coordinate_frame in _RELATIVE_FRAMES and self._is_repeated(message, now_s):
             return
@@ -194,7 +193,7 @@ class Setpoints:
         self._context.request_or_warn(peer, message, home, now_s)
 
     def _is_repeated(self, message: Message, now_s: float) -> bool:
-        """Whether a goal relative to the boat came before, perhaps over another link; remember it."""
+        """Return whether a relative goal is a duplicate, perhaps of another link; store it."""
         key, frame = (sender_of(message), message.get_seq()), bytes(message.get_msgbuf())
         before, seen_s = self._relative.get(key, (b"", 0.0))
         if frame == before and now_s - seen_s < OVERTAKEN_S:
@@ -203,7 +202,7 @@ class Setpoints:
         return False
 
     def _frame_heading_rad(self, frame: int) -> float | str:
-        """Return where a frame's x axis points, or why the frame cannot be used."""
+        """Return the direction of a frame's x axis, or the reason of a refusal."""
         if frame not in _LOCAL_FRAMES:
             return f"frame {frame} is not a local one"
         if frame not in _BODY_FRAMES:
@@ -229,7 +228,7 @@ class Setpoints:
 
 
 def attitude_goal(q: list[float]) -> Goal:
-    """Return the heading of a quaternion (w, x, y, z), or why it has none."""
+    """Return the heading of a quaternion (w, x, y, z), or the reason of a refusal."""
     w, x, y, z = q
     # Not finite when any part is not; checked by range first, so that no square overflows.
     if not all(within(part, -1.1, 1.1) for part in q) or abs(math.hypot(w, x, y, z) - 1.0) > _UNIT_TOLERANCE:
@@ -257,7 +256,7 @@ def direction_goal(message: Message, turned_rad: float) -> Goal:
 
 
 def go_to_waypoint(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
-    """Go to the place of a waypoint, and acknowledge it once the next start would."""
+    """Go to the position of a waypoint, and acknowledge it once that is stored for the next start."""
     result, text = _request_waypoint(context, message, now_s)
 
     def answer(kept: bool) -> None:  # noqa: FBT001 - the request handler's callback
@@ -291,19 +290,19 @@ def _request_waypoint(context: LinkContext, message: Message, now_s: float) -> t
 
 
 class ManualControl:
-    """Turns stick messages into rudder deflections."""
+    """Converts stick messages into rudder deflections."""
 
     def __init__(self, context: LinkContext) -> None:
         """Take the context to ask and to answer through."""
         self._context = context
-        self._idle = ""  # why the override does nothing, as it was told last
+        self._idle = ""  # latest reported reason why the override has no effect
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
         return {69: self._stick, 70: self._override}
 
     def _stick(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Take the roll axis y, or the yaw axis r where y is said to be invalid."""
+        """Take the roll axis y, or the yaw axis r if y is marked invalid."""
         axis = message.r if message.y == INT16_MAX else message.y
         if axis == INT16_MAX:
             return
@@ -312,7 +311,7 @@ class ManualControl:
         self._context.request_or_warn(peer, message, intent, now_s)
 
     def _override(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Take channel 1: 1000 to 2000 us, 0 releases it; that an override does nothing is told once."""
+        """Take channel 1: 1000 to 2000 us, 0 releases it; an override without effect is reported once."""
         pulse_us, held = message.chan1_raw, message.chan1_raw not in (_RELEASE, _IGNORE)
         if held and not within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US):
             self._context.request_or_warn(peer, message, "channel 1 is not within 1000 to 2000", now_s)
@@ -331,7 +330,7 @@ class ManualControl:
         self._idle = idle
 
     def _idle_override(self, message: Message) -> str:
-        """Say why an override does nothing; empty when it does something, or only releases."""
+        """Return why an override has no effect; empty if it has one, or only releases."""
         boat = self._context.snapshot
         if message.chan1_raw not in (_RELEASE, _IGNORE):
             if boat is not None and not boat.armed:
@@ -349,7 +348,7 @@ COMMANDS = (
         115,
         "CONDITION_YAW",
         condition_yaw,
-        "heading param1 (deg), absolute or (param4 = 1) relative to her heading, by starboard or port (param3)",
+        "heading param1 (deg), absolute or (param4 = 1) relative to the present one, to starboard or port (param3)",
         relative=True,
     ),
     CommandRow(
@@ -362,7 +361,7 @@ COMMANDS = (
         213,
         "NAV_SET_YAW_SPEED",
         set_yaw_speed,
-        "heading param1 (deg), absolute or (param3 = 1) relative to her heading; speed is ignored",
+        "heading param1 (deg), absolute or (param3 = 1) relative to the present one; speed is ignored",
         relative=True,
     ),
     CommandRow(

@@ -54,7 +54,7 @@ class Area:
         self.writable = writable
 
     def listing(self, parts: Parts) -> tuple[Entry, ...]:
-        """Return what a directory holds, by name; hidden names, links and devices are left out."""
+        """Return the entries of a directory, by name; hidden names, links and devices are left out."""
         listing: list[Entry] = []
         try:
             with self._directory(parts) as directory, os.scandir(directory) as entries:
@@ -84,7 +84,7 @@ class Area:
                 raise
 
     def read_whole(self, parts: Parts) -> bytes:
-        """Return the content of a file that is small enough to be written anew."""
+        """Return the content of a file that is small enough to be rewritten."""
         with contextlib.closing(self.open_read(parts)) as file:
             if file.size > FILE_BYTES:
                 raise OSError(errno.EFBIG, "too large")
@@ -134,7 +134,7 @@ class Area:
                 raise Refusal(Error.FAIL_ERRNO, errno.EISDIR) from None
 
     def make_directory(self, parts: Parts) -> None:
-        """Generate a directory."""
+        """Make a directory."""
         if len(parts) >= MAX_DEPTH:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         self._check_room(parts, 0)

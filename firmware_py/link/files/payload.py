@@ -15,7 +15,7 @@ DATA_BYTES = 239
 
 
 class Opcode(IntEnum):
-    """What is asked."""
+    """Requests and replies."""
 
     NONE = 0
     TERMINATE = 1
@@ -53,11 +53,11 @@ class Error(IntEnum):
     FILE_NOT_FOUND = 10
 
 
-class Refusal(Exception):  # noqa: N818 - it is an ack_payload, not a fault of the program
+class Refusal(Exception):  # noqa: N818 - a reply, not a fault of the program
     """A request that is refused; `number` is the errno that goes with FAIL_ERRNO, `text` is for the operator."""
 
     def __init__(self, error: Error, number: int = 0, text: str = "") -> None:
-        """Take the code, and what else is to be said."""
+        """Take the code, and details."""
         super().__init__(text or error.name)
         self.error = error
         self.number = number
@@ -76,7 +76,7 @@ _OF_ERRNO = {
 
 
 def refusal_of(failure: Exception) -> Refusal:
-    """Return the refusal that tells of any failure."""
+    """Return the refusal for an exception."""
     if isinstance(failure, Refusal):
         return failure
     if isinstance(failure, OSError) and failure.errno is not None:

@@ -36,10 +36,10 @@ _MAX_UPLOADS = 4
 
 
 class ReadingRequests:
-    """The requests that change nothing."""
+    """Requests that change nothing."""
 
     def __init__(self, tree: Tree, sessions: FileSessions, answers: Answers) -> None:
-        """Take the files there are, those that are open, what answers."""
+        """Take the files, the open sessions and the sender of replies."""
         self._tree = tree
         self._sessions = sessions
         self._answers = answers
@@ -91,7 +91,7 @@ class ReadingRequests:
             try:
                 self._sessions.check_room(call.client, call.request.session, call.now_s)
             except Refusal:
-                reading.close()  # others were quicker
+                reading.close()  # other clients have taken the room meanwhile
                 raise
             self._sessions.open(call.client, call.request.session, reading, call.now_s)
             return struct.pack("<I", min(reading.size, 0xFFFFFFFF))
@@ -131,12 +131,12 @@ def _checksum_data(checksum: int) -> bytes:
 
 
 class WritingRequests:
-    """The requests that change something, and those that end sessions: an upload takes its place then."""
+    """Requests that change files, and those that end sessions, which stores uploads."""
 
     def __init__(
         self, tree: Tree, sessions: FileSessions, answers: Answers, context: LinkContext, worker: Worker
     ) -> None:
-        """Take the files there are, those that are open, what answers, and who waits for the disk."""
+        """Take the files, the open sessions, the sender of replies, the context and the worker for the disk."""
         self._tree = tree
         self._sessions = sessions
         self._answers = answers
@@ -170,7 +170,7 @@ class WritingRequests:
         return b""
 
     def _check_room(self, call: FileCall) -> None:
-        """Generate sure that an upload may begin: each takes memory until it is on disk."""
+        """Make room for an upload, since each takes memory until it is stored; Refusal if that is not possible."""
         sessions, own = self._sessions, (call.client, call.request.session)
         sessions.check_room(*own, call.now_s)
         uploads = [key for key, session in sessions.items() if isinstance(session.handle, FileUpload) and key != own]
@@ -181,7 +181,7 @@ class WritingRequests:
         sessions.discard(*uploads[0])
 
     def _open_write(self, call: FileCall) -> bytes | None:
-        """Open a file as it is, or a new one: older clients never create one before."""
+        """Open a file as it is, or a new one, since older clients do not create it first."""
         parts, _ = parse_path(call.request.data)
         if parts in self._tree.sinks:
             self._create(call)
@@ -190,7 +190,7 @@ class WritingRequests:
         area, within = self._tree.area(parts, write=True)
 
         def opened(content: bytes) -> bytes:
-            self._check_room(call)  # again: others may have been quicker
+            self._check_room(call)  # again: other clients may have taken the room meanwhile
             self._sessions.open(call.client, call.request.session, FileUpload(parts, content), call.now_s)
             return struct.pack("<I", len(content))
 
@@ -202,7 +202,7 @@ class WritingRequests:
         if not isinstance(handle, FileUpload):
             raise Refusal(Error.INVALID_SESSION)
         handle.write(call.request.offset, call.request.data)
-        # As ArduPilot and PX4 do: how much was written.
+        # The number of written bytes, as ArduPilot and PX4 reply.
         return struct.pack("<I", len(call.request.data))
 
     def _terminate(self, call: FileCall) -> bytes | None:
@@ -215,9 +215,9 @@ class WritingRequests:
         return b""
 
     def _reset(self, call: FileCall) -> bytes | None:
-        """End all sessions of a client; QGroundControl ends its uploads in this way, at once.
+        """End all sessions of a client; QGroundControl ends its uploads by it.
 
-        One that comes long after the last part is another program's, which begins: the upload was broken off.
+        A reset long after the last part comes from a program that starts: the upload is incomplete and dropped.
         """
         uploads, late = [], False
         for number in self._sessions.numbers(call.client):
@@ -229,7 +229,7 @@ class WritingRequests:
                 late = late or isinstance(handle, FileUpload)
                 handle.close()
         if late:
-            raise Refusal(Error.FAIL, text="An upload was broken off and is not kept: the file is as it was")
+            raise Refusal(Error.FAIL, text="Upload aborted: file unchanged")
         if not uploads:
             return b""
         for upload in uploads[:-1]:
@@ -238,11 +238,11 @@ class WritingRequests:
         return None
 
     def _store(self, call: FileCall, upload: FileUpload, *, silent: bool = False) -> None:
-        """Let an upload take its place, and answer when it has."""
+        """Store an upload, and reply when that is done."""
         if upload.gaps:
             if not silent:
                 name = "/".join(upload.path)
-                self._answers.finish(call, Refusal(Error.FAIL, text=f"{name}: a part never came: send the file again"))
+                self._answers.finish(call, Refusal(Error.FAIL, text=f"{name}: upload incomplete, send the file again"))
             return
         content = bytes(upload.content)
 
@@ -264,7 +264,7 @@ class WritingRequests:
         area, within = self._tree.area(upload.path, write=True)
         self._storing += 1
         if not self._worker.submit(partial(area.store, within, content), stored):
-            stored(Refusal(Error.FAIL, text="The disk has too much to do: send the file again"))
+            stored(Refusal(Error.FAIL, text="Disk busy: send the file again"))
 
     def _remove(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
@@ -298,7 +298,7 @@ class WritingRequests:
 
 
 def _content(area: Area, within: Parts) -> bytes:
-    """Return what is in a file, nothing for one that is not there yet."""
+    """Return the content of a file, empty if it does not exist."""
     try:
         return area.read_whole(within)
     except FileNotFoundError:

@@ -1,8 +1,8 @@
-"""MAVLink FTP: reads whatever the tree shows, writes where the tree allows it.
+"""MAVLink FTP.
 
-Sessions belong to a station, however it comes, and bear the number that the client gives them: MAVSDK uses 0
-whatever it is answered, MAVProxy several at once. What a request changes happens once, however often the request
-comes: the answer is remembered and given again.
+Sessions belong to a station, on all of its paths, and have the number that the client chooses: MAVSDK always uses 0,
+MAVProxy several at once. A request that changes something is executed once; its reply is stored and sent again for
+repeated requests.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class FileServer:
     """Answers FILE_TRANSFER_PROTOCOL."""
 
     def __init__(self, context: LinkContext, tree: Tree, worker: Worker) -> None:
-        """Take the context to answer through, what is to be seen, and who waits for the disk."""
+        """Take the context, the files, and the worker for the disk."""
         self._sessions = FileSessions()
         self._answers = Answers(context, self._sessions, worker)
         self._actions: Mapping[int, FileAction] = {
@@ -91,7 +91,7 @@ class FileServer:
                 self._answers.finish(call, data)
 
     def pump(self, peer: Peer, now_s: float) -> None:
-        """Go on with the bursts of a peer, as far as its line keeps up."""
+        """Continue the burst reads of a peer, as far as its line has room."""
         if not self._sessions:
             return
         waiting = [
@@ -109,7 +109,7 @@ class FileServer:
             peer.bulk.mark_unfinished()
 
     def _send_parts(self, session: FileSession, count: int, now_s: float) -> None:
-        """Go on with one burst."""
+        """Send the next parts of one burst read."""
         if session.burst is None or not isinstance(session.handle, OpenFile):
             return
         call = FileCall(session.burst.request, b"", session.burst.client, now_s)

@@ -21,22 +21,22 @@ MAX_SESSIONS = 16
 MAX_CLIENT_SESSIONS = 6  # sessions of one client; MAVProxy uses five at once
 IDLE_S = 10.0  # a session unused for this long makes room for another
 FORGET_S = 120.0  # and unused for this long it is closed in any case
-_MAX_GAPS = 64  # of a file on its way in
-_BURST_PARTS = 160  # then the client asks again: what a receive buffer of 208 KiB holds, with a margin
+_MAX_GAPS = 64  # in an upload
+_BURST_PARTS = 160  # in a reply: a receive buffer of 208 KiB holds them; then the client continues with a new request
 
 FILE_TRANSFER = 110
 _REMEMBERED = 64  # answers
-_REMEMBERED_S = 5.0  # retries and stray copies come within this
-PENDING = b""  # remembered while a request is being carried out
+_REMEMBERED_S = 5.0  # maximum age of a repeated request
+PENDING = b""  # in place of a reply while a request is being executed
 
-# What may be done twice: the answer to each is found again when it is asked for again.
+# Requests that may be executed twice.
 _HARMLESS = frozenset(
     (Opcode.NONE, Opcode.LIST, Opcode.LIST_WITH_TIME, Opcode.READ, Opcode.BURST_READ, Opcode.CHECKSUM)
 )
 
 
 class OpenFile:
-    """A file as it was when it was opened: what is appended later is not part of it."""
+    """A file with the size at its opening; bytes that are appended later are not part of it."""
 
     __slots__ = ("_content", "_file", "path", "size")
 
@@ -48,7 +48,7 @@ class OpenFile:
         self.size = len(source) if isinstance(source, bytes) else source.size
 
     def read(self, offset: int, count: int) -> bytes:
-        """Return what is there, at most count bytes; Refusal at the end."""
+        """Return at most `count` bytes at an offset; Refusal at the end."""
         if offset >= self.size:
             raise Refusal(Error.END_OF_FILE)
         count = min(count, self.size - offset)
@@ -57,24 +57,24 @@ class OpenFile:
         return self._file.read(offset, count)
 
     def close(self) -> None:
-        """Give up the file."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
 
 
 class FileUpload:
-    """A file on its way in: it takes its place when the session ends, whole or not at all."""
+    """An upload; it is stored whole when the session ends, or not at all."""
 
     __slots__ = ("content", "gaps", "path")
 
     def __init__(self, path: Parts, content: bytes = b"") -> None:
-        """Start with nothing, or with what the file holds already."""
+        """Start empty, or with the present content of the file."""
         self.path = path
         self.content = bytearray(content)
-        self.gaps: list[tuple[int, int]] = []  # where what was written before goes on, from and to: nothing came yet
+        self.gaps: list[tuple[int, int]] = []  # parts that are missing, from and to
 
     def write(self, offset: int, data: bytes) -> None:
-        """Put data at its place; parts may come in any order."""
+        """Write a part at its offset; parts may come in any order."""
         end, size = offset + len(data), len(self.content)
         if end > FILE_BYTES:
             raise Refusal(Error.FAIL_ERRNO, errno.EFBIG)
@@ -89,19 +89,19 @@ class FileUpload:
         self.content[offset:end] = data
 
     def close(self) -> None:
-        """Forget it."""
+        """Drop the content."""
         self.content.clear()
 
 
 class Burst:
-    """The answer to a burst read, as far as it has been sent."""
+    """The state of a reply to a burst read."""
 
     __slots__ = ("_part_bytes", "client", "index", "offset", "request")
 
     def __init__(self, request: FileRequest, client: Station) -> None:
-        """Start at the offset asked for; the size asked for is that of each part."""
+        """Start at the requested offset; the requested size is that of each part."""
         self.request = request
-        self.client = client  # and the way by which it has asked
+        self.client = client
         self.offset = request.offset
         self.index = 0
         self._part_bytes = request.size or 239
@@ -116,7 +116,7 @@ class Burst:
             parts.append((self.index, self.offset, piece))
             self.index += 1
             self.offset += len(piece)
-        # A file that has become shorter meanwhile ends here, too.
+        # Also the end of a file that has become shorter.
         ended = self.index >= _BURST_PARTS or self.offset >= reading.size or not data
         return parts, ended
 
@@ -134,7 +134,7 @@ class FileSession:
 
 
 class FileSessions:
-    """The open sessions of all clients, bounded; a client chooses the numbers of its own."""
+    """The open sessions of all clients, bounded; a client chooses the numbers of its sessions."""
 
     def __init__(self) -> None:
         """Start with none."""
@@ -166,7 +166,7 @@ class FileSessions:
         return self._open[(client, number)].used_s
 
     def check_room(self, client: Station, number: int, now_s: float) -> None:
-        """Generate sure that a session can be opened: what is idle makes room; Refusal when nothing is."""
+        """Make room for a session by closing an idle one; Refusal if none is idle."""
         if (client, number) in self._open:
             return
         own = [key for key in self._open if key[0] == client]
@@ -188,7 +188,7 @@ class FileSessions:
         return None if session is None else session.handle
 
     def discard(self, client: Station, number: int) -> None:
-        """End a session; an upload is forgotten."""
+        """End a session; an upload is dropped."""
         handle = self.end(client, number)
         if handle is not None:
             handle.close()
@@ -198,7 +198,7 @@ class FileSessions:
         return tuple(number for owner, number in self._open if owner == client)
 
     def expire(self, now_s: float) -> None:
-        """Close what nobody has used for long."""
+        """Close sessions that are unused for long."""
         for key, session in self.items():
             if now_s - session.used_s > FORGET_S:
                 self.discard(*key)
@@ -221,7 +221,7 @@ def listing_data(entries: tuple[Entry, ...], start: int, *, with_time: bool, roo
 
 
 class FileCall(NamedTuple):
-    """A request, who made it and when."""
+    """A request, its client and time."""
 
     request: FileRequest
     raw: bytes
@@ -230,7 +230,7 @@ class FileCall(NamedTuple):
 
     @property
     def peer(self) -> Peer:
-        """Return whom the answer goes to."""
+        """The peer that gets the reply."""
         return self.client.peer
 
 
@@ -239,38 +239,38 @@ FileAction = Callable[[FileCall], bytes | None]
 
 
 class Answers:
-    """Answers requests, at once or when the disk has answered, and remembers what it answered."""
+    """Sends replies, at once or after disk work, and stores them for repeated requests."""
 
     def __init__(self, context: LinkContext, sessions: FileSessions, worker: Worker) -> None:
-        """Take the context to answer through, what is open, and who waits for the disk."""
+        """Take the context, the open sessions, and the worker for the disk."""
         self._context = context
         self._sessions = sessions
         self._worker = worker
         self._remembered: OrderedDict[tuple[Station, bytes], tuple[bytes, float]] = OrderedDict()
 
     def find(self, call: FileCall) -> bytes | None:
-        """Return the remembered answer to a request that has come before."""
+        """Return the stored reply to a repeated request; None for a new one."""
         payload, answered_s = self._remembered.get((call.client, call.raw), (None, 0.0))
         if payload is None or call.now_s - answered_s > _REMEMBERED_S:
             return None
         if call.request.opcode == Opcode.OPEN_READ and payload is not PENDING:
-            # A client that was started again may count from the same number: only an open session stays open.
+            # A client that was restarted may count from the same number: valid only while the session is open.
             return payload if self._sessions.get(call.client, call.request.session) is not None else None
         if call.request.opcode == Opcode.TERMINATE:
-            # MAVProxy counts from the same number for each file: a session opened since then is to be ended too, or the
-            # next one would read the old content. Not an upload, which a stray copy must not cut short.
+            # MAVProxy counts from the same number for each file: a session that was opened since must be ended, too, or
+            # the next one would read the old content. Not an upload: a late duplicate must not end it.
             opened = self._sessions.get(call.client, call.request.session)
             if opened is not None and isinstance(opened.handle, OpenFile):
                 return None
         return payload
 
     def begin(self, call: FileCall) -> None:
-        """Remember that a request is being carried out, so that a copy of it is not."""
+        """Mark a request as being executed, so that a duplicate is ignored."""
         if call.request.opcode not in _HARMLESS:
             self._remember(call, PENDING)
 
     def finish(self, call: FileCall, result: bytes | Exception) -> None:
-        """Answer a request with the data asked for, or with what stood in the way."""
+        """Reply to a request with its data or its failure."""
         if isinstance(result, Exception):
             refusal = refusal_of(result)
             if refusal.text:
@@ -283,12 +283,12 @@ class Answers:
         self.send(call, payload)
 
     def _remember(self, call: FileCall, payload: bytes) -> None:
-        """Keep an answer for those who ask again."""
+        """Store a reply for repeated requests."""
         key = (call.client, call.raw)
         keep_latest(self._remembered, key, (payload, call.now_s), _REMEMBERED)
 
     def send(self, call: FileCall, payload: bytes) -> None:
-        """Queue a payload to whoever has asked."""
+        """Queue a payload to the client."""
         address = bytes((0, *call.client.sender))
         packed = self._context.codec.pack_payload(FILE_TRANSFER, address + payload)
         call.peer.outbox.push(packed, Priority.REPLY)
@@ -296,7 +296,7 @@ class Answers:
     def finish_later(
         self, call: FileCall, job: Callable[[], Any], then: Callable[[Any], bytes] = lambda _: b""
     ) -> None:
-        """Have a job done that waits for the disk, and answer when it is done."""
+        """Start a job on the worker, and reply when it is done."""
 
         def done(result: Any) -> None:
             if not isinstance(result, Exception):
@@ -308,5 +308,5 @@ class Answers:
             call.peer.outbox.flush(self._context.now_s)
 
         if not self._worker.submit(job, done):
-            # The client asks again: by then there may be room.
+            # The client repeats its request; by then there may be room.
             self._remembered.pop((call.client, call.raw), None)

@@ -16,15 +16,15 @@ from firmware_py.link.files.payload import Error, Refusal
 from firmware_py.link.parameters.files import Metadata, pack
 
 Query = Mapping[str, str]  # what stands behind a question mark
-# The content of a file in memory, at the moment that it is opened. Called on the worker's thread, because 2000 items
-# take longer than the loop has to spare: it may look at nothing but what is replaced as a whole.
+# Returns the content of a file in memory when it is opened. Called on the worker's thread, since 2000 items take too
+# long for the loop: it may read only objects that are replaced as a whole.
 Generate = Callable[[Query], bytes]
 
 PACKED_PARAMETERS: Parts = ("@PARAM", "param.pck")
 
 
 class Origin(msgspec.Struct, frozen=True):
-    """Who has uploaded something: its MAVLink address, and when."""
+    """MAVLink address of the sender of an upload, and the time."""
 
     system: int
     component: int
@@ -59,7 +59,7 @@ class Tree(msgspec.Struct, frozen=True):
         return {*self.areas, *(parts[0] for parts in (*self.generated, *self.sinks) if len(parts) > 1)}
 
     def listing(self, parts: Parts) -> tuple[Entry, ...]:
-        """Return what a directory holds; may wait for the disk. Sizes of files in memory are those of now."""
+        """Return the entries of a directory; may wait for the disk. Sizes of files in memory are the present ones."""
         if parts and parts[0] in self.areas:
             return self.areas[parts[0]].listing(parts[1:])
         if not parts:
@@ -79,14 +79,14 @@ def parse_path(raw: bytes) -> tuple[Parts, Query]:
     text = raw.split(b"\0", 1)[0]
     if not all(0x20 <= byte < 0x7F for byte in text):
         raise Refusal(Error.FAIL_ERRNO, errno.EINVAL)
-    path, _, asked = text.decode("ascii").partition("?")
+    path, _, query = text.decode("ascii").partition("?")
     parts = tuple(part for part in path.split("/") if part not in ("", "."))
     if any(part.startswith(".") for part in parts):
-        # The directory above, and what is hidden: uploads that are not whole.
+        # The parent directory, and hidden files, which are incomplete uploads.
         raise Refusal(Error.FILE_PROTECTED)
     if len(parts) > MAX_DEPTH + 1 or any(len(part) > MAX_NAME_LENGTH for part in parts):
         raise Refusal(Error.FAIL_ERRNO, errno.ENAMETOOLONG)
-    pairs = (pair.partition("=") for pair in asked.split("&") if pair)
+    pairs = (pair.partition("=") for pair in query.split("&") if pair)
     return parts, {name: value for name, _, value in pairs}
 
 
@@ -115,7 +115,7 @@ def tree_of(
     more: Mapping[Parts, Generate],
     sinks: Mapping[Parts, Sink],
 ) -> Tree:
-    """Return all that file transfer shows; `more` is made when it is read, `sinks` put an upload in force."""
+    """Return all files for file transfer; `more` is generated when it is read, `sinks` apply an upload."""
     areas = {}
     if storage.logs is not None:
         areas["logs"] = Area(storage.logs, writable=False)

@@ -26,12 +26,12 @@ _INT32 = 1 << 31
 _FRAMES_OF_HOME = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _AT_HOME = 1000  # 1e-7 deg: some 11 m
 
-_DUPLICATE_S = 10.0  # what a line doubles comes within this; who asks again does so with another number
+_DUPLICATE_S = 10.0  # maximum delay of a duplicate; a repeated request has another frame number
 _REMEMBERED = 16
 
 
 def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:
-    """Return the item of a MISSION_ITEM or MISSION_ITEM_INT, jumps counted as in the plan; or why it is none."""
+    """Return the item of a MISSION_ITEM or MISSION_ITEM_INT, with jump targets as in the plan; or its problem."""
     x, y = message.x, message.y
     if type(message).id == _ITEM.id:
         place = has_place(message.command)
@@ -49,7 +49,7 @@ def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:
 
 
 def _whole(value: float, *, scaled: bool) -> int | None:
-    """Return a coordinate as an integer, or None; where there is no place, one that is not given (NaN) is 0."""
+    """Return a coordinate as an integer, or None; NaN is 0 in an item without a position."""
     if math.isnan(value) and not scaled:
         return 0
     if not abs(value) < _INT32:
@@ -59,14 +59,14 @@ def _whole(value: float, *, scaled: bool) -> int | None:
 
 
 def new_plan_text(plan: Plan, autopilot: int) -> str:
-    """Say which plan there is now; a mission by its numbers, since stations differ in whether home counts as one."""
+    """Return the text on a new plan; a mission by its item numbers, since stations differ in counting home."""
     first, count = first_item_number(autopilot, plan.kind), len(plan.items)
     extent = f"items {first} to {first + count - 1}" if first and count else f"{count} items"
     return f"New {NAMES[plan.kind]}: {extent}"
 
 
 def home_item(home: Home | None) -> PlanItem:
-    """Return home as item 0 of a mission; the place is 0, 0 while there is none."""
+    """Return home as item 0 of a mission; at 0, 0 while there is no home."""
     if home is None:
         return PlanItem(int(Command.WAYPOINT))
     x, y = scaled_degrees(home.latitude_rad), scaled_degrees(home.longitude_rad)
@@ -74,9 +74,9 @@ def home_item(home: Home | None) -> PlanItem:
 
 
 def is_waypoint_for_home(message: Message, home: Home | None) -> bool:
-    """Whether what came as item 0 of a mission is a waypoint that its station wants sailed.
+    """Return whether item 0 of a received mission was meant as a waypoint to sail to.
 
-    Who knows that it is home sends one with an absolute altitude, or home itself, or nothing.
+    A station that knows item 0 as home sends it with an absolute altitude, or home itself, or zeros.
     """
     item = item_of(message, 0)
     if isinstance(item, PlanProblem) or not (item.x or item.y):
@@ -104,19 +104,19 @@ def item_message(
 
 
 def acknowledge(context: LinkContext, peer: Peer, to: Sender, kind: int, result: PlanResult, identity: int = 0) -> None:
-    """Send a MISSION_ACK; `identity` is the opaque id of a plan that was taken."""
+    """Send a MISSION_ACK; `identity` is the opaque id of an accepted plan."""
     context.send(peer, _ACK(*to, int(result), kind, identity), Priority.URGENT)
 
 
 class DuplicateMessages:
-    """The number of the frame by which each station has asked last, of each message and each type of plan; bounded."""
+    """The frame number of the latest message of each station, message type and plan type; bounded."""
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Start empty."""
         self._latest: OrderedDict[tuple[Station, int, int], tuple[tuple[int, int], float]] = OrderedDict()
 
     def is_duplicate(self, station: Station, message: Message, now_s: float) -> bool:
-        """Return whether a message is the latest of its kind once more; note it when it is not."""
+        """Return whether a message is a duplicate of the latest of its kind; store it if not."""
         key = (station, type(message).id, message.mission_type)
         mark = (getattr(message, "count", 0), message.get_seq())
         before, seen_s = self._latest.get(key, (None, 0.0))

@@ -1,7 +1,7 @@
-"""Plans in one transfer: `@MISSION/mission.dat`, `fence.dat` and `rally.dat`, to be read and to be written.
+"""Plans in one file transfer: `@MISSION/mission.dat`, `fence.dat` and `rally.dat`, for reading and writing.
 
 Source: ArduPilot, libraries/AP_Filesystem/README.md. Five numbers (magic, MAV_MISSION_TYPE, options, first item,
-count), then the payload of a MISSION_ITEM_INT for each item; numbered, and home before a mission, as in the protocol.
+count), then the payload of a MISSION_ITEM_INT for each item, with numbers and home as in the mission protocol.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def pack(plan: Plan, home: Home | None, home_count: int) -> bytes:
 
 
 def unpack(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProblem:
-    """Return the plan of an uploaded file, judged as a whole, or what is wrong with it."""
+    """Return the validated plan of an uploaded file, or its problem."""
     if len(content) < _HEAD.size:
         return _fault("shorter than its head")
     magic, number, options, first, count = _HEAD.unpack_from(content)
@@ -81,19 +81,19 @@ def _fault(text: str) -> PlanProblem:
 
 
 class PlanFiles:
-    """The three files. Making and judging 2000 items is the worker's business, not the loop's."""
+    """The three files. 2000 items are packed and validated on the worker, since that takes too long for the loop."""
 
     def __init__(self, context: LinkContext, worker: Worker) -> None:
-        """Take the context to ask through, and who has the time."""
+        """Take the context and the worker."""
         self._context = context
         self._worker = worker
 
     def generated(self) -> Mapping[Parts, Generate]:
-        """Return what can be read."""
+        """Return the files that can be read."""
         return {path: self._maker(kind) for kind, path in PATHS.items()}
 
     def sinks(self) -> Mapping[Parts, Sink]:
-        """Return what can be written."""
+        """Return the files that can be written."""
         return {path: self._sink(kind) for kind, path in PATHS.items()}
 
     def _maker(self, kind: PlanKind) -> Generate:
@@ -116,7 +116,7 @@ class PlanFiles:
                     done(f"{type(plan).__name__}: {plan}")
 
             if not self._worker.submit(partial(unpack, content, kind, home_count), judged):
-                done("too much to do: send the file again")
+                done("disk busy, send the file again")
 
         return put_in_force
 

@@ -31,13 +31,13 @@ OfKind = Callable[[Peer, Message, PlanKind, float], None]
 _COUNT = mavlink.mavlink_map[44]
 _REQUEST_INT = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT
 _REMEMBERED = 16
-_PART = 16  # items that a request for a part of the list may ask for
+_PART = 16  # maximum number of items in a request for a part of the list
 
-CORNERS_PER_TICK = 500  # of the fence, for all looks: about half a millisecond
+CORNERS_PER_TICK = 500  # of the fence, in all checks: about half a millisecond
 
 
 class MissionServer:
-    """Answers every message of the mission protocol, so that no ground station waits."""
+    """Answers every message of the mission protocol, so that no ground station waits in vain."""
 
     def __init__(self, context: LinkContext) -> None:
         """Take the context to ask and to answer through."""
@@ -45,7 +45,7 @@ class MissionServer:
         self._uploads = PlanUploads(context)
         self._downloads = PlanDownloads(context)
         self._fence_warning = FenceWarning(context)
-        self._clearing: set[tuple[Station, int]] = set()  # who is still to be answered, and by which type
+        self._clearing: set[tuple[Station, int]] = set()  # stations and types that wait for the acknowledgement
         self._cleared = DuplicateMessages()
 
     def handlers(self) -> Mapping[int, Handler]:
@@ -66,12 +66,12 @@ class MissionServer:
         }
 
     def update(self, now_s: float) -> None:
-        """Go on with what goes on by itself; once a tick."""
+        """Update uploads and fence warnings; once a tick."""
         self._uploads.update(now_s)
         self._fence_warning.update()
 
     def report_progress(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
-        """Tell what was reached, and hasten the rest when something has changed."""
+        """Report reached items, and make MISSION_CURRENT due after a change."""
         home_count = first_item_number(self._context.autopilot, PlanKind.MISSION)
         for index in snapshot.mission.reached:
             self._context.send_all(_REACHED(index + home_count))
@@ -85,7 +85,7 @@ class MissionServer:
     # ------------------------------------------------------------------ messages
 
     def _of_kind(self, act: OfKind) -> Handler:
-        """Return a handler that refuses a mission type that there is not."""
+        """Return a handler that refuses unknown mission types."""
 
         def handle(peer: Peer, message: Message, now_s: float) -> None:
             kind = KINDS.get(message.mission_type)
@@ -103,17 +103,16 @@ class MissionServer:
             self._of_kind(self._uploads.receive_item)(peer, message, now_s)
 
     def _set_current(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Go on with another item; MISSION_CURRENT tells everybody, or the asker that it is another one still.
-
-        It is on disk by then, unless a tick has told it before.
-        """
+        """Continue with another item; MISSION_CURRENT goes to all peers once stored, after a refusal to the asker."""
         index = max(0, message.seq - first_item_number(self._context.autopilot, PlanKind.MISSION))
         answer = self._context.request(message, SetMissionItem(index), now_s)
         if answer.verdict is Verdict.ACCEPTED:
             self._context.request_handler.when_orders_stored(partial(self._current_set, peer, message.seq))
             return
         peer.streams.make_due(_CURRENT, now_s)
-        self._context.send_text_limited(peer, Severity.WARNING, answer.text or f"Item {message.seq} was refused", now_s)
+        self._context.send_text_limited(
+            peer, Severity.WARNING, answer.text or f"Mission item {message.seq} refused", now_s
+        )
 
     def _current_set(self, peer: Peer, sequence: int, kept: bool) -> None:  # noqa: FBT001 - the request handler's callback
         self._make_current_due(self._context.now_s)
@@ -132,21 +131,21 @@ class MissionServer:
             self._uploads.cancel(station, kind)
 
     def _clear(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Clear one plan or all; acknowledged once the empty ones are on disk."""
+        """Clear one plan or all; acknowledged once the empty plans are stored."""
         kind = KINDS.get(message.mission_type)
         if kind is None and message.mission_type != _ALL:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
             return
         kinds = tuple(PlanKind) if kind is None else (kind,)
-        # No answer: while the next plan is on its way it would be taken for that one's.
+        # No acknowledgement: during the next upload it would be taken for that one's.
         if self._cleared.is_duplicate(station_of(peer, message), message, now_s):
             return
         if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
             return
         station = station_of(peer, message)
-        asked = (station, message.mission_type)
-        # The same, asked again before the disk has answered: the one answer will do.
-        if asked in self._clearing:
+        request_key = (station, message.mission_type)
+        # A repeated request before the plans are stored: one acknowledgement is enough.
+        if request_key in self._clearing:
             return
         for each in kinds:
             self._uploads.cancel(station, each)
@@ -155,8 +154,8 @@ class MissionServer:
         if not left:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)
             return
-        self._clearing.add(asked)
-        done = partial(self._clearing.discard, asked)
+        self._clearing.add(request_key)
+        done = partial(self._clearing.discard, request_key)
         clearing = _Clearing(self._context, peer, sender_of(message), message.mission_type, len(left), done)
         for each in left:
             request = Request(now_s, ReplacePlan(Plan(each)), *sender_of(message))
@@ -164,21 +163,21 @@ class MissionServer:
 
 
 class _Clearing:
-    """Acknowledges once all plans that are to be cleared have been."""
+    """Acknowledges once all plans are cleared."""
 
     def __init__(
-        self, context: LinkContext, peer: Peer, to: Sender, shown: int, left: int, done: Callable[[], None]
+        self, context: LinkContext, peer: Peer, to: Sender, mission_type: int, left: int, done: Callable[[], None]
     ) -> None:
         self._context = context
         self._peer = peer
         self._to = to
-        self._shown = shown
+        self._mission_type = mission_type
         self._left = left
         self._done = done
         self._failure: Answer | None = None
 
     def receive_answer(self, answer: Answer) -> None:
-        """Take the answer for one of them."""
+        """Take the result for one plan."""
         self._left -= 1
         if answer.verdict is not Verdict.ACCEPTED:
             self._failure = answer
@@ -186,8 +185,12 @@ class _Clearing:
             return
         self._done()
         result = PlanResult.ACCEPTED if self._failure is None else PlanResult.ERROR
-        acknowledge(self._context, self._peer, self._to, self._shown, result)
-        what = NAMES[KINDS[self._shown]].capitalize() if self._shown in KINDS else "Mission, fence and rally points"
+        acknowledge(self._context, self._peer, self._to, self._mission_type, result)
+        what = (
+            NAMES[KINDS[self._mission_type]].capitalize()
+            if self._mission_type in KINDS
+            else "Mission, fence and rally points"
+        )
         if self._failure is None:
             self._context.send_text_all(Severity.INFO, f"{what} cleared")
         else:
@@ -197,14 +200,14 @@ class _Clearing:
 
 @dataclass(slots=True)
 class PlanDownload:
-    """What a station is reading: the plan as it was when it asked for the list, so that it gets the whole of one."""
+    """The plan that a station is reading, as it was at the request of the list, so that it gets one whole plan."""
 
     plan: Plan
     used_s: float
 
 
 class PlanDownloads:
-    """Answers requests for lists and items."""
+    """Sends lists and items to stations."""
 
     def __init__(self, context: LinkContext) -> None:
         """Take the context to answer through."""
@@ -239,7 +242,7 @@ class PlanDownloads:
                 self._send(peer, message, kind, plan, sequence, whole=True)
 
     def end(self, reader: Station, kind: PlanKind) -> None:
-        """Note that a station has read all it wanted, or has a plan of its own in force."""
+        """End the download of a station."""
         self._readings.pop((reader, kind), None)
 
     def _plan(self, reader: Station, kind: PlanKind, now_s: float) -> Plan:
@@ -252,7 +255,7 @@ class PlanDownloads:
 
     def _send(self, peer: Peer, message: Message, kind: PlanKind, plan: Plan, sequence: int, *, whole: bool) -> bool:
         home_count = first_item_number(self._context.autopilot, kind)
-        # Home is there without a mission, too: DroneKit asks for it whatever the count, and waits for it.
+        # Home is sent without a mission, too: DroneKit requests it whatever the count is.
         if not 0 <= sequence < max(_wire_count(plan, home_count), home_count):
             return False
         index = sequence - home_count
@@ -274,22 +277,22 @@ class PlanDownloads:
 
 
 def _wire_count(plan: Plan, home_count: int) -> int:
-    """Return the number of items of a plan as stations count them: an empty mission has no home either."""
+    """Return the number of items as stations count them: with home, unless the mission is empty."""
     return len(plan.items) + home_count if plan.items else 0
 
 
 class FenceWarning:
-    """Looks at the plans in force."""
+    """Warns of mission items that would breach the fence, once after each change; a few checks a tick."""
 
     def __init__(self, context: LinkContext) -> None:
-        """Take the context to ask for the plans and to warn through."""
+        """Take the context."""
         self._context = context
         self._plans: Plans | None = None
         self._looks: Iterator[Breach | None] = iter(())
         self._found: list[Breach] = []
 
     def update(self) -> None:
-        """Go on with the plans in force, once a tick."""
+        """Continue the checks of the plans in force, once a tick."""
         plans = self._context.request_handler.plans()
         if plans is not self._plans:
             self._plans, self._looks, self._found = plans, breaches(plans), []

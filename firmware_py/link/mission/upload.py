@@ -1,8 +1,7 @@
-"""A plan from a ground station: asked for item by item, judged, stored, and only then in force.
+"""Upload of a plan from a ground station: requested item by item, validated, stored, and then put in force.
 
-One upload of each kind goes on at a time. The station answers each request; what it sends
-twice or out of turn does no harm, and what it does not send is asked for again. Whatever
-ends an upload early leaves the old plan as it was.
+There is one upload of each kind at a time. Duplicate and unexpected items are ignored, missing ones are requested
+again. An upload that ends early leaves the old plan unchanged.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ from firmware_py.plans.validation import item_problem, problem_of
 
 _REMEMBERED = 8
 _ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
-_HOME = PlanItem(0)  # keeps the place of home
-_FIRST_WAYPOINT_SKIPPED = "Item 0 is home: the waypoint that was sent as such is not sailed"
-_ALTERNATE_REQUESTS = 2  # after so many requests in vain the old kind of request is tried, and so on by turns
+_HOME = PlanItem(0)  # placeholder for home
+_FIRST_WAYPOINT_SKIPPED = "First waypoint is taken as home and skipped"
+_ALTERNATE_REQUESTS = 2  # after so many unanswered requests the other kind (old or INT) is tried
 
 
 @dataclass(slots=True)
 class PlanUpload:
-    """An upload under way: the items [first, end) as the station numbers them; `base` is the plan that they change."""
+    """An upload of the items [first, end), as the station numbers them; `base` is the plan that they change."""
 
     kind: PlanKind
     owner: Station
@@ -59,11 +58,11 @@ class PlanUpload:
 
     @property
     def next(self) -> int:
-        """The number of the item that is wanted."""
+        """The number of the next item."""
         return self.first + len(self.items)
 
     def plan(self) -> Plan:
-        """Return the plan that came of it."""
+        """Return the uploaded plan."""
         if self.base is None:
             return Plan.of(self.kind, self.items[self.home_count :])
         old = (*(_HOME,) * self.home_count, *self.base.items)
@@ -71,7 +70,7 @@ class PlanUpload:
 
 
 class UploadEnd(msgspec.Struct, frozen=True):
-    """How an upload ended, to be said again when its last item comes again, or late any other."""
+    """The result of an upload, sent again if its last item is repeated, or late any other."""
 
     sequence: int
     result: PlanResult
@@ -90,7 +89,7 @@ class PlanUploads:
         self._counts = DuplicateMessages()
 
     def begin(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Take a MISSION_COUNT: begin an upload, or begin it again."""
+        """Start or restart an upload (MISSION_COUNT)."""
         home_count = first_item_number(self._context.autopilot, kind)
         owner = station_of(peer, message)
         if self._counts.is_duplicate(owner, message, now_s) or not self.may_change(peer, message, kind, now_s):
@@ -103,7 +102,7 @@ class PlanUploads:
         self._start(owner, kind, (0, message.count), None, now_s)
 
     def begin_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Take a MISSION_WRITE_PARTIAL_LIST; an end beyond the plan means its last item."""
+        """Start an upload of some items (MISSION_WRITE_PARTIAL_LIST); an end beyond the plan means its last item."""
         if not self.may_change(peer, message, kind, now_s):
             return
         owner = station_of(peer, message)
@@ -112,7 +111,7 @@ class PlanUploads:
         last = len(base.items) + first_item_number(self._context.autopilot, kind) - 1
         first, end = message.start_index, min(message.end_index, last) + 1
         if not base.items or not 0 <= first < end:
-            fault = PlanProblem(None, PlanResult.INVALID_SEQUENCE, "there are no such items to be written anew")
+            fault = PlanProblem(None, PlanResult.INVALID_SEQUENCE, "no such items to overwrite")
             self._refuse(owner, fault, kind, now_s)
             return
         self._start(owner, kind, (first, end), base, now_s)
@@ -124,7 +123,7 @@ class PlanUploads:
         if upload is None or upload.owner != owner:
             self._answer_stray_item(owner, message, kind, now_s)
             return
-        upload.owner, upload.last_item_s = owner, now_s  # answered by the way by which it comes now
+        upload.owner, upload.last_item_s = owner, now_s  # the next request goes to the peer of this item
         if upload.storing or message.seq != upload.next:
             if message.seq == upload.next - 1:
                 upload.retry.learn_from_duplicate(now_s)
@@ -139,7 +138,7 @@ class PlanUploads:
         self._request_next(upload, now_s)
 
     def cancel(self, owner: Station, kind: PlanKind) -> bool:
-        """Forget the upload of a station that has thought better of it; False when there is none."""
+        """Cancel the upload of a station; False if there is none."""
         upload = self._active.get(kind)
         if upload is None or upload.owner != owner or upload.storing:
             return False
@@ -147,12 +146,12 @@ class PlanUploads:
         return True
 
     def update(self, now_s: float) -> None:
-        """Ask again for what has not come, and end what has been silent for too long."""
+        """Repeat unanswered requests, and end silent uploads."""
         for upload in tuple(self._active.values()):
             if upload.storing:
                 continue
             if now_s - upload.last_item_s >= upload.retry.give_up_s:
-                text = f"the station fell silent at item {upload.next}"
+                text = f"station silent at item {upload.next}"
                 self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
             elif upload.retry.due(now_s):
                 upload.retry.repeat(now_s)
@@ -161,25 +160,24 @@ class PlanUploads:
                 self._request(upload)
 
     def may_change(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> bool:
-        """Return whether a station may change a plan now, or refuse: not while another one uploads it."""
+        """Return whether a station may change a plan now; refuse it while another station uploads one."""
         upload, owner = self._active.get(kind), station_of(peer, message)
         if upload is None or upload.owner == owner:
             return True
-        # Whose connection is gone does not come back as the same correspondent: it need not wait for itself.
+        # A station that reconnects is another peer: it need not wait for its own former upload.
         present = any(Station(other, upload.owner.sender) == upload.owner for other in self._context.all_peers())
         if present and now_s - upload.last_item_s < upload.timeouts.yield_s:
-            text = f"system {upload.owner.sender[0]} is uploading one now"
+            text = f"system {upload.owner.sender[0]} is uploading"
             self._refuse(owner, PlanProblem(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)
             return False
-        text = f"system {owner.sender[0]} takes its turn"
+        text = f"replaced by system {owner.sender[0]}"
         self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
         return True
 
-    # ------------------------------------------------------------------ parts
+    # ------------------------------------------------------------------ steps
 
     def _forget(self, owner: Station, kind: PlanKind) -> None:
-        """Forget what a station has begun or ended, once it asks for something new, whether that can be done or not."""
-        # Items of two plans never mix, and the answer to the new question is none to the old one.
+        """Drop the upload and its result when a station starts a new one, whether that is accepted or not."""
         self._active.pop(kind, None)
         self._ended.pop((owner, kind), None)
 
@@ -212,7 +210,7 @@ class PlanUploads:
     def _checked_item(self, upload: PlanUpload, message: Message) -> PlanItem | PlanProblem:
         index = message.seq - upload.home_count
         if index < 0:
-            # What an ArduPilot is sent as item 0 is the station's idea of home: no item of the plan, and not judged.
+            # Item 0 for an ArduPilot is the station's home: it is not part of the plan, and not validated.
             upload.waypoint_for_home = is_waypoint_for_home(message, self._context.home)
             return _HOME
         item = item_of(message, upload.home_count)
@@ -227,7 +225,7 @@ class PlanUploads:
     def _stored(self, upload: PlanUpload, plan: Plan, answer: Answer) -> None:
         if answer.verdict is Verdict.ACCEPTED:
             self._context.send_text_all(Severity.INFO, new_plan_text(plan, self._context.autopilot))
-        # An upload that another has followed is over for its station, which waits for the other's end.
+        # After a newer upload of the same kind, its station waits for the end of that one.
         if self._active.get(upload.kind) is upload:
             fault = None
             if answer.verdict is not Verdict.ACCEPTED:
@@ -238,7 +236,7 @@ class PlanUploads:
     def _end(
         self, upload: PlanUpload, sequence: int, fault: PlanProblem | None, now_s: float, identity: int = 0
     ) -> None:
-        """End an upload, well without a fault."""
+        """End an upload; it is accepted without a fault."""
         del self._active[upload.kind]
         result = PlanResult.ACCEPTED if fault is None else fault.result
         ended = UploadEnd(sequence, result, 0 if fault else identity, now_s)
@@ -252,17 +250,18 @@ class PlanUploads:
             return
         self._refuse(upload.owner, fault, upload.kind, now_s)
 
-    def _refuse(self, to: Station, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None) -> None:
-        acknowledge(self._context, to.peer, to.sender, int(kind) if shown is None else shown, fault.result)
+    def _refuse(
+        self, to: Station, fault: PlanProblem, kind: PlanKind, now_s: float, mission_type: int | None = None
+    ) -> None:
+        acknowledged_type = int(kind) if mission_type is None else mission_type
+        acknowledge(self._context, to.peer, to.sender, acknowledged_type, fault.result)
         why = fault.message(first_item_number(self._context.autopilot, kind))
-        self._context.send_text_limited(
-            to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {why}", now_s
-        )
+        self._context.send_text_limited(to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} rejected: {why}", now_s)
 
     def _answer_stray_item(self, owner: Station, message: Message, kind: PlanKind, now_s: float) -> None:
-        """Answer an item that is not asked for: the end that its sender may have missed, else that it is not wanted.
+        """Answer an unexpected item: with the result that its sender may have missed, otherwise with a refusal.
 
-        One before the last is a double at first; later it is the last word of who has heard an overtaken request last.
+        An item before the last is ignored as a duplicate at first; later the result is repeated for it.
         """
         ended = self._ended.get((owner, kind))
         if ended is None:

@@ -22,8 +22,8 @@ ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 _PARAMETER_TYPE = 1  # COMP_METADATA_TYPE_PARAMETER
 _URI = f"mftp://{DIRECTORY}/"
 _JSON_TYPES = {Kind.INTEGER: "Int32", Kind.REAL: "Float"}
-# The stations' small decoders know this check and no other. Dictionary and effort are small for this computer's sake,
-# which does it at each start: the most effort would save 300 bytes.
+# The small decoders of stations support this check only. Dictionary and preset are small, since this is compressed at
+# each start: the highest preset would save 300 bytes.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 2, "dict_size": 1 << 16}]
 
 PLAIN, WITH_DEFAULTS = 0x671B, 0x671C
@@ -35,10 +35,10 @@ _MAX_COMMON = 15
 
 
 class Metadata:
-    """The files, by path, and the messages that point to them."""
+    """The metadata files, by path, and the messages that refer to them."""
 
     def __init__(self, version: Version, autopilot: int) -> None:
-        """Make the files of this version, for a boat that says it is this autopilot (MAV_AUTOPILOT)."""
+        """Generate the files of this version for an identity (MAV_AUTOPILOT)."""
         self.autopilot = autopilot
         parameters, compressed = parameter_files(autopilot)
         general = _text(
@@ -70,14 +70,14 @@ class Metadata:
         return mavlink.mavlink_map[397](boot_ms(t_s), mavlink_crc32(self._general), uri)
 
     def old_message(self, t_s: float) -> Message:
-        """Return COMPONENT_INFORMATION, which older stations ask for."""
+        """Return COMPONENT_INFORMATION, which older stations request."""
         uri = text_of(f"{_URI}general.json.xz", 100)
         return mavlink.mavlink_map[395](boot_ms(t_s), mavlink_crc32(self._general), uri, 0, b"")
 
 
 @cache
 def parameter_files(autopilot: int) -> tuple[bytes, bytes]:
-    """Return parameter.json, plain and compressed; made once, since the table does not change."""
+    """Return parameter.json, plain and compressed; cached, since the table does not change."""
     parameters = _text({"version": 3, "parameters": [_parameter(row, autopilot) for row in TABLE]})
     return parameters, _compressed(parameters)
 
@@ -88,16 +88,16 @@ def parameter_json() -> str:
 
 
 def declared_kind(row: Parameter, autopilot: int) -> Kind:
-    """Return the type that a parameter is said to have.
+    """Return the declared type of a parameter.
 
-    Its value travels as a float. Of ArduPilot every station knows that; of others many take an integer for its bytes
-    in the field of a float, and so there is none.
+    Values are sent as floats. Every station knows that of ArduPilot; of other autopilots many take an integer for its
+    bytes in the field of a float, so all parameters are declared REAL there.
     """
     return row.kind if autopilot == ARDUPILOT else Kind.REAL
 
 
 def _parameter(row: Parameter, autopilot: int) -> dict[str, Any]:
-    shown: dict[str, Any] = {
+    entry: dict[str, Any] = {
         "name": row.name,
         "type": _JSON_TYPES[declared_kind(row, autopilot)],
         "shortDesc": row.text.split(":")[0].split(";")[0].split(". ")[0].rstrip("."),
@@ -109,17 +109,17 @@ def _parameter(row: Parameter, autopilot: int) -> dict[str, Any]:
         "category": "Standard",
     }
     if row.unit:
-        shown["units"] = row.unit
+        entry["units"] = row.unit
     if declared_kind(row, autopilot) is Kind.REAL:
-        shown["decimalPlaces"] = _decimal_places(row) if row.kind is Kind.REAL else 0
+        entry["decimalPlaces"] = _decimal_places(row) if row.kind is Kind.REAL else 0
     if row.choices is not None:
-        shown["values"] = [{"value": number, "description": text} for number, text in row.choices.items()]
+        entry["values"] = [{"value": number, "description": text} for number, text in row.choices.items()]
     if row.reboot:
-        shown["rebootRequired"] = True
+        entry["rebootRequired"] = True
     if row.read_only:
-        shown["readOnly"] = True
-        shown["volatile"] = True
-    return shown
+        entry["readOnly"] = True
+        entry["volatile"] = True
+    return entry
 
 
 def _number(row: Parameter, value: float) -> float | int:
@@ -128,7 +128,7 @@ def _number(row: Parameter, value: float) -> float | int:
 
 
 def _decimal_places(row: Parameter) -> int:
-    """Return how many decimals a value needs: four digits of the default, or of the least value that is not 0."""
+    """Return the number of decimals of a value: four digits of the default, or of the smallest value that is not 0."""
     size = abs(row.default) or abs(row.minimum) or 1.0
     places = 0
     while size < 100.0 and places < 7:
@@ -146,9 +146,9 @@ def _compressed(content: bytes) -> bytes:
 
 
 def pack(values: ParameterSet, query: Mapping[str, str], autopilot: int) -> bytes:
-    """Return the file; the query may hold start, count and withdefaults, and what it says wrong is not heeded.
+    """Return the file; the query may hold start, count and withdefaults, and invalid values are ignored.
 
-    The types are those that PARAM_VALUE declares for a boat that says it is this autopilot: stations keep them.
+    The types are those that PARAM_VALUE declares for this identity, since stations store them.
     """
     start, count = _whole(query.get("start"), 0), _whole(query.get("count"), len(TABLE))
     with_defaults = _whole(query.get("withdefaults"), 0) != 0
@@ -160,11 +160,11 @@ def pack(values: ParameterSet, query: Mapping[str, str], autopilot: int) -> byte
         number, form = _PACKED_TYPES[declared_kind(row, autopilot)]
         common = _common(before, row.name)
         ending = row.name[common:].encode("ascii")
-        shown = [value]
+        row_values = [value]
         if with_defaults and value != row.default:
             number |= _HAS_DEFAULT
-            shown.append(row.default)
-        numbers = [int(number) if form == "i" else number for number in shown]
+            row_values.append(row.default)
+        numbers = [int(number) if form == "i" else number for number in row_values]
         parts.append(bytes((number, common | (len(ending) - 1) << 4)) + ending)
         parts.append(struct.pack(f"<{len(numbers)}{form}", *numbers))
         before = row.name
@@ -172,9 +172,9 @@ def pack(values: ParameterSet, query: Mapping[str, str], autopilot: int) -> byte
 
 
 def unpack(content: bytes) -> dict[str, float]:
-    """Read an uploaded file into {name: checked value}, or raise ParameterError: all of it is right, or nothing.
+    """Return the checked values of an uploaded file by name; ParameterError if any is invalid.
 
-    The third number of the head is the length of the file, as ArduPilot wants it of uploads.
+    The third number of the head is the length of the file, as in uploads to ArduPilot.
     """
     if len(content) < _HEAD.size:
         raise ParameterError("shorter than its head")

@@ -21,10 +21,10 @@ _AT_ONCE = 8  # values of a list in one call: half a millisecond
 _FRAME_BYTES = 50  # the longest, signed
 _QUEUED = 8  # and at most this many waiting for a slow line
 _QUEUED_FAST = 64  # or for a network that takes nothing now
-_UNSTORED = 32  # changes under way of one station; more of its are not heard until some are on disk
+_UNSTORED = 32  # changes of one station that are not stored yet; more are ignored
 _MAX_UNSTORED = 128  # and of all together
 BY_NAME = -1
-_OVERRULED = "FENCE_ENABLE"  # by commands: who sets it has the last word, also to the value that it has
+_OVERRULED = "FENCE_ENABLE"  # changed by commands, too: setting it to its present value overrides them
 
 _NO_SUCH = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 _READ_ONLY = mavlink.MAV_PARAM_ERROR_READ_ONLY
@@ -44,8 +44,8 @@ _FAILED = mavlink.PARAM_ACK_FAILED
 class ParameterServer:
     """Lists, reads and sets the rows of params.TABLE.
 
-    A value that a station is to be told is owed to it as a row, not queued as a message: it is sent when its line has
-    room, as it is then, so that none is lost however slow the line.
+    A changed value is marked for each peer as a due row, not queued as a message: it is sent with its latest value when
+    the line has room, so that none is lost on a slow line.
     """
 
     def __init__(self, context: LinkContext) -> None:
@@ -57,10 +57,10 @@ class ParameterServer:
         """Return the messages handled here."""
         return {20: self._read, 21: self._list, 23: self._set}
 
-    # ------------------------------------------------------------------ told
+    # ------------------------------------------------------------------ sending
 
     def pump(self, peer: Peer, now_s: float) -> None:  # noqa: ARG002 - a service like the others
-        """Send a peer what it is owed and go on with its list, as far as its line keeps up."""
+        """Send a peer its due rows and the next rows of its list, as far as its line has room."""
         if not peer.parameter_rows_due and peer.parameter_list_row is None:
             return
         most = _QUEUED if peer.transport.byte_rate is not None else _QUEUED_FAST
@@ -83,7 +83,7 @@ class ParameterServer:
     def _value(self, row: int) -> Message:
         return self._context.parameter_value(row, row)
 
-    # ------------------------------------------------------------------ asked
+    # ------------------------------------------------------------------ requests
 
     def _list(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         peer.parameter_list_row = 0
@@ -97,7 +97,7 @@ class ParameterServer:
             self._queue_row(peer, row)
 
     def _set(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Change a value; it is confirmed, to everybody, when it is on disk."""
+        """Change a value; it is sent to all peers once it is stored."""
         row = INDEX.get(message.param_id)
         if row is None:
             self.no_such(peer, message, BY_NAME)
@@ -119,9 +119,9 @@ class ParameterServer:
         refused: Callable[[int], None],
         stored: Callable[[bool], None],
     ) -> None:
-        """Set a row for the sender of a message and say in its protocol what has become of it.
+        """Set a row for the sender of a message and report the result in its protocol.
 
-        `refused` is called with the MAV_PARAM_ERROR, `stored` once it is on disk, or cannot be put there.
+        `refused` is called with the MAV_PARAM_ERROR, `stored` once the value is stored or storing has failed.
         """
         if self._unstored[peer] >= _UNSTORED or self._unstored.total() >= _MAX_UNSTORED:
             return
@@ -144,20 +144,20 @@ class ParameterServer:
             stored(well)
             self._stored(peer, (row,), stored=well, changed=changed)
 
-        # A value that is in force already may still be on its way to the disk.
+        # A value that is in force already may not be stored yet.
         self._context.request_handler.when_stored(done)
 
     def _stored(self, asker: Peer | None, rows: tuple[int, ...], *, stored: bool, changed: bool = True) -> None:
-        self._unstored -= Counter((asker,))  # which keeps nobody who has none
+        self._unstored -= Counter((asker,))  # this also removes zero counts
         names = ", ".join(TABLE[row].name for row in rows[:3])
         if stored:
-            # Who asked comes first, and need not have a place.
+            # The asker comes first, and may be a pending peer.
             for peer in dict.fromkeys((*(() if asker is None else (asker,)), *self._context.peers)):
                 if peer is asker or not peer.quiet:
                     for row in rows:
                         self._queue_row(peer, row)
                     self.pump(peer, self._context.now_s)
-                    peer.outbox.flush(self._context.now_s)  # who asked need not wait for the others
+                    peer.outbox.flush(self._context.now_s)
             later = [TABLE[row].name for row in rows if TABLE[row].reboot] if changed else []
             if later:
                 self._context.send_text_all(Severity.NOTICE, f"{', '.join(later[:3])}: takes effect at the next start")
@@ -167,12 +167,12 @@ class ParameterServer:
 
     def _refuse(self, peer: Peer, message: Message, row: int, error: int) -> None:
         self._error(peer, message, row, error)
-        # Twice: pymavlink takes the first answer for what it has asked for, and only the next one for what is.
+        # Twice: pymavlink takes the first reply for its own request, and only the next one for the present value.
         self._context.send(peer, self._value(row))
         self._queue_row(peer, row)
 
     def no_such(self, peer: Peer, message: Message, index: int) -> None:
-        """Say that the parameter a message names does not exist."""
+        """Report that the parameter of a message does not exist."""
         self._error(peer, message, index, _NO_SUCH)
 
     def _error(self, peer: Peer, message: Message, index: int, error: int) -> None:
@@ -180,14 +180,14 @@ class ParameterServer:
         name = text_of(message.param_id, 16)
         self._context.send(peer, mavlink.MAVLink_param_error_message(sender, component, name, index, error))
 
-    # ------------------------------------------------------------------ uploaded as a file
+    # ------------------------------------------------------------------ upload
 
     def apply_file(self, content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
         """Set all parameters of an uploaded param.pck, or none; a `Sink` of files/tree."""
         request_handler = self._context.request_handler
         try:
             wanted = unpack(content)
-            # Together they must be possible as well as each by itself.
+            # They must be valid together, too.
             values = request_handler.parameters()
             for name, value in wanted.items():
                 values = values.replaced(name, value)
@@ -215,10 +215,14 @@ class ParameterServer:
 
 
 class ExtendedParameters:
-    """Lists, reads and sets the rows of params.TABLE for who asks in PARAM_EXT."""
+    """PARAM_EXT: lists, reads and sets the same rows.
+
+    MAVSDK uses it for `set_param_custom` and for a component with ProtocolVersion.EXT; without a reply to a list it
+    waits forever. A value is in the first bytes of a text, by its type.
+    """
 
     def __init__(self, context: LinkContext, server: ParameterServer) -> None:
-        """Take the context to answer through and who changes parameters."""
+        """Take the context and the server that changes parameters."""
         self._context = context
         self._server = server
 
@@ -227,7 +231,7 @@ class ExtendedParameters:
         return {_REQUEST_READ: self._read, _REQUEST_LIST: self._list, _SET: self._set}
 
     def pump(self, peer: Peer, now_s: float) -> None:
-        """Send a peer what it is owed, as far as its line keeps up."""
+        """Send a peer its due rows, as far as its line has room."""
         due = peer.extended_rows_due
         if not due:
             return
@@ -251,7 +255,7 @@ class ExtendedParameters:
         peer.extended_rows_due.update(dict.fromkeys(range(len(TABLE))))
 
     def _read(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
-        """Read a parameter; one that does not exist is answered by PARAM_ERROR, since PARAM_EXT knows none."""
+        """Read a parameter; an unknown one is answered by PARAM_ERROR, since PARAM_EXT has no error."""
         row = INDEX.get(message.param_id) if message.param_index == BY_NAME else message.param_index
         if row is None or not 0 <= row < len(TABLE):
             self._server.no_such(peer, message, message.param_index)
@@ -259,7 +263,7 @@ class ExtendedParameters:
             peer.extended_rows_due[row] = None
 
     def _set(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Change a value; it is acknowledged when it is on disk."""
+        """Change a value; it is acknowledged once it is stored."""
         row, layout = INDEX.get(message.param_id), _LAYOUTS.get(message.param_type)
         if row is None:
             self._acknowledge(peer, message, _FAILED)
@@ -275,7 +279,7 @@ class ExtendedParameters:
     def _acknowledge(self, peer: Peer, message: Message, result: int) -> None:
         name, row = text_of(message.param_id, 16), INDEX.get(message.param_id)
         kind, value = message.param_type, _bytes(message)
-        if row is not None:  # what is, as of a refusal of PARAM_SET
+        if row is not None:  # the present value, as in a refusal of PARAM_SET
             kind = int(TABLE[row].kind)
             value = _packed(self._context.request_handler.parameters().values()[row], kind)
         self._context.send(peer, mavlink.MAVLink_param_ext_ack_message(name, value, kind, result), Priority.URGENT)

@@ -1,4 +1,4 @@
-"""Messages by satellite: when a session is worth its price, what it carries, and what is made of how it ends."""
+"""Messages by satellite: decides when to start a session and what it carries, and handles its result."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from firmware_py.link.satellite.messages import Bundle, Kind, MessageQueue
 from firmware_py.link.satellite.modem import Modem, Session
 from firmware_py.link.satellite.record import Ledger, Limits
 
-# After each failure a random time up to this, after more the last of them. Source: Ground Control, Adaptive Retry.
+# Maximum random wait after each failure, then _RETRY_LATER_S. Source: Ground Control, Adaptive Retry.
 _RETRY_S = (5.0, 5.0, 30.0, 30.0)
 _RETRY_LATER_S = 300.0
-_RETRY_LATEST_S = 3600.0  # where each try may have cost something: twice as long each time, up to this
-_REGISTERED_S = 180.0  # after status 36: so long after the last registration
+_RETRY_LATEST_S = 3600.0  # limit of the wait, which doubles while each failure may have cost something
+_REGISTERED_S = 180.0  # wait after status 36, too early after the last registration
 _TOO_EARLY = 36
-# With these the gateway may have got the message all the same: it is paid for, for all that is known.
+# With these the gateway may have received the message: it is counted as paid.
 _UNCLEAR = frozenset({None, 13, 17, 18, 19})
-_WEAK_S, _WEAK_LONGEST_S = 15.0, 120.0  # between looks for a signal, doubled each time
-_SILENT_S = 60.0  # a modem that has said nothing for this long is told
-_BLOCKED_S = 1800.0  # so is what has kept her from a session for this long: a seaway hides the sky for less
+_WEAK_S, _WEAK_LONGEST_S = 15.0, 120.0  # between signal measurements, doubled each time
+_SILENT_S = 60.0  # a modem without response for longer is reported
+_BLOCKED_S = 1800.0  # a session that is blocked for longer is reported; a seaway hides the sky for less
 
 
 class Settings(msgspec.Struct, frozen=True):
-    """What parameters say: limits, the least signal, and after how long without a session one looks for messages."""
+    """Settings by parameters: limits, minimum signal, and the interval of mailbox checks."""
 
     limits: Limits
     min_signal: int
@@ -37,7 +37,7 @@ class Settings(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class Counts:
-    """What has happened since the start."""
+    """Counters since the start."""
 
     sessions: int = 0
     failed: int = 0
@@ -48,10 +48,10 @@ class Counts:
 
 
 class SatelliteDriver:
-    """One modem, what waits for it, and what it may cost; pure, time passed in.
+    """One modem, its queue and its budget; without I/O, time is an argument.
 
-    A session is charged before it begins and given back when it has certainly cost nothing, so that no power cut and no
-    lost answer makes the bill larger than the count. What a message ashore to her costs is counted when it comes.
+    A session is charged before it starts and refunded if it has certainly cost nothing, so that neither a power cut nor
+    a lost answer makes the bill larger than the count. A received message is charged when it comes.
     """
 
     def __init__(
@@ -62,19 +62,19 @@ class SatelliteDriver:
         tell: Callable[[Event], None],
         seed: int = 0,
     ) -> None:
-        """Take what was spent before, what keeps it on disk, and what tells an event."""
+        """Take the ledger of earlier runs, the settings, and functions that store the ledger and report an event."""
         self.modem = Modem()
         self.queue = MessageQueue()
         self.counts = Counts()
         self.ledger = ledger
         self.settings = settings
         self.received: list[tuple[int, bytes]] = []  # number of the network, message
-        self.session_s: float | None = None  # when a session has succeeded last
+        self.session_s: float | None = None  # time of the latest successful session
         self.status: int | None = None  # of the last session
-        self.blocked_reason = ""  # what keeps her from the session that is due
+        self.blocked_reason = ""  # why the session that is due cannot start
         self._spent, self._report = spent, tell
         self._chance = random.Random(seed)  # noqa: S311 - it spreads calls, and guards nothing
-        self._bundle: Bundle | None = None  # under way
+        self._bundle: Bundle | None = None  # in the present session
         self._charge = 0
         self._failures = 0
         self._unclear = 0  # of these, in a row, such as may have cost something
@@ -90,7 +90,7 @@ class SatelliteDriver:
     # ------------------------------------------------------------------ bytes
 
     def restart(self, now_s: float) -> None:
-        """Begin anew with a modem whose line was away."""
+        """Restart after the line to the modem was lost."""
         if self._bundle is not None:
             self._end(Session(tried=True), now_s)
         self.modem.restart()
@@ -101,7 +101,7 @@ class SatelliteDriver:
         self._take_sessions(now_s)
 
     def update(self, now_s: float, utc_s: float) -> bytes:
-        """Do what is due and return what is to be written to the modem."""
+        """Do the work that is due and return the bytes to be written to the modem."""
         out = self.modem.update(now_s)
         self._take_sessions(now_s)
         self.ledger = self.ledger.at(utc_s, self._charge)
@@ -140,7 +140,7 @@ class SatelliteDriver:
         self.modem.begin(bundle.content, now_s)
 
     def _due(self, now_s: float) -> Bundle | None:
-        """Return what is to be sent now, an empty bundle for a look into the mailbox; None for nothing."""
+        """Return the bundle to be sent now, an empty one for a mailbox check; None if no session is due."""
         limits, ledger = self.settings.limits, self.ledger
         rooms = {kind: ledger.room(limits, kind) for kind in Kind}
         bundle = self.queue.compose(lambda kind, size: limits.cost(size) <= rooms[kind])
@@ -179,7 +179,7 @@ class SatelliteDriver:
         if bundle is not None:
             self.status = session.status
             paid = session.sent or (session.tried and session.status in _UNCLEAR)
-            # Who gets a message pays for that alone.
+            # A session that receives a message costs that message only.
             if not paid or (not bundle.frames and session.length):
                 ledger = ledger.charged(-charge)
             if session.sent:
@@ -190,7 +190,7 @@ class SatelliteDriver:
                 self._due_since_s, self.blocked_reason = None, ""
                 if self._reported_blocked:
                     self._reported_blocked = False
-                    self._report(Event(Severity.NOTICE, "Satellite is reached again"))
+                    self._report(Event(Severity.NOTICE, "Satellite link recovered"))
             else:
                 self._unclear = self._unclear + 1 if paid else 0
                 self._fail(session, now_s)
@@ -216,7 +216,7 @@ class SatelliteDriver:
         self._failures += 1
 
     def refuse(self, reason: str) -> None:
-        """Count a message that changes nothing; the first of a kind is told."""
+        """Count a refused message; the first for each reason is reported."""
         first = reason not in self.counts.refused
         self.counts.refused[reason] = self.counts.refused.get(reason, 0) + 1
         if first:
@@ -234,7 +234,7 @@ class SatelliteDriver:
         silent = since_s is not None and now_s - since_s > _SILENT_S
         if silent != self._reported_silent:
             self._reported_silent = silent
-            text = "Satellite modem does not answer" if silent else "Satellite modem answers again"
+            text = "Satellite modem not responding" if silent else "Satellite modem recovered"
             self._report(Event(Severity.WARNING if silent else Severity.NOTICE, text))
         kept = self._due_since_s is not None and now_s - self._due_since_s > _BLOCKED_S
         if kept and not self._reported_blocked and not silent and self.blocked_reason:

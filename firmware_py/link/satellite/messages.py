@@ -17,23 +17,23 @@ from firmware_py.link.wire.frames import checksum
 
 
 class Kind(IntEnum):
-    """What goes first."""
+    """Priority of messages."""
 
-    EVENT = 0  # faults, and another mode
+    EVENT = 0  # faults and mode changes
     REPORT = 1
     ANSWER = 2
-    MAILBOX = 3  # nothing is sent: a look for what waits ashore
+    MAILBOX = 3  # nothing is sent: a check for messages ashore
 
 
 HEAD_BYTES = TEXT_PLACE = 10
 HIGH_LATENCY2, STATUSTEXT, COMMAND_ACK = 235, 253, 77
-# Payloads of MAVLink 1, which has no extension fields and a header that is four bytes shorter: HIGH_LATENCY2 then is 50
-# bytes, and so one credit, where MAVLink 2 makes it 54 and two.
+# Payloads sent as MAVLink 1, whose header is four bytes shorter: HIGH_LATENCY2 takes 50 bytes and one credit, as
+# MAVLink 2 it would take 54 bytes and two credits.
 _MAVLINK1_BYTES: Mapping[int, int] = {HIGH_LATENCY2: 42, COMMAND_ACK: 3}
-# Severity and so much of a text, that it makes one credit.
+# Severity and the part of a text that fits into one credit.
 _TEXT_BYTES = 1 + 37
-_CHUNK = 53  # place of the number of the part of a long text
-# Of HIGH_LATENCY2, on the wire: custom_mode, failure_flags, and custom2, whose first bit says that she is armed.
+_CHUNK = 53  # offset of the chunk number of a long text
+# Offsets in HIGH_LATENCY2: custom_mode, failure_flags, and custom2, whose first bit is set while armed.
 _MODE, _FAILURES, _BITS = slice(12, 14), slice(22, 24), 41
 
 MARK = 0xB5
@@ -49,7 +49,7 @@ _DEPTHS: Mapping[Kind, int] = {Kind.EVENT: 16, Kind.REPORT: 24, Kind.ANSWER: 16}
 
 
 def frames_of(data: bytes) -> Iterator[bytes]:
-    """Return the frames of MAVLink 2 that were put together, without their signatures."""
+    """Yield the MAVLink 2 frames of a batch, without their signatures."""
     start = 0
     while start < len(data):
         end = start + HEAD_BYTES + data[start + 1] + 2
@@ -63,14 +63,14 @@ def is_text(frame: bytes) -> bool:
 
 
 def shortest(frame: bytes) -> bytes | None:
-    """Return an unsigned frame in the form that costs least; None for what is not worth it.
+    """Return an unsigned frame in its cheapest form; None for one that is not sent by satellite.
 
-    Signatures are left away: the boat's own messages would cost a credit more each.
+    Messages of the boat are sent unsigned, since a signature would cost one more credit each.
     """
     number, payload = _number(frame), frame[HEAD_BYTES:-2]
     if is_text(frame):
         if any(payload[_CHUNK:]):
-            return None  # the rest of a text whose beginning was sent
+            return None  # a later chunk of a text whose first chunk was sent
         payload = payload[:_TEXT_BYTES]
     seed = bytes((mavlink.mavlink_map[number].crc_extra,))
     size = _MAVLINK1_BYTES.get(number)
@@ -83,14 +83,14 @@ def shortest(frame: bytes) -> bytes | None:
 
 
 class Importance:
-    """Tells reports from events: one with another mode, arming or failures than the one before is an event."""
+    """Classifies frames: a report with a change of mode, arming or failures is an event."""
 
     def __init__(self) -> None:
-        """Begin with nothing sent."""
+        """Start without a report."""
         self._state: bytes | None = None
 
     def kind_of(self, frame: bytes) -> Kind:
-        """Return what an unsigned frame of MAVLink 2 is."""
+        """Return the priority of an unsigned MAVLink 2 frame."""
         number = _number(frame)
         if is_text(frame):
             return Kind.EVENT
@@ -106,25 +106,32 @@ def _number(frame: bytes) -> int:
 
 
 class Keyed(msgspec.Struct, frozen=True):
-    """A frame of the short form whose code holds; `frame` is the same as MAVLink 2."""
+    """A frame in the short form with a valid code; `frame` is the same as MAVLink 2.
+
+    The short form (docs/reference/satellite-messages.md): mark 0xB5, number (5 bytes), system, component, message id (2
+    bytes), payload without its last zeros, code (8 bytes), little-endian. The number is the time of writing in
+    hundredths of a second since 2015, or the last one plus 1. The code is the start of the HMAC-SHA256 by the boat's
+    key over the text `sbd short form 1`, the modem's IMEI and the message before the code. A number counts once, in any
+    order.
+    """
 
     number: int
     frame: bytes
 
     def age_s(self, utc_s: float) -> float:
-        """Return how long ago it was written."""
+        """Return the age of the message in seconds."""
         return utc_s - EPOCH_S - self.number / UNITS_HZ
 
 
 def open_keyed(message: bytes, imei: str, code: Callable[[bytes], bytes | None]) -> Keyed | str:
-    """Return the frame of a message in the short form, or why it is none; `code` makes an HMAC, None without a key."""
+    """Return the frame of a message in the short form, or the reason of a refusal; `code` returns an HMAC or None."""
     if len(message) < _HEAD_BYTES + CODE_BYTES:
         return "cut short"
-    covered, told = message[:-CODE_BYTES], message[-CODE_BYTES:]
+    covered, received_code = message[:-CODE_BYTES], message[-CODE_BYTES:]
     right = code(_CONTEXT + imei.encode() + covered)
     if right is None:
         return "there is no key"
-    if not compare_digest(right[:CODE_BYTES], told):
+    if not compare_digest(right[:CODE_BYTES], received_code):
         return "false code"
     system, component, payload = covered[6], covered[7], covered[_HEAD_BYTES:] or b"\0"
     number = int.from_bytes(covered[8:10], "little")
@@ -137,17 +144,17 @@ def open_keyed(message: bytes, imei: str, code: Callable[[bytes], bytes | None])
 
 
 class Window(msgspec.Struct, frozen=True):
-    """The latest numbers that have counted, in order, and `floor`: up to there none counts any more."""
+    """The latest used numbers, in order; numbers up to `floor` are refused."""
 
     floor: int = 0
     used: tuple[int, ...] = ()
 
     def admits(self, number: int) -> bool:
-        """Return whether a number has not counted yet."""
+        """Return whether a number is not used yet."""
         return number > self.floor and number not in self.used
 
     def with_number(self, number: int) -> Window:
-        """Return it after a number has counted."""
+        """Return the window with one more used number."""
         place = bisect_left(self.used, number)
         used = (*self.used[:place], number, *self.used[place:])
         if len(used) <= KEPT_NUMBERS:
@@ -156,7 +163,7 @@ class Window(msgspec.Struct, frozen=True):
 
 
 class Bundle(msgspec.Struct, frozen=True):
-    """Frames that go out in one message."""
+    """Frames of one message."""
 
     frames: tuple[tuple[Kind, bytes], ...] = ()
 
@@ -167,18 +174,18 @@ class Bundle(msgspec.Struct, frozen=True):
 
 
 class MessageQueue:
-    """What waits, by kind and never without bound; nothing leaves it but by `remove`, or is counted in `dropped`.
+    """Queued frames by priority, bounded; frames leave by `remove`, or are counted in `dropped`.
 
-    A report that finds the queue full takes the place of the oldest: where she is now is worth more than where she was.
+    A report that finds the queue full replaces the oldest one, since the latest position is the most useful.
     """
 
     def __init__(self) -> None:
-        """Start with nothing."""
+        """Start empty."""
         self._queues: Mapping[Kind, deque[bytes]] = {kind: deque() for kind in _DEPTHS}
         self.dropped: dict[Kind, int] = dict.fromkeys(_DEPTHS, 0)
 
     def __len__(self) -> int:
-        """Return how many frames wait."""
+        """Return the number of queued frames."""
         return sum(len(queue) for queue in self._queues.values())
 
     def offer(self, kind: Kind, frame: bytes) -> None:
@@ -192,9 +199,9 @@ class MessageQueue:
         queue.append(frame)
 
     def compose(self, fits: Callable[[Kind, int], bool]) -> Bundle:
-        """Return what goes out next: events, then the newest reports, then answers, as far as `fits` pays for it.
+        """Return the next message: events, then the newest reports, then answers, as far as `fits` allows.
 
-        `fits` takes the kind of the last frame and the bytes of the whole message.
+        `fits` takes the priority of the last frame and the bytes of the whole message.
         """
         frames: list[tuple[Kind, bytes]] = []
         size = 0
@@ -211,7 +218,7 @@ class MessageQueue:
                 yield kind, frame
 
     def remove(self, bundle: Bundle) -> None:
-        """Forget what was sent; a report that has lost its place meanwhile is gone already."""
+        """Remove the frames that were sent; a report may have been replaced meanwhile."""
         for kind, frame in bundle.frames:
             if frame in self._queues[kind]:
                 self._queues[kind].remove(frame)

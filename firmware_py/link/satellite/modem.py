@@ -1,4 +1,4 @@
-"""An Iridium 9602 or 9603 by its AT commands: never waits, bytes in and bytes out, time passed in.
+"""An Iridium 9602 or 9603 modem by its AT commands, without blocking: bytes in, bytes out, time as an argument.
 
 Source: Iridium ISU AT Command Reference, the commands of Short Burst Data.
 """
@@ -17,15 +17,15 @@ BAUD = 19200
 _ANSWER_S = 10.0
 _SIGNAL_S = 50.0  # a new measurement may take this long
 _SESSION_S = 120.0
-_PAUSE_S = 10.0  # before a modem that does not answer is tried again
-_LINE_BYTES = 256  # of a line; what is longer is noise
+_PAUSE_S = 10.0  # before the next attempt after a failed dialogue
+_LINE_BYTES = 256  # a longer line is noise
 _RING = b"SBDRING"
 _HANDED_OVER, _NOT_HANDED_OVER = 1, 2  # the third number of +SBDIX; 0: there is no message
 _ENDINGS = (b"OK", b"ERROR", b"READY")
 
 
 class ModemCommand(msgspec.Struct, frozen=True):
-    """A command, or bytes, and how long the answer may take; `content`: it begins with a message in binary."""
+    """A command, or bytes, and the timeout of the reply; `content`: the reply starts with a binary message."""
 
     data: bytes
     timeout_s: float = _ANSWER_S
@@ -33,7 +33,7 @@ class ModemCommand(msgspec.Struct, frozen=True):
 
 
 class ModemReply(msgspec.Struct, frozen=True):
-    """The lines of an answer, how it ended (empty: not at all), and the message in it, None for a damaged one."""
+    """The lines of a reply, its ending (empty after a timeout), and its binary message, None for a damaged one."""
 
     ending: bytes
     lines: tuple[bytes, ...] = ()
@@ -41,12 +41,12 @@ class ModemReply(msgspec.Struct, frozen=True):
 
 
 class Session(msgspec.Struct, frozen=True):
-    """How a session has ended.
+    """The result of a session.
 
-    `status` is that of the message sent: 0 to 4 for sent, None when the modem did not say. `tried`: the satellite was
-    called. `number` is the network's of the message received, `content` that message, None without one.
-    `damaged`: there was one that could not be read; `length` is what the modem says of it. `queued` more wait ashore;
-    `unread`: the network failed to hand one over.
+    `status` is that of the sent message: 0 to 4 for success, None if the modem gave none. `tried`: the satellite was
+    called. `number` is the network's number of the received message, `content` that message, None without one.
+    `damaged`: it could not be read; `length` is its length by the modem. `queued` messages remain ashore; `unread`: the
+    network failed to deliver one.
     """
 
     tried: bool
@@ -60,11 +60,11 @@ class Session(msgspec.Struct, frozen=True):
 
     @property
     def sent(self) -> bool:
-        """Whether what was to be sent has arrived."""
+        """Whether the message was sent successfully."""
         return self.status is not None and 0 <= self.status <= 4
 
 
-Dialogue: TypeAlias = Generator[ModemCommand, ModemReply, bool]  # returns whether the modem kept to it
+Dialogue: TypeAlias = Generator[ModemCommand, ModemReply, bool]  # returns whether the modem replied as specified
 
 
 def checksum(content: bytes) -> bytes:
@@ -73,14 +73,14 @@ def checksum(content: bytes) -> bytes:
 
 
 class Modem:
-    """The dialogue with the modem; one thing at a time.
+    """The dialogue with the modem; one command at a time.
 
-    `signal` is the last measured, 0 to 5; `idle_since_s` is when the last dialogue has ended, so that of measuring.
-    `failing_since_s`: since when it has not answered as it should, None while it does.
+    `signal` is the latest measured, 0 to 5; `idle_since_s` is the end of the latest dialogue.
+    `failing_since_s`: start of a period without valid replies, None outside one.
     """
 
     def __init__(self) -> None:
-        """Begin with a modem of which nothing is known."""
+        """Start with an unknown modem."""
         self.imei = ""
         self.signal: int | None = None
         self.idle_since_s = 0.0
@@ -99,16 +99,16 @@ class Modem:
 
     @property
     def ready(self) -> bool:
-        """Whether it is set up and has nothing to do."""
+        """Whether it is set up and idle."""
         return self._dialogue is None and self._pause_end_s is None
 
     @property
     def ringing(self) -> bool:
-        """Whether a message waits for her ashore, as the modem says."""
+        """Whether the modem has announced a message ashore."""
         return self._rings > 0
 
     def restart(self) -> None:
-        """Set it up anew: the line was away."""
+        """Set the modem up again after the line was lost."""
         if self._dialogue is not None:
             self._dialogue.close()
         self._dialogue = self._command = None
@@ -116,21 +116,21 @@ class Modem:
         self._pause_end_s = 0.0
 
     def take_session(self) -> Session | None:
-        """Return how the last session ended, once; also a message that was found in the modem at the start."""
+        """Return the result of the last session, once; also a message found in the modem at the start."""
         return self._sessions.pop(0) if self._sessions else None
 
     def measure_signal(self, now_s: float) -> None:
-        """Ask how strong the satellite is; only when ready."""
+        """Start a signal measurement; only when ready."""
         self._begin(self._measure(), now_s)
 
     def begin(self, content: bytes, now_s: float) -> None:
-        """Send a message, or look whether there is one with an empty one; only when ready."""
+        """Start a session that sends a message, or checks the mailbox with an empty one; only when ready."""
         self._begin(self._session(content), now_s)
 
     # ------------------------------------------------------------------ bytes
 
     def update(self, now_s: float) -> bytes:
-        """Return what is to be written now."""
+        """Return the bytes to be written now."""
         if self._command is not None and now_s - self._command_s > self._command.timeout_s:
             self._go_on(ModemReply(b""), now_s)
         if self._dialogue is None and self._pause_end_s is not None and now_s >= self._pause_end_s:
@@ -139,12 +139,12 @@ class Modem:
         return out
 
     def feed(self, data: bytes, now_s: float) -> None:
-        """Take what the modem has said."""
+        """Take bytes from the modem."""
         self._held += data
         while self._held:
             if self._command is not None and self._command.content and not self._content_read:
-                # One that was reset echoes, and a message follows at once; what else may come before a message, or
-                # instead, is text: no message is so long that it begins with a letter.
+                # A modem after a reset echoes the command, and the message follows. Anything else in its place is
+                # text: no message is so long that its length starts with a letter.
                 self._held = self._held.removeprefix(self._command.data)
                 if self._held[:1] <= bytes((LONGEST_OUT >> 8,)):
                     if not self._read_content():
@@ -158,15 +158,15 @@ class Modem:
             self._take_line(line.strip(b"\r\x00 "), now_s)
 
     def _read_content(self) -> bool:
-        """Take length, message and checksum off what was read; False when they are not whole yet."""
+        """Take length, message and checksum from the received bytes; False if they are incomplete."""
         size = int.from_bytes(self._held[:2], "big")
         if len(self._held) >= 2 and size > LONGEST_OUT:
-            self._content, self._content_read, self._held = None, True, b""  # no message: the line is out of step
+            self._content, self._content_read, self._held = None, True, b""  # not a message: out of step
             return True
         if len(self._held) < size + 4:
             return False
-        content, told = self._held[2 : size + 2], self._held[size + 2 : size + 4]
-        self._content = content if told == checksum(content) else None
+        content, received_sum = self._held[2 : size + 2], self._held[size + 2 : size + 4]
+        self._content = content if received_sum == checksum(content) else None
         self._content_read, self._held = True, self._held[size + 4 :]
         return True
 
@@ -209,8 +209,8 @@ class Modem:
             self._command_s = now_s
 
     def _set_up(self) -> Dialogue:
-        # Echo and flow control off, ring alerts on; twice AT, since the first may end what the line has left over. A
-        # modem that knows no flow control or no alerts of its own refuses the two last: she calls without them.
+        # Echo and flow control off, ring alerts on; AT twice, since the first may end a partial line. A modem without
+        # flow control or alerts refuses the two last commands, and works without them.
         for command in (b"AT", b"AT", b"ATE0", b"AT&K0", b"AT+SBDMTA=1"):
             answer = yield ModemCommand(command + b"\r")
             if command != b"AT" and (not answer.ending or (command == b"ATE0" and answer.ending != b"OK")):
@@ -225,7 +225,7 @@ class Modem:
         if fields is None:
             return False
         self._rings = max(self._rings, int(fields[4] == 1 or fields[5] > 0))
-        if fields[2] == 1:  # received before an end that came between
+        if fields[2] == 1:  # received before a restart
             found = yield from self._read(Session(tried=False, number=fields[3]))
             self._sessions.append(found)
         answer = yield ModemCommand(b"AT+SBDD0\r")
@@ -250,7 +250,7 @@ class Modem:
         if not written:
             self._sessions.append(failed)
             return False
-        rings = self._rings  # one that comes meanwhile is of another message
+        rings = self._rings  # a later one is for another message
         answer = yield ModemCommand(b"AT+SBDIXA\r" if rings else b"AT+SBDIX\r", _SESSION_S)
         fields = _numbers(answer, b"+SBDIX:", 6)
         if fields is None:
@@ -261,14 +261,14 @@ class Modem:
         if session.sent:
             self._rings -= rings
         if received == _HANDED_OVER:
-            # Where none was, none is to be had: a message that is too long for her is counted for ever.
+            # Without a received message the queue length is ignored: a message too long for the modem stays in it.
             session = yield from self._read(replace(session, length=length, queued=queued))
         self._sessions.append(session)
         answer = yield ModemCommand(b"AT+SBDD0\r")
-        return answer.ending == b"OK" and not session.damaged  # the setting up finds it again
+        return answer.ending == b"OK" and not session.damaged  # the next setup finds it again
 
     def _read(self, session: Session) -> Generator[ModemCommand, ModemReply, Session]:
-        """Read the message that the modem holds, and have it forgotten."""
+        """Read the message in the modem, and delete it there."""
         answer = yield ModemCommand(b"AT+SBDRB\r", content=True)
         if answer.content is None:
             return replace(session, damaged=True)

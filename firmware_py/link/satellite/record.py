@@ -15,7 +15,7 @@ from firmware_py.link.satellite.messages import Kind, Window
 
 _DAY_S = 86400.0
 _EPOCH_DAY = date(1970, 1, 1).toordinal()
-_LATEST_S = 1e11  # what shows more is not a clock
+_LATEST_S = 1e11  # a later clock is invalid
 
 KEPT_MESSAGES = 32
 _VERSION: Final = 1
@@ -23,8 +23,8 @@ MAX_COUNT: Final = 1 << 40  # the numbers of messages have 5 bytes
 LAST_DAY: Final = 1_000_000  # since 1970: in the calendar of Python
 
 
-# The part of a budget that each kind may use up, so that what is urgent finds something left late in the day, and that
-# commands still come when nothing more is sent.
+# The share of the budget for each priority, so that credits are left for urgent messages late in the day, and for
+# commands when nothing more is sent.
 _SHARES: Mapping[Kind, float] = {Kind.EVENT: 0.95, Kind.REPORT: 0.9, Kind.ANSWER: 0.7, Kind.MAILBOX: 1.0}
 
 
@@ -36,12 +36,12 @@ class Limits(msgspec.Struct, frozen=True):
     credit_bytes: int
 
     def cost(self, size_bytes: int) -> int:
-        """Return the credits of a message; looking for one costs as much as the shortest."""
+        """Return the credits of a message; a mailbox check costs as much as the shortest one."""
         return max(1, math.ceil(size_bytes / self.credit_bytes))
 
 
 class Ledger(msgspec.Struct, frozen=True):
-    """Credits of this day and this month (both counted from 1970), and since the record began."""
+    """Credits of this day and this month (both counted from 1970), and since the start of the record."""
 
     day: int = 0
     month: int = 0
@@ -50,9 +50,9 @@ class Ledger(msgspec.Struct, frozen=True):
     total: int = 0
 
     def at(self, utc_s: float, under_way: int = 0) -> Ledger:
-        """Return it on the day that it is: a later one begins with what is `under_way`, an earlier one takes all along.
+        """Return the ledger at a time: a new day starts with the credits `under_way`, an earlier day keeps all.
 
-        So a clock that is set back does not give anything away.
+        So a clock that is set back does not increase the budget.
         """
         day = int(utc_s // _DAY_S) if math.isfinite(utc_s) and 0.0 <= utc_s < _LATEST_S else self.day
         date_ = date.fromordinal(_EPOCH_DAY + day)
@@ -68,7 +68,7 @@ class Ledger(msgspec.Struct, frozen=True):
         )
 
     def charged(self, credits_: int) -> Ledger:
-        """Return it with credits spent, or given back (negative)."""
+        """Return the ledger with more credits spent, or refunded (negative)."""
         return replace(
             self,
             day_used=max(0, self.day_used + credits_),
@@ -77,7 +77,7 @@ class Ledger(msgspec.Struct, frozen=True):
         )
 
     def room(self, limits: Limits, kind: Kind) -> float:
-        """Return how many credits may be spent now on a message of a kind."""
+        """Return the credits that may be spent now on a message of a priority."""
         pairs = ((limits.day, self.day_used), (limits.month, self.month_used))
         return min((math.floor(limit * _SHARES[kind]) - used if limit else math.inf) for limit, used in pairs)
 
@@ -96,7 +96,7 @@ def to_bytes(record: Record) -> bytes:
 
 
 def from_bytes(content: bytes) -> tuple[Record, tuple[str, ...]]:
-    """Return what `to_bytes` wrote, by this version or another, and notes on it; ValueError says why there is none."""
+    """Return the record and notes on its decoding, from this or another version; ValueError if it is invalid."""
     record, notes = record_codec.decode(Record, content, _VERSION)
     used = record.window.used
     counts = (*astuple(record.ledger), record.window.floor, *used)

@@ -1,4 +1,4 @@
-"""MAVLink by messages over a satellite: an Iridium modem on a serial line, with one correspondent ashore."""
+"""MAVLink by messages over a satellite: an Iridium modem on a serial line, with one peer ashore."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from firmware_py.link.wire.urls import LinkClass, LinkUrl
 _SHORE: Address = "shore"
 _BYTE_RATE = 30.0  # a session of 340 bytes takes ten seconds and more
 _HOUR_S, _DAY_S = 3600.0, 86400.0
-_AHEAD_S = _DAY_S  # a message may be written by a clock so much ahead of hers
-_TEXTS, _TEXTS_HZ = 6, 1.0 / 1800.0  # told at once, and in the long run
+_AHEAD_S = _DAY_S  # maximum lead of the sender's clock
+_TEXTS, _TEXTS_HZ = 6, 1.0 / 1800.0  # burst, and average
 _SAME_TEXT_S = 3600.0
 
 
 class SbdTransport:
-    """The correspondent ashore; fulfils transport.MessageTransport.
+    """The peer ashore; implements transport.MessageTransport.
 
-    A message that is to count is handed on once it is on disk that it has: a power cut does not make it count twice.
+    A message is handed on once its number is stored as used: after a power cut it does not count twice.
     """
 
     datagrams = False
     radio = True
-    blocked_reason = ""  # what there is stands in its satellite_status
-    exposed = True  # to whoever may send messages to the modem
+    blocked_reason = ""  # see satellite_status
+    exposed = True  # anyone may send messages to the modem
     byte_rate: float | None = _BYTE_RATE
 
     def __init__(
@@ -51,7 +51,7 @@ class SbdTransport:
         utc_s: Callable[[], float],
         tell: Callable[[Event], None],
     ) -> None:
-        """Take the line of the modem, what keeps the record of the link, the clock, and what tells an event."""
+        """Take the line of the modem, the storage of the record, the clock, and the function that reports an event."""
         self.name = url.text
         self.options = replace(url.options, link_class=LinkClass.MESSAGES)
         self._line, self._vault, self._utc_s, self._report_event = line, vault, utc_s, tell
@@ -74,18 +74,18 @@ class SbdTransport:
         code: Callable[[bytes], bytes | None],
         vouch: Callable[[bytes], None],
     ) -> None:
-        """Take the parameters in force, what makes a code with the boat's key, and what lets a frame pass as signed."""
+        """Take the parameters in force, the HMAC by the boat's key, and the function that marks a frame as signed."""
         self._parameters, self._code, self._vouch = parameters, code, vouch
 
     # ------------------------------------------------------------------ transport.Transport
 
     def descriptors(self) -> Sequence[int]:
-        """Return the line's descriptor while it is there, and the one of messages that count by now."""
+        """Return the line's descriptor while it is open, and the one that wakes for accepted messages."""
         descriptor = self._line.fileno()
         return (self._wake_fd,) if descriptor < 0 else (descriptor, self._wake_fd)
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:
-        """Take what the modem says; return frames that have come and count."""
+        """Take bytes from the modem; return accepted frames."""
         if descriptor == self._wake_fd:
             with contextlib.suppress(BlockingIOError):
                 os.eventfd_read(self._wake_fd)
@@ -99,7 +99,7 @@ class SbdTransport:
         return ()
 
     def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - it has one only
-        """Queue frames for the next session; True, since what it has no room for is counted there."""
+        """Queue frames for the next session; always True, since dropped ones are counted there."""
         for frame in messages.frames_of(data):
             kind, shortest = self._importance.kind_of(frame), messages.shortest(frame)
             if shortest is None:
@@ -111,7 +111,7 @@ class SbdTransport:
         return True
 
     def _may_send_text(self, text: bytes) -> bool:
-        """Return whether a text is worth its price: not again soon, and not more than now and then."""
+        """Return whether a text may be sent: not again within an hour, and at a limited rate."""
         same, now_s = text[messages.TEXT_PLACE : -2], self._now_s
         told_s = self._sent_s.get(same)
         if (told_s is not None and now_s - told_s < _SAME_TEXT_S) or not self._texts.spend_one(now_s):
@@ -121,27 +121,27 @@ class SbdTransport:
         return True
 
     def addresses(self) -> Sequence[Address]:
-        """Return the correspondent ashore."""
+        """Return the peer ashore."""
         return (_SHORE,)
 
     def connections(self) -> Sequence[Address]:
-        """Return nobody: nobody connects to a modem."""
+        """Return no peers: a modem has no incoming connections."""
         return ()
 
     def host(self, address: Address) -> Address:
-        """Return the correspondent itself."""
+        """Return the peer itself."""
         return address
 
     def drop(self, address: Address) -> None:
-        """Do nothing: he is there for good."""
+        """Do nothing: the peer is permanent."""
 
     def poll(self, now_s: float) -> None:
-        """Let the dialogue with the modem go on."""
+        """Continue the dialogue with the modem."""
         self._now_s = now_s
         self._go_on()
 
     def close(self) -> None:
-        """Give up the descriptor, once; the line belongs to whoever opened it."""
+        """Close the wake-up descriptor, once; the opener closes the line."""
         wake_fd, self._wake_fd = self._wake_fd, -1
         if wake_fd >= 0:
             os.close(wake_fd)
@@ -149,7 +149,7 @@ class SbdTransport:
     # ------------------------------------------------------------------ satellite
 
     def satellite_status(self, now_s: float) -> SatelliteStatus:
-        """Return how modem, sessions and budget fare."""
+        """Return the status of modem, sessions and budget."""
         driver = self._driver
         ledger, limits, counts = driver.ledger, driver.settings.limits, driver.counts
         return SatelliteStatus(
@@ -185,10 +185,10 @@ class SbdTransport:
         for number, content in received:
             self._judge(number, content)
 
-    # ------------------------------------------------------------------ what has come
+    # ------------------------------------------------------------------ received messages
 
     def _judge(self, number: int, content: bytes) -> None:
-        """Hand on the frames of a message, once it is kept that it has counted; refuse it otherwise."""
+        """Hand on the frames of a message once its use is stored; refuse an invalid one."""
         if content[:1] == bytes((MARK,)):
             opened = open_keyed(content, self._driver.modem.imei, self._code)
             if isinstance(opened, str):
@@ -218,7 +218,7 @@ class SbdTransport:
         return ""
 
     def _hand_on(self, frames: Sequence[tuple[bytes, bool]]) -> None:
-        def stored(_well: bool) -> None:  # noqa: FBT001 - the vault's callback; a disk that fails must not make her deaf
+        def stored(_well: bool) -> None:  # noqa: FBT001 - the vault's callback; commands are accepted even if the disk fails
             self._ready += frames
             if self._wake_fd >= 0:
                 os.eventfd_write(self._wake_fd, 1)
@@ -235,7 +235,7 @@ class SbdTransport:
         self._store(replace(self._record, ledger=ledger))
 
     def _read_record(self) -> Record:
-        """Return what earlier runs have kept; where some of it is lost, nothing that was written before now counts."""
+        """Return the record of earlier runs; if a part of it is lost, no message from before now is accepted."""
         stored, record = self._vault.load(), Record()
         is_whole = not stored.content and not stored.damage
         if stored.content:
@@ -245,11 +245,11 @@ class SbdTransport:
                 for note in notes:
                     self._report_event(Event(Severity.WARNING, f"Satellite record: {note}"))
             except ValueError as error:
-                self._report_event(Event(Severity.WARNING, f"Satellite record begun anew: {error}"))
+                self._report_event(Event(Severity.WARNING, f"Satellite record damaged, new one started: {error}"))
         if not is_whole:
             now = max(0, int((self._utc_s() - EPOCH_S) * UNITS_HZ))
             record = replace(record, window=Window(floor=now))
-            self._vault.save(to_bytes(record))  # the next start may find no sign of the loss
+            self._vault.save(to_bytes(record))  # the next start may not detect the loss
         return record
 
 

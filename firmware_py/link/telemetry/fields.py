@@ -1,4 +1,4 @@
-"""What the telemetry builders look at, and how a value becomes a MAVLink field."""
+"""Input of the telemetry builders, and conversion of values into MAVLink fields."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SINGLE_MAX = 3.4028234663852886e38
 
 
 class TelemetryContext(msgspec.Struct, frozen=True):
-    """The boat after a tick, and what the link knows beside it."""
+    """The snapshot after a tick, and further values of the link."""
 
     snapshot: Snapshot
     utc_s: float
@@ -36,14 +36,14 @@ class TelemetryContext(msgspec.Struct, frozen=True):
 
 
 def fresh_fix(context: TelemetryContext) -> PositionSample | None:
-    """Return the position while it is fresh and one."""
+    """Return the position while it is fresh and complete."""
     fix = context.snapshot.position
     usable = context.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
     return fix if usable else None
 
 
 def best_position(context: TelemetryContext) -> PositionSample | None:
-    """Return the position while it is fresh, else the place that is reckoned on, as a sample that is no fix."""
+    """Return the position while it is fresh, otherwise the dead-reckoned one as a sample without a fix."""
     fix, boat = fresh_fix(context), context.snapshot
     if fix is not None or boat.dead_reckoning is None:
         return fix
@@ -83,5 +83,5 @@ def boot_us(t_s: float) -> int:
 
 
 def boot_ms(t_s: float) -> int:
-    """Return the time since start as MAVLink wants it, wrapping after 49 days."""
+    """Return the time since start in milliseconds, which wraps after 49 days."""
     return whole(t_s * 1e3, 0, 1 << 62, 0) & UINT32_MAX

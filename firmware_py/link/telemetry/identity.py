@@ -1,4 +1,4 @@
-"""Who the autopilot says it is: heartbeat, modes, version, capabilities."""
+"""Identity of the autopilot: heartbeat, modes, version, capabilities."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _CRITICAL_FAULTS = sum(1 << fault for fault, row in FAULTS.items() if row.severi
 
 
 class Version(msgspec.Struct, frozen=True):
-    """The program's version, and a number that no other boat has (0 = unknown)."""
+    """The program's version, and a unique id of the boat (0: unknown)."""
 
     major: int = 0
     minor: int = 0
@@ -59,7 +59,7 @@ class ModeRow(msgspec.Struct, frozen=True):
 
 
 def _listed(mode: Mode, row: ModeProperties) -> ModeRow:
-    # What needs no pilot's hand is a mode that steers by itself.
+    # A mode without manual input is an automatic one.
     properties = 0 if row.base_mode & BaseMode.MANUAL_INPUT else _AUTO_MODE
     return ModeRow(mode, row.title, int(row.base_mode), properties, int(row.standard))
 
@@ -68,7 +68,7 @@ MODES = (
     *(_listed(mode, row) for mode, row in mode_table.MODES.items()),
     ModeRow(INITIALISING, "INITIALISING", 0, _HIDDEN),
 )
-# Changes when the modes do, so that a station that remembers them asks again.
+# Changes with the table of modes, so that a station that has stored it requests it again.
 MODES_SEQUENCE = zlib.crc32(repr(MODES).encode()) & 0xFF
 _STANDARD_MODES: Mapping[int, int] = {row.mode: row.standard for row in MODES}
 _BASE_MODES: Mapping[int, int] = {row.mode: row.base_mode for row in MODES}
@@ -96,7 +96,7 @@ def _state(snapshot: Snapshot) -> int:
 
 
 def current_mode(context: TelemetryContext) -> Message:
-    """Return the CURRENT_MODE; intended is what was asked for, until something else took the boat out of it."""
+    """Return CURRENT_MODE; the intended mode is the latest accepted request."""
     mode = int(context.snapshot.mode)
     intended = mode if context.intended_mode is None else context.intended_mode
     return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, StandardMode.NONE), mode, intended)
@@ -126,7 +126,7 @@ def available_modes(index: int) -> list[Message]:
 
 
 def autopilot_version(version: Version) -> Message:
-    """Return AUTOPILOT_VERSION; the type is DEV, so that no ground station asks to update the firmware."""
+    """Return AUTOPILOT_VERSION; the type is DEV, so that no ground station proposes a firmware update."""
     number = version.major << 24 | version.minor << 16 | version.patch << 8 | mavlink.FIRMWARE_VERSION_TYPE_DEV
     return mavlink.MAVLink_autopilot_version_message(
         capabilities=_CAPABILITIES,
@@ -144,5 +144,5 @@ def autopilot_version(version: Version) -> Message:
 
 
 def protocol_version() -> Message:
-    """Return PROTOCOL_VERSION: MAVLink 1 is understood, 2 is spoken."""
+    """Return PROTOCOL_VERSION: MAVLink 1 and 2 are received, 2 is sent."""
     return mavlink.mavlink_map[300](200, 100, 200, bytes(8), bytes(8))

@@ -32,7 +32,7 @@ _NO_ROTATION = (0.0, 0.0, 0.0, 0.0)  # repr_offset_q: "not set"
 # POSITION_TARGET_TYPEMASK: of everything, only the place in the plane is meant.
 _PLACE_ONLY = 0b0000_1101_1111_1100
 _UNKNOWN = math.nan
-_ODD_SDS = 5.0
+_OUTLIER_SDS = 5.0
 
 _ATTITUDE = mavlink.ESTIMATOR_ATTITUDE
 _VELOCITY = mavlink.ESTIMATOR_VELOCITY_HORIZ
@@ -76,7 +76,7 @@ def attitude(context: TelemetryContext) -> Message | None:
 
 
 def vfr_hud(context: TelemetryContext) -> Message | None:
-    """Return VFR_HUD while the heading is fresh: its heading has no number for unknown. Water is its air."""
+    """Return VFR_HUD while the heading is fresh, since it has no value for unknown; airspeed is speed through water."""
     boat = context.snapshot
     if boat.heading_rad is None or not boat.heading_ok:
         return None
@@ -90,7 +90,7 @@ def vfr_hud(context: TelemetryContext) -> Message | None:
 
 
 def gps_raw_int(context: TelemetryContext) -> Message:
-    """Return GPS_RAW_INT: NO_GPS without a receiver's word, NO_FIX when its fix is old."""
+    """Return GPS_RAW_INT: NO_GPS without a receiver, NO_FIX if its fix is old."""
     sample = context.snapshot.position
     fix = fresh_fix(context)
     silent = mavlink.GPS_FIX_TYPE_NO_GPS if sample is None else FixType.NONE
@@ -111,7 +111,7 @@ def gps_raw_int(context: TelemetryContext) -> Message:
 
 
 def global_position_int(context: TelemetryContext) -> Message | None:
-    """Return GLOBAL_POSITION_INT while the position is fresh or reckoned on; GPS_RAW_INT says which."""
+    """Return GLOBAL_POSITION_INT while the position is fresh or dead-reckoned; GPS_RAW_INT tells which."""
     fix = best_position(context)
     if fix is None:
         return None
@@ -228,7 +228,7 @@ def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float
 
 
 def local_position_ned(context: TelemetryContext) -> Message | None:
-    """Return LOCAL_POSITION_NED, counted from home, while the position is fresh or reckoned on."""
+    """Return LOCAL_POSITION_NED, relative to home, while the position is fresh or dead-reckoned."""
     fix, home = best_position(context), context.snapshot.home
     if fix is None or home is None or fix.latitude_rad is None or fix.longitude_rad is None:
         return None
@@ -266,7 +266,7 @@ def gps_global_origin(context: TelemetryContext) -> Message | None:
 
 
 def position_target(context: TelemetryContext) -> Message | None:
-    """Return POSITION_TARGET_GLOBAL_INT while the boat goes to a place, or keeps near one."""
+    """Return POSITION_TARGET_GLOBAL_INT while there is a position goal or a loiter point."""
     boat = context.snapshot
     latitude_rad, longitude_rad = boat.navigation.target_latitude_rad, boat.navigation.target_longitude_rad
     if latitude_rad is None or longitude_rad is None or not math.isfinite(latitude_rad + longitude_rad):
@@ -283,10 +283,10 @@ def position_target(context: TelemetryContext) -> Message | None:
 
 
 def estimator_status(context: TelemetryContext) -> Message:
-    """Return ESTIMATOR_STATUS: which of heading, velocity and place can be relied on; NaN for what is not estimated.
+    """Return ESTIMATOR_STATUS: validity of heading, velocity and position; NaN for values that are not estimated.
 
-    A reckoned place is a relative one, with its accuracy.
-    `mag_ratio` is the last heading's innovation by five of its standard deviations: 1 and more is odd.
+    A dead-reckoned position is relative, with its accuracy. `mag_ratio` is the innovation of the last heading divided
+    by five of its standard deviations: 1 and more is an outlier.
     """
     boat = context.snapshot
     return mavlink.MAVLink_estimator_status_message(
@@ -311,10 +311,10 @@ def _flags(context: TelemetryContext) -> int:
 
 
 def ekf_status_report(context: TelemetryContext) -> Message:
-    """Return EKF_STATUS_REPORT, which ArduPilot's stations look for: DroneKit waits for it before it arms.
+    """Return EKF_STATUS_REPORT, which stations expect of ArduPilot: DroneKit waits for it before it arms.
 
-    Its flags are those of ESTIMATOR_STATUS. She floats: what is vertical is as sure as the fix. A ratio that nobody
-    estimates is 0, since stations compare the highest with 1.
+    Its flags are those of ESTIMATOR_STATUS. Vertical flags follow the fix, since the boat floats. A ratio that is not
+    estimated is 0, since stations compare the highest one with 1.
     """
     flags, ratio = _flags(context), _heading_ratio(context.snapshot.estimate)
     if fresh_fix(context) is not None:
@@ -326,4 +326,4 @@ def ekf_status_report(context: TelemetryContext) -> Message:
 def _heading_ratio(learned: Estimate | None) -> float:
     if learned is None or not learned.innovation_sd_rad > 0.0:
         return _UNKNOWN
-    return single(abs(learned.innovation_rad) / (_ODD_SDS * learned.innovation_sd_rad), _UNKNOWN)
+    return single(abs(learned.innovation_rad) / (_OUTLIER_SDS * learned.innovation_sd_rad), _UNKNOWN)

@@ -1,4 +1,4 @@
-"""The values of NAMED_VALUE_FLOAT: rudder, servo, loop, what steering costs, and what the estimator has learned.
+"""The values of NAMED_VALUE_FLOAT: rudder, servo, loop, energy of steering, and estimates.
 
 Each function returns None while its value is not known.
 """
@@ -33,7 +33,7 @@ def servo_temperature(context: TelemetryContext) -> float | None:
 
 
 def lateness_ms(context: TelemetryContext) -> float | None:
-    """Return how late the tick began, in milliseconds."""
+    """Return the lateness of the tick in milliseconds."""
     return context.snapshot.late_s * 1e3
 
 
@@ -43,12 +43,12 @@ def skipped_ticks(context: TelemetryContext) -> float | None:
 
 
 def state_writes(context: TelemetryContext) -> float | None:
-    """Return how many versions of parameters, plans, record and key were put on disk since start."""
+    """Return the number of stored versions of parameters, plans, record and key since start."""
     return None if context.written is None else float(context.written[0])
 
 
 def state_megabytes(context: TelemetryContext) -> float | None:
-    """Return what they have put on the disk, in MB."""
+    """Return their size in MB."""
     return None if context.written is None else context.written[1] * 1e-6
 
 
@@ -63,28 +63,28 @@ def reversals_per_h(context: TelemetryContext) -> float | None:
 
 
 def gain_reduction(context: TelemetryContext) -> float | None:
-    """Return by what factor the helm is softer than as delivered, because it oscillated."""
+    """Return the gain reduction after a detected limit cycle."""
     return context.snapshot.gain_reduction
 
 
 def servo_watt_hours(context: TelemetryContext) -> float | None:
-    """Return the energy that the servo has taken since start; None when it tells no power."""
+    """Return the energy of the servo since start; None if it reports no power."""
     energy = context.snapshot.energy
     return None if energy is None or energy.power_w is None else energy.energy_j / _JOULES_PER_WATT_HOUR
 
 
 def servo_watts(context: TelemetryContext) -> float | None:
-    """Return the power that the servo takes."""
+    """Return the power of the servo."""
     return None if context.snapshot.energy is None else context.snapshot.energy.power_w
 
 
 def solar_watts(context: TelemetryContext) -> float | None:
-    """Return what the panels give, behind the charger."""
+    """Return the power of the solar panels, behind the charger."""
     return None if context.snapshot.power is None else context.snapshot.power.solar_w
 
 
 def load_watts(context: TelemetryContext) -> float | None:
-    """Return what all loads take."""
+    """Return the power of all loads."""
     return None if context.snapshot.power is None else context.snapshot.power.load_w
 
 
@@ -102,25 +102,25 @@ def _water_value(read: Callable[[Water], float | None]) -> Value:
     return value
 
 
-# Of the heading without waves: its standard deviation, what the last one measured differed from the expected one, and
-# the average normalised innovation squared, 1 for an honest filter.
+# Of the heading without waves: standard deviation, last innovation, and average normalised innovation squared, which is
+# 1 for a consistent filter.
 heading_sd_deg = _estimate_value(lambda estimate: degrees(estimate.heading_sd_rad))
 innovation_deg = _estimate_value(lambda estimate: degrees(estimate.innovation_rad))
 innovation_square = _estimate_value(lambda estimate: estimate.innovation_square)
 # Compass A 0, compass B 1, course over ground 2, nothing 3.
 heading_source = _estimate_value(lambda estimate: float(estimate.source))
-# The rudder angle at which the boat runs straight, and the diffusion of the heading by disturbances [deg^2/s].
+# Rudder bias, and the diffusion of the heading by disturbances [deg^2/s].
 trim_deg = _estimate_value(lambda estimate: degrees(estimate.bias_rad))
 yaw_diffusion_deg2_s = _estimate_value(lambda estimate: degrees(degrees(estimate.yaw_diffusion_rad2_s)))
-# The mean square of predictions over half a minute by their variance, 1 for a consistent filter.
+# Mean square error of predictions over half a minute divided by their variance: 1 for a consistent filter.
 prediction_square = _estimate_value(lambda estimate: estimate.prediction_square)
-# Of the yaw of the waves.
+# Of the wave-frequency yaw.
 wave_sd_deg = _estimate_value(lambda estimate: degrees(estimate.wave_sd_rad))
 wave_period_s = _estimate_value(lambda estimate: estimate.wave_period_s)
-# Speed through the water, and the current; its deviation in the worse known direction.
+# Speed through the water, and the current with its larger standard deviation.
 water_speed_m_s = _water_value(lambda water: water.speed_m_s)
 current_north_m_s = _water_value(lambda water: water.current_north_m_s)
 current_east_m_s = _water_value(lambda water: water.current_east_m_s)
 current_sd_m_s = _water_value(lambda water: water.current_sd_m_s)
-# By how much the way through the water lies to starboard of the heading.
+# Direction of the velocity through water relative to the heading, positive to starboard.
 leeway_deg = _water_value(lambda water: degrees(water.leeway_rad))

@@ -18,7 +18,7 @@ from firmware_py.link.wire.outbox import Priority
 _HEARTBEAT, _HOME_POSITION, _CURRENT_MODE = 0, 242, 436
 (_BEAT,) = ROWS_OF[_HEARTBEAT]
 
-_CHANGES, _CHANGES_HZ = 6, 1.0 / 1800.0  # told at once, and in the long run: who changes to and fro costs no more
+_CHANGES, _CHANGES_HZ = 6, 1.0 / 1800.0  # reports of mode changes by satellite: burst, and average
 _NEVER_S = 1e9
 _MINUTE_S = 60.0
 
@@ -27,11 +27,11 @@ class TelemetryPublisher:
     """Telemetry after a tick."""
 
     def __init__(self, context: LinkContext) -> None:
-        """Take what packs the messages and knows the state."""
+        """Take the context."""
         self._context = context
 
     def report_changes(self, before: Snapshot | None, snapshot: Snapshot, peers: Peers, now_s: float) -> None:
-        """Make what has changed due at once: mode and arming, all of it when the rates change; home is sent."""
+        """Make changed messages due at once: mode and arming, all if the rates change; send a changed home."""
         if before is not None and bool(before.saving) != bool(snapshot.saving):
             for peer in peers:
                 peer.streams.make_all_due(now_s)
@@ -51,7 +51,7 @@ class TelemetryPublisher:
                 peer.streams.postpone(_HOME_POSITION, now_s)
 
     def send_due(self, peers: Peers, tick_s: float, now_s: float) -> None:
-        """Queue to each peer the rows that are due before the next tick, as far as its line has room."""
+        """Queue the due rows of each peer, as far as its line has room."""
         due = [(peer, rows) for peer in peers if (rows := peer.streams.due(now_s, tick_s))]
         telemetry = self._context.telemetry_context() if due else None
         if telemetry is None:
@@ -74,7 +74,7 @@ class TelemetryPublisher:
                     if row == _BEAT:
                         self._context.introduce(peer)
                     peer.outbox.push(packed, priority)
-                # Without heartbeats she would be gone for every ground station.
+                # Without heartbeats every ground station would report a lost link.
                 peer.streams.mark_sent(row, now_s, 1.0 if priority is Priority.URGENT else stretch)
 
     def _pack(self, row: int, telemetry: TelemetryContext) -> Packed | None:
@@ -83,31 +83,31 @@ class TelemetryPublisher:
 
 
 class SatelliteReports:
-    """Makes HIGH_LATENCY2 due on links by messages."""
+    """Makes HIGH_LATENCY2 due on links by message: at its interval, and after a change of mode or arming."""
 
     def __init__(self, context: LinkContext) -> None:
-        """Take what knows the state and the peers."""
+        """Take the context."""
         self._context = context
         self._changes = TokenBucket(_CHANGES, _CHANGES_HZ)
-        self._told: tuple[int, bool] | None = None
+        self._reported_state: tuple[int, bool] | None = None
 
     def handlers(self) -> Mapping[int, Handler]:
-        """Return that nothing is handled here."""
+        """Return no handlers."""
         return {}
 
     def update(self, now_s: float) -> None:
-        """Make a report due when she does something else, and keep the interval that is wanted."""
+        """Make a report due after a change of mode or arming, and set its interval by parameter."""
         peers = [peer for peer in self._context.peers if peer.by_message]
         snapshot = self._context.snapshot
         if not peers or snapshot is None:
             return
         interval_s = self._context.request_handler.parameters()["SBD_REPORT_MIN"] * _MINUTE_S or _NEVER_S
         state = (int(snapshot.mode), snapshot.armed)
-        changed = state != self._told and (self._told is None or self._changes.spend_one(now_s))
+        changed = state != self._reported_state and (self._reported_state is None or self._changes.spend_one(now_s))
         for peer in peers:
             if peer.streams.interval_us(HIGH_LATENCY) != round(interval_s * 1e6):
                 peer.streams.set_high_latency(interval_s, now_s)
             if changed:
                 peer.streams.make_due(HIGH_LATENCY, now_s)
         if changed:
-            self._told = state
+            self._reported_state = state

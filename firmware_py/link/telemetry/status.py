@@ -36,7 +36,7 @@ _RUDDER = mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
 _STORAGE = mavlink.MAV_SYS_STATUS_LOGGING
 _BATTERY = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
 _PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-# Healthy while not breached, also without a fence: MAVProxy cries "fence breach" when this bit is not.
+# Healthy while not breached, also without a fence: MAVProxy reports "fence breach" if this bit is not set.
 _FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
 _MISSING_CELL = UINT16_MAX
 _RUDDER_FAULTS = 1 << Fault.RUDDER_SILENT | 1 << Fault.RUDDER_ERROR
@@ -53,7 +53,7 @@ _COMPASS_FAILURE = mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTI
 _FAILURES = (
     (Fault.COMPASS_LOST, _COMPASS_FAILURE),
     (Fault.POSITION_LOST, mavlink.HL_FAILURE_FLAG_GPS),
-    # There is no flag for a rudder; the engine's is the nearest thing that moves the boat.
+    # There is no flag for a rudder; that of the engine is the closest.
     (Fault.RUDDER_SILENT, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ERROR, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ASTRAY, mavlink.HL_FAILURE_FLAG_ENGINE),
@@ -89,20 +89,32 @@ def sys_status(context: TelemetryContext) -> Message:
     )
     breached = boat.faults >> Fault.FENCE_BREACHED & 1
     healthy = (0 if breached else _FENCE) | present & sum(bits for bits, good in states if good)
-    heeded = fence if boat.navigation.fence_enabled else 0
+    enabled = fence if boat.navigation.fence_enabled else 0
     errors = whole(context.refused_frames, 0, UINT16_MAX, 0)
     skipped = whole(boat.skipped_total, 0, UINT16_MAX, 0)
     millivolts, centiamperes, percent = _supply(context)
     load = whole(context.load * 1e3, 0, 1000, 0)
     return mavlink.MAVLink_sys_status_message(
-        present | fence, present | heeded, healthy, load, millivolts, centiamperes, percent, 0, errors, skipped, 0, 0, 0
+        present | fence,
+        present | enabled,
+        healthy,
+        load,
+        millivolts,
+        centiamperes,
+        percent,
+        0,
+        errors,
+        skipped,
+        0,
+        0,
+        0,
     )
 
 
 def _supply(context: TelemetryContext) -> tuple[int, int, int]:
     """Return voltage (mV), current (cA, out of the battery) and charge (%) of the battery.
 
-    Where nobody measures it, voltage and current are those at the rudder servo.
+    Without a measurement at the battery, voltage and current are those at the rudder servo.
     """
     power, servo = context.snapshot.power, context.snapshot.servo
     voltage_v, current_a, charge = None, None, None
@@ -115,16 +127,16 @@ def _supply(context: TelemetryContext) -> tuple[int, int, int]:
     centiamperes = whole(None if current_a is None else current_a * 100.0, -INT16_MAX, INT16_MAX, UINT16_MAX)
     return (
         whole(None if voltage_v is None else voltage_v * 1e3, 0, UINT16_MAX - 1, UINT16_MAX),
-        # -1 is the number for unknown: so small a current is none.
+        # -1 means unknown; a current of 0.01 A is rounded to 0.
         {UINT16_MAX: -1, -1: 0}.get(centiamperes, centiamperes),
         whole(None if charge is None else charge * 100.0, 0, 100, -1),
     )
 
 
 def battery_status(context: TelemetryContext) -> Message | None:
-    """Return BATTERY_STATUS while somebody measures a battery; the voltage at the servo alone is that of SYS_STATUS.
+    """Return BATTERY_STATUS while a battery is measured; the voltage at the servo is in SYS_STATUS only.
 
-    What was consumed is what the loads have taken since start; where that is not measured, what left the battery.
+    The consumed energy is that of the loads since start; if that is not measured, the discharged energy.
     """
     power = context.snapshot.power
     if power is None or power.voltage_v is None:
@@ -147,7 +159,7 @@ def battery_status(context: TelemetryContext) -> Message | None:
 
 
 def system_time(context: TelemetryContext) -> Message:
-    """Return SYSTEM_TIME; the calendar is 0, unknown, where the clock shows what it cannot reach."""
+    """Return SYSTEM_TIME; the UTC is 0, unknown, if the clock is implausible."""
     unix_us = whole(context.utc_s * 1e6, 0, 1 << 62, 0) if context.utc_s <= LAST_UTC_S else 0
     return mavlink.MAVLink_system_time_message(unix_us, boot_ms(context.snapshot.t_s))
 
@@ -160,7 +172,7 @@ def extended_sys_state(context: TelemetryContext) -> Message:  # noqa: ARG001 - 
 
 
 def fence_status(context: TelemetryContext) -> Message | None:
-    """Return FENCE_STATUS while there is a fence, and after a breach when there is none any more: it is over."""
+    """Return FENCE_STATUS while there is a fence, and after a breach also without one, to clear it."""
     boat, (count, since_s) = context.snapshot, context.fence_breaches
     if not (boat.mission.identities[1] or count):
         return None
@@ -172,7 +184,7 @@ def fence_status(context: TelemetryContext) -> Message | None:
 
 
 def rc_channels(context: TelemetryContext) -> Message | None:
-    """Return RC_CHANNELS while a station overrides channel 1, the only one that does something."""
+    """Return RC_CHANNELS while a station overrides channel 1, the only one in use."""
     if context.override_us is None:
         return None
     others = (UINT16_MAX,) * 17
@@ -202,13 +214,13 @@ def mag_cal_progress(context: TelemetryContext) -> Message | None:
 
 
 def mag_cal_report(context: TelemetryContext) -> Message | None:
-    """Return MAG_CAL_REPORT of a proposal that waits for being accepted."""
+    """Return MAG_CAL_REPORT of a proposal that is not accepted yet."""
     swing = context.swing
     return None if swing.state is not CalibrationState.DONE else report_of(swing, saved=False)
 
 
 def report_of(swing: SwingReport, *, saved: bool) -> Message:
-    """Return MAG_CAL_REPORT: its fitness is what is left over, in degrees; a swing has no offsets of a field."""
+    """Return MAG_CAL_REPORT: its fitness is the residual in degrees; a swing has no field offsets."""
     fitness = degrees(swing.residual_after_rad or swing.sd_rad or 0.0)
     nothing = (0.0,) * 9
     return mavlink.MAVLink_mag_cal_report_message(
@@ -217,12 +229,12 @@ def report_of(swing: SwingReport, *, saved: bool) -> Message:
 
 
 def high_latency2(context: TelemetryContext) -> Message:
-    """Return HIGH_LATENCY2; what is not known is 0, as the message has no number for it.
+    """Return HIGH_LATENCY2; an unknown value is 0, since the message has no number for it.
 
-    With the failure flag of GPS the place is reckoned.
+    With the failure flag of GPS the position is dead-reckoned.
 
     custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage of
-    the battery in fifths of a volt, at the servo where nobody measures it, -1 without one; custom2
+    the battery in fifths of a volt, at the servo if the battery is not measured, -1 without one; custom2
     says by bits whether the boat is armed (1) and has a valid heading (2).
     """
     boat, fix, place = context.snapshot, fresh_fix(context), best_position(context)

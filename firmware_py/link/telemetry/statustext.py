@@ -16,21 +16,21 @@ from firmware_py.link.wire.dialect import Message, mavlink, text_of
 _CHUNK = 50
 _LONGEST = 250
 _SAME_S = 2.0  # the same text is not repeated within this
-_SAME_LATEST_S = 60.0  # nor, while what it answers goes on all the time, within twice as long each time up to this
+_SAME_LATEST_S = 60.0  # limit of this time, which doubles while the cause continues
 _KNOWN_TEXTS = 32
-_BURST = 8  # texts at once
-_RATE_HZ = 2.0  # and in the long run
+_BURST = 8  # texts in a burst
+_RATE_HZ = 2.0  # and on average
 _REMEMBERED = 5
-_AGES = ((172_800.0, 86_400.0, "d"), (7_200.0, 3_600.0, "h"), (60.0, 60.0, "min"))  # from when on, of how many seconds
+_AGES = ((172_800.0, 86_400.0, "d"), (7_200.0, 3_600.0, "h"), (60.0, 60.0, "min"))  # minimum age, unit in seconds
 _FAULT_OF = {row.recovery: row.text for row in FAULTS.values()}
 
 
 def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
-    """Return the STATUSTEXT messages of a text; `number` ties the chunks of a long one together."""
+    """Return the STATUSTEXT messages of a text; `number` identifies the chunks of a long one."""
     data = text_of(text, _LONGEST)
     if len(data) <= _CHUNK:
         return [mavlink.MAVLink_statustext_message(int(severity), data)]
-    # A chunk that is not full ends the text: after a last full one comes an empty one.
+    # A chunk that is not full ends the text, so an empty one follows a full last one.
     starts = range(0, len(data) + 1, _CHUNK)
     return [
         mavlink.MAVLink_statustext_message(int(severity), data[start : start + _CHUNK], number, index)
@@ -39,7 +39,7 @@ def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
 
 
 class _SentText(NamedTuple):
-    """When a text was said last, for how long it is not said again, and whether it was to be since."""
+    """Time of a text, the time until it may be sent again, and whether it was held back since."""
 
     t_s: float
     quiet_s: float = _SAME_S
@@ -47,15 +47,15 @@ class _SentText(NamedTuple):
 
 
 class TextLimiter:
-    """Keeps refusals from flooding one operator: those of a stream that goes on for hours become rarer."""
+    """Limits repeated texts to one peer: those with a continuous cause become rarer."""
 
     def __init__(self) -> None:
-        """Start with as many as may be said at once."""
+        """Start with a full burst."""
         self._sent_texts: OrderedDict[str, _SentText] = OrderedDict()
         self._tokens = TokenBucket(_BURST, _RATE_HZ)
 
     def admit(self, text: str, now_s: float) -> bool:
-        """Return whether a text may be said now, and count it if so."""
+        """Return whether a text may be sent now, and count it."""
         last = self._sent_texts.get(text, _SentText(-math.inf))
         age_s = now_s - last.t_s
         if age_s < last.quiet_s:
@@ -70,14 +70,14 @@ class TextLimiter:
 
 
 class RecentWarnings:
-    """The last warnings, for who comes later: faults that have gone are not among them, what is old says so."""
+    """The latest warnings, for stations that connect later, with their age; without cleared faults."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Start empty."""
         self._events: deque[tuple[float, Event]] = deque(maxlen=_REMEMBERED)
 
     def note(self, event: Event, now_s: float) -> None:
-        """Take what is told; the end of a fault has its beginning forgotten."""
+        """Store a warning; the text of a recovery removes that of its fault."""
         if event.severity <= Severity.WARNING:
             self._events.append((now_s, event))
         elif (gone := _FAULT_OF.get(event.text)) is not None:
@@ -85,7 +85,7 @@ class RecentWarnings:
             self._events = deque(kept, maxlen=_REMEMBERED)
 
     def recent_events(self, now_s: float) -> Iterator[Event]:
-        """Yield them, the oldest first."""
+        """Yield the warnings, the oldest first."""
         for told_s, event in self._events:
             yield Event(event.severity, _age_prefix(now_s - told_s) + event.text)
 

@@ -9,7 +9,7 @@ from firmware_py.link.telemetry.table import ROWS_OF, TABLE, TelemetryRow
 from firmware_py.link.wire.urls import LinkClass
 
 MIN_INTERVAL_S = 0.02  # 50 Hz, the fastest loop
-# What clients ask for by habit is refused there.
+# Clients request high rates by default; these are refused on a satellite link.
 MIN_SATELLITE_INTERVAL_S = 10.0
 MIN_MESSAGE_INTERVAL_S = 600.0
 MAX_INTERVAL_S = 3600.0
@@ -29,7 +29,7 @@ _MIN_INTERVAL_S: Mapping[LinkClass, float] = {
 
 
 class Streams:
-    """The intervals one peer has asked for, or those of the class of its link."""
+    """The intervals that one peer has requested, or those of the class of its link."""
 
     __slots__ = ("_defaults", "_due_s", "_fastest_s", "_interval_s", "_stream_s")
 
@@ -37,7 +37,7 @@ class Streams:
         """Start with the rates of the class, everything due at once; a satellite link starts with nothing at all."""
         self._fastest_s = _MIN_INTERVAL_S.get(link_class, MIN_INTERVAL_S)
         rates = [_RATES[link_class](row) for row in TABLE]
-        # A stream that is asked for by habit must not fill a radio with what changes once in a while.
+        # A stream request must not fill a radio link with messages that rarely change.
         slow = link_class is LinkClass.RADIO
         self._stream_s = [1.0 / row.fast_hz if slow and row.fast_hz else MIN_INTERVAL_S for row in TABLE]
         self._defaults = [1.0 / rate if rate else _OFF for rate in rates]
@@ -54,7 +54,7 @@ class Streams:
         return rows
 
     def mark_sent(self, row: int, now_s: float, stretch: float = 1.0) -> None:
-        """Note that a row was sent, or had nothing to say: in phase, and never catching up; next so much later."""
+        """Schedule a row after it was sent or had no content: in phase, without catching up missed intervals."""
         interval_s = self._interval_s[row] * stretch
         next_s = self._due_s[row] + interval_s
         self._due_s[row] = next_s if next_s > now_s else now_s + interval_s
@@ -71,11 +71,11 @@ class Streams:
             self._due_s[row] = now_s + self._interval_s[row]
 
     def make_all_due(self, now_s: float) -> None:
-        """Make all that is sent due now, as when intervals begin to count otherwise."""
+        """Make all active messages due now, after a change of the intervals."""
         self._due_s = [now_s if interval_s < _OFF else _OFF for interval_s in self._interval_s]
 
     def interval_us(self, number: int) -> int | None:
-        """Return the interval of a message in microseconds, -1 when it is off, None when it is not ours."""
+        """Return the interval of a message in microseconds, -1 if it is off, None for an unknown message."""
         rows = ROWS_OF.get(number)
         if rows is None:
             return None
@@ -83,9 +83,9 @@ class Streams:
         return -1 if interval_s == _OFF else round(interval_s * 1e6)
 
     def set_interval(self, number: int, interval_us: float, now_s: float) -> bool:
-        """Set an interval: -1 turns the message off, 0 restores its default. False when that may not be."""
+        """Set an interval: -1 turns the message off, 0 restores its default. False if it is refused."""
         rows = ROWS_OF.get(number)
-        # Without its heartbeat the boat would be gone for every ground station.
+        # Without heartbeats every ground station would report a lost link.
         if rows is None or number == 0 or not math.isfinite(interval_us):
             return False
         if interval_us in (-1.0, 0.0):
@@ -99,9 +99,9 @@ class Streams:
         return True
 
     def set_stream(self, stream: int, rate_hz: float, now_s: float) -> None:
-        """Set the rate of a MAV_DATA_STREAM, 0 for off; stream 0 is all of them. Nobody means it for a satellite.
+        """Set the rate of a MAV_DATA_STREAM, 0 for off; stream 0 is all of them. Ignored on a satellite link.
 
-        Over a radio no message comes oftener than it does unasked on a fast link.
+        On a radio link the rate of a message is at most its default on a fast link.
         """
         if self._fastest_s > MIN_INTERVAL_S:
             return
@@ -111,7 +111,7 @@ class Streams:
                 self._set(index, max(interval_s, self._stream_s[index]), now_s)
 
     def set_high_latency(self, interval_s: float | None, now_s: float) -> None:
-        """Send HIGH_LATENCY2 from now on at an interval, or (None) no more."""
+        """Set the interval of HIGH_LATENCY2, or turn it off (None)."""
         for row in ROWS_OF[HIGH_LATENCY]:
             self._set(row, _OFF if interval_s is None else interval_s, now_s)
 

@@ -1,8 +1,7 @@
-"""The one table of telemetry: what is sent, at what rates, and in which stream.
+"""The table of telemetry: messages, rates and streams.
 
-Rates in hertz: `fast` on UDP and TCP, `radio` on slow serial lines; 0 = on request. On
-a satellite link everything is on request.
-`stream` is the MAV_DATA_STREAM that the old REQUEST_DATA_STREAM moves it with.
+Rates in hertz: `fast` on UDP and TCP, `radio` on slow serial lines; 0: on request. On a satellite link all messages are
+on request. `stream` is the MAV_DATA_STREAM of the old REQUEST_DATA_STREAM.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Telemetry of other vessels: one AIS_VESSEL at a time, so that a crowded sea costs no more than an empty one."""
+"""Telemetry of other vessels: one AIS_VESSEL at a time, so that the data rate does not depend on their number."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from firmware_py.link.telemetry.motion import heading_centidegrees
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 
 _INT8_MAX = 0x7F
-_LONGEST_M, _WIDEST_M = 511, 63  # the largest numbers of AIS, which mean so much or more
-_NOBODY = VesselIdentity(0.0, 0)
-# Whose turn it is follows from the time alone, by irrational steps: every interval gets round to every vessel.
+_LONGEST_M, _WIDEST_M = 511, 63  # the largest numbers of AIS, which mean this or more
+_UNKNOWN_VESSEL = VesselIdentity(0.0, 0)
+# The turn follows from the time alone, by irrational steps, so that every interval reaches every vessel.
 _ROUND, _NEAR_ROUND, _NEAR_SHARE = 0.5 * (math.sqrt(5.0) - 1.0), math.sqrt(2.0), 0.4
 _TURNS_HZ = 10.0
 
 
 def ais_vessel(context: TelemetryContext) -> Message | None:
-    """Return AIS_VESSEL of the vessel whose turn it is; those that come near, and distress beacons, have more turns."""
+    """Return AIS_VESSEL of the next vessel; approaching vessels and distress beacons have more turns."""
     boat = context.snapshot
     if boat.traffic is None or not boat.traffic.vessels:
         return None
@@ -30,7 +30,7 @@ def ais_vessel(context: TelemetryContext) -> Message | None:
 
 
 def _message(vessel: Vessel, now_s: float) -> Message:
-    position, identity = vessel.position, vessel.identity or _NOBODY
+    position, identity = vessel.position, vessel.identity or _UNKNOWN_VESSEL
     to_bow, to_stern, to_port, to_starboard = identity.dimensions_m or (UINT16_MAX, UINT16_MAX, UINT8_MAX, UINT8_MAX)
     flags = (
         (mavlink.AIS_FLAGS_POSITION_ACCURACY, position.accurate),

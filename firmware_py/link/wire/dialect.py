@@ -1,9 +1,8 @@
-"""The MAVLink dialect: the only place that knows pymavlink, and what it lacks.
+"""The MAVLink dialect: pymavlink's message classes, and additions that it lacks.
 
-The dialect module is imported directly: mavutil would cost 0.2 s and 30 MB.
-pymavlink 2.4.50's `common` is behind the published definitions; the messages the
-autopilot needs beyond it are added here, with the checksum seeds that pymavlink's own
-generator computes from the published XML (a test compares them).
+The dialect module is imported directly, since mavutil would cost 0.2 s and 30 MB. `common` of pymavlink 2.4.50 is older
+than the published definitions. Further messages of the autopilot are added here, with the checksum seeds that
+pymavlink's generator computes from the published XML (a test compares them).
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ __all__ = ["ADDITIONS", "Addition", "Message", "mavlink", "payload_of_addition",
 
 
 class Addition(NamedTuple):
-    """A message that pymavlink lacks, or knows without its extension fields."""
+    """A message that pymavlink lacks, or has without its extension fields."""
 
     name: str
     number: int
@@ -196,10 +195,7 @@ def payload_of_addition(message: Message) -> bytes | None:
 
 
 def forget_what_is_not_used() -> None:
-    """Give back 1.5 MiB of pymavlink's module: its enumerations' texts, and methods of which nothing onboard calls one.
-
-    For a process that does nothing but run the autopilot.
-    """
+    """Release 1.5 MiB of pymavlink: texts of enumerations and unused methods."""
     mavlink.enums.clear()
     for name in [name for name in vars(mavlink.MAVLink) if name.endswith(("_encode", "_send"))]:
         delattr(mavlink.MAVLink, name)

@@ -1,4 +1,10 @@
-"""MAVLink frames: finds them in received bytes, packs, decodes and stamps them, and converts them to MAVLink 1."""
+"""MAVLink frames: finds them in received bytes, decodes, packs and stamps them, and converts them to MAVLink 1.
+
+pymavlink's own stream parser is not used: it keeps every byte while reads end in the middle of a frame, skips a whole
+claimed frame (up to 280 good bytes) after one false marker, and waits forever for the rest of a frame that was never
+sent. `Splitter` steps over a false marker by one byte, holds less than one frame, and gives up on an incomplete frame:
+soon if another whole frame is found behind its start, otherwise late, since a modem may deliver a frame in pieces.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +15,8 @@ from typing import NamedTuple
 from firmware_py.common.crc16 import mcrf4xx
 from firmware_py.link.wire.dialect import Message, mavlink, payload_of_addition
 
-STALE_S = 0.5  # a frame that has not come whole after this is none if another is found behind its beginning
-LATE_S = 10.0  # and in any case after this; on a slow line, later
+STALE_S = 0.5  # an incomplete frame is dropped after this if another is found behind its start
+LATE_S = 10.0  # and in any case after this, on a slow line later
 _LONGEST_FRAME = 280
 _MARKER = re.compile(b"[\xfd\xfe]")
 MAVLINK1, _MAVLINK2 = 0xFE, 0xFD
@@ -18,14 +24,14 @@ _HEADER = {0xFD: 10, 0xFE: 6}
 _SIGNED = 0x01
 _SIGNATURE = 13
 _WAIT = 0  # may be a frame, when more bytes come
-_FALSE = -1  # no frame starts here
+_FALSE = -1  # not the start of a frame
 
-_MAX_MAVLINK1_NUMBER = 255  # it has no messages beyond
-_RADIO_STATUS = 109  # of the modem, whoever is behind it
-_VERSION1_S = 10.0  # stations begin in MAVLink 1 and go over to the second once they have heard it
+_MAX_MAVLINK1_NUMBER = 255
+_RADIO_STATUS = 109  # sent by the modem, not by the peer behind it
+_VERSION1_S = 10.0  # stations start with MAVLink 1 and change to MAVLink 2 once they have received it
 _VERSION1_FRAMES = 5
 
-# Bytes of the payload without the fields that only MAVLink 2 carries, of all messages of the boat that have such.
+# Payload bytes without extension fields, of all messages of the boat that have such fields.
 _BASE_BYTES: Mapping[int, int] = {
     1: 31,
     24: 30,
@@ -58,7 +64,7 @@ class Packed(NamedTuple):
     """A message ready to be stamped with a peer's sequence number."""
 
     frame: bytes  # whole, with sequence number 0 and, until it is stamped, no checksum
-    seed: bytes  # crc_extra, one byte; empty for a frame that somebody else has numbered and signed
+    seed: bytes  # crc_extra, one byte; empty for a routed frame, which keeps its number and signature
 
 
 def checksum(covered: bytes, seed: bytes) -> int:
@@ -67,7 +73,7 @@ def checksum(covered: bytes, seed: bytes) -> int:
 
 
 def stamp(packed: Packed, sequence: int) -> bytes:
-    """Return the frame with this sequence number: a tenth of the cost of packing it again."""
+    """Return the frame with this sequence number and its checksum: a tenth of the cost of packing it again."""
     frame = packed.frame
     place = 4 if frame[0] == _MAVLINK2 else 2
     covered = frame[1:place] + bytes((sequence,)) + frame[place + 1 : -2]
@@ -79,7 +85,7 @@ def _payload_alone(_mav: object, _seed: int, payload: bytes, force_mavlink1: boo
 
 
 def _samples() -> tuple[Message, ...]:
-    """Return a message of each kind that is laid out in a way of its own: 0 at the end, a text, an array, one added."""
+    """Return messages with different layouts: zeros at the end, a text, an array, one of the additions."""
     return (
         mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
         mavlink.MAVLink_statustext_message(4, b"text", 3, 1),
@@ -89,7 +95,7 @@ def _samples() -> tuple[Message, ...]:
 
 
 class Codec:
-    """Packs what one system and component sends, and decodes what it receives."""
+    """Packs the messages of one system and component, and decodes received ones."""
 
     def __init__(self, system: int, component: int) -> None:
         """Take the MAVLink address that outgoing frames carry."""
@@ -98,14 +104,14 @@ class Codec:
         self.quick = self._packs_quickly()
 
     def pack(self, message: Message) -> Packed:
-        """Return the message packed; struct.error for a field that does not fit.
+        """Return the packed message; struct.error for a field that does not fit.
 
-        pymavlink lays out the fields; what is around them is put there here, in a third of the time that it takes.
+        pymavlink packs the payload; the header is added here, which takes a third of pymavlink's time.
         """
         return self._pack_quickly(message) if self.quick else self._pack_whole(message)
 
     def _packs_quickly(self) -> bool:
-        """Say whether what goes past pymavlink's public names packs as it does itself: another version may not."""
+        """Return whether packing by pymavlink's private names gives its own result: another version may differ."""
         try:
             return all(self._pack_quickly(message) == self._pack_whole(message) for message in _samples())
         except Exception:  # noqa: BLE001 - whatever it does instead
@@ -126,7 +132,7 @@ class Codec:
         return self.pack_payload(type(message).id, payload)  # a field may be named id
 
     def pack_payload(self, number: int, payload: bytes) -> Packed:
-        """Return a payload, laid out by hand, as a message: half the cost of `pack`, for long transfers.
+        """Return a packed payload as a message: half the cost of `pack`, for long transfers.
 
         The checksum is left to `stamp`, as is the sequence number.
         """
@@ -135,7 +141,7 @@ class Codec:
         return Packed(head + payload + b"\0\0", _SEEDS[number])
 
     def decode(self, frame: bytes) -> Message | None:
-        """Decode one whole frame whose checksum was found right, or None."""
+        """Decode one whole frame with a valid checksum; None if that fails."""
         try:
             return self._mav.decode(bytearray(frame))
         except mavlink.MAVError:
@@ -143,30 +149,30 @@ class Codec:
 
 
 class Frame(NamedTuple):
-    """One frame with a right checksum."""
+    """One frame with a valid checksum."""
 
     number: int  # message id
     data: bytes
 
 
 class Splitter:
-    """Takes the bytes of one peer as they come and gives its frames."""
+    """Splits the received bytes of one peer into frames."""
 
     __slots__ = ("_held", "_held_since_s", "_late_s", "rejected")
 
     def __init__(self, byte_rate: float | None = None) -> None:
-        """Start with nothing held; `byte_rate` is the line's, in bytes a second."""
+        """Start empty; `byte_rate` is that of the line, in bytes a second."""
         self._late_s = LATE_S if byte_rate is None else max(LATE_S, 2.0 * _LONGEST_FRAME / byte_rate)
         self._held = b""
         self._held_since_s = 0.0
-        self.rejected = 0  # markers that looked like a frame and had a wrong checksum
+        self.rejected = 0  # frames with a wrong checksum
 
     def feed(self, data: bytes, now_s: float) -> list[Frame]:
         """Take bytes that arrived at now_s and return the frames they complete."""
         open_since_s = self._held_since_s if self._held else now_s
         whole = self._held + data
         frames = list(self._scan(whole))
-        # Counted from its beginning: what comes later must not keep a false frame alive.
+        # Counted from its start: later bytes must not keep a false frame alive.
         if not (self._held and len(self._held) == len(whole)):
             self._held_since_s = now_s
         elif now_s - open_since_s > STALE_S:
@@ -178,11 +184,11 @@ class Splitter:
         return frames
 
     def _doubt(self, age_s: float) -> list[Frame]:
-        """Give up on the beginning that is held if it is false, or too late; return the frames that it hid."""
+        """Drop the held start of a frame if it is false or too old; return the frames behind it."""
         held = self._held
         hidden = _first_frame(held)
         if hidden is None and age_s <= self._late_s:
-            return []  # nothing waits behind it
+            return []  # no frame behind it
         return list(self._scan(held[1 if hidden is None else hidden :]))
 
     def _scan(self, data: bytes) -> Iterator[Frame]:
@@ -206,7 +212,7 @@ class Splitter:
 
 
 def _first_frame(data: bytes) -> int | None:
-    """Return where the first whole frame behind the first byte begins, whatever beginnings stand before it."""
+    """Return the offset of the first whole frame behind the first byte, past other markers."""
     position = 1
     while (marker := _MARKER.search(data, position)) is not None:
         start = marker.start()
@@ -253,7 +259,7 @@ def _checked(frame: bytes) -> Frame | None:
 
 
 def to_mavlink1(packed: Packed) -> Packed | None:
-    """Return a message as MAVLink 1, without the fields that it has not; None for one that it has not at all."""
+    """Return a message as MAVLink 1, without extension fields; None for a message that MAVLink 1 lacks."""
     frame = packed.frame
     number = int.from_bytes(frame[7:10], "little")
     if number > _MAX_MAVLINK1_NUMBER:
@@ -264,18 +270,18 @@ def to_mavlink1(packed: Packed) -> Packed | None:
 
 
 class VersionDetector:
-    """Which version of MAVLink a correspondent understands, by what it goes on to send once it could have heard her."""
+    """Detects a peer that understands MAVLink 1 only: it continues to send MAVLink 1 after frames of the boat."""
 
     __slots__ = ("_frames", "_since_s", "version1_only")
 
     def __init__(self) -> None:
-        """Take it for one that understands MAVLink 2."""
+        """Start with MAVLink 2."""
         self.version1_only = False
         self._frames = 0
         self._since_s: float | None = None
 
     def hear(self, frames: Iterable[Frame], now_s: float) -> None:
-        """Take frames from it, after something was sent to it."""
+        """Take received frames, after something was sent to the peer."""
         for frame in frames:
             if frame.number == _RADIO_STATUS:
                 continue

@@ -1,4 +1,4 @@
-"""Opens the transport of a URL: a serial line, or a socket, at once or as soon as it can be opened."""
+"""Opens the transport of a URL: a serial line, or a socket, at once or as soon as that is possible."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
 }
 
 
-NMEA = "nmea:"  # before the URL of an output of NMEA 0183, which is no link of MAVLink: see link.nmea
+NMEA = "nmea:"  # prefix of the URL of an NMEA 0183 output: see link.nmea
 
 RETRY_S = 5.0
-FIRST_TRY_S = 1.0  # the start waits for the first try so long at most
+FIRST_TRY_S = 1.0  # maximum wait for the first attempt
 
 _BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 _FAR_END: Address = "line"
 
 
 class SatelliteSupport(msgspec.Struct, frozen=True):
-    """What a link by satellite needs beside its line: what keeps its record, the clock, and what tells an event."""
+    """Further needs of a satellite link: storage of its record, the clock, and a function that reports events."""
 
     vault: Vault = NO_VAULT
     utc_s: Callable[[], float] = lambda: 0.0
@@ -54,8 +54,8 @@ def open_transport(
 ) -> Transport:
     """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line.
 
-    With `say` a socket that cannot be opened now is opened when it can, and that is said. What does not have to be
-    heard (`hears`) may be sent to many at once.
+    With `say` a socket that cannot be opened now is opened later, and that is reported. `receives` False allows
+    broadcast targets.
     """
     parsed = parse_url(url)
     if parsed.kind == "sbd":
@@ -68,7 +68,7 @@ def open_transport(
     open_now: Callable[[], Transport] = partial(_SOCKETS[parsed.kind], parsed)
     if parsed.kind == "udpout":
         if receives and parsed.host in OF_MANY_ANYWHERE:
-            open_now()  # raises: no waiting mends it
+            open_now()  # raises: waiting does not help
         open_now = partial(UdpTransport, parsed, receives=receives)
     if say is None:
         return open_now()
@@ -79,19 +79,22 @@ def open_transport(
 
 
 class LateTransport:
-    """Nobody is there until it is `opened`; from then on it is what has been opened."""
+    """A transport without peers until it is `opened`; then it delegates to the opened one.
+
+    A thread tries to open it, since a name server may block for long.
+    """
 
     byte_rate: float | None = None
 
     def __init__(self, url: LinkUrl, open_now: Callable[[], Transport], retry_s: float = RETRY_S) -> None:
-        """Begin to try `open_now`, which raises LinkError while it cannot be."""
+        """Start to try `open_now`, which raises LinkError on failure."""
         self.name = url.text
         self.options = url.options
         self.radio = url.options.at_radio_rates(usual=False)
         self.datagrams = url.kind.startswith("udp")
         self.exposed = url.kind.endswith("in") and not url.host.startswith(("127.", "localhost"))
         self.opened: Transport | None = None
-        self.problem = f"link {url.text!r}: nobody says where {url.host!r} is"
+        self.problem = f"link {url.text!r}: host {url.host!r} is not resolved yet"
         self._open_now, self._retry_s = open_now, retry_s
         self._tried, self._ended = threading.Event(), threading.Event()
         threading.Thread(target=self._try, name="link", daemon=True).start()
@@ -110,11 +113,11 @@ class LateTransport:
             self.close()
 
     def descriptors(self) -> Sequence[int]:
-        """Return what there is to be read."""
+        """Return the descriptors to be read."""
         return () if self.opened is None else self.opened.descriptors()
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:
-        """Read what has arrived on a descriptor."""
+        """Read from a descriptor."""
         return () if self.opened is None else self.opened.receive(descriptor)
 
     def send(self, address: Address, data: bytes) -> bool:
@@ -123,40 +126,40 @@ class LateTransport:
 
     @property
     def blocked_reason(self) -> str:
-        """Why nothing leaves now."""
+        """Why sending is blocked."""
         return self.problem if self.opened is None else self.opened.blocked_reason
 
     def addresses(self) -> Sequence[Address]:
-        """Return who is served in any case."""
+        """Return the permanent peers."""
         return () if self.opened is None else self.opened.addresses()
 
     def connections(self) -> Sequence[Address]:
-        """Return who has connected."""
+        """Return the connected peers."""
         return () if self.opened is None else self.opened.connections()
 
     def host(self, address: Address) -> Address:
-        """Return whose correspondent this is."""
+        """Return the computer of a peer."""
         return address if self.opened is None else self.opened.host(address)
 
     def drop(self, address: Address) -> None:
-        """End the connection of a guest."""
+        """Close a connection."""
         if self.opened is not None:
             self.opened.drop(address)
 
     def poll(self, now_s: float) -> None:
-        """Do what has to be done now and then."""
+        """Do periodic work."""
         if self.opened is not None:
             self.opened.poll(now_s)
 
     def close(self) -> None:
-        """Try no more, and close what has been opened."""
+        """End the attempts, and close the opened transport."""
         self._ended.set()
         if self.opened is not None:
             self.opened.close()
 
 
 class SerialTransport:
-    """One serial line with one correspondent at its far end; the line may vanish and come back."""
+    """One serial line with one peer at its far end; the line may vanish and return."""
 
     datagrams = False
     exposed = False
@@ -170,12 +173,12 @@ class SerialTransport:
         self._line = line
 
     def descriptors(self) -> Sequence[int]:
-        """Return the line's descriptor while it is there."""
+        """Return the line's descriptor while it is open."""
         descriptor = self._line.fileno()
         return () if descriptor < 0 else (descriptor,)
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - it has one only
-        """Read what is there, at most the 4096 bytes of a ByteLine."""
+        """Read at most the 4096 bytes of a ByteLine."""
         data = self._line.read()
         return ((_FAR_END, data),) if data else ()
 
@@ -185,15 +188,15 @@ class SerialTransport:
 
     @property
     def blocked_reason(self) -> str:
-        """Say when the line has vanished."""
+        """Why sending is blocked: the line has vanished."""
         return "" if self._line.fileno() >= 0 else "the line is not there"
 
     def addresses(self) -> Sequence[Address]:
-        """Return the far end: whether anybody is there, a line cannot tell."""
+        """Return the far end, whether it is connected or not."""
         return (_FAR_END,)
 
     def connections(self) -> Sequence[Address]:
-        """Return nobody: nobody connects to a line."""
+        """Return no peers: a line has no incoming connections."""
         return ()
 
     def host(self, address: Address) -> Address:
@@ -201,10 +204,10 @@ class SerialTransport:
         return address
 
     def drop(self, address: Address) -> None:
-        """Do nothing: the far end is there for good."""
+        """Do nothing: the far end is permanent."""
 
     def poll(self, now_s: float) -> None:
         """Do nothing: the line opens itself again."""
 
     def close(self) -> None:
-        """Do nothing: the line belongs to whoever opened it."""
+        """Do nothing: the opener closes the line."""

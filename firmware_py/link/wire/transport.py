@@ -1,4 +1,4 @@
-"""What a link needs of a transport, and the URLs that name one."""
+"""Interface of transports."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
 
-Address: TypeAlias = Hashable  # one correspondent on a transport
+Address: TypeAlias = Hashable  # one peer on a transport
 
 RADIO_BAUD = 115_200  # a serial line no faster than this is taken for a radio modem
-READ_BYTES = 256  # one read of a stream: the rest stays with the system, and the descriptor readable
+READ_BYTES = 256  # one read of a stream: the rest stays in the system's buffer, and the descriptor readable
 
 
 class Transport(Protocol):
-    """Carries bytes to and from one or more correspondents; never blocks, never raises."""
+    """Carries bytes to and from one or more peers; never blocks, never raises."""
 
     @property
     def name(self) -> str:
@@ -24,64 +24,64 @@ class Transport(Protocol):
 
     @property
     def options(self) -> LinkOptions:
-        """What the URL says behind its question mark."""
+        """The options of the URL."""
 
     @property
     def byte_rate(self) -> float | None:
-        """What the line carries at most, in bytes a second; None where that is no concern."""
+        """Maximum rate of a line in bytes a second; None for a network."""
 
     @property
     def radio(self) -> bool:
-        """Whether telemetry goes out at the lower rates."""
+        """Whether telemetry is sent at the lower rates."""
 
     @property
     def datagrams(self) -> bool:
-        """Whether anybody may send here, without a connection."""
+        """Whether data comes without a connection, from any address."""
 
     def descriptors(self) -> Sequence[int]:
-        """The descriptors whose readability `receive` wants."""
+        """The descriptors that `receive` reads."""
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:
-        """Read a bounded piece of what has arrived on a descriptor."""
+        """Read a bounded piece from a descriptor."""
 
     def send(self, address: Address, data: bytes) -> bool:
         """Take all of data, or none of it (False)."""
 
     @property
     def exposed(self) -> bool:
-        """Whether somebody on another computer can begin to speak here."""
+        """Whether other computers can send here unasked."""
 
     @property
     def blocked_reason(self) -> str:
-        """Why nothing leaves now; empty for nothing."""
+        """Why sending is blocked; empty if it is not."""
 
     def addresses(self) -> Sequence[Address]:
-        """The correspondents that are to be served whether they have spoken or not."""
+        """The permanent peers, which are served before they send."""
 
     def connections(self) -> Sequence[Address]:
-        """Those who have connected by themselves."""
+        """The peers with an open incoming connection."""
 
     def host(self, address: Address) -> Hashable:
-        """Whose correspondent this is: the computer that it comes from."""
+        """The computer of a peer."""
 
     def drop(self, address: Address) -> None:
-        """End the connection of a guest."""
+        """Close a connection."""
 
     def poll(self, now_s: float) -> None:
-        """Connect again, push out what is held: whatever has to be done now and then."""
+        """Do periodic work: reconnect, send buffered data."""
 
     def close(self) -> None:
-        """Give up all descriptors."""
+        """Close all descriptors."""
 
 
 def usual_class(transport: Transport) -> LinkClass:
-    """Return the class of a transport's rates: what its URL says, else what it is."""
+    """Return the class of a transport: that of its URL, otherwise by its kind."""
     return transport.options.link_class or (LinkClass.RADIO if transport.radio else LinkClass.FAST)
 
 
 @runtime_checkable
 class Satellite(Protocol):
-    """What a transport has beside that, if it carries messages that are paid for."""
+    """Further interface of a transport with paid messages."""
 
     def attach(
         self,
@@ -89,10 +89,10 @@ class Satellite(Protocol):
         code: Callable[[bytes], bytes | None],
         vouch: Callable[[bytes], None],
     ) -> None:
-        """Take the parameters in force, what makes a code with the boat's key, and what lets a frame pass as signed."""
+        """Take the parameters in force, the HMAC by the boat's key, and the function that marks a frame as signed."""
 
     def satellite_status(self, now_s: float) -> SatelliteStatus:
-        """How modem, sessions and budget fare."""
+        """Status of modem, sessions and budget."""
 
 
 class MessageTransport(Transport, Satellite, Protocol):

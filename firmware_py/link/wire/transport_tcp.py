@@ -1,4 +1,4 @@
-"""MAVLink over TCP: a server for several ground stations, or a client that connects again."""
+"""MAVLink over TCP: a server for several ground stations, or a client that reconnects."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from firmware_py.link.wire.transport import READ_BYTES, Address
 from firmware_py.link.wire.transport_udp import bind, exposed
 from firmware_py.link.wire.urls import HostLookup, LinkUrl, resolve
 
-# Connections at once: the places of a link, who waits for one, and who has just come. The link says who is to go.
+# Connections at once: active and pending peers of a link, and one new. The link evicts peers.
 MAX_CLIENTS = 25
 RECONNECT_S = 1.0
-_LOOK_S = 10.0  # between two looks where a server is that does not answer
-_UNSENT_BYTES = 1 << 12  # what the system may hold that cannot leave yet: what is newer would wait behind it
-_UNREAD_BYTES = 1 << 15  # and what the system may hold unread: a flood is over soon after its end
-_DEAD_MS = 60_000  # a connection whose data nobody acknowledges for this long is closed
-_PROBE_AFTER_S = 20  # and one over which nothing goes is asked for a sign of life after this
+_LOOK_S = 10.0  # between two lookups of a server that does not answer
+_UNSENT_BYTES = 1 << 12  # in the system's send buffer: newer data would wait behind them
+_UNREAD_BYTES = 1 << 15  # in the system's receive buffer, so that a flood is over soon after its end
+_DEAD_MS = 60_000  # a connection without acknowledgement for this long is closed
+_PROBE_AFTER_S = 20  # keep-alive of an idle connection
 _PROBE_EVERY_S = 10
 _PENDING = (errno.EINPROGRESS, errno.EALREADY)
 
@@ -40,7 +40,7 @@ def _tune(opened: socket.socket) -> None:
 
 
 class _Connection:
-    """One connected socket and what it could not take yet."""
+    """One connected socket and its unsent data."""
 
     __slots__ = ("_held", "_socket", "host", "open")
 
@@ -73,7 +73,7 @@ class _Connection:
         return True
 
     def push(self) -> None:
-        """Send what is held, as far as the system takes it."""
+        """Send buffered data, as far as the system takes it."""
         if not self._held or not self.open:
             return
         try:
@@ -90,7 +90,7 @@ class _Connection:
 
 
 class TcpServer:
-    """Listens; every client is a correspondent."""
+    """A server; every client is a peer."""
 
     byte_rate: float | None = None
     datagrams = False
@@ -130,7 +130,7 @@ class TcpServer:
         return client is not None and client.write(data)
 
     def addresses(self) -> Sequence[Address]:
-        """Return nobody: clients come by themselves."""
+        """Return no peers: clients connect by themselves."""
         return ()
 
     def host(self, address: Address) -> Address:
@@ -148,7 +148,7 @@ class TcpServer:
         return tuple(number for number, client in self._clients.items() if client.open)
 
     def poll(self, now_s: float) -> None:  # noqa: ARG002 - nothing here depends on time
-        """Push out what is held and forget the clients that have gone."""
+        """Send buffered data and remove closed clients."""
         for client in self._clients.values():
             client.push()
         self._clients = {number: client for number, client in self._clients.items() if client.open}
@@ -178,7 +178,7 @@ class TcpServer:
 
 
 class TcpClient:
-    """Connects to a server, and again RECONNECT_S after a connection is lost, wherever its name leads by then."""
+    """Connects to a server, and again RECONNECT_S after a loss, at the address that its name has then."""
 
     byte_rate: float | None = None
     datagrams = False
@@ -186,7 +186,7 @@ class TcpClient:
     exposed = False
 
     def __init__(self, url: LinkUrl) -> None:
-        """Look up the server, or raise LinkError; it need not be there yet."""
+        """Look up the server, or raise LinkError; it need not be running yet."""
         self.name = url.text
         self.options = url.options
         self.radio = url.options.at_radio_rates(usual=False)
@@ -215,7 +215,7 @@ class TcpClient:
         return (self._number,) if self._connection is not None and self._connection.open else ()
 
     def connections(self) -> Sequence[Address]:
-        """Return nobody: the server was chosen."""
+        """Return no peers: there are no incoming connections."""
         return ()
 
     def host(self, address: Address) -> Address:
@@ -223,10 +223,10 @@ class TcpClient:
         return address
 
     def drop(self, address: Address) -> None:
-        """Do nothing: the server was chosen."""
+        """Do nothing: the server is permanent."""
 
     def poll(self, now_s: float) -> None:
-        """Push out what is held, connect when it is time."""
+        """Send buffered data; connect when it is time."""
         if self._connection is not None:
             self._connection.push()
             if self._connection.open:
@@ -261,6 +261,6 @@ class TcpClient:
             self._lookup.ask(now_s)
 
     def _next_address(self) -> str:
-        """Return the address to try: of several that a name has the one after that which was tried last."""
+        """Return the next address of the name."""
         found = self._lookup.found or (self._server[0],)
         return found[(found.index(self._server[0]) + 1) % len(found)] if self._server[0] in found else found[0]

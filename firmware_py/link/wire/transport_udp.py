@@ -1,4 +1,4 @@
-"""MAVLink over UDP: to one ground station, or from whoever asks."""
+"""MAVLink over UDP: to one ground station (udpout), or to any that sends first (udpin)."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from collections.abc import Sequence
 from firmware_py.link.wire.transport import Address
 from firmware_py.link.wire.urls import HostLookup, LinkError, LinkUrl, resolve
 
-_DATAGRAMS = 48  # at one call: as fast as anybody sends, since most of a flood is dropped unread
-_LONGEST = 2048  # of a datagram: what exceeds it is cut
+_DATAGRAMS = 48  # in one call, which keeps up with a flood, most of which is dropped unread
+_LONGEST = 2048  # bytes of a datagram
 _SEND_BUFFER = 1 << 18
-# Of Linux; Python has no names for them. By default each datagram forbids routers to take it apart: where a hop carries
-# less and says so to nobody, every longer one would be lost for good.
+# Linux constants that Python lacks. By default datagrams must not be fragmented: on a path with a smaller MTU and
+# without ICMP every longer one would be lost.
 _IP_MTU_DISCOVER, _IP_PMTUDISC_DONT = 10, 0
-OF_MANY_ANYWHERE = ("0.0.0.0", "255.255.255.255")  # noqa: S104 - no station has them, in any network
-_LOOK_S = 60.0  # a target that is silent for so long may have another address by now
+OF_MANY_ANYWHERE = ("0.0.0.0", "255.255.255.255")  # noqa: S104 - never the address of one station
+_LOOK_S = 60.0  # of silence before the target is looked up again
 
 
 def exposed(listener: socket.socket) -> bool:
-    """Return whether other computers reach what a bound socket listens to."""
+    """Return whether a bound socket is reachable from other computers."""
     return not str(listener.getsockname()[0]).startswith("127.")
 
 
 def bind(listener: socket.socket, url: LinkUrl) -> None:
-    """Bind a socket to the address of a URL; LinkError, and the socket closed, when that cannot be."""
+    """Bind a socket to the address of a URL; on failure close it and raise LinkError."""
     try:
         listener.bind(resolve(url))
     except (OSError, LinkError) as error:
@@ -45,7 +45,7 @@ def bind(listener: socket.socket, url: LinkUrl) -> None:
 
 
 def is_of_many(address: tuple[str, int]) -> bool:
-    """Return whether an address is that of several computers or of any, as far as this one's interfaces tell."""
+    """Return whether an address is a multicast, broadcast or unspecified one."""
     numeric = ipaddress.IPv4Address(address[0])
     if numeric.is_multicast or numeric.is_unspecified:
         return True
@@ -53,14 +53,14 @@ def is_of_many(address: tuple[str, int]) -> bool:
         try:
             probe.connect(address)
         except PermissionError:
-            return True  # a broadcast, which has to be asked for
+            return True  # a broadcast, which needs SO_BROADCAST
         except OSError:
-            return False  # there is no way to it now
+            return False  # no route to it now
     return False
 
 
 def _check_target(url: LinkUrl, target: tuple[str, int]) -> None:
-    """Refuse a target that would be sent to and never heard, by a LinkError."""
+    """Raise LinkError for a target from which no answer would be accepted."""
     if is_of_many(target):
         raise LinkError(
             f"link {url.text!r}: {target[0]} is not the address of one station, and no other would be heard; "
@@ -71,23 +71,23 @@ def _check_target(url: LinkUrl, target: tuple[str, int]) -> None:
 class UdpTransport:
     """One UDP socket.
 
-    `udpout` sends to its target from the start and hears the target's host only, from
-    whatever port: ground stations often answer from another one, and each port is a
-    correspondent of its own. A target with a name is looked up anew while it is silent. `udpin` hears everybody.
+    `udpout` sends to its target from the start and receives from the target's host only, from any port: ground stations
+    often answer from another one, and each port is a peer. A host name is looked up again while the target is silent.
+    `udpin` receives from any address.
     """
 
     byte_rate: float | None = None
     datagrams = True
 
     def __init__(self, url: LinkUrl, *, receives: bool = True) -> None:
-        """Open the socket, or raise LinkError; what need not hear may send to many at once."""
+        """Open the socket, or raise LinkError; `receives` False allows broadcast targets."""
         self.name = url.text
         self.options = url.options
         self.radio = url.options.at_radio_rates(usual=False)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._target: tuple[str, int] | None = None
         self._lookup: HostLookup | None = None
-        self._heard = True  # the target, since it was looked up last
+        self._has_received = True  # from the target since the latest lookup
         self._look_s = -math.inf
         self.exposed = False
         self.blocked_reason = ""  # why the system refused the last datagram to the target
@@ -120,11 +120,11 @@ class UdpTransport:
             except BlockingIOError:
                 break
             except OSError:
-                # An ICMP error of an earlier send, such as ECONNREFUSED: nobody listens there now.
+                # An ICMP error of an earlier send, such as ECONNREFUSED: no program listens there now.
                 continue
             if self._target is None or address[0] == self._target[0]:
                 datagrams.append((address, data))
-                self._heard = True
+                self._has_received = True
         return datagrams
 
     def send(self, address: Address, data: bytes) -> bool:
@@ -146,25 +146,25 @@ class UdpTransport:
         return () if self._target is None else (self._target,)
 
     def connections(self) -> Sequence[Address]:
-        """Return nobody: there are no connections."""
+        """Return no peers: UDP has no connections."""
         return ()
 
     def host(self, address: Address) -> Address:
-        """Return the IP address of a correspondent."""
+        """Return the IP address of a peer."""
         return address[0] if isinstance(address, tuple) else address
 
     def drop(self, address: Address) -> None:
-        """Do nothing: there is no connection to end."""
+        """Do nothing: UDP has no connections."""
 
     def poll(self, now_s: float) -> None:
-        """Look up a target that says nothing, and follow it."""
+        """Look up a silent target, and use its new address."""
         if self._lookup is None or self._target is None:
             return
         if now_s >= self._look_s:
             self._look_s = now_s + _LOOK_S
-            if not self._heard:
+            if not self._has_received:
                 self._lookup.ask(now_s)
-            self._heard = False
+            self._has_received = False
         found = self._lookup.found
         if found and self._target[0] not in found:
             self._target = found[0], self._target[1]

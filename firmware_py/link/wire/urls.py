@@ -37,30 +37,29 @@ class OptionError(ValueError):
 
 
 class Policy(Enum):
-    """What a frame may do that is not signed with the boat's key."""
+    """Rights of a frame that is not signed with the boat's key."""
 
-    AUTO = "auto"  # OPEN until there is a key and on trusted links, else SIGNED_COMMANDS
+    AUTO = "auto"  # OPEN without a key and on trusted links, otherwise SIGNED_COMMANDS
     OPEN = "open"
-    SIGNED_COMMANDS = "signed-commands"  # read, but change nothing
-    SIGNED_ONLY = "signed-only"  # nothing: it is as if it had not come
+    SIGNED_COMMANDS = "signed-commands"  # it may read, but change nothing
+    SIGNED_ONLY = "signed-only"  # it is ignored
 
 
 class LinkClass(Enum):
-    """How much the link carries, and what that costs."""
+    """Data rate and cost of a link."""
 
     FAST = "fast"
     RADIO = "radio"
     SATELLITE = "satellite"
-    MESSAGES = "messages"  # of a satellite, each paid for: that of an sbd link, and of no other
+    MESSAGES = "messages"  # paid messages by satellite: only for an sbd link
 
 
 class LinkOptions(msgspec.Struct, frozen=True):
     """The options of one link.
 
-    `trusted`: nobody but the owner can reach it (a cable), so that a signing key may be
-    set over it. `link_class` None is what the kind of the link suggests. `systems` are
-    the MAVLink system ids that may command; None is all of them. `route`: messages between
-    others pass over it; None is as the class suggests.
+    `trusted`: only the owner can reach it (a cable), so a signing key may be set over it. `link_class` None: by the
+    kind of the link. `systems` are the MAVLink system ids that may command; None: all. `route`: messages between other
+    systems are routed over it; None: by the class.
     """
 
     trusted: bool = False
@@ -70,7 +69,7 @@ class LinkOptions(msgspec.Struct, frozen=True):
     route: bool | None = None
 
     def at_radio_rates(self, *, usual: bool) -> bool:
-        """Return whether telemetry goes out at the lower rates; `usual` is what the kind of the link suggests."""
+        """Return whether telemetry is sent at the lower rates; `usual` is the default of the kind of link."""
         return usual if self.link_class is None else self.link_class is not LinkClass.FAST
 
 
@@ -178,7 +177,7 @@ def addresses_of(url: LinkUrl) -> tuple[str, ...]:
 
 
 def is_numeric(host: str) -> bool:
-    """Whether a host is an IPv4 address, which means the same for ever."""
+    """Return whether a host is an IPv4 address."""
     try:
         ipaddress.IPv4Address(host)
     except ValueError:
@@ -187,10 +186,14 @@ def is_numeric(host: str) -> bool:
 
 
 class HostLookup:
-    """Asks again where a host is; an address is not asked for."""
+    """Looks up a host name again on a thread; not for a numeric address.
+
+    A name server may be silent for half a minute. The thread is started early, since one that is started later would
+    inherit the priority of the loop.
+    """
 
     def __init__(self, url: LinkUrl, every_s: float) -> None:
-        """Take the URL, and how long lies between two questions at least."""
+        """Take the URL, and the minimum interval of lookups."""
         self._url, self._every_s = url, every_s
         self.found: tuple[str, ...] = ()  # the addresses of the latest answer; none before the first
         self._asked_s: float | None = None
@@ -200,13 +203,13 @@ class HostLookup:
             threading.Thread(target=self._work, name="link names", daemon=True).start()
 
     def ask(self, now_s: float) -> None:
-        """Ask, unless that was done just now."""
+        """Start a lookup, unless the interval has not passed yet."""
         if self._asked_s is None or now_s - self._asked_s >= self._every_s:
             self._asked_s = now_s
             self._wanted.set()
 
     def close(self) -> None:
-        """End the thread, as soon as nobody keeps it waiting."""
+        """End the thread after its present lookup."""
         self._ended = True
         self._wanted.set()
 
@@ -219,4 +222,4 @@ class HostLookup:
             try:
                 self.found = addresses_of(self._url)
             except (OSError, UnicodeError):
-                continue  # the address that was known may still be right
+                continue  # the former address may still be valid

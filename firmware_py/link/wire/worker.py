@@ -1,4 +1,4 @@
-"""Disk work of the link that may take long, on a thread of its own; the results come back on the loop's thread."""
+"""A thread for long disk work of the link; results are returned on the loop's thread."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Done = Callable[[Any], None]  # takes the result, or the exception that ended th
 
 
 class Worker:
-    """A bounded queue of jobs, done one after the other.
+    """A bounded queue of jobs, executed one after the other.
 
-    Without `background` a job is done at once, on the caller's thread: for tests, and where nothing is stored.
+    Without `background` a job is executed at once on the caller's thread: for tests, and without storage.
     """
 
     def __init__(self, *, background: bool) -> None:
-        """Start the thread, if there is to be one: before the loop takes its priority, or it inherits that."""
+        """Start the thread, before the loop sets its priority, which the thread would inherit."""
         self._jobs: SimpleQueue[tuple[Job, Done] | None] = SimpleQueue()
         self._results: deque[tuple[Done, Any]] = deque()
         self._under_way = 0
@@ -38,7 +38,7 @@ class Worker:
             self._thread = threading.Thread(target=self._work, name=THREAD, daemon=True)
             try:
                 self._thread.start()
-            except RuntimeError:  # there is no thread to be had
+            except RuntimeError:  # no thread is available
                 os.close(self._wake_fd)
                 raise
 
@@ -48,11 +48,11 @@ class Worker:
 
     @property
     def has_pending_jobs(self) -> bool:
-        """Whether there are jobs whose results `poll` has not handed over."""
+        """Whether there are jobs whose results `poll` has not returned."""
         return self._under_way > 0
 
     def submit(self, job: Job, done: Done) -> bool:
-        """Queue a job; `done` is called by `poll`. False when there are too many already."""
+        """Queue a job; `done` is called by `poll`. False if there are too many."""
         if self._thread is None:
             done(_result_of(job))
             return True
@@ -63,9 +63,9 @@ class Worker:
         return True
 
     def poll(self) -> None:
-        """Hand over the results that are there."""
+        """Call `done` of the finished jobs."""
         if self._wake_fd >= 0:
-            # The sign before the results: it may follow its result late, and is then seen the next time.
+            # The event is read before the results: one that is set late is then seen the next time.
             with contextlib.suppress(BlockingIOError):
                 os.eventfd_read(self._wake_fd)
         for _ in range(len(self._results)):
@@ -74,7 +74,7 @@ class Worker:
             done(result)
 
     def progress(self) -> tuple[Progress, ...]:
-        """Return what the thread has done; nothing where there is none."""
+        """Return the progress of the thread; empty without one."""
         thread = self._thread
         if thread is None:
             return ()
@@ -82,7 +82,7 @@ class Worker:
         return (Progress(THREAD, has_work, self._done, _PATIENCE_S, thread.is_alive(), thread.native_id),)
 
     def close(self) -> None:
-        """Finish what is queued and end the thread; gives up on a disk that hangs."""
+        """Finish the queued jobs and end the thread; give up on a disk that hangs."""
         if self._thread is None:
             return
         self._jobs.put(None)
@@ -97,7 +97,7 @@ class Worker:
             if entry is None:
                 return
             job, done = entry
-            # First the result, then the sign: whoever sees the sign finds the result.
+            # The result before the event, so that a reader of the event finds the result.
             self._results.append((done, _result_of(job)))
             self._done += 1
             os.eventfd_write(self._wake_fd, 1)

@@ -248,5 +248,5 @@ def test_an_open_link_is_reported_at_start(vehicle, tmp_path, host, reported):
     url = f"udpin:{host}:{unused_ports(['udpin'])[0]}"
     assembly = assemble(vehicle, Options(tmp_path / "state", (url,), wait=True))
     assembly.close()
-    text = f"Whoever reaches {url} commands her: it wants a signing key"
+    text = f"Open link: anyone on {url} can command; set a signing key"
     assert [event.text for event in assembly.parts.notices] == [text] * reported

@@ -86,8 +86,8 @@ def drawn_bytes(endpoint, end, since_s):
 def test_one_forged_frame_draws_less_than_ten_times_its_bytes(boat, name):
     endpoint, address = boat
     sender = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-    asked = REQUESTS.values() if name == "all of them" else [REQUESTS[name]]
-    frame = b"".join(message.pack(sender) for message in asked)
+    query = REQUESTS.values() if name == "all of them" else [REQUESTS[name]]
+    frame = b"".join(message.pack(sender) for message in query)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
         end.bind(("127.0.0.1", 0))
         end.sendto(frame, address)
@@ -96,7 +96,7 @@ def test_one_forged_frame_draws_less_than_ten_times_its_bytes(boat, name):
 
 
 def test_who_forges_one_frame_each_minute_draws_no_more(boat):
-    """What was sent to that address before is no proof that somebody is there."""
+    """What was sent to that address before is no proof that someone is there."""
     endpoint, address = boat
     frame = REQUESTS["PARAM_REQUEST_LIST"].pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:

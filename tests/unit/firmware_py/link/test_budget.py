@@ -32,17 +32,17 @@ class Line:
     def __init__(self, rig):
         self.rig = rig
         self.sent = []  # (time, bytes)
-        self.heard = []  # (time, message)
+        self.received = []  # (time, message)
         self._decoder = mavlink.MAVLink(None)
 
     def take(self):
         for _, data in self.rig.transport.sent:
             self.sent.append((self.rig.now_s, len(data)))
-            self.heard += [(self.rig.now_s, message) for message in self._decoder.parse_buffer(data) or []]
+            self.received += [(self.rig.now_s, message) for message in self._decoder.parse_buffer(data) or []]
         self.rig.transport.sent.clear()
 
     def times(self, name):
-        return [t_s for t_s, message in self.heard if message.get_type() == name]
+        return [t_s for t_s, message in self.received if message.get_type() == name]
 
     def most_in(self, window_s):
         """The most bytes that any window of this length holds."""
@@ -82,10 +82,10 @@ def test_with_everything_asked_at_the_fastest_rate_the_line_is_full_and_no_more(
     beats = line.times("HEARTBEAT")
     assert len(beats) == pytest.approx(SECONDS, abs=3)
     assert max(second - first for first, second in itertools.pairwise(beats)) < 1.3
-    acks = [t_s for t_s, message in line.heard if message.get_type() == "COMMAND_ACK" and message.command == 401]
+    acks = [t_s for t_s, message in line.received if message.get_type() == "COMMAND_ACK" and message.command == 401]
     assert len(acks) == len(acknowledged)
-    assert max(ack - asked for ack, asked in zip(acks, acknowledged, strict=True)) < 0.5
-    assert {message.get_type() for _, message in line.heard} >= {
+    assert max(ack - query for ack, query in zip(acks, acknowledged, strict=True)) < 0.5
+    assert {message.get_type() for _, message in line.received} >= {
         row.name.split()[0] for row in TABLE if row.number not in NOT_NOW
     }
 

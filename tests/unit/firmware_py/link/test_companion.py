@@ -33,16 +33,16 @@ def battery(number=0, cells=(13_100,), current=-150, percent=87, celsius=1234, m
     ],
 )
 def test_what_a_battery_status_says(message, expected):
-    said = reported(message)
+    replies = reported(message)
     for name in ReportBattery.__slots__:
-        assert getattr(said, name) == (
+        assert getattr(replies, name) == (
             None if getattr(expected, name) is None else pytest.approx(getattr(expected, name))
         )
 
 
 @pytest.fixture
 def companion(rig):
-    """Have a component of a system tell of a battery; returns what she was asked because of it."""
+    """Have a component of a system tell of a battery; returns what the boat was asked because of it."""
 
     def tell(message, system=1, component=200, chosen=200):
         rig.request_handler.values = rig.request_handler.values.replaced("PWR_COMPANION", chosen)

@@ -28,7 +28,7 @@ from firmware_py.link.wire.open_transport import open_transport
 def test_the_first_heartbeat_goes_out_at_once_and_says_initialising(make_rig, of):
     rig = make_rig()
     rig.endpoint.service(0.0, [])
-    (beat,) = of(rig.said(), "HEARTBEAT")
+    (beat,) = of(rig.replies(), "HEARTBEAT")
     assert (beat.custom_mode, beat.system_status, beat.get_srcSystem()) == (16, mavlink.MAV_STATE_BOOT, 1)
     (beat,) = of(rig.tick(), "HEARTBEAT")
     assert beat.custom_mode == Mode.GUIDED
@@ -40,9 +40,9 @@ def test_heartbeats_come_once_a_second(rig, of):
 
 
 @pytest.mark.parametrize("change", [{"mode": Mode.HOLD}, {"armed": False}])
-def test_a_change_of_mode_or_arming_is_told_at_once(rig, of, change):
-    said = rig.tick(**change)
-    assert len(of(said, "HEARTBEAT")) == len(of(said, "CURRENT_MODE")) == 1
+def test_a_change_of_mode_or_arming_is_reported_at_once(rig, of, change):
+    replies = rig.tick(**change)
+    assert len(of(replies, "HEARTBEAT")) == len(of(replies, "CURRENT_MODE")) == 1
 
 
 def test_sequence_numbers_count_on_over_everything(rig):
@@ -60,16 +60,16 @@ def test_one_tick_is_one_datagram(rig):
     assert len(rig.transport.sent[0][1]) <= 1200
 
 
-def test_events_are_told_and_the_grave_ones_again_to_whoever_comes_later(make_rig, texts):
+def test_events_are_reported_and_the_grave_ones_again_to_anyone_who_comes_later(make_rig, texts):
     rig = make_rig(addresses=("first",))
     events = [Event(Severity.CRITICAL, "grave"), Event(Severity.INFO, "light")]
     assert texts(rig.tick(events=events)) == ["grave", "light"]
     rig.transport.served = ("first", "later")
     rig.tick_silently()
-    assert texts(rig.said("later")) == ["grave"]
+    assert texts(rig.replies("later")) == ["grave"]
 
 
-def test_who_comes_later_is_told_how_old_a_warning_is_and_nothing_of_faults_that_have_gone(make_rig, texts):
+def test_who_comes_later_is_reported_how_old_a_warning_is_and_nothing_of_faults_that_have_gone(make_rig, texts):
     rig = make_rig(addresses=("first",))
     events = [
         Event(Severity.CRITICAL, TABLE[Fault.COMPASS_LOST].text),
@@ -78,17 +78,17 @@ def test_who_comes_later_is_told_how_old_a_warning_is_and_nothing_of_faults_that
     ]
     rig.tick(events=events)
     rig.tick(events=[Event(Severity.NOTICE, TABLE[Fault.COMPASS_LOST].recovery)])
-    said = []
+    replies = []
     for number, seconds in enumerate((30.0, 600.0, 5 * 3600.0, 3 * 86400.0)):
         rig.tick_silently(seconds=seconds)
         rig.transport.served = ("first", f"later {number}")
         rig.tick_silently()
-        said.append(texts(rig.said(f"later {number}")))
+        replies.append(texts(rig.replies(f"later {number}")))
     ages = ("", "11 min ago: ", "5 h ago: ", "3 d ago: ")
-    assert said == [[f"{age}Fence breached", f"{age}Failsafe: RTL"] for age in ages]
+    assert replies == [[f"{age}Fence breached", f"{age}Failsafe: RTL"] for age in ages]
 
 
-def test_what_was_lost_before_the_start_is_told_to_whoever_comes_however_late(make_rig, texts):
+def test_what_was_lost_before_the_start_is_reported_to_anyone_who_comes_however_late(make_rig, texts):
     lost = [Event(Severity.WARNING, f"{name} is damaged") for name in ("mission.plan", "fence.plan")]
     rig = make_rig(addresses=("first",), start_events=lost)
     rig.tick(events=lost)
@@ -96,7 +96,7 @@ def test_what_was_lost_before_the_start_is_told_to_whoever_comes_however_late(ma
         rig.tick(events=[Event(Severity.WARNING, f"warning {number}")])
     rig.transport.served = ("first", "later")
     rig.tick_silently()
-    assert texts(rig.said("later")) == [
+    assert texts(rig.replies("later")) == [
         *(event.text for event in lost),
         *(f"warning {number}" for number in range(15, 20)),
     ]
@@ -116,12 +116,12 @@ def test_the_work_of_one_call_is_bounded(rig, of):
     ping = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
     rig.transport.inbox.append(("station", ping * 500))
     rig.endpoint.service(0.0, [100])
-    answered = len(of(rig.said(), "PING"))
+    answered = len(of(rig.replies(), "PING"))
     assert 1 <= answered <= 16
     assert rig.endpoint.busy
     while rig.endpoint.busy:
         rig.endpoint.service(0.0, [])
-        answered += len(of(rig.said(), "PING"))
+        answered += len(of(rig.replies(), "PING"))
     assert answered == 500
 
 
@@ -129,7 +129,7 @@ def test_what_waits_is_answered_by_publish_too(rig, of):
     ping = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
     rig.transport.inbox.append(("station", ping * 7))
     rig.endpoint.service(0.0, [100])
-    answered = len(of(rig.said(), "PING"))
+    answered = len(of(rig.replies(), "PING"))
     assert len(of(rig.tick(), "PING")) == 7 - answered > 0
 
 
@@ -139,7 +139,7 @@ def test_telemetry_fits_a_slow_line_and_every_message_gets_through(make_rig):
     for _ in range(600):
         rig.tick_silently()
         sent += sum(len(data) for _, data in rig.transport.sent)
-        seen |= {message.get_type() for message in rig.said()}
+        seen |= {message.get_type() for message in rig.replies()}
     assert sent <= 120 * 60 + 280
     assert {"HEARTBEAT", "ATTITUDE", "SYS_STATUS", "GPS_RAW_INT", "SYSTEM_TIME", "NAMED_VALUE_FLOAT"} <= seen
 
@@ -149,13 +149,15 @@ def test_what_stations_wait_for_comes_unasked(make_rig, of):
     rig = make_rig()
     rig.endpoint.service(0.0, [])
     known = {"home": Home(0.7, -0.2, 1.0), "mission": MissionReport(identities=(0, 7, 0))}
-    said = [message for _ in range(600) for message in rig.tick(**known)]
+    replies = [message for _ in range(600) for message in rig.tick(**known)]
     for name, in_a_minute in (("HOME_POSITION", 12), ("EXTENDED_SYS_STATE", 12), ("FENCE_STATUS", 30)):
-        assert len(of(said, name)) == pytest.approx(in_a_minute, abs=1), name
-    assert {message.landed_state for message in of(said, "EXTENDED_SYS_STATE")} == {mavlink.MAV_LANDED_STATE_UNDEFINED}
+        assert len(of(replies, name)) == pytest.approx(in_a_minute, abs=1), name
+    assert {message.landed_state for message in of(replies, "EXTENDED_SYS_STATE")} == {
+        mavlink.MAV_LANDED_STATE_UNDEFINED
+    }
 
 
-def test_mavsummarize_sums_up_what_a_station_has_recorded_of_her(make_rig, tmp_path):
+def test_mavsummarize_sums_up_what_a_station_has_recorded_of_it(make_rig, tmp_path):
     """It reads telemetry logs alone: of each frame the time in microseconds, and its bytes."""
     script = shutil.which("mavsummarize.py", path=str(Path(sys.executable).parent))
     if script is None:
@@ -329,14 +331,14 @@ def test_an_independent_client_over_a_serial_line(rig):
         os.close(stations)
 
 
-def test_while_she_saves_power_all_but_heartbeats_comes_less_often(rig, of):
-    def heard(**changes):
-        said = [message for _ in range(200) for message in rig.tick(**changes)]
-        return len(of(said, "ATTITUDE")), len(of(said, "HEARTBEAT")), len(of(said, "CURRENT_MODE"))
+def test_while_it_saves_power_all_but_heartbeats_comes_less_often(rig, of):
+    def received(**changes):
+        replies = [message for _ in range(200) for message in rig.tick(**changes)]
+        return len(of(replies, "ATTITUDE")), len(of(replies, "HEARTBEAT")), len(of(replies, "CURRENT_MODE"))
 
-    attitudes, beats, modes = heard()
-    fewer, same, rare = heard(saving=1)
+    attitudes, beats, modes = received()
+    fewer, same, rare = received(saving=1)
     assert fewer == pytest.approx(attitudes / 5, abs=2)
     assert same == pytest.approx(beats, abs=1)
     assert rare < modes
-    assert heard()[0] == pytest.approx(attitudes, abs=2)
+    assert received()[0] == pytest.approx(attitudes, abs=2)

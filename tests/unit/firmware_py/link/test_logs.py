@@ -33,16 +33,16 @@ def boat(disk, stored):
 
 
 def entries(rig, of, start=0, end=0xFFFF):
-    said = rig.tell(mavlink.MAVLink_log_request_list_message(1, 1, start, end))
-    return {one.id: one for one in of(said, "LOG_ENTRY")}
+    replies = rig.tell(mavlink.MAVLink_log_request_list_message(1, 1, start, end))
+    return {one.id: one for one in of(replies, "LOG_ENTRY")}
 
 
 def ask_data(rig, number, start=0, count=OPEN_END, address="station"):
     return rig.tell(mavlink.MAVLink_log_request_data_message(1, 1, number, start, count), address=address)
 
 
-def blocks(said):
-    return {one.ofs: bytes(one.data[: one.count]) for one in said if one.get_type() == "LOG_DATA"}
+def blocks(replies):
+    return {one.ofs: bytes(one.data[: one.count]) for one in replies if one.get_type() == "LOG_DATA"}
 
 
 def joined(found):
@@ -55,11 +55,11 @@ def joined(found):
 
 def download(rig, number, ticks=40):
     """Ask for all of a log in one request, as MAVProxy does."""
-    said = ask_data(rig, number)
+    replies = ask_data(rig, number)
     for _ in range(ticks):
         rig.tick_silently()
-        said += rig.give(b"")
-    return said
+        replies += rig.give(b"")
+    return replies
 
 
 def test_the_list_begins_with_the_newest_and_goes_on_with_the_oldest(boat, of):
@@ -83,7 +83,7 @@ def test_a_part_of_the_list(boat, of, start, end, numbers):
     assert list(entries(boat, of, start, end)) == numbers
 
 
-def test_no_logs_are_told_as_such(stored, of):
+def test_no_logs_are_reported_as_such(stored, of):
     rig, _ = stored()
     (only,) = entries(rig, of).values()
     assert (only.num_logs, only.id, only.size) == (0, 0, 0)
@@ -92,10 +92,10 @@ def test_no_logs_are_told_as_such(stored, of):
 @pytest.mark.parametrize(("number", "log"), [(0, 5), (1, 1), (2, 2)])
 def test_a_log_comes_whole_in_one_request(boat, of, number, log):
     entries(boat, of)
-    said = download(boat, number)
-    assert joined(blocks(said)) == content_of(log)
+    replies = download(boat, number)
+    assert joined(blocks(replies)) == content_of(log)
     # No empty block at its end: MAVProxy would stop there, whatever was lost before.
-    assert all(one.count for one in of(said, "LOG_DATA"))
+    assert all(one.count for one in of(replies, "LOG_DATA"))
 
 
 def test_a_log_comes_chunk_by_chunk_at_once(boat, of):
@@ -123,11 +123,11 @@ def test_gaps_are_sent_again_however_many_are_asked_for(boat, of):
 
 def test_a_request_beyond_the_end_gets_an_empty_block(boat, of):
     entries(boat, of)
-    (said,) = ask_data(boat, 1, 5000, 90)
-    assert (said.ofs, said.count) == (5000, 0)
+    (replies,) = ask_data(boat, 1, 5000, 90)
+    assert (replies.ofs, replies.count) == (5000, 0)
 
 
-def test_a_log_that_does_not_exist_is_told(boat, of, texts):
+def test_a_log_that_does_not_exist_is_reported(boat, of, texts):
     entries(boat, of)
     assert texts(ask_data(boat, 4)) == ["Log 4 does not exist"]
 
@@ -160,13 +160,13 @@ def test_the_end_of_requests_ends_the_stream(boat, of):
     assert blocks(boat.give(b"")) == {}
 
 
-def test_two_stations_download_at_the_same_time_and_the_fifth_is_told_to_wait(disk, stored, of, texts):
+def test_two_stations_download_at_the_same_time_and_the_fifth_is_reported_to_wait(disk, stored, of, texts):
     rig, _ = stored(addresses=("one", "two", "three", "four", "five"))
     for address in ("one", "two", "three", "four"):
         rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_log_request_data_message(1, 1, 2, 0, OPEN_END))))
     rig.give(b"")
-    said = ask_data(rig, 0, address="five")
-    assert texts(said) == ["Log download: others are being served, try again"]
+    replies = ask_data(rig, 0, address="five")
+    assert texts(replies) == ["Log download refused: server busy, try again"]
     sent = {address: {} for address in ("one", "two")}
     for _ in range(40):
         rig.tick_silently()
@@ -176,14 +176,14 @@ def test_two_stations_download_at_the_same_time_and_the_fifth_is_told_to_wait(di
         everything, rig.transport.sent = rig.transport.sent, []
         for address, found in sent.items():
             rig.transport.sent = list(everything)
-            found.update(blocks(rig.said(address)))
+            found.update(blocks(rig.replies(address)))
     # The first blocks went before anybody looked.
     for found in sent.values():
         assert min(found) <= 512 * 90
         assert b"".join(found[start] for start in sorted(found)) == content_of(2)[min(found) :]
 
 
-def test_downloads_whose_stations_fell_silent_keep_nobody_waiting(disk, stored, texts):
+def test_downloads_whose_stations_fell_silent_keep_no_peer_waiting(disk, stored, texts):
     names = ("one", "two", "three", "four", "five")
     rig, _ = stored(addresses=names)
     for address in names[:4]:
@@ -196,20 +196,20 @@ def test_downloads_whose_stations_fell_silent_keep_nobody_waiting(disk, stored, 
     ask_data(rig, 0, address="five")
     rig.transport.takes = True
     rig.endpoint.service(rig.now_s, [])
-    said = rig.said("five")
-    assert texts(said) == ["Log download: others are being served, try again"]
-    assert blocks(said)
+    replies = rig.replies("five")
+    assert texts(replies) == ["Log download refused: server busy, try again"]
+    assert blocks(replies)
 
 
 def test_a_slow_line_is_not_overrun(disk, stored, of):
     rig, _ = stored(byte_rate=5760.0, radio=True)
-    said = ask_data(rig, 0)
+    replies = ask_data(rig, 0)
     beats = 0
     for _ in range(20):
         more = rig.tick()
         beats += len(of(more, "HEARTBEAT"))
-        said += more
-    assert joined(blocks(said)) == content_of(5)
+        replies += more
+    assert joined(blocks(replies)) == content_of(5)
     assert beats == pytest.approx(2, abs=1)
 
 
@@ -233,13 +233,13 @@ ERASE = mavlink.MAVLink_log_erase_message(1, 1)
 
 def test_logs_are_erased_but_for_the_one_being_written(boat, disk, texts):
     boat.tick_silently(armed=False, mode=Mode.HOLD)
-    boat.said()
+    boat.replies()
     assert "2 logs erased" in texts(boat.tell(ERASE))
     assert [path.name for path in disk.iterdir()] == ["00000005.BIN"]
 
 
-def test_logs_are_not_erased_while_she_is_armed(boat, disk, texts):
-    assert texts(boat.tell(ERASE)) == ["Logs are erased only while she is disarmed"]
+def test_logs_are_not_erased_while_it_is_armed(boat, disk, texts):
+    assert texts(boat.tell(ERASE)) == ["Log erase refused: armed, disarm first"]
     assert len(list(disk.iterdir())) == 3
 
 
@@ -247,7 +247,7 @@ def test_an_erasure_ends_a_download(boat, of):
     entries(boat, of)
     ask_data(boat, 2)
     boat.tick_silently(armed=False)
-    boat.said()
+    boat.replies()
     boat.tell(ERASE)
     boat.tick_silently(armed=False)
     assert blocks(boat.give(b"")) == {}
@@ -311,7 +311,7 @@ def test_a_log_is_erased_by_both_of_its_names(boat, disk, texts):
     list(compressed(disk, 2))
     (disk / "00000002.BIN").write_bytes(copy)  # as between the last two steps
     boat.tick_silently(armed=False, mode=Mode.HOLD)
-    boat.said()
+    boat.replies()
     assert "2 logs erased" in texts(boat.tell(ERASE))
     assert [path.name for path in disk.iterdir()] == ["00000005.BIN"]
 
@@ -320,7 +320,7 @@ def test_a_log_is_erased_by_both_of_its_names(boat, disk, texts):
 
 
 @pytest.mark.parametrize("gone", [SIZES, [1, 2]], ids=["all", "all but one"])
-def test_a_list_asked_for_anew_does_not_disturb_what_is_being_sent(boat, disk, of, gone):
+def test_a_list_asked_for_again_does_not_disturb_what_is_being_sent(boat, disk, of, gone):
     entries(boat, of)
     found = blocks(ask_data(boat, 2))  # opened by now; what is removed from the directory can be read to its end
     for number in gone:

@@ -46,9 +46,9 @@ def test_channel_one_is_the_rudder(rig, pulse_us, expected):
     assert rig.request_handler.intents == [ManualRudder(expected)]
 
 
-@pytest.mark.parametrize(("pulse_us", "said"), [(999, 1), (2001, 1), (65534, 1), (65535, 0)])
-def test_other_pulses_change_nothing(rig, texts, pulse_us, said):
-    assert len(texts(rig.tell(override(pulse_us)))) == said
+@pytest.mark.parametrize(("pulse_us", "replies"), [(999, 1), (2001, 1), (65534, 1), (65535, 0)])
+def test_other_pulses_change_nothing(rig, texts, pulse_us, replies):
+    assert len(texts(rig.tell(override(pulse_us)))) == replies
     assert rig.request_handler.intents == []
 
 
@@ -59,8 +59,8 @@ def test_an_override_for_another_boat_is_left_alone(rig):
 
 def test_an_override_that_does_nothing_says_so_once(rig, texts):
     rig.tick(mode=Mode.GUIDED, armed=True)
-    said = [text for _ in range(5) for text in texts(rig.tell(override(1600)))]
-    assert said == ["RC override does nothing in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING"]
+    replies = [text for _ in range(5) for text in texts(rig.tell(override(1600)))]
+    assert replies == ["RC override does nothing in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING"]
     rig.tick(mode=Mode.MANUAL, armed=False)
     assert texts(rig.tell(override(1600), override(1600))) == ["RC override does nothing: disarmed"]
     rig.tick(mode=Mode.MANUAL, armed=True)
@@ -71,11 +71,11 @@ def test_an_override_that_does_nothing_says_so_once(rig, texts):
     ]
 
 
-def test_rc_channels_are_told_while_an_override_is_in_force(rig, of):
+def test_rc_channels_are_reported_while_an_override_is_in_force(rig, of):
     assert of(rig.ticks(20), "RC_CHANNELS") == []
     rig.tell(override(1600))
-    shown = of(rig.ticks(10), "RC_CHANNELS")
-    assert {(one.chancount, one.chan1_raw, one.chan2_raw) for one in shown} == {(1, 1600, 65535)}
+    published = of(rig.ticks(10), "RC_CHANNELS")
+    assert {(one.chancount, one.chan1_raw, one.chan2_raw) for one in published} == {(1, 1600, 65535)}
     rig.tick(seconds=3.1)
     assert of(rig.ticks(10), "RC_CHANNELS") == []
     rig.tell(override(1600), override(0))

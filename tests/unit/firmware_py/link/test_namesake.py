@@ -1,25 +1,25 @@
-"""Frames with the boat's own ids: sent back by somebody's wiring, or another vehicle's."""
+"""Frames with the boat's own ids: sent back by someone's wiring, or another vehicle's."""
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-TOLD = "Another vehicle is system 1, too: give one of them another LNK_SYSID"
+NOTICE = "Duplicate system id 1 on the link: change LNK_SYSID"
 
 
 @pytest.fixture
 def twin(rig, texts):
-    """Says messages as system 1, component 1; returns what the boat tells her stations."""
+    """Says messages as system 1, component 1; returns what the boat reports its stations."""
     rig.now_s = 100.0
     rig.tick()
 
     def say(*messages, every_s=1.0):
-        told = []
+        reports = []
         for message in messages:
             rig.station.srcSystem, rig.station.srcComponent = 1, 1
-            told += texts(rig.tell(message))
+            reports += texts(rig.tell(message))
             rig.now_s += every_s
             rig.utc_s += every_s
-        return told
+        return reports
 
     return say
 
@@ -30,22 +30,22 @@ def system_time(rig, *, behind_s=0.0, clock_s=0.0, started_s=0.0):
 
 
 @pytest.mark.parametrize("other", [{"started_s": 3.0}, {"started_s": -500.0}, {"clock_s": 5.0}, {"clock_s": -5.0}])
-def test_another_vehicle_is_known_by_its_clocks_and_told_once_in_ten_minutes(rig, twin, other):
-    assert [twin(system_time(rig, **other)) for _ in range(5)] == [[], [], [], [], [TOLD]]
-    assert [twin(system_time(rig, **other), every_s=100.0) for _ in range(7)] == [[]] * 6 + [[TOLD]]
+def test_another_vehicle_is_known_by_its_clocks_and_reported_once_in_ten_minutes(rig, twin, other):
+    assert [twin(system_time(rig, **other)) for _ in range(5)] == [[], [], [], [], [NOTICE]]
+    assert [twin(system_time(rig, **other), every_s=100.0) for _ in range(7)] == [[]] * 6 + [[NOTICE]]
 
 
 def test_another_vehicle_is_known_by_what_it_is(twin):
     ship = mavlink.MAVLink_heartbeat_message(11, 12, 0, 0, 4, 3)
-    assert twin(*[ship] * 6) == [TOLD]
+    assert twin(*[ship] * 6) == [NOTICE]
 
 
 @pytest.mark.parametrize("behind_s", [0.0, 0.5, 30.0])
-def test_her_own_frames_that_come_back_are_not_told(rig, twin, behind_s):
+def test_it_own_frames_that_come_back_are_not_reported(rig, twin, behind_s):
     heartbeat = mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
     for _ in range(20):
         assert twin(system_time(rig, behind_s=behind_s), heartbeat, every_s=0.5) == []
-    rig.now_s = 2.0**32 * 1e-3 + 0.2  # her count of milliseconds has begun anew
+    rig.now_s = 2.0**32 * 1e-3 + 0.2  # its count of milliseconds has begun again
     for _ in range(20):
         assert twin(system_time(rig, behind_s=behind_s)) == []
 

@@ -18,7 +18,7 @@ READ_ALL = mavlink.MAVLink_param_request_list_message(1, 1)
 
 @pytest.fixture
 def open_rig(make_rig):
-    """A rig on a transport like udpin, where nobody is known at first."""
+    """A rig on a transport like udpin, where no peer is known at first."""
     return make_rig(addresses=())
 
 
@@ -54,9 +54,9 @@ def test_noise_from_a_stranger_draws_nothing(open_rig):
 
 
 def test_who_is_heard_once_gets_a_few_heartbeats_and_then_silence(open_rig):
-    said = without_unasked([*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)])
-    assert set(kinds(said)) == {"HEARTBEAT"}
-    assert 2 <= len(said) <= 10
+    replies = without_unasked([*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)])
+    assert set(kinds(replies)) == {"HEARTBEAT"}
+    assert 2 <= len(replies) <= 10
     assert seated(open_rig) == set()
 
 
@@ -70,11 +70,11 @@ def test_who_answers_gets_a_place_and_everything_in_it(open_rig):
 def test_who_uploads_before_he_has_a_place_is_not_gone(open_rig):
     """Another one is refused meanwhile: it does not take its turn as if the first had left."""
     count = mavlink.MAVLink_mission_count_message(1, 1, 3, 0)
-    said = open_rig.tell(count, address="first")
-    assert "MISSION_REQUEST" in {kind.removesuffix("_INT") for kind in kinds(said)}
+    replies = open_rig.tell(count, address="first")
+    assert "MISSION_REQUEST" in {kind.removesuffix("_INT") for kind in kinds(replies)}
     assert seated(open_rig) == set()
-    said = open_rig.tell(count, address="second")
-    acks = [message.type for message in said if message.get_type() == "MISSION_ACK"]
+    replies = open_rig.tell(count, address="second")
+    acks = [message.type for message in replies if message.get_type() == "MISSION_ACK"]
     assert acks == [mavlink.MAV_MISSION_DENIED]
 
 
@@ -93,7 +93,7 @@ def test_a_long_answer_begins_within_the_credit_and_is_whole_once_it_was_proven(
     assert rows == list(range(len(TABLE)))
 
 
-def test_who_falls_silent_has_to_prove_anew_that_he_is_there(open_rig):
+def test_who_falls_silent_has_to_prove_again_that_he_is_there(open_rig):
     open_rig.prove()
     open_rig.tick(seconds=UNPROVEN_AFTER_S + 1.0)
     assert open_rig.ticks(300) == []
@@ -117,9 +117,9 @@ def test_places_are_bounded_and_the_longest_silent_makes_room(open_rig, texts):
     for number in range(MAX_ACTIVE_PEERS):
         open_rig.now_s += 1.0
         open_rig.prove(number)
-    said = open_rig.prove("late")
+    replies = open_rig.prove("late")
     assert "late" not in seated(open_rig)
-    assert "No place for late on memory" in texts(said)
+    assert "Station late refused: memory is full" in texts(replies)
     open_rig.now_s += QUIET_S
     open_rig.prove("late")
     assert seated(open_rig) == {*range(1, MAX_ACTIVE_PEERS), "late"}
@@ -147,7 +147,7 @@ def test_a_keyed_station_always_finds_a_place_and_strangers_get_few(keyed):
     assert {host for host, _ in seated(rig)} == {f"192.0.2.{number}" for number in range(MAX_ACTIVE_PEERS)}
 
 
-def test_who_only_waits_takes_no_place_and_holds_nobody_up(open_rig):
+def test_who_only_waits_takes_no_place_and_holds_no_peer_up(open_rig):
     for number in range(10 * MAX_PENDING_PEERS):
         open_rig.tell(BEAT, address=(f"host {number}", 1))
     assert len(tuple(open_rig.endpoint._peers.all_peers())) == MAX_PENDING_PEERS
@@ -271,8 +271,8 @@ def test_a_station_behind_gets_a_heartbeat_to_go_by_over_a_connection(connected)
     rig = connected("policy=signed-only", key=True)
     sign(rig)
     rig.station.signing.timestamp = NOW - 120 * 100_000
-    said = rig.tell(BEAT, address=("client", 1))
-    assert "HEARTBEAT" in kinds(said)
+    replies = rig.tell(BEAT, address=("client", 1))
+    assert "HEARTBEAT" in kinds(replies)
     assert seated(rig) == set()
 
 
@@ -342,13 +342,13 @@ def test_radio_status_goes_on_over_a_line_and_is_nothing_on_a_network(keyed, byt
     assert rig.endpoint._gate.refused_frames == 0
 
 
-def test_an_open_link_that_others_reach_is_told_at_start(make_rig, texts):
-    told = ["Whoever reaches memory commands her: it wants a signing key"]
+def test_an_open_link_that_others_reach_is_reported_at_start(make_rig, texts):
+    reports = ["Open link: anyone on memory can command; set a signing key"]
     for options, exposed, key, expected in [
-        ("policy=auto", True, False, told),
+        ("policy=auto", True, False, reports),
         ("policy=auto", False, False, []),
         ("policy=auto", True, True, []),
-        ("policy=open", True, True, told),
+        ("policy=open", True, True, reports),
         ("policy=signed-only", True, False, []),
         ("trusted=1", True, False, []),
     ]:
@@ -361,20 +361,20 @@ def test_an_open_link_that_others_reach_is_told_at_start(make_rig, texts):
 
 
 @pytest.mark.parametrize(("armed", "first"), [(True, [*["PARAM_VALUE"] * 2, "HEARTBEAT"]), (False, ["HEARTBEAT"])])
-def test_arming_checks_are_told_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
+def test_arming_checks_are_reported_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
     """MAVProxy looks for them then: it asked for nothing yet, and would say that they are disabled."""
     rig = make_rig(addresses=())
     rig.tick(armed=armed)
-    said = rig.tell(BEAT, address="station")
-    assert kinds(said) == first
-    checks = [(value.param_id, value.param_value) for value in said[:-1]]
+    replies = rig.tell(BEAT, address="station")
+    assert kinds(replies) == first
+    checks = [(value.param_id, value.param_value) for value in replies[:-1]]
     assert checks == ([("ARMING_CHECK", 1.0), ("ARMING_SKIPCHK", 0.0)] if armed else [])
-    said = [*rig.tell(BEAT, address="station"), *rig.tick(armed=armed)]
-    assert kinds(said).count("PARAM_VALUE") == 0
+    replies = [*rig.tell(BEAT, address="station"), *rig.tick(armed=armed)]
+    assert kinds(replies).count("PARAM_VALUE") == 0
 
 
-def test_whoever_listens_unheard_is_told_of_arming_checks_before_each_heartbeat(rig, of):
-    """On a link that she opens herself: a station may come at any time, or come again."""
+def test_anyone_who_listens_unheard_is_reported_of_arming_checks_before_each_heartbeat(rig, of):
+    """On a link that the boat opens itself: a station may come at any time, or come again."""
     kept = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
     assert kept == ["PARAM_VALUE", "PARAM_VALUE", "HEARTBEAT"] * 5
     rig.tell(BEAT)
@@ -382,17 +382,17 @@ def test_whoever_listens_unheard_is_told_of_arming_checks_before_each_heartbeat(
     assert len(of(rig.ticks(50), "PARAM_VALUE")) > 2
 
 
-def test_a_link_by_which_nothing_leaves_is_told_once_to_those_on_others(rig, texts):
+def test_a_link_by_which_nothing_leaves_is_reported_once_to_those_on_others(rig, texts):
     rig.tick()
-    told = []
+    reports = []
     for blocked_reason in ("network is unreachable", "", "network is unreachable"):
         rig.transport.blocked_reason = blocked_reason
-        told += texts(rig.ticks(50))
+        reports += texts(rig.ticks(50))
         assert rig.endpoint.status(rig.now_s)[0].blocked_reason == blocked_reason
-    assert told == []  # for five seconds at a time
-    told = texts(rig.ticks(600))
-    assert told == ["Nothing leaves by memory: network is unreachable"]
+    assert reports == []  # for five seconds at a time
+    reports = texts(rig.ticks(600))
+    assert reports == ["Link blocked: memory: network is unreachable"]
     rig.transport.blocked_reason = ""
     rig.tick()
     rig.transport.blocked_reason = "no buffer space available"
-    assert texts(rig.ticks(200)) == ["Nothing leaves by memory: no buffer space available"]
+    assert texts(rig.ticks(200)) == ["Link blocked: memory: no buffer space available"]

@@ -74,7 +74,7 @@ def test_what_is_for_all_goes_to_everybody_else_as_it_came(net):
 
 def test_what_is_for_one_goes_where_that_one_was_heard_and_is_not_done_here(net):
     rig, station, companion, _ = net()
-    assert station.say(command(1, 191)) == {}  # nobody knows him yet
+    assert station.say(command(1, 191)) == {}  # no peer knows him yet
     companion.say(BEAT)
     frame = station.frame(command(1, 191))
     assert station.send(frame) == {"b": [frame]}
@@ -140,7 +140,7 @@ def test_links_that_route_and_those_who_may_command(net, options, routed):
     assert bool(station.say(BEAT)) is routed
 
 
-def test_a_flood_is_cut_and_told(net):
+def test_a_flood_is_cut_and_reported(net):
     rig, station, _, _ = net()
     passed = station.send(*(station.frame(BEAT) for _ in range(200)))
     assert len(passed["b"]) <= BURST

@@ -38,9 +38,9 @@ def over_globe(mask, *, frame=6, lat=0, lon=0, vx=0.0, vy=0.0, yaw=0.0):
     )
 
 
-def test_a_position_without_a_place_sends_her_nowhere(rig, texts):
-    said = texts(rig.tell(over_globe(POSITION_ONLY)))
-    assert said == ["SET_POSITION_TARGET_GLOBAL_INT: 0, 0 is no place to go to"]
+def test_a_position_without_a_place_sends_it_nowhere(rig, texts):
+    replies = texts(rig.tell(over_globe(POSITION_ONLY)))
+    assert replies == ["SET_POSITION_TARGET_GLOBAL_INT: position 0, 0 is not accepted"]
     assert rig.request_handler.intents == []
     rig.tell(over_globe(POSITION_ONLY, lat=1))
     assert len(rig.request_handler.intents) == 1
@@ -76,7 +76,7 @@ def test_the_yaw_of_an_attitude_whatever_its_roll_and_pitch(rig, yaw_rad, roll_r
         attitude((1, 0, 0, 0), mask=0b1000_0000),
     ],
 )
-def test_an_attitude_without_a_heading_is_refused_and_told(rig, texts, message):
+def test_an_attitude_without_a_heading_is_refused_and_reported(rig, texts, message):
     (text,) = texts(rig.tell(message))
     assert text.startswith("SET_ATTITUDE_TARGET: ")
     assert rig.request_handler.intents == []
@@ -110,7 +110,7 @@ def test_position_targets_are_taken_by_their_masks(rig, message, goal):
         (8, 0.0, 100.0, -84.15, 54.03),
     ],
 )
-def test_local_positions_count_from_home_or_from_her(rig, frame, x, y, north_m, east_m):
+def test_local_positions_count_from_home_or_from_it(rig, frame, x, y, north_m, east_m):
     fix = FIX["position"]
     rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
     rig.tell(local(POSITION_ONLY, frame=frame, x=x, y=y))
@@ -148,16 +148,16 @@ def test_body_frames_need_a_heading(rig, texts):
         over_globe(0xFFFF),
     ],
 )
-def test_bad_targets_are_refused_told_and_change_nothing(rig, texts, message):
+def test_bad_targets_are_refused_reported_and_change_nothing(rig, texts, message):
     rig.tick(**FIX)
     assert len(texts(rig.tell(message))) == 1
     assert rig.request_handler.intents == []
 
 
-def test_a_stream_of_refusals_is_told_once(rig, texts):
+def test_a_stream_of_refusals_is_reported_once(rig, texts):
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
-    said = [message for _ in range(50) for message in rig.tell(attitude((1, 0, 0, 0)))]
-    assert texts(said) == ["not in GUIDED"]
+    replies = [message for _ in range(50) for message in rig.tell(attitude((1, 0, 0, 0)))]
+    assert texts(replies) == ["not in GUIDED"]
     assert len(rig.request_handler.intents) == 50
 
 
@@ -168,7 +168,7 @@ def test_near_the_poles_local_positions_end(rig, texts):
 
 
 @pytest.mark.parametrize(("frame", "count"), [(1, 2), (7, 1), (8, 1), (9, 1), (12, 1)])
-def test_a_goal_that_counts_from_where_she_is_counts_once_however_many_links_repeat_it(make_rig, frame, count):
+def test_a_goal_that_counts_from_where_it_is_counts_once_however_many_links_repeat_it(make_rig, frame, count):
     rig = make_rig(addresses=("one", "two"))
     rig.tick(**FIX)
     goal = rig.frame(local(VELOCITY_ONLY, frame=frame, vx=1.0, vy=1.0))

@@ -10,10 +10,10 @@ def typed(device=SHELL, flags=mavlink.SERIAL_CONTROL_FLAG_RESPOND, text=b"help\n
     return mavlink.MAVLink_serial_control_message(device, flags, 0, 0, len(text), list(text.ljust(70, b"\0")))
 
 
-def test_a_console_is_told_that_there_is_no_shell(rig):
+def test_a_console_is_reported_that_there_is_no_shell(rig):
     (answer,) = rig.tell(typed())
     assert (answer.device, answer.flags) == (SHELL, mavlink.SERIAL_CONTROL_FLAG_REPLY)
-    assert bytes(answer.data[: answer.count]) == b"no shell over MAVLink; log in to her computer by ssh\r\n"
+    assert bytes(answer.data[: answer.count]) == b"no shell over MAVLink; log in by ssh\r\n"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SteerHeading
-from firmware_py.link.peers import DUPLICATE_S, MAX_LOST_FRAMES, MIN_IDENTICAL_FRAMES, PeerPaths, Way
+from firmware_py.link.peers import DUPLICATE_S, MAX_LOST_FRAMES, MIN_IDENTICAL_FRAMES, PeerPath, PeerPaths
 from firmware_py.link.signing import timestamp_of
 from firmware_py.link.wire.urls import parse_options
 
@@ -46,8 +46,8 @@ class TwoWays:
             heapq.heappush(self.on_the_way, (self.rig.now_s + delay_s, len(self.on_the_way), address, data))
 
     def pass_time(self, seconds):
-        """Carry what is due; return what she says meanwhile by either way, with the way."""
-        said = []
+        """Carry what is due; return what the boat says meanwhile by either way, with the way."""
+        replies = []
         end_s = self.rig.now_s + seconds
         while self.rig.now_s < end_s:
             while self.on_the_way and self.on_the_way[0][0] <= self.rig.now_s:
@@ -57,10 +57,10 @@ class TwoWays:
                 while self.rig.endpoint.busy:
                     self.rig.endpoint.service(self.rig.now_s, [])
             self.rig.tick_silently()
-            said += self.heard()
-        return said
+            replies += self.received()
+        return replies
 
-    def heard(self):
+    def received(self):
         sent, self.rig.transport.sent = self.rig.transport.sent, []
         parser = mavlink.MAVLink(None)
         return [(address, message) for address, data in sent for message in parser.parse_buffer(data) or []]
@@ -100,13 +100,13 @@ def test_an_order_that_comes_late_by_the_other_way_does_not_undo_a_later_one(rou
     assert router.rig.request_handler.parameters()["CTL_K1"] == pytest.approx(0.7)
 
 
-def test_both_ways_are_served_and_what_comes_twice_is_told_nobody(router, texts):
-    said = []
+def test_both_ways_are_served_and_what_comes_twice_is_reported_no_peer(router, texts):
+    replies = []
     for number in range(20):
         router.send(BEAT, [(RADIO, 0.3 * (number % 2)), (OTHER, 0.3 * (1 - number % 2))])
-        said += router.pass_time(1.0)
-    assert {address for address, message in said if message.get_type() == "ATTITUDE"} == {RADIO, OTHER}
-    assert texts([message for _, message in said]) == []
+        replies += router.pass_time(1.0)
+    assert {address for address, message in replies if message.get_type() == "ATTITUDE"} == {RADIO, OTHER}
+    assert texts([message for _, message in replies]) == []
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.proof) for seed in range(1, 20))])
@@ -123,16 +123,16 @@ def test_a_mission_goes_up_by_two_bad_ways(router, seed):
     ]
     last = mavlink.MAVLink_mission_count_message(1, 1, ITEMS, 0)
     send(last)
-    said_s, acks = router.rig.now_s, []
+    sent_s, acks = router.rig.now_s, []
     while not acks and router.rig.now_s < 900.0:
         for _, message in router.pass_time(0.1):
             if message.get_type() == "MISSION_REQUEST_INT" and chances.random() > 0.3:
-                last, said_s = items[message.seq], router.rig.now_s
+                last, sent_s = items[message.seq], router.rig.now_s
                 send(last)
             elif message.get_type() == "MISSION_ACK":
                 acks.append(message.type)
-        if router.rig.now_s - said_s > 5.0:
-            said_s = router.rig.now_s
+        if router.rig.now_s - sent_s > 5.0:
+            sent_s = router.rig.now_s
             send(last)
     assert acks == [0]
     places = [item.x for item in router.rig.request_handler.plans().mission.items]
@@ -165,12 +165,12 @@ def test_a_station_that_a_nat_gives_another_port_goes_on_where_it_was(make_rig):
     ports = [("198.51.100.7", 40_000 + number) for number in range(8)]
     rig.prove(ports[0])
     items = [mavlink.MAVLink_mission_item_int_message(1, 1, n, 6, 16, 0, 1, 0, 0, 0, 0, n, n, 0, 0) for n in range(40)]
-    said = rig.tell(mavlink.MAVLink_mission_count_message(1, 1, 40, 0), address=ports[0])
-    while (asked := said[-1]).get_type() == "MISSION_REQUEST_INT":
+    replies = rig.tell(mavlink.MAVLink_mission_count_message(1, 1, 40, 0), address=ports[0])
+    while (query := replies[-1]).get_type() == "MISSION_REQUEST_INT":
         rig.tick()
-        said = rig.tell(items[asked.seq], address=ports[asked.seq // 5])
-        said = [message for message in said if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_ACK")]
-    assert (said[-1].get_type(), said[-1].type) == ("MISSION_ACK", 0)
+        replies = rig.tell(items[query.seq], address=ports[query.seq // 5])
+        replies = [message for message in replies if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_ACK")]
+    assert (replies[-1].get_type(), replies[-1].type) == ("MISSION_ACK", 0)
     assert len(rig.request_handler.plans().mission.items) == 39
     # And telemetry goes to the port that it has now alone.
     assert {peer.address for peer in rig.endpoint._peers} == {ports[-1]}
@@ -180,11 +180,11 @@ def test_rates_and_what_is_owed_move_to_the_other_port(make_rig, of):
     rig = make_rig(addresses=())
     old, new = ("198.51.100.7", 1), ("198.51.100.7", 2)
     rig.prove(old)
-    rig.command(511, 30, 1e6)  # ATTITUDE once a second; of whoever is at the first address
+    rig.command(511, 30, 1e6)  # ATTITUDE once a second; of any peer that is at the first address
     rig.tell(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address=old)
     rig.ticks(3)
     rig.prove(new)
-    rig.said()
+    rig.replies()
     assert of(rig.ticks(30), "ATTITUDE") == []
 
 
@@ -201,7 +201,7 @@ def test_who_is_not_the_same_keeps_a_place_of_his_own(make_rig, other):
     elif other == "another id":
         rig.station.srcSystem = 254
     rig.prove(("198.51.100.8" if other == "another computer" else "198.51.100.7", 2))
-    assert len({peer.way.station for peer in rig.endpoint._peers}) == 2
+    assert len({peer.path.station for peer in rig.endpoint._peers}) == 2
 
 
 # ---------------------------------------------------------------- whose way it is
@@ -213,7 +213,7 @@ def beat(number, sender=255, base_mode=0):
     return mavlink.MAVLink_heartbeat_message(6, 8, base_mode, 0, 0, 3).pack(station)
 
 
-def heard(ways, way, frame, now_s):
+def received(ways, way, frame, now_s):
     double = ways.is_duplicate(way, frame, now_s)
     if not double:
         ways.note(way, frame, now_s)
@@ -222,12 +222,12 @@ def heard(ways, way, frame, now_s):
 
 def joined(ways, one, other, until=MIN_IDENTICAL_FRAMES + 1):
     for number in range(until):
-        heard(ways, one, beat(number), number)
-        heard(ways, other, beat(number), number + 0.5)
+        received(ways, one, beat(number), number)
+        received(ways, other, beat(number), number + 0.5)
 
 
 def test_ways_are_one_stations_after_several_frames_that_are_alike():
-    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 0.0)
+    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other, MIN_IDENTICAL_FRAMES)
     assert one.station is not other.station
     joined(ways, one, other)
@@ -235,37 +235,37 @@ def test_ways_are_one_stations_after_several_frames_that_are_alike():
 
 
 def test_two_stations_in_step_are_two_as_soon_as_they_say_something_else():
-    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 0.0)
+    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other)
-    assert not heard(ways, one, beat(9), 9.0)
-    assert not heard(ways, other, beat(9, base_mode=1), 9.5)
+    assert not received(ways, one, beat(9), 9.0)
+    assert not received(ways, other, beat(9, base_mode=1), 9.5)
     assert one.station is not other.station
-    assert not heard(ways, other, beat(10), 10.0)
-    assert not heard(ways, one, beat(10), 10.5)
+    assert not received(ways, other, beat(10), 10.0)
+    assert not received(ways, one, beat(10), 10.5)
 
 
 def test_a_program_that_is_started_again_is_heard_again():
-    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 5.0)
+    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 5.0)
     for number in range(20):
-        assert not heard(ways, one, beat(number), 0.01 * number)
+        assert not received(ways, one, beat(number), 0.01 * number)
     for number in range(20):
-        assert not heard(ways, other, beat(number), 5.0 + 0.01 * number)
+        assert not received(ways, other, beat(number), 5.0 + 0.01 * number)
 
 
 def test_a_number_comes_round():
-    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 0.0)
+    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other)
-    assert heard(ways, one, beat(3), 3.0 + DUPLICATE_S - 0.1) is False  # by its own way
-    assert heard(ways, other, beat(3), 3.0 + DUPLICATE_S - 0.1) is True
-    assert heard(ways, other, beat(3), 3.0 + 3.0 * DUPLICATE_S) is False
+    assert received(ways, one, beat(3), 3.0 + DUPLICATE_S - 0.1) is False  # by its own way
+    assert received(ways, other, beat(3), 3.0 + DUPLICATE_S - 0.1) is True
+    assert received(ways, other, beat(3), 3.0 + 3.0 * DUPLICATE_S) is False
 
 
 @pytest.mark.parametrize(("later_frames", "stations"), [(127, 2), (128, 1)])
 def test_a_number_that_may_have_come_round_parts_no_ways(later_frames, stations):
     """The other way may be late by less than half of the numbers; then a frame of the same number is another one."""
-    ways, one, other = PeerPaths(), Way("a", 0.0), Way("b", 0.0)
+    ways, one, other = PeerPaths(), PeerPath("a", 0.0), PeerPath("b", 0.0)
     joined(ways, one, other)
     for number in range(later_frames + 1):
-        heard(ways, one, beat((9 + number) % 256), 9.0)
-    assert not heard(ways, other, beat(9, base_mode=1), 9.5)
+        received(ways, one, beat((9 + number) % 256), 9.0)
+    assert not received(ways, other, beat(9, base_mode=1), 9.5)
     assert len({one.station, other.station}) == stations

@@ -28,7 +28,7 @@ def home_int(rig, *, first=0.0, frame=0, x=450_000_000, y=-1_200_000_000, z=2.0)
     return rig.tell(mavlink.MAVLink_command_int_message(1, 1, frame, 179, 0, 0, first, 0, 0, math.nan, x, y, z))
 
 
-def test_home_where_she_is_or_somewhere(rig):
+def test_home_where_it_is_or_somewhere(rig):
     assert results(rig.command(179, 1)) == [ACCEPTED]
     assert results(rig.command(179, 0, 0, 0, math.nan, 45.0, -120.0, 2.0)) == [ACCEPTED]
     assert results(home_int(rig)) == [ACCEPTED]
@@ -57,8 +57,8 @@ def test_a_place_may_be_at_its_limits_and_not_beyond(number, limit):
     for value, is_place in ((limit, True), (-limit, True), (1.0001 * limit, False), (-1.0001 * limit, False)):
         place = [45.0, 9.0, 2.0]
         place[number] = value
-        said = [home_request(*place), *([position_goal(*place[:2])] if number < 2 else [])]
-        assert {isinstance(one, str) for one in said} == {not is_place}
+        replies = [home_request(*place), *([position_goal(*place[:2])] if number < 2 else [])]
+        assert {isinstance(one, str) for one in replies} == {not is_place}
 
 
 def test_home_in_a_local_frame_or_off_the_planet_changes_nothing(rig):
@@ -72,15 +72,15 @@ def test_the_old_message_sets_home_and_says_so(rig, of, texts):
     rig.tell(mavlink.MAVLink_set_home_position_message(1, *place, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
     (home,) = rig.request_handler.intents
     assert (home.latitude_rad, home.altitude_m) == pytest.approx((math.radians(45), 2.0))
-    said = rig.tick(home=Home(home.latitude_rad, home.longitude_rad, 2.0))
-    assert len(of(said, "HOME_POSITION")) == len(of(said, "GPS_GLOBAL_ORIGIN")) == 1
-    assert of(said, "GPS_GLOBAL_ORIGIN")[0].latitude == 450_000_000
-    said = rig.tell(mavlink.MAVLink_set_home_position_message(1, 0, 0, 0, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
-    assert texts(said) == ["SET_HOME_POSITION: 0, 0 is no home"]
+    replies = rig.tick(home=Home(home.latitude_rad, home.longitude_rad, 2.0))
+    assert len(of(replies, "HOME_POSITION")) == len(of(replies, "GPS_GLOBAL_ORIGIN")) == 1
+    assert of(replies, "GPS_GLOBAL_ORIGIN")[0].latitude == 450_000_000
+    replies = rig.tell(mavlink.MAVLink_set_home_position_message(1, 0, 0, 0, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
+    assert texts(replies) == ["SET_HOME_POSITION: home at 0, 0 is not accepted"]
     assert len(rig.request_handler.intents) == 1
 
 
-def test_home_set_to_where_it_was_is_told_too_and_once(rig, of):
+def test_home_set_to_where_it_was_is_reported_too_and_once(rig, of):
     where = {"home": Home(0.5, 0.2, 0.0)}
     assert len(of(rig.tick(**where), "HOME_POSITION")) == 1
     assert of(rig.tick(**where), "HOME_POSITION") == []
@@ -110,7 +110,7 @@ def test_a_mission_starts_at_the_item_that_the_stations_number_names(rig, first,
 
 
 def test_a_mission_starts_as_soon_as_it_is_there(rig):
-    """MAVSDK names the last item at once after the upload, before a tick has told of it."""
+    """MAVSDK names the last item at once after the upload, before a tick has reported of it."""
     with_mission(rig, reported=False)
     assert results(rig.command(300, 0, 5)) == [ACCEPTED]
 
@@ -125,8 +125,8 @@ def test_a_start_that_cannot_be_changes_nothing(rig, values):
 
 
 def test_without_a_mission_nothing_starts_and_a_refused_mode_leaves_the_item(rig, texts):
-    said = rig.command(300)
-    assert (results(said), texts(said)) == ([DENIED], ["MISSION_START: there is no mission"])
+    replies = rig.command(300)
+    assert (results(replies), texts(replies)) == ([DENIED], ["MISSION_START: there is no mission"])
     with_mission(rig)
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "AUTO refused: no position")
     assert results(rig.command(300, 3)) == [REJECTED]
@@ -178,9 +178,12 @@ def test_the_fence(rig):
 
 
 def test_a_speed_is_answered_as_in_a_mission_and_changes_nothing(rig, of, texts):
-    said = rig.command(178, 1.0, 0.5)
-    assert (of(said, "COMMAND_ACK")[0].result, texts(said)) == (0, ["Speed is for planning: her own is the sea's"])
-    said = rig.command(178, 2.0, 0.5)
-    assert of(said, "COMMAND_ACK")[0].result == 2
+    replies = rig.command(178, 1.0, 0.5)
+    assert (of(replies, "COMMAND_ACK")[0].result, texts(replies)) == (
+        0,
+        ["Speed command ignored: a wave glider cannot set its speed"],
+    )
+    replies = rig.command(178, 2.0, 0.5)
+    assert of(replies, "COMMAND_ACK")[0].result == 2
     assert rig.command(178, 1.0, float("nan"))[0].result == 2
     assert rig.request_handler.intents == []

@@ -30,9 +30,9 @@ def test_every_message_can_be_requested(rig, number):
     rig.tell(mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0))
     place = {"home": Home(0.7, -0.2, 1.0), "navigation": Navigation(Activity.LINE, 0.7, -0.2)}
     rig.tick(**FIX, **SERVO, **place, power=Power(12.6), mission=MissionReport(identities=(0, 7, 0)))
-    said = rig.command(512, number)
-    assert said[0].result == 0
-    assert {message.get_msgId() for message in said[1:]} == {number}
+    replies = rig.command(512, number)
+    assert replies[0].result == 0
+    assert {message.get_msgId() for message in replies[1:]} == {number}
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -1, 0.5, 1e30, 16_777_216, 25])
@@ -45,12 +45,12 @@ def test_what_has_nothing_to_say_is_rejected_for_now(rig, command):
     assert result(rig.command(*command)) == NOT_NOW
 
 
-def test_home_is_told_at_once_when_it_changes_and_whenever_it_is_asked_for(rig, of):
+def test_home_is_reported_at_once_when_it_changes_and_whenever_it_is_asked_for(rig, of):
     home = {"home": Home(0.7, -0.2, 1.0)}
-    (told,) = of(rig.tick(**home), "HOME_POSITION")
+    (reports,) = of(rig.tick(**home), "HOME_POSITION")
     assert of(rig.tick(**home), "HOME_POSITION") == []
-    (asked,) = of(rig.command(410), "HOME_POSITION")
-    assert told.latitude == asked.latitude == round(math.degrees(0.7) * 1e7)
+    (query,) = of(rig.command(410), "HOME_POSITION")
+    assert reports.latitude == query.latitude == round(math.degrees(0.7) * 1e7)
     (moved,) = of(rig.tick(home=Home(0.8, -0.2, 1.0)), "HOME_POSITION")
     assert moved.latitude == round(math.degrees(0.8) * 1e7)
 
@@ -76,22 +76,25 @@ def test_available_modes_all_or_one(rig, of, index, numbers):
     assert [mode.mode_index for mode in of(rig.command(512, 435, index), "AVAILABLE_MODES")] == numbers
 
 
-def test_an_interval_is_set_kept_and_told(rig, of):
+def test_an_interval_is_set_kept_and_reported(rig, of):
     assert result(rig.command(511, 30, 500_000)) == 0
-    said = rig.ticks(40)
-    assert len(of(said, "ATTITUDE")) == pytest.approx(8, abs=1)
-    (told,) = of(rig.command(510, 30), "MESSAGE_INTERVAL")
-    assert (told.message_id, told.interval_us) == (30, 500_000)
+    replies = rig.ticks(40)
+    assert len(of(replies, "ATTITUDE")) == pytest.approx(8, abs=1)
+    (reports,) = of(rig.command(510, 30), "MESSAGE_INTERVAL")
+    assert (reports.message_id, reports.interval_us) == (30, 500_000)
 
 
-def test_an_interval_is_told_by_the_newer_command_as_well(rig, of):
+def test_an_interval_is_reported_by_the_newer_command_as_well(rig, of):
     rig.command(511, 30, 500_000)
-    said = rig.command(512, 244, 30)
-    (told,) = of(said, "MESSAGE_INTERVAL")
-    assert (result(said), told.message_id, told.interval_us) == (0, 30, 500_000)
+    replies = rig.command(512, 244, 30)
+    (reports,) = of(replies, "MESSAGE_INTERVAL")
+    assert (result(replies), reports.message_id, reports.interval_us) == (0, 30, 500_000)
     for unknown in (25, math.nan, -1):
-        said = rig.command(512, 244, unknown)
-        assert (result(said), [told.interval_us for told in of(said, "MESSAGE_INTERVAL")]) == (UNSUPPORTED, [0])
+        replies = rig.command(512, 244, unknown)
+        assert (result(replies), [reports.interval_us for reports in of(replies, "MESSAGE_INTERVAL")]) == (
+            UNSUPPORTED,
+            [0],
+        )
 
 
 def test_intervals_are_each_peers_own(make_rig, of):
@@ -100,7 +103,7 @@ def test_intervals_are_each_peers_own(make_rig, of):
     rig.tell(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address="one")
     for address, expected in (("one", 0), ("two", 1)):
         rig.tick_silently()
-        assert len(of(rig.said(address), "ATTITUDE")) == expected
+        assert len(of(rig.replies(address), "ATTITUDE")) == expected
 
 
 @pytest.mark.parametrize("interval_us", [math.nan, math.inf, -2, 1, 1e30])

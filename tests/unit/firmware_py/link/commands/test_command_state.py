@@ -53,9 +53,9 @@ def test_neither_arm_nor_disarm_is_denied(rig, first):
 
 @pytest.mark.parametrize("place", [(45.0, -120.0), (0.0, 1e-5), (math.inf, 0.0)])
 def test_loiter_at_another_place_is_refused(rig, texts, place):
-    said = rig.command(17, 0, 0, 0, math.nan, *place)
-    assert results(said) == [DENIED]
-    assert "DO_REPOSITION" in "".join(texts(said))
+    replies = rig.command(17, 0, 0, 0, math.nan, *place)
+    assert results(replies) == [DENIED]
+    assert "DO_REPOSITION" in "".join(texts(replies))
     assert rig.request_handler.intents == []
     assert results(rig.command(17, 0, 0, 0, math.nan, math.nan, math.nan)) == [0]
 
@@ -65,8 +65,8 @@ def test_a_mode_by_its_own_command(rig, texts, number, mode):
     assert results(rig.command(number, math.nan)) == [0]
     assert rig.request_handler.intents == [SetMode(mode)]
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "RTL refused: no home")
-    said = rig.command(number)
-    assert (results(said), texts(said)) == ([1], ["RTL refused: no home"])
+    replies = rig.command(number)
+    assert (results(replies), texts(replies)) == ([1], ["RTL refused: no home"])
 
 
 def test_standard_modes(rig):
@@ -124,9 +124,9 @@ def test_what_is_no_restart_of_the_autopilot_does_nothing(rig, values, result):
 )
 def test_the_checks_say_what_is_wrong(rig, texts, changes, text):
     rig.tick(**changes)
-    said = rig.command(401)
-    assert results(said) == [0]
-    assert texts(said) == [text]
+    replies = rig.command(401)
+    assert results(replies) == [0]
+    assert texts(replies) == [text]
 
 
 def test_no_checks_while_armed_or_before_the_first_tick(rig, make_rig):

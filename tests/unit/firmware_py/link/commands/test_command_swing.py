@@ -50,11 +50,11 @@ def proposed(under_way):
     return rig
 
 
-@pytest.mark.parametrize("asked", STATIONS.values(), ids=STATIONS)
-def test_each_station_begins_a_swing_that_sets_nothing(under_way, texts, asked):
-    said = under_way.command(START, *asked)
-    assert results(said) == [ACCEPTED]
-    assert "nothing is set until you accept" in texts(said)[0]
+@pytest.mark.parametrize("query", STATIONS.values(), ids=STATIONS)
+def test_each_station_begins_a_swing_that_sets_nothing(under_way, texts, query):
+    replies = under_way.command(START, *query)
+    assert results(replies) == [ACCEPTED]
+    assert texts(replies)[0].endswith("then accept")
     assert under_way.request_handler.compass_swing.running
     assert under_way.request_handler.intents == []
 
@@ -70,16 +70,16 @@ def test_each_station_begins_a_swing_that_sets_nothing(under_way, texts, asked):
 @pytest.mark.parametrize("command", [(START,), (241, 0, 1)])
 def test_a_swing_that_could_see_nothing_is_refused(rig, texts, changes, reason, command):
     rig.tick(**{**UNDER_WAY, **changes})
-    said = rig.command(*command)
-    assert (results(said), texts(said)) == ([REJECTED], [f"Compass swing refused: {reason}"])
+    replies = rig.command(*command)
+    assert (results(replies), texts(replies)) == ([REJECTED], [f"Compass swing refused: {reason}"])
     assert not rig.request_handler.compass_swing.running
 
 
 def test_a_second_start_does_not_forget_the_first(under_way, texts):
     under_way.command(START)
-    said = under_way.command(START, 1)
-    assert results(said) == [REJECTED]
-    assert "under way" in texts(said)[0]
+    replies = under_way.command(START, 1)
+    assert results(replies) == [REJECTED]
+    assert "under way" in texts(replies)[0]
 
 
 @pytest.mark.parametrize("command", [START, ACCEPT, CANCEL])
@@ -94,20 +94,20 @@ def test_the_progress_is_sent_without_being_asked_for(under_way):
     swing = under_way.request_handler.compass_swing
     for tick in voyage(legs=3):
         list(swing.take(tick.inputs, under_way.request_handler.values))
-    told = of_type([message for _ in range(60) for message in under_way.tick()], "MAG_CAL_PROGRESS")
-    assert {(one.compass_id, one.cal_mask, one.cal_status) for one in told} == {(0, 1, 2)}
-    assert {one.completion_pct for one in told} == {swing.report.percent}
-    assert int.from_bytes(bytes(told[0].completion_mask), "little") == swing.report.sectors > 0
+    reports = of_type([message for _ in range(60) for message in under_way.tick()], "MAG_CAL_PROGRESS")
+    assert {(one.compass_id, one.cal_mask, one.cal_status) for one in reports} == {(0, 1, 2)}
+    assert {one.completion_pct for one in reports} == {swing.report.percent}
+    assert int.from_bytes(bytes(reports[0].completion_mask), "little") == swing.report.sectors > 0
 
 
 def test_what_is_proposed_waits_and_is_taken_whole_when_it_is_accepted(proposed, texts):
     reports = of_type([message for _ in range(60) for message in proposed.tick(**UNDER_WAY)], "MAG_CAL_REPORT")
     assert {(one.cal_status, one.autosaved) for one in reports} == {(4, 0)}
     assert deviation(proposed) == [0.0, 2.0, 0.0, 0.0, 0.0]
-    said = proposed.command(ACCEPT, 1)
-    assert results(said) == [ACCEPTED]
-    assert [one.autosaved for one in of_type(said, "MAG_CAL_REPORT")] == [1]
-    assert texts(said)[-1].endswith("deg is in force")
+    replies = proposed.command(ACCEPT, 1)
+    assert results(replies) == [ACCEPTED]
+    assert [one.autosaved for one in of_type(replies, "MAG_CAL_REPORT")] == [1]
+    assert texts(replies)[-1].endswith("deg is in force")
     assert deviation(proposed)[0] == pytest.approx(5.0, abs=0.3)
     assert deviation(proposed)[1] == pytest.approx(0.0, abs=0.5)
     assert not proposed.request_handler.compass_swing.running
@@ -117,38 +117,38 @@ def test_an_accepted_proposal_is_acknowledged_when_it_is_on_disk(proposed):
     proposed.request_handler.at_once = False
     assert results(proposed.command(ACCEPT)) == []
     proposed.request_handler.waiting.pop()(True)
-    assert results(proposed.said()) == [ACCEPTED]
+    assert results(proposed.replies()) == [ACCEPTED]
 
 
 def test_cancel_after_accept_puts_back_what_was_in_force(proposed, texts):
     proposed.command(ACCEPT)
-    said = proposed.command(CANCEL)
-    assert results(said) == [ACCEPTED]
-    assert texts(said)[-1].endswith("deg is taken back")
+    replies = proposed.command(CANCEL)
+    assert results(replies) == [ACCEPTED]
+    assert texts(replies)[-1].endswith("deg is taken back")
     assert deviation(proposed) == [0.0, 2.0, 0.0, 0.0, 0.0]
-    asked = len(proposed.request_handler.intents)
+    query = len(proposed.request_handler.intents)
     assert results(proposed.command(CANCEL, 1)) == [ACCEPTED]  # there is no more to be taken back
-    assert len(proposed.request_handler.intents) == asked
+    assert len(proposed.request_handler.intents) == query
 
 
 def test_cancel_drops_a_proposal_and_sets_nothing(proposed, texts):
     assert texts(proposed.command(CANCEL)) == ["Compass swing: cancelled, nothing was set"]
     assert proposed.request_handler.intents == []
-    said = proposed.command(ACCEPT)
-    assert (results(said), texts(said)) == ([REJECTED], ["Compass swing: nothing to accept, 0 percent of it is done"])
+    replies = proposed.command(ACCEPT)
+    assert (results(replies), texts(replies)) == ([REJECTED], ["Compass swing: nothing to accept, 0 % done"])
 
 
 def test_cancel_without_a_swing_says_that_swings_are_known_here(under_way, texts):
-    said = under_way.command(CANCEL)
-    assert (results(said), texts(said)) == ([ACCEPTED], [])
+    replies = under_way.command(CANCEL)
+    assert (results(replies), texts(replies)) == ([ACCEPTED], [])
 
 
 def test_a_proposal_out_of_range_sets_nothing_at_all(proposed, texts):
     swing = proposed.request_handler.compass_swing
     swing._report = type(swing.report)(CalibrationState.DONE, 100, found_rad=(0.1, 0.1, 0.1, 0.1, 2.0))
-    said = proposed.command(ACCEPT)
-    assert results(said) == [DENIED]
-    assert "CMP_DEV_E" in texts(said)[0]
+    replies = proposed.command(ACCEPT)
+    assert results(replies) == [DENIED]
+    assert "CMP_DEV_E" in texts(replies)[0]
     assert proposed.request_handler.intents == []
 
 

@@ -32,9 +32,9 @@ def test_another_servo_or_pulse_is_denied(rig, values):
 
 def test_the_rudder_as_it_stands_becomes_amidships(rig, texts):
     rig.tick(**BENCH)
-    said = rig.command(241, 0, 0, 0, 2)
-    assert results(said) == [ACCEPTED]
-    assert texts(said) == ["RUD_CENTRE_DEG is now 5.73"]
+    replies = rig.command(241, 0, 0, 0, 2)
+    assert results(replies) == [ACCEPTED]
+    assert texts(replies) == ["RUD_CENTRE_DEG is now 5.73"]
     centre, bench = rig.request_handler.intents
     assert (bench, centre.name, centre.value) == (
         BenchRudder(0.0, 0.0),
@@ -58,9 +58,9 @@ def test_no_centre_while_armed_or_without_an_angle(rig, changes):
 )
 def test_other_calibrations_are_unsupported_and_say_what_to_do_instead(rig, texts, values):
     rig.tick(**BENCH)
-    said = rig.command(241, *values)
-    assert results(said) == [UNSUPPORTED]
-    assert "FIXED_MAG_CAL_YAW" in texts(said)[0]
+    replies = rig.command(241, *values)
+    assert results(replies) == [UNSUPPORTED]
+    assert "FIXED_MAG_CAL_YAW" in texts(replies)[0]
     assert rig.request_handler.intents == []
 
 
@@ -95,17 +95,17 @@ def test_storage_is_acknowledged_when_it_is_on_disk(rig, texts):
     rig.request_handler.at_once = False
     assert results(rig.command(245, 1)) == []
     rig.request_handler.waiting.pop()(True)
-    said = rig.said()
-    assert (results(said), texts(said)) == ([ACCEPTED], ["All is stored"])
+    replies = rig.replies()
+    assert (results(replies), texts(replies)) == ([ACCEPTED], ["All settings stored"])
     rig.command(245, 1)
     rig.request_handler.waiting.pop()(False)
-    assert results(rig.said()) == [FAILED]
+    assert results(rig.replies()) == [FAILED]
 
 
 def test_reset_forgets_what_links_have_set(rig, texts):
-    said = rig.command(245, 2, -1)
-    assert results(said) == [ACCEPTED]
-    assert "from the next start on" in texts(said)[0]
+    replies = rig.command(245, 2, -1)
+    assert results(replies) == [ACCEPTED]
+    assert "at the next start" in texts(replies)[0]
     assert rig.request_handler.intents == [ForgetParameters()]
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "armed")
     assert results(rig.command(245, 2)) == [REJECTED]
@@ -125,13 +125,13 @@ def test_other_storage_is_refused(rig, values, result):
 def test_a_command_under_way_says_so_until_it_ends(rig):
     rig.request_handler.at_once = False
     assert results(rig.command(245, 1)) == []
-    said = rig.ticks(25)
-    assert results(said) == [IN_PROGRESS] * 3
-    assert {ack.progress for ack in said if ack.get_type() == "COMMAND_ACK"} == {255}
+    replies = rig.ticks(25)
+    assert results(replies) == [IN_PROGRESS] * 3
+    assert {ack.progress for ack in replies if ack.get_type() == "COMMAND_ACK"} == {255}
     assert results(rig.command(245, 1, confirmation=1)) == [IN_PROGRESS]  # a retry
     assert results(rig.command(245, 1)) == [REJECTED]  # another one
     rig.request_handler.waiting.pop(0)(True)
-    assert results(rig.said()) == [ACCEPTED]
+    assert results(rig.replies()) == [ACCEPTED]
     assert results(rig.ticks(30)) == []
 
 
@@ -139,36 +139,36 @@ def test_storage_is_under_way_until_the_disk_has_answered_however_long_that_take
     """An answer before that might be wrong: what hangs may be stored in the end."""
     rig.request_handler.at_once = False
     rig.command(245, 1)
-    said = [*rig.tick(seconds=31.0), *rig.tick(seconds=3600.0)]
-    assert results(said) == [IN_PROGRESS] * 2
+    replies = [*rig.tick(seconds=31.0), *rig.tick(seconds=3600.0)]
+    assert results(replies) == [IN_PROGRESS] * 2
     assert results(rig.command(245, 1, confirmation=1)) == [REJECTED]  # that was long ago: another one
     (stored,) = rig.request_handler.waiting
     stored(True)
-    said = rig.said()
-    assert (results(said), texts(said)[-1]) == ([ACCEPTED], "All is stored")
+    replies = rig.replies()
+    assert (results(replies), texts(replies)[-1]) == ([ACCEPTED], "All settings stored")
     assert results(rig.ticks(30)) == []
 
 
-def test_one_that_takes_too_long_has_failed_and_a_late_end_is_not_told_again(rig, compass, texts):
+def test_one_that_takes_too_long_has_failed_and_a_late_end_is_not_reported_again(rig, compass, texts):
     rig.command(241, 0, 1)
-    said = rig.tick(seconds=901.0, **BENCH)
-    assert (results(said), texts(said)[-1]) == ([FAILED], "PREFLIGHT_CALIBRATION: not done in time")
+    replies = rig.tick(seconds=901.0, **BENCH)
+    assert (results(replies), texts(replies)[-1]) == ([FAILED], "PREFLIGHT_CALIBRATION: not done in time")
     assert results(rig.ticks(30)) == []
 
 
 def test_what_a_failing_disk_leaves_in_force_is_said(rig, texts):
     rig.request_handler.at_once = False
-    told = {
+    reports = {
         (241, 0, 0, 0, 2): "PREFLIGHT_CALIBRATION: RUD_CENTRE_DEG is in force but could not be stored",
-        (245, 1): "PREFLIGHT_STORAGE: not all could be stored; it is tried again by itself",
-        (245, 2): "PREFLIGHT_STORAGE: this could not be stored; they stay as they are",
+        (245, 1): "PREFLIGHT_STORAGE: not all stored; retrying",
+        (245, 2): "PREFLIGHT_STORAGE: not stored, parameters unchanged",
     }
     rig.tick(**BENCH)
-    for (number, *values), text in told.items():
+    for (number, *values), text in reports.items():
         rig.command(number, *values)
         rig.request_handler.waiting.pop()(False)
-        said = rig.said()
-        assert (results(said), texts(said)) == ([FAILED], [text])
+        replies = rig.replies()
+        assert (results(replies), texts(replies)) == ([FAILED], [text])
 
 
 def test_what_cannot_be_cancelled_goes_on(rig):
@@ -176,7 +176,7 @@ def test_what_cannot_be_cancelled_goes_on(rig):
     rig.command(245, 1)
     assert rig.tell(rig_cancel(245)) == []
     rig.request_handler.waiting.pop()(True)
-    assert results(rig.said()) == [ACCEPTED]
+    assert results(rig.replies()) == [ACCEPTED]
 
 
 def rig_cancel(command):
@@ -209,7 +209,7 @@ def test_parameters_are_set_once(rig):
 
 
 class FakeCompass:
-    """Calibrates when told; the test says how far it is."""
+    """Calibrates when reported; the test says how far it is."""
 
     def __init__(self):
         self.now = Calibration()
@@ -236,13 +236,13 @@ def compass(rig):
     return made
 
 
-def test_a_compass_under_calibration_tells_its_progress_and_its_end(rig, compass, texts):
-    assert texts(rig.command(241, 0, 1)) == ["Compass calibration: turn her slowly through a full circle"]
+def test_a_compass_under_calibration_reports_its_progress_and_its_end(rig, compass, texts):
+    assert texts(rig.command(241, 0, 1)) == ["Compass calibration: turn the boat slowly through a full circle"]
     acks = [message for message in rig.ticks(10) if message.get_type() == "COMMAND_ACK"]
     assert [(ack.result, ack.progress) for ack in acks] == [(IN_PROGRESS, 25)]
     compass.now = Calibration(CalibrationState.DONE, 100, "Compass calibrated")
-    said = rig.tick()
-    assert (results(said), texts(said)) == ([ACCEPTED], ["Compass calibrated"])
+    replies = rig.tick()
+    assert (results(replies), texts(replies)) == ([ACCEPTED], ["Compass calibrated"])
     assert results(rig.ticks(20)) == []
 
 
@@ -250,14 +250,14 @@ def test_a_compass_under_calibration_tells_its_progress_and_its_end(rig, compass
     ("end", "text"),
     [
         (Calibration(CalibrationState.FAILED, 100, "score 9"), "score 9"),
-        (Calibration(), "Compass calibration was broken off"),
+        (Calibration(), "Compass calibration aborted"),
     ],
 )
 def test_a_calibration_that_fails_says_why(rig, compass, texts, end, text):
     rig.command(241, 0, 1)
     compass.now = end
-    said = rig.tick()
-    assert (results(said), texts(said)) == ([FAILED], [text])
+    replies = rig.tick()
+    assert (results(replies), texts(replies)) == ([FAILED], [text])
 
 
 def test_a_calibration_can_be_cancelled_by_anybody_once(rig, compass):

@@ -33,7 +33,7 @@ def test_an_unknown_command_is_unsupported(rig, number):
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 2), (2, 0), (0, 154)])
-def test_a_command_for_somebody_else_is_left_alone(rig, target):
+def test_a_command_for_someone_else_is_left_alone(rig, target):
     assert rig.command(ARM, 1.0, target=target) == []
     assert rig.request_handler.requests == []
 
@@ -46,9 +46,9 @@ def test_a_broadcast_is_accepted(rig, target):
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_the_loops_verdict_and_reason_are_passed_on(rig, texts, verdict):
     rig.request_handler.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "because")
-    said = rig.command(ARM, 1.0)
-    assert only_ack(said).result == verdict
-    assert texts(said) == ([] if verdict is Verdict.ACCEPTED else ["because"])
+    replies = rig.command(ARM, 1.0)
+    assert only_ack(replies).result == verdict
+    assert texts(replies) == ([] if verdict is Verdict.ACCEPTED else ["because"])
 
 
 def test_a_retry_is_acknowledged_with_the_earlier_result_and_not_repeated(rig):
@@ -139,7 +139,7 @@ def test_a_command_that_ends_late_gives_its_result_to_no_other_one(rig):
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED)
     rig.command(ARM, 0.0)
     rig.request_handler.waiting.pop()(True)
-    rig.said()
+    rig.replies()
     assert only_ack(rig.command(ARM, 0.0, confirmation=1)).result == REJECTED
 
 

@@ -18,7 +18,7 @@ def acks(messages):
 
 @pytest.fixture
 def slow(rig):
-    """A rig whose disk answers when it is told to."""
+    """A rig whose disk answers when it is reported to."""
     rig.request_handler.orders_at_once = False
     return rig
 
@@ -27,22 +27,22 @@ def test_a_command_is_done_at_once_and_acknowledged_when_it_is_on_disk(slow, tex
     assert acks(slow.command(ARM, 1.0)) == []
     assert slow.request_handler.intents == [Arm(True)]
     slow.request_handler.waiting.pop()(True)
-    said = slow.said()
-    assert (acks(said), texts(said)) == ([(ACCEPTED, KEPT)], [])
+    replies = slow.replies()
+    assert (acks(replies), texts(replies)) == ([(ACCEPTED, KEPT)], [])
     assert acks(slow.ticks(30)) == []
 
 
 def test_one_that_cannot_be_stored_is_acknowledged_since_it_is_done_and_that_is_said(slow, texts):
-    """Whoever disarms on a broken disk must not be told that she is still armed."""
+    """Any peer that disarms on a broken disk must not be reported that the boat is still armed."""
     slow.command(ARM, 0.0)
     slow.request_handler.waiting.pop()(False)
-    said = slow.said()
-    assert acks(said) == [(ACCEPTED, UNKEPT)]
-    assert texts(said) == ["COMPONENT_ARM_DISARM: done, but it could not be stored; a restart may forget it"]
+    replies = slow.replies()
+    assert acks(replies) == [(ACCEPTED, UNKEPT)]
+    assert texts(replies) == ["COMPONENT_ARM_DISARM: done, but it could not be stored; a restart may forget it"]
     # The retry asks the disk again.
     assert acks(slow.command(ARM, 0.0, confirmation=1)) == []
     slow.request_handler.waiting.pop()(True)
-    assert acks(slow.said()) == [(ACCEPTED, KEPT)]
+    assert acks(slow.replies()) == [(ACCEPTED, KEPT)]
     assert slow.request_handler.intents == [Arm(False)]
 
 
@@ -62,12 +62,12 @@ def test_a_disk_that_is_slow_does_not_keep_anybody_from_commanding(slow):
     assert slow.request_handler.intents == [Arm(True), Arm(False)]
     for stored in slow.request_handler.waiting:
         stored(True)
-    assert acks(slow.said()) == [(ACCEPTED, KEPT)] * 2
+    assert acks(slow.replies()) == [(ACCEPTED, KEPT)] * 2
 
 
 @pytest.mark.parametrize("at_once", [True, False])
 def test_one_that_is_done_leaves_nothing_for_the_collector(slow, at_once):
-    """She collects once a minute: until then a flood of commands grew the memory by .8 MiB a second."""
+    """The boat collects once a minute: until then a flood of commands grew the memory by .8 MiB a second."""
     slow.request_handler.orders_at_once = at_once
     slow.command(ARM, 1.0)
     gc.freeze()  # what was there before is not looked through
@@ -76,7 +76,7 @@ def test_one_that_is_done_leaves_nothing_for_the_collector(slow, at_once):
         slow.command(ARM, 0.0)
         while slow.request_handler.waiting:
             slow.request_handler.waiting.pop()(True)
-        assert acks(slow.said()) or at_once
+        assert acks(slow.replies()) or at_once
         found = gc.collect()
     finally:
         gc.enable()
@@ -85,12 +85,12 @@ def test_one_that_is_done_leaves_nothing_for_the_collector(slow, at_once):
 
 def test_one_that_waits_long_says_so_and_in_the_end_that_it_is_done_and_may_be_forgotten(slow, texts):
     slow.command(ARM, 0.0)
-    said = slow.ticks(155)
-    assert acks(said)[:-1] == [(IN_PROGRESS, KEPT)] * 14
-    assert acks(said)[-1] == (ACCEPTED, UNKEPT)
-    assert texts(said) == ["COMPONENT_ARM_DISARM: done, but not on disk yet; a restart may forget it"]
+    replies = slow.ticks(155)
+    assert acks(replies)[:-1] == [(IN_PROGRESS, KEPT)] * 14
+    assert acks(replies)[-1] == (ACCEPTED, UNKEPT)
+    assert texts(replies) == ["COMPONENT_ARM_DISARM: done, but not on disk yet; a restart may forget it"]
     slow.request_handler.waiting.pop()(True)
-    assert acks([*slow.said(), *slow.ticks(30)]) == []
+    assert acks([*slow.replies(), *slow.ticks(30)]) == []
 
 
 def test_of_a_stream_of_one_command_that_waits_only_the_latest_says_so(slow):
@@ -100,14 +100,14 @@ def test_of_a_stream_of_one_command_that_waits_only_the_latest_says_so(slow):
     assert acks(slow.ticks(10)) == [(IN_PROGRESS, KEPT)]
     for stored in slow.request_handler.waiting:
         stored(True)
-    assert acks(slow.said()) == [(ACCEPTED, KEPT)] * 20
+    assert acks(slow.replies()) == [(ACCEPTED, KEPT)] * 20
 
 
 def test_the_old_set_mode_message_waits_too(slow):
     assert acks(slow.tell(mavlink.MAVLink_set_mode_message(1, 1, 15))) == []
     assert slow.request_handler.intents == [SetMode(15)]
     slow.request_handler.waiting.pop()(True)
-    (ack,) = slow.said()
+    (ack,) = slow.replies()
     assert (ack.command, ack.result) == (SET_MODE_MESSAGE, ACCEPTED)
 
 
@@ -117,20 +117,20 @@ def test_a_waypoint_to_be_gone_to_at_once_is_acknowledged_when_it_is_on_disk(slo
     assert of(slow.tell(item), "MISSION_ACK") == []
     assert isinstance(slow.request_handler.intents[0], SteerPosition)
     slow.request_handler.waiting.pop()(kept)
-    said = [*slow.said(), *slow.tick()]
-    assert [ack.type for ack in of(said, "MISSION_ACK")] == [ACCEPTED]
+    replies = [*slow.replies(), *slow.tick()]
+    assert [ack.type for ack in of(replies, "MISSION_ACK")] == [ACCEPTED]
     lost = "guided waypoint: taken, but it could not be stored; a restart may forget it"
-    assert texts(said) == ([] if kept else [lost])
+    assert texts(replies) == ([] if kept else [lost])
 
 
 @pytest.mark.parametrize("kept", [True, False])
-def test_a_new_current_item_is_told_when_it_is_on_disk(slow, of, texts, kept):
+def test_a_new_current_item_is_reported_when_it_is_on_disk(slow, of, texts, kept):
     slow.ticks(2)
-    told = slow.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
+    reports = slow.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
     assert slow.request_handler.intents == [SetMissionItem(1)]
-    assert of([*told, *slow.tick()], "MISSION_CURRENT") == []
+    assert of([*reports, *slow.tick()], "MISSION_CURRENT") == []
     slow.request_handler.waiting.pop()(kept)
-    said = [*slow.said(), *slow.tick()]
-    assert len(of(said, "MISSION_CURRENT")) == 1
+    replies = [*slow.replies(), *slow.tick()]
+    assert len(of(replies, "MISSION_CURRENT")) == 1
     lost = "Item 2 is under way, but this could not be stored; a restart may forget it"
-    assert texts(said) == ([] if kept else [lost])
+    assert texts(replies) == ([] if kept else [lost])

@@ -1,4 +1,4 @@
-"""Which of two commands are one: retries and doubles, told apart from what is asked anew."""
+"""Which of two commands are one: retries and doubles, reported apart from what is asked again."""
 
 import pytest
 from msgspec.structs import replace
@@ -13,7 +13,7 @@ from firmware_py.link.commands.server import (
     CommandMemory,
     CommandRecord,
 )
-from firmware_py.link.peers import DUPLICATE_S, Station, Way
+from firmware_py.link.peers import DUPLICATE_S, PeerPath, Station
 
 ARM = 400
 STATION = (255, 190)
@@ -25,12 +25,12 @@ class Peer:
 
     def __init__(self, *, quiet=False):
         self.quiet = quiet
-        self.way = Way(None, 0.0)
+        self.path = PeerPath(None, 0.0)
 
 
 RADIO, SATELLITE = Station(Peer(), STATION), Station(Peer(quiet=True), STATION)
-ON = CommandRecord(1000.0, 7, b"on", in_whole_numbers=True, station=RADIO)
-OFF = replace(ON, asked=b"off")
+ON = CommandRecord(1000.0, 7, b"on", is_int=True, station=RADIO)
+OFF = replace(ON, content=b"off")
 
 
 def original(now, *done, confirmed=False, relative=False):
@@ -46,8 +46,8 @@ def test_a_confirmation_is_of_the_command_before_it_for_a_while(peer, longest_s)
     soon, late = (replace(before, t_s=1000.0 + longest_s + more_s, sequence=99) for more_s in (-SHORTLY, SHORTLY))
     assert original(soon, before, confirmed=True) is before
     assert original(late, before, confirmed=True) is None
-    assert original(replace(soon, asked=b"off"), before, confirmed=True) is None
-    assert original(replace(soon, in_whole_numbers=False), before, confirmed=True) is None
+    assert original(replace(soon, content=b"off"), before, confirmed=True) is None
+    assert original(replace(soon, is_int=False), before, confirmed=True) is None
 
 
 @pytest.mark.parametrize("sequence", [7, 200])
@@ -68,12 +68,12 @@ def test_a_relative_command_that_is_confirmed_is_one_for_longer_and_by_any_way(p
     assert original(late, ON, *others, confirmed=True, relative=True) is None
     assert original(soon, ON, *others, relative=True) is None
     assert original(soon, ON, *others, confirmed=True) is None
-    assert original(replace(soon, asked=b"other"), ON, *others, confirmed=True, relative=True) is None
+    assert original(replace(soon, content=b"other"), ON, *others, confirmed=True, relative=True) is None
 
 
 def test_a_relative_command_is_one_with_the_same_frame_by_a_way_that_was_there_then():
     other, later = Peer(), Peer()
-    later.way = Way(None, ON.t_s + OVERTAKEN_S)
+    later.path = PeerPath(None, ON.t_s + OVERTAKEN_S)
     there, new = (replace(ON, t_s=1000.0 + DUPLICATE_S - SHORTLY, station=Station(p, STATION)) for p in (other, later))
     assert original(there, ON, relative=True) is ON
     assert original(replace(there, t_s=1000.0 + DUPLICATE_S + SHORTLY), ON, relative=True) is None
@@ -83,11 +83,11 @@ def test_a_relative_command_is_one_with_the_same_frame_by_a_way_that_was_there_t
     assert original(replace(there, station=RADIO), ON, relative=True) is None  # the same way: so long after it is new
 
 
-@pytest.mark.parametrize("in_whole_numbers", [True, False])
-def test_what_is_asked_relative_to_now_in_whole_numbers_and_soon_repeated_is_one(in_whole_numbers):
-    before = replace(ON, in_whole_numbers=in_whole_numbers)
+@pytest.mark.parametrize("is_int", [True, False])
+def test_what_is_asked_relative_to_now_in_whole_numbers_and_soon_repeated_is_one(is_int):
+    before = replace(ON, is_int=is_int)
     soon, late = (replace(before, t_s=1000.0 + REPEAT_S + more_s, sequence=8) for more_s in (-SHORTLY, SHORTLY))
-    assert original(soon, before, relative=True) is (before if in_whole_numbers else None)
+    assert original(soon, before, relative=True) is (before if is_int else None)
     assert original(soon, before) is None
     assert original(late, before, relative=True) is None
 
@@ -97,25 +97,25 @@ def test_a_double_of_an_earlier_one_that_comes_behind_its_contrary_is_not_done_a
     double = replace(ON, t_s=1000.0 + OVERTAKEN_S - SHORTLY)
     assert original(double, ON, contrary) is ON
     assert original(replace(double, t_s=1000.0 + OVERTAKEN_S + SHORTLY), ON, contrary) is None
-    assert original(replace(double, sequence=9), ON, contrary) is None  # ordered anew
-    assert original(replace(double, asked=b"other"), ON, contrary) is None
+    assert original(replace(double, sequence=9), ON, contrary) is None  # ordered again
+    assert original(replace(double, content=b"other"), ON, contrary) is None
     assert original(double, ON, replace(contrary, sequence=7)) is None  # a sender that does not count
 
 
 def test_of_one_command_the_latest_few_are_known():
-    several = [replace(ON, asked=bytes([number]), sequence=number) for number in range(5)]
+    several = [replace(ON, content=bytes([number]), sequence=number) for number in range(5)]
     assert [original(replace(one, t_s=1000.5), *several) for one in several] == [None, *several[1:]]
 
 
 def test_what_others_asked_is_not_ones_own():
     memory = CommandMemory()
     memory.remember(ARM, ON)
-    asked = {"confirmed": True, "relative": False}
-    assert memory.find_duplicate(ARM, ON, **asked) is ON
+    options = {"confirmed": True, "relative": False}
+    assert memory.find_duplicate(ARM, ON, **options) is ON
     other = replace(ON, station=Station(RADIO.peer, (254, 190)))
-    assert memory.find_duplicate(ARM, other, **asked) is None
-    assert memory.find_duplicate(ARM + 1, ON, **asked) is None
-    assert memory.find_duplicate(ARM, replace(ON, station=SATELLITE), **asked) is None
+    assert memory.find_duplicate(ARM, other, **options) is None
+    assert memory.find_duplicate(ARM + 1, ON, **options) is None
+    assert memory.find_duplicate(ARM, replace(ON, station=SATELLITE), **options) is None
 
 
 def test_a_bounded_number_of_commands_is_known_the_latest_used():

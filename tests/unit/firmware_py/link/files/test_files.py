@@ -32,7 +32,7 @@ def client(disk, stored):
 
 def test_answers_carry_the_next_sequence_number_and_go_to_who_asked(client):
     reply = client.ask(0, sequence=0xFFFF, session=3)
-    assert (reply.ok, reply.sequence, reply.session, reply.asked, reply.to) == (True, 0, 3, 0, (255, 190))
+    assert (reply.ok, reply.sequence, reply.session, reply.query, reply.to) == (True, 0, 3, 0, (255, 190))
 
 
 @pytest.mark.parametrize("opcode", [128, 129])
@@ -49,7 +49,7 @@ def test_a_size_beyond_the_message_is_refused(client):
     assert client.ask(READ, size=240).error == (SIZE,)
 
 
-def test_somebody_elses_files_are_left_alone(client):
+def test_someone_elses_files_are_left_alone(client):
     message = client.request(LIST, "/")
     message.target_component = 42
     assert client.rig.tell(message) == []
@@ -245,15 +245,15 @@ def test_qgroundcontrol_ends_an_upload_by_a_reset(client, disk):
     assert (disk / "uploads" / "a.plan").read_bytes() == b"content"
 
 
-def test_an_upload_of_which_a_part_never_came_leaves_the_old_file_and_that_is_told(client, disk, texts):
+def test_an_upload_of_which_a_part_never_came_leaves_the_old_file_and_that_is_reported(client, disk, texts):
     (disk / "uploads" / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, CONTENT[:200])
     client.ask(WRITE, CONTENT[300:400], offset=300)
     client.ask(WRITE, CONTENT[190:250], offset=190)
-    said = client.rig.tell(client.request(TERMINATE))
-    assert [reply.error for reply in client.replies(said)] == [(FAIL,)]
-    assert texts(said) == ["uploads/a.plan: a part never came: send the file again"]
+    replies = client.rig.tell(client.request(TERMINATE))
+    assert [reply.error for reply in client.replies(replies)] == [(FAIL,)]
+    assert texts(replies) == ["uploads/a.plan: upload incomplete, send the file again"]
     assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
     client.ask(CREATE, "/uploads/a.plan")
     for start in (300, 0, 200, 100):  # none is missing, in whatever order
@@ -274,9 +274,9 @@ def test_a_reset_long_after_the_last_part_is_that_of_a_program_that_begins(clien
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, b"the fir")
     client.rig.now_s += 16.0
-    said = client.rig.tell(client.request(RESET))
-    assert [reply.error for reply in client.replies(said)] == [(FAIL,)]
-    assert texts(said) == ["An upload was broken off and is not kept: the file is as it was"]
+    replies = client.rig.tell(client.request(RESET))
+    assert [reply.error for reply in client.replies(replies)] == [(FAIL,)]
+    assert texts(replies) == ["Upload aborted: file unchanged"]
     assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
     assert client.ask(RESET).ok
 
@@ -371,9 +371,9 @@ def test_several_bursts_at_the_same_time_all_come_to_their_end(client):
     for number in range(3):
         client.ask(OPEN, "logs/00000001.BIN", session=number)
     requests = [client.request(BURST, size=20, session=number) for number in range(3)]
-    said = client.rig.tell(*requests)
-    assert sum(bytes(message.payload)[6] for message in said) == 3
-    assert sum(bytes(message.payload)[4] for message in said) == 3 * len(CONTENT)
+    replies = client.rig.tell(*requests)
+    assert sum(bytes(message.payload)[6] for message in replies) == 3
+    assert sum(bytes(message.payload)[4] for message in replies) == 3 * len(CONTENT)
 
 
 def test_files_are_counted(client, disk):
@@ -426,9 +426,9 @@ def test_a_link_that_loses_repeats_and_reorders_leaves_the_right_file(client, di
             if chance.random() < 0.3:
                 client.rig.tell(chance.choice(past[-12:]))
             if chance.random() < 0.75:
-                said = client.rig.tell(request)
+                replies = client.rig.tell(request)
                 if chance.random() < 0.75:
-                    return bytes(said[0].payload)
+                    return bytes(replies[0].payload)
             client.rig.now_s += 0.05
 
     content = random.Random(4).randbytes(6000)
@@ -458,10 +458,10 @@ def test_a_burst_leaves_room_for_others_on_a_slow_line(disk, stored, of):
     client.all(BURST, size=239)
     parts, beats, attitudes = [], 0, 0
     for tick in range(1, 40):
-        said = rig.tick()
-        parts += of(said, "FILE_TRANSFER_PROTOCOL")
-        beats += len(of(said, "HEARTBEAT"))
-        attitudes += len(of(said, "ATTITUDE"))
+        replies = rig.tick()
+        parts += of(replies, "FILE_TRANSFER_PROTOCOL")
+        beats += len(of(replies, "HEARTBEAT"))
+        attitudes += len(of(replies, "ATTITUDE"))
         assert len(parts) * 266 < 0.7 * 5760.0 * (0.1 * tick + 0.5)
     assert len(parts) >= len(CONTENT) // 239 - 1
     assert beats == pytest.approx(4, abs=1)
@@ -532,7 +532,7 @@ def test_without_storage_there_are_only_the_files_in_memory(rig, ftp_station):
     assert client.ask(CREATE, "uploads/a").error == (NOT_FOUND,)
 
 
-def test_a_client_that_counts_anew_for_each_file_reads_it_as_it_is_now(client, disk):
+def test_a_client_that_counts_again_for_each_file_reads_it_as_it_is_now(client, disk):
     for content in (b"first", b"second", b"third"):
         (disk / "logs" / "00000001.BIN").unlink()  # or the open file would change with it
         (disk / "logs" / "00000001.BIN").write_bytes(content)

@@ -34,7 +34,7 @@ class PlanStation:
 
     @staticmethod
     def item(sequence, command=16, *, kind=0, frame=6, x=None, y=1_210_000_000, z=0.0, params=(0.0,) * 4, current=0):
-        """A MISSION_ITEM_INT; by default a waypoint whose place tells its number."""
+        """A MISSION_ITEM_INT; by default a waypoint whose place reports its number."""
         x = 360_000_000 + sequence if x is None else x
         head = (1, 1, sequence, frame, command, current, 1)
         return mavlink.MAVLink_mission_item_int_message(*head, *params, x, y, z, kind)
@@ -48,13 +48,13 @@ class PlanStation:
 
     def upload(self, items, kind=0):
         """PlanUpload a plan as a station does, item by item as asked; return the MISSION_ACK."""
-        said = self.count(len(items), kind)
-        while said[-1].get_type() != "MISSION_ACK":
-            (request,) = said
+        replies = self.count(len(items), kind)
+        while replies[-1].get_type() != "MISSION_ACK":
+            (request,) = replies
             assert (request.get_type(), request.mission_type) == ("MISSION_REQUEST_INT", kind)
             assert (request.target_system, request.target_component) == (255, 190)
-            said = self.answers(items[request.seq])
-        (ack,) = said
+            replies = self.answers(items[request.seq])
+        (ack,) = replies
         assert (ack.mission_type, ack.target_system, ack.target_component) == (kind, 255, 190)
         return ack
 

@@ -146,7 +146,7 @@ def test_any_good_item_goes_and_comes_back(station, fields):
     assert station.fields(read) == station.fields(sent)
 
 
-# ------------------------------------------------------------------------------ how far she is
+# ------------------------------------------------------------------------------ how far the boat is
 
 
 def current(station, **changes):
@@ -154,29 +154,34 @@ def current(station, **changes):
 
 
 @pytest.mark.parametrize("identity", [0, 3])
-def test_the_current_item_is_told_at_once_when_it_changes(make_station, identity):
+def test_the_current_item_is_reported_at_once_when_it_changes(make_station, identity):
     station = make_station(identity=identity)
-    (told,) = current(station, mission=GOING, mode=Mode.AUTO)
-    assert (told.seq, told.total, told.mission_state, told.mission_mode) == (1 + station.home_count, 3, 3, 1)
-    assert (told.mission_id, told.fence_id, told.rally_points_id) == (11, 22, 33)
+    (reports,) = current(station, mission=GOING, mode=Mode.AUTO)
+    assert (reports.seq, reports.total, reports.mission_state, reports.mission_mode) == (
+        1 + station.home_count,
+        3,
+        3,
+        1,
+    )
+    assert (reports.mission_id, reports.fence_id, reports.rally_points_id) == (11, 22, 33)
     assert current(station, mission=GOING) == []
-    (told,) = current(station, mission=msgspec.structs.replace(GOING, index=2))
-    assert (told.seq, told.mission_mode) == (2 + station.home_count, 2)
+    (reports,) = current(station, mission=msgspec.structs.replace(GOING, index=2))
+    assert (reports.seq, reports.mission_mode) == (2 + station.home_count, 2)
 
 
-def test_no_mission_is_told(station):
+def test_no_mission_is_reported(station):
     current(station, mission=GOING)
-    (told,) = current(station)
-    assert (told.seq, told.total, told.mission_state) == (0, 65535, 1)
+    (reports,) = current(station)
+    assert (reports.seq, reports.total, reports.mission_state) == (0, 65535, 1)
 
 
-def test_reached_items_are_told(station, make_station):
+def test_reached_items_are_reported(station, make_station):
     reached = msgspec.structs.replace(GOING, reached=(0, 1))
-    said = [m.seq for m in station.rig.tick(mission=reached) if m.get_type() == "MISSION_ITEM_REACHED"]
-    assert said == [1, 2]
+    replies = [m.seq for m in station.rig.tick(mission=reached) if m.get_type() == "MISSION_ITEM_REACHED"]
+    assert replies == [1, 2]
     generic = make_station(identity=0)
-    said = [m.seq for m in generic.rig.tick(mission=reached) if m.get_type() == "MISSION_ITEM_REACHED"]
-    assert said == [0, 1]
+    replies = [m.seq for m in generic.rig.tick(mission=reached) if m.get_type() == "MISSION_ITEM_REACHED"]
+    assert replies == [0, 1]
 
 
 @pytest.mark.parametrize(("identity", "sequence", "index"), [(3, 2, 1), (3, 1, 0), (3, 0, 0), (0, 2, 2), (0, 0, 0)])
@@ -190,6 +195,6 @@ def test_another_item_is_gone_on_with(make_station, identity, sequence, index):
 
 def test_an_item_that_cannot_be_gone_on_with(station, texts):
     station.rig.request_handler.answer = Answer(Verdict.DENIED, "there is no item 7")
-    said = station.rig.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 8))
-    assert texts(said) == ["there is no item 7"]
+    replies = station.rig.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 8))
+    assert texts(replies) == ["there is no item 7"]
     assert len(current(station)) == 1

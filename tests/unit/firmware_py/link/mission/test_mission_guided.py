@@ -46,6 +46,6 @@ def test_a_bad_waypoint_is_refused_and_changes_nothing(rig, message, result):
 
 def test_a_refusal_of_the_loop_is_passed_on_with_its_reason(rig, texts):
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
-    said = rig.tell(item(1, 1))
-    assert said[0].type == mavlink.MAV_MISSION_DENIED
-    assert texts(said) == ["not in GUIDED"]
+    replies = rig.tell(item(1, 1))
+    assert replies[0].type == mavlink.MAV_MISSION_DENIED
+    assert texts(replies) == ["not in GUIDED"]

@@ -45,7 +45,7 @@ class FarStation:
     def send(self, message):
         self.up.put(message, self.near.rig.now_s)
 
-    def heard(self):
+    def received(self):
         """Let a tick go by; return what has come."""
         rig = self.near.rig
         for message in self.up.due(rig.now_s):
@@ -62,24 +62,24 @@ class FarStation:
             if self.near.rig.now_s - asked_s >= 1.0:
                 self.send(question)
                 asked_s = self.near.rig.now_s
-            for message in self.heard():
+            for message in self.received():
                 if wanted(message):
                     return message
         raise AssertionError(f"{question} was never answered")
 
     def upload(self, items):
         """PlanUpload a plan; return the result of it."""
-        last, said_s = mavlink.MAVLink_mission_count_message(1, 1, len(items), 0), self.near.rig.now_s
+        last, sent_s = mavlink.MAVLink_mission_count_message(1, 1, len(items), 0), self.near.rig.now_s
         self.send(last)
         while self.near.rig.now_s < LONGEST_S:
-            for message in self.heard():
+            for message in self.received():
                 if message.get_type() == "MISSION_ACK":
                     return message
                 if message.seq < len(items):  # else of an upload that is over
-                    last, said_s = items[message.seq], self.near.rig.now_s
+                    last, sent_s = items[message.seq], self.near.rig.now_s
                     self.send(last)
-            if self.near.rig.now_s - said_s >= 3.0:
-                said_s = self.near.rig.now_s
+            if self.near.rig.now_s - sent_s >= 3.0:
+                sent_s = self.near.rig.now_s
                 self.send(last)
         raise AssertionError("the upload never ended")
 
@@ -108,7 +108,7 @@ def test_plans_come_and_go_whole_over_a_bad_link(station, seed):
     again = station.mission(20, start=1000)
     far.upload(again)
     for _ in range(200):
-        far.heard()
+        far.received()
     assert station.places() in (list(range(1001, 1021)), list(range(1, 1 + ITEMS)))
 
 
@@ -137,7 +137,7 @@ def upload_s(station, items, seed):
     rig, chances = station.rig, random.Random(seed)
     up, down, parser = Line(chances), Line(chances), mavlink.MAVLink(None)
     last = mavlink.MAVLink_mission_count_message(1, 1, len(items), 0)
-    begun_s, said_s, tick_s = rig.now_s, -SILENCE_S, rig.now_s
+    begun_s, sent_s, tick_s = rig.now_s, -SILENCE_S, rig.now_s
 
     def carry():
         sent, rig.transport.sent = rig.transport.sent, []
@@ -151,9 +151,9 @@ def upload_s(station, items, seed):
                     assert message.type == 0
                     return rig.now_s - begun_s
                 if message.get_type() == "MISSION_REQUEST_INT":
-                    last, said_s = items[message.seq], -SILENCE_S
-        if rig.now_s - said_s >= SILENCE_S:
-            said_s = rig.now_s
+                    last, sent_s = items[message.seq], -SILENCE_S
+        if rig.now_s - sent_s >= SILENCE_S:
+            sent_s = rig.now_s
             up.put(rig.frame(last), rig.now_s)
         rig.now_s += 0.01
         for data in up.due(rig.now_s):

@@ -14,7 +14,7 @@ BY_SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
 OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
 
 
-def other_tells(station, message):
+def other_sends(station, message):
     """What a second ground station is answered."""
     return station.protocol(station.rig.give(message.pack(OTHER)))
 
@@ -62,8 +62,8 @@ def test_coordinates_that_are_none_are_refused(station, texts):
     for x, y, result in ((math.nan, 0, 10), (0, math.inf, 11), (1e30, 0, 10), (214.8, 0, 10)):
         station.count(2)
         station.answers(station.item(0))
-        said = station.rig.tell(mavlink.MAVLink_mission_item_message(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, x, y, 0))
-        assert station.protocol(said)[0].type == result
+        replies = station.rig.tell(mavlink.MAVLink_mission_item_message(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, x, y, 0))
+        assert station.protocol(replies)[0].type == result
     assert station.places() == [1]
 
 
@@ -85,12 +85,12 @@ def test_home_alone_is_an_empty_mission_as_mavsdk_clears_one(station):
 
 @pytest.mark.parametrize("count", [0, 2])
 @pytest.mark.parametrize(("frame", "command"), [(6, 16), (3, 16), (0, 19)])
-def test_a_waypoint_sent_for_home_is_told_to_be_none(station, texts, frame, command, count):
+def test_a_waypoint_sent_for_home_is_reported_to_be_none(station, texts, frame, command, count):
     first = station.item(0, command, frame=frame)
     station.count(1 + count)
-    said = [message for item in (first, *station.mission(count)[1:]) for message in station.rig.tell(item)]
-    assert [ack.type for ack in station.protocol(said) if ack.get_type() == "MISSION_ACK"] == [0]
-    assert texts(said)[-1] == "Item 0 is home: the waypoint that was sent as such is not sailed"
+    replies = [message for item in (first, *station.mission(count)[1:]) for message in station.rig.tell(item)]
+    assert [ack.type for ack in station.protocol(replies) if ack.get_type() == "MISSION_ACK"] == [0]
+    assert texts(replies)[-1] == "First waypoint is taken as home and skipped"
 
 
 @pytest.mark.parametrize(
@@ -103,12 +103,12 @@ def test_a_waypoint_sent_for_home_is_told_to_be_none(station, texts, frame, comm
         {"frame": 2, "x": 0, "y": 0, "command": 178},
     ],
 )
-def test_what_a_station_holds_for_home_is_told_nothing_of(station, texts, first):
+def test_what_a_station_holds_for_home_is_reported_nothing_of(station, texts, first):
     station.count(3)
-    said = [
+    replies = [
         message for item in (station.item(0, **first), *station.mission(2)[1:]) for message in station.rig.tell(item)
     ]
-    assert texts(said) == ["New mission: items 1 to 2"]
+    assert texts(replies) == ["New mission: items 1 to 2"]
 
 
 @pytest.mark.parametrize("identity", [0, 3])
@@ -133,19 +133,19 @@ def test_a_jump_to_home_is_refused(station, texts):
     jump = station.item(2, 177, frame=2, params=(0.0, 1.0, 0, 0))
     station.count(3)
     station.answers(*station.mission(1))
-    said = station.rig.tell(jump)
-    assert [ack.type for ack in station.protocol(said)] == [PlanResult.INVALID_PARAM1]
-    assert texts(said) == ["Mission not taken: item 2: DO_JUMP: param1 is home, which is no item to go on with"]
+    replies = station.rig.tell(jump)
+    assert [ack.type for ack in station.protocol(replies)] == [PlanResult.INVALID_PARAM1]
+    assert texts(replies) == ["Mission rejected: item 2: DO_JUMP: param1 is home, which is no item to go on with"]
 
 
 def test_a_bad_item_ends_the_upload_at_once_and_the_old_plan_stands(station, texts):
     station.upload(station.mission(2))
     station.count(4)
     station.answers(station.item(0))
-    said = station.rig.tell(station.item(1, 21))
-    (ack,) = station.protocol(said)
+    replies = station.rig.tell(station.item(1, 21))
+    (ack,) = station.protocol(replies)
     assert (ack.type, ack.opaque_id) == (PlanResult.UNSUPPORTED, 0)
-    assert texts(said) == ["Mission not taken: item 1: command 21 is not known in a mission plan"]
+    assert texts(replies) == ["Mission rejected: item 1: command 21 is not known in a mission plan"]
     # The refusal is said again when its item comes again, and what comes late is left alone.
     (again,) = station.answers(station.item(1, 21))
     assert again.type == PlanResult.UNSUPPORTED
@@ -157,9 +157,9 @@ def test_what_only_the_whole_shows_is_refused_too(station, texts):
     jump = station.item(1, 177, frame=2, params=(7.0, 1.0, 0, 0))
     station.count(2)
     station.answers(station.item(0))
-    said = station.rig.tell(jump)
-    assert station.protocol(said)[0].type == PlanResult.INVALID_PARAM1
-    assert texts(said) == ["Mission not taken: item 1: DO_JUMP: the target item does not exist"]
+    replies = station.rig.tell(jump)
+    assert station.protocol(replies)[0].type == PlanResult.INVALID_PARAM1
+    assert texts(replies) == ["Mission rejected: item 1: DO_JUMP: the target item does not exist"]
 
 
 def test_duplicates_and_strangers_in_the_sequence_do_no_harm(station):
@@ -189,22 +189,22 @@ def test_an_item_out_of_nowhere_is_not_wanted(station):
 
 def test_what_does_not_come_is_asked_for_again_and_by_turns_in_the_old_way(station):
     station.count(3)
-    asked = station.protocol(station.rig.ticks(60))
-    assert {request.seq for request in asked} == {0}
-    kinds = [request.get_type() for request in asked]
+    query = station.protocol(station.rig.ticks(60))
+    assert {request.seq for request in query} == {0}
+    kinds = [request.get_type() for request in query]
     assert {"MISSION_REQUEST", "MISSION_REQUEST_INT"} == set(kinds)
-    assert 4 <= len(asked) <= 12
+    assert 4 <= len(query) <= 12
     (request,) = station.answers(station.item(0))
     assert request.seq == 1
 
 
-def test_who_is_silent_for_long_is_told_that_it_is_over(station, texts):
+def test_who_is_silent_for_long_is_reported_that_it_is_over(station, texts):
     station.upload(station.mission(1))
     station.count(4)
-    said = station.rig.ticks(170)
-    ack = station.protocol(said)[-1]
+    replies = station.rig.ticks(170)
+    ack = station.protocol(replies)[-1]
     assert (ack.get_type(), ack.type) == ("MISSION_ACK", PlanResult.OPERATION_CANCELLED)
-    assert texts(said)[-1] == "Mission not taken: the station fell silent at item 0"
+    assert texts(replies)[-1] == "Mission rejected: station silent at item 0"
     assert station.protocol(station.rig.ticks(50)) == []
     assert station.places() == [1]
 
@@ -228,10 +228,10 @@ def test_a_quick_station_is_asked_again_sooner(station):
 )
 def test_a_line_by_satellite_is_given_its_time(make_station, line):
     station = make_station(radio=True, **line)
-    asked = [len(station.count(2))]
-    asked += [len(station.protocol(station.rig.tick(seconds=10.0))) for _ in range(30)]
-    assert (sum(asked[:2]), asked[2:12]) == (1, [0] * 10)
-    assert sum(asked) == 3
+    query = [len(station.count(2))]
+    query += [len(station.protocol(station.rig.tick(seconds=10.0))) for _ in range(30)]
+    assert (sum(query[:2]), query[2:12]) == (1, [0] * 10)
+    assert sum(query) == 3
     assert [message.get_type() for message in station.answers(station.item(0))] != ["MISSION_ACK"]
 
 
@@ -244,17 +244,17 @@ RADIO = {"byte_rate": 5760.0, "radio": True, "datagrams": False}
 def test_on_a_slow_way_an_item_is_not_asked_for_while_its_answer_is_under_way(make_station, line, trip_s, in_vain):
     """A round trip longer than the first wait: each asking is answered, so that the first item comes several times."""
     station = make_station(**line)
-    items, asked, under_way = station.mission(20), [], []
-    said = station.count(len(items))
-    while not said or said[-1].get_type() != "MISSION_ACK":
-        asked += [request.seq for request in said]
-        under_way += [(station.rig.now_s + trip_s, items[request.seq]) for request in said]
+    items, query, under_way = station.mission(20), [], []
+    replies = station.count(len(items))
+    while not replies or replies[-1].get_type() != "MISSION_ACK":
+        query += [request.seq for request in replies]
+        under_way += [(station.rig.now_s + trip_s, items[request.seq]) for request in replies]
         if under_way and under_way[0][0] <= station.rig.now_s:
-            said = station.answers(under_way.pop(0)[1])
+            replies = station.answers(under_way.pop(0)[1])
         else:
-            said = station.protocol(station.rig.tick())
-    assert set(asked) == set(range(21))
-    assert len(asked) <= 21 + in_vain
+            replies = station.protocol(station.rig.tick())
+    assert set(query) == set(range(21))
+    assert len(query) <= 21 + in_vain
     assert station.rig.now_s < 1.2 * 21 * trip_s + 5.0
 
 
@@ -266,7 +266,7 @@ def test_what_is_lost_on_an_even_line_costs_half_a_round_trip_more(make_station,
         station.rig.ticks(round(trip_s / 0.1))
         station.answers(item, item)  # what was asked for in vain comes, too
     waited = [station.protocol(station.rig.tick()) for _ in range(round(1.5 * trip_s / 0.1))]
-    assert [request.seq for said in waited for request in said] == [10]
+    assert [request.seq for replies in waited for request in replies] == [10]
 
 
 def test_where_round_trips_are_long_silence_is_no_end(station):
@@ -275,12 +275,12 @@ def test_where_round_trips_are_long_silence_is_no_end(station):
     for item in items[:3]:
         station.rig.ticks(60)
         station.answers(item, item)
-    said = station.protocol(station.rig.ticks(500))
-    assert {message.get_type() for message in said} == {"MISSION_REQUEST_INT"}  # which it has answered
+    replies = station.protocol(station.rig.ticks(500))
+    assert {message.get_type() for message in replies} == {"MISSION_REQUEST_INT"}  # which it has answered
     assert "MISSION_ACK" in [message.get_type() for message in station.protocol(station.rig.ticks(200))]
 
 
-def test_what_a_lossy_line_doubles_makes_her_no_slower_for_long(make_station):
+def test_what_a_lossy_line_doubles_makes_it_no_slower_for_long(make_station):
     station = make_station(byte_rate=5760.0, radio=True, datagrams=False)
     items = station.mission(20)
     station.count(len(items))
@@ -299,7 +299,7 @@ def test_over_a_radio_what_is_lost_is_asked_for_again_before_a_station_gives_up(
     assert len(station.protocol(station.rig.ticks(50))) >= 2
 
 
-def test_a_station_may_begin_anew(station):
+def test_a_station_may_begin_again(station):
     station.count(3)
     station.answers(station.item(0), station.item(1))
     items = station.mission(3, start=100)
@@ -336,8 +336,8 @@ def test_a_clearing_that_the_line_has_doubled_touches_no_later_plan(station, mis
     assert [ack.type for ack in station.protocol(station.rig.give(clearing))] == [0]
     station.count(3)
     assert station.protocol(station.rig.give(clearing)) == []  # under way
-    said = [message for item in station.mission(2) for message in station.answers(item)]
-    assert (said[-1].get_type(), said[-1].type) == ("MISSION_ACK", 0)
+    replies = [message for item in station.mission(2) for message in station.answers(item)]
+    assert (replies[-1].get_type(), replies[-1].type) == ("MISSION_ACK", 0)
     assert station.protocol(station.rig.give(clearing)) == []  # and in force
     assert station.places() == [1, 2]
     # Asked again it comes with another number.
@@ -355,11 +355,11 @@ def test_a_second_station_waits_for_its_turn(station):
         mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 0),
         station.item(1),
     ):
-        (ack,) = other_tells(station, message)
+        (ack,) = other_sends(station, message)
         assert (ack.type, ack.target_system) == (PlanResult.DENIED, 254)
     # Its cancelling is not the other's, and other kinds are free.
-    assert other_tells(station, mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)) == []
-    assert [m.get_type() for m in other_tells(station, mavlink.MAVLink_mission_count_message(1, 1, 1, 2))] == [
+    assert other_sends(station, mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)) == []
+    assert [m.get_type() for m in other_sends(station, mavlink.MAVLink_mission_count_message(1, 1, 1, 2))] == [
         "MISSION_REQUEST_INT"
     ]
     station.answers(station.item(1))
@@ -370,12 +370,12 @@ def test_a_second_station_waits_for_its_turn(station):
 def test_a_second_station_takes_the_turn_of_one_that_fell_silent(station):
     station.count(3)
     station.rig.ticks(60)
-    said = other_tells(station, mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
-    assert [(message.get_type(), message.target_system) for message in said] == [
+    replies = other_sends(station, mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    assert [(message.get_type(), message.target_system) for message in replies] == [
         ("MISSION_ACK", 255),
         ("MISSION_REQUEST_INT", 254),
     ]
-    assert said[0].type == PlanResult.OPERATION_CANCELLED
+    assert replies[0].type == PlanResult.OPERATION_CANCELLED
     (late,) = station.answers(station.item(0))
     assert late.type == PlanResult.OPERATION_CANCELLED
 
@@ -391,7 +391,7 @@ def test_the_end_is_said_when_the_plan_is_on_disk(station):
     assert station.places() == [1]
     (stored,) = station.rig.request_handler.waiting
     stored(True)
-    (ack,) = station.protocol(station.rig.said())
+    (ack,) = station.protocol(station.rig.replies())
     assert (ack.type, station.places()) == (0, [51, 52])
 
 
@@ -399,9 +399,9 @@ def test_a_disk_that_fails_leaves_the_old_plan(station, texts):
     station.upload(station.mission(1))
     station.rig.request_handler.plans_stored = False
     station.count(1)
-    said = station.rig.tell(station.item(0))
-    assert station.protocol(said)[-1].type == PlanResult.ERROR
-    assert texts(said) == ["Mission not taken: the disk is full"]
+    replies = station.rig.tell(station.item(0))
+    assert station.protocol(replies)[-1].type == PlanResult.ERROR
+    assert texts(replies) == ["Mission rejected: the disk is full"]
     assert station.places() == [1]
 
 
@@ -413,7 +413,7 @@ def test_an_upload_begun_while_another_is_being_stored_gets_no_end_of_that(stati
     station.count(2)
     (stored,) = station.rig.request_handler.waiting
     stored(True)
-    assert station.protocol(station.rig.said()) == []
+    assert station.protocol(station.rig.replies()) == []
     assert station.places() == [1]
 
 
@@ -421,9 +421,9 @@ def test_a_refusal_of_the_loop_is_passed_on(station, texts):
     station.rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not now")
     station.count(2)
     station.answers(station.item(0))
-    said = station.rig.tell(station.item(1))
-    assert station.protocol(said)[-1].type == PlanResult.ERROR
-    assert texts(said) == ["Mission not taken: not now"]
+    replies = station.rig.tell(station.item(1))
+    assert station.protocol(replies)[-1].type == PlanResult.ERROR
+    assert texts(replies) == ["Mission rejected: not now"]
 
 
 # ------------------------------------------------------------------------- parts of a plan
@@ -434,7 +434,7 @@ def write_part(station, first, last, kind=0):
 
 
 @pytest.mark.parametrize("identity", [0, 3])
-def test_a_part_is_written_anew(make_station, identity):
+def test_a_part_is_written_again(make_station, identity):
     station = make_station(identity=identity)
     station.upload(station.mission(4))
     home = station.home_count
@@ -478,13 +478,13 @@ def test_a_part_of_a_plan_that_has_gone_meanwhile_is_refused(station):
 # ----------------------------------------------------------------------------------- clear
 
 
-@pytest.mark.parametrize(("shown", "left"), [(0, [1, 2]), (1, [0, 2]), (2, [0, 1]), (255, [])])
-def test_clearing(station, shown, left):
+@pytest.mark.parametrize(("published", "left"), [(0, [1, 2]), (1, [0, 2]), (2, [0, 1]), (255, [])])
+def test_clearing(station, published, left):
     station.upload(station.mission(1))
     station.upload([station.item(0, 5003, kind=1, params=(5.0, 0, 0, 0))], 1)
     station.upload([station.item(0, 5100, kind=2)], 2)
-    (ack,) = station.answers(mavlink.MAVLink_mission_clear_all_message(1, 1, shown))
-    assert (ack.type, ack.mission_type, ack.opaque_id) == (0, shown, 0)
+    (ack,) = station.answers(mavlink.MAVLink_mission_clear_all_message(1, 1, published))
+    assert (ack.type, ack.mission_type, ack.opaque_id) == (0, published, 0)
     assert [int(kind) for kind in PlanKind if station.rig.request_handler.plans().of(kind).items] == left
 
 
@@ -495,7 +495,7 @@ def test_clearing_again_and_again_is_one_clearing(station):
     assert station.answers(clear, clear, clear) == []
     (stored,) = station.rig.request_handler.waiting
     stored(True)
-    assert [ack.type for ack in station.protocol(station.rig.said())] == [0]
+    assert [ack.type for ack in station.protocol(station.rig.replies())] == [0]
     # And what is empty need not be stored.
     assert [ack.type for ack in station.answers(clear, clear)] == [0, 0]
     assert [ack.type for ack in station.count(0)] == [0]
@@ -503,15 +503,15 @@ def test_clearing_again_and_again_is_one_clearing(station):
 
 
 @pytest.mark.parametrize("other", [0, 255])
-def test_whoever_else_clears_meanwhile_has_an_answer_too_and_all_that_was_asked_is_cleared(station, other):
+def test_anyone_who_else_clears_meanwhile_has_an_answer_too_and_all_that_was_asked_is_cleared(station, other):
     station.upload(station.mission(1))
     station.upload([station.item(0, 5003, kind=1, params=(5.0, 0, 0, 0))], 1)
     station.rig.request_handler.at_once = False
     assert station.answers(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)) == []
-    assert other_tells(station, mavlink.MAVLink_mission_clear_all_message(1, 1, other)) == []
+    assert other_sends(station, mavlink.MAVLink_mission_clear_all_message(1, 1, other)) == []
     for stored in station.rig.request_handler.waiting:
         stored(True)
-    acks = [(ack.target_system, ack.type, ack.mission_type) for ack in station.protocol(station.rig.said())]
+    acks = [(ack.target_system, ack.type, ack.mission_type) for ack in station.protocol(station.rig.replies())]
     assert sorted(acks) == sorted([(255, 0, 0), (254, 0, other)])
     fence = station.rig.request_handler.plans().fence
     assert bool(fence.items) is (other == 0)
@@ -520,9 +520,9 @@ def test_whoever_else_clears_meanwhile_has_an_answer_too_and_all_that_was_asked_
 def test_clearing_what_cannot_be_stored(station, texts):
     station.upload(station.mission(1))
     station.rig.request_handler.plans_stored = False
-    said = station.rig.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
-    assert station.protocol(said)[-1].type == PlanResult.ERROR
-    assert texts(said) == ["Mission, fence and rally points not cleared: the disk is full"]
+    replies = station.rig.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    assert station.protocol(replies)[-1].type == PlanResult.ERROR
+    assert texts(replies) == ["Mission, fence and rally points not cleared: the disk is full"]
     assert station.places() == [1]
 
 
@@ -561,12 +561,12 @@ def test_a_refused_beginning_ends_the_upload_that_was_under_way(station, refused
     assert ack.type in (PlanResult.NO_SPACE, PlanResult.INVALID_SEQUENCE)
     assert station.protocol(station.rig.ticks(100)) == []
     other = station.mission(3, start=100)
-    said = station.answers(other[2], other[3])
-    assert {message.type for message in said} == {PlanResult.ERROR}
+    replies = station.answers(other[2], other[3])
+    assert {message.type for message in replies} == {PlanResult.ERROR}
     assert station.places() == [1, 2]
 
 
-def twin_tells(station, *messages):
+def twin_sends(station, *messages):
     """What is answered to each of two stations with one number, when the second one speaks, by address."""
     transport = station.rig.transport
     transport.sent.clear()
@@ -576,7 +576,7 @@ def twin_tells(station, *messages):
     answers = {}
     for address in ("station", "twin"):
         transport.sent = list(sent)
-        answers[address] = station.protocol(station.rig.said(address))
+        answers[address] = station.protocol(station.rig.replies(address))
     return answers
 
 
@@ -584,15 +584,15 @@ def test_two_stations_with_one_number_never_mix_their_plans(station):
     station.count(4)
     station.answers(station.item(0), station.item(1))
     others = station.mission(3, start=100)
-    answers = twin_tells(station, mavlink.MAVLink_mission_count_message(1, 1, 4, 0), others[2], others[3])
+    answers = twin_sends(station, mavlink.MAVLink_mission_count_message(1, 1, 4, 0), others[2], others[3])
     assert answers["station"] == []
     assert [ack.type for ack in answers["twin"]] == [PlanResult.DENIED] * 3
-    assert twin_tells(station, mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)) == {"station": [], "twin": []}
-    said = station.answers(station.item(2), station.item(3))
-    assert [message.type for message in said if message.get_type() == "MISSION_ACK"] == [0]
+    assert twin_sends(station, mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)) == {"station": [], "twin": []}
+    replies = station.answers(station.item(2), station.item(3))
+    assert [message.type for message in replies if message.get_type() == "MISSION_ACK"] == [0]
     assert station.places() == [1, 2, 3]
     # The end that is said again is said to who waits for it.
-    (lost,) = twin_tells(station, station.item(3))["twin"]
+    (lost,) = twin_sends(station, station.item(3))["twin"]
     assert lost.type == PlanResult.ERROR
 
 
@@ -601,9 +601,9 @@ def test_two_stations_with_one_number_read_each_its_own(station):
     station.listed()
     kept = station.rig.request_handler
     kept.plans_kept = kept.plans_kept.replaced(Plan(PlanKind.MISSION))
-    twin_tells(station, mavlink.MAVLink_mission_ack_message(1, 1, 0, 0))
+    twin_sends(station, mavlink.MAVLink_mission_ack_message(1, 1, 0, 0))
     assert station.read(2).get_type() == "MISSION_ITEM_INT"
-    (twins,) = twin_tells(station, mavlink.MAVLink_mission_request_int_message(1, 1, 2, 0))["twin"]
+    (twins,) = twin_sends(station, mavlink.MAVLink_mission_request_int_message(1, 1, 2, 0))["twin"]
     assert twins.type == PlanResult.INVALID_SEQUENCE
 
 
@@ -615,8 +615,8 @@ def test_who_comes_back_by_a_new_connection_need_not_wait_for_itself(station):
     station.rig.tell(count, address="first")
     station.rig.transport.served = ("again",)
     station.rig.tick()
-    said = station.protocol(station.rig.tell(count, address="again"))
-    assert [message.get_type() for message in said] == ["MISSION_REQUEST_INT"]
+    replies = station.protocol(station.rig.tell(count, address="again"))
+    assert [message.get_type() for message in replies] == ["MISSION_REQUEST_INT"]
 
 
 def a_fence(station, half=1_000):
@@ -630,13 +630,13 @@ OUT = "Mission item 2 is 11 m outside the fence"
 
 
 @pytest.mark.parametrize("identity", [0, 3])
-def test_whichever_of_mission_and_fence_comes_last_what_lies_outside_is_told(make_station, texts, identity):
+def test_whichever_of_mission_and_fence_comes_last_what_lies_outside_is_reported(make_station, texts, identity):
     station = make_station(identity=identity)
     items = [*station.mission(1), station.item(station.home_count + 1, x=360_002_000)]
     out = OUT if identity else OUT.replace("2", "1", 1)
     station.upload(a_fence(station), 1)
     assert out not in texts(station.rig.ticks(3))
-    for _ in range(2):  # the same again is told again
+    for _ in range(2):  # the same again is reported again
         station.upload(items)
         assert texts(station.rig.ticks(3)).count(out) == 1
         assert out not in texts(station.rig.ticks(3))
@@ -646,7 +646,7 @@ def test_whichever_of_mission_and_fence_comes_last_what_lies_outside_is_told(mak
     assert texts(station.rig.ticks(3)).count(out) == 1
 
 
-def test_several_items_outside_are_told_in_one_text(station, texts):
+def test_several_items_outside_are_reported_in_one_text(station, texts):
     station.upload(a_fence(station), 1)
     station.upload([*station.mission(1), *(station.item(n, x=360_002_000) for n in range(2, 52))])
     assert texts(station.rig.ticks(5)) == [f"{OUT}, and 49 more"]

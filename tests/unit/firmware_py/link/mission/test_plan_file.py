@@ -68,8 +68,8 @@ def test_what_is_refused_changes_nothing_and_says_why(ftp_station, station, text
     items[2] = station.item(2, command=9999)
     client.ask(CREATE, MISSION)
     client.ask(WRITE, content(items))
-    said = client.rig.tell(client.request(TERMINATE))
-    assert any(text.startswith("@MISSION/mission.dat: item 2: ") for text in texts(said))
+    replies = client.rig.tell(client.request(TERMINATE))
+    assert any(text.startswith("@MISSION/mission.dat: item 2: ") for text in texts(replies))
     assert rig.request_handler.plans() == before
 
 
@@ -118,13 +118,13 @@ def test_the_loops_thread_neither_makes_nor_judges_a_plan(stored, station, monke
         monkeypatch.setattr(plan_file, name, noting(getattr(plan_file, name)))
 
     def ask(*request, **fields):
-        said = client.all(*request, **fields)
-        while not said:  # until the worker is done
+        replies = client.all(*request, **fields)
+        while not replies:  # until the worker is done
             assert select.select(rig.endpoint.descriptors()[-1:], [], [], 20.0)[0]
             rig.endpoint.service(rig.now_s, rig.endpoint.descriptors()[-1:])
-            said = client.replies(rig.said())
-        assert said[0].ok, said[0].error
-        return said[0]
+            replies = client.replies(rig.replies())
+        assert replies[0].ok, replies[0].error
+        return replies[0]
 
     try:
         ask(CREATE, MISSION)

@@ -32,8 +32,8 @@ def test_a_datagram_holds_the_sentences_that_were_chosen_at_the_rate_that_was_ch
         for tenth in range(10):
             output.publish(scene, tenth / 10.0)
         assert listener.recv(2000).split(b"\r\n")[:-1] == [b"$AGRSA,11.5,A,,V*4A", b"$HCHDT,57.3,T*18"]
-        told = output.status(1.0)
-        assert (told.url, told.rates, told.peers[0].sent_bytes) == (url, "NMEA 0183", 2 * (21 + 18))
+        reports = output.status(1.0)
+        assert (reports.url, reports.rates, reports.peers[0].sent_bytes) == (url, "NMEA 0183", 2 * (21 + 18))
 
 
 def test_late_ones_are_left_out(listener):

@@ -1,4 +1,4 @@
-"""What she says in NMEA 0183, as two libraries that are not hers read it."""
+"""What the boat says in NMEA 0183, as two libraries that are not its own read it."""
 
 import math
 
@@ -31,7 +31,7 @@ def scene(declination_deg=-12.3, utc_s=UTC_S, **changes):
     return NmeaData(msgspec.structs.replace(SNAPSHOT, **changes), utc_s, math.radians(declination_deg))
 
 
-def said(name, **changes):
+def replies(name, **changes):
     """Return one sentence as pynmea2 reads it, which pynmeagps must read too; None when there is none."""
     found = sentences(scene(**changes), [name])
     if not found:
@@ -41,68 +41,71 @@ def said(name, **changes):
 
 
 def test_heading_true_and_magnetic_and_the_rate_of_turn():
-    assert said("HDT").data == ["350.0", "T"]
-    assert said("HDG").data == ["2.3", "", "", "12.3", "W"]
-    assert said("HDG", declination_deg=5.0).data == ["345.0", "", "", "5.0", "E"]
-    assert said("ROT", yaw_rate_rad_s=math.radians(-0.5)).data == ["-30.0", "A"]
+    assert replies("HDT").data == ["350.0", "T"]
+    assert replies("HDG").data == ["2.3", "", "", "12.3", "W"]
+    assert replies("HDG", declination_deg=5.0).data == ["345.0", "", "", "5.0", "E"]
+    assert replies("ROT", yaw_rate_rad_s=math.radians(-0.5)).data == ["-30.0", "A"]
 
 
 def test_north_is_never_360():
-    assert said("HDT", heading_rad=math.radians(359.97)).heading == 0
-    assert said("HDT", heading_rad=math.radians(-0.01)).heading == 0
+    assert replies("HDT", heading_rad=math.radians(359.97)).heading == 0
+    assert replies("HDT", heading_rad=math.radians(-0.01)).heading == 0
 
 
 def test_place_time_and_way_over_ground():
-    rmc = said("RMC")
+    rmc = replies("RMC")
     assert (rmc.latitude, rmc.longitude, rmc.status) == (-33.5, 151.25, "A")
     assert (str(rmc.datestamp), rmc.timestamp.isoformat()) == ("2026-11-01", "00:00:01.250000+00:00")
     assert (rmc.spd_over_grnd, rmc.true_course) == (0.97, 270.0)
-    gga = said("GGA")
+    gga = replies("GGA")
     assert (gga.latitude, gga.longitude, gga.gps_qual, gga.num_sats) == (-33.5, 151.25, 1, "08")
     assert (float(gga.horizontal_dil), gga.altitude) == (1.2, 12.5)
-    assert said("GGA", position=msgspec.structs.replace(FIX, fix=FixType.RTK_FIXED)).gps_qual == 4
+    assert replies("GGA", position=msgspec.structs.replace(FIX, fix=FixType.RTK_FIXED)).gps_qual == 4
 
 
 def test_there_are_never_60_minutes():
     position = msgspec.structs.replace(
         FIX, latitude_rad=math.radians(47.99999999), longitude_rad=math.radians(-8.99999999)
     )
-    assert (said("RMC", position=position).lat, said("RMC", position=position).lon) == ("4800.0000", "00900.0000")
+    assert (replies("RMC", position=position).lat, replies("RMC", position=position).lon) == ("4800.0000", "00900.0000")
 
 
-def test_without_a_fix_nobody_is_shown_an_old_place():
-    assert (said("RMC", position_ok=False).status, said("RMC", position_ok=False).lat) == ("V", "")
-    assert (said("GGA", position_ok=False).gps_qual, said("GGA", position_ok=False).lat) == (0, "")
-    assert said("XTE", position_ok=False, **LINE) is None
-    assert (said("RMC", position_ok=False, utc_s=5.0).timestamp, said("RMC", position_ok=False).status) == (None, "V")
+def test_without_a_fix_no_peer_is_shown_an_old_place():
+    assert (replies("RMC", position_ok=False).status, replies("RMC", position_ok=False).lat) == ("V", "")
+    assert (replies("GGA", position_ok=False).gps_qual, replies("GGA", position_ok=False).lat) == (0, "")
+    assert replies("XTE", position_ok=False, **LINE) is None
+    assert (replies("RMC", position_ok=False, utc_s=5.0).timestamp, replies("RMC", position_ok=False).status) == (
+        None,
+        "V",
+    )
 
 
 def test_without_a_heading_and_without_a_line_nothing_is_said():
     for name in ("HDT", "HDG", "ROT"):
-        assert said(name, heading_ok=False) is None
-    assert said("XTE") is None
-    assert said("APB") is None
-    assert said("VHW", heading_ok=False) is None
+        assert replies(name, heading_ok=False) is None
+    assert replies("XTE") is None
+    assert replies("APB") is None
+    assert replies("VHW", heading_ok=False) is None
 
 
 def test_the_rudder_to_starboard_is_positive_and_one_that_is_not_measured_is_marked():
-    assert said("RSA", rudder_rad=math.radians(-11.6)).data == ["-11.6", "A", "", "V"]
-    assert said("RSA", rudder_ok=False).data == said("RSA", rudder_rad=None).data == ["", "V", "", "V"]
+    assert replies("RSA", rudder_rad=math.radians(-11.6)).data == ["-11.6", "A", "", "V"]
+    assert replies("RSA", rudder_ok=False).data == replies("RSA", rudder_rad=None).data == ["", "V", "", "V"]
 
 
 def test_off_the_line_to_starboard_means_steer_left():
-    xte = said("XTE", **LINE)
+    xte = replies("XTE", **LINE)
     assert (float(xte.cross_track_err_dist), xte.correction_dir, xte.dist_units) == (0.1, "L", "N")
     port = LINE | {"navigation": msgspec.structs.replace(LINE["navigation"], cross_track_m=-185.2)}
-    assert said("XTE", **port).correction_dir == "R"
-    apb = said("APB", **LINE).data
+    assert replies("XTE", **port).correction_dir == "R"
+    apb = replies("APB", **LINE).data
     # Half the distance to the place off the line: that lies 30 degrees to the left of the bearing.
     assert apb[:7] == ["A", "A", "0.100", "L", "N", "V", "V"]
     assert apb[7:] == ["110.0", "T", "007", "80.0", "T", "114.6", "T", "A"]
 
 
 def test_speed_through_the_water_in_knots_and_kilometres():
-    vhw = said("VHW", water=Water(0.4, 0.1, 0.0, 0.0, 0.1))
+    vhw = replies("VHW", water=Water(0.4, 0.1, 0.0, 0.0, 0.1))
     assert vhw.data == ["350.0", "T", "2.3", "M", "0.78", "N", "1.44", "K"]
 
 
@@ -117,7 +120,7 @@ MAYBE = st.none() | st.just(math.nan) | st.just(math.inf)
     st.tuples(ANGLES, MAYBE | ANGLES, MAYBE | ANGLES, st.floats(-1e7, 1e7), st.floats(0.0, 1e7), ANGLES),
     st.floats(0.0, 5e9),
 )
-def test_whatever_she_does_both_libraries_read_it(fix, motion, utc_s):
+def test_whatever_it_does_both_libraries_read_it(fix, motion, utc_s):
     latitude_rad, longitude_rad, altitude_m, speed_m_s = fix
     heading_rad, rate_rad_s, course_rad, off_m, distance_m, bearing_rad = motion
     position = PositionSample(0.0, FixType.FIX_3D, latitude_rad, longitude_rad, altitude_m, speed_m_s, course_rad)

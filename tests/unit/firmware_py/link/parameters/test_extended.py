@@ -27,24 +27,24 @@ def read(name, index=-1):
 
 
 def test_the_list_is_whole(rig, of):
-    said = of(rig.tell(mavlink.MAVLink_param_ext_request_list_message(1, 1)) + rig.ticks(3), "PARAM_EXT_VALUE")
-    assert [value.param_id for value in said] == [row.name for row in TABLE]
-    assert [value.param_index for value in said] == list(range(len(TABLE)))
-    assert {value.param_count for value in said} == {len(TABLE)}
-    assert [number_in(value) for value in said] == pytest.approx(list(rig.request_handler.values.values()))
-    assert [value.param_type for value in said] == [row.kind for row in TABLE]
+    replies = of(rig.tell(mavlink.MAVLink_param_ext_request_list_message(1, 1)) + rig.ticks(3), "PARAM_EXT_VALUE")
+    assert [value.param_id for value in replies] == [row.name for row in TABLE]
+    assert [value.param_index for value in replies] == list(range(len(TABLE)))
+    assert {value.param_count for value in replies} == {len(TABLE)}
+    assert [number_in(value) for value in replies] == pytest.approx(list(rig.request_handler.values.values()))
+    assert [value.param_type for value in replies] == [row.kind for row in TABLE]
 
 
-def test_a_list_on_a_very_slow_line_silences_nobody(make_rig, of):
+def test_a_list_on_a_very_slow_line_silences_no_peer(make_rig, of):
     rig = make_rig(byte_rate=1200.0, radio=True)
     rig.tick()
     rig.tell(mavlink.MAVLink_param_ext_request_list_message(1, 1))
-    said = without_unasked(rig.ticks(50))
-    assert len(of(said, "PARAM_EXT_VALUE")) == pytest.approx(0.7 * 1200.0 * 5.0 / 174.0, abs=3)
-    assert len(of(said, "HEARTBEAT")) == pytest.approx(5, abs=1)
-    assert len(of(said, "ATTITUDE")) > 0
-    said += rig.ticks(250)
-    assert [value.param_index for value in of(said, "PARAM_EXT_VALUE")] == list(range(len(TABLE)))
+    replies = without_unasked(rig.ticks(50))
+    assert len(of(replies, "PARAM_EXT_VALUE")) == pytest.approx(0.7 * 1200.0 * 5.0 / 174.0, abs=3)
+    assert len(of(replies, "HEARTBEAT")) == pytest.approx(5, abs=1)
+    assert len(of(replies, "ATTITUDE")) > 0
+    replies += rig.ticks(250)
+    assert [value.param_index for value in of(replies, "PARAM_EXT_VALUE")] == list(range(len(TABLE)))
 
 
 def test_reading_by_name_and_by_index(rig):
@@ -63,15 +63,15 @@ def test_what_does_not_exist_is_said_not_to(rig, name, index):
 @pytest.mark.parametrize(
     ("value", "kind"), [(struct.pack("<f", 41.0), 9), (struct.pack("<d", 41.0), 10), (b"\x29", 1), (b"\x29\0\0\0", 6)]
 )
-def test_a_change_is_acknowledged_when_it_is_stored_and_told_to_everybody(rig, of, value, kind):
+def test_a_change_is_acknowledged_when_it_is_stored_and_reported_to_everybody(rig, of, value, kind):
     rig.request_handler.at_once = False
     assert rig.tell(set_to(b"CTL_K1", value, kind)) == []
     rig.request_handler.waiting.pop()(True)
-    said = rig.said()
-    (acknowledgement,), (told,) = of(said, "PARAM_EXT_ACK"), of(said, "PARAM_VALUE")
+    replies = rig.replies()
+    (acknowledgement,), (reports,) = of(replies, "PARAM_EXT_ACK"), of(replies, "PARAM_VALUE")
     assert (acknowledgement.param_id, acknowledgement.param_result) == ("CTL_K1", ACCEPTED)
     assert (number_in(acknowledgement), acknowledgement.param_type) == (41.0, Kind.REAL)
-    assert told.param_value == 41.0
+    assert reports.param_value == 41.0
     assert rig.request_handler.intents == [SetParameter("CTL_K1", 41.0)]
 
 
@@ -79,7 +79,7 @@ def test_what_cannot_be_stored_has_failed(rig, of):
     rig.request_handler.at_once = False
     rig.tell(set_to(b"CTL_K1", struct.pack("<f", 41.0)))
     rig.request_handler.waiting.pop()(False)
-    assert [acknowledgement.param_result for acknowledgement in of(rig.said(), "PARAM_EXT_ACK")] == [FAILED]
+    assert [acknowledgement.param_result for acknowledgement in of(rig.replies(), "PARAM_EXT_ACK")] == [FAILED]
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ def test_what_cannot_be_stored_has_failed(rig, of):
 )
 def test_what_is_refused_is_acknowledged_so_and_changes_nothing(rig, of, name, value, kind, result):
     before = rig.request_handler.values
-    said = rig.tell(set_to(name, value, kind))
-    (acknowledgement,) = of(said, "PARAM_EXT_ACK")
+    replies = rig.tell(set_to(name, value, kind))
+    (acknowledgement,) = of(replies, "PARAM_EXT_ACK")
     assert (acknowledgement.param_id, acknowledgement.param_result) == (name.decode(), result)
     if name != b"NOPE":
         assert number_in(acknowledgement) == before[name.decode()]  # what is, as it is

@@ -38,10 +38,10 @@ def test_the_compressed_files_hold_the_same_with_the_check_that_stations_know(fi
 
 
 def test_every_parameter_is_described(files):
-    shown = {row["name"]: row for row in json.loads(files["metadata", "parameter.json"])["parameters"]}
-    assert list(shown) == [row.name for row in TABLE]
+    published = {row["name"]: row for row in json.loads(files["metadata", "parameter.json"])["parameters"]}
+    assert list(published) == [row.name for row in TABLE]
     for row in TABLE:
-        one = shown[row.name]
+        one = published[row.name]
         assert (one["min"], one["max"]) == (pytest.approx(row.minimum), pytest.approx(row.maximum))
         assert one["default"] == pytest.approx(row.default)
         assert (one.get("units", ""), one["longDesc"]) == (row.unit, row.text)
@@ -55,16 +55,16 @@ def test_every_parameter_is_described(files):
 
 def test_the_checksums_are_those_of_the_files_as_served(rig, ftp_station, of):
     client = ftp_station(rig)
-    (told,) = of(rig.command(512, 397), "COMPONENT_METADATA")
-    path = told.uri.decode().rstrip("\0").removeprefix("mftp://")
+    (reports,) = of(rig.command(512, 397), "COMPONENT_METADATA")
+    path = reports.uri.decode().rstrip("\0").removeprefix("mftp://")
     general = client.get(path)
-    assert mavlink_crc32(general) == told.file_crc
+    assert mavlink_crc32(general) == reports.file_crc
     (entry,) = json.loads(lzma.decompress(general))["metadataTypes"]
     parameters = client.get(entry["uri"].removeprefix("mftp://"))
     assert (entry["type"], mavlink_crc32(parameters)) == (1, entry["fileCrc"])
     assert lzma.decompress(parameters).decode() == parameter_json()
     (old,) = of(rig.command(512, 395), "COMPONENT_INFORMATION")
-    assert (old.general_metadata_file_crc, old.general_metadata_uri) == (told.file_crc, told.uri)
+    assert (old.general_metadata_file_crc, old.general_metadata_uri) == (reports.file_crc, reports.uri)
 
 
 def test_the_same_table_makes_the_same_bytes(files):
@@ -73,6 +73,6 @@ def test_the_same_table_makes_the_same_bytes(files):
 
 
 def test_for_another_identity_every_type_is_a_float():
-    shown = json.loads(Metadata(Version(1, 2, 3), 0).files["metadata", "parameter.json"])["parameters"]
-    assert {row["type"] for row in shown} == {"Float"}
-    assert all(row["decimalPlaces"] == 0 for row, own in zip(shown, TABLE, strict=True) if own.kind is Kind.INTEGER)
+    published = json.loads(Metadata(Version(1, 2, 3), 0).files["metadata", "parameter.json"])["parameters"]
+    assert {row["type"] for row in published} == {"Float"}
+    assert all(row["decimalPlaces"] == 0 for row, own in zip(published, TABLE, strict=True) if own.kind is Kind.INTEGER)

@@ -93,14 +93,17 @@ def test_what_is_wrong_with_an_upload_is_said(content, complaint):
 # ---------------------------------------------------------------------- over the link
 
 
-def test_an_upload_sets_all_of_it_and_tells_everybody(rig, ftp_station, of):
+def test_an_upload_sets_all_of_it_and_reports_everybody(rig, ftp_station, of):
     client = ftp_station(rig)
     content = upload({"CTL_K1": 41.5, "CTL_K2": 1.0, "BOOT_MODE": 4.0})
     client.ask(6, "@PARAM/param.pck")
     client.ask(7, content)
-    said = rig.tell(client.request(1))
-    assert [reply.payload[3] for reply in of(said, "FILE_TRANSFER_PROTOCOL")] == [128]
-    assert {value.param_id: value.param_value for value in of(said, "PARAM_VALUE")} == {"CTL_K1": 41.5, "CTL_K2": 1.0}
+    replies = rig.tell(client.request(1))
+    assert [reply.payload[3] for reply in of(replies, "FILE_TRANSFER_PROTOCOL")] == [128]
+    assert {value.param_id: value.param_value for value in of(replies, "PARAM_VALUE")} == {
+        "CTL_K1": 41.5,
+        "CTL_K2": 1.0,
+    }
     assert (rig.request_handler.values["CTL_K1"], rig.request_handler.values["CTL_K2"]) == (41.5, 1.0)
 
 
@@ -108,8 +111,8 @@ def test_an_upload_with_one_wrong_value_sets_nothing(rig, ftp_station, texts):
     client = ftp_station(rig)
     client.ask(6, "@PARAM/param.pck")
     client.ask(7, upload({"CTL_K1": 41.5, "CTL_K2": 1000.0}))
-    said = rig.tell(client.request(1))
-    assert "CTL_K2" in texts(said)[0]
+    replies = rig.tell(client.request(1))
+    assert "CTL_K2" in texts(replies)[0]
     assert rig.request_handler.values == ParameterSet()
     assert rig.request_handler.requests == []
 

@@ -23,7 +23,7 @@ def test_what_is_less_urgent_leaves_some_for_what_is_more():
     assert Ledger().room(Limits(0, 0, 50), Kind.ANSWER) == math.inf
 
 
-def test_a_later_day_begins_anew_and_the_month_goes_on():
+def test_a_later_day_begins_again_and_the_month_goes_on():
     ledger = Ledger().at(START_UTC_S).charged(9)
     later = ledger.at(START_UTC_S + DAY_S)
     assert (later.day_used, later.month_used, later.total) == (0, 9, 9)

@@ -29,12 +29,12 @@ def names(frames):
 def sail(hours):
     """Sail some hours with a report each, faults, commands and 30 % of sessions that fail; judge each hour."""
     boat = SatelliteBoat(key=KEY, failed=0.3, lost_answers=0.2, lost_rings=0.3, seed=7)
-    messages, obeyed, told, frames = [], 0, [], []
+    messages, obeyed, reports, frames = [], 0, [], []
     for hour in range(hours):
         boat.run_to(3600.0 * hour + 1800.0, idle_s=60.0)
         if hour % 12 == 5:
-            told.append(f"Fault {hour}")
-            boat.tell(Event(Severity.ERROR, told[-1]))
+            reports.append(f"Fault {hour}")
+            boat.tell(Event(Severity.ERROR, reports[-1]))
         if hour % 8 == 3:
             messages.append(boat.keyed(set_mode(15)))
             obeyed += 1
@@ -53,7 +53,7 @@ def sail(hours):
     assert max(by_day.values()) <= boat.request_handler.values["SBD_DAY_CRED"]
     waiting = len(boat.transport._driver.queue._queues[Kind.REPORT])
     assert (status.dropped, len(reports)) == (0, hours + 1 - waiting)
-    assert set(told) <= texts
+    assert set(reports) <= texts
     assert boat.intents == [SetMode(15)] * obeyed
     assert status.refused == {"came before": len(messages) * 2 - obeyed}
     return boat, f"{len(reports)} reports, {boat.network.bill}, {dict(by_day)}, {status}"
@@ -66,8 +66,8 @@ def test_half_a_day_with_failed_sessions_loses_nothing_and_keeps_the_budget():
 @pytest.mark.proof
 def test_so_does_a_month():
     """pytest -m proof -s tests/unit/firmware_py/link/satellite (four minutes)."""
-    boat, told = sail(24 * 30)
-    print(told)
+    boat, reports = sail(24 * 30)
+    print(reports)
     assert boat.network.bill.total <= boat.status().total_credits <= boat.request_handler.values["SBD_MONTH_CRED"]
 
 
@@ -80,7 +80,7 @@ def test_a_report_is_one_credit(boat):
 def test_it_is_off_without_such_a_link_and_the_generic_satellite_stays_silent():
     boat = SatelliteBoat(parameters={"SBD_REPORT_MIN": 0})
     boat.run(7200, idle_s=30)
-    assert len(boat.delivered()) == 1  # she says that she is there
+    assert len(boat.delivered()) == 1  # the boat says that the boat is there
     boat.changes["mode"] = Mode.HOLD
     boat.run(60)
     (report,) = boat.delivered()
@@ -168,7 +168,7 @@ def test_a_restart_forgets_neither_what_was_spent_nor_what_has_counted(boat):
 @pytest.mark.parametrize(
     ("content", "damage", "report"),
     [
-        (b"ledger 1 2\n", "", "Satellite record begun anew: "),
+        (b"ledger 1 2\n", "", "Satellite record damaged, new one started: "),
         (None, "satellite.state.0 is of another version", ""),
         (b"\x82\xa7version\x01\xa4sent\x03", "", "Satellite record: Record: field 'sent' is not known here, ignored"),
     ],
@@ -186,8 +186,8 @@ def test_without_a_whole_record_that_was_there_nothing_older_counts(content, dam
     boat.network.send(boat.keyed(set_mode(4)))
     boat.run(90)
     assert boat.intents == [SetMode(4)]
-    told = [event.text for event in boat.events if event.text.startswith("Satellite record")]
-    assert [text.startswith(report) for text in told] == [True] * bool(report)
+    reports = [event.text for event in boat.events if event.text.startswith("Satellite record")]
+    assert [text.startswith(report) for text in reports] == [True] * bool(report)
 
 
 def test_a_message_that_is_not_on_disk_yet_has_not_counted(boat):
@@ -255,7 +255,7 @@ def test_a_gateway_that_may_have_charged_each_try_does_not_use_up_the_day():
     assert boat.network.attempts < 30
 
 
-def test_a_modem_that_is_switched_off_is_told_and_taken_up_again(boat):
+def test_a_modem_that_is_switched_off_is_reported_and_taken_up_again(boat):
     boat.run(60)
     receive, boat.modem.receive = boat.modem.receive, lambda *_: None
     boat.changes["mode"] = Mode.HOLD
@@ -263,8 +263,8 @@ def test_a_modem_that_is_switched_off_is_told_and_taken_up_again(boat):
     boat.modem.receive = receive
     boat.run(300, idle_s=5)
     assert [event.text for event in boat.events] == [
-        "Satellite modem does not answer",
-        "Satellite modem answers again",
+        "Satellite modem not responding",
+        "Satellite modem recovered",
     ]
     assert "HIGH_LATENCY2" in names(boat.delivered())
 

@@ -39,10 +39,10 @@ class ScriptedModem:
         """Let time pass in steps of half a second."""
         for _ in range(round(2 * seconds)):
             self.now_s += 0.5
-            said = b"".join(data for at_s, data in self.later if at_s <= self.now_s)
+            replies = b"".join(data for at_s, data in self.later if at_s <= self.now_s)
             self.later = [(at_s, data) for at_s, data in self.later if at_s > self.now_s]
-            if said:
-                self.driver.feed(said, self.now_s)
+            if replies:
+                self.driver.feed(replies, self.now_s)
             if out := self.driver.update(self.now_s, 1.79e9 + self.now_s):
                 self.answer(out)
         return self
@@ -64,13 +64,13 @@ class ScriptedModem:
             words = self.sessions[0] if len(self.sessions) == 1 else self.sessions.popleft()
             self.say(b"\r\n+SBDIX: %b\r\n\r\nOK\r\n" % words.encode(), self.session_s)
         else:
-            said = {
+            replies = {
                 b"AT+CGSN": IMEI,
                 b"AT+SBDSX": self.held,
                 b"AT+CSQ": b"+CSQ:%d" % self.signal,
                 b"the message": b"0",
             }.get(command, b"")
-            self.say(b"\r\n%b\r\n\r\nOK\r\n" % said, self.measure_s if command == b"AT+CSQ" else 0.0)
+            self.say(b"\r\n%b\r\n\r\nOK\r\n" % replies, self.measure_s if command == b"AT+CSQ" else 0.0)
 
     @property
     def texts(self):
@@ -96,7 +96,7 @@ def test_a_modem_without_alerts_or_flow_control_is_called_over_all_the_same(refu
     assert len(modem.calls) == calls
 
 
-def test_a_message_too_long_for_her_is_not_called_for_again_and_again():
+def test_a_message_too_long_for_it_is_not_called_for_again_and_again():
     modem = report(ScriptedModem("1, 1, 0, 0, 0, 1")).run(3600)
     assert (len(modem.calls), modem.driver.ledger.day_used) == (1, 1)
 
@@ -110,7 +110,7 @@ def test_a_message_that_was_not_handed_over_is_looked_for_again_ever_more_rarely
     modem.sessions = deque(("0, 1, 1, 7, 14, 0", "0, 1, 0, 0, 0, 0"))
     modem.run(3700)
     assert modem.driver.received == [(7, MESSAGE)]
-    assert modem.texts[1:] == ["Satellite is reached again"]
+    assert modem.texts[1:] == ["Satellite link recovered"]
 
 
 def test_a_ring_during_a_session_is_followed_after_it():
@@ -162,7 +162,7 @@ def test_a_message_damaged_on_the_line_is_read_again_after_the_set_up():
         ("0, 1, 0, 0, 0, 0", 1, "signal 1 of 5"),
     ],
 )
-def test_a_satellite_that_is_not_reached_for_half_an_hour_is_told_once_and_why(words, signal, reason):
+def test_a_satellite_that_is_not_reached_for_half_an_hour_is_reported_once_and_why(words, signal, reason):
     modem = report(ScriptedModem(words, signal=signal)).run(1700)
     assert modem.driver.blocked_reason == reason
     assert modem.events == []
@@ -172,11 +172,11 @@ def test_a_satellite_that_is_not_reached_for_half_an_hour_is_told_once_and_why(w
     ]
     modem.sessions, modem.signal = deque(["0, 1, 0, 0, 0, 0"]), 5
     modem.run(600)
-    assert modem.texts[1:] == ["Satellite is reached again"]
+    assert modem.texts[1:] == ["Satellite link recovered"]
     assert modem.driver.blocked_reason == ""
 
 
-def test_what_waits_for_credits_and_a_ring_that_nobody_can_pay_for_are_seen():
+def test_what_waits_for_credits_and_a_ring_that_no_peer_can_pay_for_are_seen():
     modem = ScriptedModem("0, 1, 0, 0, 0, 0")
     modem.driver.ledger = Ledger(day=20717, month=680, day_used=50, month_used=50, total=50)
     modem.run(10)

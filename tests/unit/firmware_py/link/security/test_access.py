@@ -87,9 +87,9 @@ def test_a_signature_that_does_not_hold_is_refused_everywhere(linked, options, t
     frame = rig.frame(ARM)
     rig.give(frame)
     assert len(rig.request_handler.intents) == 1
-    said = rig.give(frame)  # a replay
-    assert kinds(said) == set()
-    assert "Signature refused" in texts(said)[0]
+    replies = rig.give(frame)  # a replay
+    assert kinds(replies) == set()
+    assert "Signature refused" in texts(replies)[0]
     sign(rig, bytes(32 * [9]))
     assert kinds(rig.tell(ARM, READ)) == set()
     assert len(rig.request_handler.intents) == 1
@@ -112,19 +112,19 @@ def test_what_leaves_is_signed_once_there_is_a_key(linked):
     rig.tick_silently(seconds=1.0)
     hearer = mavlink.MAVLink(None)
     hearer.signing.secret_key, hearer.signing.timestamp = KEY, NOW
-    heard = hearer.parse_buffer(b"".join(data for _, data in rig.transport.sent))
-    assert len(heard) > 5
-    assert all(message.get_signed() for message in heard)
+    received = hearer.parse_buffer(b"".join(data for _, data in rig.transport.sent))
+    assert len(received) > 5
+    assert all(message.get_signed() for message in received)
 
 
 def test_a_signed_line_is_not_asked_for_more_than_it_carries(linked):
     rig = linked("policy=open", key=True, byte_rate=200.0, radio=True)
-    rig.said()
+    rig.replies()
     sent = 0
     for _ in range(300):
         rig.tick_silently()
         sent += sum(len(data) for _, data in rig.transport.sent)
-        rig.said()
+        rig.replies()
     assert 0.7 * 200 * 30 < sent <= 200 * 30 + 280
 
 
@@ -144,8 +144,8 @@ def test_a_stranger_who_is_behind_gets_a_heartbeat_to_go_by_and_no_more(linked):
     rig.station.signing.timestamp = NOW - 5
     old = rig.frame(ARM)
     before = len(rig.request_handler.intents)
-    said = [message for _ in range(50) for message in rig.give(old, address="stranger")]
-    assert [message.get_type() for message in said] == ["HEARTBEAT"] * LATE_HEARTBEATS
+    replies = [message for _ in range(50) for message in rig.give(old, address="stranger")]
+    assert [message.get_type() for message in replies] == ["HEARTBEAT"] * LATE_HEARTBEATS
     rig.tick_silently(seconds=1.0)
     assert {address for address, _ in rig.transport.sent} == {"station"}
     assert len(rig.request_handler.intents) == before
@@ -163,13 +163,13 @@ def test_a_radio_modem_is_heard_without_a_signature(linked):
 # --------------------------------------------------------------------------- refusals
 
 
-def test_who_may_not_command_is_told_in_the_words_of_the_protocol(linked, of, texts):
+def test_who_may_not_command_is_reported_in_the_words_of_the_protocol(linked, of, texts):
     rig = linked("policy=signed-commands")
-    said = rig.tell(ARM, SET)
-    ack, error = (message for message in said if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR"))
+    replies = rig.tell(ARM, SET)
+    ack, error = (message for message in replies if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR"))
     assert (ack.command, ack.result) == (400, mavlink.MAV_RESULT_DENIED)
     assert (error.param_id, error.error) == ("CTL_K1", mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
-    assert texts(said) == ["COMMAND_LONG refused: it is not signed", "PARAM_SET refused: it is not signed"]
+    assert texts(replies) == ["COMMAND_LONG refused: not signed", "PARAM_SET refused: not signed"]
     (extended,) = of(rig.tell(mavlink.MAVLink_param_ext_set_message(1, 1, b"CTL_K1", b"4", 9)), "PARAM_EXT_ACK")
     assert (extended.param_id, extended.param_result) == ("CTL_K1", mavlink.PARAM_ACK_FAILED)
     assert of(rig.tell(mavlink.MAVLink_param_ext_request_read_message(1, 1, b"CTL_K1", -1)), "PARAM_EXT_VALUE")
@@ -183,9 +183,9 @@ def test_who_may_not_command_is_told_in_the_words_of_the_protocol(linked, of, te
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
         mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, 6, *[0] * 247]),  # create
     ]
-    said = [message for other in others for message in rig.tell(other)]
+    replies = [message for other in others for message in rig.tell(other)]
     assert rig.request_handler.intents == []
-    answers = [message for message in said if message.get_type() != "STATUSTEXT"]
+    answers = [message for message in replies if message.get_type() != "STATUSTEXT"]
     assert [message.get_type() for message in answers] == [
         "COMMAND_ACK", "COMMAND_ACK", "MISSION_ACK", "MISSION_ACK", "MISSION_ACK", "FILE_TRANSFER_PROTOCOL"
     ]  # fmt: skip
@@ -206,11 +206,11 @@ def test_asking_is_no_command(linked, of):
 
 def test_a_flood_of_refused_commands_is_answered_a_few_times_only(linked):
     rig = linked("policy=signed-commands")
-    said = [message for _ in range(50) for message in rig.tell(*[ARM] * 20)]
-    assert len([message for message in said if message.get_type() == "COMMAND_ACK"]) == DENIALS
+    replies = [message for _ in range(50) for message in rig.tell(*[ARM] * 20)]
+    assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == DENIALS
     rig.now_s += 1.0
-    said = rig.tell(*[ARM] * 20)
-    assert len([message for message in said if message.get_type() == "COMMAND_ACK"]) == 5
+    replies = rig.tell(*[ARM] * 20)
+    assert len([message for message in replies if message.get_type() == "COMMAND_ACK"]) == 5
     assert rig.request_handler.intents == []
 
 
@@ -222,8 +222,8 @@ def test_only_systems_on_the_list_command(linked, texts):
     rig.tell(ARM)
     assert len(rig.request_handler.intents) == 1
     rig.station = mavlink.MAVLink(None, srcSystem=7, srcComponent=190)
-    said = rig.tell(ARM)
-    assert "system 7 may not command here" in texts(said)[0]
+    replies = rig.tell(ARM)
+    assert "system 7 may not command here" in texts(replies)[0]
     assert "PARAM_VALUE" in kinds(rig.tell(READ))
     assert len(rig.request_handler.intents) == 1
 
@@ -283,7 +283,7 @@ def test_over_a_trusted_link_it_is_set_and_removed_under_any_policy(linked, opti
     assert not rig.endpoint._signing.active
 
 
-def test_the_key_is_told_to_nobody(linked):
+def test_the_key_is_reported_to_no_peer(linked):
     rig = linked("trusted=1", addresses=("station", "other"))
     rig.transport.inbox.append(("station", rig.frame(SETUP)))
     rig.endpoint.service(0.0, [100])
@@ -296,15 +296,15 @@ def test_a_key_that_could_not_be_stored_is_said_so(linked, texts):
     rig.vault.at_once = False
     assert texts(rig.tell(SETUP)) == []
     rig.vault.waiting.pop()(False)
-    assert texts(rig.said()) == ["Signing key set, but this could not be stored"]
+    assert texts(rig.replies()) == ["Signing key set, but this could not be stored"]
 
 
 @pytest.mark.parametrize(("key", "timestamp"), [(bytes(32), 1), (KEY, 2**64 - 1), (KEY, 2**48)])
 def test_what_is_no_key_is_refused_and_the_old_one_stands(linked, key, timestamp, texts):
     rig = linked("trusted=1", key=True)
     before = list(rig.vault.contents)
-    said = rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, key, timestamp))
-    assert texts(said) == ["SETUP_SIGNING refused: no key, or no timestamp"]
+    replies = rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, key, timestamp))
+    assert texts(replies) == ["SETUP_SIGNING refused: no key, or no timestamp"]
     assert rig.vault.contents == before
 
 
@@ -382,12 +382,12 @@ def test_a_stranger_draws_nothing_from_a_boat_whose_key_was_lost(bereft):
     assert rig.transport.sent == []
 
 
-def test_whom_a_link_leads_to_is_told_of_the_lost_key_unsigned(bereft, texts):
+def test_whom_a_link_leads_to_is_reported_of_the_lost_key_unsigned(bereft, texts):
     rig = bereft()
-    said = rig.tick(seconds=1.0, events=(Event(Severity.CRITICAL, "Signing key lost"),))
-    assert texts(said) == ["Signing key lost"]
-    assert "HEARTBEAT" in kinds(said)
-    assert all(message.get_msgbuf()[2] == 0 for message in said)
+    replies = rig.tick(seconds=1.0, events=(Event(Severity.CRITICAL, "Signing key lost"),))
+    assert texts(replies) == ["Signing key lost"]
+    assert "HEARTBEAT" in kinds(replies)
+    assert all(message.get_msgbuf()[2] == 0 for message in replies)
 
 
 @pytest.mark.parametrize("key", [None, KEY])
@@ -400,13 +400,14 @@ def test_over_a_trusted_link_all_is_as_ever_when_the_key_was_lost(bereft, of, ke
 
 
 @pytest.mark.parametrize(
-    ("setup", "said", "unsigned_commands"), [(SETUP, "Signing key set", False), (REMOVE, "Signing key removed", True)]
+    ("setup", "replies", "unsigned_commands"),
+    [(SETUP, "Signing key set", False), (REMOVE, "Signing key removed", True)],
 )
 def test_over_a_trusted_link_a_lost_key_is_set_or_removed_and_the_others_are_as_before(
-    bereft, setup, said, unsigned_commands, texts
+    bereft, setup, replies, unsigned_commands, texts
 ):
     rig = bereft("trusted=1")
-    assert texts(rig.tell(setup)) == [said]
+    assert texts(rig.tell(setup)) == [replies]
     assert rig.endpoint.key_problem == ""
     rig.transport.options = parse_options("policy=auto")
     rig.tell(ARM)

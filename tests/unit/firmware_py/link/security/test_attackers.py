@@ -59,17 +59,17 @@ def sign(rig, key=KEY):
 
 def what_it_brings(rig, *frames):
     """Send frames one after the other, each in answer, and then an interval of time; say what that has brought."""
-    told = [message for frame in frames for message in rig.give(frame, "attacker")]
+    reports = [message for frame in frames for message in rig.give(frame, "attacker")]
     for _ in range(20):
         rig.tick_silently()
-        told += rig.said("attacker")
-    said = [message.get_type() for message in without_unasked(told)]
+        reports += rig.replies("attacker")
+    replies = [message.get_type() for message in without_unasked(reports)]
     if rig.request_handler.intents:
         return COMMANDS
-    if "PARAM_VALUE" in said:
+    if "PARAM_VALUE" in replies:
         return READS
-    if said:
-        assert set(said) == {"HEARTBEAT"}
+    if replies:
+        assert set(replies) == {"HEARTBEAT"}
         return HEARTBEATS
     return NOTHING
 
@@ -107,7 +107,7 @@ def send_as_unlisted_system(rig):
 
 
 def forge_one_frame(rig):
-    """Nobody is there to answer: the bytes of a minute are counted."""
+    """No peer is there to answer: the bytes of a minute are counted."""
     frame = rig.frame(READ_ALL)
     rig.transport.inbox.append(("victim", frame))
     rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
@@ -197,5 +197,7 @@ def test_what_an_attacker_achieves(make_rig, attacker, policy):
 
 def test_the_page_shows_this_table():
     rows = [("attacker", *POLICIES), ("---",) * (1 + len(POLICIES)), *((who, *cells) for who, cells in TABLE.items())]
-    shown = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    assert shown in PAGE.read_text(), f"docs/explanation/threat-model.md shows another table than this:\n{shown}"
+    published = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    assert published in PAGE.read_text(), (
+        f"docs/explanation/threat-model.md shows another table than this:\n{published}"
+    )

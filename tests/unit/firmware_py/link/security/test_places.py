@@ -21,7 +21,7 @@ def guest(number, host="host", *, known=True, heard_s=NOW_S):
     return Contender((0, number), host, known, heard_s)
 
 
-def test_nobody_leaves_while_there_is_room():
+def test_no_peer_leaves_while_there_is_room():
     connections = [guest(number) for number in range(MAX_ACTIVE_PEERS - 1)]
     assert select_evictions(guest(99), connections, NOW_S) == ()
 

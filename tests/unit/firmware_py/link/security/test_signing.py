@@ -100,7 +100,7 @@ def test_any_bit_that_is_changed_breaks_it():
         assert not Boat().signing.verify(bytes(broken))
 
 
-def test_a_forged_frame_from_the_far_future_locks_nobody_out():
+def test_a_forged_frame_from_the_far_future_locks_no_peer_out():
     boat, station, forger = Boat(), Station(), Station(OTHER_KEY)
     assert boat.signing.verify(station.ping())
     assert not boat.signing.verify(forger.ping(at=2**48 - 1))
@@ -131,10 +131,10 @@ def test_streams_of_system_component_and_link_are_apart():
 
 
 @pytest.mark.parametrize(
-    ("behind", "heard"), [(0, True), (TOLERANCE, True), (TOLERANCE + 1, False), (-(10**9), True), (NOW, False)]
+    ("behind", "received"), [(0, True), (TOLERANCE, True), (TOLERANCE + 1, False), (-(10**9), True), (NOW, False)]
 )
-def test_a_new_stream_may_begin_a_minute_behind(behind, heard):
-    assert Boat().signing.verify(Station().ping(at=NOW - behind)) is heard
+def test_a_new_stream_may_begin_a_minute_behind(behind, received):
+    assert Boat().signing.verify(Station().ping(at=NOW - behind)) is received
 
 
 def test_a_timestamp_that_no_clock_shows_is_refused_even_with_the_key():
@@ -156,7 +156,7 @@ def test_ours_go_on_from_the_newest_and_never_back():
     assert stamped() == NOW + UNITS_HZ
     boat.utc_s -= 1000.0  # the clock was set back
     assert stamped() == NOW + UNITS_HZ + 1
-    assert boat.signing.verify(Station().ping(at=NOW + 10**8))  # somebody whose clock is ahead
+    assert boat.signing.verify(Station().ping(at=NOW + 10**8))  # someone whose clock is ahead
     assert stamped() == NOW + 10**8 + 1
     boat.utc_s = 0.0
     assert boat.restarted().signing.active
@@ -172,7 +172,7 @@ def test_a_clock_that_cannot_be_right_is_none(utc_s):
     sealer = LinkSealer(boat.signing, 1)
     frame = sealer.seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
     assert int.from_bytes(frame[-12:-6], "little") == NOW + 1
-    # Nobody else is locked out by it either.
+    # No peer else is locked out by it either.
     assert boat.signing.verify(Station(link=4).ping())
     assert boat.restarted().signing.verify(Station(link=5).ping(at=NOW + AHEAD))
 
@@ -191,7 +191,7 @@ def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
 
 
 def test_after_a_sudden_restart_who_hears_the_boat_is_heard_at_once():
-    """Everybody's timestamp is at least the newest heard, and the boat begins ahead of all she heard before."""
+    """Everybody's timestamp is at least the newest heard, and the boat begins ahead of all the boat heard before."""
     boat, station = Boat(), Station()
     assert boat.signing.verify(station.ping())
     again = boat.restarted()
@@ -248,7 +248,7 @@ def test_the_same_key_again_does_not_open_the_past():
     assert not boat.signing.verify(frame)
 
 
-def test_a_new_key_starts_anew_and_the_old_one_is_worth_nothing():
+def test_a_new_key_starts_again_and_the_old_one_is_worth_nothing():
     boat = Boat()
     assert boat.signing.verify(Station().ping(at=LATEST))  # a clock gone mad
     assert not boat.signing.verify(Station(link=4).ping())
@@ -333,8 +333,8 @@ def test_no_stored_timestamp_makes_a_state_that_the_next_start_cannot_read():
     assert boat.restarted().signing.active
 
 
-def test_a_clock_set_to_the_last_moment_that_is_heard_shuts_nobody_out():
-    """By a false GPS: every frame of hers takes her further, and her stations follow."""
+def test_a_clock_set_to_the_last_moment_that_is_heard_shuts_no_peer_out():
+    """By a false GPS: every frame of its own takes its further, and its stations follow."""
     boat, station = Boat(), Station()
     boat.utc_s = EPOCH_S + (LATEST - 10) / UNITS_HZ
     sealer, ping = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))

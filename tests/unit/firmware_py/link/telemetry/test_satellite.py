@@ -39,9 +39,9 @@ def test_it_is_silent_whatever_happens_aboard(satellite):
 def test_asked_for_it_sends_high_latency_at_its_interval_and_nothing_else(satellite):
     satellite.tick()
     assert results(satellite.command(2600, 1)) == [0]
-    said = satellite.ticks(6000)  # ten minutes
-    assert {message.get_type() for message in said} == {"HIGH_LATENCY2"}
-    assert len(said) == pytest.approx(600 / 120, abs=1)
+    replies = satellite.ticks(6000)  # ten minutes
+    assert {message.get_type() for message in replies} == {"HIGH_LATENCY2"}
+    assert len(replies) == pytest.approx(600 / 120, abs=1)
     assert results(satellite.command(2600, 0)) == [0]
     assert satellite.ticks(3000) == []
 
@@ -59,9 +59,9 @@ def test_what_is_asked_is_answered(satellite, of, texts):
     assert results(satellite.command(115, 90)) == [0]
     assert len(of(satellite.command(512, 235), "HIGH_LATENCY2")) == 1
     assert len(of(satellite.command(512, 0), "HEARTBEAT")) == 1
-    said = satellite.command(115, math.nan)
-    assert results(said) == [2]
-    assert len(texts(said)) == 1
+    replies = satellite.command(115, math.nan)
+    assert results(replies) == [2]
+    assert len(texts(replies)) == 1
     assert of(satellite.tell(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)), "PARAM_VALUE")
 
 
@@ -79,9 +79,9 @@ def test_the_habits_of_clients_do_not_wake_it(satellite):
     assert results(satellite.command(511, 245, 1e6)) == [2]
     assert satellite.ticks(600) == []
     assert results(satellite.command(511, 33, 60e6)) == [0]
-    said = [m for _ in range(600) for m in satellite.tick(seconds=1.0, position=FIX, position_ok=True)]
-    assert {message.get_type() for message in said} == {"GLOBAL_POSITION_INT"}
-    assert len(said) == pytest.approx(10, abs=1)
+    replies = [m for _ in range(600) for m in satellite.tick(seconds=1.0, position=FIX, position_ok=True)]
+    assert {message.get_type() for message in replies} == {"GLOBAL_POSITION_INT"}
+    assert len(replies) == pytest.approx(10, abs=1)
 
 
 def test_any_link_may_wake_it_and_one_that_comes_later_is_awake(make_rig):
@@ -105,7 +105,7 @@ def test_neither_on_nor_off_is_denied(satellite, wanted):
     assert satellite.ticks(20) == []
 
 
-def test_the_message_says_where_she_is_and_how(satellite, of):
+def test_the_message_says_where_it_is_and_how(satellite, of):
     satellite.tick(
         position=FIX,
         position_ok=True,
@@ -119,24 +119,24 @@ def test_the_message_says_where_she_is_and_how(satellite, of):
         faults=1 << Fault.RUDDER_SILENT | 1 << Fault.COMPASS_LOST,
         mission=MissionReport(MissionState.ACTIVE, 6, 9),
     )
-    (said,) = of(satellite.command(512, 235), "HIGH_LATENCY2")
-    assert (said.type, said.autopilot, said.custom_mode) == (11, 3, 10)
-    assert (said.latitude, said.longitude, said.altitude) == (
+    (replies,) = of(satellite.command(512, 235), "HIGH_LATENCY2")
+    assert (replies.type, replies.autopilot, replies.custom_mode) == (11, 3, 10)
+    assert (replies.latitude, replies.longitude, replies.altitude) == (
         round(math.degrees(0.7) * 1e7), round(math.degrees(-0.2) * 1e7), 3,
     )  # fmt: skip
-    assert (said.heading, said.target_heading, said.target_distance, said.groundspeed) == (0, 45, 123, 2)
-    assert (said.wp_num, said.battery, said.eph) == (7, -1, 255)
-    assert said.failure_flags == 32 | 4096 | 1024
-    assert (said.custom0, said.custom1, said.custom2) == (-12, 61, 3)
+    assert (replies.heading, replies.target_heading, replies.target_distance, replies.groundspeed) == (0, 45, 123, 2)
+    assert (replies.wp_num, replies.battery, replies.eph) == (7, -1, 255)
+    assert replies.failure_flags == 32 | 4096 | 1024
+    assert (replies.custom0, replies.custom1, replies.custom2) == (-12, 61, 3)
 
 
-def test_a_step_of_saving_power_is_told_at_once_and_then_seldom(satellite):
+def test_a_step_of_saving_power_is_reported_at_once_and_then_rarely(satellite):
     satellite.tick()
     satellite.command(2600, 1)
     satellite.ticks(100)
     low = {"saving": 1, "faults": 1 << Fault.BATTERY_LOW}
-    (said,) = satellite.tick(**low)
-    assert said.failure_flags & mavlink.HL_FAILURE_FLAG_BATTERY
+    (replies,) = satellite.tick(**low)
+    assert replies.failure_flags & mavlink.HL_FAILURE_FLAG_BATTERY
     later = [message for _ in range(6000) for message in satellite.tick(**low)]
     assert len(later) == pytest.approx(600 / (5 * 120), abs=1)
     assert len(satellite.tick()) == 1  # and that it is over

@@ -34,20 +34,20 @@ def test_the_same_text_is_not_repeated_at_once():
 def test_what_a_stream_is_refused_for_is_said_seldomer_until_the_stream_ends():
     notices = TextLimiter()
     hour_s = [number * 0.1 for number in range(36_000)]
-    said_s = [t_s for t_s in hour_s if notices.admit("no", t_s)]
-    assert said_s[:4] == pytest.approx([0.0, 2.0, 6.0, 14.0], abs=0.11)
-    assert len(said_s) < 70
+    sent_s = [t_s for t_s in hour_s if notices.admit("no", t_s)]
+    assert sent_s[:4] == pytest.approx([0.0, 2.0, 6.0, 14.0], abs=0.11)
+    assert len(sent_s) < 70
     assert notices.admit("no", 4000.0)  # another one
     assert notices.admit("no", 4002.0)
 
 
-def test_an_operator_who_tries_again_is_told_each_time():
+def test_an_operator_who_tries_again_is_reported_each_time():
     notices = TextLimiter()
     assert all(notices.admit("no", 3.0 * number) for number in range(20))
 
 
 def test_many_different_texts_are_held_to_two_a_second():
     notices = TextLimiter()
-    said = sum(notices.admit(f"text {number}", 100.0 + number * 1e-3) for number in range(10_000))
-    assert said == pytest.approx(8 + 2 * 10, abs=1)
+    replies = sum(notices.admit(f"text {number}", 100.0 + number * 1e-3) for number in range(10_000))
+    assert replies == pytest.approx(8 + 2 * 10, abs=1)
     assert len(notices._sent_texts) <= 32

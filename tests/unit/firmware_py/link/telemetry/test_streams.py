@@ -40,7 +40,7 @@ def test_a_row_that_is_stretched_comes_so_many_times_less_often():
     assert sent == 200
     streams.make_all_due(100.0)
     assert row in streams.due(100.0, 0.1)
-    assert ROWS_OF[235][0] not in streams.due(100.0, 0.1)  # HIGH_LATENCY2, which nobody has asked for
+    assert ROWS_OF[235][0] not in streams.due(100.0, 0.1)  # HIGH_LATENCY2, which no peer has asked for
 
 
 def test_a_rate_above_the_loop_gives_one_each_tick():

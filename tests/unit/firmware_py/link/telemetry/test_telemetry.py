@@ -80,7 +80,7 @@ def test_attitude_and_hud(build):
 
 @pytest.mark.parametrize("name", ["ATTITUDE", "VFR_HUD"])
 @pytest.mark.parametrize("changes", [{"heading_ok": False}, {"heading_rad": None}])
-def test_a_heading_that_is_not_fresh_is_not_told(build, name, changes):
+def test_a_heading_that_is_not_fresh_is_not_reported(build, name, changes):
     assert build(name, **changes) is None
 
 
@@ -93,7 +93,7 @@ def test_position(build):
     assert build("GLOBAL_POSITION_INT", position=FIX, position_ok=False) is None
 
 
-def test_a_reckoned_place_is_told_and_no_fix(build):
+def test_a_estimated_place_is_reported_and_no_fix(build):
     dead_reckoning = {
         "position": FIX,
         "position_ok": False,
@@ -158,22 +158,22 @@ def test_sys_status_is_honest(build):
 FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
 
 
-def test_the_fence_shows_whether_it_is_heeded_and_whether_it_is_breached(build):
-    def shown(**changes):
+def test_the_fence_shows_whether_it_is_enabled_and_whether_it_is_breached(build):
+    def published(**changes):
         status = build("SYS_STATUS", **changes)
         fields = ("present", "enabled", "health")
         return [bool(getattr(status, f"onboard_control_sensors_{name}") & FENCE) for name in fields]
 
     fence = {"mission": MissionReport(identities=(0, 77, 0))}
-    heeded = {"navigation": Navigation(fence_enabled=True)}
-    assert shown() == [False, False, True]
-    assert shown(**heeded) == [False, False, True]  # there is none
-    assert shown(**fence) == [True, False, True]
-    assert shown(**fence, **heeded) == [True, True, True]
-    assert shown(**fence, **heeded, faults=1 << Fault.FENCE_BREACHED) == [True, True, False]
+    enabled = {"navigation": Navigation(fence_enabled=True)}
+    assert published() == [False, False, True]
+    assert published(**enabled) == [False, False, True]  # there is none
+    assert published(**fence) == [True, False, True]
+    assert published(**fence, **enabled) == [True, True, True]
+    assert published(**fence, **enabled, faults=1 << Fault.FENCE_BREACHED) == [True, True, False]
 
 
-def test_what_the_estimator_has_learned_is_told_by_name(build):
+def test_what_the_estimator_has_learned_is_reported_by_name(build):
     learned = Estimate(
         1, *(math.radians(number) for number in range(2, 7)), 0.1, 6.5, 0.2, *([0.5] * 5), 0.3, 0.0, 0.9,
         yaw_diffusion_rad2_s=2.5 * math.radians(1.0) ** 2, prediction_square=1.1,
@@ -240,15 +240,17 @@ def test_a_battery_that_is_charged_has_a_negative_current_that_is_never_the_numb
     assert build("BATTERY_STATUS", power=Power(13.1, discharged=Flow(720.0, 60.0))).energy_consumed == 7
 
 
-def test_the_fence_is_told_while_there_is_one_and_once_breached_ever_after(build):
+def test_the_fence_is_reported_while_there_is_one_and_once_breached_ever_after(build):
     there = MissionReport(identities=(0, 7, 0))
     assert build("FENCE_STATUS") is None
     whole = build("FENCE_STATUS", mission=there)
     assert (whole.breach_status, whole.breach_count, whole.breach_type) == (0, 0, 0)
     broken = build("FENCE_STATUS", mission=there, faults=1 << Fault.FENCE_BREACHED, fence_breaches=(3, 12.5))
-    shown = (broken.breach_status, broken.breach_count, broken.breach_type, broken.breach_time)
-    assert shown == (1, 3, mavlink.FENCE_BREACH_BOUNDARY, 12_500)
-    cleared = build("FENCE_STATUS", fence_breaches=(3, 12.5))  # who was told of the breach is told that it is over
+    published = (broken.breach_status, broken.breach_count, broken.breach_type, broken.breach_time)
+    assert published == (1, 3, mavlink.FENCE_BREACH_BOUNDARY, 12_500)
+    cleared = build(
+        "FENCE_STATUS", fence_breaches=(3, 12.5)
+    )  # who was reported of the breach is reported that it is over
     assert (cleared.breach_status, cleared.breach_count, cleared.breach_type) == (0, 3, mavlink.FENCE_BREACH_NONE)
 
 
@@ -270,7 +272,7 @@ def test_current_mode(build):
     assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 3, 3)
     mode = build("CURRENT_MODE", mode=Mode.AUTO)
     assert (mode.standard_mode, mode.custom_mode) == (6, 10)
-    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # what took her out of AUTO was not the operator
+    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # what took its out of AUTO was not the operator
     assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 5, 10)
 
 

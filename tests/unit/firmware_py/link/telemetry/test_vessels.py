@@ -23,7 +23,7 @@ BARE = Vessel(VesselPosition(2.0, 7, VesselKind.MARK, 0.7, -0.2))
 
 
 @pytest.fixture
-def told(snapshot):
+def reports(snapshot):
     def message(t_s, *known):
         traffic = Traffic(tuple(known)) if known else None
         boat = msgspec.structs.replace(snapshot, t_s=t_s, traffic=traffic)
@@ -33,8 +33,8 @@ def told(snapshot):
     return message
 
 
-def test_all_that_is_known_is_told_in_the_units_of_mavlink(told):
-    ship = told(12.4, SHIP)
+def test_all_that_is_known_is_reported_in_the_units_of_mavlink(reports):
+    ship = reports(12.4, SHIP)
     latitude, longitude = (round(math.degrees(angle_rad) * 1e7) for angle_rad in (0.7, -0.2))
     assert (ship.MMSI, ship.lat, ship.lon) == (211000001, latitude, longitude)
     assert (ship.COG, ship.heading, ship.velocity, ship.turn_rate) == (35999, round(math.degrees(1.0) * 100), 512, -20)
@@ -47,8 +47,8 @@ def test_all_that_is_known_is_told_in_the_units_of_mavlink(told):
     assert ship.flags == flags | mavlink.AIS_FLAGS_VALID_CALLSIGN
 
 
-def test_what_is_not_known_has_the_numbers_for_that(told):
-    mark = told(3.0, BARE)
+def test_what_is_not_known_has_the_numbers_for_that(reports):
+    mark = reports(3.0, BARE)
     assert (mark.COG, mark.heading, mark.velocity, mark.turn_rate) == (65535, 65535, 65535, 127)
     assert (mark.dimension_bow, mark.dimension_stern, mark.dimension_port, mark.dimension_starboard) == (
         65535,
@@ -59,18 +59,18 @@ def test_what_is_not_known_has_the_numbers_for_that(told):
     assert (mark.navigational_status, mark.name, mark.callsign, mark.flags) == (15, "", "", 0)
 
 
-def test_nothing_is_told_where_nobody_was_heard(told):
-    assert told(1.0) is None
+def test_nothing_is_reported_where_no_peer_was_heard(reports):
+    assert reports(1.0) is None
 
 
 @pytest.mark.parametrize("interval_s", [0.1, 0.25, 1.0, 5.0, 10.0])
 @pytest.mark.parametrize("count", [2, 5, 10, 100])
-def test_every_vessel_has_its_turn_at_any_interval(told, interval_s, count):
+def test_every_vessel_has_its_turn_at_any_interval(reports, interval_s, count):
     fleet = [
         msgspec.structs.replace(BARE, position=msgspec.structs.replace(BARE.position, mmsi=at + 1))
         for at in range(count)
     ]
     fleet[1] = msgspec.structs.replace(fleet[1], near_s=0.0)
-    turns = Counter(told(2.0 + interval_s * turn, *fleet).MMSI for turn in range(12 * count))
+    turns = Counter(reports(2.0 + interval_s * turn, *fleet).MMSI for turn in range(12 * count))
     assert set(turns) == set(range(1, count + 1))
     assert turns[2] > 4 * count

@@ -43,13 +43,13 @@ class OldStation:
         return [message for message in messages if message.get_msgbuf()[0] == 0xFE]  # it knows the other, too
 
     def seconds(self, count):
-        said = []
+        replies = []
         for _ in range(count):
-            said += self.tell(BEAT)
+            replies += self.tell(BEAT)
             for _ in range(10):
                 self.rig.tick_silently()
-            said += self.understood()
-        return said
+            replies += self.understood()
+        return replies
 
 
 @pytest.fixture
@@ -58,11 +58,11 @@ def old(rig):
 
 
 def test_it_is_answered_in_what_it_understands(old):
-    told = "".join(message.text for message in of_type(old.seconds(15), "STATUSTEXT"))
-    assert told.count("You speak MAVLink 1: fence, rally points and signing need MAVLink 2") == 1
-    said = old.seconds(5)
-    assert len(of_type(said, "HEARTBEAT")) == 5
-    assert len(of_type(said, "ATTITUDE")) > 5
+    reports = "".join(message.text for message in of_type(old.seconds(15), "STATUSTEXT"))
+    assert reports.count("MAVLink 1 in use: fence, rally and signing need MAVLink 2") == 1
+    replies = old.seconds(5)
+    assert len(of_type(replies, "HEARTBEAT")) == 5
+    assert len(of_type(replies, "ATTITUDE")) > 5
     (value,) = of_type(old.tell(READ), "PARAM_VALUE")
     assert value.param_id == "CTL_K1"
     (ack,) = of_type(old.tell(HOME), "COMMAND_ACK")
@@ -77,8 +77,8 @@ def test_a_mission_comes_down_and_goes_up(old):
     assert request.seq == 0
     for sequence in range(2):
         place = (360_000_000 + sequence, 1_210_000_000, 0.0)
-        said = old.tell(item(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *place))
-    (ack,) = of_type(said, "MISSION_ACK")
+        replies = old.tell(item(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *place))
+    (ack,) = of_type(replies, "MISSION_ACK")
     assert ack.type == 0
     (count,) = of_type(old.tell(mavlink1.MAVLink_mission_request_list_message(1, 1)), "MISSION_COUNT")
     assert count.count == 2
@@ -86,7 +86,7 @@ def test_a_mission_comes_down_and_goes_up(old):
     assert item.x == 360_000_001
 
 
-def test_who_begins_in_it_until_it_has_heard_her_is_answered_in_mavlink_2(rig, old):
+def test_who_begins_in_it_until_it_has_heard_it_is_answered_in_mavlink_2(rig, old):
     old.seconds(5)
     for _ in range(30):
         rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
@@ -95,7 +95,7 @@ def test_who_begins_in_it_until_it_has_heard_her_is_answered_in_mavlink_2(rig, o
     assert old.seconds(5) == []
 
 
-def test_one_frame_in_mavlink_2_is_enough_and_she_offers_it_now_and_then(rig, old):
+def test_one_frame_in_mavlink_2_is_enough_and_it_offers_it_now_and_then(rig, old):
     old.seconds(15)
     offered = []
     for _ in range(20):

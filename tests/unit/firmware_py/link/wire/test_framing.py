@@ -49,23 +49,23 @@ def test_a_false_beginning_is_not_kept_alive_by_the_frames_that_come_after_it():
     """A station that asks four times a second must not have to fill 280 bytes first."""
     splitter = Splitter()
     assert splitter.feed(b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00", 0.0) == []
-    heard = [f.data[4] for turn in range(4) for f in splitter.feed(frame(turn), 0.25 * (turn + 1))]
-    assert heard == [0, 1, 2, 3]
+    received = [f.data[4] for turn in range(4) for f in splitter.feed(frame(turn), 0.25 * (turn + 1))]
+    assert received == [0, 1, 2, 3]
 
 
 def test_on_a_slow_line_a_frame_has_the_time_that_it_takes():
     whole = frame(1, text=b"x" * 50)
     splitter = Splitter(byte_rate=30.0)
-    heard = [f for place in range(len(whole)) for f in splitter.feed(whole[place : place + 1], place / 30.0)]
-    assert [f.data for f in heard] == [whole]
+    received = [f for place in range(len(whole)) for f in splitter.feed(whole[place : place + 1], place / 30.0)]
+    assert [f.data for f in received] == [whole]
 
 
 @pytest.mark.parametrize("gap_s", [0.2, STALE_S + 0.1, 5.0])
 def test_a_frame_whose_parts_a_modem_delivers_seconds_apart_is_whole(gap_s):
     whole = frame(1, text=b"x" * 50)
     splitter = Splitter(byte_rate=5760.0)
-    heard = [f for part in range(4) for f in splitter.feed(whole[part * 20 : part * 20 + 20], part * gap_s / 3)]
-    assert [f.data for f in heard] == [whole]
+    received = [f for part in range(4) for f in splitter.feed(whole[part * 20 : part * 20 + 20], part * gap_s / 3)]
+    assert [f.data for f in received] == [whole]
 
 
 def test_a_beginning_whose_rest_never_comes_is_forgotten():

@@ -1,4 +1,4 @@
-"""A radio modem that is slower by air than its line: she sends no more than it keeps up with."""
+"""A radio modem that is slower by air than its line: the boat sends no more than it keeps up with."""
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -11,13 +11,13 @@ BUFFER_BYTES = 2000
 
 
 class Modem:
-    """Takes bytes from the line into a buffer, sends them by air at a speed of its own, and tells each second."""
+    """Takes bytes from the line into a buffer, sends them by air at a speed of its own, and reports each second."""
 
     def __init__(self, rig, air_bytes_s):
         self.rig, self.air_bytes_s = rig, air_bytes_s
         self.waiting = self.lost = self.sent = 0
 
-    def second(self, *, tells=True):
+    def second(self, *, sends=True):
         for _ in range(10):
             self.rig.tick_silently()
             came = sum(len(data) for _, data in self.rig.transport.sent)
@@ -26,7 +26,7 @@ class Modem:
             self.sent += gone
             self.lost += max(0, self.waiting - gone + came - BUFFER_BYTES)
             self.waiting = min(self.waiting - gone + came, BUFFER_BYTES)
-        if tells:
+        if sends:
             self.tell(100.0 - 100.0 * self.waiting / BUFFER_BYTES)
 
     def tell(self, free_percent):
@@ -63,17 +63,17 @@ def test_the_fuller_the_modem_says_it_is_the_less_is_sent(radio, free_percent, s
     modem = radio(1e9)
     for _ in range(5):
         modem.tell(free_percent)
-    modem.second(tells=False)
+    modem.second(sends=False)
     modem.sent = 0
     for _ in range(4):
-        modem.second(tells=False)
+        modem.second(sends=False)
     assert share - 0.1 < modem.sent / (4 * LINE_BYTES_S) < share + 0.1
 
 
 def test_without_a_word_of_a_modem_the_line_is_filled(radio):
     modem = radio(1e9)
     for _ in range(20):
-        modem.second(tells=False)
+        modem.second(sends=False)
     assert modem.sent > 0.8 * 20 * LINE_BYTES_S
 
 
@@ -81,34 +81,34 @@ def test_a_modem_that_has_gone_is_forgotten(radio):
     modem = radio(1e9)
     for _ in range(10):
         modem.tell(0)
-    modem.second(tells=False)
+    modem.second(sends=False)
     assert modem.sent < 0.4 * LINE_BYTES_S
     for _ in range(11):
-        modem.second(tells=False)
+        modem.second(sends=False)
     modem.sent = 0
-    modem.second(tells=False)
+    modem.second(sends=False)
     assert modem.sent > 0.8 * LINE_BYTES_S
 
 
 def test_however_full_it_says_it_is_heartbeats_and_answers_go_out(radio):
     modem = radio(1e9)
     rig = modem.rig
-    said = []
+    replies = []
     for second in range(60):
         for _ in range(3):
             rig.tell(mavlink.MAVLink_radio_status_message(150, 150, 0, 40, 40, 0, 0))
-        said += rig.command(512, 148.0) if second == 30 else []
-        said += rig.ticks(10)
-    assert len(of_type(said, "HEARTBEAT")) >= 50
-    assert len(of_type(said, "COMMAND_ACK")) == len(of_type(said, "AUTOPILOT_VERSION")) == 1
+        replies += rig.command(512, 148.0) if second == 30 else []
+        replies += rig.ticks(10)
+    assert len(of_type(replies, "HEARTBEAT")) >= 50
+    assert len(of_type(replies, "COMMAND_ACK")) == len(of_type(replies, "AUTOPILOT_VERSION")) == 1
 
 
 @pytest.mark.parametrize("free_percent", [101, 255])
-def test_what_cannot_be_tells_nothing(radio, free_percent):
+def test_what_cannot_be_reports_nothing(radio, free_percent):
     modem = radio(1e9)
     for _ in range(20):
         modem.tell(free_percent)
-        modem.second(tells=False)
+        modem.second(sends=False)
     assert modem.sent > 0.8 * 20 * LINE_BYTES_S
 
 
@@ -116,5 +116,5 @@ def test_over_a_network_there_is_no_modem(radio):
     modem = radio(1e9, byte_rate=None, datagrams=True)
     for _ in range(20):
         modem.tell(0)
-        modem.second(tells=False)
+        modem.second(sends=False)
     assert modem.sent > 0.5 * 20 * LINE_BYTES_S

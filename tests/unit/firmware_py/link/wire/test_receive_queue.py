@@ -63,14 +63,14 @@ def test_a_long_datagram_is_looked_at_in_pieces_and_none_of_it_is_lost(make_rig,
     pings = b"".join(rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
     assert 1000 < len(pings) < 2048
     rig.transport.inbox.append((address, pings))
-    calls, heard = 0, []
+    calls, received = 0, []
     rig.endpoint.service(rig.now_s, [100])
     while rig.endpoint.busy:
         calls += 1
-        heard += [message.seq for message in of(rig.said(address), "PING")]
+        received += [message.seq for message in of(rig.replies(address), "PING")]
         rig.endpoint.service(rig.now_s, [])
-    heard += [message.seq for message in of(rig.said(address), "PING")]
-    assert heard == list(range(60))
+    received += [message.seq for message in of(rig.replies(address), "PING")]
+    assert received == list(range(60))
     assert calls >= 60 // 4 - 1
 
 
@@ -80,7 +80,7 @@ def test_what_follows_a_strangers_noise_is_not_looked_at(make_rig, of):
     rig.transport.inbox.append(("a stranger", bytes(400) + rig.frame(mavlink.MAVLink_ping_message(0, 1, 0, 0))))
     rig.endpoint.service(rig.now_s, [100])
     assert not rig.endpoint.busy
-    assert of(rig.said("a stranger"), "PING") == []
+    assert of(rig.replies("a stranger"), "PING") == []
 
 
 def test_strangers_share_one_share(estimator):
@@ -93,7 +93,7 @@ def test_strangers_share_one_share(estimator):
 
 
 def test_a_station_is_answered_in_the_middle_of_a_flood(make_rig):
-    """Whoever floods, the other's ping is answered soon."""
+    """Any peer that floods, the other's ping is answered soon."""
     rig = make_rig(addresses=())
     rig.prove()
     request = rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))
@@ -105,7 +105,7 @@ def test_a_station_is_answered_in_the_middle_of_a_flood(make_rig):
         rig.transport.inbox.append(("station", rig.frame(mavlink.MAVLink_ping_message(0, turn, 0, 0))))
         calls = 0
         rig.endpoint.service(rig.now_s, [100])
-        while not any(message.get_type() == "PING" and message.seq == turn for message in rig.said("station")):
+        while not any(message.get_type() == "PING" and message.seq == turn for message in rig.replies("station")):
             calls += 1
             assert calls < 200
             rig.endpoint.service(rig.now_s, [])
@@ -121,6 +121,6 @@ def test_long_answers_take_turns(make_rig):
     most = 0
     rig.endpoint.service(0.0, [100])
     while rig.endpoint.busy:
-        most = max(most, sum(message.get_type() == "PARAM_VALUE" for message in rig.said()))
+        most = max(most, sum(message.get_type() == "PARAM_VALUE" for message in rig.replies()))
         rig.endpoint.service(0.0, [])
     assert 0 < most <= 32

@@ -25,28 +25,28 @@ def url_of(holder):
     return f"udpin:127.0.0.1:{holder.getsockname()[1]}"
 
 
-def test_who_does_not_wait_is_refused_and_who_waits_is_told_why(taken):
+def test_who_does_not_wait_is_refused_and_who_waits_is_reported_why(taken):
     with pytest.raises(LinkError, match="already in use"):
         open_transport(url_of(taken), None)
-    told = []
-    with closing(open_transport(url_of(taken), None, say=told.append)) as link:
+    reports = []
+    with closing(open_transport(url_of(taken), None, say=reports.append)) as link:
         assert (link.descriptors(), link.addresses(), link.connections()) == ((), (), ())
         assert not link.send("anybody", b"x")
         link.poll(0.0)
-    (text,) = told
+    (text,) = reports
     assert "already in use" in text
     assert text.endswith("; it is tried again")
 
 
 def test_what_can_be_opened_is_opened_at_once():
-    told = []
-    with closing(open_transport("udpout:127.0.0.1:14550", None, say=told.append)) as link:
+    reports = []
+    with closing(open_transport("udpout:127.0.0.1:14550", None, say=reports.append)) as link:
         assert isinstance(link, UdpTransport)
-    assert told == []
+    assert reports == []
 
 
-@pytest.mark.parametrize("url", ["udpin:127.0.0.1:99999", "pigeon:1", "udpin:127.0.0.1:1?policy=nobody"])
-def test_a_url_that_says_nothing_is_refused_whoever_waits(url):
+@pytest.mark.parametrize("url", ["udpin:127.0.0.1:99999", "pigeon:1", "udpin:127.0.0.1:1?policy=none"])
+def test_a_url_that_says_nothing_is_refused_anyone_who_waits(url):
     with pytest.raises(LinkError):
         open_transport(url, None, say=print)
 
@@ -71,7 +71,7 @@ def test_it_is_the_link_from_when_it_can_be_opened():
     assert len(tried) == 3
 
 
-def test_a_name_server_that_says_nothing_holds_up_nobody(monkeypatch):
+def test_a_name_server_that_says_nothing_holds_up_no_peer(monkeypatch):
     monkeypatch.setattr("firmware_py.link.wire.open_transport.FIRST_TRY_S", 0.001)
     answer = threading.Event()
 

@@ -13,9 +13,9 @@ def line():
 
 @pytest.mark.parametrize(("baud", "radio"), [(9600, True), (57600, True), (115200, True), (921600, False)])
 def test_the_line_is_opened_with_its_baud_rate_which_sets_its_pace(line, baud, radio):
-    asked = []
-    transport = open_transport(f"serial:/dev/ttyX:{baud}", lambda path, rate: asked.append((path, rate)) or line)
-    assert asked == [("/dev/ttyX", baud)]
+    query = []
+    transport = open_transport(f"serial:/dev/ttyX:{baud}", lambda path, rate: query.append((path, rate)) or line)
+    assert query == [("/dev/ttyX", baud)]
     assert (transport.byte_rate, transport.radio) == (baud / 10, radio)
 
 

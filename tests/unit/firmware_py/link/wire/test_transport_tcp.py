@@ -41,15 +41,15 @@ def port_of(server):
 
 def take(transport, *, until):
     """Serve a transport as the loop does until a condition holds; return what it read."""
-    heard = []
+    received = []
     end_s = time.monotonic() + 10.0
-    while not until(heard):
+    while not until(received):
         assert time.monotonic() < end_s
         ready, _, _ = select.select(transport.descriptors(), [], [], 0.01)
         for descriptor in ready:
-            heard.extend(transport.receive(descriptor))
+            received.extend(transport.receive(descriptor))
         transport.poll(time.monotonic())
-    return heard
+    return received
 
 
 def dial(server, opened, count=1):
@@ -62,9 +62,9 @@ def test_each_client_is_a_correspondent(server, opened):
     one, two = dial(server, opened, 2)
     one.sendall(b"one")
     two.sendall(b"two")
-    heard = dict(take(server, until=lambda heard: len(heard) == 2))
-    assert sorted(heard.values()) == [b"one", b"two"]
-    for address, data in heard.items():
+    received = dict(take(server, until=lambda received: len(received) == 2))
+    assert sorted(received.values()) == [b"one", b"two"]
+    for address, data in received.items():
         assert server.send(address, b"to " + data)
     assert (one.recv(100), two.recv(100)) == (b"to one", b"to two")
 
@@ -134,8 +134,8 @@ def test_a_client_connects_once_the_server_is_there_and_again_when_it_comes_back
                 accepted.settimeout(5.0)
                 assert accepted.recv(100) == b"hello"
                 accepted.sendall(b"answer")
-                heard = take_from(client)
-                assert heard == [(client.addresses()[0], b"answer")]
+                received = take_from(client)
+                assert received == [(client.addresses()[0], b"answer")]
         assert take_from(client) == []
         assert client.addresses() == ()
     assert numbers[0] != numbers[1]
@@ -169,7 +169,7 @@ def test_a_client_tries_once_a_second(opened, monkeypatch):
 
 
 def options_of(connected):
-    """Seconds until the first probe, between probes, and until what nobody acknowledges ends the connection."""
+    """Seconds until the first probe, between probes, and until what no peer acknowledges ends the connection."""
     number = socket.IPPROTO_TCP
     kept_alive = connected.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
     times = [connected.getsockopt(number, option) for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL)]
@@ -201,6 +201,6 @@ def test_a_server_that_has_moved_is_found_where_its_name_leads(opened, monkeypat
     port, where = free_port(), ["127.0.0.1"]
     monkeypatch.setattr("firmware_py.link.wire.urls.addresses_of", lambda _url: tuple(where))
     client = opened(open_transport(f"tcpout:station.example:{port}", None))
-    where[:] = ["127.0.0.1", "127.0.0.3"]  # the first of which nobody answers at
+    where[:] = ["127.0.0.1", "127.0.0.3"]  # the first of which no peer answers at
     with socket.create_server(("127.0.0.3", port)):
         take_until_connected(client, 0.0, 1.0)

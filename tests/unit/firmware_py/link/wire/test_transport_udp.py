@@ -98,7 +98,7 @@ class NoWay:
 
 
 @pytest.mark.parametrize("number", [errno.ENETUNREACH, errno.EPERM, errno.ENOBUFS, errno.EHOSTUNREACH])
-def test_what_the_system_refuses_has_not_left_and_is_told_until_something_does(opened, station, number):
+def test_what_the_system_refuses_has_not_left_and_is_reported_until_something_does(opened, station, number):
     transport = opened(f"udpout:127.0.0.1:{station.getsockname()[1]}")
     (target,) = transport.addresses()
     transport._socket = NoWay(transport._socket, number)
@@ -117,7 +117,7 @@ def test_that_a_stranger_cannot_be_reached_says_nothing_of_the_link(opened):
     assert transport.blocked_reason == ""
 
 
-def test_nobody_listening_harms_nothing(opened):
+def test_no_peer_listening_harms_nothing(opened):
     transport = opened(f"udpout:127.0.0.1:{free_port()}")
     for _ in range(5):
         assert transport.send(transport.addresses()[0], b"hello")
@@ -125,14 +125,14 @@ def test_nobody_listening_harms_nothing(opened):
     assert transport.send(transport.addresses()[0], b"hello")
 
 
-def test_udpin_answers_whoever_speaks_and_reads_a_bounded_piece(opened, station):
+def test_udpin_answers_anyone_who_speaks_and_reads_a_bounded_piece(opened, station):
     transport = opened(f"udpin:127.0.0.1:{free_port()}")
     assert transport.addresses() == ()
     for _ in range(100):
         station.sendto(b"x" * 500, ("127.0.0.1", port_of(transport)))
-    heard = receive(transport)
-    assert 1 <= len(heard) <= 48
-    assert transport.send(heard[0][0], b"hello")
+    received = receive(transport)
+    assert 1 <= len(received) <= 48
+    assert transport.send(received[0][0], b"hello")
     assert station.recv(100) == b"hello"
 
 
@@ -173,12 +173,12 @@ def test_what_other_computers_reach_is_known(opened, kind, host, exposed):
     assert opened(f"{kind}:{host}:{free_port()}").exposed is exposed
 
 
-def test_correspondents_are_told_apart_by_port_and_counted_by_host(opened):
+def test_correspondents_are_reported_apart_by_port_and_counted_by_host(opened):
     assert opened(f"udpin:127.0.0.1:{free_port()}").host(("192.0.2.1", 5)) == "192.0.2.1"
 
 
 @pytest.mark.parametrize("host", ["255.255.255.255", "127.255.255.255", "239.1.1.1", "0.0.0.0"])
-def test_a_target_of_many_is_refused_since_whoever_answers_has_another_address(host):
+def test_a_target_of_many_is_refused_since_anyone_who_answers_has_another_address(host):
     with pytest.raises(LinkError, match=rf"{host} is not the address of one station.*udpin:0\.0\.0\.0:14550"):
         open_transport(f"udpout:{host}:14550", None)
 
@@ -200,7 +200,7 @@ def test_what_need_not_hear_sends_to_a_whole_network():
 
 
 @pytest.mark.parametrize("url", ["udpout:[::1]:14550", "udpin:::1:14550", "tcpin:[::]:5760", "tcpout:fe80::1:5760"])
-def test_ipv6_is_refused_and_said_whoever_waits(url):
+def test_ipv6_is_refused_and_said_anyone_who_waits(url):
     with pytest.raises(LinkError, match="there is no IPv6 here; use an IPv4 address"):
         open_transport(url, None, say=print)
 
@@ -209,11 +209,11 @@ class NameServer:
     """Says where hosts are; `asked` counts."""
 
     def __init__(self, monkeypatch, *addresses):
-        self.addresses, self.asked = addresses, 0
+        self.addresses, self.query = addresses, 0
         monkeypatch.setattr("firmware_py.link.wire.urls.addresses_of", self.answer)
 
     def answer(self, _url):
-        self.asked += 1
+        self.query += 1
         if not self.addresses:
             raise OSError("no answer")
         return self.addresses
@@ -229,18 +229,18 @@ def polled(transport, seconds, until):
     assert until()
 
 
-def test_a_silent_target_is_looked_up_anew_and_followed(opened, monkeypatch):
+def test_a_silent_target_is_looked_up_again_and_followed(opened, monkeypatch):
     names = NameServer(monkeypatch, "127.0.0.2")
     transport = opened("udpout:station.example:14550")
     names.addresses = ("127.0.0.3", "127.0.0.4")
     polled(transport, range(61), lambda: transport.addresses() == (("127.0.0.3", 14550),))
     names.addresses = ("127.0.0.4", "127.0.0.3")  # in turns: it is still there
-    asked = names.asked
-    polled(transport, range(61, 122), lambda: names.asked > asked)
+    query = names.query
+    polled(transport, range(61, 122), lambda: names.query > query)
     transport.poll(121.5)
     names.addresses = ()
-    asked = names.asked
-    polled(transport, range(122, 183), lambda: names.asked > asked)
+    query = names.query
+    polled(transport, range(122, 183), lambda: names.query > query)
     assert transport.addresses() == (("127.0.0.3", 14550),)
 
 
@@ -253,7 +253,7 @@ def test_a_target_that_is_heard_or_has_no_name_is_not_looked_up(opened, monkeypa
         station.sendto(b"hello", ("127.0.0.1", port_of(transport)))
         receive(transport)
         transport.poll(float(now_s))
-    assert names.asked == 1  # as it was opened
+    assert names.query == 1  # as it was opened
     for url in ("udpout:127.0.0.1:14550", "udpout:localhost:14550"):
         other = opened(url)
         before = threading.active_count()

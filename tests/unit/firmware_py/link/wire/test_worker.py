@@ -25,8 +25,8 @@ def test_results_come_by_poll_on_this_thread(worker):
     seen = []
     worker.submit(threading.get_ident, lambda result: seen.append((result, threading.get_ident())))
     wait(worker)
-    ((worked, told),) = seen
-    assert told == threading.get_ident() != worked
+    ((worked, reports),) = seen
+    assert reports == threading.get_ident() != worked
 
 
 def test_what_goes_wrong_is_a_result(worker):
