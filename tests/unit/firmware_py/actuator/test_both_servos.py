@@ -1,0 +1,114 @@
+"""Behaviour that both servo drivers share."""
+
+import math
+
+import pytest
+
+from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+from firmware_py.actuator.volz import VolzOptions, volz_rudder
+from firmware_py.common.records import DeviceState, RudderCommand
+
+COUNTS_PER_DEG = {"dynamixel": 4096 / 360, "volz": 19.2}
+NOISE = {"dynamixel": b"\xff\xff\xfd\x00\x01\x00", "volz": b"\x2c\x01\xdc"}
+
+
+@pytest.fixture(params=["dynamixel", "volz"])
+def kind(request):
+    return request.param
+
+
+@pytest.fixture
+def servo(fakes, kind):
+    return getattr(fakes, kind)()
+
+
+@pytest.fixture
+def line(fakes, servo):
+    return fakes.line(servo)
+
+
+@pytest.fixture
+def driver(kind):
+    """Return the driver of a line."""
+    drivers = {
+        "dynamixel": lambda line: dynamixel_rudder(line, DynamixelOptions()),
+        "volz": lambda line: volz_rudder(line, VolzOptions()),
+    }
+    return drivers[kind]
+
+
+@pytest.fixture
+def sail(fakes, line, driver):
+    return fakes.sail(driver(line))
+
+
+@pytest.fixture
+def counts(kind):
+    """Return the position of a shaft angle in degrees."""
+    return lambda shaft_deg: 2048 + round(COUNTS_PER_DEG[kind] * shaft_deg)
+
+
+def test_there_is_one_frame_per_reply(fakes, servo, driver):
+    line = fakes.line()  # replies only on demand
+    rudder = driver(line)
+    now_s = 0.0
+    for _ in range(200):
+        before = len(line.written)
+        rudder.command(RudderCommand(0.1, True), now_s)
+        for _ in range(3):
+            rudder.receive(now_s)
+        assert len(line.written) - before == 1
+        line.inbox += servo.handle(line.written[-1])
+        now_s += 0.02
+    assert rudder.health(now_s).state is DeviceState.RUNNING
+
+
+@pytest.mark.parametrize("shaft_rad", [math.nan, math.inf, -math.inf])
+def test_a_goal_that_is_not_finite_is_rejected(sail, servo, counts, shaft_rad):
+    sail.ticks(5, shaft_deg=10.0)
+    rejected = sail.health().rejected
+    sail.rudder.command(RudderCommand(shaft_rad, True), sail.now_s)
+    sail.ticks(1, shaft_deg=math.nan)
+    assert servo.position == counts(10.0)
+    assert sail.health().rejected == rejected + 2
+
+
+def test_a_line_that_is_closed_and_opened_again(sail, servo, line, kind, counts):
+    sail.ticks(5)
+    line.unplug()
+    assert sail.rudder.fileno() == -1
+    sail.ticks(3)
+    assert sail.health().state is DeviceState.ABSENT
+    line.plug()
+    servo.powered = False
+    sail.ticks(8)
+    assert sail.health().state is DeviceState.STARTING  # no reply since the line was opened
+    servo.powered = True
+    if kind == "dynamixel":
+        servo.restart()
+    sail.ticks(6, shaft_deg=10.0)
+    assert sail.health().state is DeviceState.RUNNING
+    assert servo.position == counts(10.0)
+
+
+def test_echo_and_noise_are_skipped(sail, line, servo, kind, counts):
+    line.echo = True
+    line.noise = NOISE[kind]
+    feedback = sail.ticks(10, shaft_deg=8.0)
+    assert len(feedback) >= 7
+    assert servo.position == counts(8.0)
+    assert sail.health().state is DeviceState.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("options", "device_id", "allowed"),
+    [
+        (DynamixelOptions, 253, "0 to 252"),
+        (DynamixelOptions, -1, "0 to 252"),
+        (VolzOptions, 0, "1 to 30"),
+        (VolzOptions, 31, "1 to 30"),
+    ],
+)
+def test_an_invalid_id_is_rejected(options, device_id, allowed):
+    with pytest.raises(ValueError, match=rf"id: .* allowed: {allowed}"):
+        options(id=device_id)
