@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.cli import calibrate_rudder, logged_ticks
+from firmware_py.cli import logged_ticks
 from firmware_py.cli.calibrate_rudder import BenchError, Measured, examine
 from firmware_py.common.angles import degrees, radians, wrap_two_pi
 from firmware_py.common.intents import Arm, Request, SetParameter
@@ -183,4 +183,3 @@ def test_report_names_the_missing_data(monkeypatch, capsys):
     monkeypatch.setattr(logged_ticks, "read_log", lambda _path: voyage(courses=4))
     assert main(["calibrate", "rudder", "any.BIN"]) == 1
     assert "not enough data" in capsys.readouterr().out
-    assert calibrate_rudder.INSUFFICIENT_DATA == 1

@@ -121,11 +121,12 @@ def test_params_prints_the_table_and_checks_files(capsys, tmp_path):
 
 
 def test_generated_pages_are_up_to_date(capsys):
-
-    params = ROOT / "params"
-    for option, name in (("--markdown", "REFERENCE.md"), ("--faults", "FAULTS.md"), ("--texts", "TEXTS.md")):
+    pages = {"--markdown": "REFERENCE", "--faults": "FAULTS", "--messages": "MESSAGES", "--texts": "TEXTS"}
+    for option, name in pages.items():
         assert main(["params", option]) == 0
-        assert capsys.readouterr().out == (params / name).read_text(), "write them with make pages"
+        assert capsys.readouterr().out == (ROOT / f"params/{name}.md").read_text(), "write them with make pages"
+    assert main(["params", "--metadata"]) == 0
+    assert [row["name"] for row in json.loads(capsys.readouterr().out)["parameters"]] == [row.name for row in TABLE]
 
 
 def test_decode_prints_json_lines(capsys, tmp_path):
@@ -140,12 +141,6 @@ def test_decode_prints_json_lines(capsys, tmp_path):
     assert one_line_error(capsys, ["decode", "nmea", str(file)], 0).endswith(
         f"{file}: no nmea message in 13 bytes; check KIND"
     )
-
-
-def test_replay_refuses_a_file_that_is_not_a_log(capsys, tmp_path):
-    file = tmp_path / "x.BIN"
-    file.write_bytes(b"nothing of the kind")
-    assert "x.BIN" in one_line_error(capsys, ["replay", str(file)])
 
 
 def test_check_prints_each_finding_and_fails_for_silent_devices(capsys, vehicle, ports, tmp_path, monkeypatch):

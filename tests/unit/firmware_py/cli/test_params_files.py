@@ -1,7 +1,5 @@
 """`rambler params`: files written and read back, the metadata."""
 
-import json
-
 import pytest
 
 from firmware_py.__main__ import main
@@ -25,12 +23,9 @@ def test_parameter_file_round_trip(capsys, tmp_path, form):
     assert "2 differ from their defaults" in capsys.readouterr().out
 
 
-def test_save_without_file_writes_defaults(capsys, tmp_path):
+def test_save_without_file_writes_defaults_or_a_one_line_error(capsys, tmp_path):
     assert main(["params", "--save", str(tmp_path / "out")]) == 0
     assert parse_file((tmp_path / "out").read_text(), "out") == {row.name: row.default for row in SETTINGS}
-
-
-def test_unwritable_file_is_a_one_line_error(capsys, tmp_path):
     assert main(["params", "--save", str(tmp_path / "none" / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -40,11 +35,6 @@ def test_invalid_file_is_not_saved(capsys, tmp_path):
     given.write_text("CTL_K1 4100\n")
     assert main(["params", str(given), "--save", str(out)]) == 1
     assert not out.exists()
-
-
-def test_metadata_is_printed(capsys):
-    assert main(["params", "--metadata"]) == 0
-    assert [row["name"] for row in json.loads(capsys.readouterr().out)["parameters"]] == [row.name for row in TABLE]
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from firmware_py.cli.text_page import SECTIONS, markdown
-from firmware_py.faults.table import TABLE
+from firmware_py.cli.text_page import SECTIONS
 from support.status_texts import status_texts
 
 ENTRIES = {text: row for section in SECTIONS.values() for text, row in section.items()}
@@ -64,9 +63,3 @@ def test_every_entry_has_meaning_and_remedy():
     for text, parts in ENTRIES.items():
         assert words(text).strip(" :,.;"), text
         assert all(part.strip() for part in parts), text
-
-
-def test_the_page_has_every_text_and_every_fault():
-    page = markdown()
-    assert all(row.text in page and row.recovery in page for row in TABLE.values())
-    assert page.count("\n| ") >= len(ENTRIES) + len(TABLE)

@@ -78,14 +78,11 @@ def test_update_roll_back_and_update(place, ask):
     assert in_force(place) == forward
 
 
-def test_installed_version_is_refused(place, ask):
+def test_roll_back_needs_a_previous_version_and_an_update_another_one(place, ask):
+    assert ask("--back") == (2, "rambler update: there is no previous version\n")
     ask()
     (place / "bin/.rambler.trial").unlink()
     assert ask() == (2, "rambler update: 9.9.9 (git abcd1234) is already installed\n")
-
-
-def test_roll_back_needs_a_previous_version(ask):
-    assert ask("--back") == (2, "rambler update: there is no previous version\n")
 
 
 def test_armed_boat_with_state_from_drop_in_is_not_updated(place, ask):
@@ -99,6 +96,11 @@ def test_armed_boat_with_state_from_drop_in_is_not_updated(place, ask):
     code, output = ask()
     assert (code, in_force(place)) == (2, "rambler")
     assert f"override.conf runs {place / 'bin/rambler'} on {place / 'state'}" in output
+
+
+def test_disarmed_boat_is_updated(place, ask):
+    says(place, armed=False)
+    assert ask()[0] == 0
 
 
 def test_armed_boat_is_updated_only_with_armed(place, ask):
@@ -136,11 +138,6 @@ def test_arming_during_the_checks_stops_the_update(place, ask, monkeypatch, word
     assert "the boat is armed; disarm it" in output
 
 
-def test_disarmed_boat_is_updated(place, ask):
-    says(place, armed=False)
-    assert ask()[0] == 0
-
-
 def test_downgrade_needs_older(place, ask, tmp_path):
     older = small_bundle(tmp_path, version="0.0.1")
     code, output = ask(str(older))
@@ -163,18 +160,16 @@ def test_same_version_is_compared_by_commit_time(place, ask, tmp_path, monkeypat
     assert (code, text in output) == (0, True)
 
 
-def test_signers_require_a_signature(place, ask):
-    (place / "signers").write_text("")
-    code, output = ask(str(place / "new.bundle"), "--signers", str(place / "signers"))
-    assert (code, in_force(place)) == (2, "rambler")
-    assert "not signed" in output
-
-
-def test_dangling_link_to_signers_requires_a_signature(place, ask, monkeypatch):
-    (place / "signers").symlink_to(place / "gone")
+@pytest.mark.parametrize("dangling", [False, True])
+def test_signers_require_a_signature(place, ask, monkeypatch, dangling):
+    if dangling:
+        (place / "signers").symlink_to(place / "gone")
+    else:
+        (place / "signers").write_text("")
     monkeypatch.setattr("firmware_py.cli.update.SIGNERS", place / "signers")
-    assert "not signed" in ask()[1]
-    assert in_force(place) == "rambler"
+    for words in ((), (str(place / "new.bundle"), "--signers", str(place / "signers"))):
+        code, output = ask(*words)
+        assert (code, in_force(place), "not signed" in output) == (2, "rambler", True)
 
 
 def test_one_update_at_a_time(place, ask):
@@ -231,30 +226,35 @@ def test_invalid_or_missing_bundle_is_refused(place, ask):
     assert ask(str(place / "nothing"))[0] == 2
 
 
-def test_other_units_are_refused(place, ask):
-    unit = place / "rambler.service"
-    text = unit.read_text()
-    unit.write_text(text.replace("ExecStartPre", "#"))
-    assert "is not a current unit" in ask()[1]
-    unit.write_text(text.replace(" run ", " walk "))
-    assert "is not a current unit" in ask()[1]
-    unit.write_text(text.replace("ExecStart=", 'ExecStart="'))
-    assert "is not a current unit" in ask()[1], "quotes that do not end"
-    unit.unlink()
-    assert "only a service can be updated" in ask()[1]
+def edit(path, old, new):
+    path.write_text(path.read_text().replace(old, new))
 
 
-def test_program_without_link_is_refused(place, ask):
+def replace_link(place):
     (place / "bin/rambler").unlink()
     shutil.copy(place / "opt/rambler/bin/rambler", place / "bin/rambler")
-    assert "is not a link" in ask()[1]
 
 
-def test_environment_with_system_packages_is_refused(place, ask):
-    (place / "opt/rambler/pyvenv.cfg").write_text("include-system-site-packages = true\n")
-    assert "A board without wheels" in ask()[1]
-    (place / "opt/rambler/pyvenv.cfg").unlink()
-    assert "is not in a virtual environment" in ask()[1]
+UNIT, CONFIG = "rambler.service", "opt/rambler/pyvenv.cfg"
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda place: edit(place / UNIT, "ExecStartPre", "#"), "is not a current unit"),
+        (lambda place: edit(place / UNIT, " run ", " walk "), "is not a current unit"),
+        (lambda place: edit(place / UNIT, "ExecStart=", 'ExecStart="'), "is not a current unit"),
+        (lambda place: (place / UNIT).unlink(), "only a service can be updated"),
+        (replace_link, "is not a link"),
+        (lambda place: (place / CONFIG).write_text("include-system-site-packages = true\n"), "A board without wheels"),
+        (lambda place: (place / CONFIG).unlink(), "is not in a virtual environment"),
+    ],
+    ids=["no trial", "other command", "open quote", "no unit", "no link", "system packages", "no environment"],
+)
+def test_unsuitable_installation_is_refused(place, ask, change, text):
+    change(place)
+    code, output = ask()
+    assert (code, text in output) == (2, True), output
 
 
 def test_update_needs_free_space(tmp_path, monkeypatch):
