@@ -92,23 +92,22 @@ def test_changed_byte_is_detected_or_has_no_effect(make, tmp_path):
         assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == FILES, place
 
 
-def test_unlisted_file_is_refused(make, tmp_path):
-    def add(members):
-        return [*members, (tarfile.TarInfo("more.whl"), b"")]
-
-    assert "more.whl" in refusal(repacked(make(), add), tmp_path / "out")
+def link_last(members):
+    members[-1][0].type, members[-1][0].linkname = tarfile.SYMTYPE, "/etc/passwd"
+    return members
 
 
-def test_repeated_file_is_refused(make, tmp_path):
-    assert "is not in its list" in refusal(repacked(make(), lambda members: [*members, members[-1]]), tmp_path / "out")
-
-
-def test_link_in_place_of_a_file_is_refused(make, tmp_path):
-    def link(members):
-        members[-1][0].type, members[-1][0].linkname = tarfile.SYMTYPE, "/etc/passwd"
-        return members
-
-    assert "has 0 bytes" in refusal(repacked(make(), link), tmp_path / "out")
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda members: [*members, (tarfile.TarInfo("more.whl"), b"")], "'more.whl', which is not in its list"),
+        (lambda members: [*members, members[-1]], "is not in its list"),
+        (link_last, "has 0 bytes"),
+    ],
+    ids=["unlisted file", "repeated file", "link"],
+)
+def test_changed_members_are_refused(make, tmp_path, change, text):
+    assert text in refusal(repacked(make(), change), tmp_path / "out")
 
 
 @pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a/b", "", ".hidden", "x" * 300])

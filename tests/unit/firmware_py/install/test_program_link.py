@@ -115,7 +115,7 @@ def test_trial_of_another_program_is_dropped(link, place, start):
 
 
 @pytest.mark.parametrize("content", [b"", b"\n", b"nonsense", b"\0\0\0", b"/somewhere/else\n"])
-def test_empty_trial_record_is_dropped(link, place, start, content):
+def test_invalid_trial_record_is_dropped(link, place, start, content):
     link.switch(program(place, "new"))
     (place / "bin/.rambler.trial").write_bytes(content)
     assert link.trial() is None

@@ -61,7 +61,7 @@ def luminance(colour):
 @pytest.mark.parametrize("scheme", schemes(), ids=["light", "dark"])
 @pytest.mark.parametrize("text", ["ink", "soft", "main", "second", "goal", "command", "bad", "good"])
 @pytest.mark.parametrize("ground", ["page", "card"])
-def test_text_is_escaped(scheme, text, ground):
+def test_text_contrast_meets_wcag_aa(scheme, text, ground):
     low, high = sorted((luminance(scheme[text]), luminance(scheme[ground])))
     assert (high + 0.05) / (low + 0.05) >= 4.5  # WCAG 2, level AA
 
