@@ -93,9 +93,9 @@ class Servo(Protocol[RequestT, ReplyT]):
         """Return whether a reply matches the request; it may belong to an earlier request or another device."""
 
     def process_reply(self, request: RequestT, reply: ReplyT, asked_s: float, *, is_certain: bool) -> ReplyResult:
-        """Take the reply to a request, which may have been given up; what it says is of when it was asked, or later.
+        """Process the reply to a request, which may have been given up; its values are from `asked_s` or later.
 
-        Not `is_certain`: it may also be that of a later request which it fits as well.
+        Not `is_certain`: the reply also matches a later request.
         """
 
     def condition(self, *, answered: bool) -> tuple[DeviceState, str]:

@@ -39,9 +39,9 @@ def _mission(time_us: int, plan: Plan, first: int) -> Iterator[bytes]:
     total = len(plan.items) + first
     for number, item in enumerate(plan.items, start=first):
         target = first if item.command == Command.JUMP else 0
-        place = (item.x, item.y) if has_place(item.command) else (0, 0)
+        coordinates = (item.x, item.y) if has_place(item.command) else (0, 0)
         params = (item.params[0] + target, *item.params[1:])
-        yield ITEM.pack(time_us, total, number, item.command, *params, *place, item.z, item.frame)
+        yield ITEM.pack(time_us, total, number, item.command, *params, *coordinates, item.z, item.frame)
 
 
 def _fence_item(time_us: int, total: int, number: int, item: PlanItem) -> bytes:

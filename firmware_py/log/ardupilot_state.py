@@ -51,7 +51,7 @@ FAST_TICKS: Final = 10  # interval of the motion messages
 SLOW_TICKS: Final = 100  # interval of the slowly changing messages
 _CENTRE_US, _FULL_US = 1500.0, 500.0
 _SECONDS_PER_MAH: Final = 3.6
-_ATTITUDE_KNOWN, _PLACE_KNOWN = 1, 2 | 16  # EKF solution flags: attitude; horizontal velocity and position
+_ATTITUDE_KNOWN, _POSITION_KNOWN = 1, 2 | 16  # EKF solution flags: attitude; horizontal velocity and position
 _ROVER: Final = 1  # build type: sets the mode names
 
 
@@ -185,12 +185,12 @@ def _fast_messages(boat: Snapshot, limit_rad: float) -> list[bytes]:
     parts = []
     if not math.isnan(yaw_deg):
         parts.append(ATTITUDE.pack(time_us, 0.0, roll_deg, 0.0, pitch_deg, desired_deg, yaw_deg, 0))
-    place = _place(boat)
-    if place is not None and boat.position is not None:
+    position = _position_of(boat)
+    if position is not None and boat.position is not None:
         altitude_m = _finite(boat.position.altitude_m)
         above_m = altitude_m - _finite(boat.home.altitude_m) if boat.home is not None else 0.0
-        parts.append(PLACE.pack(time_us, *_scaled(place), altitude_m, above_m, above_m))
-    parts.append(_estimate(boat, place, time_us, roll_deg, pitch_deg))
+        parts.append(PLACE.pack(time_us, *_scaled(position), altitude_m, above_m, above_m))
+    parts.append(_estimate(boat, position, time_us, roll_deg, pitch_deg))
     deflection = _finite(boat.rudder_command_rad) / max(limit_rad, 1e-3)
     parts.append(OUTPUTS.pack(time_us, _pulse(deflection), *(0,) * (CHANNELS - 1)))
     speed_m_s, rudder_deg = _water_speed(boat), _deg(boat.rudder_command_rad)
@@ -204,7 +204,7 @@ def _fast_messages(boat: Snapshot, limit_rad: float) -> list[bytes]:
     return [*parts, LINE.pack(time_us, *along)]
 
 
-def _estimate(boat: Snapshot, place: Place | None, time_us: int, roll_deg: float, pitch_deg: float) -> bytes:
+def _estimate(boat: Snapshot, position: Place | None, time_us: int, roll_deg: float, pitch_deg: float) -> bytes:
     """Return the estimate: heading without wave yaw, velocity over ground, offset from home; no vertical motion."""
     heading_rad = boat.heading_rad if boat.estimate is None else boat.estimate.heading_rad
     north_m_s = east_m_s = north_m = east_m = math.nan
@@ -213,8 +213,8 @@ def _estimate(boat: Snapshot, place: Place | None, time_us: int, roll_deg: float
         course_rad = heading_rad + water.leeway_rad
         north_m_s = _single(water.speed_m_s * math.cos(course_rad) + water.current_north_m_s)
         east_m_s = _single(water.speed_m_s * math.sin(course_rad) + water.current_east_m_s)
-    if place is not None and boat.home is not None:
-        north_m, east_m = map(_single, Place(boat.home.latitude_rad, boat.home.longitude_rad).offset_m(place))
+    if position is not None and boat.home is not None:
+        north_m, east_m = map(_single, Place(boat.home.latitude_rad, boat.home.longitude_rad).offset_m(position))
     origin_m = math.nan if boat.home is None else _single(boat.home.altitude_m)
     moved = (north_m_s, east_m_s, 0.0, 0.0, north_m, east_m, 0.0, origin_m)
     return ESTIMATE.pack(time_us, 0, roll_deg, pitch_deg, _heading(heading_rad), *moved)
@@ -242,14 +242,14 @@ def _tests(boat: Snapshot, time_us: int) -> list[bytes]:
     """Return the innovation test ratio of the heading, the solution flags and the compass attitude as measured."""
     parts = []
     if boat.estimate is not None:
-        solution = _ATTITUDE_KNOWN | (_PLACE_KNOWN if boat.position_ok else 0)
+        solution = _ATTITUDE_KNOWN | (_POSITION_KNOWN if boat.position_ok else 0)
         ratio = _single(math.sqrt(max(_finite(boat.estimate.innovation_square), 0.0)))
         parts.append(TESTS.pack(time_us, 0, 0.0, 0.0, 0.0, ratio, 0.0, solution, int(not boat.position_ok), 0))
-    place = _place(boat)
-    if place is not None and boat.heading_rad is not None:
+    position = _position_of(boat)
+    if position is not None and boat.heading_rad is not None:
         attitude = (_upright(boat.roll_rad), _upright(boat.pitch_rad), _heading(boat.heading_rad))
         altitude_m = _finite(None if boat.position is None else boat.position.altitude_m)
-        parts.append(ATTITUDE_B.pack(time_us, *attitude, altitude_m, *_scaled(place)))
+        parts.append(ATTITUDE_B.pack(time_us, *attitude, altitude_m, *_scaled(position)))
     return parts
 
 
@@ -269,15 +269,15 @@ def _battery(
     return BATTERY.pack(time_us, number, voltage_v, voltage_v, _single(current_a), used_mah, *map(_single, rest))
 
 
-def _place(boat: Snapshot) -> Place | None:
+def _position_of(boat: Snapshot) -> Place | None:
     fix = boat.position if boat.position_ok else None
     if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
         return None
     return Place(fix.latitude_rad, fix.longitude_rad)
 
 
-def _scaled(place: Place) -> tuple[int, int]:
-    north, east = (round(degrees(wrap_pi(angle)) * 1e7) for angle in (place.latitude_rad, place.longitude_rad))
+def _scaled(position: Place) -> tuple[int, int]:
+    north, east = (round(degrees(wrap_pi(angle)) * 1e7) for angle in (position.latitude_rad, position.longitude_rad))
     return north, east
 
 

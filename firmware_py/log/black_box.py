@@ -29,7 +29,7 @@ _CHUNK_BYTES: Final = 1 << 16
 _LINEAR_SEARCH_BYTES: Final = 1 << 17  # below this length the bisection stops
 
 
-class TickPlace(NamedTuple):
+class TickPosition(NamedTuple):
     """Offset, number and time of a tick in a log."""
 
     offset: int
@@ -78,7 +78,7 @@ def is_first_of_run(log: Path) -> bool:
         return first is None or first.number == 0
 
 
-def next_tick(descriptor: int, offset: int, end: int) -> TickPlace | None:
+def next_tick(descriptor: int, offset: int, end: int) -> TickPosition | None:
     """Return the first tick of a section of a file, None without one.
 
     The first tick of a file follows its head, every other tick follows an END.
@@ -93,7 +93,7 @@ def next_tick(descriptor: int, offset: int, end: int) -> TickPlace | None:
             if not follows_end or data[at - before : at - before + HEAD_BYTES] == _END_MARK:
                 values = dict(zip(_TICK.labels, _TICK.unpack(data, at), strict=True))
                 if math.isfinite(values["T"]):
-                    return TickPlace(offset + at, values["Tick"], values["T"])
+                    return TickPosition(offset + at, values["Tick"], values["T"])
             at = data.find(_TICK_MARK, at + 1)
         if len(data) <= before + size:
             return None
@@ -101,38 +101,38 @@ def next_tick(descriptor: int, offset: int, end: int) -> TickPlace | None:
     return None
 
 
-def offset_of_tick(descriptor: int, first: TickPlace, end: int, t_s: float) -> int:
+def offset_of_tick(descriptor: int, first: TickPosition, end: int, t_s: float) -> int:
     """Return the offset of the first tick at a time or later, or the end; ticks are in order of time."""
     if first.t_s >= t_s:
         return first.offset
     low, high = first.offset, end
     while high - low > _LINEAR_SEARCH_BYTES:
         middle = (low + high) // 2
-        found = next_tick(descriptor, middle, high)
-        if found is None or found.t_s >= t_s:
+        tick = next_tick(descriptor, middle, high)
+        if tick is None or tick.t_s >= t_s:
             high = middle
         else:
-            low = found.offset
-    at: TickPlace | None = TickPlace(low, 0, -math.inf)
+            low = tick.offset
+    at: TickPosition | None = TickPosition(low, 0, -math.inf)
     while at is not None and at.t_s < t_s:
         at = next_tick(descriptor, at.offset + 1, end)
     return end if at is None else at.offset
 
 
-def last_tick(descriptor: int, first: TickPlace, end: int) -> TickPlace:
+def last_tick(descriptor: int, first: TickPosition, end: int) -> TickPosition:
     """Return the last tick that starts in a file."""
     back = _LINEAR_SEARCH_BYTES
-    at: TickPlace | None = None
+    at: TickPosition | None = None
     while at is None and end - back > first.offset:
         at = next_tick(descriptor, end - back, end)
         back *= 2
-    found = at or first
-    while (at := next_tick(descriptor, found.offset + 1, end)) is not None:
-        found = at
-    return found
+    tick = at or first
+    while (at := next_tick(descriptor, tick.offset + 1, end)) is not None:
+        tick = at
+    return tick
 
 
-def _end_of_previous_log(log: Path, first: TickPlace, t_s: float, opened: contextlib.ExitStack) -> list[Span]:
+def _end_of_previous_log(log: Path, first: TickPosition, t_s: float, opened: contextlib.ExitStack) -> list[Span]:
     """Return the ticks of the previous log from a time on, if it is not archived and `first` follows its last tick."""
     before = log.with_name(f"{int(log.name.partition('.')[0]) - 1:08d}.BIN")
     try:

@@ -182,24 +182,24 @@ class Parser:
             at = buffer.find(MARK, at)
             if at < 0 or at + HEAD_BYTES > size:
                 break
-            found = self._formats.get(buffer[at + 2])
-            end = at + found.length if found is not None else size + 1
+            file_format = self._formats.get(buffer[at + 2])
+            end = at + file_format.length if file_format is not None else size + 1
             # After garbage, two bytes of a mark are weak evidence: the record must also end
             # at the next mark or at the end of the buffer.
-            if found is None or end > size or (at != done and not self._begins(end)):
+            if file_format is None or end > size or (at != done and not self._is_record_start(end)):
                 at += 1
                 continue
             self.garbage_bytes += at - done
-            if found.number == FMT_TYPE:
-                self._learn(found.unpack(buffer, at))
-            yield found, at
+            if file_format.number == FMT_TYPE:
+                self._add_format(file_format.unpack(buffer, at))
+            yield file_format, at
             done = at = end
         self.tail_bytes = size - done
 
-    def _begins(self, at: int) -> bool:
+    def _is_record_start(self, at: int) -> bool:
         return at == len(self._buffer) or self._buffer[at : at + 2] == MARK
 
-    def _learn(self, values: tuple[Any, ...]) -> None:
+    def _add_format(self, values: tuple[Any, ...]) -> None:
         number, length = values[0], values[1]
         if number == FMT_TYPE:
             return

@@ -121,36 +121,36 @@ class LocalDisk:
             return
         logs = [_LogFile.of(path) for _, path in sorted(log_files(directory).items())]
         boxes = [_LogFile.of(path) for path in sorted(_box_files(directory), key=_moment)]
-        total = sum(kept.size for kept in (*logs, *boxes)) + _unfinished_bytes(directory)
+        total = sum(log_file.size for log_file in (*logs, *boxes)) + _unfinished_bytes(directory)
         if self._reserve_bytes and (left_bytes := total + self.free_bytes(directory) - self._reserve_bytes) > 0:
             room_bytes = min(room_bytes, left_bytes)
         while boxes and (len(boxes) > MAX_BOXES or sum(box.size for box in boxes) > MAX_BOX_SHARE * room_bytes):
             total -= _remove(boxes.pop(_densest(boxes)))
         if self._retention_days > 0.0 and is_possible(now_s := self._utc_s()):
             # A log written with a wrong clock has no age; a clock that is years ahead must not delete all logs.
-            dated = [kept for kept in logs if is_possible(kept.modified_s)]
-            newest_s = max((kept.modified_s for kept in dated), default=now_s)
+            dated = [log_file for log_file in logs if is_possible(log_file.modified_s)]
+            newest_s = max((log_file.modified_s for log_file in dated), default=now_s)
             oldest_s = min(now_s, newest_s) - self._retention_days * DAY_S
-            for kept in [kept for kept in dated if kept.modified_s < oldest_s]:
-                total -= _remove(kept)
-                logs.remove(kept)
+            for log_file in [log_file for log_file in dated if log_file.modified_s < oldest_s]:
+                total -= _remove(log_file)
+                logs.remove(log_file)
         rest = [*logs, *boxes]
         missing = MIN_FREE_FILES - self.free_files(directory) if self._reserve_bytes else 0
-        least_removed = missing if missing <= len(rest) else 0
-        for removed, kept in enumerate(rest):
-            if total <= room_bytes and removed >= least_removed:
+        min_removed = missing if missing <= len(rest) else 0
+        for removed, log_file in enumerate(rest):
+            if total <= room_bytes and removed >= min_removed:
                 return
-            total -= _remove(kept)
+            total -= _remove(log_file)
 
     def free_files(self, directory: Path) -> int:
         """Return the number of free inodes, MIN_FREE_FILES on a file system that does not limit them."""
-        found = os.statvfs(directory)
-        return found.f_favail if found.f_files else MIN_FREE_FILES
+        usage = os.statvfs(directory)
+        return usage.f_favail if usage.f_files else MIN_FREE_FILES
 
     def free_bytes(self, directory: Path) -> int:
         """Return the free space of the directory's file system, or of its parent's if it does not exist."""
-        found = os.statvfs(directory if directory.is_dir() else directory.parent)
-        return found.f_bavail * found.f_frsize
+        usage = os.statvfs(directory if directory.is_dir() else directory.parent)
+        return usage.f_bavail * usage.f_frsize
 
 
 def log_files(directory: Path) -> dict[int, Path]:
@@ -159,12 +159,12 @@ def log_files(directory: Path) -> dict[int, Path]:
     If a log exists both compressed and uncompressed, as during compression, the uncompressed one is returned.
     Entries that are not regular files are ignored.
     """
-    found: dict[int, Path] = {}
+    files: dict[int, Path] = {}
     for name in _file_names(directory):
         match = NAME.fullmatch(name)
-        if match is not None and (match[2] is None or int(match[1]) not in found):
-            found[int(match[1])] = directory / name
-    return found
+        if match is not None and (match[2] is None or int(match[1]) not in files):
+            files[int(match[1])] = directory / name
+    return files
 
 
 def last_written_s(directory: Path) -> float:
@@ -193,13 +193,13 @@ class _LogFile(msgspec.Struct, frozen=True):
         return cls(path, status.st_size, status.st_mtime)
 
 
-def _remove(kept: _LogFile) -> int:
+def _remove(log_file: _LogFile) -> int:
     """Remove a log and a partial archive of it; return the freed size."""
-    size, part = kept.size, part_path(packed_path(kept.path))
+    size, part = log_file.size, part_path(packed_path(log_file.path))
     with contextlib.suppress(FileNotFoundError):
         size += part.stat().st_size
         part.unlink()
-    kept.path.unlink()
+    log_file.path.unlink()
     return size
 
 

@@ -14,9 +14,9 @@ _FIRST_UTC_S = 1.0e9  # 2001: an earlier time is not from a receiver
 
 def utc_offset_s(buffer: Buffer) -> float | None:
     """Return UTC minus process time from the first dated fix of a log; None without one."""
-    for found, at in Parser(buffer):
-        if found.name == "FIX":
-            fix = dict(zip(found.labels, found.unpack(buffer, at), strict=True))
+    for file_format, at in Parser(buffer):
+        if file_format.name == "FIX":
+            fix = dict(zip(file_format.labels, file_format.unpack(buffer, at), strict=True))
             utc_s, t_s = fix.get("Utc"), fix.get("T")
             if not (isinstance(utc_s, float) and isinstance(t_s, float)):  # another version, or damaged
                 continue

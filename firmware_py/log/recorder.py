@@ -119,8 +119,8 @@ class LogRecorder:
         if self.writer.full():
             self._drop("log: disk too slow, tick dropped")
             return
-        wanted = self.writer.wanted_files
-        opens_file = wanted != self._opened_files or self._file_size >= self._file_bytes
+        requested = self.writer.requested_files
+        opens_file = requested != self._opened_files or self._file_size >= self._file_bytes
         try:
             state = before() if opens_file or self._complaint else None
             body = self._tick_bytes(inputs, output, state, renew_mode=opens_file) + changed
@@ -132,7 +132,7 @@ class LogRecorder:
             return
         self._complaint = ""
         self._mode = output.snapshot.mode
-        self._opened_files = wanted
+        self._opened_files = requested
         self._file_size = len(data) if opens_file else self._file_size + len(data)
         self.writer.put(data, opens_file=opens_file)
 

@@ -34,8 +34,8 @@ class Batch(NamedTuple):
 class LogWriter:
     """Appends batches to numbered files; after an error it needs a new file.
 
-    `wanted_files` is the number of files requested: one at the start and one after every error. Until a batch opens a
-    file, batches are lost and counted.
+    `requested_files` is the number of files requested: one at the start and one after every error. Until a batch opens
+    a file, batches are lost and counted.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class LogWriter:
         self._file: tuple[int, Path] | None = None
         self._file_batches = 0
         self._unsynced = 0
-        self.wanted_files = 1
+        self.requested_files = 1
         self._turns = 0
         self.lost = 0
         self.failure = ""
@@ -243,7 +243,7 @@ class LogWriter:
             if self._file_batches == 0:
                 with contextlib.suppress(OSError):
                     self._disk.remove(path)
-        self.wanted_files += 1
+        self.requested_files += 1
 
 
 def _whole_batches(chunk: list[bytes], written: int) -> int:

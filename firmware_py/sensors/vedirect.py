@@ -63,24 +63,24 @@ class VeDirectPower:
             self._monitor.reject(now_s, block.fault)
             return
         try:
-            found = read_measurement(block)
+            measurement = read_measurement(block)
         except MessageError as error:
             self._monitor.reject(now_s, str(error))
             return
         self._monitor.accept(now_s)
-        if found is not None:
-            self._fault = f"charger reports error {found.error}" if found.error else ""
-            self._monitor.note(f"alarm, reason code {found.alarm}" if found.alarm else "")
-            self._samples.append(_sample(found, now_s))
+        if measurement is not None:
+            self._fault = f"charger reports error {measurement.error}" if measurement.error else ""
+            self._monitor.note(f"alarm, reason code {measurement.alarm}" if measurement.alarm else "")
+            self._samples.append(_sample(measurement, now_s))
 
 
-def _sample(found: Measurement, now_s: float) -> PowerSample:
+def _sample(measurement: Measurement, now_s: float) -> PowerSample:
     return PowerSample(
         t_s=now_s,
-        voltage_v=found.voltage_v,
-        current_a=found.current_a,
-        charge=found.charge,
-        solar_w=found.solar_w,
-        load_a=found.load_a,
-        temperature_c=found.temperature_c,
+        voltage_v=measurement.voltage_v,
+        current_a=measurement.current_a,
+        charge=measurement.charge,
+        solar_w=measurement.solar_w,
+        load_a=measurement.load_a,
+        temperature_c=measurement.temperature_c,
     )

@@ -131,14 +131,19 @@ def _result(block: Block) -> Result:
     if block.fault:
         return {"type": "error", "error": block.fault}
     try:
-        found = read_measurement(block)
+        measurement = read_measurement(block)
     except MessageError as error:
         return {"type": "error", "error": error.error, "detail": str(error)}
-    if found is None:
+    if measurement is None:
         return {"type": "other"}
-    values = {field: getattr(found, field) for _, field, *_ in _QUANTITIES}
+    values = {field: getattr(measurement, field) for _, field, *_ in _QUANTITIES}
     known = {name: value for name, value in values.items() if value is not None}
-    return {"type": "power", **values_of("power", known), "charger_error": found.error, "alarm": found.alarm}
+    return {
+        "type": "power",
+        **values_of("power", known),
+        "charger_error": measurement.error,
+        "alarm": measurement.alarm,
+    }
 
 
 CAPTURE_FORMAT = CaptureFormat("vedirect", _decode_capture)

@@ -24,7 +24,7 @@ from firmware_py.common import record_codec
 from firmware_py.files.reading import read_regular
 from firmware_py.files.writing import FILE_MODE
 
-ENDED_FILE, REASON_FILE, TRACEBACK_FILE = "ended", "last-words", "traceback"
+ENDED_FILE, REASON_FILE, TRACEBACK_FILE = "ended", "last-reason", "traceback"
 ENDINGS_FILE: Final = "endings.record"
 _VERSION: Final = 1
 EXIT_STUCK = 11  # exit code: a thread was stuck
@@ -43,7 +43,7 @@ _BY_RESULT: Final[Mapping[str, str]] = {
     "watchdog": WATCHDOG, "signal": KILLED, "core-dump": CRASHED, "oom-kill": MEMORY, "timeout": WATCHDOG,
 }  # fmt: skip
 _CRASHES = ("SEGV", "ABRT", "BUS", "FPE", "ILL", "SYS")
-_PLACE = re.compile(r'File "(?:[^"]*/)?([^"/]+/[^"/]+)", line (\d+) in (\S+)')
+_LOCATION = re.compile(r'File "(?:[^"]*/)?([^"/]+/[^"/]+)", line (\d+) in (\S+)')
 
 
 class Ending(msgspec.Struct, frozen=True):
@@ -104,11 +104,11 @@ def collect_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:
     if runtime is None:
         return ()
     lines = _take(runtime / ENDED_FILE).splitlines()
-    words = _one_line(_take(runtime / REASON_FILE))
-    place = place_of(_take(runtime / TRACEBACK_FILE))
+    reason = _one_line(_take(runtime / REASON_FILE))
+    location = location_of(_take(runtime / TRACEBACK_FILE))
     endings = [ending_of(line, utc_s) for line in lines if line.strip()]
-    if endings and endings[-1].why not in EXPECTED and (words or place):
-        endings[-1] = replace(endings[-1], text=words or f"{endings[-1].text}{endings[-1].text and ', '}{place}")
+    if endings and endings[-1].why not in EXPECTED and (reason or location):
+        endings[-1] = replace(endings[-1], text=reason or f"{endings[-1].text}{endings[-1].text and ', '}{location}")
     return tuple(endings)
 
 
@@ -126,10 +126,10 @@ def ending_of(line: str, now_s: float) -> Ending:
     return Ending(_BY_RESULT.get(result, FAILED), text, utc_s)
 
 
-def place_of(traceback: str) -> str:
+def location_of(traceback: str) -> str:
     """Return the position of the loop's thread from a traceback of faulthandler; empty if unknown."""
     _, _, current = traceback.rpartition("Current thread 0x")  # Python 3.14 adds "Current thread's C stack trace"
-    match = _PLACE.search(current)
+    match = _LOCATION.search(current)
     return f"in {match[1]}:{match[2]} {match[3]}" if match else ""
 
 

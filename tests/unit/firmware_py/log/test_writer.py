@@ -128,17 +128,17 @@ def test_a_full_disk_loses_what_does_not_fit_and_a_new_file_goes_on(disk):
     writer.drain()
     assert disk.files == {"1": b"onetwot"}
     assert disk.open == {}
-    assert (writer.lost, writer.wanted_files, writer.failure) == (2, 2, "log: No space left on device")
+    assert (writer.lost, writer.requested_files, writer.failure) == (2, 2, "log: No space left on device")
     put(writer, b"five")  # of the time before the loop has heard of it
     put(writer, b"SIX")
     writer.drain()
     assert disk.files == {"1": b"onetwot"}  # the file that held no whole tick is gone again
-    assert (writer.lost, writer.wanted_files) == (4, 3)
+    assert (writer.lost, writer.requested_files) == (4, 3)
     disk.room = 100
     put(writer, b"SEVEN", b"eight")
     writer.drain()
     assert disk.files == {"1": b"onetwot", "3": b"seveneight"}
-    assert (writer.lost, writer.wanted_files, writer.failure) == (4, 3, "")
+    assert (writer.lost, writer.requested_files, writer.failure) == (4, 3, "")
 
 
 def test_a_file_that_cannot_be_made_is_tried_again_on_the_next_turn(disk):
@@ -146,7 +146,7 @@ def test_a_file_that_cannot_be_made_is_tried_again_on_the_next_turn(disk):
     disk.create_error = OSError(errno.EROFS, "Read-only file system")
     put(writer, b"ONE", b"two")
     writer.drain()
-    assert (writer.lost, writer.wanted_files, writer.failure) == (2, 2, "log: Read-only file system")
+    assert (writer.lost, writer.requested_files, writer.failure) == (2, 2, "log: Read-only file system")
     assert not writer.has_written
     disk.create_error = None
     put(writer, b"THREE")
@@ -162,7 +162,7 @@ def test_a_failed_sync_loses_all_since_the_last_good_one(disk):
     disk.sync_error = OSError(errno.EIO, "Input/output error")
     put(writer, b"two", b"three")
     writer.drain()
-    assert (writer.lost, writer.wanted_files, writer.failure) == (2, 2, "log: Input/output error")
+    assert (writer.lost, writer.requested_files, writer.failure) == (2, 2, "log: Input/output error")
     assert disk.files == {"1": b"onetwothree"}  # the first is surely there
 
 
@@ -172,7 +172,7 @@ def test_files_of_which_nothing_reaches_the_disk_do_not_push_out_those_that_are_
     for name in (b"ONE", b"TWO", b"THREE"):
         put(writer, name, b"more")
         writer.drain()
-    assert (writer.lost, writer.wanted_files, disk.files) == (6, 4, {})
+    assert (writer.lost, writer.requested_files, disk.files) == (6, 4, {})
 
 
 def test_the_thread_writes_all_before_it_ends(disk):

@@ -19,7 +19,7 @@ from firmware_py.system.endings import (
     collect_endings,
     ending_of,
     from_bytes,
-    place_of,
+    location_of,
     to_bytes,
 )
 
@@ -72,7 +72,7 @@ def test_the_place_is_that_of_the_loop_s_thread_in_the_words_of_each_python(more
         "\nCurrent thread 0x00007f5a42db4200 [rambler] (most recent call first):\n"
         f'  File "/opt/firmware_py/core/step.py", line 88 in step\n  File "/opt/loop.py", line 3 in run\n{more}'
     )
-    assert place_of(traceback) == "in core/step.py:88 step"
+    assert location_of(traceback) == "in core/step.py:88 step"
 
 
 def test_a_signal_that_ends_a_run_leaves_the_place_where_it_was(tmp_path):
