@@ -35,17 +35,14 @@ receives the last five warnings, except those of cleared faults; old ones begin 
 
 [Faults](FAULTS.md) explains condition, action and remedy of each.
 
-| text | text when cleared | fault |
-| --- | --- | --- |
+| text | text when cleared |
+| --- | --- |
 """
 
 
 def markdown() -> str:
     """Return the page."""
-    lines = [
-        f"| {row.text} | {row.recovery} | [{fault.name}](FAULTS.md#{fault.name.lower()}) |"
-        for fault, row in FAULTS.items()
-    ]
+    lines = [f"| [{row.text}](FAULTS.md#{fault.name.lower()}) | {row.recovery} |" for fault, row in FAULTS.items()]
     for title, texts in SECTIONS.items():
         lines += ["", f"## {title}", "", "| text | meaning | what to do |", "| --- | --- | --- |"]
         lines += [f"| {_escaped(text)} | {meaning} | {remedy} |" for text, (meaning, remedy) in sorted(texts.items())]
