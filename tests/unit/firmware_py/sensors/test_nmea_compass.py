@@ -9,6 +9,11 @@ from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 
 
 @pytest.fixture
+def compass(line):
+    return NmeaCompass(line, NmeaCompassOptions())
+
+
+@pytest.fixture
 def hear(line, nmea):
     """Give bodies of sentences to a compass at a time; return the samples."""
 
@@ -25,8 +30,7 @@ def degrees_of(samples):
     return [(round(math.degrees(sample.heading_rad), 6), sample.reference.name) for sample in samples]
 
 
-def test_hdg_is_true_with_a_variation_and_magnetic_without(line, hear, near):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_hdg_is_true_with_a_variation_and_magnetic_without(hear, near, compass):
     (sample,) = hear(compass, "INHDG,180,5,W,10,W", now_s=3.5)
     assert near(sample.heading_rad, 165.0)
     assert near(sample.variation_rad, -10.0)
@@ -45,16 +49,14 @@ def test_other_sentences(line, hear, body, expected):
     assert degrees_of(hear(NmeaCompass(line, NmeaCompassOptions()), body)) == [expected]
 
 
-def test_pashr_brings_roll_and_pitch(line, hear, near):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_pashr_brings_roll_and_pitch(hear, near, compass):
     (sample,) = hear(compass, "PASHR,204132.000,010.51,T,+00.39,-00.79,-00.84,0.151,0.075,0.555,1,0")
     assert near(sample.heading_rad, 10.51)
     assert near(sample.roll_rad, 0.39)
     assert near(sample.pitch_rad, -0.79)
 
 
-def test_xdr_brings_roll_and_pitch_while_they_are_fresh(line, hear, near):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_xdr_brings_roll_and_pitch_while_they_are_fresh(line, hear, near, compass):
     (sample,) = hear(compass, "YXXDR,A,1.2,D,PTCH,A,-3.4,D,ROLL", "HCHDT,10.0,T")
     assert near(sample.pitch_rad, 1.2)
     assert near(sample.roll_rad, -3.4)
@@ -68,16 +70,14 @@ def test_xdr_brings_roll_and_pitch_while_they_are_fresh(line, hear, near):
     assert hear(compass, "HCHDT,10.0,T", now_s=3.7)[0].roll_rad is None
 
 
-def test_an_unknown_transducer_is_reported_once_and_is_no_rejected_sentence(line, hear):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_an_unknown_transducer_is_reported_once_and_is_no_rejected_sentence(hear, compass):
     hear(compass, "SDXDR,C,23.1,C,WTHI", "HCHDT,10.0,T", now_s=1.0)
     assert compass.health(1.0).text == "unknown transducer: WTHI (type C, unit C)"
     hear(compass, "SDXDR,C,23.1,C,WTHI", "HCHDT,10.0,T", now_s=15.0)
     assert (compass.health(15.0).text, compass.health(15.0).rejected) == ("", 0)
 
 
-def test_turn_rate_is_attached_while_it_is_fresh_and_valid(line, hear):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_turn_rate_is_attached_while_it_is_fresh_and_valid(hear, compass):
     (sample,) = hear(compass, "TIROT,-60.0,A", "HEHDT,1,T", now_s=1.0)
     assert sample.yaw_rate_rad_s == pytest.approx(math.radians(-1.0))
     assert hear(compass, "HEHDT,1,T", now_s=2.0)[0].yaw_rate_rad_s is not None
@@ -86,8 +86,7 @@ def test_turn_rate_is_attached_while_it_is_fresh_and_valid(line, hear):
     assert hear(compass, "TIROT,-60.0,A", "TIROT,,A", "HEHDT,1,T", now_s=2.3)[0].yaw_rate_rad_s is None
 
 
-def test_an_empty_heading_is_unknown_and_not_north(line, hear):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_an_empty_heading_is_unknown_and_not_north(hear, compass):
     assert hear(compass, "GPHDT,,", "GPHDT,,T", "HCHDG,,,,,", "PASHR,1,,T,0,0,0", "GPTHS,,V", "GPTHS,12,S") == ()
     health = compass.health(1.0)
     assert (health.role, health.state, health.accepted, health.rejected) == (
@@ -101,14 +100,12 @@ def test_an_empty_heading_is_unknown_and_not_north(line, hear):
     assert compass.health(4.0).state is DeviceState.SILENT
 
 
-def test_the_slow_repeat_in_vhw_and_foreign_sentences_are_not_taken(line, hear):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_the_slow_repeat_in_vhw_and_foreign_sentences_are_not_taken(hear, compass):
     assert hear(compass, "SDVHW,67.5,T,66.6,M,5.3,N,9.8,K", "GPGSV,1,1,00", "GPRMC,nonsense") == ()
     assert compass.health(1.0).rejected == 0
 
 
-def test_a_compass_that_says_400_degrees_is_refused_and_reported(line, hear):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_a_compass_that_says_400_degrees_is_refused_and_reported(hear, compass):
     assert hear(compass, "HEHDT,400,T") == ()
     health = compass.health(1.0)
     assert (health.accepted, health.rejected) == (0, 1)
@@ -132,9 +129,8 @@ def test_a_missing_checksum_is_refused_unless_the_vehicle_allows_it(line, hear):
     assert lenient.health(1.0).rejected == 4
 
 
-def test_rare_true_headings_do_not_suppress_frequent_magnetic_ones(line, hear):
+def test_rare_true_headings_do_not_suppress_frequent_magnetic_ones(hear, compass):
     """Otherwise the compass would be valid for one second in three, with the course fallback between."""
-    compass = NmeaCompass(line, NmeaCompassOptions())
     samples = []
     for tenths in range(300):
         texts = ("HCHDM,8,M", "HCHDT,20,T") if tenths % 30 == 0 else ("HCHDM,8,M",)
@@ -145,8 +141,7 @@ def test_rare_true_headings_do_not_suppress_frequent_magnetic_ones(line, hear):
     assert len(samples) == 310
 
 
-def test_a_magnetic_heading_is_dropped_once_true_ones_are_established(line, hear):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_a_magnetic_heading_is_dropped_once_true_ones_are_established(hear, compass):
     mixed = ("HEHDT,10,T", "HCHDM,8,M")
     found = [degrees_of(hear(compass, *mixed, now_s=float(second))) for second in range(4)]
     assert [len(samples) for samples in found] == [2, 2, 1, 1]
@@ -162,8 +157,7 @@ def test_named_sentences_are_the_only_ones(line, hear):
         NmeaCompassOptions(sentences=("HDG", "VHW"))
 
 
-def test_a_reopened_port_begins_again(line, hear, nmea):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_a_reopened_port_begins_again(line, hear, nmea, compass):
     hear(compass, "HEHDT,10,T", "TIROT,60,A")
     line.inbox += nmea("HEHDT,20,T")[:9]
     compass.receive(1.0)
@@ -178,8 +172,7 @@ def test_a_reopened_port_begins_again(line, hear, nmea):
     assert hear(compass, "HEHDT,30,T", now_s=1.3)[0].yaw_rate_rad_s is None
 
 
-def test_samples_without_polls_are_bounded(line, nmea):
-    compass = NmeaCompass(line, NmeaCompassOptions())
+def test_samples_without_polls_are_bounded(line, nmea, compass):
     for _ in range(40):
         line.inbox += nmea("HEHDT,1,T") * 200
         compass.receive(1.0)

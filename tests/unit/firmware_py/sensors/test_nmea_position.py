@@ -29,6 +29,11 @@ NOTHING = ",,,"
 
 
 @pytest.fixture
+def receiver(line):
+    return NmeaPosition(line, NmeaPositionOptions())
+
+
+@pytest.fixture
 def hear(line, nmea):
     def give(receiver, *bodies, now_s=1.0):
         for body in bodies:
@@ -71,8 +76,7 @@ def test_an_epoch_is_merged(one_epoch, near):
     [lambda t: (rmc(t), VTG, gga(t), gll(t)), lambda t: (gga(t), gll(t), rmc(t), VTG), lambda t: (VTG, gga(t), rmc(t)),
      lambda t: (gga(t),), lambda t: (gll(t),), lambda t: (rmc(t),)],
 )  # fmt: skip
-def test_each_epoch_is_given_once_and_at_its_last_sentence(line, hear, burst):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_each_epoch_is_given_once_and_at_its_last_sentence(hear, burst, receiver):
     hear(receiver, *burst("103600.00"), now_s=0.0)
     for second in range(1, 9):
         samples = hear(receiver, *burst(f"10360{second}.00"), now_s=float(second))
@@ -81,8 +85,7 @@ def test_each_epoch_is_given_once_and_at_its_last_sentence(line, hear, burst):
     assert hear(receiver, now_s=99.0) == ()
 
 
-def test_a_lost_sentence_holds_an_epoch_back_for_half_a_second_only(line, hear):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_a_lost_sentence_holds_an_epoch_back_for_half_a_second_only(hear, receiver):
     for second in range(2):
         hear(receiver, rmc(f"10360{second}.00"), gga(f"10360{second}.00"), now_s=float(second))
     assert hear(receiver, rmc("103602.00"), now_s=2.0) == ()
@@ -91,8 +94,7 @@ def test_a_lost_sentence_holds_an_epoch_back_for_half_a_second_only(line, hear):
     assert [sample.t_s for sample in hear(receiver, rmc("103603.00"), gga("103603.00"), now_s=3.0)] == [3.0]
 
 
-def test_ten_fixes_a_second_with_one_rmc_among_them(line, hear):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_ten_fixes_a_second_with_one_rmc_among_them(hear, receiver):
     count = 0
     for tenth in range(100):
         time = f"1036{tenth // 10:02d}.{tenth % 10}0"
@@ -133,8 +135,7 @@ def test_the_fix(one_epoch, sentences, fix):
     assert (sample.latitude_rad is None) == (sample.utc_s is None and fix is FixType.NONE) == (fix is FixType.NONE)
 
 
-def test_a_receiver_without_fix_is_running_and_says_so(line, hear):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_a_receiver_without_fix_is_running_and_says_so(hear, receiver):
     silent = ("GNRMC,,V,,,,,,,,,,N,V", "GNVTG,,,,,,,,,N", "GNGGA,,,,,,0,00,99.99,,,,,,", "GNGLL,,,,,,V,N")
     samples = [sample for second in range(3) for sample in hear(receiver, *silent, now_s=float(second))]
     assert [sample.fix for sample in samples] == [FixType.NONE] * 3
@@ -143,9 +144,8 @@ def test_a_receiver_without_fix_is_running_and_says_so(line, hear):
     assert receiver.health(5.0).state is DeviceState.SILENT
 
 
-def test_a_receiver_that_says_one_time_again_and_again_has_no_fix(line, hear):
+def test_a_receiver_that_says_one_time_again_and_again_has_no_fix(hear, receiver):
     """A hanging receiver, or a router that repeats its last sentences: the boat would pass every waypoint."""
-    receiver = NmeaPosition(line, NmeaPositionOptions())
     fixes = [sample.fix for second in range(60) for sample in hear(receiver, rmc(), gga(), now_s=float(second))]
     assert fixes[:3] == [FixType.FIX_3D] * 3
     assert set(fixes[4:]) == {FixType.NONE}
@@ -156,16 +156,14 @@ def test_a_receiver_that_says_one_time_again_and_again_has_no_fix(line, hear):
     assert receiver.health(63.0).text == ""
 
 
-def test_whole_seconds_of_a_quick_receiver_are_no_time_that_stands_still(line, hear):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_whole_seconds_of_a_quick_receiver_are_no_time_that_stands_still(hear, receiver):
     sentences = [(tenths / 10, rmc(time=f"1036{tenths // 10:02d}")) for tenths in range(300)]
     fixes = [sample.fix for now_s, body in sentences for sample in hear(receiver, body, now_s=now_s)]
     assert len(fixes) > 290
     assert FixType.NONE not in fixes
 
 
-def test_utc_is_carried_on_from_the_last_date(line, hear):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_utc_is_carried_on_from_the_last_date(hear, receiver):
     found = list(hear(receiver, "GPZDA,235959.00,31,12,2024,00,00", gga("235959.50"), now_s=0.5))
     found += hear(receiver, gga("000000.00"), now_s=1.0)
     found += hear(receiver, gga("000000.50"), now_s=1.5)
@@ -174,36 +172,7 @@ def test_utc_is_carried_on_from_the_last_date(line, hear):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("date", ["2208-1", "320126", "000126", "310221", "", "000000", "220826E"])
-def test_a_position_with_a_date_that_cannot_be_counts_without_a_time(line, hear, date):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
-    hear(receiver, rmc(date=date))
-    (sample,) = hear(receiver, now_s=9.0)
-    assert (sample.fix, sample.utc_s, sample.latitude_rad is None) == (FixType.FIX_2D, None, False)
-    assert receiver.health(9.0).rejected == 0
-
-
-@pytest.mark.parametrize("where", ["0000.0000,N,00000.0000,E", "0000.0000,S,00000.0000,W", "9000.0000,N,00000.0000,E"])
-def test_a_place_that_cannot_be_is_no_fix(line, hear, where):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
-    hear(receiver, rmc(where=where))
-    (sample,) = hear(receiver, now_s=9.0)
-    assert (sample.fix, sample.latitude_rad) == (FixType.NONE, None)
-    assert receiver.health(9.0).text == "position invalid: no fix"
-
-
-def test_on_the_equator_and_on_the_meridian_there_are_fixes(line, hear):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
-    for number, where in enumerate(
-        ("0000.0000,N,02100.0000,E", "5100.0000,N,00000.0000,E", "0000.0100,N,00000.0000,E")
-    ):
-        hear(receiver, rmc(f"1036{number:02d}.00", where=where), now_s=1.0 + number)
-    samples = hear(receiver, now_s=20.0)
-    assert all(sample.fix is not FixType.NONE for sample in samples)
-
-
-def test_without_any_date_there_is_no_utc_and_a_bad_date_is_refused(line, hear):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_without_any_date_there_is_no_utc_and_a_bad_date_is_refused(hear, receiver):
     hear(receiver, gga(), rmc(date="310221"), "GPZDA,103607.00,31,02,2021,00,00")
     (sample,) = hear(receiver, now_s=9.0)
     assert (sample.fix, sample.utc_s) == (FixType.FIX_3D, None)
@@ -221,8 +190,7 @@ def test_a_missing_checksum_is_refused_unless_the_file_says_otherwise(line, hear
     assert (strict.health(1.0).accepted, strict.health(1.0).rejected) == (0, 1)
 
 
-def test_a_reopened_port_begins_again(line, hear):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_a_reopened_port_begins_again(line, hear, receiver):
     hear(receiver, rmc())
     line.unplug()
     assert receiver.health(1.0).state is DeviceState.ABSENT
@@ -232,8 +200,7 @@ def test_a_reopened_port_begins_again(line, hear):
     assert (sample.utc_s, sample.t_s) == (None, 2.0)
 
 
-def test_a_recorded_voyage(line, recordings):
-    receiver = NmeaPosition(line, NmeaPositionOptions())
+def test_a_recorded_voyage(line, recordings, receiver):
     data = (recordings / "nmea" / "avnav_20160815_excerpt.nmea").read_bytes()
     samples = []
     for step, start in enumerate(range(0, len(data), 1000)):
@@ -250,3 +217,24 @@ def test_a_recorded_voyage(line, recordings):
     steps_s = [second.utc_s - first.utc_s for first, second in itertools.pairwise(whole)]
     assert all(step_s > 0 for step_s in steps_s)
     assert whole[0].latitude_rad == pytest.approx(math.radians(52.494), abs=1e-4)
+
+
+INVALID_DATES = ("2208-1", "320126", "000126", "310221", "", "000000", "220826E")
+INVALID_POSITIONS = ("0000.0000,N,00000.0000,E", "0000.0000,S,00000.0000,W", "9000.0000,N,00000.0000,E")
+POSITIONS_ON_AN_AXIS = ("0000.0000,N,02100.0000,E", "5100.0000,N,00000.0000,E", "0000.0100,N,00000.0000,E")
+
+
+@pytest.mark.parametrize(
+    ("body", "fix", "has_utc", "text"),
+    [
+        *((rmc(date=date), FixType.FIX_2D, False, "") for date in INVALID_DATES),
+        *((rmc(where=where), FixType.NONE, False, "position invalid: no fix") for where in INVALID_POSITIONS),
+        *((rmc(where=where), FixType.FIX_2D, True, "") for where in POSITIONS_ON_AN_AXIS),
+    ],
+)
+def test_an_invalid_date_removes_the_time_and_an_invalid_position_the_fix(hear, receiver, body, fix, has_utc, text):
+    hear(receiver, body)
+    (sample,) = hear(receiver, now_s=9.0)
+    assert (sample.fix, sample.latitude_rad is None) == (fix, fix is FixType.NONE)
+    assert (sample.utc_s is not None) == has_utc
+    assert (receiver.health(9.0).rejected, receiver.health(9.0).text) == (0, text)

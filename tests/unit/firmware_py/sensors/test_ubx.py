@@ -11,6 +11,11 @@ from firmware_py.sensors.ubx import UbxPosition
 
 
 @pytest.fixture
+def receiver(line):
+    return UbxPosition(line)
+
+
+@pytest.fixture
 def hear(line):
     def give(receiver, data, now_s=1.0):
         line.inbox += data
@@ -35,8 +40,7 @@ def test_a_solution(line, hear, solution, near):
     [(0, 0, 1), (0, 1, 1), (1, 1, 1), (2, 1, 2), (3, 1, 3), (4, 1, 3), (5, 1, 1), (9, 1, 1), (3, 0, 1), (3, 3, 4),
      (3, 0x43, 5), (3, 0x83, 6), (3, 0xC1, 3)],
 )  # fmt: skip
-def test_the_fix(line, hear, solution, fix_type, flags, fix):
-    receiver = UbxPosition(line)
+def test_the_fix(hear, solution, fix_type, flags, fix, receiver):
     (sample,) = hear(receiver, solution(fix_type=fix_type, flags=flags))
     assert sample.fix == fix
     assert (sample.latitude_rad is None) == (fix == FixType.NONE)
@@ -47,30 +51,16 @@ def test_the_fix(line, hear, solution, fix_type, flags, fix):
     "values",
     [{"lat": 900000001}, {"lon": -1800000001}, {"speed": -1}, {"speed": 10**6}, {"course": 36000001}, {"course": -1}],
 )  # fmt: skip
-def test_values_out_of_range_are_refused(line, hear, solution, values):
-    receiver = UbxPosition(line)
+def test_values_out_of_range_are_refused(hear, solution, values, receiver):
     assert hear(receiver, solution(**values)) == ()
     assert (receiver.health(1.0).rejected, receiver.health(1.0).accepted) == (1, 0)
 
 
-@pytest.mark.parametrize("date", [(2017, 2, 30), (1979, 1, 6), (2017, 0, 1)])
-def test_a_position_with_a_date_that_cannot_be_counts_without_a_time(line, hear, solution, date):
-    (sample,) = hear(UbxPosition(line), solution(date=date))
-    assert (sample.fix, sample.utc_s, sample.latitude_rad is None) == (FixType.FIX_3D, None, False)
-
-
 @pytest.mark.parametrize(("lat", "lon"), [(0, 0), (900000000, 0)])
-def test_a_place_that_cannot_be_is_no_fix(line, hear, solution, lat, lon):
-    receiver = UbxPosition(line)
+def test_a_place_that_cannot_be_is_no_fix(hear, solution, lat, lon, receiver):
     (sample,) = hear(receiver, solution(lat=lat, lon=lon))
     assert (sample.fix, sample.latitude_rad) == (FixType.NONE, None)
     assert receiver.health(1.0).text == "position invalid: no fix"
-
-
-def test_a_time_that_the_receiver_does_not_trust_is_not_given(line, hear, solution):
-    for valid in (0, 1, 2, 3):  # 3: with what leap second is not known yet
-        (sample,) = hear(UbxPosition(line), solution(valid=valid, date=(2000, 0, 0)))
-        assert sample.utc_s is None
 
 
 def test_a_position_that_the_receiver_calls_invalid_beside_a_good_fix_is_none(line, hear, solution):
@@ -79,22 +69,19 @@ def test_a_position_that_the_receiver_calls_invalid_beside_a_good_fix_is_none(li
 
 
 @pytest.mark.parametrize(("accuracy_mm", "text"), [(50_000, ""), (83_400, "no fix: accuracy 83 m")])
-def test_a_fix_of_a_cold_start_or_under_jamming_counts_from_fifty_metres(line, hear, solution, accuracy_mm, text):
-    receiver = UbxPosition(line)
+def test_a_fix_of_a_cold_start_or_under_jamming_counts_from_fifty_metres(hear, solution, accuracy_mm, text, receiver):
     (sample,) = hear(receiver, solution(accuracy_mm=accuracy_mm))
     assert (sample.fix is FixType.NONE, sample.latitude_rad is None, sample.satellites) == (bool(text), bool(text), 14)
     assert (receiver.health(1.0).state, receiver.health(1.0).text) == (DeviceState.RUNNING, text)
 
 
 @pytest.mark.parametrize("stream", [b"$GNRMC,,V,,,,,,,,,,N*4D\r\n", "NAV-STATUS"])
-def test_a_receiver_that_sends_anything_but_nav_pvt_is_not_said_to_have_another_baud_rate(line, hear, ubx, stream):
-    receiver = UbxPosition(line)
+def test_a_receiver_that_sends_anything_but_nav_pvt_is_not_said_to_have_another_baud_rate(hear, ubx, stream, receiver):
     hear(receiver, ubx(0x0103, bytes(16)) if stream == "NAV-STATUS" else stream)
     assert receiver.health(1.0).text == "no NAV-PVT: enable UBX-NAV-PVT in the receiver"
 
 
-def test_other_messages_short_ones_and_nmea_between(line, hear, solution, ubx):
-    receiver = UbxPosition(line)
+def test_other_messages_short_ones_and_nmea_between(hear, solution, ubx, receiver):
     stream = b"$GPTXT,hello*00\r\n" + ubx(0x0120, bytes(16)) + solution() + b"$GPTXT,hello*00\r\n" + solution()
     assert len(hear(receiver, stream)) == 2
     assert receiver.health(1.0).rejected == 0
@@ -102,8 +89,7 @@ def test_other_messages_short_ones_and_nmea_between(line, hear, solution, ubx):
     assert receiver.health(1.0).text == "NAV-PVT of 80 bytes"
 
 
-def test_every_bit_flip_is_refused_and_the_next_packet_found(line, hear, solution):
-    receiver = UbxPosition(line)
+def test_every_bit_flip_is_refused_and_the_next_packet_found(hear, solution, receiver):
     packet = solution()
     good = hear(receiver, packet)
     for bit in range(8 * len(packet)):
@@ -112,8 +98,7 @@ def test_every_bit_flip_is_refused_and_the_next_packet_found(line, hear, solutio
         assert hear(receiver, bytes(damaged) + packet) == good, bit
 
 
-def test_a_recording(line, hear, recordings):
-    receiver = UbxPosition(line)
+def test_a_recording(hear, recordings, receiver):
     data = (recordings / "ubx" / "gpsd_ublox-neo-m8n.log").read_bytes()
     samples = [*hear(receiver, data), *hear(receiver, b"")]
     assert len(samples) == data.count(b"\xb5\x62\x01\x07\x5c\x00") == 24
@@ -124,11 +109,22 @@ def test_a_recording(line, hear, recordings):
     assert receiver.health(1.0).state is DeviceState.RUNNING
 
 
-def test_a_reopened_port_begins_again(line, hear, solution):
-    receiver = UbxPosition(line)
+def test_a_reopened_port_begins_again(line, hear, solution, receiver):
     hear(receiver, solution()[:50])
     line.unplug()
     assert (receiver.fileno(), receiver.health(1.0).state) == (-1, DeviceState.ABSENT)
     line.plug()
     assert hear(receiver, solution()[50:]) == ()
     assert len(hear(receiver, solution())) == 1
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        *({"date": date} for date in ((2017, 2, 30), (1979, 1, 6), (2017, 0, 1))),
+        *({"valid": valid} for valid in (0, 1, 2, 3)),  # 3: the leap seconds are unknown
+    ],
+)
+def test_an_invalid_time_is_removed_and_the_position_kept(hear, receiver, solution, values):
+    (sample,) = hear(receiver, solution(**values))
+    assert (sample.fix, sample.utc_s, sample.latitude_rad is None) == (FixType.FIX_3D, None, False)

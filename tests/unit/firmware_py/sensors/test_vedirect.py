@@ -23,6 +23,11 @@ HISTORY = block(H1="-188890", H17="1563", H18="2095")
 
 
 @pytest.fixture
+def device(line):
+    return VeDirectPower(line)
+
+
+@pytest.fixture
 def hear(line):
     def give(device, data, now_s=1.0):
         line.inbox += data
@@ -37,8 +42,7 @@ def test_a_charger_reports_battery_panels_and_load(line, hear):
     assert sample == PowerSample(2.5, 0, pytest.approx(13.79), pytest.approx(-0.01), None, 37.0, pytest.approx(0.32))
 
 
-def test_a_monitor_reports_the_charge_and_its_history_counts_as_accepted(line, hear):
-    device = VeDirectPower(line)
+def test_a_monitor_reports_the_charge_and_its_history_counts_as_accepted(hear, device):
     (sample,) = hear(device, MONITOR + HISTORY)
     assert (sample.charge, sample.current_a) == (pytest.approx(0.876), pytest.approx(-1.52))
     assert (sample.solar_w, sample.load_a, sample.temperature_c) == (None, None, None)
@@ -61,8 +65,7 @@ def test_a_charger_from_another_battery_has_labels_of_its_own(line, hear):
     assert sample.current_a == pytest.approx(5.1)
 
 
-def test_a_block_that_was_under_way_is_passed_over_without_a_word(line, hear):
-    device = VeDirectPower(line)
+def test_a_block_that_was_under_way_is_passed_over_without_a_word(hear, device):
     assert len(hear(device, MONITOR[20:] + CHARGER)) == 1
     assert device.health(1.0).rejected == 0
 
@@ -94,30 +97,26 @@ def test_a_checksum_may_be_any_byte(line, hear, checksum):
         (block(**{"V\x7f": "1"}), "malformed"),
     ],
 )
-def test_damaged_and_invalid_blocks_are_rejected_and_reported(line, hear, data, text):
-    device = VeDirectPower(line)
+def test_damaged_and_invalid_blocks_are_rejected_and_reported(hear, data, text, device):
     hear(device, HISTORY)
     assert hear(device, data) == ()
     health = device.health(1.0)
     assert (health.rejected, health.text) == (1, text)
 
 
-def test_an_error_of_the_charger_is_a_fault_of_the_device_until_it_goes(line, hear):
-    device = VeDirectPower(line)
+def test_an_error_of_the_charger_is_a_fault_of_the_device_until_it_goes(hear, device):
     hear(device, block(V="12000", PPV="0", ERR="17"))
     assert (device.health(1.0).state, device.health(1.0).text) == (DeviceState.FAULTY, "charger reports error 17")
     hear(device, CHARGER)
     assert device.health(1.0).state is DeviceState.RUNNING
 
 
-def test_an_alarm_of_the_monitor_is_reported(line, hear):
-    device = VeDirectPower(line)
+def test_an_alarm_of_the_monitor_is_reported(hear, device):
     hear(device, block(V="10100", I="-10", Alarm="ON", AR="1"))
     assert device.health(1.0).text == "alarm, reason code 1"
 
 
-def test_who_says_nothing_is_silent(line, hear):
-    device = VeDirectPower(line)
+def test_who_says_nothing_is_silent(hear, device):
     hear(device, MONITOR)
     assert device.health(4.0).state is DeviceState.RUNNING
     assert device.health(7.0).state is DeviceState.SILENT

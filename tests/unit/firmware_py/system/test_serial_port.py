@@ -111,22 +111,6 @@ def test_a_port_without_epoll_is_an_error_and_is_closed(cable, monkeypatch):
     made.close()
 
 
-def test_a_missing_port_is_reported_with_its_remedy(tmp_path):
-    with pytest.raises(PortError, match="no such port"):
-        SerialPort(str(tmp_path / "none"), 9600).open()
-
-
-def test_a_port_in_use_is_reported_with_its_remedy(line, cable):
-    with pytest.raises(PortError, match="in use by another program"):
-        SerialPort(str(cable.path), 9600).open()
-
-
-def test_a_file_is_no_port(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(PortError, match="serial port"):
-        SerialPort(str(tmp_path / "file"), 9600).open()
-
-
 def test_a_cable_pulled_and_put_back_is_taken_up_again(line, cable):
     cable.pull()
     assert [line.read() for _ in range(MAX_EMPTY_READS)] == [b""] * MAX_EMPTY_READS
@@ -343,3 +327,12 @@ def test_a_line_that_was_jammed_goes_on_by_itself(line, cable):
         except BlockingIOError:
             break
     assert line.write(b"y" * 1200)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("none", "no such port"), ("port", "in use by another program"), ("file", "serial port")]
+)
+def test_a_port_that_cannot_be_opened_is_an_error_with_a_remedy(line, tmp_path, name, text):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PortError, match=text):
+        SerialPort(str(tmp_path / name), 9600).open()
