@@ -81,36 +81,6 @@ def test_a_log_is_listed_once_by_its_number_compressed_or_not(tmp_path):
     assert closed(LocalDisk().create(tmp_path)) == "00000004.BIN"
 
 
-def test_full_logs_go_by_age_and_boxes_stay(tmp_path):
-    for number, days in enumerate((40.0, 20.0, 1.0), start=1):
-        aged(tmp_path, f"{number:08d}.BIN.gz", 10, days)
-    aged(tmp_path, "boxes/00000001-end.BIN.gz", 10, 40.0)
-    LocalDisk(retention_days=30.0, utc_s=lambda: NOW_S).prune(tmp_path, 1000)
-    assert left(tmp_path) == ["00000002.BIN.gz", "00000003.BIN.gz", "boxes/00000001-end.BIN.gz"]
-
-
-@pytest.mark.parametrize("now_s", [0.0, 5e9])
-def test_nothing_goes_by_age_while_the_clock_is_wrong(tmp_path, now_s):
-    aged(tmp_path, "00000001.BIN", 10, 400.0)
-    LocalDisk(retention_days=30.0, utc_s=lambda: now_s).prune(tmp_path, 1000)
-    assert left(tmp_path) == ["00000001.BIN"]
-
-
-def test_a_clock_that_is_years_ahead_takes_no_log_away(tmp_path):
-    """The receiver sets it right some seconds later."""
-    for number, days in enumerate((40.0, 20.0, 1.0), start=1):
-        aged(tmp_path, f"{number:08d}.BIN", 10, days)
-    LocalDisk(retention_days=30.0, utc_s=lambda: NOW_S + 6e8).prune(tmp_path, 1000)
-    assert left(tmp_path) == ["00000002.BIN", "00000003.BIN"]
-
-
-def test_a_log_of_a_clock_that_was_wrong_has_no_age(tmp_path):
-    write(tmp_path, "00000001.BIN", 10)
-    os.utime(tmp_path / "00000001.BIN", (1000.0, 1000.0))
-    LocalDisk(retention_days=30.0, utc_s=lambda: NOW_S).prune(tmp_path, 1000)
-    assert left(tmp_path) == ["00000001.BIN"]
-
-
 def test_boxes_go_last_and_what_was_left_of_compressing_goes_with_its_log(tmp_path):
     aged(tmp_path, "00000001.BIN", 100, 2.0)
     write(tmp_path, ".00000001.BIN.gz.part", 50)
@@ -162,42 +132,6 @@ def test_boxes_of_a_log_are_in_order_of_their_moments_whatever_their_names(tmp_p
     assert {"boxes/00000002-1000.BIN.gz"} == {name for name in left(tmp_path) if "00000002" in name}
     LocalDisk().prune(tmp_path, 40)
     assert left(tmp_path) == ["boxes/00000002-1000.BIN.gz"]
-
-
-@pytest.mark.parametrize(
-    ("free", "kept"),
-    [
-        (500, [1, 2, 3]),  # room enough
-        (350, [2, 3]),  # of a partition smaller than what the logs may take, the oldest go
-        (251, [3]),
-        (150, [1, 2, 3]),  # without them there would not be enough either: another fills the disk
-    ],
-)
-def test_the_oldest_logs_make_room_on_a_disk_that_gets_full(tmp_path, monkeypatch, free, kept):
-    for number in (1, 2, 3):
-        write(tmp_path, f"{number:08d}.BIN", 100)
-    disk = LocalDisk(reserve_bytes=450)
-    monkeypatch.setattr(disk, "free_bytes", lambda _directory: free)
-    disk.prune(tmp_path, 10_000)
-    assert sorted(log_files(tmp_path)) == kept
-
-
-@pytest.mark.parametrize(
-    ("free", "kept"),
-    [
-        (MIN_FREE_FILES, range(1, 11)),  # enough
-        (MIN_FREE_FILES - 3, range(4, 11)),
-        (0, range(MIN_FREE_FILES + 1, 11)),
-        (-3, range(1, 11)),  # without them there would not be enough either: another fills the disk
-    ],
-)
-def test_the_oldest_logs_make_room_on_a_disk_that_can_make_no_more_files(tmp_path, monkeypatch, free, kept):
-    for number in range(1, 11):
-        write(tmp_path, f"{number:08d}.BIN", 100)
-    disk = LocalDisk(reserve_bytes=1)
-    monkeypatch.setattr(disk, "free_files", lambda _directory: free)
-    disk.prune(tmp_path, 10_000)
-    assert sorted(log_files(tmp_path)) == [*kept]
 
 
 def test_no_log_goes_for_files_that_the_file_system_does_not_count(tmp_path, monkeypatch):
@@ -268,3 +202,44 @@ def test_a_file_whose_name_does_not_reach_the_disk_leaves_nothing(tmp_path, monk
         LocalDisk().create(tmp_path)
     assert len(list(Path("/proc/self/fd").iterdir())) == open_before
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("ages_days", "now_s", "removed"),
+    [
+        ((40.0, 20.0, 1.0), NOW_S, 1),
+        ((400.0,), 0.0, 0),  # the clock is wrong
+        ((400.0,), 5e9, 0),
+        ((40.0, 20.0, 1.0), NOW_S + 6e8, 1),  # years ahead: ages count from the newest log
+        (((NOW_S - 1000.0) / 86_400,), NOW_S, 0),  # written with a wrong clock
+    ],
+)
+def test_logs_are_removed_by_age_and_boxes_are_not(tmp_path, ages_days, now_s, removed):
+    names = [aged(tmp_path, f"{number:08d}.BIN.gz", 10, days).name for number, days in enumerate(ages_days, start=1)]
+    aged(tmp_path, "boxes/00000001-end.BIN.gz", 10, 40.0)
+    LocalDisk(retention_days=30.0, utc_s=lambda: now_s).prune(tmp_path, 1000)
+    assert left(tmp_path) == [*names[removed:], "boxes/00000001-end.BIN.gz"]
+
+
+@pytest.mark.parametrize(
+    ("method", "free", "reserve_bytes", "removed"),
+    [
+        ("free_bytes", 900, 850, 0),
+        ("free_bytes", 750, 850, 1),
+        ("free_bytes", 651, 850, 2),
+        ("free_bytes", -151, 850, 0),  # without the logs there would not be enough: other files fill the disk
+        ("free_files", MIN_FREE_FILES, 1, 0),
+        ("free_files", MIN_FREE_FILES - 3, 1, 3),
+        ("free_files", 0, 1, MIN_FREE_FILES),
+        ("free_files", -3, 1, 0),
+    ],
+)
+def test_the_oldest_logs_are_removed_to_restore_the_reserve(
+    tmp_path, monkeypatch, method, free, reserve_bytes, removed
+):
+    for number in range(1, 11):
+        write(tmp_path, f"{number:08d}.BIN", 100)
+    disk = LocalDisk(reserve_bytes=reserve_bytes)
+    monkeypatch.setattr(disk, method, lambda _directory: free)
+    disk.prune(tmp_path, 10_000)
+    assert sorted(log_files(tmp_path)) == [*range(removed + 1, 11)]

@@ -35,8 +35,8 @@ def described(kind: MessageType):
     return Format(kind.number, kind.size, kind.name, kind.values, kind.labels)
 
 
-def read_all(row, data, notes=None):
-    reader, size = RowReader(row, described(row.type), {} if notes is None else notes), row.type.size
+def read_all(row, data):
+    reader, size = RowReader(row, described(row.type), {}), row.type.size
     return [reader.read(data, at) for at in range(0, len(data), size)]
 
 
@@ -76,62 +76,6 @@ def test_a_length_beyond_its_column_is_refused():
         read_all(TEXTUAL, bytes(data))
 
 
-def test_a_number_outside_its_enumeration_leaves_the_record_out():
-    data = bytearray(PLAIN.pack(1.0, Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D)))
-    data[-1] = 99
-    notes = {}
-    assert read_all(PLAIN, bytes(data) * 2, notes) == [None, None]
-    assert list(notes) == ["message PLN: Fix 99 is not known here, the record is left out"]
-
-
-def test_a_number_outside_its_enumeration_leaves_a_field_at_its_default():
-    row = Row(202, "DEF", (*COLUMNS, choice("Snd", "sound", FixType)), Thing)
-    thing = Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D, sound=FixType.DGPS)
-    data, notes = bytearray(row.pack(1.0, thing)), {}
-    data[-1] = 99
-    assert read_all(row, bytes(data), notes) == [Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D)]
-    assert list(notes) == ["message DEF: Snd 99 is not known here, its default is taken"]
-
-
-def test_a_number_that_cannot_be_a_whole_one_leaves_the_record_out():
-    thing, notes = Thing(1.0, 2.0, math.inf, True, True, FixType.FIX_2D), {}
-    assert read_all(PLAIN, PLAIN.pack(1.0, thing), notes) == [None]
-    assert list(notes) == ["message PLN: N inf is not known here, the record is left out"]
-
-
-def test_columns_are_found_by_label():
-    kind = MessageType(200, "PLN", "New,Fix,Kn,On,N,D,S", "QBbBddd", "-------", "-------")
-    notes = {}
-    reader = RowReader(PLAIN, described(kind), notes)
-    assert reader.read(kind.pack(7, 3, -1, 1, 4.0, math.nan, 0.5), 0) == Thing(0.5, None, 4, True, None, FixType.FIX_3D)
-    assert notes == {}
-
-
-def test_a_missing_column_without_a_default_leaves_the_records_out():
-    kind, notes = MessageType(200, "PLN", "S,D,N,On,Kn", "dddBb", "-----", "-----"), {}
-    reader = RowReader(PLAIN, described(kind), notes)
-    assert reader.missing == ("Fix",)
-    assert reader.read(kind.pack(0.5, 1.0, 2.0, 1, 1), 0) is None
-    assert list(notes) == ["message PLN: column Fix is missing, its records are left out"]
-
-
-def test_a_missing_column_takes_the_default_of_its_field():
-    row, notes = Row(200, "PLN", (*COLUMNS, choice("Snd", "sound", FixType)), Thing), {}
-    reader = RowReader(row, described(PLAIN.type), notes)
-    thing = Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D)
-    assert reader.read(PLAIN.pack(1.0, thing), 0) == thing
-    assert list(notes) == ["message PLN: column Snd is missing, its default is taken"]
-
-
-def test_a_column_of_another_size_is_read_and_one_of_another_sort_is_not():
-    kind, notes = MessageType(200, "PLN", "S,D,N,On,Kn,Fix", "fddQbH", "------", "------"), {}
-    reader = RowReader(PLAIN, described(kind), notes)
-    assert reader.read(kind.pack(0.5, 1.0, 2.0, 1, 1, 2), 0) == Thing(0.5, 1.0, 2, True, True, FixType.FIX_2D)
-    assert "message PLN: column Fix is stored as 'H', here as 'B'" in notes
-    kind = MessageType(200, "PLN", "S,D,N,On,Kn,Fix", "qddBbB", "------", "------")
-    assert RowReader(PLAIN, described(kind), {}).missing == ("S",)
-
-
 def test_only_fields_of_the_record_are_read_back():
     row = Row(200, "PLN", (whole("X", "Q", "on"), whole("Y", "Q", "nowhere.else_m")), Thing)
     assert [name for name, _ in row.fields] == ["on"]
@@ -140,3 +84,36 @@ def test_only_fields_of_the_record_are_read_back():
 @pytest.mark.parametrize(("t_s", "time_us"), [(0.0, 0), (1.5, 1_500_000), (-1.0, 0), (math.nan, 0), (1e300, 0)])
 def test_time_of_the_tools_is_never_an_error(t_s, time_us):
     assert microseconds(t_s) == time_us
+
+
+DEFAULTED = Row(200, "PLN", (*COLUMNS, choice("Snd", "sound", FixType)), Thing)
+THING = Thing(1.0, 2.0, 3, True, True, FixType.FIX_2D)
+
+
+def stored(labels, values):
+    """Return the type of a message as another version stores it."""
+    return MessageType(200, "PLN", labels, values, "-" * len(values), "-" * len(values))
+
+
+@pytest.mark.parametrize(
+    ("row", "kind", "values", "record", "notes"),
+    [
+        (PLAIN, PLAIN.type, (0, 1.0, 2.0, 3.0, 1, 1, 99), None, ["Fix 99 is not known here, the record is left out"]),
+        (PLAIN, PLAIN.type, (0, 1.0, 2.0, math.inf, 1, 1, 2), None,
+         ["N inf is not known here, the record is left out"]),
+        (DEFAULTED, DEFAULTED.type, (0, 1.0, 2.0, 3.0, 1, 1, 2, 99), THING,
+         ["Snd 99 is not known here, its default is taken"]),
+        (DEFAULTED, PLAIN.type, (0, 1.0, 2.0, 3.0, 1, 1, 2), THING, ["column Snd is missing, its default is taken"]),
+        (PLAIN, stored("New,Fix,Kn,On,N,D,S", "QBbBddd"), (7, 2, 1, 1, 3.0, 2.0, 1.0), THING, []),
+        (PLAIN, stored("S,D,N,On,Kn", "dddBb"), (1.0, 2.0, 3.0, 1, 1), None,
+         ["column Fix is missing, its records are left out"]),
+        (PLAIN, stored("S,D,N,On,Kn,Fix", "fddBbH"), (1.0, 2.0, 3.0, 1, 1, 2), THING,
+         ["column S is stored as 'f', here as 'd'", "column Fix is stored as 'H', here as 'B'"]),
+        (PLAIN, stored("S,D,N,On,Kn,Fix", "qddBbB"), (1, 2.0, 3.0, 1, 1, 2), None,
+         ["column S is stored as 'q', here as 'd'", "column S is missing, its records are left out"]),
+    ],
+)  # fmt: skip
+def test_messages_of_other_versions(row, kind, values, record, notes):
+    found = {}
+    assert RowReader(row, described(kind), found).read(kind.pack(*values), 0) == record
+    assert list(found) == [f"message PLN: {note}" for note in notes]
