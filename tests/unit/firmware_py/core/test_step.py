@@ -497,7 +497,7 @@ def test_an_item_that_enables_the_fence_reports_a_missing_fence(fence, expected)
     boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.FENCE_ENABLE, 2, params=(1.0, 0.0, 0.0, 0.0))])))
     boat.under_way(Mode.AUTO)
     boat.run(2.0)
-    of_fence = [text for text in boat.events if "ence " in text and "watch circle" not in text]
+    of_fence = [text for text in boat.events if "ence " in text and "loiter" not in text]
     assert [text for text in of_fence if "reach" not in text] == [expected]
 
 
