@@ -1,7 +1,7 @@
-"""Each command block of the handbook runs as it stands, or its page has the reason why not above it.
+"""Each command block of the manual runs, or a comment above it gives the reason why it is not run.
 
-A block that is not run follows `<!-- not run: REASON -->`. The blocks of a page run in a directory that has what
-they assume: a vehicle file, logs, recordings, a state directory. Runs are cut short; what has no end is ended.
+The comment is `<!-- not run: REASON -->`. The blocks of a page run in a directory with the files that they assume: a
+vehicle file, logs, recordings, a state directory. Runs are shortened, and programs without an end are interrupted.
 """
 
 import io
@@ -26,7 +26,7 @@ PROGRAM = re.compile(
     r"^ *(?:\$ |sudo |-u \w+ )*(rambler|rambler-hil|make|python\S*|pip|pytest|openssl|apt-get|ssh\S*|scp|dask)\s"
 )
 HELP = re.compile(r"<!-- (help|output): .*?<!-- end -->", re.DOTALL)
-# Appended, and so what counts: a run is over in a moment, a device is listened to for a moment.
+# Options that are appended, and so override: short runs.
 SHORT = {
     "rambler-hil run": "--speed max --seconds 15 --out short-{number}",
     "rambler listen": "--seconds 0.2",
@@ -34,7 +34,7 @@ SHORT = {
     "rambler-hil tune": "--evaluations 20 --scenarios calm",
 }
 UNTIL_ENDED = ("rambler run", "rambler view", "rambler-hil sbd-gateway", "rambler-hil serve-json")
-# A finding (1) is no failure: these look at devices that are not there, or at logs that are too short.
+# Exit code 1, a finding, is no failure: the devices are missing, or the logs are too short.
 FINDING = ("rambler listen", "rambler check", "rambler calibrate", "rambler energy", "rambler status")
 QUICK = ("make", "rambler example", "rambler plan", "rambler key", "rambler listen", "rambler calibrate")
 PLACES = {
@@ -50,7 +50,7 @@ PASSPHRASE = "a passphrase\n"
 
 
 def blocks():
-    """Page and line, the reason why it is not run if there is one, and the commands of each block of commands."""
+    """Yield page and line, the reason if it is not run, and the commands of each block of commands."""
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
     for page in pages:
         if "_build" in page.parts:
@@ -70,7 +70,7 @@ def is_quick(commands):
 
 
 def pages():
-    """The blocks of each page that are run: the quick ones, and, marked as proof, the others."""
+    """Yield the blocks of each page that are run: the quick ones, and the others marked as proof."""
     found = {}
     for name, reason, commands in blocks():
         if reason is None:
@@ -81,7 +81,7 @@ def pages():
 
 @pytest.fixture
 def place(tmp_path):
-    """A directory with what the pages assume."""
+    """Return a directory with the files that the pages assume."""
     for name in ("etc", "home/post", "STATE/logs", "DIR/logs", "state/logs", "bin", "runs/tank-1/state/logs", "params"):
         (tmp_path / name).mkdir(parents=True)
     for name in ("boat.toml", "etc/boat.toml"):
@@ -110,7 +110,7 @@ def place(tmp_path):
 
 
 def manoeuvres(here):
-    """Rudder and heading of a model in a zigzag, as the pages on tables have them."""
+    """Write tables with rudder and heading of a model in a zigzag."""
     heading_rad, rate_rad_s, rudder_rad, rows = 0.0, 0.0, 0.35, ["time_s,heading_rad,rudder_rad"]
     for number in range(15_000):
         if number % 10 == 0:
@@ -124,7 +124,7 @@ def manoeuvres(here):
 
 
 def shortened(command, number):
-    """The command line as it is run here, and the exit codes that are right."""
+    """Return the command line as run by the test, and the expected exit codes."""
     for output, meant in PLACES.items():
         command = command.replace(output, meant)
     command = re.sub(r"^sudo (-u \w+ )?", "", command)

@@ -22,7 +22,7 @@ FOLDERS = r"(?:firmware_py|hil|tests|params|docs|\.ci|\.github)"
 
 
 def code_in(text):
-    """The code spans and blocks of a page, with the languages of blocks left out."""
+    """Return the code spans and blocks of a page, without the languages of blocks."""
     return [re.sub(r"^```[^\n]*\n|`", "", span) for span in CODE.findall(text)]
 
 
@@ -34,7 +34,7 @@ def wrong_pages(wrong_in, pages=PAGES):
 
 def test_named_paths_exist():
     def missing(text):
-        # NAME stands for what the reader chooses; _build is made by `make docs`.
+        # NAME is a placeholder; _build is made by `make docs`.
         found = re.findall(rf"(?<![\w./-]){FOLDERS}/[\w./-]*", text)
         paths = {path.rstrip(".") for path in found if "NAME" not in path and "_build" not in path}
         return [path for path in sorted(paths) if not (ROOT / path).exists()]
@@ -86,7 +86,7 @@ def help_of(program, *words):
 
 
 def commands_in(text):
-    """Program and words of each command line in the code of a page; `sudo -u rambler` names a user."""
+    """Yield program and words of each command line in the code of a page; `sudo -u rambler` names a user."""
     for span in code_in(text):
         for program, rest in re.findall(
             r"(?<![\w/.:-])(?<!-u )(rambler(?:-hil)?)((?: [^\n#]*)?)", span.replace("\\\n", " ")
@@ -134,7 +134,7 @@ def test_named_command_lines_are_accepted():
     def wrong(text):
         text = re.sub(r"<!-- (?:help|output|code): .*?<!-- end -->", "", text, flags=re.DOTALL)
         for span in code_in(text):
-            # What stands for a choice is no command line: NAME, KIND, a|b, [...].
+            # A choice is no command line: NAME, KIND, a|b, [...].
             for program, rest in re.findall(
                 r"^(?:sudo )?(rambler(?:-hil)?) ([a-z][^#|\[\n]*)$", span.replace("\\\n", " "), re.MULTILINE
             ):
