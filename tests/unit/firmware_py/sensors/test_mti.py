@@ -56,34 +56,9 @@ def hear(line, compass):
 
 @pytest.fixture
 def set_up(hear):
-    """Answer every command, at 0 s."""
-    hear(0.0)
-    hear(0.0, message(0x31))
-    hear(0.0, message(0xC1, bytes.fromhex("E020FFFF20300064")))
-    hear(0.0, message(0xC1, WANTED))
-    hear(0.0, message(0x11))
-
-
-def test_the_set_up_goes_from_acknowledgement_to_acknowledgement(line, set_up):
-    assert line.written == [GO_TO_CONFIG, ASK_OUTPUT, SET_OUTPUT, GO_TO_MEASUREMENT]
-
-
-def test_outputs_that_are_there_already_are_not_written_again(hear):
-    assert hear(0.0) == [GO_TO_CONFIG]
-    assert hear(0.1, message(0x31)) == [ASK_OUTPUT]
-    assert hear(0.2, message(0xC1, WANTED)) == [GO_TO_MEASUREMENT]
-
-
-def test_a_lower_rate_of_the_device_is_accepted(hear):
-    slower = bytes.fromhex("E020FFFF203400058020000508100001")
-    hear(0.0)
-    hear(0.0, message(0x31))
-    hear(0.0, message(0xC1, b""))
-    assert hear(0.0, message(0xC1, slower)) == [GO_TO_MEASUREMENT]
-    hear(0.1, message(0x3E))
-    hear(0.2)
-    assert hear(0.2, message(0x31)) == [ASK_OUTPUT]
-    assert hear(0.2, message(0xC1, slower)) == [GO_TO_MEASUREMENT]
+    """Acknowledge every command, at 0 s."""
+    for now_s, packets, _ in SET_UP:
+        hear(now_s, *packets)
 
 
 def test_a_device_without_orientation_is_reported_and_configured_again_after_a_pause(hear, compass):
@@ -114,12 +89,6 @@ def test_an_unanswered_command_is_never_a_flood(line, compass):
     assert len(times) == 60
 
 
-def test_unexpected_acknowledgements_have_no_effect(hear):
-    hear(0.0)
-    assert hear(0.1, message(0x11), message(0xC1, WANTED), message(0x01, bytes(4))) == []
-    assert hear(0.2, message(0x31), message(0x31), message(0x31)) == [ASK_OUTPUT]
-
-
 def test_acknowledgements_while_measuring_or_before_the_command_left_change_nothing(line, hear, set_up):
     assert hear(0.5, message(0x11), message(0xC1, WANTED), message(0x31), data()) == []
     line.full = True
@@ -148,18 +117,6 @@ def test_headings_are_magnetic_and_stamped_with_their_last_byte(line, compass, s
 def test_nothing_is_sent_while_headings_come(hear, compass, set_up):
     assert [written for tenth in range(100) for written in hear(tenth / 10, data())] == []
     assert len(compass.poll()) == 100
-
-
-def test_silence_restarts_the_set_up(hear, compass, set_up):
-    hear(0.5, data())
-    assert hear(0.5 + DATA_TIMEOUT_S - 0.01) == []
-    assert hear(0.5 + DATA_TIMEOUT_S) == [GO_TO_CONFIG]
-    assert compass.health(3.0).state is DeviceState.SILENT
-
-
-def test_a_device_that_woke_up_is_answered_at_once_and_set_up(hear, set_up):
-    assert hear(0.5, message(0x3E)) == [WAKE_UP_ACK]
-    assert hear(0.5 + WAKE_UP_S) == [GO_TO_CONFIG]
 
 
 def test_a_port_that_was_opened_again_is_set_up_again(line, hear, compass, set_up):
@@ -283,3 +240,50 @@ def test_after_a_power_cut_the_outputs_are_there_and_the_memory_is_spared(line, 
     assert len(sail(line, compass, emulator, 4.2, 7.0)) > 15
     assert emulator.stored == 1
     assert WAKE_UP_ACK in line.written
+
+
+ACKNOWLEDGED, MEASURING, WOKEN = message(0x31), message(0x11), message(0x3E)
+SLOWER = message(0xC1, bytes.fromhex("E020FFFF203400058020000508100001"))
+SET_UP = [
+    (0.0, (), [GO_TO_CONFIG]),
+    (0.0, (ACKNOWLEDGED,), [ASK_OUTPUT]),
+    (0.0, (message(0xC1, bytes.fromhex("E020FFFF20300064")),), [SET_OUTPUT]),
+    (0.0, (message(0xC1, WANTED),), [GO_TO_MEASUREMENT]),
+    (0.0, (MEASURING,), []),
+]
+TRANSCRIPTS = {
+    "the output is already set": [
+        (0.0, (), [GO_TO_CONFIG]),
+        (0.1, (ACKNOWLEDGED,), [ASK_OUTPUT]),
+        (0.2, (message(0xC1, WANTED),), [GO_TO_MEASUREMENT]),
+    ],
+    "a lower rate is accepted, also after a wake-up": [
+        (0.0, (), [GO_TO_CONFIG]),
+        (0.0, (ACKNOWLEDGED,), [ASK_OUTPUT]),
+        (0.0, (message(0xC1, b""),), [SET_OUTPUT]),
+        (0.0, (SLOWER,), [GO_TO_MEASUREMENT]),
+        (0.1, (WOKEN,), [WAKE_UP_ACK]),
+        (0.2, (), [GO_TO_CONFIG]),
+        (0.2, (ACKNOWLEDGED,), [ASK_OUTPUT]),
+        (0.2, (SLOWER,), [GO_TO_MEASUREMENT]),
+    ],
+    "unexpected acknowledgements have no effect": [
+        (0.0, (), [GO_TO_CONFIG]),
+        (0.1, (MEASURING, message(0xC1, WANTED), message(0x01, bytes(4))), []),
+        (0.2, (ACKNOWLEDGED, ACKNOWLEDGED, ACKNOWLEDGED), [ASK_OUTPUT]),
+    ],
+    "silence restarts the set-up": [
+        *SET_UP,
+        (0.5, (data(),), []),
+        (0.5 + DATA_TIMEOUT_S - 0.01, (), []),
+        (0.5 + DATA_TIMEOUT_S, (), [GO_TO_CONFIG]),
+    ],
+    "a wake-up restarts the set-up": [*SET_UP, (0.5, (WOKEN,), [WAKE_UP_ACK]), (0.5 + WAKE_UP_S, (), [GO_TO_CONFIG])],
+}
+
+
+@pytest.mark.parametrize("transcript", TRANSCRIPTS.values(), ids=TRANSCRIPTS)
+def test_set_up(hear, transcript):
+    """Each step has a time, the packets of the device and the commands of the driver."""
+    for now_s, packets, commands in transcript:
+        assert hear(now_s, *packets) == commands
