@@ -19,8 +19,10 @@ from firmware_py.assemble.status import report_status
 from firmware_py.assemble.stored_state import read_state, report_key_problem, resume, startup_parameters
 from firmware_py.assemble.supervision import read_endings
 from firmware_py.common.interfaces import Clock
+from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
 from firmware_py.common.records import Event, Severity, Stored
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import Moment
@@ -38,7 +40,7 @@ from firmware_py.system.endings import Endings
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.realtime import LoadMeter, clock_is_synchronised
 from firmware_py.system.serial_port import SerialPort
-from firmware_py.system.state_directory import RECORD_FILES, SATELLITE_FILE, SIGNING_FILE, KeyVault
+from firmware_py.system.state_directory import RECORD_FILES, SATELLITE_FILE, SIGNING_FILE, KeyVault, StateDirectory
 from firmware_py.system.store import Store
 from firmware_py.vehicle import Vehicle
 
@@ -101,18 +103,14 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     # The lockstep clock is created after the lines.
     ashore = SatelliteSupport(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, outputs = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
-    if options.lockstep is None:
-        for text in shared_port_warnings(lines):
-            say(text)
+    for text in shared_port_warnings(lines) if options.lockstep is None else ():
+        say(text)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_synchronised) if options.may_set_clock else None
     clock, begun = _clock(clock, options, lines, store)
     endings = read_endings(store, options.runtime, clock.utc_s(), notices)
-    base = vehicle_parameters(vehicle)
-    parameters = startup_parameters(stored.parameters_over(base), base, endings.early, say)
-    now = begun.at(clock.now_s(), clock.utc_s())
-    state = resume(State.at_start(parameters, plans), stored.resume_record(), now, say)
+    state = _start_state(vehicle, stored, plans, endings, begun.at(clock.now_s(), clock.utc_s()), say)
     autopilot, vault, version = Autopilot(state, stored, begun), KeyVault(store), _version(commit())
-    recorder = log_recorder(options.state_directory, parameters, plans, clock, version.commit, opened)
+    recorder = log_recorder(options.state_directory, state.parameters, plans, clock, version.commit, opened)
     endpoint = Endpoint(
         transports,
         autopilot,
@@ -122,7 +120,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         vault=vault,
         offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
-        storage=file_root(options.state_directory, parameters),
+        storage=file_root(options.state_directory, state.parameters),
         written=lambda: store.written,
         start_events=notices,
     )
@@ -148,13 +146,34 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         notices=notices,
         tick_on_compass=options.lockstep is None,
     )
-    if options.lockstep is None or options.status:  # not needed in lockstep, which has no real time
-        links = link_status_of(endpoint, outputs)
-        report_status(vehicle, options.state_directory, parts, links, version.commit, console, opened)
-    else:
-        store.set_aside(RECORD_FILES)
+    links = link_status_of(endpoint, outputs)
+    _wire_reports(vehicle, options, parts, links, version.commit, console, opened)
     feed_nmea_outputs(outputs, parts)
     return parts, endpoint, console, endings
+
+
+def _start_state(
+    vehicle: Vehicle, stored: StateDirectory, plans: Plans, endings: Endings, now: Moment, say: Callable[[str], None]
+) -> State:
+    base = vehicle_parameters(vehicle)
+    parameters = startup_parameters(stored.parameters_over(base), base, endings.early, say)
+    return resume(State.at_start(parameters, plans), stored.resume_record(), now, say)
+
+
+def _wire_reports(
+    vehicle: Vehicle,
+    options: Options,
+    parts: LoopParts,
+    links: Callable[[float], Sequence[LinkStatus]],
+    commit: str,
+    console: Console,
+    opened: ExitStack,
+) -> None:
+    """Write the status after each tick; in lockstep, which has no real time, only on request."""
+    if options.lockstep is None or options.status:
+        report_status(vehicle, options.state_directory, parts, links, commit, console, opened)
+    else:
+        parts.store.set_aside(RECORD_FILES)
 
 
 def _clock(real: Clock, options: Options, lines: Sequence[Line], store: Store) -> tuple[Clock, Moment]:

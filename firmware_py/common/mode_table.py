@@ -103,7 +103,7 @@ MODES: Mapping[Mode, ModeProperties] = {
         failsafe_effect="rudder amidships",
     ),
     Mode.LOITER: ModeProperties(
-        title="LOITER (watch circle)",
+        title="LOITER (station keeping)",
         needs=(Need.HEADING, Need.POSITION),
         follows_task=True,
         failsafe=3,
