@@ -36,29 +36,35 @@ SEAS = {
     "swell": (OLD_SEAS["swell"], True),
     "storm": (OLD_SEAS["storm"], True),
 }
-MOVES = "MOVES = NoiseLevels(0.3, 0.2, 0.05, 0.3, 0.4, 0.4)"
-SPREAD = "SPREAD = NoiseLevels(2.5, 1.0, 0.6, 0.5, 0.7, 1.0)"
-MEMORY = "SHORTEST_MEMORY_S, LONGEST_MEMORY_S, MEMORY_SHARE = 100.0, 1800.0, 0.5"
+LEVEL_OFFSETS = "LEVEL_OFFSETS = NoiseLevels(0.3, 0.2, 0.05, 0.3, 0.4, 0.4)"
+PRIOR_SDS = "PRIOR_SDS = NoiseLevels(2.5, 1.0, 0.6, 0.5, 0.7, 1.0)"
+MEMORY = "MIN_MEMORY_S, MAX_MEMORY_S, MEMORY_SHARE = 100.0, 1800.0, 0.5"
 VARIANTS = {
-    "moves all 0.1": (MOVES, "MOVES = NoiseLevels(0.1, 0.1, 0.1, 0.1, 0.1, 0.1)"),
-    "moves all 0.2": (MOVES, "MOVES = NoiseLevels(0.2, 0.2, 0.2, 0.2, 0.2, 0.2)"),
-    "moves all 0.4": (MOVES, "MOVES = NoiseLevels(0.4, 0.4, 0.4, 0.4, 0.4, 0.4)"),
+    "offsets all 0.1": (LEVEL_OFFSETS, "LEVEL_OFFSETS = NoiseLevels(0.1, 0.1, 0.1, 0.1, 0.1, 0.1)"),
+    "offsets all 0.2": (LEVEL_OFFSETS, "LEVEL_OFFSETS = NoiseLevels(0.2, 0.2, 0.2, 0.2, 0.2, 0.2)"),
+    "offsets all 0.4": (LEVEL_OFFSETS, "LEVEL_OFFSETS = NoiseLevels(0.4, 0.4, 0.4, 0.4, 0.4, 0.4)"),
     "window 5 s": ("WINDOW_S = 15.0", "WINDOW_S = 5.0"),
     "window 30 s": ("WINDOW_S = 15.0", "WINDOW_S = 30.0"),
-    "largest step 0.25": ("LONGEST_MOVE = 0.5", "LONGEST_MOVE = 0.25"),
-    "largest step 1": ("LONGEST_MOVE = 0.5", "LONGEST_MOVE = 1.0"),
+    "largest step 0.25": ("MAX_LEVEL_STEP = 0.5", "MAX_LEVEL_STEP = 0.25"),
+    "largest step 1": ("MAX_LEVEL_STEP = 0.5", "MAX_LEVEL_STEP = 1.0"),
     "memory 900 s": (MEMORY, MEMORY.replace("100.0, 1800.0", "900.0, 900.0")),
     "memory 1800 s": (MEMORY, MEMORY.replace("100.0", "1800.0")),
     "memory grows to 900 s": (MEMORY, MEMORY.replace("1800.0", "900.0")),
     "memory grows to 3600 s": (MEMORY, MEMORY.replace("1800.0", "3600.0")),
-    "spread of D 1.5": (SPREAD, SPREAD.replace("2.5", "1.5")),
-    "spreads halved": (SPREAD, "SPREAD = NoiseLevels(1.25, 0.5, 0.3, 0.25, 0.35, 0.5)"),
-    "spreads doubled": (SPREAD, "SPREAD = NoiseLevels(5.0, 2.0, 1.2, 1.0, 1.4, 2.0)"),
+    "prior sd of D 1.5": (PRIOR_SDS, PRIOR_SDS.replace("2.5", "1.5")),
+    "prior sds halved": (PRIOR_SDS, "PRIOR_SDS = NoiseLevels(1.25, 0.5, 0.3, 0.25, 0.35, 0.5)"),
+    "prior sds doubled": (PRIOR_SDS, "PRIOR_SDS = NoiseLevels(5.0, 2.0, 1.2, 1.0, 1.4, 2.0)"),
     "learning at 1 Hz": ("LEARNING_STEP_S = 0.4", "LEARNING_STEP_S = 1.0"),
     "learning at 10 Hz": ("LEARNING_STEP_S = 0.4", "LEARNING_STEP_S = 0.099"),
-    "no candidates": ("FIRST_S = 60.0", "FIRST_S = 0.0"),
-    "candidates for 180 s": ("FIRST_S = 60.0", "FIRST_S = 180.0"),
-    "no unexplained turns": ("UNEXPLAINED, UNEXPLAINED_S = 9.0, 2.0", "UNEXPLAINED, UNEXPLAINED_S = 1e9, 2.0"),
+    "no candidates": ("CANDIDATE_PHASE_S, CHOICE_INTERVAL_S = 60.0", "CANDIDATE_PHASE_S, CHOICE_INTERVAL_S = 0.0"),
+    "candidates for 180 s": (
+        "CANDIDATE_PHASE_S, CHOICE_INTERVAL_S = 60.0",
+        "CANDIDATE_PHASE_S, CHOICE_INTERVAL_S = 180.0",
+    ),
+    "no unexplained turns": (
+        "UNEXPLAINED_SQUARE, UNEXPLAINED_S = 9.0, 2.0",
+        "UNEXPLAINED_SQUARE, UNEXPLAINED_S = 1e9, 2.0",
+    ),
     "unknown rudder: 1 deg/sqrt(s)": ("math.log(radians(2.0))", "math.log(radians(1.0))"),
     "unknown rudder: 4 deg/sqrt(s)": ("math.log(radians(2.0))", "math.log(radians(4.0))"),
 }
