@@ -60,7 +60,7 @@ def test_a_log_is_replaced_by_one_that_gzip_reads(log):
     assert packed_path(log).stat().st_size < len(CONTENT) / 2
 
 
-def test_it_takes_the_memory_of_a_few_blocks_however_long_the_log(log):
+def test_memory_does_not_depend_on_the_length_of_the_log(log):
     log.write_bytes(bytes(40 * BLOCK_BYTES))
     tracemalloc.start()
     try:
@@ -71,14 +71,14 @@ def test_it_takes_the_memory_of_a_few_blocks_however_long_the_log(log):
     assert max_bytes < 8 * BLOCK_BYTES  # the packer's own state is four
 
 
-def test_an_empty_log_is_no_exception(log):
+def test_an_empty_log_is_archived(log):
     log.write_bytes(b"")
     finish(log)
     assert content_of(log.parent) == b""
 
 
 @pytest.mark.parametrize("steps", range(6))
-def test_it_goes_on_where_it_was_killed(log, steps):
+def test_archiving_continues_after_a_kill(log, steps):
     job = archive_log(log)
     for _ in range(steps):
         next(job)
@@ -100,7 +100,7 @@ def test_it_goes_on_where_it_was_killed(log, steps):
     assert len(written) == 5 - min(steps, 3)
 
 
-def test_a_part_that_is_of_another_log_is_not_believed(log):
+def test_a_part_of_another_log_is_discarded(log):
     other = CONTENT[::-1]
     log.write_bytes(other)
     job = archive_log(log)
@@ -114,7 +114,7 @@ def test_a_part_that_is_of_another_log_is_not_believed(log):
     assert content_of(log.parent) == CONTENT
 
 
-def test_between_the_last_two_steps_both_are_there_and_one_is_listed(log):
+def test_before_the_last_step_both_files_exist_and_one_is_listed(log):
     copy = log.read_bytes()
     finish(log)
     log.write_bytes(copy)
@@ -123,7 +123,7 @@ def test_between_the_last_two_steps_both_are_there_and_one_is_listed(log):
     assert names(log.parent) == ["00000001.BIN.gz"]
 
 
-def test_a_double_that_differs_goes_and_not_the_log(log):
+def test_an_archive_that_differs_is_removed_and_the_log_stays(log):
     finish(log)
     log.write_bytes(CONTENT[:-1] + b"!")
     with pytest.raises(OSError, match="differs"):
@@ -131,7 +131,7 @@ def test_a_double_that_differs_goes_and_not_the_log(log):
     assert names(log.parent) == ["00000001.BIN"]
 
 
-def test_a_log_that_is_erased_meanwhile_does_not_come_back(log):
+def test_a_log_erased_during_archiving_leaves_no_archive(log):
     for steps in range(8):
         log.write_bytes(CONTENT)
         job = archive_log(log)
@@ -144,7 +144,7 @@ def test_a_log_that_is_erased_meanwhile_does_not_come_back(log):
         assert names(log.parent) == []
 
 
-def test_a_disk_that_is_full_leaves_the_log(log, monkeypatch):
+def test_a_full_disk_leaves_the_log(log, monkeypatch):
     def full(_descriptor, _data, _offset):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -158,7 +158,7 @@ def test_a_disk_that_is_full_leaves_the_log(log, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_call_may_fail_and_nothing_is_lost(tmp_path, kind, monkeypatch):
+def test_an_error_of_any_call_loses_nothing(tmp_path, kind, monkeypatch):
     """Each call of the system in turn, once; the disk as it is then, and as a power cut leaves it."""
     for room in ("files.packed", "log.archive"):
         monkeypatch.setattr(f"firmware_py.{room}.BLOCK_BYTES", 4096)

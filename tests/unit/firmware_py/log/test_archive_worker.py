@@ -76,7 +76,7 @@ def test_closed_logs_are_compressed_and_read_back_tick_by_tick(tmp_path, pretend
     assert run.recorder.health(1.0).state is DeviceState.RUNNING
 
 
-def test_the_last_minutes_before_a_restart_are_kept_however_it_came(tmp_path, pretend):
+def test_a_restart_of_any_kind_makes_a_black_box(tmp_path, pretend):
     Run(pretend, tmp_path).sail(700.0).kill()
     run = Run(pretend, tmp_path).sail(5.0)
     run.turn(5)
@@ -89,7 +89,7 @@ def test_the_last_minutes_before_a_restart_are_kept_however_it_came(tmp_path, pr
     run.recorder.close()
 
 
-def test_a_restart_within_a_minute_of_a_new_file_has_the_end_of_the_one_before(tmp_path, pretend):
+def test_a_box_of_a_short_file_includes_the_end_of_the_previous_one(tmp_path, pretend):
     run = Run(pretend, tmp_path, file_bytes=350_000).sail(300.0)
     while run.recorder._opened_files and len(log_files(tmp_path)) < 2:
         run.sail(10.0)
@@ -106,7 +106,7 @@ def test_a_restart_within_a_minute_of_a_new_file_has_the_end_of_the_one_before(t
     assert times == [pytest.approx(12.3 + index) for index in range(last - len(times), last)]
 
 
-def test_a_log_that_is_killed_before_its_box_is_made_has_it_after_the_next_start(tmp_path, pretend):
+def test_a_missing_box_is_made_after_the_next_start(tmp_path, pretend):
     Run(pretend, tmp_path).sail(400.0).kill()
     Run(pretend, tmp_path).sail(1.0).kill()  # no time for anything
     for path in (tmp_path / "boxes").glob("*"):
@@ -117,7 +117,7 @@ def test_a_log_that_is_killed_before_its_box_is_made_has_it_after_the_next_start
     run.recorder.close()
 
 
-def test_the_minutes_around_a_severe_fault_are_kept_and_a_slight_one_is_none(tmp_path, pretend):
+def test_only_a_severe_fault_makes_a_black_box(tmp_path, pretend):
     slight, severe = 1 << Fault.POSITION_LOST, 1 << Fault.COMPASS_LOST
     run = Run(pretend, tmp_path).sail(400.0).sail(50.0, slight)
     assert boxes(tmp_path) == []
@@ -153,7 +153,7 @@ def test_a_disk_error_is_reported_and_retried_while_the_log_continues(tmp_path, 
     run.recorder.close()
 
 
-def test_a_disk_that_failed_once_is_not_said_to_fail_while_nothing_is_left_to_do(tmp_path, pretend, monkeypatch):
+def test_a_failure_is_cleared_when_nothing_is_left_to_do(tmp_path, pretend, monkeypatch):
     """As when it had no room for the minutes around a fault: the next log to be compressed may be days away."""
     run = Run(pretend, tmp_path).sail(400.0)
 
@@ -178,7 +178,7 @@ def test_a_closed_file_without_a_tick_is_compressed_without_a_box(tmp_path, pret
     run.recorder.close()
 
 
-def test_a_tick_is_found_from_any_place(tmp_path, pretend):
+def test_a_tick_is_found_from_any_offset(tmp_path, pretend):
     data = pretend.logged(tmp_path, 40)
     mark = b"\xa3\x95" + bytes((schema.TICK.type.number,))
     places = [at for at in range(len(data)) if data.startswith(mark, at)]

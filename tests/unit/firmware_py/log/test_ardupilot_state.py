@@ -151,5 +151,5 @@ def test_pymavlinks_tools_work(tool, says, log, tmp_path):
 
 
 @pytest.mark.parametrize("software", ["rambler", "", "rambler 999.0.0 (git zzz)"])
-def test_a_version_without_numbers_is_written_all_the_same(software):
+def test_a_version_without_numbers_is_written(software):
     assert version_bytes(1.0, software)

@@ -117,7 +117,7 @@ def test_types_of_other_programs_are_stepped_over():
     assert parser.garbage_bytes == 0
 
 
-def test_nothing_in_nothing():
+def test_an_empty_buffer_has_no_records():
     parser = Parser(b"")
     assert list(parser) == []
     assert parser.tail_bytes == 0

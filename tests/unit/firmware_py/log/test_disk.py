@@ -50,7 +50,7 @@ def test_the_directory_is_made_but_not_its_parent(tmp_path):
     assert not (tmp_path / "unplugged").exists()
 
 
-def test_the_oldest_files_go(tmp_path):
+def test_the_oldest_files_are_removed(tmp_path):
     for number in (3, 10, 20):
         write(tmp_path, f"{number:08d}.BIN", 100)
     write(tmp_path, "notes.txt", 1000)
@@ -81,7 +81,7 @@ def test_a_log_is_listed_once_by_its_number_compressed_or_not(tmp_path):
     assert closed(LocalDisk().create(tmp_path)) == "00000004.BIN"
 
 
-def test_boxes_go_last_and_what_was_left_of_compressing_goes_with_its_log(tmp_path):
+def test_boxes_are_removed_last_and_parts_with_their_log(tmp_path):
     aged(tmp_path, "00000001.BIN", 100, 2.0)
     write(tmp_path, ".00000001.BIN.gz.part", 50)
     aged(tmp_path, "00000002.BIN.gz", 100, 1.0)
@@ -96,7 +96,7 @@ def test_boxes_go_last_and_what_was_left_of_compressing_goes_with_its_log(tmp_pa
     assert left(tmp_path) == []
 
 
-def test_boxes_take_a_quarter_at_most_and_go_where_they_are_densest(tmp_path):
+def test_boxes_take_at_most_a_quarter_and_the_densest_are_removed(tmp_path):
     months = [aged(tmp_path, f"boxes/{number:08d}-end.BIN.gz", 10, 300.0 - 30.0 * number) for number in range(5)]
     for number in range(20):  # a restart every minute
         aged(tmp_path, f"boxes/{100 + number:08d}-end.BIN.gz", 10, 1.0 - number / 1440.0)
@@ -190,7 +190,7 @@ def test_a_file_that_was_removed_is_noticed(tmp_path):
     disk.close(descriptor)
 
 
-def test_a_file_whose_name_does_not_reach_the_disk_leaves_nothing(tmp_path, monkeypatch):
+def test_a_failed_directory_sync_leaves_no_file(tmp_path, monkeypatch):
     """The writer wants one each second: none may be left open, for then no device could be opened any more."""
 
     def ill(_directory):

@@ -76,7 +76,7 @@ def test_a_damaged_block_is_skipped_and_reported(tmp_path, pretend, monkeypatch,
     assert any(tick.gap for tick in found)
 
 
-def test_one_that_unpacks_without_end_is_refused(log, monkeypatch):
+def test_an_oversized_log_is_rejected(log, monkeypatch):
     path, _ = packed(log)
     monkeypatch.setattr(open_file, "MAX_LOG_BYTES", path.stat().st_size + 1)
     with pytest.raises(LogError, match="unpacks to more than"):

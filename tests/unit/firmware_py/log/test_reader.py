@@ -143,7 +143,7 @@ def test_files_that_are_empty_or_not_there(tmp_path):
         list(LogReader(tmp_path))
 
 
-def test_reading_can_be_left_off(tmp_path, pretend):
+def test_reading_can_be_stopped(tmp_path, pretend):
     pretend.logged(tmp_path)
     ticks = read_log(tmp_path / "00000001.BIN")
     assert next(ticks).inputs == pretend.inputs_of(0)

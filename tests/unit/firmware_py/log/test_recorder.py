@@ -232,7 +232,7 @@ def test_a_directory_that_vanishes_is_made_again(tmp_path, pretend):
     assert [inputs.tick.index for inputs in inputs_in(directory)] == [3, 4]
 
 
-def test_a_place_that_cannot_be_written_is_a_fault_and_no_error(tmp_path, pretend):
+def test_an_unwritable_directory_is_a_fault_and_not_an_exception(tmp_path, pretend):
     (tmp_path / "file").write_text("not a directory")
     recorder = pretend.recorder_in(tmp_path / "file")
     assert recorder.health(0.0).state is DeviceState.STARTING

@@ -118,7 +118,7 @@ def test_texts_are_kept_and_a_flood_of_them_is_counted(tmp_path, pretend):
     assert len(messages(tmp_path, HEAD + later, "MSG")) == 3  # quiet for long: there is room again
 
 
-def test_it_says_the_same_for_the_same_ticks(pretend):
+def test_the_same_ticks_give_the_same_rows(pretend):
     first, second = (rows_of(ThinLog(lambda: UTC_S), outputs(pretend, range(200))) for _ in range(2))
     assert first == second
 
@@ -149,7 +149,7 @@ def test_the_next_start_goes_on_with_the_file(tmp_path):
 
 
 @pytest.mark.parametrize("torn", [row("torn")[:-1], row("torn")[:40], row("torn")[:2], bytes(500)], ids=len)
-def test_what_a_power_cut_has_torn_makes_no_false_row_with_the_next_one(tmp_path, torn):
+def test_a_record_truncated_by_a_power_cut_is_removed(tmp_path, torn):
     written(tmp_path, "one")
     with (tmp_path / "thin/00000001.BIN").open("ab") as file:
         file.write(torn)
@@ -197,7 +197,7 @@ def test_no_row_is_lost_to_a_disk_that_fails_for_a_while(tmp_path, kind, monkeyp
     assert number > 5
 
 
-def test_a_disk_that_is_away_for_days_is_waited_for(tmp_path):
+def test_rows_are_queued_while_the_disk_is_missing(tmp_path):
     (tmp_path / "logs").write_text("in the way")
     file = ThinFile(tmp_path / "logs", b"head")
     for number in range(thin_file.MAX_QUEUED_TICKS + 3):

@@ -166,7 +166,7 @@ def test_a_failed_sync_loses_all_since_the_last_good_one(disk):
     assert disk.files == {"1": b"onetwothree"}  # the first is surely there
 
 
-def test_files_of_which_nothing_reaches_the_disk_do_not_push_out_those_that_are_there(disk):
+def test_files_without_synced_data_are_removed(disk):
     writer = writer_on(disk)
     disk.sync_error = OSError(errno.EIO, "Input/output error")
     for name in (b"ONE", b"TWO", b"THREE"):
@@ -185,7 +185,7 @@ def test_the_thread_writes_all_before_it_ends(disk):
     assert writer.alive()
 
 
-def test_the_thread_writes_of_its_own_accord(disk):
+def test_the_thread_writes_at_intervals(disk):
     writer = writer_on(disk, flush_s=0.001)
     arrived = threading.Event()
     disk.sync = lambda descriptor: arrived.set()
@@ -208,7 +208,7 @@ def test_a_queue_half_full_wakes_the_thread(disk):
     assert disk.files == {"1": b"onetwothree"}
 
 
-def test_a_patient_loop_waits_for_the_first_on_the_disk_and_for_room(disk):
+def test_with_wait_for_disk_the_loop_waits_for_the_first_sync_and_for_space(disk):
     """In lockstep neither the log nor its health may depend on the speed of the disk."""
     writer = writer_on(disk, queue_batches=4, wait_for_disk=True)
     writer.start()
@@ -221,7 +221,7 @@ def test_a_patient_loop_waits_for_the_first_on_the_disk_and_for_room(disk):
     assert (disk.files, writer.lost) == ({"1": b"one" + 40 * b"two"}, 0)
 
 
-def test_a_patient_loop_goes_on_where_there_is_no_disk(disk):
+def test_with_wait_for_disk_a_missing_disk_does_not_block(disk):
     disk.create_error = OSError(errno.EROFS, "Read-only file system")
     writer = writer_on(disk, wait_for_disk=True)
     writer.start()

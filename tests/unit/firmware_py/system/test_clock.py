@@ -26,7 +26,7 @@ def answer(now_s, *events, step_s=0.0, look_s=0.0):
     return struct.pack("<ddd", now_s, step_s, look_s) + b"".join(struct.pack("<dQ", *one) for one in events)
 
 
-def test_a_run_of_the_machine_has_a_name_where_the_machine_gives_it_one(tmp_path):
+def test_the_boot_id_is_read_if_there_is_one(tmp_path):
     (tmp_path / "boot_id").write_bytes(b"0f3c-11\n")
     assert boot_id(tmp_path / "boot_id", {}) == "0f3c11"
     assert boot_id(tmp_path / "none", {}) == ""
@@ -222,7 +222,7 @@ def test_the_hil_gets_the_lines_to_wait_for_and_waits_return_at_their_data(locks
 
 
 @pytest.mark.parametrize("look_s", [0.0, 0.002, 30.0])
-def test_an_answer_that_is_looked_for_is_the_same(lockstep, look_s):
+def test_busy_waiting_gives_the_same_result(lockstep, look_s):
     clock, hil = lockstep
     hil.sendall(answer(3.05, look_s=look_s))
     clock.wait(3.1, [])

@@ -42,7 +42,7 @@ class Computer:
 @pytest.mark.parametrize("policy", [SET_IF_INVALID, SET_IF_UNSYNCHRONISED])
 @pytest.mark.parametrize("kept", [False, True])
 @pytest.mark.parametrize("shown_s", [1000.0, LAST_UTC_S + 1000.0, 9.2e9])
-def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept, shown_s):
+def test_an_impossible_clock_is_set_once(policy, kept, shown_s):
     computer = Computer(shown_s, kept=kept)
     texts = computer.turn(policy, [TRUE_S], 7200)
     assert len(computer.sets) == 1
@@ -64,7 +64,7 @@ def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept, shown_s):
         (SET_IF_UNSYNCHRONISED, 100.0, True, 0),  # NTP knows better
     ],
 )
-def test_a_clock_that_will_do_is_left_alone(policy, error_s, kept, sets):
+def test_the_clock_is_set_only_beyond_its_tolerance(policy, error_s, kept, sets):
     computer = Computer(TRUE_S + error_s, kept=kept)
     computer.turn(policy, [TRUE_S], 60)
     assert len(computer.sets) == sets
@@ -80,14 +80,14 @@ def test_a_clock_that_will_do_is_left_alone(policy, error_s, kept, sets):
         [None],
     ],
 )  # fmt: skip
-def test_a_time_that_cannot_be_believed_is_not_taken(fixes):
+def test_inconsistent_and_impossible_times_are_ignored(fixes):
     computer = Computer(1000.0)
     assert computer.turn(SET_IF_INVALID, fixes, 300) == []
     assert computer.sets == []
 
 
 @pytest.mark.parametrize("policy", [SET_IF_INVALID, SET_IF_UNSYNCHRONISED])
-def test_one_that_is_set_wrong_under_way_is_right_again_within_two_minutes(policy):
+def test_a_clock_set_wrong_during_the_run_is_corrected_within_two_minutes(policy):
     computer = Computer(TRUE_S)
     assert computer.turn(policy, [TRUE_S], 300) == []
     computer.offset_s += 6e8
@@ -102,7 +102,7 @@ def test_a_missing_permission_is_reported_once_an_hour():
     assert "CAP_SYS_TIME" in texts[0]
 
 
-def test_a_ground_stations_time_serves_where_there_is_no_gps():
+def test_the_time_of_a_ground_station_is_used_without_gps():
     computer = Computer(1000.0)
     for _ in range(5):
         computer.setter.add_station_time(TRUE_S + computer.now_s, computer.now_s)

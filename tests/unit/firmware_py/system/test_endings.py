@@ -43,11 +43,11 @@ NOW_S = 1_767_225_600.0
         ("1767225500 protocol", "failed", ""),
     ],
 )
-def test_each_result_of_the_service_manager_has_its_word(line, why, text):
+def test_each_result_of_the_service_manager_has_a_reason(line, why, text):
     assert ending_of(line, NOW_S) == Ending(why, text, 1767225500.0)
 
 
-def test_they_are_taken_once_with_the_last_words(tmp_path):
+def test_endings_are_collected_once_with_their_reason(tmp_path):
     (tmp_path / ENDED_FILE).write_text("1 exit-code exited 2\n\n2 exit-code exited 11\n")
     (tmp_path / REASON_FILE).write_text("log: nothing done\nfor 15 s")
     assert collect_endings(tmp_path, NOW_S) == (
@@ -66,7 +66,7 @@ def test_they_are_taken_once_with_the_last_words(tmp_path):
     ],
     ids=["Python 3.11 to 3.13", "Python 3.14"],
 )
-def test_the_place_is_that_of_the_loop_s_thread_in_the_words_of_each_python(more):
+def test_the_location_is_that_of_the_loop_s_thread_for_each_python(more):
     traceback = (
         'Fatal Python error: Aborted\n\nThread 0x00 (most recent call first):\n  File "/a/b/wait.py", line 1 in other\n'
         "\nCurrent thread 0x00007f5a42db4200 [rambler] (most recent call first):\n"
@@ -75,7 +75,7 @@ def test_the_place_is_that_of_the_loop_s_thread_in_the_words_of_each_python(more
     assert location_of(traceback) == "in core/step.py:88 step"
 
 
-def test_a_signal_that_ends_a_run_leaves_the_place_where_it_was(tmp_path):
+def test_a_fatal_signal_leaves_the_location(tmp_path):
     program = (
         "import os, sys, pathlib\n"
         "from firmware_py.system.endings import EndingRecorder\n"
@@ -93,7 +93,7 @@ def test_a_signal_that_ends_a_run_leaves_the_place_where_it_was(tmp_path):
     assert not (tmp_path / TRACEBACK_FILE).exists()
 
 
-def test_a_directory_that_takes_nothing_costs_nothing(tmp_path):
+def test_an_unwritable_directory_is_ignored(tmp_path):
     watcher = EndingRecorder(tmp_path / "missing")
     watcher.record_reason("why")
     EndingRecorder(None).record_reason("why")

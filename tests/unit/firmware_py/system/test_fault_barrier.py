@@ -21,7 +21,7 @@ def test_an_error_is_reported_once_with_a_traceback_and_the_next_call_is_made():
     assert lines[-1] == "KeyError: 'inside'"
 
 
-def test_too_many_mistakes_end_the_process():
+def test_too_many_errors_end_the_process():
     barrier = FaultBarrier(lambda _line: None)
     for number in range(MAX_ERRORS):
         barrier.call(float(number), faulty)
@@ -29,14 +29,14 @@ def test_too_many_mistakes_end_the_process():
         barrier.call(10.0, faulty)
 
 
-def test_rare_mistakes_do_not_add_up():
+def test_rare_errors_do_not_accumulate():
     barrier = FaultBarrier(lambda _line: None)
     for number in range(3 * MAX_ERRORS):
         barrier.call(number * ERROR_WINDOW_S, faulty)
     assert len(barrier.take_events()) == 3 * MAX_ERRORS
 
 
-def test_an_operators_interrupt_is_no_mistake():
+def test_an_interrupt_is_not_an_error():
     barrier = FaultBarrier(lambda _line: None)
     with pytest.raises(KeyboardInterrupt):
         barrier.call(0.0, lambda: (_ for _ in ()).throw(KeyboardInterrupt))

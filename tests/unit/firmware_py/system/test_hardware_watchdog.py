@@ -31,7 +31,7 @@ def device():
     os.close(slave)
 
 
-def test_a_sign_of_life_every_two_seconds_and_disarmed_at_the_end(device):
+def test_the_watchdog_is_reset_every_two_seconds_and_disarmed_at_the_end(device):
     path, written = device
     watchdog = HardwareWatchdog(path)
     assert "timeout not set" in watchdog.note
@@ -57,7 +57,7 @@ def test_the_timeout_is_set_and_a_deviation_is_noted(device, monkeypatch, grante
     watchdog.disarm()
 
 
-def test_what_is_no_watchdog_is_refused(tmp_path):
+def test_a_file_that_is_not_a_watchdog_is_an_error(tmp_path):
     (tmp_path / "file").touch()
     for name in ("file", "missing", "."):
         with pytest.raises(WatchdogError, match="leave it out"):

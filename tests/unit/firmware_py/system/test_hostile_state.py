@@ -81,7 +81,7 @@ def started(state):
 
 @pytest.mark.parametrize("odd", ODD)
 @pytest.mark.parametrize("name", ["lock", PENDING_IMPORT, *LEFT_OVER])
-def test_what_lies_in_place_of_a_file_of_ours_is_set_aside(name, odd, state):
+def test_an_invalid_entry_in_place_of_a_file_is_set_aside(name, odd, state):
     (state / "lock").unlink()
     ODD[odd](state / name)
     content, start_problem = started(state)
@@ -94,7 +94,7 @@ def test_what_lies_in_place_of_a_file_of_ours_is_set_aside(name, odd, state):
 
 @pytest.mark.parametrize("odd", ODD)
 @pytest.mark.parametrize("name", STATE_NAMES)
-def test_so_is_what_lies_in_place_of_a_slot(name, odd, state):
+def test_an_invalid_entry_in_place_of_a_slot_is_set_aside(name, odd, state):
     for slot in (0, 1):
         (state / f"{name}.{slot}").unlink(missing_ok=True)
         ODD[odd](state / f"{name}.{slot}")
@@ -106,7 +106,7 @@ def test_so_is_what_lies_in_place_of_a_slot(name, odd, state):
     assert aside or (is_secret(name) and odd == "rubbish")
 
 
-def test_what_was_set_aside_again_and_again_does_not_fill_the_directory(state):
+def test_repeated_setting_aside_does_not_fill_the_directory(state):
     for number in range(30):
         (state / PENDING_IMPORT).write_bytes(b"%d" % number)
         Store(state).close()
@@ -166,7 +166,7 @@ def test_a_ledger_with_an_invalid_date_is_started_again(ledger):
         satellite_from_bytes(satellite_to_bytes(Record(ledger)))
 
 
-def test_a_megabyte_of_rubbish_for_parameters_is_reported_in_a_bounded_number_of_lines():
+def test_invalid_parameters_are_reported_in_a_limited_number_of_lines():
     reports = []
     values, unusable = read_parameters(b"CTL_K1 7\n" + b"X 1\nrubbish\n" * 50_000, reports.append)
     assert (values, unusable) == ({"CTL_K1": 7.0}, {"X": 1.0})

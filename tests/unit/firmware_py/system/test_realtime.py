@@ -65,6 +65,6 @@ def test_nothing_is_changed_and_memory_hardly_grows():
     assert result["grown"] <= 16 * MAX_UNUSED_BYTES
 
 
-def test_what_the_start_has_freed_is_given_back():
+def test_memory_freed_by_the_start_is_released():
     done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True, timeout=60)
     assert json.loads(done.stdout) > 200 * 60000

@@ -78,14 +78,14 @@ def test_bytes_that_are_there_wake_until_they_are_read(line, cable):
     assert select.select([line.fileno()], [], [], 0.0)[0] == []
 
 
-def test_a_cable_that_is_pulled_wakes_and_is_known_at_the_first_look(line, cable):
+def test_an_unplugged_cable_wakes_and_is_detected_at_once(line, cable):
     cable.pull()
     assert select.select([line.fileno()], [], [], 60.0)[0] == [line.fileno()]
     assert line.read() == b""
     assert not line.connected
 
 
-def test_a_terminal_is_neither_awaited_by_itself_nor_read_while_it_is_empty(line, cable, monkeypatch):
+def test_an_empty_terminal_is_neither_polled_nor_read(line, cable, monkeypatch):
     """Either would wait inside the kernel, whatever the priority, for what a busy computer does when it likes."""
     assert not os.isatty(line.fileno())
     reads = []
@@ -111,7 +111,7 @@ def test_a_port_without_epoll_is_an_error_and_is_closed(cable, monkeypatch):
     made.close()
 
 
-def test_a_cable_pulled_and_put_back_is_taken_up_again(line, cable):
+def test_a_port_that_reappears_is_opened_again(line, cable):
     cable.pull()
     assert [line.read() for _ in range(MAX_EMPTY_READS)] == [b""] * MAX_EMPTY_READS
     assert not line.connected
@@ -129,7 +129,7 @@ def test_a_cable_pulled_and_put_back_is_taken_up_again(line, cable):
     assert read_all(line, 5) == b"again"
 
 
-def test_a_cable_that_is_back_before_anybody_looks_is_taken_up_again(line, cable):
+def test_a_port_that_reappears_before_the_next_check_is_opened_again(line, cable):
     """Of a line that is only read: the old terminal reads nothing for ever, beside a path that is there."""
     cable.pull()
     line.read()
@@ -207,7 +207,7 @@ def test_a_port_whose_settings_cannot_be_restored_is_opened_again(line, cable, m
     assert (line.connected, line.openings) == (True, 1)
 
 
-def test_a_silent_port_is_opened_again_after_ever_longer_times_and_is_the_same_line(cable):
+def test_a_silent_port_is_opened_again_after_increasing_times(cable):
     line = SerialPort(str(cable.path), 38400, silent_s=10.0)
     line.open()
     line.write(b"ask")
@@ -229,7 +229,7 @@ def test_a_silent_port_is_opened_again_after_ever_longer_times_and_is_the_same_l
     line.close()
 
 
-def test_a_port_that_is_away_when_it_is_opened_again_is_taken_up_as_a_new_line(cable):
+def test_a_silent_port_that_disappears_is_a_new_line_afterwards(cable):
     line = SerialPort(str(cable.path), 38400, silent_s=10.0)
     line.open()
     line.reopen(0.0)
@@ -262,7 +262,7 @@ def another_program(cable, who):
     return subprocess.Popen([sys.executable, "-c", OPENER, terminal, who], **pipes)
 
 
-def test_a_port_is_kept_from_programs_that_ask_for_no_lock(line, cable):
+def test_other_programs_cannot_open_the_port(line, cable):
     with another_program(cable, "user") as other:
         assert other.stdout.readline() == f"{errno.EBUSY}\n"
     line.close()
@@ -270,7 +270,7 @@ def test_a_port_is_kept_from_programs_that_ask_for_no_lock(line, cable):
         assert other.stdout.readline() == "opened\n"
 
 
-def test_exclusive_access_that_another_program_has_ended_is_taken_again(line, cable):
+def test_exclusive_access_is_restored(line, cable):
     line.reopen(0.0)
     fcntl.ioctl(cable._slave, termios.TIOCNXCL)
     line.reopen(10.0)
@@ -278,7 +278,7 @@ def test_exclusive_access_that_another_program_has_ended_is_taken_again(line, ca
         assert other.stdout.readline() == f"{errno.EBUSY}\n"
 
 
-def test_who_else_has_a_port_open_is_named(line, cable):
+def test_other_users_of_a_port_are_listed(line, cable):
     assert port_users([str(cable.path)]) == {}
     line.close()
     with another_program(cable, "root") as other:
@@ -315,7 +315,7 @@ def test_a_line_that_takes_no_more_refuses_whole_messages_and_keeps_order(line, 
     assert received == sent
 
 
-def test_a_line_that_was_jammed_goes_on_by_itself(line, cable):
+def test_a_blocked_line_recovers(line, cable):
     """What waits is pushed by the next write, also by one that is too large to be added to it."""
     while line.write(b"x" * 1200):
         pass

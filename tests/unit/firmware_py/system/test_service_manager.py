@@ -29,7 +29,7 @@ def notifications(made):
             return lines
 
 
-def test_it_hears_once_that_all_is_ready_then_signs_of_life_and_what_has_changed(manager_side):
+def test_ready_is_sent_once_then_watchdog_resets_and_changes(manager_side):
     made, name = manager_side
     manager = ServiceManager({"NOTIFY_SOCKET": name})
     assert manager.present
@@ -44,7 +44,7 @@ def test_it_hears_once_that_all_is_ready_then_signs_of_life_and_what_has_changed
     assert len(third) == 2
 
 
-def test_what_did_not_reach_it_is_said_again(tmp_path):
+def test_a_failed_notification_is_repeated(tmp_path):
     manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "late")})
     manager.notify_alive("HOLD")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as made:
@@ -54,7 +54,7 @@ def test_what_did_not_reach_it_is_said_again(tmp_path):
         assert notifications(made) == [["READY=1", "WATCHDOG=1", "STATUS=HOLD"]]
 
 
-def test_one_that_does_not_read_is_not_waited_for(manager_side):
+def test_a_manager_that_does_not_read_does_not_block(manager_side):
     _, name = manager_side
     manager = ServiceManager({"NOTIFY_SOCKET": name})
     for _ in range(2000):
@@ -80,7 +80,7 @@ def test_without_a_socket_nothing_is_sent(name):
         ({"WATCHDOG_USEC": "soon"}, None),
     ],
 )
-def test_how_often_it_wants_to_hear(more, watchdog_s):
+def test_the_watchdog_time_is_read_from_the_environment(more, watchdog_s):
     assert ServiceManager({"NOTIFY_SOCKET": "@x", **more}).watchdog_s == watchdog_s
 
 

@@ -56,19 +56,19 @@ def test_signals_without_a_use_are_reported_once(number):
     assert len(text) <= 50
 
 
-def test_real_time_signals_mean_nothing():
+def test_real_time_signals_are_ignored():
     assert sent(*REAL_TIME)[0] is False
     assert sent(signal.SIGRTMIN + 3)[1] == ["SIGRTMIN+3: not used; autopilot continues"]
 
 
-def test_a_terminal_cannot_halt_who_writes_to_it():
+def test_a_terminal_cannot_stop_the_autopilot():
     # A handler would be called again at each attempt to write.
     with Signals():
         assert signal.getsignal(signal.SIGTTOU) is signal.SIG_IGN
         assert signal.getsignal(signal.SIGTTIN) is signal.SIG_IGN
 
 
-def test_what_was_before_comes_back():
+def test_the_previous_handlers_are_restored():
     before = {number: signal.getsignal(number) for number in TABLE}
     sent(signal.SIGHUP)
     assert {number: signal.getsignal(number) for number in TABLE} == before

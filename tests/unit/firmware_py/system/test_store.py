@@ -33,7 +33,7 @@ def reopened(store, directory):
     return Store(directory)
 
 
-def test_what_was_said_to_be_stored_is_there_after_a_restart(store, tmp_path):
+def test_saved_content_is_there_after_a_restart(store, tmp_path):
     assert store.load("a") is None
     store.save("a", b"one")
     store.save("b", b"\x00binary\xff")
@@ -68,7 +68,7 @@ def test_a_broken_newest_version_falls_back_to_the_one_before(store, tmp_path):
     assert store.load("a") == b"first"
 
 
-def test_the_newest_version_is_never_written_over(store, tmp_path):
+def test_the_newest_version_is_not_overwritten(store, tmp_path):
     for number in range(20):
         before = store.load("a")
         untouched = None if before is None else newest_slot(store, tmp_path / "state", "a", b"<" + before[1:-1] + b">")
@@ -99,7 +99,7 @@ def no_room(*_words):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def test_a_failure_is_said_and_heals(store, monkeypatch):
+def test_a_failure_is_reported_and_recovers(store, monkeypatch):
     with monkeypatch.context() as patches:
         patches.setattr(os, "pwrite", no_room)
         store.save("a", b"one")
