@@ -34,8 +34,8 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     events: list[Event] = []
     for sample in inputs.positions:
         if state.modes.armed and position_consistency.is_stuck(agreement, sample):
-            agreement, odd = position_consistency.update(agreement, sample, armed=True)
-            events += odd
+            agreement, consistency_events = position_consistency.update(agreement, sample, armed=True)
+            events += consistency_events
             continue
         before = place
         place, good = position.update(place, sample, settings.position.jump_s)
@@ -45,8 +45,8 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
                 events.append(Event(Severity.WARNING, f"GPS jump accepted: position moved by {leap_m:.0f} m"))
             elif state.modes.armed:
                 events += _fix_events(before, sample)
-            agreement, odd = position_consistency.update(agreement, sample, armed=state.modes.armed)
-            events += odd
+            agreement, consistency_events = position_consistency.update(agreement, sample, armed=state.modes.armed)
+            events += consistency_events
             if state.home is None:
                 state = replace(state, home=_home_at(place.begun))
             elif (wrong := position.withdrawn_first_fix(before, place)) is not None:

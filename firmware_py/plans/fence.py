@@ -46,17 +46,17 @@ class Fence(msgspec.Struct, frozen=True):
 
 
 class Breach(msgspec.Struct, frozen=True):
-    """An item outside the fence by `distance_m`, or (`is_way`) an item whose leg leaves the fence by it."""
+    """An item outside the fence by `distance_m`, or (`is_leg`) an item whose leg leaves the fence by it."""
 
     kind: PlanKind
     index: int
     distance_m: float
-    is_way: bool
+    is_leg: bool
 
     def message(self, first: int) -> str:
         """Return the text; `first` is the number of the first item of the plan."""
         item, distance = f"{_NAMES[self.kind]} {self.index + first}", f"{max(self.distance_m, 1.0):.0f} m"
-        if self.is_way:
+        if self.is_leg:
             return f"Leg to {item.lower()} leaves the fence by {distance}"
         return f"{item} is {distance} outside the fence"
 
@@ -145,18 +145,18 @@ def breaches(plans: Plans) -> Iterator[Breach | None]:
             turned_m = number(abs(item.params[2]), 0.0, MAX_DISTANCE_M) if item.command == Command.LOITER_TURNS else 0.0
             yield None
             worst_m = _margin_m(fence, here) - turned_m
-            is_way = False
+            is_leg = False
             if before is not None and worst_m >= -TOLERANCE_M:
-                is_way = True
-                for margin_m in _margins_on_way(fence, before, here):
+                is_leg = True
+                for margin_m in _margins_on_leg(fence, before, here):
                     worst_m = min(worst_m, margin_m)
                     yield None
             if worst_m < -TOLERANCE_M:
-                yield Breach(plan.kind, index, -worst_m, is_way)
-            before = here if plan.kind is PlanKind.MISSION and (is_way or worst_m >= -TOLERANCE_M) else None
+                yield Breach(plan.kind, index, -worst_m, is_leg)
+            before = here if plan.kind is PlanKind.MISSION and (is_leg or worst_m >= -TOLERANCE_M) else None
 
 
-def _margins_on_way(fence: Fence, start: Point, end: Point) -> Iterator[float]:
+def _margins_on_leg(fence: Fence, start: Point, end: Point) -> Iterator[float]:
     """Yield the margins on a leg, each at a distance of the last margin, in at most MAX_CHECKS steps."""
     length_m = math.dist(start, end)
     at_m = 0.0

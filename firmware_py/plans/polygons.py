@@ -117,7 +117,7 @@ def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
 def _is_line(edges: Sequence[Edge]) -> bool:
     """Return whether all vertices lie within one unit of the line from the first to the farthest vertex."""
     ways = [(x - edges[0][0][0], y - edges[0][0][1]) for (x, y), _ in edges]
-    dx, dy = max(ways, key=lambda is_way: is_way[0] ** 2 + is_way[1] ** 2)
+    dx, dy = max(ways, key=lambda is_leg: is_leg[0] ** 2 + is_leg[1] ** 2)
     return all((dx * y - dy * x) ** 2 <= dx * dx + dy * dy for x, y in ways)
 
 

@@ -31,9 +31,9 @@ from firmware_py.modes import (
     obstacle_to,
 )
 
-SETTING_EAST = Water(1.0, 0.1, 0.0, 0.3, 0.1)
-WELL = Situation(heading_rad=1.0, water=SETTING_EAST, position_ok=True, rudder_ok=True, mission_ok=True, home_ok=True)
-BLIND = replace(WELL, heading_rad=None)
+CURRENT_EAST = Water(1.0, 0.1, 0.0, 0.3, 0.1)
+WELL = Situation(heading_rad=1.0, water=CURRENT_EAST, position_ok=True, rudder_ok=True, mission_ok=True, home_ok=True)
+NO_HEADING = replace(WELL, heading_rad=None)
 GUIDED = ModeState(Mode.GUIDED, armed=True, goal=HeadingGoal(1.0))
 
 
@@ -61,7 +61,7 @@ def test_the_start_state_follows_the_parameters():
 def test_a_steering_mode_begins_on_the_present_heading(mode):
     state = accepted(ModeState(goal=HeadingGoal(3.0)), SetMode(mode))
     assert state.goal == HeadingGoal(1.0)
-    assert "heading" in refused(ModeState(), SetMode(mode), Verdict.TEMPORARILY_REJECTED, BLIND)
+    assert "heading" in refused(ModeState(), SetMode(mode), Verdict.TEMPORARILY_REJECTED, NO_HEADING)
 
 
 def test_entering_the_present_mode_keeps_its_goal():
@@ -76,11 +76,11 @@ def test_an_unknown_mode_is_denied_whole(number):
 
 def test_arming_needs_a_heading_and_an_answering_rudder_unless_forced():
     assert accepted(ModeState(), Arm(armed=True)).armed
-    assert "heading" in refused(ModeState(), Arm(armed=True), Verdict.TEMPORARILY_REJECTED, BLIND)
-    deaf = replace(WELL, rudder_ok=False)
-    assert "servo" in refused(ModeState(), Arm(armed=True), Verdict.TEMPORARILY_REJECTED, deaf)
-    assert accepted(ModeState(), Arm(armed=True, force=True), replace(BLIND, rudder_ok=False)).armed
-    assert not accepted(replace(GUIDED), Arm(armed=False), BLIND).armed
+    assert "heading" in refused(ModeState(), Arm(armed=True), Verdict.TEMPORARILY_REJECTED, NO_HEADING)
+    no_servo = replace(WELL, rudder_ok=False)
+    assert "servo" in refused(ModeState(), Arm(armed=True), Verdict.TEMPORARILY_REJECTED, no_servo)
+    assert accepted(ModeState(), Arm(armed=True, force=True), replace(NO_HEADING, rudder_ok=False)).armed
+    assert not accepted(replace(GUIDED), Arm(armed=False), NO_HEADING).armed
 
 
 def test_a_heading_goal_needs_a_steering_mode():
@@ -105,7 +105,7 @@ def test_a_turn_the_long_way_is_kept_only_when_it_is_longer():
 
 def test_a_course_is_made_good_by_heading_up_against_the_current():
     state = accepted(GUIDED, SteerHeading(2.0, over_ground=True))
-    heading_rad = heading_to_steer(state.goal, SETTING_EAST)
+    heading_rad = heading_to_steer(state.goal, CURRENT_EAST)
     made_good_rad = math.atan2(math.sin(heading_rad) + 0.3, math.cos(heading_rad))
     assert made_good_rad == pytest.approx(2.0)
     assert heading_to_steer(state.goal, None) == 2.0
@@ -183,10 +183,10 @@ INTENTS = st.one_of(
 
 
 @given(st.lists(INTENTS, max_size=20), st.booleans())
-def test_any_request_leaves_a_valid_goal(intents, blind):
+def test_any_request_leaves_a_valid_goal(intents, has_heading):
     state = ModeState()
     for intent in intents:
-        state, answer = decide(state, intent, BLIND if blind else WELL, 1.0)
+        state, answer = decide(state, intent, WELL if has_heading else NO_HEADING, 1.0)
         assert (answer.verdict is Verdict.ACCEPTED) == (not answer.text)
         if isinstance(state.goal, HeadingGoal):
             assert 0.0 <= state.goal.heading_rad < 2 * math.pi
@@ -207,20 +207,17 @@ def test_the_bench_rudder_holds_for_a_while_and_arming_ends_it():
     assert live_bench(accepted(armed, Arm(False)), 6.0) is None
 
 
-@pytest.mark.parametrize("deflection", [1.1, -1.1, math.nan, math.inf])
-def test_a_bench_rudder_out_of_range_is_denied(deflection):
-    refused(ModeState(), BenchRudder(deflection, 1.0), Verdict.DENIED)
-
-
-@pytest.mark.parametrize("seconds", [-0.1, 60.1, math.nan, math.inf])
-def test_a_bench_rudder_for_too_long_is_denied(seconds):
-    refused(ModeState(), BenchRudder(0.0, seconds), Verdict.DENIED)
+@pytest.mark.parametrize(
+    "bench", [*((value, 1.0) for value in (1.1, -1.1, math.nan, math.inf)), *((0.0, s) for s in (-0.1, 60.1, math.nan))]
+)
+def test_a_bench_rudder_out_of_range_is_denied(bench):
+    refused(ModeState(), BenchRudder(*bench), Verdict.DENIED)
 
 
 def test_no_bench_rudder_while_armed_or_without_a_servo():
     assert "armed" in refused(GUIDED, BenchRudder(0.5, 10.0), Verdict.TEMPORARILY_REJECTED)
-    dead = replace(WELL, rudder_ok=False)
-    assert "servo" in refused(ModeState(), BenchRudder(0.5, 10.0), Verdict.TEMPORARILY_REJECTED, dead)
+    no_servo = replace(WELL, rudder_ok=False)
+    assert "servo" in refused(ModeState(), BenchRudder(0.5, 10.0), Verdict.TEMPORARILY_REJECTED, no_servo)
 
 
 def test_restart_and_reset_wait_for_disarming_unless_forced():
