@@ -201,7 +201,7 @@ def _late_key_handler(endpoint: Endpoint, directory: Path, say: Callable[[str], 
     """Return the handler of the signing key on a disk that is mounted after the start."""
 
     def use_key(stored: Stored) -> None:
-        if endpoint.take_up_key(stored):
+        if endpoint.restore_late_key(stored):
             report_key_problem(directory, stored, say, late=True)
 
     return use_key

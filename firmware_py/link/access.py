@@ -32,7 +32,7 @@ class Admitted(NamedTuple):
     """A frame and its rights; `verified`: it is signed with the boat's key."""
 
     frame: Frame
-    standing: Permission
+    permission: Permission
     verified: bool
 
 
@@ -74,13 +74,13 @@ class Gate:
                 # From the modem of a line, which has no key. On a network there is no modem: ignored.
                 if not line:
                     continue
-                standing = Permission.READER if self._accepts_version(frame.data) else Permission.NONE
+                permission = Permission.READER if self._accepts_version(frame.data) else Permission.NONE
             else:
-                standing = self._standing(frame, options, verified=verified)
-            if standing is Permission.NONE:
+                permission = self._permission(frame, options, verified=verified)
+            if permission is Permission.NONE:
                 self.refused_frames += 1
             else:
-                admitted.append(Admitted(frame, standing, bool(verified)))
+                admitted.append(Admitted(frame, permission, bool(verified)))
         return admitted
 
     def _accepts_version(self, data: bytes) -> bool:
@@ -95,7 +95,7 @@ class Gate:
             return None
         return self._signing.verify(data)
 
-    def _standing(self, frame: Frame, options: LinkOptions, *, verified: bool | None) -> Permission:
+    def _permission(self, frame: Frame, options: LinkOptions, *, verified: bool | None) -> Permission:
         data = frame.data
         if not self._accepts_version(data):
             return Permission.NONE

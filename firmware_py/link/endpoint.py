@@ -25,7 +25,7 @@ from firmware_py.link.mission.server import MissionServer
 from firmware_py.link.parameters.server import ExtendedParameters, ParameterServer
 from firmware_py.link.peers import DuplicateSystemId, Peer, Peers
 from firmware_py.link.routing import Router
-from firmware_py.link.services import Companion, KeySetup, Shell, Timesync, deny, note_radio_status
+from firmware_py.link.services import CompanionBattery, KeySetup, Shell, Timesync, deny, note_radio_status
 from firmware_py.link.signing import NO_VAULT, LinkSealer, Signing
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.telemetry.publisher import SatelliteReports, TelemetryPublisher
@@ -155,9 +155,9 @@ class Endpoint:
         """Time of the latest heartbeat of a ground station that may command; None before the first."""
         return self._station_s
 
-    def take_up_key(self, stored: Stored) -> bool:
+    def restore_late_key(self, stored: Stored) -> bool:
         """Use the signing key of a disk that is available late; False if a station has set or removed a key since."""
-        return self._signing.take_up(stored)
+        return self._signing.restore_late(stored)
 
     @property
     def key_problem(self) -> str:
@@ -241,7 +241,7 @@ class Endpoint:
             self._dispatch(*self._unread.popleft(), now_s)
 
     def _dispatch(self, peer: Peer, admitted: Admitted, now_s: float) -> None:
-        frame, standing, verified = admitted
+        frame, permission, verified = admitted
         # With a key, an unsigned heartbeat is no proof of the owner's station.
         if frame.number == _HEARTBEAT and not self._gate.knows(peer.transport.options, verified=verified):
             return
@@ -252,9 +252,9 @@ class Endpoint:
             self._duplicate_system_id.check(message, now_s)
             return
         # A station that may not command cannot recover the boat: its heartbeat does not clear STATION_SILENT.
-        if frame.number == _HEARTBEAT and standing is not Permission.COMMANDER:
+        if frame.number == _HEARTBEAT and permission is not Permission.COMMANDER:
             return
-        if standing is Permission.COMMANDER or self._reads_only(frame.number, message):
+        if permission is Permission.COMMANDER or self._reads_only(frame.number, message):
             self._handlers[frame.number](peer, message, now_s)
         else:
             deny(self._context, peer, message, now_s)
@@ -354,7 +354,7 @@ class Services:
                 Setpoints(context),
                 ManualControl(context),
                 Timesync(context),
-                Companion(context),
+                CompanionBattery(context),
                 Shell(context),
                 key_setup,
             ),

@@ -278,12 +278,12 @@ class Peer:
     def update_version(self, frames: Iterable[Frame], now_s: float) -> None:
         """Answer in MAVLink 1 if the peer continues to use it; not by satellite, where the cause is not known."""
         if self.outbox.sent_bytes and not self.quiet:
-            self._version.hear(frames, now_s)
+            self._version.update(frames, now_s)
             self.outbox.mavlink1_only = self._version.version1_only
 
     def keep_pace(self, free_percent: int, now_s: float) -> None:
         """Adapt the rate to the free buffer of a modem in the line."""
-        self._radio_pace.hear(free_percent, now_s)
+        self._radio_pace.update(free_percent, now_s)
         self._pace(now_s)
 
     def forget_silent_radio(self, now_s: float) -> None:
@@ -304,7 +304,7 @@ class Peer:
         self.outbox.credit_bytes = 0
         self._unanswered_bytes = self.outbox.sent_bytes
 
-    def hear(self, count_bytes: int, now_s: float) -> bool:
+    def note_reception(self, count_bytes: int, now_s: float) -> bool:
         """Note the reception of frames with this number of bytes; return whether the peer is proven."""
         self.heard_s = self.last_frame_s = now_s
         if self.outbox.credit_bytes is None:
@@ -562,11 +562,11 @@ class Peers:
             fresh = self._fresh(peer, (each.frame for each in admitted), now_s)
             admitted = [each for each in admitted if each.frame in fresh]
         for each in admitted:
-            if each.standing is Permission.COMMANDER:
+            if each.permission is Permission.COMMANDER:
                 self._paths.note(peer.path, each.frame.data, now_s)
         peer.update_version((each.frame for each in admitted), now_s)
         peer.verified = peer.verified or any(frame.verified for frame in admitted)
-        if peer.hear(len(data), now_s):
+        if peer.note_reception(len(data), now_s):
             if not self.has(*key) and not (
                 self._take_over(key, peer, now_s) or self._activate_if_admitted(key, peer, now_s)
             ):

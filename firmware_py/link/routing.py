@@ -52,8 +52,8 @@ class Router:
         present = [other for other in self._peers if other.routes and other.proven]
         if len(present) < 2 or peer not in present:
             return
-        for frame, standing, _ in frames:
-            if standing is Permission.COMMANDER and self._learn(_source(frame.data), peer, present, now_s):
+        for frame, permission, _ in frames:
+            if permission is Permission.COMMANDER and self._learn(_source(frame.data), peer, present, now_s):
                 self._pass(peer, frame, present, now_s)
 
     def _learn(self, source: Address, peer: Peer, present: Iterable[Peer], now_s: float) -> bool:

@@ -102,7 +102,7 @@ class Shell:
             self._context.send(peer, make(message.device, _REPLY, 0, 0, len(_NO_SHELL), _DATA))
 
 
-class Companion:
+class CompanionBattery:
     """Takes BATTERY_STATUS of the first battery from the component that PWR_COMPANION names; ignores others."""
 
     def __init__(self, context: LinkContext) -> None:

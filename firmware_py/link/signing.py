@@ -197,7 +197,7 @@ class Signing:
             self._stored_streams = dict(self._streams)
         return finding.state
 
-    def take_up(self, stored: Stored) -> bool:
+    def restore_late(self, stored: Stored) -> bool:
         """Restore the state of a disk that is available late; False if a key has been set or removed since.
 
         In that case the present state is stored.

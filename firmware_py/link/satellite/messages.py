@@ -82,7 +82,7 @@ def shortest(frame: bytes) -> bytes | None:
     return b"\xfd" + body + checksum(body, seed).to_bytes(2, "little")
 
 
-class Importance:
+class FrameClassifier:
     """Classifies frames: a report with a change of mode, arming or failures is an event."""
 
     def __init__(self) -> None:

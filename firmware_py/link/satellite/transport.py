@@ -60,7 +60,7 @@ class SbdTransport:
         self._parameters: Callable[[], ParameterSet] = ParameterSet
         self._code: Callable[[bytes], bytes | None] = lambda _covered: None
         self._vouch: Callable[[bytes], None] = lambda _frame: None
-        self._importance = messages.Importance()
+        self._classifier = messages.FrameClassifier()
         self._texts = TokenBucket(_TEXTS, _TEXTS_HZ)
         self._sent_s: dict[bytes, float] = {}
         self._ready: list[tuple[bytes, bool]] = []  # frames that count, and whether the key vouches for them
@@ -101,7 +101,7 @@ class SbdTransport:
     def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - it has one only
         """Queue frames for the next session; always True, since dropped ones are counted there."""
         for frame in messages.frames_of(data):
-            kind, shortest = self._importance.kind_of(frame), messages.shortest(frame)
+            kind, shortest = self._classifier.kind_of(frame), messages.shortest(frame)
             if shortest is None:
                 continue
             if messages.is_text(frame) and not self._may_send_text(shortest):

@@ -1,126 +1,89 @@
-"""The values of NAMED_VALUE_FLOAT: rudder, servo, loop, energy of steering, and estimates.
-
-Each function returns None while its value is not known.
-"""
+"""The values of NAMED_VALUE_FLOAT: rudder, servo, loop, energy of steering, and estimates."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.reports import Estimate, Water
 from firmware_py.link.telemetry.fields import TelemetryContext
 
-Value = Callable[[TelemetryContext], float | None]
+Part = TypeVar("Part")
 
 _JOULES_PER_WATT_HOUR = 3600.0
 
 
-def rudder_degrees(context: TelemetryContext) -> float | None:
-    """Return the measured rudder angle in degrees, starboard positive."""
-    rudder_rad = context.snapshot.rudder_rad
-    return None if rudder_rad is None else degrees(rudder_rad)
+class NamedValue(NamedTuple):
+    """One value; `read` returns None while it is unknown."""
+
+    name: str
+    read: Callable[[TelemetryContext], float | None]
+    fast_hz: float
+    radio_hz: float
 
 
-def rudder_command_degrees(context: TelemetryContext) -> float | None:
-    """Return the commanded rudder angle in degrees, starboard positive."""
-    return degrees(context.snapshot.rudder_command_rad)
+def _of(part: Part | None, read: Callable[[Part], float | None]) -> float | None:
+    return None if part is None else read(part)
 
 
-def servo_temperature(context: TelemetryContext) -> float | None:
-    """Return the temperature of the rudder servo in degrees Celsius."""
-    return context.snapshot.servo.temperature_c if context.snapshot.servo else None
+def _estimate(name: str, read: Callable[[Estimate], float], fast_hz: float = 0.2, radio_hz: float = 0.02) -> NamedValue:
+    return NamedValue(name, lambda context: _of(context.snapshot.estimate, read), fast_hz, radio_hz)
 
 
-def lateness_ms(context: TelemetryContext) -> float | None:
-    """Return the lateness of the tick in milliseconds."""
-    return context.snapshot.late_s * 1e3
+def _water(
+    name: str, read: Callable[[Water], float | None], fast_hz: float = 0.2, radio_hz: float = 0.02
+) -> NamedValue:
+    return NamedValue(name, lambda context: _of(context.snapshot.water, read), fast_hz, radio_hz)
 
 
-def skipped_ticks(context: TelemetryContext) -> float | None:
-    """Return the number of deadlines that passed unserved since start."""
-    return float(context.snapshot.skipped_total)
-
-
-def state_writes(context: TelemetryContext) -> float | None:
-    """Return the number of stored versions of parameters, plans, record and key since start."""
-    return None if context.written is None else float(context.written[0])
-
-
-def state_megabytes(context: TelemetryContext) -> float | None:
-    """Return their size in MB."""
-    return None if context.written is None else context.written[1] * 1e-6
-
-
-def travel_deg_per_h(context: TelemetryContext) -> float | None:
-    """Return the rudder travel of about the last hour, in degrees."""
-    return None if context.snapshot.energy is None else degrees(context.snapshot.energy.travel_rad_per_h)
-
-
-def reversals_per_h(context: TelemetryContext) -> float | None:
-    """Return the reversals of the rudder in about the last hour."""
-    return None if context.snapshot.energy is None else context.snapshot.energy.reversals_per_h
-
-
-def gain_reduction(context: TelemetryContext) -> float | None:
-    """Return the gain reduction after a detected limit cycle."""
-    return context.snapshot.gain_reduction
-
-
-def servo_watt_hours(context: TelemetryContext) -> float | None:
-    """Return the energy of the servo since start; None if it reports no power."""
+def _servo_watt_hours(context: TelemetryContext) -> float | None:
     energy = context.snapshot.energy
     return None if energy is None or energy.power_w is None else energy.energy_j / _JOULES_PER_WATT_HOUR
 
 
-def servo_watts(context: TelemetryContext) -> float | None:
-    """Return the power of the servo."""
-    return None if context.snapshot.energy is None else context.snapshot.energy.power_w
-
-
-def solar_watts(context: TelemetryContext) -> float | None:
-    """Return the power of the solar panels, behind the charger."""
-    return None if context.snapshot.power is None else context.snapshot.power.solar_w
-
-
-def load_watts(context: TelemetryContext) -> float | None:
-    """Return the power of all loads."""
-    return None if context.snapshot.power is None else context.snapshot.power.load_w
-
-
-def _estimate_value(read: Callable[[Estimate], float]) -> Value:
-    def value(context: TelemetryContext) -> float | None:
-        return None if context.snapshot.estimate is None else read(context.snapshot.estimate)
-
-    return value
-
-
-def _water_value(read: Callable[[Water], float | None]) -> Value:
-    def value(context: TelemetryContext) -> float | None:
-        return None if context.snapshot.water is None else read(context.snapshot.water)
-
-    return value
-
-
-# Of the heading without waves: standard deviation, last innovation, and average normalised innovation squared, which is
-# 1 for a consistent filter.
-heading_sd_deg = _estimate_value(lambda estimate: degrees(estimate.heading_sd_rad))
-innovation_deg = _estimate_value(lambda estimate: degrees(estimate.innovation_rad))
-innovation_square = _estimate_value(lambda estimate: estimate.innovation_square)
-# Compass A 0, compass B 1, course over ground 2, nothing 3.
-heading_source = _estimate_value(lambda estimate: float(estimate.source))
-# Rudder bias, and the diffusion of the heading by disturbances [deg^2/s].
-trim_deg = _estimate_value(lambda estimate: degrees(estimate.bias_rad))
-yaw_diffusion_deg2_s = _estimate_value(lambda estimate: degrees(degrees(estimate.yaw_diffusion_rad2_s)))
-# Mean square error of predictions over half a minute divided by their variance: 1 for a consistent filter.
-prediction_square = _estimate_value(lambda estimate: estimate.prediction_square)
-# Of the wave-frequency yaw.
-wave_sd_deg = _estimate_value(lambda estimate: degrees(estimate.wave_sd_rad))
-wave_period_s = _estimate_value(lambda estimate: estimate.wave_period_s)
-# Speed through the water, and the current with its larger standard deviation.
-water_speed_m_s = _water_value(lambda water: water.speed_m_s)
-current_north_m_s = _water_value(lambda water: water.current_north_m_s)
-current_east_m_s = _water_value(lambda water: water.current_east_m_s)
-current_sd_m_s = _water_value(lambda water: water.current_sd_m_s)
-# Direction of the velocity through water relative to the heading, positive to starboard.
-leeway_deg = _water_value(lambda water: degrees(water.leeway_rad))
+NAMED_VALUES: tuple[NamedValue, ...] = (
+    # Measured and commanded rudder angle in degrees, starboard positive; temperature of the servo in degrees Celsius.
+    NamedValue("RUDDER", lambda context: _of(context.snapshot.rudder_rad, degrees), 4.0, 1.0),
+    NamedValue("RUD_CMD", lambda context: degrees(context.snapshot.rudder_command_rad), 4.0, 1.0),
+    NamedValue("RUD_TEMP", lambda context: _of(context.snapshot.servo, lambda servo: servo.temperature_c), 0.5, 0.1),
+    # Lateness of the tick; deadlines that passed unserved since start.
+    NamedValue("LATE_MS", lambda context: context.snapshot.late_s * 1e3, 1.0, 0.2),
+    NamedValue("SKIPPED", lambda context: float(context.snapshot.skipped_total), 1.0, 0.2),
+    # Stored versions of parameters, plans, record and key since start, and their size in MB.
+    NamedValue("STO_WRITES", lambda context: _of(context.written, lambda written: float(written[0])), 0.1, 0.01),
+    NamedValue("STO_MB", lambda context: _of(context.written, lambda written: written[1] * 1e-6), 0.1, 0.01),
+    # Rudder travel in degrees and reversals of about the last hour.
+    NamedValue(
+        "RUD_TRAVEL", lambda context: _of(context.snapshot.energy, lambda it: degrees(it.travel_rad_per_h)), 0.2, 0.02
+    ),
+    NamedValue("RUD_REVERS", lambda context: _of(context.snapshot.energy, lambda it: it.reversals_per_h), 0.2, 0.02),
+    # Gain reduction after a detected limit cycle.
+    NamedValue("HELM_SOFT", lambda context: context.snapshot.gain_reduction, 0.2, 0.02),
+    # Energy of the servo since start, and its power; power of the solar panels behind the charger, and of all loads.
+    NamedValue("RUD_WH", _servo_watt_hours, 0.2, 0.02),
+    NamedValue("RUD_WATT", lambda context: _of(context.snapshot.energy, lambda energy: energy.power_w), 0.2, 0.02),
+    NamedValue("SOLAR_W", lambda context: _of(context.snapshot.power, lambda power: power.solar_w), 0.2, 0.02),
+    NamedValue("LOAD_W", lambda context: _of(context.snapshot.power, lambda power: power.load_w), 0.2, 0.02),
+    # Source of the heading: compass A 0, compass B 1, course over ground 2, none 3.
+    _estimate("HDG_SRC", lambda estimate: float(estimate.source), 0.5),
+    # Heading without waves: standard deviation, innovation, average normalised innovation squared (1: consistent).
+    _estimate("HDG_SD", lambda estimate: degrees(estimate.heading_sd_rad), 0.5),
+    _estimate("HDG_INNOV", lambda estimate: degrees(estimate.innovation_rad), 1.0, 0.0),
+    _estimate("HDG_NIS", lambda estimate: estimate.innovation_square),
+    # Rudder bias; diffusion of the heading by disturbances [deg^2/s].
+    _estimate("TRIM", lambda estimate: degrees(estimate.bias_rad)),
+    _estimate("YAW_DIFF", lambda estimate: degrees(degrees(estimate.yaw_diffusion_rad2_s))),
+    # Mean square error of predictions over half a minute divided by their variance (1: consistent).
+    _estimate("PRED_SQ", lambda estimate: estimate.prediction_square),
+    # Wave-frequency yaw.
+    _estimate("WAVE_SD", lambda estimate: degrees(estimate.wave_sd_rad)),
+    _estimate("WAVE_T", lambda estimate: estimate.wave_period_s),
+    # Speed through the water, and the current with its larger standard deviation.
+    _water("WATER_SPD", lambda water: water.speed_m_s, 0.5, 0.05),
+    _water("CURR_N", lambda water: water.current_north_m_s),
+    _water("CURR_E", lambda water: water.current_east_m_s),
+    _water("CURR_SD", lambda water: water.current_sd_m_s),
+    # Direction of the velocity through water relative to the heading, positive to starboard.
+    _water("LEEWAY", lambda water: degrees(water.leeway_rad)),
+)

@@ -13,11 +13,11 @@ from typing import NamedTuple
 from firmware_py.link.telemetry import (
     identity,
     motion,
-    named_values,
     status,
     vessels,
 )
 from firmware_py.link.telemetry.fields import TelemetryContext, boot_ms, single
+from firmware_py.link.telemetry.named_values import NAMED_VALUES, NamedValue
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 
@@ -43,16 +43,16 @@ class TelemetryRow(NamedTuple):
     priority: Priority = Priority.TELEMETRY
 
 
-def _named(name: str, value: named_values.Value, fast_hz: float, radio_hz: float) -> TelemetryRow:
-    label = text_of(name, 10)
+def _named(value: NamedValue) -> TelemetryRow:
+    label = text_of(value.name, 10)
 
     def build(context: TelemetryContext) -> Message | None:
-        number = single(value(context), math.nan)
+        number = single(value.read(context), math.nan)
         if math.isnan(number):
             return None
         return mavlink.MAVLink_named_value_float_message(boot_ms(context.snapshot.t_s), label, number)
 
-    return TelemetryRow(251, f"NAMED_VALUE_FLOAT {name}", build, fast_hz, radio_hz, _EXTRA3)
+    return TelemetryRow(251, f"NAMED_VALUE_FLOAT {value.name}", build, value.fast_hz, value.radio_hz, _EXTRA3)
 
 
 TABLE: tuple[TelemetryRow, ...] = (
@@ -84,34 +84,7 @@ TABLE: tuple[TelemetryRow, ...] = (
     TelemetryRow(301, "AIS_VESSEL", vessels.ais_vessel, 4.0, 0.2, _EXTRA3),
     TelemetryRow(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
     TelemetryRow(437, "AVAILABLE_MODES_MONITOR", identity.available_modes_monitor, 0.3, 0.05, None),
-    _named("RUDDER", named_values.rudder_degrees, 4.0, 1.0),
-    _named("RUD_CMD", named_values.rudder_command_degrees, 4.0, 1.0),
-    _named("RUD_TEMP", named_values.servo_temperature, 0.5, 0.1),
-    _named("LATE_MS", named_values.lateness_ms, 1.0, 0.2),
-    _named("SKIPPED", named_values.skipped_ticks, 1.0, 0.2),
-    _named("STO_WRITES", named_values.state_writes, 0.1, 0.01),
-    _named("STO_MB", named_values.state_megabytes, 0.1, 0.01),
-    _named("RUD_TRAVEL", named_values.travel_deg_per_h, 0.2, 0.02),
-    _named("RUD_REVERS", named_values.reversals_per_h, 0.2, 0.02),
-    _named("HELM_SOFT", named_values.gain_reduction, 0.2, 0.02),
-    _named("RUD_WH", named_values.servo_watt_hours, 0.2, 0.02),
-    _named("RUD_WATT", named_values.servo_watts, 0.2, 0.02),
-    _named("SOLAR_W", named_values.solar_watts, 0.2, 0.02),
-    _named("LOAD_W", named_values.load_watts, 0.2, 0.02),
-    _named("HDG_SRC", named_values.heading_source, 0.5, 0.02),
-    _named("HDG_SD", named_values.heading_sd_deg, 0.5, 0.02),
-    _named("HDG_INNOV", named_values.innovation_deg, 1.0, 0.0),
-    _named("HDG_NIS", named_values.innovation_square, 0.2, 0.02),
-    _named("TRIM", named_values.trim_deg, 0.2, 0.02),
-    _named("YAW_DIFF", named_values.yaw_diffusion_deg2_s, 0.2, 0.02),
-    _named("PRED_SQ", named_values.prediction_square, 0.2, 0.02),
-    _named("WAVE_SD", named_values.wave_sd_deg, 0.2, 0.02),
-    _named("WAVE_T", named_values.wave_period_s, 0.2, 0.02),
-    _named("WATER_SPD", named_values.water_speed_m_s, 0.5, 0.05),
-    _named("CURR_N", named_values.current_north_m_s, 0.2, 0.02),
-    _named("CURR_E", named_values.current_east_m_s, 0.2, 0.02),
-    _named("CURR_SD", named_values.current_sd_m_s, 0.2, 0.02),
-    _named("LEEWAY", named_values.leeway_deg, 0.2, 0.02),
+    *map(_named, NAMED_VALUES),
 )
 
 

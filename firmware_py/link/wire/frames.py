@@ -280,7 +280,7 @@ class VersionDetector:
         self._frames = 0
         self._since_s: float | None = None
 
-    def hear(self, frames: Iterable[Frame], now_s: float) -> None:
+    def update(self, frames: Iterable[Frame], now_s: float) -> None:
         """Take received frames, after something was sent to the peer."""
         for frame in frames:
             if frame.number == _RADIO_STATUS:

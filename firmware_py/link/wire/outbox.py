@@ -268,7 +268,7 @@ class RadioPace:
         self.share = 1.0
         self._heard_s = 0.0
 
-    def hear(self, free_percent: int, now_s: float) -> None:
+    def update(self, free_percent: int, now_s: float) -> None:
         """Take the free part of the modem's buffer; a value out of range is ignored."""
         if not 0 <= free_percent <= _ALL:
             return
