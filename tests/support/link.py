@@ -285,3 +285,8 @@ def without_unasked(messages):
 
 def of_type(messages, name):
     return [message for message in messages if message.get_type() == name]
+
+
+def results(messages):
+    """Return the results of the COMMAND_ACKs."""
+    return [message.result for message in of_type(messages, "COMMAND_ACK")]

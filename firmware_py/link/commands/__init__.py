@@ -1,1 +1,1 @@
-"""MAVLink commands: one table, and who carries each out."""
+"""MAVLink commands: functions and rows by subject, and the server that executes and acknowledges them."""

@@ -21,11 +21,11 @@ _NOT_NOW = Answer(Verdict.TEMPORARILY_REJECTED)
 
 
 def _number(value: float) -> int:
-    """Return a message id, or -1 for what is none."""
+    """Return a message id, or -1 for an invalid number."""
     return int(value) if within(value, 0, 0xFFFFFF) and value == int(value) else -1
 
 
-# Messages that do not depend on the state of the boat, by the context and the index asked for.
+# Messages that do not depend on the snapshot, by context and requested index.
 # Index NaN means all, as 0 does.
 FIXED: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
     148: lambda context, _index: (identity.autopilot_version(context.version),),

@@ -37,7 +37,7 @@ _NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
 IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
 _LATE = Answer(Verdict.FAILED, "not done in time")
 UNKNOWN_PROGRESS = 255
-FIRST_PROGRESS_S = 0.3  # what is done by then needs no word in between
+FIRST_PROGRESS_S = 0.3  # before the first IN_PROGRESS
 PROGRESS_INTERVAL_S = 1.0
 
 

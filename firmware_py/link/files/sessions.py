@@ -183,7 +183,7 @@ class FileSessions:
         self._open[(client, number)] = FileSession(handle, now_s)
 
     def end(self, client: Station, number: int) -> OpenFile | FileUpload | None:
-        """End a session and return what it held."""
+        """End a session and return its file or upload."""
         session = self._open.pop((client, number), None)
         return None if session is None else session.handle
 

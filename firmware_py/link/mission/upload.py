@@ -52,7 +52,7 @@ class PlanUpload:
     retry: RetryTimer
     last_item_s: float
     items: list[PlanItem] = field(default_factory=list)
-    whole: bool = True  # asked for as MISSION_REQUEST_INT
+    whole: bool = True  # requested by MISSION_REQUEST_INT
     storing: bool = False
     waypoint_for_home: bool = False  # the station does not know that item 0 is home
 

@@ -1,1 +1,1 @@
-"""A link by messages over a satellite: the modem, what is sent first, what it may cost, what counts as a command."""
+"""A link by messages over a satellite: modem, priorities, budget, commands with a key."""

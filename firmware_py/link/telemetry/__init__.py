@@ -1,1 +1,1 @@
-"""What is sent by itself: one table, its builders."""
+"""Telemetry: the table of messages, their builders and rates."""

@@ -32,7 +32,7 @@ class TelemetryContext(msgspec.Struct, frozen=True):
     fence_breaches: tuple[int, float] = (0, 0.0)  # how many since the start, and when the last one began
     override_us: int | None = None  # pulse that a station overrides channel 1 with, None when none does
     swing: SwingReport = msgspec.field(default_factory=SwingReport)  # of the compass
-    intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
+    intended_mode: int | None = None  # custom_mode of the latest accepted request
 
 
 def fresh_fix(context: TelemetryContext) -> PositionSample | None:

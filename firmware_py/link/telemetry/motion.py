@@ -29,7 +29,7 @@ _UNUSED_ATTITUDE = 0b0100_0111  # ATTITUDE_TARGET: rates and thrust mean nothing
 _DOP_MAX = UINT16_MAX - 1
 
 _NO_ROTATION = (0.0, 0.0, 0.0, 0.0)  # repr_offset_q: "not set"
-# POSITION_TARGET_TYPEMASK: of everything, only the place in the plane is meant.
+# POSITION_TARGET_TYPEMASK: only the horizontal position is valid.
 _PLACE_ONLY = 0b0000_1101_1111_1100
 _UNKNOWN = math.nan
 _OUTLIER_SDS = 5.0

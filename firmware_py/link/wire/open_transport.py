@@ -59,7 +59,7 @@ def open_transport(
     """
     parsed = parse_url(url)
     if parsed.kind == "sbd":
-        from firmware_py.link.satellite.transport import SbdTransport  # noqa: PLC0415 - who has none pays nothing
+        from firmware_py.link.satellite.transport import SbdTransport  # noqa: PLC0415 - imported only for a satellite link
 
         line = open_line(parsed.host, parsed.number)
         return SbdTransport(parsed, line, ashore.vault, ashore.utc_s, ashore.tell)

@@ -87,7 +87,7 @@ def _systems(text: str) -> frozenset[int] | None:
     return frozenset(int(part) for part in parts)
 
 
-# name -> the field, how its text is read (None: not allowed), what is allowed
+# name -> field, parser (None: not allowed), allowed values
 _OPTIONS: Mapping[str, tuple[str, Callable[[str], object], str]] = {
     "trusted": ("trusted", _SWITCH.get, "1 or 0"),
     "policy": ("policy", _POLICIES.get, ", ".join(_POLICIES)),

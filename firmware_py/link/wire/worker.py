@@ -106,5 +106,5 @@ class Worker:
 def _result_of(job: Job) -> Any:
     try:
         return job()
-    except Exception as failure:  # noqa: BLE001 - whatever it is, it belongs to who asked for the job
+    except Exception as failure:  # noqa: BLE001 - any exception is the result of the job
         return failure

@@ -9,25 +9,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Answer, BenchRudder, ForgetParameters, SetParameter, Verdict
 from firmware_py.common.records import Calibration, CalibrationState, RudderFeedback
 from firmware_py.link.commands.server import PendingCommand
+from support.link import results
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
 BENCH = {"armed": False, "servo": RudderFeedback(0.0, 0.1)}
-
-
-def results(messages):
-    return [message.result for message in messages if message.get_type() == "COMMAND_ACK"]
-
-
-@pytest.mark.parametrize(("pulse_us", "deflection"), [(1500, 0.0), (2000, 1.0), (1000, -1.0), (1625, 0.25)])
-def test_the_rudder_on_the_bench(rig, pulse_us, deflection):
-    assert results(rig.command(183, 1, pulse_us)) == [ACCEPTED]
-    assert rig.request_handler.intents == [BenchRudder(deflection, 10.0)]
-
-
-@pytest.mark.parametrize("values", [(0, 1500), (2, 1500), (1, 999), (1, 2001), (1, math.nan), (math.nan, 1500), (1, 0)])
-def test_another_servo_or_pulse_is_denied(rig, values):
-    assert results(rig.command(183, *values)) == [DENIED]
-    assert rig.request_handler.intents == []
 
 
 def test_the_rudder_as_it_stands_becomes_amidships(rig, texts):

@@ -5,10 +5,11 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
+from firmware_py.common.intents import Answer, SetMissionItem, SetMode, Verdict
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.reports import Home, MissionReport, MissionState
 from firmware_py.link.commands.steering import home_request, position_goal
+from support.link import results
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 PLAN = Plan.of(PlanKind.MISSION, [PlanItem(16, 6, x=index, y=1) for index in range(5)])
@@ -20,37 +21,6 @@ def with_mission(rig, *, reported=True):
     rig.tick(mission=MissionReport(MissionState.ACTIVE, 2, 5) if reported else MissionReport())
 
 
-def results(messages):
-    return [message.result for message in messages if message.get_type() == "COMMAND_ACK"]
-
-
-def home_int(rig, *, first=0.0, frame=0, x=450_000_000, y=-1_200_000_000, z=2.0):
-    return rig.tell(mavlink.MAVLink_command_int_message(1, 1, frame, 179, 0, 0, first, 0, 0, math.nan, x, y, z))
-
-
-def test_home_where_it_is_or_somewhere(rig):
-    assert results(rig.command(179, 1)) == [ACCEPTED]
-    assert results(rig.command(179, 0, 0, 0, math.nan, 45.0, -120.0, 2.0)) == [ACCEPTED]
-    assert results(home_int(rig)) == [ACCEPTED]
-    here, there, exact = rig.request_handler.intents
-    assert here == SetHome()
-    for home in (there, exact):
-        assert (home.latitude_rad, home.longitude_rad) == pytest.approx((math.radians(45), math.radians(-120)))
-        assert home.altitude_m == 2.0
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        (2,), (math.nan,), (0, 0, 0, 0, 91, 0), (0, 0, 0, 0, 0, 181), (0, 0, 0, 0, math.nan, 1),
-        (0, 0, 0, 0, 1, math.inf), (0,), (0, 0, 0, 0, 45, 9, 1e30), (0, 0, 0, 0, 45, 9, math.inf),
-    ],
-)  # fmt: skip
-def test_what_is_no_home_changes_nothing(rig, values):
-    assert results(rig.command(179, *values)) == [DENIED]
-    assert rig.request_handler.intents == []
-
-
 @pytest.mark.parametrize(("number", "limit"), [(0, 90.0), (1, 180.0), (2, 1e4)])
 def test_a_place_may_be_at_its_limits_and_not_beyond(number, limit):
     assert home_request(45.0, 9.0, math.nan).altitude_m == 0.0
@@ -59,12 +29,6 @@ def test_a_place_may_be_at_its_limits_and_not_beyond(number, limit):
         place[number] = value
         replies = [home_request(*place), *([position_goal(*place[:2])] if number < 2 else [])]
         assert {isinstance(one, str) for one in replies} == {not is_place}
-
-
-def test_home_in_a_local_frame_or_off_the_planet_changes_nothing(rig):
-    assert results(home_int(rig, frame=1)) == [DENIED]
-    assert results(home_int(rig, x=2**31 - 1, y=2**31 - 1)) == [DENIED]
-    assert rig.request_handler.intents == []
 
 
 def test_the_old_message_sets_home_and_says_so(rig, of, texts):
@@ -87,12 +51,6 @@ def test_home_set_to_where_it_was_is_reported_too_and_once(rig, of):
     assert results(rig.command(179, 1)) == [ACCEPTED]
     assert len(of(rig.tick(**where), "HOME_POSITION")) == 1
     assert of(rig.tick(**where), "HOME_POSITION") == []
-
-
-def test_pause_and_continue(rig):
-    assert results(rig.command(193, 0)) == results(rig.command(193, 1)) == [ACCEPTED]
-    assert rig.request_handler.intents == [PauseMission(paused=True), PauseMission(paused=False)]
-    assert results(rig.command(193, math.nan)) == results(rig.command(193, 2)) == [DENIED]
 
 
 @pytest.mark.parametrize(
@@ -166,15 +124,6 @@ def test_without_ardupilots_identity_the_first_item_is_number_zero(make_rig):
     with_mission(rig)
     rig.command(224, 3)
     assert rig.request_handler.intents == [SetMissionItem(3)]
-
-
-def test_the_fence(rig):
-    assert results(rig.command(207, 1)) == results(rig.command(207, 0, math.nan)) == [ACCEPTED]
-    assert rig.request_handler.intents == [EnableFence(True), EnableFence(False)]
-    assert results(rig.command(207, 2)) == results(rig.command(207, math.nan)) == [DENIED]
-    assert results(rig.command(207, 1, math.inf)) == results(rig.command(207, 1, -1)) == [DENIED]
-    assert results(rig.command(207, 1, 4)) == [UNSUPPORTED]
-    assert len(rig.request_handler.intents) == 2
 
 
 def test_a_speed_is_answered_as_in_a_mission_and_changes_nothing(rig, of, texts):

@@ -8,7 +8,7 @@ import pytest
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import CalibrationState
 from firmware_py.estimate.deviation import NAMES
-from support.link import of_type
+from support.link import of_type, results
 from support.swing import voyage
 
 START, ACCEPT, CANCEL = 42424, 42425, 42426
@@ -16,10 +16,6 @@ ACCEPTED, REJECTED, DENIED = range(3)
 UNDER_WAY = {"armed": True, "heading_ok": True, "position_ok": True}
 # mask, retry, autosave, delay, autoreboot
 STATIONS = {"QGroundControl": (1, 0, 1, 0, 0), "Mission Planner": (0, 1, 1), "MAVProxy": (0, 0, 1)}
-
-
-def results(messages):
-    return [message.result for message in of_type(messages, "COMMAND_ACK")]
 
 
 def deviation(rig):

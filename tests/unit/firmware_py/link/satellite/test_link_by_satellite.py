@@ -29,12 +29,12 @@ def names(frames):
 def sail(hours):
     """Sail some hours with a report each, faults, commands and 30 % of sessions that fail; judge each hour."""
     boat = SatelliteBoat(key=KEY, failed=0.3, lost_answers=0.2, lost_rings=0.3, seed=7)
-    messages, obeyed, reports, frames = [], 0, [], []
+    messages, obeyed, faults, frames = [], 0, [], []
     for hour in range(hours):
         boat.run_to(3600.0 * hour + 1800.0, idle_s=60.0)
         if hour % 12 == 5:
-            reports.append(f"Fault {hour}")
-            boat.tell(Event(Severity.ERROR, reports[-1]))
+            faults.append(f"Fault {hour}")
+            boat.tell(Event(Severity.ERROR, faults[-1]))
         if hour % 8 == 3:
             messages.append(boat.keyed(set_mode(15)))
             obeyed += 1
@@ -53,7 +53,7 @@ def sail(hours):
     assert max(by_day.values()) <= boat.request_handler.values["SBD_DAY_CRED"]
     waiting = len(boat.transport._driver.queue._queues[Kind.REPORT])
     assert (status.dropped, len(reports)) == (0, hours + 1 - waiting)
-    assert set(reports) <= texts
+    assert set(faults) <= texts
     assert boat.intents == [SetMode(15)] * obeyed
     assert status.refused == {"came before": len(messages) * 2 - obeyed}
     return boat, f"{len(reports)} reports, {boat.network.bill}, {dict(by_day)}, {status}"

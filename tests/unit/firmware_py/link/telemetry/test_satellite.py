@@ -12,6 +12,7 @@ from firmware_py.faults.table import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.urls import LinkClass, LinkOptions
+from support.link import results
 
 SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
@@ -20,10 +21,6 @@ FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1
 @pytest.fixture
 def satellite(make_rig):
     return make_rig(options=SATELLITE)
-
-
-def results(messages):
-    return [message.result for message in messages if message.get_type() == "COMMAND_ACK"]
 
 
 def test_it_is_silent_whatever_happens_aboard(satellite):

@@ -248,9 +248,7 @@ def test_the_fence_is_reported_while_there_is_one_and_once_breached_ever_after(b
     broken = build("FENCE_STATUS", mission=there, faults=1 << Fault.FENCE_BREACHED, fence_breaches=(3, 12.5))
     published = (broken.breach_status, broken.breach_count, broken.breach_type, broken.breach_time)
     assert published == (1, 3, mavlink.FENCE_BREACH_BOUNDARY, 12_500)
-    cleared = build(
-        "FENCE_STATUS", fence_breaches=(3, 12.5)
-    )  # who was reported of the breach is reported that it is over
+    cleared = build("FENCE_STATUS", fence_breaches=(3, 12.5))
     assert (cleared.breach_status, cleared.breach_count, cleared.breach_type) == (0, 3, mavlink.FENCE_BREACH_NONE)
 
 
@@ -272,7 +270,7 @@ def test_current_mode(build):
     assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 3, 3)
     mode = build("CURRENT_MODE", mode=Mode.AUTO)
     assert (mode.standard_mode, mode.custom_mode) == (6, 10)
-    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # what took its out of AUTO was not the operator
+    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # the mode was not left by the operator
     assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 5, 10)
 
 
