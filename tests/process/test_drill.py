@@ -39,7 +39,7 @@ MUTATIONS = (
     ),
     ("common/parameter_table.py", '"POS_TIMEOUT_S", 5.0', '"POS_TIMEOUT_S", 50.0', "position lost"),
     ("core/rudder_demand.py", "now_s - lost_s <= settings.rudder.hold_s", "now_s - lost_s >= 0.0", "no heading"),
-    ("common/angles.py", "angle_rad + math.pi, TWO_PI)", "angle_rad, TWO_PI)", "position jumps"),
+    ("common/angles.py", "(angle_rad + PI) % TWO_PI - PI", "angle_rad % TWO_PI", "position jumps"),
     ("safety/rudder_monitor.py", "OVERLOAD_S: Final = 2.0", "OVERLOAD_S: Final = 20.0", "servo overloaded"),
     ("faults/table.py", "< min_charge +", "> min_charge +", "battery low"),
     ("faults/table.py", "tick.supply_v < tick.supply_low_v", "tick.supply_v > tick.supply_low_v", "supply low"),
@@ -65,7 +65,7 @@ MUTATIONS = (
     ("safety/failsafe.py", "in PRECEDENCE if", "in reversed(PRECEDENCE) if", "servo hot and supply low"),
     ("safety/failsafe.py", "HEADING if inputs.by_failsafe else", "HEADING if False else", "another failsafe"),
     ("safety/failsafe.py", "HEADING if inputs.by_failsafe else", "HEADING if state.fault else", "another failsafe"),
-    ("estimate/sources.py", "PLATEAU_TIME_S: Final = 2.0", "PLATEAU_TIME_S: Final = 2e3", "knocked round by a sea"),
+    ("estimate/sources.py", "PLATEAU_TIME_S: Final = 2.0", "PLATEAU_TIME_S: Final = 2e3", "turned by a breaking wave"),
     ("core/estimate_step.py", "return position.predict(replace(place, dead_reckoning=sailed), now_s, over_ground_m_s)",
      "return replace(place, dead_reckoning=sailed)", "position lost on a mission"),
 )  # fmt: skip

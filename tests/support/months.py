@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from firmware_py.assemble.logs import dated, storage_of
+from firmware_py.assemble.logs import file_root, with_dates
 from firmware_py.assemble.stored_state import read_state, resume
 from firmware_py.assemble.supervision import Supervision, read_endings
 from firmware_py.common.angles import TWO_PI, radians
@@ -453,7 +453,7 @@ class Months:
             utc_s=clock.utc_s,
             version=Version(0, 1, 0, "", 1),
             vault=KeyVault(store),
-            storage=replace(storage_of(self.directory, parameters), background=False),
+            storage=replace(file_root(self.directory, parameters), background=False),
         )
         opened.callback(endpoint.close)
         lines = (PowerLine(world, world.charger, "charger"), PowerLine(world, world.monitor, "monitor"))
@@ -462,7 +462,7 @@ class Months:
             clock=clock,
             autopilot=autopilot,
             compass=Shifted(Compass(world), begin_s),
-            position=dated(Shifted(Receiver(world), begin_s), clock, self.directory, say),
+            position=with_dates(Shifted(Receiver(world), begin_s), clock, self.directory, say),
             rudder=Shifted(Servo(world), begin_s),
             power=(charger, Relabelled(monitor, DeviceRole.POWER_B)),
             link=endpoint,
