@@ -1,4 +1,4 @@
-"""A quarter of all datagrams lost, doubled, delayed, both ways: all that is asked for comes, whole and right."""
+"""A quarter of all datagrams lost, duplicated or delayed in both directions: all requests are answered completely."""
 
 import time
 
@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import TABLE
-from support.relay import DELAY_S, RETRY_S, asked, check_losses
+from support.relay import DELAY_S, RETRY_S, check_losses, request_reply
 
 SEEDS = [1, 2, 3, 4, 5]
 
@@ -16,13 +16,13 @@ def parameter_list(station):
     """The list, again while much of it is missing, and then the last rows one by one."""
     rows = {}
     while len(rows) < len(TABLE) - 4:
-        first = asked(station, lambda: station.mav.param_request_list_send(1, 1), "PARAM_VALUE")
+        first = request_reply(station, lambda: station.mav.param_request_list_send(1, 1), "PARAM_VALUE")
         rows[first.param_index] = first
         while (row := station.link.recv_match(type="PARAM_VALUE", blocking=True, timeout=RETRY_S)) is not None:
             rows[row.param_index] = row
     for index in range(len(TABLE)):
         if index not in rows:
-            rows[index] = asked(
+            rows[index] = request_reply(
                 station,
                 lambda index=index: station.mav.param_request_read_send(1, 1, b"", index),
                 "PARAM_VALUE",
@@ -37,7 +37,7 @@ def check_parameters(station):
     for number, row in enumerate(row for row in TABLE if row.kind is Kind.REAL and row.name.startswith("CTL_")):
         value = row.check(min(row.default + 0.25 * (number + 1), row.maximum))
         expected[row.name] = value
-        asked(
+        request_reply(
             station,
             lambda row=row, value=value: station.mav.param_set_send(1, 1, row.name.encode(), value, 9),
             "PARAM_VALUE",
@@ -47,14 +47,14 @@ def check_parameters(station):
 
 
 def check_commands(station):
-    """Each is acknowledged, retries too; the mode in the end is the one asked for last."""
+    """Each is acknowledged, retries too; the mode in the end is the one request_reply for last."""
     for mode in (0, 4, 0, 4, 0, 4):
         # No double of the one before is to come after this one, nor an acknowledgement, which waits for the disk.
         time.sleep(2.0 * DELAY_S + 0.3)
         while station.link.recv_match(type="COMMAND_ACK") is not None:
             pass
         confirmation = iter(range(256))
-        ack = asked(
+        ack = request_reply(
             station,
             lambda mode=mode, confirmation=confirmation: station.mav.command_long_send(
                 1, 1, mavlink.MAV_CMD_DO_SET_MODE, next(confirmation), 1, mode, 0, 0, 0, 0, 0

@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from support.paths import log_bytes
-from support.relay import RETRY_S, asked, check_losses
+from support.relay import RETRY_S, check_losses, request_reply
 from support.station import PATIENCE_S
 
 SEEDS = [1, 2, 3]
@@ -39,7 +39,7 @@ def items(count, seed):
 
 
 def upload(station, places):
-    """Say how many, then give what is asked for, until it is acknowledged; in silence the last word again."""
+    """Say how many, then give what is request_reply for, until it is acknowledged; in silence the last word again."""
 
     def count():
         station.mav.mission_count_send(1, 1, len(places), 0)
@@ -62,9 +62,9 @@ def upload(station, places):
 
 
 def download(station):
-    count = asked(station, lambda: station.mav.mission_request_list_send(1, 1, 0), "MISSION_COUNT").count
+    count = request_reply(station, lambda: station.mav.mission_request_list_send(1, 1, 0), "MISSION_COUNT").count
     rows = [
-        asked(
+        request_reply(
             station,
             lambda number=number: station.mav.mission_request_int_send(1, 1, number, 0),
             "MISSION_ITEM_INT",
@@ -86,7 +86,7 @@ def check_mission(station, count, seed):
 
 
 class Files:
-    """A client of file transfer: each request has a number of its own, and is asked again until it is answered."""
+    """A client of file transfer: each request has its own number, and is repeated until it is answered."""
 
     def __init__(self, station):
         self._station = station
@@ -105,7 +105,7 @@ class Files:
             number, _, kind, _, of, *_ = FTP.unpack(bytes(message.payload))
             return number == (self._number + 1) % 65536 and kind in (ACK, NAK) and of == opcode
 
-        message = asked(self._station, ask, "FILE_TRANSFER_PROTOCOL", ours)
+        message = request_reply(self._station, ask, "FILE_TRANSFER_PROTOCOL", ours)
         _, session, kind, length, *_, content = FTP.unpack(bytes(message.payload))
         return kind, session, content[:length]
 
@@ -140,7 +140,7 @@ class Files:
                 return True
             return False
 
-        asked(
+        request_reply(
             self._station,
             lambda: self._station.mav.file_transfer_protocol_send(0, 1, 1, begin),
             "FILE_TRANSFER_PROTOCOL",
@@ -184,7 +184,7 @@ def log_path(tmp_path):
 
 
 def check_logs(station, tmp_path):
-    entry = asked(
+    entry = request_reply(
         station,
         lambda: station.mav.log_request_list_send(1, 1, 1, 1),
         "LOG_ENTRY",

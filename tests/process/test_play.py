@@ -52,5 +52,5 @@ def test_a_shutdown_by_the_station_ends_a_run_with_its_figures(tmp_path):
         command = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
         assert station.command(command, 2.0) == mavlink.MAV_RESULT_ACCEPTED
         assert play.exit_code() == 0
-    assert "shut her down" in play.text()
+    assert "shut down the autopilot" in play.text()
     assert json.loads((out / "summary.json").read_text())["ending"] == "finished"

@@ -128,7 +128,7 @@ def test_the_pages_of_a_mission_under_way_and_afterwards(tmp_path, browser):
     for shape, number in (("fence", 3), ("fence.out", 2), ("leg", 1), ("spot", 2), ("home", 2), ("boat", 1)):
         assert browser.value(f"document.querySelectorAll('svg.track .{shape}').length") == number, shape
     page_text = browser.value("document.body.innerText")
-    assert f"{summary['cross_track']['rms_m']:.1f} m off (rms)" in page_text
+    assert f"Cross-track error {summary['cross_track']['rms_m']:.1f} m (rms)" in page_text
     assert f"1 at {first['time_s']:.0f} s" in page_text
     assert "cross-track distance (m, + to starboard)" in page_text
     whole = browser.value(TIMES)

@@ -35,7 +35,7 @@ class AskingStation:
         self.mav.seq = (self.mav.seq + 1) % 256
 
     def messages(self):
-        """Return what has come within a moment."""
+        """Return the messages that arrive within a moment."""
         self.socket.settimeout(0.02)
         try:
             return self.mav.parse_buffer(self.socket.recv(65536)) or []
@@ -48,8 +48,8 @@ class AskingStation:
         while time.monotonic() < give_up_s:
             for message in question:
                 self.send(message)
-            if said := self.gone():
-                pytest.fail(said)
+            if reason := self.gone():
+                pytest.fail(reason)
             again_s = time.monotonic() + AGAIN_S
             while time.monotonic() < again_s:
                 for message in self.messages():

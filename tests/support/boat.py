@@ -279,7 +279,7 @@ class Boat:
     def until(self, text, seconds, since_s=None):
         """Run until the ground station has a text; return how long it took."""
         begin_s = self.now_s if since_s is None else since_s
-        while not any(said.startswith(text) for said in self.texts_since(begin_s)):
+        while not any(output.startswith(text) for output in self.texts_since(begin_s)):
             assert self.now_s < begin_s + seconds, (
                 f"{text!r} not said within {seconds} s: {self.texts_since(begin_s)}\n{self.words()[-TAIL:]}"
             )
@@ -298,7 +298,7 @@ class Boat:
         self.station._plan(self.now_s)
 
     def mode(self):
-        """The mode, once a heartbeat of now has told it."""
+        """Return the mode of a new heartbeat."""
         self.run(1.1)
         return self.station.mode().split(",")[0]
 

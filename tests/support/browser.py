@@ -70,11 +70,11 @@ class Browser:
             message["sessionId"] = self._session
         self._to.write(json.dumps(message).encode() + b"\0")
         while True:
-            told = json.loads(self._read())
-            if told.get("id") == self._number:
-                assert "error" not in told, told
-                return told["result"]
-            self._listen(told)
+            message = json.loads(self._read())
+            if message.get("id") == self._number:
+                assert "error" not in message, message
+                return message["result"]
+            self._listen(message)
 
     def _read(self):
         data = bytearray()
@@ -83,13 +83,13 @@ class Browser:
             data += byte
         return bytes(data)
 
-    def _listen(self, told):
-        if told.get("method") == "Runtime.exceptionThrown":
-            self.complaints.append(told["params"]["exceptionDetails"].get("exception", {}).get("description", "?"))
-        elif told.get("method") == "Log.entryAdded" and told["params"]["entry"]["level"] == "error":
-            self.complaints.append(told["params"]["entry"]["text"])
-        elif told.get("method") == "Network.requestWillBeSent":
-            self.requests.append(told["params"]["request"]["url"])
+    def _listen(self, message):
+        if message.get("method") == "Runtime.exceptionThrown":
+            self.complaints.append(message["params"]["exceptionDetails"].get("exception", {}).get("description", "?"))
+        elif message.get("method") == "Log.entryAdded" and message["params"]["entry"]["level"] == "error":
+            self.complaints.append(message["params"]["entry"]["text"])
+        elif message.get("method") == "Network.requestWillBeSent":
+            self.requests.append(message["params"]["request"]["url"])
 
     def look(self, width, height, *, dark=False):
         """Be a screen of this size, in a scheme."""
@@ -105,7 +105,7 @@ class Browser:
         self.wait_for("document.readyState === 'complete'")
 
     def value(self, expression):
-        """Return what an expression of JavaScript is in the page."""
+        """Return the value of a JavaScript expression in the page."""
         found = self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")

@@ -37,7 +37,7 @@ class FaultyDisk:
         self.directory = Path(directory)
         self.durable = {}  # bytes of each file on the platters, by its name
         self.named = {}  # names on the platters, and the file that each leads to
-        self.still = threading.Lock()  # whoever holds it sees the disk between two calls
+        self.still = threading.Lock()  # its holder sees the disk between two calls
         self._paths = {}
         self._real = {name: getattr(os, name) for name in CALLS}
         self.arm(None)

@@ -1,4 +1,4 @@
-"""`rambler` with parts that hang for good when told to, by a file in HANG_DIRECTORY that names the part."""
+"""`rambler` with parts that hang for good on request, by a file in HANG_DIRECTORY that names the part."""
 
 import ctypes
 import os
@@ -16,8 +16,8 @@ from firmware_py.system.slots import SlotWriter
 DIRECTORY = Path(os.environ["HANG_DIRECTORY"])
 
 
-def told(part):
-    """Whether this part is to hang; told once."""
+def is_requested(part):
+    """Return whether this part must hang; True once."""
     try:
         (DIRECTORY / part).unlink()
     except FileNotFoundError:
@@ -27,7 +27,7 @@ def told(part):
 
 def before(part, hang, function):
     def wrapped(*words, **more):
-        if told(part):
+        if is_requested(part):
             hang()
         return function(*words, **more)
 
@@ -46,7 +46,7 @@ def sleep():
 
 
 def wait_in_kernel():
-    """Wait as for a disk that does not answer, until somebody writes to a pipe: by vfork(2), whose child opens it.
+    """Wait like a process on a blocked disk, until a write to a pipe: by vfork(2), whose child opens it.
 
     Of all that puts a thread there by itself this alone needs no device. ctypes lets the other threads run meanwhile.
     """

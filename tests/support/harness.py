@@ -10,9 +10,9 @@ from pathlib import Path
 from firmware_py.log.disk import log_files
 from hil.sim.truth import read
 from support.paths import ROOT
-from support.program import Program, assert_nobody_left, unused_ports
+from support.program import Program, assert_no_process_left, unused_ports
 
-SECONDS = 600  # simulated or real: a run that nobody ends stops by itself
+SECONDS = 600  # simulated or real: limit of a run that is not ended
 INTERRUPTED = 130
 
 # The stock boat needs a minute to turn; this one is there in a few seconds of real time.
@@ -52,8 +52,8 @@ def start_rambler_hil(*words, picture=False, **more):
 def rambler_hil(*words, picture=False):
     """Run a command of `rambler-hil` to its end; return its exit code and what it said on stdout and stderr."""
     process = start_rambler_hil(*words, picture=picture)
-    said, errors = process.communicate()
-    return process.returncode, said, errors
+    output, errors = process.communicate()
+    return process.returncode, output, errors
 
 
 def events_of(port):
@@ -102,7 +102,7 @@ class Hil:
         self.program = Program("hil", command, directory, env=without_pictures())
 
     def wait_under_way(self):
-        """Until the HIL's own operator has armed her and given the mode: from then on he is silent."""
+        """Wait until the run's own station has armed the boat and set the mode; from then on it is silent."""
         log = self.firmware_log
         for sign in ("Mode GUIDED", "Armed"):
             self.program.wait_for(lambda sign=sign: log.exists() and sign in log.read_text(), f"no {sign!r} in the log")
@@ -113,7 +113,7 @@ class Hil:
         code = self.program.exit_code()
         if code != INTERRUPTED:
             self.program.fail(f"it ended with code {code} instead of {INTERRUPTED}")
-        assert_nobody_left(self.out)
+        assert_no_process_left(self.out)
         return read(self.out / "truth.csv")
 
     def close(self):
@@ -124,4 +124,4 @@ class Hil:
                 self.program.exit_code()
         finally:
             self.program.close()
-        assert_nobody_left(self.out)
+        assert_no_process_left(self.out)

@@ -294,13 +294,17 @@ def settled(recording: Recording):
 
 def best_low_pass_deg(recording: Recording) -> float:
     """Return the error of the best first-order low-pass of the compass, its time constant chosen in hindsight."""
-    swing_rad, step_s, least = wrapped(recording.compass_rad - recording.true_rad), np.diff(recording.t_s)[0], math.inf
+    swing_rad, step_s, min_rad = (
+        wrapped(recording.compass_rad - recording.true_rad),
+        np.diff(recording.t_s)[0],
+        math.inf,
+    )
     compass_rad, rows = swing_rad + recording.true_rad, settled(recording)
     for constant_s in LOW_PASSES_S:
         keep = math.exp(-step_s / constant_s) if constant_s else 0.0
         smooth_rad = decayed((1.0 - keep) * compass_rad, keep, compass_rad[0])
-        least = min(least, float(np.sqrt(np.mean((smooth_rad - recording.true_rad)[rows] ** 2))))
-    return math.degrees(least)
+        min_rad = min(min_rad, float(np.sqrt(np.mean((smooth_rad - recording.true_rad)[rows] ** 2))))
+    return math.degrees(min_rad)
 
 
 def learned_ahead(sea: Sea, ahead_s: float):

@@ -122,7 +122,7 @@ def ended_at(place, at, kind):
 
 def starts(place, count=4):
     """Start the service again and again as its unit does; return what each start says."""
-    said = []
+    output = []
     for _ in range(count):
         link, state = place / "bin/rambler", place / "state"
         os.spawnv(
@@ -130,8 +130,8 @@ def starts(place, count=4):
             "/bin/sh",
             ["sh", "-c", 'exec sh "$@" >/dev/null 2>&1', "sh", str(place / "trial"), str(link), str(state)],
         )
-        said.append(said_by(link))
-    return said
+        output.append(said_by(link))
+    return output
 
 
 def said_by(program):
@@ -165,11 +165,11 @@ def content_of(place):
 
 def after(place, how):
     """What becomes of a tree in which an update has ended: the starts of its service, and the next update."""
-    told = {"starts": starts(place), "closed": modes(place)}
+    outcome = {"starts": starts(place), "closed": modes(place)}
     if how != "done":
-        told["again"] = ended_at(place, -1, "kill")
-        told["starts again"] = starts(place, 2)
-    return told | {"left": sorted(path.name for path in (place / "opt").iterdir())}
+        outcome["again"] = ended_at(place, -1, "kill")
+        outcome["starts again"] = starts(place, 2)
+    return outcome | {"left": sorted(path.name for path in (place / "opt").iterdir())}
 
 
 def main(folder, bundle, kind, every="1"):

@@ -1,7 +1,7 @@
 """A boat alone for months, in one process: the real loop, power drivers, log and state; ship, servo, sun in figures.
 
-She sails for some hours of each day, a tick a second. For the rest of the day she lies at a mooring, disarmed, her
-sensors off, a tick in fourteen seconds. What happens to her stands in a script, and so does which faults that explains.
+The boat sails for some hours of each day, a tick a second. For the rest of the day it is at a mooring, disarmed, with
+its sensors off, a tick in fourteen seconds. A script defines the events and the faults that they explain.
 """
 
 import errno
@@ -61,7 +61,7 @@ DAY_S = 86_400.0
 UTC_S = 1_785_542_400.0  # midnight, the first of August 2026
 SPARSE_HZ = 1.0 / 14.0
 PAGE_KIB = os.sysconf("SC_PAGE_SIZE") // 1024
-WARM_S = 120.0  # the compass is on before she sets out
+WARM_S = 120.0  # the compass is on before the boat departs
 SUPPLY = Supply(panel_w=26.0, clouds=0.55, battery_wh=400.0, load_w=4.0, charge=0.7)
 SETTINGS = {
     "LOOP_RATE_HZ": 1.0,
@@ -107,7 +107,7 @@ class End:
 
 
 class Ship:
-    """Heading by Nomoto's equation, exactly, in two regular waves; she moves along her heading in a current."""
+    """Heading by Nomoto's equation, exactly, in two regular waves; the boat moves along its heading in a current."""
 
     def __init__(self):
         self.heading_rad = self.rate_rad_s = self.north_m = self.east_m = 0.0
@@ -134,8 +134,8 @@ class Ship:
 class Gauge(VeDirectEmulator):
     """A charger or monitor that measures when it is asked, and then since it was asked last."""
 
-    def said(self, now_s):
-        return self._talk(now_s) if int(now_s) > int(self._before[0]) else b""
+    def output(self, now_s):
+        return self._block(now_s) if int(now_s) > int(self._before[0]) else b""
 
 
 class World:
@@ -262,8 +262,8 @@ class PowerLine(FakeLine):
         return -1
 
     def read(self):
-        said = self.emulator.said(self.world.t_s)
-        return b"" if self.device_name in self.world.dead else said
+        output = self.emulator.output(self.world.t_s)
+        return b"" if self.device_name in self.world.dead else output
 
 
 class SimulatedDisk(LocalDisk):
@@ -308,7 +308,7 @@ class Clock:
 
 
 class Shifted:
-    """A device as a run of the program sees it, whose clock begins anew at each start."""
+    """A device as a run of the program sees it, whose clock restarts with each run."""
 
     def __init__(self, device, begin_s):
         self._device, self._begin_s = device, begin_s
@@ -352,17 +352,17 @@ class Flows(NamedTuple):
 
 
 class Months:
-    """The boat over her days: `run` sails them; what was true, and what the process took, is kept beside."""
+    """The boat over many days: `run` sails them; the truth and the costs of the process are recorded."""
 
     def __init__(self, directory, days, sailing_s, causes=(), ends=(), seed=1):
         self.directory, self.days, self.sailing_s = directory, days, sailing_s
         self.causes, self.ends = causes, [*ends, End("stop", days * DAY_S)]
         self.world = World(seed)
-        self.charge = array("d", bytes(8 * (int(days * 1440.0) + 1)))  # of each minute in which she ran
+        self.charge = array("d", bytes(8 * (int(days * 1440.0) + 1)))  # for each minute in which the autopilot ran
         self.resident_kib = []  # of each run of the program, hour by hour
         self.disk_bytes = array("q")
         self.truth = Flows()
-        self.told = Counter()
+        self.text_counts = Counter()
         self.ticks = 0
 
     def run(self):
@@ -477,11 +477,11 @@ class Months:
         return parts
 
     def _say(self, text):
-        self.told[text] += 1
+        self.text_counts[text] += 1
 
 
 def sparse(world):
-    """Return a tick_timer for the loop that beats once in fourteen seconds while she lies at her mooring."""
+    """Return a tick_timer for the loop with one tick in fourteen seconds at the mooring."""
 
     class SparseMetronome(TickTimer):
         def set_rate(self, rate_hz):

@@ -1,9 +1,9 @@
-"""A pilot that is told what no boat can know: what is left of her error then is the limit of a sea and its sensors.
+"""A pilot with knowledge that no boat has: its remaining error is the limit for a sea and its sensors.
 
 Its boat is that of hil/ship on the same grid, in the same drawn seas, with the same noise of compass and receiver. A
 Kalman filter of the very processes that made the sea, linearised where the boat truly is, estimates heading, yaw rate,
-rudder bias, float, waves, and whatever of the water, the bias and the ship it is not told. The optimal regulator of the
-K-T model steers by it, with a rudder that waits in a band: stiffness and band are the price of error and travel.
+rudder bias, float, waves, and the unknown quantities of the water, the bias and the ship. The optimal regulator of the
+K-T model steers by it, with a deadband of the rudder: gain and deadband weigh error against travel.
 """
 
 import math
@@ -29,7 +29,7 @@ GRID_S, STEPS_PER_ROW, STEP_S = 0.02, 5, 0.1
 LIMIT_RAD, SLEW_RAD, COUNT_RAD = radians(30.0), radians(30.0) * GRID_S, TWO_PI / 4096
 COMPASS_VARIANCE = radians(0.3) ** 2 + radians(0.1) ** 2 / 12.0
 VELOCITY_VARIANCE = 0.03**2
-# What a boat can know of these before she has sailed: standard deviations.
+# Prior standard deviations of the quantities that a boat does not know.
 UNKNOWN = {MEAN: radians(4.5), LEEWAY: radians(5.0), NORTH: 0.2, EAST: 0.2, SPEED: 0.4}
 EXPECTED = {SPEED: 0.5}
 # Variance that they gain in a second where they are assumed to change.
@@ -42,8 +42,8 @@ WANDERING = {
 }
 
 
-class Told(NamedTuple):
-    """What it is told: transition, effect of the rudder and noise of a step, the first state, and how it truly is."""
+class Knowledge(NamedTuple):
+    """Known to the pilot: transition, effect of the rudder and noise of a step, initial state, and the truth."""
 
     transition: Any
     by_rudder: Any
@@ -75,34 +75,34 @@ class Drawn(NamedTuple):
 @compiled
 def correct(x, p, shows, innovation, variance):
     """Take a scalar measurement in."""
-    shown = p @ shows
-    total = shows @ shown + variance
+    cross = p @ shows
+    total = shows @ cross + variance
     for i in range(STATES):
-        x[i] += shown[i] / total * innovation
+        x[i] += cross[i] / total * innovation
         for k in range(STATES):
-            p[i, k] -= shown[i] * shown[k] / total
+            p[i, k] -= cross[i] * cross[k] / total
 
 
 @compiled
-def predict(x, p, told, rudder_rad):
+def predict(x, p, known, rudder_rad):
     """Predict state and covariance over a step."""
-    cubic = told.norrbin_s2 * x[RATE] * x[RATE] * x[RATE] / told.ability_1_s
-    x[:] = told.transition @ x + told.by_rudder * (rudder_rad - cubic)
-    p[:] = told.transition @ p @ told.transition.T + told.noise
+    cubic = known.norrbin_s2 * x[RATE] * x[RATE] * x[RATE] / known.ability_1_s
+    x[:] = known.transition @ x + known.by_rudder * (rudder_rad - cubic)
+    p[:] = known.transition @ p @ known.transition.T + known.noise
 
 
 @compiled
-def take_heading(x, p, told, message_rad):
+def take_heading(x, p, known, message_rad):
     """Take in what the compass says."""
     shows = np.zeros(STATES)
-    shows[FLOAT if told.has_float else HEADING] = shows[WAVE] = 1.0
+    shows[FLOAT if known.has_float else HEADING] = shows[WAVE] = 1.0
     correct(x, p, shows, wrap_pi(message_rad - shows @ x), COMPASS_VARIANCE)
 
 
 @compiled
-def take_velocity(x, p, told, heading_rad, noise_m_s):
+def take_velocity(x, p, known, heading_rad, noise_m_s):
     """Take in what the receiver says of a boat that truly points to heading_rad."""
-    truth = told.truth
+    truth = known.truth
     for axis in range(2):
         true_rad = heading_rad + truth[LEEWAY] - 0.5 * math.pi * axis
         way_rad, true_m_s = x[HEADING] + x[LEEWAY] - 0.5 * math.pi * axis, truth[SPEED] / math.cos(truth[LEEWAY])
@@ -115,18 +115,18 @@ def take_velocity(x, p, told, heading_rad, noise_m_s):
 
 
 @compiled
-def steer(x, told, stiffness, band_rad, goal_rad, command_rad):
+def steer(x, known, gain, band_rad, goal_rad, command_rad):
     """Return the next command."""
-    by_rate_s = (math.sqrt(1.0 + 2.0 * told.ability_1_s * told.lag_s * stiffness) - 1.0) / told.ability_1_s
-    demand_rad = stiffness * wrap_pi(goal_rad - x[HEADING]) - by_rate_s * x[RATE] + x[DRIFT] + x[MEAN]
+    by_rate_s = (math.sqrt(1.0 + 2.0 * known.ability_1_s * known.lag_s * gain) - 1.0) / known.ability_1_s
+    demand_rad = gain * wrap_pi(goal_rad - x[HEADING]) - by_rate_s * x[RATE] + x[DRIFT] + x[MEAN]
     demand_rad = clamp(demand_rad, -LIMIT_RAD, LIMIT_RAD)
     return np.rint(clamp(command_rad, demand_rad - band_rad, demand_rad + band_rad) / COUNT_RAD) * COUNT_RAD
 
 
 @compiled
-def voyage(told, sea, stiffness, band_rad, goals, rows):
+def voyage(known, sea, gain, band_rad, goals, rows):
     """Sail a run; fill heading and rudder ten times a second. Ticks and fixes are with the samples of the compass."""
-    x, p = told.first.copy(), told.first_covariance.copy()
+    x, p = known.first.copy(), known.first_covariance.copy()
     psi = r = floating = float_rate = shaft_rad = command_rad = 0.0
     sample = epoch = goal = 0
     for step in range(STEPS_PER_ROW * (rows.shape[1] - 1) + 1):
@@ -136,21 +136,21 @@ def voyage(told, sea, stiffness, band_rad, goals, rows):
         if now_s >= sea.compass_phase_s + sample * sea.compass_period_s:
             while goal + 1 < goals.shape[0] and goals[goal + 1, 0] <= now_s:
                 goal += 1
-            predict(x, p, told, shaft_rad)
-            shown_deg = math.degrees((floating if told.has_float else psi) + sea.wave_rad[step])
-            take_heading(x, p, told, math.radians(np.rint((shown_deg + sea.compass_deg[sample]) * 10.0) / 10.0))
+            predict(x, p, known, shaft_rad)
+            shown_deg = math.degrees((floating if known.has_float else psi) + sea.wave_rad[step])
+            take_heading(x, p, known, math.radians(np.rint((shown_deg + sea.compass_deg[sample]) * 10.0) / 10.0))
             if now_s >= sea.fix_phase_s + epoch * sea.fix_period_s:
-                take_velocity(x, p, told, psi, sea.fix_m_s[epoch])
+                take_velocity(x, p, known, psi, sea.fix_m_s[epoch])
                 epoch += 1
-            if told.knows_drift:
+            if known.knows_drift:
                 x[DRIFT] = offset_rad
-            command_rad = steer(x, told, stiffness, band_rad, goals[goal, 1], command_rad)
+            command_rad = steer(x, known, gain, band_rad, goals[goal, 1], command_rad)
             sample += 1
         before_rad, stood_rad = psi, shaft_rad
         shaft_rad += clamp(command_rad - shaft_rad, -SLEW_RAD, SLEW_RAD)
-        rudder_rad, bias_rad = 0.5 * (stood_rad + shaft_rad), told.truth[MEAN] + offset_rad
-        psi, r = rk4_step(psi, r, rudder_rad, GRID_S, told.ability_1_s, told.lag_s, told.norrbin_s2, bias_rad)
-        middle_rad, (f00, f01, f10, f11) = 0.5 * (before_rad + psi), told.follow
+        rudder_rad, bias_rad = 0.5 * (stood_rad + shaft_rad), known.truth[MEAN] + offset_rad
+        psi, r = rk4_step(psi, r, rudder_rad, GRID_S, known.ability_1_s, known.lag_s, known.norrbin_s2, bias_rad)
+        middle_rad, (f00, f01, f10, f11) = 0.5 * (before_rad + psi), known.follow
         behind_rad, turns_rad_s = floating - middle_rad, float_rate
         floating = middle_rad + f00 * behind_rad + f01 * turns_rad_s
         float_rate = f10 * behind_rad + f11 * turns_rad_s
@@ -181,8 +181,8 @@ def processes(scenario, ship):
     return transition[cut].copy(), transition[:STATES, STATES].copy(), noise[cut].copy(), omega_rad_s
 
 
-def told_of(scenario, learns, *, knows_drift, wanders=False):
-    """Return what it is told of a sea: all but the constants that it learns; the bias from tick to tick, too.
+def knowledge_of(scenario, learns, *, knows_drift, wanders=False):
+    """Return the pilot's knowledge of a sea: all but the constants that it learns; the bias from tick to tick, too.
 
     `wanders`: it does not know that they are constants.
     """
@@ -209,11 +209,11 @@ def told_of(scenario, learns, *, knows_drift, wanders=False):
         follow = float_transition(body.own_frequency_rad_s, body.damping, GRID_S)
     numbers = (ship.turning_ability_1_s, ship.turning_lag_s, ship.norrbin_s2)
     arrays = (transition, by_rudder, noise, first, covariance, truth)
-    return Told(*arrays, *numbers, body is not None, (*follow[0], *follow[1]), knows_drift)
+    return Knowledge(*arrays, *numbers, body is not None, (*follow[0], *follow[1]), knows_drift)
 
 
 def drawn_of(scenario, seed, seconds):
-    """Return what is random about a sea of a seed."""
+    """Return the random processes of a sea for a seed."""
     ship, series, devices = drawn(scenario, seed, seconds)
     steps = int(seconds / GRID_S) + 2
     offset_rad = series[ship.offset_at :][:steps]
@@ -224,10 +224,10 @@ def drawn_of(scenario, seed, seconds):
     return Drawn(offset_rad, wave_rad, compass_deg, fix_m_s, *when)
 
 
-def sail(told: Told, sea: Drawn, law: tuple[float, float], goals: tuple[Goal, ...], seconds: float) -> Truth:
-    """Sail a run by a law, stiffness and band [rad], and return its truth."""
+def sail(known: Knowledge, sea: Drawn, law: tuple[float, float], goals: tuple[Goal, ...], seconds: float) -> Truth:
+    """Sail a run by a law, gain and deadband [rad], and return its truth."""
     rows = np.zeros((2, round(10.0 * seconds) + 1))
-    voyage(told, sea, *law, np.array([(goal.t_s, goal.heading_rad) for goal in goals]), rows)
+    voyage(known, sea, *law, np.array([(goal.t_s, goal.heading_rad) for goal in goals]), rows)
     time_s, nothing, goal_rad = np.arange(rows.shape[1]) / 10.0, np.zeros(rows.shape[1]), np.full(rows.shape[1], np.nan)
     for goal in goals:
         goal_rad[time_s >= goal.t_s] = goal.heading_rad

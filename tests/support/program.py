@@ -14,7 +14,7 @@ LOOK_S = 0.05
 
 
 def unused_ports(kinds):
-    """Ports that nobody has, one for each kind of link, all different."""
+    """Return unused ports, one for each kind of link, all different."""
     held = [
         socket.socket(socket.AF_INET, socket.SOCK_STREAM if kind.startswith("tcp") else socket.SOCK_DGRAM)
         for kind in kinds
@@ -29,7 +29,7 @@ def unused_ports(kinds):
 
 
 class Program:
-    """A process whose words go to a file; whoever waits for it in vain gets to see the last of them."""
+    """A process with its output in a file; a timeout shows the last lines of it."""
 
     def __init__(self, name, command, directory, *, cwd=ROOT, env=None):
         self._name = name
@@ -91,7 +91,7 @@ class Program:
         try:
             return self._process.wait(patience_s)
         except subprocess.TimeoutExpired:
-            pass  # told without the trace of it
+            pass  # reported without its traceback
         return self.fail(f"it has not ended within {patience_s:g} s")
 
     def close(self):
@@ -102,7 +102,7 @@ class Program:
         self._process.stdin.close()
 
 
-def assert_nobody_left(path):
+def assert_no_process_left(path):
     """No process has this path on its command line: neither HIL nor autopilot."""
     left = []
     for entry in Path("/proc").glob("[0-9]*/cmdline"):

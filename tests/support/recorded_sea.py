@@ -31,7 +31,7 @@ def wandering(rng, sd, memory_s, count):
 def sea(seconds=400.0, rate_hz=2.0, diffusion=2.0, wave_deg=1.1, seed=1, leg_s=200.0):
     """Return a recording's columns by name, and the heading of the hull without wave yaw.
 
-    A proportional helmsman turns the goal by 60 deg every leg. diffusion: of the heading, deg^2/s.
+    A proportional controller turns the goal by 60 deg every leg. diffusion: of the heading, deg^2/s.
     """
     rng, count = np.random.default_rng(seed), int(seconds / FINE_S)
     wave = coloured(rng, math.radians(wave_deg), 2.5, 0.18, count)

@@ -102,7 +102,7 @@ def check_losses(relay):
     assert relay.counts["delayed"] > 3
 
 
-def asked(station, ask, kind, wanted=lambda _: True):
+def request_reply(station, ask, kind, wanted=lambda _: True):
     """Ask until it is answered, as the protocols have it."""
     for _ in range(RETRIES):
         ask()

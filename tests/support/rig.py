@@ -137,7 +137,7 @@ class Sailing:
         self.events = []
         self.inputs = []
         self.keep_inputs = False
-        self.heard = lambda _t_s: ()  # what AIS gives in a tick
+        self.vessels_at = lambda _t_s: ()  # what AIS gives in a tick
         self.snapshot = None
         self.track = []  # (t_s, north_m, east_m, heading_low_rad) each second
 
@@ -161,7 +161,7 @@ class Sailing:
             (RudderFeedback(t_s, shaft_rad),),
             (),
             tuple(Request(t_s, intent) for intent in intents),
-            vessels=tuple(self.heard(t_s)),
+            vessels=tuple(self.vessels_at(t_s)),
         )
         if self.keep_inputs:
             self.inputs.append(inputs)
@@ -178,7 +178,7 @@ class Sailing:
         return output
 
     def fixes(self):
-        """The fix that comes in now, if one does: taken a while ago, told as of now."""
+        """Return the fix that arrives now, if one does: sampled earlier, with the present time."""
         now_m_s = np.array(self.hull.velocity_in_waves_m_s(0.0))
         before_m_s = now_m_s if self.velocity_m_s is None else self.velocity_m_s
         part = -math.expm1(-STEP_S / self.receiver.filter_s) if self.receiver.filter_s > 0.0 else 1.0
@@ -215,7 +215,7 @@ class Sailing:
         assert (self.state.modes.mode, self.state.modes.armed) == (mode, True), self.events
         return self
 
-    def said(self, text):
+    def times_of(self, text):
         return [t_s for t_s, event in self.events if text in event]
 
 

@@ -65,7 +65,7 @@ class SatelliteBoat:
         self.start(key)
 
     def start(self, key=None):
-        """Start the program, anew with what the vault has kept."""
+        """Start the program with the stored state."""
         utc_s = lambda: self.start_utc_s + self.now_s  # noqa: E731
         ashore = SatelliteSupport(self.vault, utc_s, self.events.append)
         self.transport = open_transport("sbd:/dev/ttyModem", lambda _path, _baud: self.line, ashore)
@@ -87,7 +87,7 @@ class SatelliteBoat:
         self._publish(events)
 
     def run(self, seconds, idle_s=None):
-        """Let time pass; with `idle_s` in longer steps while nothing goes on between the modem and her."""
+        """Let time pass; with `idle_s` in longer steps while the modem is idle."""
         self.run_to(self.now_s + seconds, idle_s)
 
     def run_to(self, end_s, idle_s=None, step_s=0.5):

@@ -1,7 +1,7 @@
 """A stand-in for systemd: it runs a unit by the unit's own rules, on a notify socket, where no systemd can be booted.
 
 Of systemd.service(5): Type=notify, Restart=always with RestartSec and RestartPreventExitStatus, WatchdogSec with
-SIGABRT and TimeoutAbortSec, TimeoutStartSec, TimeoutStopSec, ExecStartPre, ExecStopPost with what it is told.
+SIGABRT and TimeoutAbortSec, TimeoutStartSec, TimeoutStopSec, ExecStartPre, ExecStopPost with what it is variables.
 """
 
 import os
@@ -114,11 +114,11 @@ class ServiceManager:
         code = process.returncode
         run.status = str(code) if code >= 0 else signal.Signals(-code).name.removeprefix("SIG")
         run.result = run.result or ("success" if code in (0, 10) else "exit-code" if code > 0 else "signal")
-        told = {
+        variables = {
             "SERVICE_RESULT": run.result, "EXIT_CODE": "exited" if code >= 0 else "killed", "EXIT_STATUS": run.status,
         }  # fmt: skip
         run.ended_s = time.monotonic()
-        subprocess.run(words(self.service["ExecStopPost"]), env={**self._environment, **told}, check=True)
+        subprocess.run(words(self.service["ExecStopPost"]), env={**self._environment, **variables}, check=True)
         return run
 
     def _watch(self, process, run):

@@ -56,7 +56,7 @@ def _run(kind, gain, lag, cubic, offset, push, wave, compass, steps, row_steps, 
         elif kind == 1:  # full and half rudder to either side, each for 10 T
             leg = int(now / (10.0 * lag)) % 4
             wanted = (0.52, -0.52, 0.26, -0.26)[leg]
-        else:  # a helmsman keeps a course and changes it by 60 deg every 200 s
+        else:  # a helm that keeps a course and changes it by 60 deg every 200 s
             goal = 1.05 * (int(now / 200.0) % 2)
             wanted = min(max(1.2 * (goal - seen) - 0.6 * lag * rate + offset, -0.52), 0.52)
         rudder += min(max(wanted - rudder, -0.5 * step), 0.5 * step)

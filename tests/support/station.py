@@ -12,10 +12,10 @@ TAIL_LINES = 25
 
 def fail(directory, complaint):
     """Fail with the last words of every program that has written a log in the directory of the test."""
-    said = [complaint]
+    output = [complaint]
     for path in sorted(directory.rglob("*.log")):
-        said += [f"--- the last of {path.name}:", *path.read_text(errors="replace").splitlines()[-TAIL_LINES:]]
-    pytest.fail("\n".join(said))
+        output += [f"--- the last of {path.name}:", *path.read_text(errors="replace").splitlines()[-TAIL_LINES:]]
+    pytest.fail("\n".join(output))
 
 
 class Station:
@@ -68,7 +68,7 @@ class Station:
         self.receive("ATTITUDE_TARGET", lambda shown: abs(off_deg(yaw_deg(shown.q), goal_deg)) < tolerance_deg)
 
     def wait_until_steady(self, goal_deg, tolerance_deg, steady_s):
-        """Wait until she has lain on a goal for a while; return the ATTITUDE messages of it."""
+        """Wait until the boat has been on a goal for a while; return its ATTITUDE messages."""
         kept = []
         while not kept or kept[-1].time_boot_ms - kept[0].time_boot_ms < 1000.0 * steady_s:
             kept.append(self.receive("ATTITUDE"))

@@ -36,7 +36,7 @@ def voyage(legs=30, leg_s=900, restart=False, requests=()):
         north_m, east_m = north_m + 2.0 * north, east_m + 2.0 * east
         course_rad = math.atan2(east, north) % TWO_PI
         fix = PositionSample(t_s, FixType.FIX_3D, *placed(north_m, east_m), 0.0, math.hypot(north, east), course_rad)
-        asked = tuple(Request(t_s, intent) for intent in requests) if index == 5 else ()
+        sent = tuple(Request(t_s, intent) for intent in requests) if index == 5 else ()
         headings = (HeadingSample(t_s, compass_rad, NorthReference.TRUE),)
-        inputs = Inputs(Tick(index, t_s, 0.0, 0, 0.5), headings, (fix,), requests=asked)
+        inputs = Inputs(Tick(index, t_s, 0.0, 0, 0.5), headings, (fix,), requests=sent)
         yield LoggedTick(inputs, RudderCommand(0.0, torque_on=True), text if index == 0 else None, gap=False)

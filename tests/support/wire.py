@@ -63,7 +63,7 @@ class Wire:
         elif data and number and self._asked_s is not None:
             self._slowest_s = max(self._slowest_s, now_s - self._asked_s)
             self._asked_s = None
-        for said in data:
+        for output in data:
             begin_s = max(now_s, self._free_s[number])
             self._free_s[number] = begin_s + self._byte_s
             collides = self._half_duplex and begin_s < self._free_s[1 - number]
@@ -71,7 +71,7 @@ class Wire:
             if collides and self.before_collision_s is None:
                 self.before_collision_s = self._slowest_s
             self._count += 1
-            heap_entry = (self._free_s[number], self._count, number, said ^ (0x55 if collides else 0))
+            heap_entry = (self._free_s[number], self._count, number, output ^ (0x55 if collides else 0))
             heapq.heappush(self._under_way, heap_entry)
 
     def _deliver(self, now_s):

@@ -1,4 +1,4 @@
-"""A hundred encounters drawn by chance: told in time, stepped aside for, the fence kept, and the mission sailed on.
+"""A hundred random encounters: reported in time, avoided, the fence kept, and the mission continued.
 
 The whole way of the data is in it: ships, what a transponder hears of them, the driver, the tick. The boat is that of
 the K-T equation in closed form, on a tick of one second, in a calm sea.
@@ -40,9 +40,9 @@ from support.plans import START_RAD, item, placed
 TICK_S = 1.0
 SPEED_M_S = 0.4
 GOAL_M = (800.0, 0.0)
-FENCE_M = 450.0  # to either side of her line
-LONGEST_S = 4500.0
-# She steps aside for 30 m by what AIS tells, whose course in tenths of a degree leaves 12 m of a ship 14 km away.
+FENCE_M = 450.0  # to either side of the boat's line
+MAX_S = 4500.0
+# The boat steps aside for 30 m by AIS data, whose course in tenths of a degree leaves 12 m of a ship 14 km away.
 WORTH_M, LOST_M = 40.0, 5.0
 WAYPOINT, INCLUDED_VERTEX = 16, 5001
 CORNERS = ((-300.0, -FENCE_M), (1500.0, -FENCE_M), (1500.0, FENCE_M), (-300.0, FENCE_M))
@@ -142,17 +142,17 @@ class Boat:
     def sail(self):
         """Sail the mission to its end; return this."""
         self.under_way(Mode.AUTO)
-        while self.t_s < LONGEST_S and self.snapshot.mission.state is not MissionState.COMPLETE:
+        while self.t_s < MAX_S and self.snapshot.mission.state is not MissionState.COMPLETE:
             self.tick()
         return self
 
-    def said(self, text):
+    def times_of(self, text):
         return [t_s for t_s, event in self.events if text in event]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an encounter: how near on her own way and stepping aside, how long before it was told."""
+    """Result of an encounter: distance on the own line and with avoidance, and the time from report to approach."""
 
     seed: int
     ship: object
@@ -166,21 +166,21 @@ class Outcome:
     margin_m: float
 
 
-def on_her_way(ship):
-    """Return how near the ship would come to a boat that sails her line, and when."""
+def closest_on_line(ship):
+    """Return the closest approach to a boat that stays on its line, and its time."""
     times = np.arange(0.0, GOAL_M[0] / SPEED_M_S)
     places = np.array([ship.position_m(t_s) for t_s in times])
     distances = np.hypot(places[:, 0] - SPEED_M_S * times, places[:, 1])
     return float(distances.min()), float(times[distances.argmin()])
 
 
-def attainable(ship, told_s, place_m, sector_deg):
-    """Return the widest passing that a heading within the sector of her way, kept from the telling on, comes to.
+def best_distance(ship, report_s, place_m, sector_deg):
+    """Return the largest closest approach with a constant heading within the sector, held from the report on.
 
     One that leads out of the fence before the ship is past is none. Nothing of this is the firmware's.
     """
-    times = np.arange(told_s, LONGEST_S)
-    ships, way_m, best_m = np.array([ship.position_m(t_s) for t_s in times]), SPEED_M_S * (times - told_s), 0.0
+    times = np.arange(report_s, MAX_S)
+    ships, way_m, best_m = np.array([ship.position_m(t_s) for t_s in times]), SPEED_M_S * (times - report_s), 0.0
     for off_deg in np.arange(-sector_deg, sector_deg + 0.5):
         north_m = place_m[0] + way_m * math.cos(math.radians(off_deg))
         east_m = place_m[1] + way_m * math.sin(math.radians(off_deg))
@@ -199,17 +199,17 @@ def encountered(seed):
     boat = Boat((ship,), seed, AIS_ACT=1.0).sail()
     assert boat.snapshot.mission.state is MissionState.COMPLETE, (seed, ship, boat.events)
     assert boat.least_margin_m > 0.0, (seed, ship)
-    assert not boat.said("Fence breached")
+    assert not boat.times_of("Fence breached")
     assert not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
-    assert len(boat.said(": closest ")) == 1, (seed, ship, boat.events)
-    (told_s,) = boat.said(": closest ")
-    plain_m, at_s = on_her_way(ship)
+    assert len(boat.times_of(": closest ")) == 1, (seed, ship, boat.events)
+    (report_s,) = boat.times_of(": closest ")
+    plain_m, at_s = closest_on_line(ship)
     sector_deg = boat.state.parameters["AIS_SECTOR_DEG"]
-    best_m = attainable(ship, told_s, boat.places_m[told_s], sector_deg)
-    stepped, refused = bool(boat.said("Avoidance: heading")), bool(boat.said("Avoidance: no better heading"))
+    best_m = best_distance(ship, report_s, boat.places_m[report_s], sector_deg)
+    stepped, refused = bool(boat.times_of("Avoidance: heading")), bool(boat.times_of("Avoidance: no better heading"))
     heard_s = at_s - boat.heard_s
     return Outcome(
-        seed, ship, plain_m, best_m, boat.closest[0][0], at_s - told_s, heard_s, stepped, refused, boat.least_margin_m
+        seed, ship, plain_m, best_m, boat.closest[0][0], at_s - report_s, heard_s, stepped, refused, boat.least_margin_m
     )
 
 
@@ -217,7 +217,7 @@ def check(outcome):
     if outcome.heard_before_s >= 720.0:
         assert outcome.warned_s >= 600.0, outcome
     assert outcome.stepped or outcome.refused or outcome.plain_m > 450.0, outcome
-    # A ship that comes as fast as she can get out of its way passes as near on any heading.
+    # A ship that approaches at the boat's own speed passes as near on any heading.
     if outcome.best_m > outcome.plain_m + WORTH_M:
         assert outcome.aside_m > outcome.plain_m, outcome
     assert outcome.aside_m > outcome.plain_m - LOST_M, outcome
@@ -233,17 +233,17 @@ def test_a_hundred_encounters(figures):
         print(
             f"{one.seed:3d} {one.ship.speed_m_s:5.1f} m/s {one.ship.course_deg:5.0f} deg {one.ship.station}: "
             f"{one.plain_m:4.0f} m -> {one.aside_m:4.0f} m of {one.best_m:4.0f}, "
-            f"told {one.warned_s / 60.0:4.1f} min before, "
+            f"reported {one.warned_s / 60.0:4.1f} min before, "
             f"stepped {one.stepped:d} refused {one.refused:d}, fence {one.margin_m:4.0f} m"
         )
     for one in outcomes:
         check(one)
-    figures.keep("encounter_told_least", min(one.warned_s for one in outcomes) / 60.0, "min", "of 100 encounters")
+    figures.keep("encounter_reported_min", min(one.warned_s for one in outcomes) / 60.0, "min", "of 100 encounters")
     figures.keep("encounter_grown_least", min(grown), "m", "of 100 encounters")
     figures.keep("encounter_grown_median", float(np.median(grown)), "m", "of 100 encounters")
     able = [one for one in outcomes if one.best_m > one.plain_m + WORTH_M]
-    told = f"encounters in which a heading opens the distance by {WORTH_M:.0f} m"
-    figures.keep("encounter_able", len(able), "of 100", told)
+    case = f"encounters in which a heading opens the distance by {WORTH_M:.0f} m"
+    figures.keep("encounter_able", len(able), "of 100", case)
     gained = [(one.aside_m - one.plain_m) / (one.best_m - one.plain_m) for one in able]
     figures.keep("encounter_gained_median", float(np.median(gained)), "", "of what the best heading would have")
     figures.keep("encounter_stepped", sum(one.stepped for one in outcomes), "of 100", "encounters stepped aside in")
@@ -258,48 +258,48 @@ def test_a_hundred_encounters(figures):
         pytest.param((264.0, -36.0), (0.0, 0.0), marks=pytest.mark.proof),
     ],
 )
-def test_round_a_ship_at_anchor_on_her_line_she_goes_and_tells_it_once(place_m, current_m_s):
+def test_a_ship_at_anchor_on_the_line_is_avoided_and_reported_once(place_m, current_m_s):
     ship = Ship(211000001, "ANCHORED", *place_m, at_anchor=True)
     boat = Boat((ship,), 1, current_m_s, AIS_ACT=1.0).sail()
     assert boat.snapshot.mission.state is MissionState.COMPLETE, boat.events
-    assert len(boat.said(": closest ")) == 1, boat.events
-    assert len(boat.said("Avoidance: heading")) == 1, boat.events
+    assert len(boat.times_of(": closest ")) == 1, boat.events
+    assert len(boat.times_of("Avoidance: heading")) == 1, boat.events
     assert boat.closest[0][0] > 100.0
-    assert boat.least_margin_m > 200.0  # twice as far off as is near is ample: she runs on to the side no further
+    assert boat.least_margin_m > 200.0  # twice the limit of distance: the boat goes no further to the side
 
 
 @pytest.mark.proof
-def test_beside_a_ship_at_anchor_she_keeps_her_station():
+def test_station_is_kept_beside_a_ship_at_anchor():
     boat = Boat((Ship(211000001, "ANCHORED", 60.0, 0.0, at_anchor=True),), 3, AIS_ACT=1.0)
     boat.under_way(Mode.LOITER)
     while boat.t_s < 1800.0:
         boat.tick()
-    assert boat.said("Avoidance: heading")
+    assert boat.times_of("Avoidance: heading")
     assert boat.farthest_m < 200.0, boat.events
 
 
-def test_among_ghosts_leapers_and_her_own_number_the_real_ship_is_told():
+def test_the_real_ship_is_reported_among_spoofed_ones():
     ships = PATTERNS["spoofed"](SPEED_M_S, np.random.default_rng(1))
     boat = Boat(ships, 1)
     while boat.t_s < 500.0:
         boat.tick()
-    assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")
-    assert not boat.said("DOUBLE")
-    assert boat.said(f"AIS: another station uses the boat's MMSI {OWN_MMSI:09d}")
-    assert len(boat.said(": closest ")) <= 30
+    assert boat.times_of("CROSSING LADY comes to") or boat.times_of("MMSI 211000001 comes to")
+    assert not boat.times_of("DOUBLE")
+    assert boat.times_of(f"AIS: another station uses the boat's MMSI {OWN_MMSI:09d}")
+    assert len(boat.times_of(": closest ")) <= 30
 
 
-def test_absurd_stations_are_no_ships():
+def test_stations_with_impossible_data_are_ignored():
     ships = PATTERNS["absurd"](SPEED_M_S, np.random.default_rng(1))
     boat = Boat(ships, 1)
     while boat.t_s < 300.0:
         boat.tick()
-    assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")
+    assert boat.times_of("CROSSING LADY comes to") or boat.times_of("MMSI 211000001 comes to")
     assert {vessel.mmsi for vessel in boat.state.traffic.vessels} == {211_000_001}
-    assert boat.said("AIS: ")
+    assert boat.times_of("AIS: ")
 
 
-def test_in_a_flood_of_ten_thousand_each_tick_has_a_bounded_piece_of_work_and_the_real_ship_is_told():
+def test_a_flood_of_ten_thousand_ships_has_bounded_work_a_tick():
     """Work is counted, not timed: reports taken in and vessels looked through."""
     boat = Boat(PATTERNS["flood"](SPEED_M_S, np.random.default_rng(1)), 1, AIS_NEAR_S=1800.0)
     while boat.t_s < 100.0:
@@ -308,4 +308,4 @@ def test_in_a_flood_of_ten_thousand_each_tick_has_a_bounded_piece_of_work_and_th
         assert boat.reports <= MAX_REPORTS_PER_TICK
     assert boat.transponder.unsent > 50_000
     assert boat.state.traffic.rejected > 1000
-    assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")
+    assert boat.times_of("CROSSING LADY comes to") or boat.times_of("MMSI 211000001 comes to")

@@ -40,13 +40,13 @@ def judged(record):
     use = t[:, loop.TICK_S] > SETTLED_S
     true_rad = np.interp(t[:, loop.TICK_S], np.arange(record.heading_rad.size) / 10.0, record.heading_rad)
     error = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad - t[:, loop.HEADING_RAD]])[use]
-    heard = np.flatnonzero(np.isfinite(t[:, loop.COMPASS_RAD]))[0]
-    shown = np.unwrap(t[heard:, loop.COMPASS_RAD])
+    first = np.flatnonzero(np.isfinite(t[:, loop.COMPASS_RAD]))[0]
+    compass_rad = np.unwrap(t[first:, loop.COMPASS_RAD])
     passes = []
     for lag_s in LOW_PASSES_S:
         keep = math.exp(-0.1 / lag_s) if lag_s else 0.0
-        low = decayed((1.0 - keep) * shown, keep, shown[0])
-        off = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[heard:] - low])[use[heard:]]
+        low = decayed((1.0 - keep) * compass_rad, keep, compass_rad[0])
+        off = np.array([math.remainder(x, 2.0 * math.pi) for x in true_rad[first:] - low])[use[first:]]
         passes.append(float(np.mean(off**2)))
     return float(np.mean(error**2)), float(np.mean((error / t[use, loop.HEADING_SD_RAD]) ** 2)), passes
 
@@ -54,15 +54,15 @@ def judged(record):
 @pytest.mark.parametrize("receiver", RECEIVERS)
 @pytest.mark.parametrize("bias", BIASES)
 @pytest.mark.parametrize("diffusion", DIFFUSIONS)
-def test_it_is_honest_and_near_the_informed_filter(diffusion, bias, receiver):
+def test_uncertainty_is_consistent_and_near_the_informed_filter(diffusion, bias, receiver):
     levels = RECORDED_LIKE["coast"]._replace(diffusion=diffusion, bias_deg=bias[0], bias_memory_s=bias[1])
     name = f"coast+yaw={diffusion},bias={bias[0]:g}:{bias[1]:g},receiver={RECEIVERS[receiver]}"
     figures = []
     for seed in SEEDS:
         sea = sea_of(named(name), seed, SECONDS)
         both = (
-            informed_voyage.sail(sea, GOALS, SECONDS, ParameterSet(), levels, informed=told, ticks=True)
-            for told in (False, True)
+            informed_voyage.sail(sea, GOALS, SECONDS, ParameterSet(), levels, informed=informed, ticks=True)
+            for informed in (False, True)
         )
         figures.append([judged(record) for record in both])
     ours, informed = zip(*figures, strict=True)

@@ -1,4 +1,4 @@
-"""Hours of turns in every sea: no fault is told where there is none."""
+"""Hours of turns in every sea without a false fault."""
 
 import math
 import random
@@ -27,7 +27,7 @@ def faults_of(name, seed, legs, leg_s=LEG_S):
     return {fault for fault in Fault if seen >> fault & 1} - ALLOWED
 
 
-def test_no_fault_is_told_in_a_swell():
+def test_no_fault_in_a_swell():
     assert not faults_of("swell", 1, 2, leg_s=150.0)
 
 
@@ -35,5 +35,5 @@ def test_no_fault_is_told_in_a_swell():
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("name", ["tank", "sea", "swell", "weak", "storm", "gusts", "surge"])
-def test_no_fault_is_told_in_hours_of_any_sea(name, seed):
+def test_no_fault_in_hours_of_any_sea(name, seed):
     assert not faults_of(name, seed, 12)

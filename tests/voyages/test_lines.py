@@ -1,4 +1,4 @@
-"""Line following at sea, across a current of half her speed."""
+"""Line following at sea, across a current of half the boat's speed."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def rounding(corners, seed, **current):
 
 
 @pytest.mark.proof
-def test_across_half_her_speed_of_current_she_stays_within_15_m():
+def test_cross_track_error_below_15_m_in_a_current_of_half_the_speed():
     boat = rounding([(500.0, 0.0), (500.0, 400.0)], 1)
     off = cross_tracks(boat, 1500)
     assert boat.snapshot.mission.state is MissionState.COMPLETE
@@ -44,7 +44,7 @@ def test_across_half_her_speed_of_current_she_stays_within_15_m():
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("toward_deg", [0.0, 60.0, 90.0, 210.0])
-def test_around_a_square_in_any_current_of_half_her_speed(figures, seed, toward_deg):
+def test_a_square_in_any_current_of_half_the_speed(figures, seed, toward_deg):
     corners = [(1500.0, 0.0), (1500.0, 1500.0), (0.0, 1500.0), (0.0, 0.0)]
     boat = rounding(corners, seed, current_toward_deg=toward_deg)
     off = cross_tracks(boat, 14_400)
@@ -54,7 +54,7 @@ def test_around_a_square_in_any_current_of_half_her_speed(figures, seed, toward_
     assert np.percentile(off, 95) <= 15.0
 
 
-def test_a_guided_position_is_sailed_to_and_kept():
+def test_a_guided_position_is_reached_and_kept():
     boat = rig.Sailing(rig.scenario(1.2, 0.3), 2, LOIT_RADIUS=60.0)
     boat.under_way(Mode.GUIDED, SteerPosition(*placed(120.0, -90.0)))
     boat.run(1500.0, until=lambda boat: boat.snapshot.navigation.arrived)

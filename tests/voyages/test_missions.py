@@ -63,7 +63,7 @@ def sailed(boat, most_s):
 
 
 @pytest.mark.proof
-def test_every_kind_of_item_is_sailed():
+def test_all_kinds_of_items():
     boat = rig.Sailing(rig.scenario(1.2, 0.2), 1, mission(*every_kind()), LOIT_RADIUS=60.0)
     boat.under_way(Mode.AUTO)
     reached, doing = sailed(boat, 5000)
@@ -79,7 +79,7 @@ def test_every_kind_of_item_is_sailed():
     assert math.hypot(*boat.where) < 70.0
 
 
-def test_a_mission_is_left_paused_changed_and_replaced():
+def test_pause_change_and_replacement_of_a_mission():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0), item(16, 400, 400)))
     assert boat.state.guidance.mission.index == 0
     boat.run(2.0)
@@ -110,10 +110,10 @@ def test_a_mission_is_left_paused_changed_and_replaced():
     boat.run(1.0)
     assert boat.snapshot.mission.state is MissionState.NO_MISSION
     assert boat.snapshot.navigation.activity is Activity.STATION
-    assert boat.said("Mission unusable")
+    assert boat.times_of("Mission unusable")
 
 
-def test_what_cannot_be_is_refused_with_the_reason():
+def test_refusals_name_the_reason():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)))
     boat.run(2.0)
     for intent, verdict, word in (
@@ -131,7 +131,7 @@ def test_what_cannot_be_is_refused_with_the_reason():
     assert answer.text == "AUTO refused: no mission"
 
 
-def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
+def test_a_position_jump_causes_no_turn():
     boat = rig.Sailing(rig.scenario(0.6, 0.3), 1, mission(item(16, 1500, 0)))
     boat.under_way(Mode.AUTO)
     boat.run(150.0)
@@ -139,8 +139,8 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     boat.run(60.0)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
     assert not boat.snapshot.position_ok
-    assert boat.said(TABLE[Fault.POSITION_JUMPING].text)
-    assert boat.said("GPS position lost")
+    assert boat.times_of(TABLE[Fault.POSITION_JUMPING].text)
+    assert boat.times_of("GPS position lost")
     boat.jump_m = (0.0, 0.0)
     boat.run(60.0)
     assert boat.snapshot.position_ok
@@ -148,12 +148,12 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     assert not boat.said("GPS jump accepted")
     boat.jump_m = (200.0, 0.0)
     boat.run(60.0)
-    (told_s,) = boat.said("GPS jump accepted: position moved by ")
+    (report_s,) = boat.times_of("GPS jump accepted: position moved by ")
     assert boat.snapshot.position_ok
-    assert boat.said("GPS position recovered")[-1] >= told_s  # it is not the old place that is back
+    assert boat.times_of("GPS position recovered")[-1] >= report_s  # it is not the old place that is back
 
 
-def test_from_any_checkpoint_the_same_rudder():
+def test_restart_from_any_checkpoint_gives_the_same_rudder():
     boat = rig.Sailing(rig.scenario(1.2, 0.3), 3, mission(*every_kind()[2:8]), LOIT_RADIUS=40.0)
     boat.keep_inputs = True
     boat.outputs = []
@@ -176,7 +176,7 @@ def halted_after_a_turn(**parameters):
     boat.run(60.0, until=lambda boat: boat.snapshot.mission.state is MissionState.PAUSED)
     assert boat.snapshot.mission.state is MissionState.PAUSED
     assert boat.snapshot.navigation.activity is Activity.HEADING
-    assert boat.said("Mission paused after item 1: no autocontinue")
+    assert boat.times_of("Mission paused after item 1: no autocontinue")
     boat.events.clear()
     return boat
 
@@ -185,29 +185,29 @@ def halted_after_a_turn(**parameters):
     ("intent", "index"),
     [(PauseMission(paused=False), 1), (SetMode(Mode.AUTO), 1), (SetMissionItem(2), 2)],
 )
-def test_a_mission_that_waits_goes_on_when_it_is_told_to(intent, index):
+def test_a_waiting_mission_continues_on_request(intent, index):
     boat = halted_after_a_turn()
     boat.tick(intent)
     boat.run(1.0)
     assert (boat.snapshot.mission.state, boat.snapshot.mission.index) == (MissionState.ACTIVE, index)
-    assert boat.said("Mission resumed")
+    assert boat.times_of("Mission resumed")
 
 
 @pytest.mark.parametrize("intent", [PauseMission(paused=False), SetMode(Mode.AUTO)])
-def test_a_pause_is_told_and_ends_when_the_operator_asks_for_the_mission(intent):
+def test_a_pause_is_reported_and_ends_on_request(intent):
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)))
     boat.under_way(Mode.AUTO)
     boat.run(20.0)
     boat.tick(PauseMission(paused=True))
     boat.run(1.0)
-    assert boat.said("Mission paused: keeping station")
+    assert boat.times_of("Mission paused: keeping station")
     boat.tick(SetMissionItem(0))
     boat.run(1.0)
     assert boat.snapshot.mission.state is MissionState.PAUSED
     boat.tick(intent)
     boat.run(1.0)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
-    assert boat.said("Mission resumed")
+    assert boat.times_of("Mission resumed")
 
 
 @pytest.mark.parametrize("pause", [(), (PauseMission(paused=True),)])
@@ -232,7 +232,7 @@ def test_a_paused_mission_stays_paused_through_a_restart(pause, level):
     assert boat.snapshot.mission.index in (1, 2)  # where it kept station the boat may be at the next item already
 
 
-def test_a_paused_mission_stays_paused_when_a_failsafe_is_over():
+def test_a_paused_mission_stays_paused_after_a_failsafe():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)), FS_POS_ACT=2, FS_RESUME=1)
     boat.under_way(Mode.AUTO)
     boat.run(20.0)
@@ -245,7 +245,7 @@ def test_a_paused_mission_stays_paused_when_a_failsafe_is_over():
     assert (boat.snapshot.mode, boat.snapshot.mission.state) == (Mode.AUTO, MissionState.PAUSED)
 
 
-def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_certain():
+def test_dead_reckoning_and_its_limit():
     items = item(16, 100, 0), item(16, 150, 0), item(16, 900, 0)
     boat = rig.Sailing(rig.scenario(0.6, 0.2), 1, mission(*items), WP_RADIUS=6.0, LOIT_RADIUS=40.0)
     boat.under_way(Mode.AUTO)
@@ -253,10 +253,10 @@ def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_
     assert boat.snapshot.mission.index == 0
     every, boat.fix_every = boat.fix_every, 10**9
     boat.run(420.0)
-    assert boat.said("GPS position lost") == boat.said("GPS lost: dead reckoning")
+    assert boat.times_of("GPS position lost") == boat.times_of("GPS lost: dead reckoning")
     assert not boat.snapshot.position_ok
     assert boat.snapshot.mission.index == 1  # the first was near, and certain enough
-    assert boat.said("Probably at the waypoint (no GPS); waiting for a fix")
+    assert boat.times_of("Probably at the waypoint (no GPS); waiting for a fix")
     text = state_to_text(boat.state)
     read, notes = state_from_text(text)
     assert (state_to_text(read), notes) == (text, ())  # states with NaN in them are never equal
@@ -265,24 +265,24 @@ def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_
     boat.fix_every = every
     rudders_rad = [boat.tick().snapshot.rudder_command_rad for _ in range(100)]
     assert max(abs(a - b) for a, b in itertools.pairwise(rudders_rad)) <= math.radians(3.0) + 1e-9
-    assert boat.said("GPS recovered after 7 min: position error ")
+    assert boat.times_of("GPS recovered after 7 min: position error ")
     assert boat.snapshot.dead_reckoning is None
     boat.run(120.0, until=lambda boat: boat.snapshot.mission.index == 2)
     assert boat.snapshot.mission.index == 2
 
 
-def test_a_fence_is_kept_by_reckoning():
+def test_a_fence_is_kept_by_dead_reckoning():
     fence = Plans(fence=Plan.of(PlanKind.FENCE, (item(5003, 0, 0, 60),)))
     boat = rig.Sailing(rig.scenario(0.6), 1, fence, FENCE_ENABLE=1, FS_FENCE_ACT=3)
     boat.under_way(Mode.GUIDED)
     boat.run(30.0)
     boat.fix_every = 10**9
     boat.run(300.0, until=lambda boat: boat.snapshot.mode is Mode.LOITER)
-    assert boat.said("Fence breached")
+    assert boat.times_of("Fence breached")
     assert boat.where[0] == pytest.approx(60.0, abs=10.0)
 
 
-def test_she_goes_on_as_last_steered_where_reckoning_is_not_wanted():
+def test_without_dead_reckoning_the_last_heading_is_held():
     boat = rig.Sailing(rig.scenario(1.2), 1, mission(item(16, 100, 0)), POS_RECKON_M=0.0)
     boat.under_way(Mode.AUTO)
     boat.run(30.0)
@@ -314,7 +314,7 @@ def test_a_mode_whose_task_is_a_heading_needs_no_position(monkeypatch):
     assert boat.snapshot.goal_heading_rad == 1.0
 
 
-def test_a_complete_mission_begins_anew_when_the_operator_asks_for_it():
+def test_a_complete_mission_restarts_on_request():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(115, None, None, 40), item(115, None, None, 80)))
     boat.under_way(Mode.AUTO)
     boat.run(300.0, until=lambda boat: boat.snapshot.mission.state is MissionState.COMPLETE)
@@ -323,16 +323,16 @@ def test_a_complete_mission_begins_anew_when_the_operator_asks_for_it():
     boat.tick(SetMode(Mode.AUTO))
     boat.run(1.0)
     assert (boat.snapshot.mission.state, boat.snapshot.mission.index) == (MissionState.ACTIVE, 0)
-    assert len(boat.said("Mission: item 1")) == 2
+    assert len(boat.times_of("Mission: item 1")) == 2
 
 
 def way_back(boat):
-    """Metres north of the start to where she is on her way."""
+    """Return the metres north of the start under way."""
     boat.run(2.0)
     return round((boat.snapshot.navigation.target_latitude_rad - placed(0, 0)[0]) * EARTH_M)
 
 
-def test_the_way_back_of_a_mission_leads_to_the_home_that_there_is_now():
+def test_a_mission_returns_to_the_present_home():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(179, 60, 60), item(20)))
     boat.under_way(Mode.AUTO)
     assert way_back(boat) == 60
@@ -341,7 +341,7 @@ def test_the_way_back_of_a_mission_leads_to_the_home_that_there_is_now():
 
 
 @pytest.mark.parametrize("away", [PauseMission(paused=True), SetMode(Mode.LOITER)])
-def test_a_time_of_day_that_has_come_while_the_mission_was_halted_is_not_waited_for_until_tomorrow(away):
+def test_a_time_of_day_that_passed_during_a_pause_is_not_awaited(away):
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(93, None, None, -1, 0, 1, 0), item(115, None, None, 40)))
     assert rig.UTC_S % 86400 == 0
     boat.under_way(Mode.AUTO)
@@ -355,7 +355,7 @@ def test_a_time_of_day_that_has_come_while_the_mission_was_halted_is_not_waited_
 
 
 @pytest.mark.parametrize("mode", [Mode.LOITER, Mode.RTL, Mode.AUTO])
-def test_a_watch_circle_is_as_wide_as_its_parameter_says_now(mode):
+def test_loiter_radius_follows_the_parameter(mode):
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)), WP_RADIUS=50.0)
     boat.under_way(mode)
     boat.tick(PauseMission(paused=True))

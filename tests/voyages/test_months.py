@@ -1,7 +1,7 @@
 """Alone for months: what is to be read afterwards is complete, and nothing has grown.
 
 `pytest -m proof tests/voyages/test_months.py -s` lives through 60 days, in some ten minutes of one core: an hour of
-each day she sails, a tick a second; the rest she lies at a mooring, a tick in fourteen seconds.
+each day the boat sails, a tick a second; then it is at a mooring, a tick in fourteen seconds.
 """
 
 import gc
@@ -100,7 +100,7 @@ def measured_wh(rows):
 
 
 def assert_good(boat, ends):
-    """What holds of a voyage of any length; returns by which part the energies told differ from the truth."""
+    """Check a voyage of any length; return the relative errors of the logged energies."""
     rows = rows_of(boat)
     allowed = [(end.at_s - 130.0, end.at_s + end.off_s + 5.0) for end in (*ends, End("stop", boat.days * DAY_S))]
     lost = [
@@ -111,10 +111,10 @@ def assert_good(boat, ends):
     assert lost == []
     assert unexplained(boat, rows) == []
     assert {fault for cause in boat.causes for fault in cause.faults} <= seen(rows)
-    truth, told = boat.truth._asdict(), measured_wh(rows)
+    truth, logged = boat.truth._asdict(), measured_wh(rows)
     logs = log_files(boat.directory / LOG_DIRECTORY)
     assert replay_log(logs[max(logs)], state_from_text, step).identical
-    return {name: abs(told[name] / truth[name] - 1.0) for name in truth}
+    return {name: abs(logged[name] / truth[name] - 1.0) for name in truth}
 
 
 def test_six_hours(tmp_path, monkeypatch):
@@ -124,8 +124,8 @@ def test_six_hours(tmp_path, monkeypatch):
     boat = sailed(tmp_path, monkeypatch, 0.25, 300.0, causes, ends)
     errors = assert_good(boat, ends)
     assert max(errors["solar"], errors["load"]) < 0.01  # the rest is so little that what the cut has lost counts
-    assert "Started again: cut off (the first time)" in boat.told
-    assert boat.told["Armed"] == 1  # and she sails on after the cut as she did before
+    assert "Started again: cut off (the first time)" in boat.text_counts
+    assert boat.text_counts["Armed"] == 1  # the boat sails on after the cut as before
 
 
 @pytest.mark.proof
@@ -154,7 +154,7 @@ def test_sixty_days(tmp_path, monkeypatch, figures):
         End("cut", at(50, 12.0)),
     )
     boat = sailed(tmp_path, monkeypatch, days, sailing_s, causes, ends)
-    print(boat.ticks, "ticks", dict(boat.told))
+    print(boat.ticks, "ticks", dict(boat.text_counts))
     errors = assert_good(boat, ends)
     runs = [readings[SETTLED_H:] for readings in boat.resident_kib if len(readings) > 2 * SETTLED_H]
     growth_mib = max(max(readings) - readings[0] for readings in runs) / 1024.0

@@ -1,4 +1,4 @@
-"""The delivered autopilot in seas as unkind as real ones: the task of capabilities.md, five seeds, one table of aims.
+"""The delivered autopilot in realistic seas: the task of capabilities.md, five seeds, one table of targets.
 
 `pytest -m proof tests/voyages/test_ocean.py -s` sails it by the compiled twin and prints a table: mean / worst of the
 seeds. The autopilot itself, on ptys, sails a few of the runs and is to come to the same figures.
@@ -31,9 +31,9 @@ OF_THE_WORST = (OVERSHOOT, SETTLED)  # rms, travel and mean error are judged by 
 
 @dataclass(frozen=True)
 class Row:
-    """A sea; what she made when she first sailed it (rms, travel); what she is to reach.
+    """A sea; its first result (rms, travel); its target.
 
-    `bound` is what she does reach where that is less than the aim: it is to stay so, and the table shows both.
+    `bound` is the present result where that misses the target: it must not get worse, and the table has both.
     """
 
     sea: str
@@ -42,7 +42,7 @@ class Row:
     bound: dict[str, float] = field(default_factory=dict)
 
     def limits(self):
-        """Return what is held, by column."""
+        """Return the limits by column."""
         return {**self.aim, **self.bound}
 
 
@@ -65,7 +65,7 @@ ROWS = (
     Row("weak", (1.38, 1160.0), {RMS: 1.25, TRAVEL: 1200.0}, {RMS: 1.4}),
     # Several at a time: no aim was given, and what is reached is held.
     Row("ocean-1", (2.07, 1391.0), bound={RMS: 2.05, TRAVEL: 1350.0}),
-    # A compass that nobody has corrected is the reference of all the same: its deviation is her error.
+    # An uncorrected compass is the reference all the same: its deviation is the boat's error.
     Row("ocean-2", (5.85, 6374.0), bound={RMS: 4.9, TRAVEL: 1900.0}),
     Row("ocean-3", (1.47, 1551.0), bound={RMS: 1.85, TRAVEL: 1300.0}),
     Row("ocean-4", (7.61, 4930.0), bound={RMS: 6.3, TRAVEL: 3250.0}),
@@ -75,8 +75,8 @@ TASK = Task(tuple(row.sea for row in ROWS), SEEDS, parse_goals("0:0,120:60,720:-
 
 def sailed(sea, seeds):
     """Sail runs in the compiled loop and return what truth.csv would hold of each."""
-    told = ParameterSet()
-    boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(TASK.goals)
+    values = ParameterSet()
+    boat, law, task = sailing.boat_of(values), LawSettings.of(values), sailing.task_of(TASK.goals)
     for seed in seeds:
         waters = drawn(sea_of(sea), seed, TASK.seconds)
         record, _ = sailing.sail(boat, law, waters, task, TASK.seconds, ticks=False)
@@ -124,12 +124,12 @@ def table():
     print("\n".join(["", "mean / worst of the seeds; before; aim; bound where the aim is not reached", *lines]))
 
 
-def test_every_sea_of_the_table_is_one():
+def test_all_seas_of_the_table_exist():
     assert [sea_of(row.sea).name for row in ROWS] == [row.sea.split("+")[0] for row in ROWS]
     assert len(ROWS) == len({row.sea for row in ROWS})
 
 
-def test_a_row_is_missed_by_its_mean_or_by_its_worst_seed():
+def test_a_row_is_missed_by_its_mean_or_its_worst_seed():
     row = Row("tank", None, {RMS: 1.0, OVERSHOOT: 4.0, MEAN: 0.3}, {RMS: 2.0})
     runs = [dict.fromkeys(COLUMNS, 0.0) | {RMS: rms, OVERSHOOT: over} for rms, over in ((1.9, 3.0), (2.05, 3.9))]
     assert missed(row, over_seeds(runs)) == []
@@ -141,13 +141,13 @@ def test_a_row_is_missed_by_its_mean_or_by_its_worst_seed():
 @pytest.mark.proof
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("row", ROWS, ids=[row.sea for row in ROWS])
-def test_she_reaches_her_aim(figures, table, row):
+def test_targets_are_met(figures, table, row):
     found = over_seeds([figures_of(truth) for truth in sailed(row.sea, SEEDS)])
-    shown = "; ".join(f"{column} {mean:.2f} / {worst:.2f}" for column, (mean, worst) in found.items())
+    text = "; ".join(f"{column} {mean:.2f} / {worst:.2f}" for column, (mean, worst) in found.items())
     rms, rms_error, travel, travel_error, fives = of_many(row.sea)
     many = f"{MANY} seeds: rms {rms:.3f} ± {rms_error:.3f}, of five {fives[0]:.2f} to {fives[1]:.2f};"
     many += f" travel {travel:.0f} ± {travel_error:.0f}"
-    table.append(f"{row.sea}: {shown}\n    {row.before}; {json.dumps(row.aim)}; {json.dumps(row.bound)}\n    {many}")
+    table.append(f"{row.sea}: {text}\n    {row.before}; {json.dumps(row.aim)}; {json.dumps(row.bound)}\n    {many}")
     print(f"\n{table[-1]}")
     figures.keep(key_of("ocean", row.sea, "rms"), found[RMS][0], "deg")
     figures.keep(key_of("ocean", row.sea, "travel"), found[TRAVEL][0], "deg/h")

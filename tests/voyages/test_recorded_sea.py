@@ -130,7 +130,7 @@ def measured(name):
 
 
 @pytest.mark.parametrize("name", LIKE)
-def test_a_sea_as_recorded_has_what_was_recorded(name):
+def test_recorded_seas_have_the_recorded_properties(name):
     # At the same D this helm leaves two thirds of the spectrum that the one of the recordings leaves.
     found = measured(name) | {"rate_spectrum": 1.5 * measured(name)["rate_spectrum"]}
     for figure, (low, high) in RECORDED.items():
@@ -138,7 +138,7 @@ def test_a_sea_as_recorded_has_what_was_recorded(name):
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_no_other_sea_has_the_diffusion_of_the_heading(name):
+def test_no_other_sea_has_heading_diffusion(name):
     assert measured(name)["diffusion"] < (0.45 if name == "gusts" else 0.1)
     assert measured(name)["rate_spectrum"] < (0.9 if name == "gusts" else 0.15)
 
@@ -152,8 +152,8 @@ def test_the_page_has_these_figures():
     lines = (ROOT / "docs/explanation/physics.md").read_text(encoding="utf-8").splitlines()
     first = next(place for place, line in enumerate(lines) if line.startswith("| quantity | recorded |"))
     rows = [[cell.strip() for cell in line.split("|")[2:-1]] for line in lines[first + 2 : first + 2 + len(RECORDED)]]
-    for (figure, recorded), (shown, *like, others) in zip(RECORDED.items(), rows, strict=True):
-        assert ranges(shown) == sorted(set(recorded)), figure
+    for (figure, recorded), (values, *like, others) in zip(RECORDED.items(), rows, strict=True):
+        assert ranges(values) == sorted(set(recorded)), figure
         for name, cell in zip(LIKE, like, strict=True):
             assert ranges(cell) == pytest.approx([measured(name)[figure]], rel=0.06), (figure, name)
         found = [value for name in OTHERS if not math.isnan(value := measured(name)[figure])]

@@ -1,4 +1,4 @@
-"""Keeping station: a watch circle of 100 m, in currents up to 0.7 of her speed and beyond."""
+"""Station keeping: a loiter circle of 100 m, in currents up to 0.7 of the boat's speed and beyond."""
 
 import math
 
@@ -35,7 +35,7 @@ def kept(boat, seconds):
 def test_for_five_minutes():
     boat = rig.Sailing(rig.scenario(0.4, 0.28), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
     assert np.mean(kept(boat, 300.0) <= 100.0) >= 0.95
-    assert not boat.said("Current too strong")
+    assert not boat.times_of("Current too strong")
 
 
 @pytest.mark.proof
@@ -73,7 +73,7 @@ def test_for_two_hours_without_a_receiver(figures, more, seed):
 
 
 @pytest.mark.parametrize("boot", [pytest.param("same", marks=pytest.mark.proof), "other"])
-def test_a_restart_without_a_receiver_leaves_her_on_her_station(boot):
+def test_a_restart_without_a_receiver_keeps_the_station(boot):
     boat = rig.Sailing(rig.scenario(0.6, 0.1), 1, BOOT_RESUME=2)
     boat.under_way(Mode.LOITER)
     boat.run(100.0)
@@ -85,7 +85,7 @@ def test_a_restart_without_a_receiver_leaves_her_on_her_station(boot):
     boat.run(15.0)
     assert boat.snapshot.dead_reckoning.lasted_s == pytest.approx(15.0, abs=1.5)
     assert boat.snapshot.goal_heading_rad is not None
-    assert not boat.snapshot.faults >> Fault.POSITION_LOST & 1  # one that was switched on with her still looks for it
+    assert not boat.snapshot.faults >> Fault.POSITION_LOST & 1  # a receiver switched on with the boat still searches
     boat.run(180.0)
     assert np.hypot(*np.array(boat.track[first:])[:, 1:3].T).max() < 110.0
     assert boat.snapshot.faults >> Fault.POSITION_LOST & 1
@@ -95,16 +95,16 @@ def test_a_restart_without_a_receiver_leaves_her_on_her_station(boot):
 def stronger(speed_m_s, seed, **more):
     boat = rig.Sailing(rig.scenario(speed_m_s, 1.2 * speed_m_s, **more), seed).under_way(Mode.LOITER)
     boat.run(1800.0)
-    said_s = boat.said("Current stronger than she is")
+    report_s = boat.times_of("Current stronger than she is")
     into_deg = math.degrees(boat.track[-1][3]) - (more.get("toward_deg", 90.0) + 180.0)
-    return said_s, abs(math.remainder(into_deg, 360.0))
+    return report_s, abs(math.remainder(into_deg, 360.0))
 
 
 @pytest.mark.proof
-def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into():
-    said_s, off_deg = stronger(0.4, 1)
-    assert said_s
-    assert said_s[0] <= 1800.0
+def test_a_current_of_1_2_times_the_speed_is_detected_and_pointed_into():
+    report_s, off_deg = stronger(0.4, 1)
+    assert report_s
+    assert report_s[0] <= 1800.0
     assert off_deg < 15.0
 
 
@@ -112,15 +112,15 @@ def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into():
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize(("speed_m_s", "toward_deg"), [(0.25, 0.0), (0.4, 180.0), (0.5, 90.0), (0.9, 300.0)])
 def test_recognised_at_any_speed_and_from_any_side(figures, speed_m_s, toward_deg, seed):
-    said_s, off_deg = stronger(speed_m_s, seed, toward_deg=toward_deg)
-    assert said_s
+    report_s, off_deg = stronger(speed_m_s, seed, toward_deg=toward_deg)
+    assert report_s
     case = f"{speed_m_s} m/s toward {toward_deg:.0f} deg, seed {seed}"
-    figures.keep("strong_current_told", said_s[0], "s", case)
+    figures.keep("strong_current_reported", report_s[0], "s", case)
     figures.keep("strong_current_off", off_deg, "deg", case)
     assert off_deg < 20.0
 
 
-def test_home_is_returned_to_and_kept():
+def test_return_to_home():
     boat = rig.Sailing(rig.scenario(1.2, 0.2), LOIT_RADIUS=60.0)
     boat.under_way(Mode.GUIDED)
     boat.run(90.0)

@@ -27,7 +27,7 @@ SECONDS, SETTLED_S, TURN_S = 3600.0, 600.0, 300.0
 GOALS = [Goal(900.0 * i, radians(angle)) for i, angle in enumerate((0.0, 60.0, -90.0, 30.0))]
 SEEDS, TUNING_SEEDS = range(1, 21), (921, 922)
 TRAVEL_WEIGHTS = (0.3, 1.0, 3.0)
-STIFFNESS = (10.0, 20.0, 40.0)  # k1 of the fixed gains
+GAINS = (10.0, 20.0, 40.0)  # k1 of the fixed gains
 
 
 def judged(truth):
@@ -80,18 +80,16 @@ def error_at(curve, travel):
 
 
 @pytest.mark.parametrize("name", RECORDED_LIKE)
-def test_the_curve_is_within_a_tenth_of_the_oracle_s(name):
+def test_curve_within_a_tenth_of_the_oracle(name):
     seas, tuning = ([sea_of(named(name), seed, SECONDS) for seed in seeds] for seeds in (SEEDS, TUNING_SEEDS))
     seas = [sea for sea in seas if judged(ours(name, ParameterSet(), informed=True)(sea))[0] < 20.0**2]
     print(f"{name}: {len(seas)} of {len(SEEDS)} seeds")
     assert len(seas) >= 0.9 * len(SEEDS)
     with_price = [ParameterSet().replaced("CTL_PRICE", price) for price in TRAVEL_WEIGHTS]
     curves = {
-        "ours": [of_seeds(seas, ours(name, told)) for told in with_price],
-        "oracle": [of_seeds(seas, ours(name, told, informed=True)) for told in with_price],
-        "fixed gains": [
-            of_seeds(seas, ours(name, ParameterSet().replaced("CTL_K1", k1), fixed=True)) for k1 in STIFFNESS
-        ],
+        "ours": [of_seeds(seas, ours(name, values)) for values in with_price],
+        "oracle": [of_seeds(seas, ours(name, values, informed=True)) for values in with_price],
+        "fixed gains": [of_seeds(seas, ours(name, ParameterSet().replaced("CTL_K1", k1), fixed=True)) for k1 in GAINS],
         "tuned PID": [of_seeds(seas, by_pid(tuned(tuning, price))) for price in TRAVEL_WEIGHTS],
     }
     for what, curve in curves.items():

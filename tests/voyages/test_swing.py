@@ -1,4 +1,4 @@
-"""The deviation of a compass that nobody has corrected, from what her sensors say in a day of courses."""
+"""The deviation of an uncorrected compass, from the sensors in a day of courses."""
 
 import math
 import random
@@ -19,7 +19,7 @@ RESOLUTION_RAD = radians(0.1)
 
 
 def sailed(name, seed, hours, leg_s=LEG_S):
-    """Sail courses drawn by chance, by a helm that knows her true heading; return what her sensors have told."""
+    """Sail random courses with a helm that knows the true heading; return the sensor data."""
     scenario, courses = rig.sea(name), random.Random(seed)
     hull, estimator = rig.FineHull(scenario, seed), DeviationEstimator(ParameterSet())
     noise, goal_rad, rudder_rad = NormalNumbers(generator(seed, Stream.COMPASS)), 0.0, 0.0
@@ -61,7 +61,7 @@ def errors_of(estimator, name):
     return np.array([degrees(one) for one in estimator.result().coefficients_rad]) - truth_of(name)
 
 
-def test_an_hour_on_two_courses_is_no_proposal():
+def test_two_courses_give_no_proposal():
     estimator = sailed("ocean-2", 1, 0.2, leg_s=360.0)
     assert sum(estimator.state.sectors) >= 5
     assert not estimator.result().ready
@@ -69,7 +69,7 @@ def test_an_hour_on_two_courses_is_no_proposal():
 
 @pytest.mark.proof
 @pytest.mark.timeout(7200)
-def test_the_deviation_is_known_within_half_a_degree_in_a_day(figures):
+def test_deviation_within_half_a_degree_after_a_day(figures):
     runs = [sailed("ocean-2", seed, 24.0) for seed in range(1, 6)]
     errors_deg = np.abs([errors_of(run, "ocean-2") for run in runs])
     print(np.round(errors_deg, 2), [np.round(np.degrees(run.result().sds_rad), 2) for run in runs])

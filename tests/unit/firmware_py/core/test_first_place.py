@@ -38,7 +38,12 @@ def test_loiter_point_home_water_and_fence_are_reset():
     expected = rig.Sailing(rig.sea("calm")).state.heading_estimator.water.expected
     fence = ReplacePlan(Plan.of(PlanKind.FENCE, [item(5003, 0.0, 0.0, 500.0)]))
     boat = boat_at_a_wrong_place(Mode.LOITER, fence, FENCE_ENABLE=1, FS_FENCE_ACT=0)
-    assert len(boat.said(TEXT)) == len(boat.said("Fence breached")) == len(boat.said("Fence breach cleared")) == 1
+    assert (
+        len(boat.times_of(TEXT))
+        == len(boat.times_of("Fence breached"))
+        == len(boat.times_of("Fence breach cleared"))
+        == 1
+    )
     task, known = boat.state.guidance.task, boat.state.heading_estimator.water
     assert isinstance(task, HoldStation)
     for place in (task.centre, place_of(boat.state.home), known.origin):
@@ -67,7 +72,7 @@ def test_home_and_goal_return_after_a_temporary_error():
     for jump_m, reports in ((WRONG_M, 1), ((0.0, 0.0), 2)):
         boat.jump_m = jump_m
         boat.run(60.0)
-        assert len(boat.said(TEXT)) == reports
+        assert len(boat.times_of(TEXT)) == reports
     assert math.hypot(*home.nearby_offset_m(place_of(boat.state.home))) < 100.0
     assert north_east_m(place_of(boat.state.modes.goal)) == (
         pytest.approx(500.0, abs=60.0),
@@ -78,7 +83,7 @@ def test_home_and_goal_return_after_a_temporary_error():
 def test_a_jump_long_after_the_first_place_moves_nothing(monkeypatch):
     monkeypatch.setattr("firmware_py.estimate.position.FIRST_POSITION_PHASE_S", 10.0)
     boat = boat_at_a_wrong_place(Mode.LOITER)
-    assert boat.said(TEXT) == []
+    assert boat.times_of(TEXT) == []
     assert math.hypot(*north_east_m(boat.state.guidance.task.centre)) > 20_000.0
 
 

@@ -32,30 +32,30 @@ def received(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
 
 def under_way(**parameters):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_NEAR_S=200.0, **parameters)
-    boat.heard = received(1300.0, -30.0)
+    boat.vessels_at = received(1300.0, -30.0)
     return boat.under_way(Mode.GUIDED, SteerHeading(0.0))
 
 
 def test_an_approach_is_reported_avoided_and_ended():
     boat = under_way(AIS_ACT=1).run(30.0)
-    (aside,) = boat.said("Avoidance: heading")
-    (reported,) = boat.said("ANNA: closest")
+    (aside,) = boat.times_of("Avoidance: heading")
+    (reported,) = boat.times_of("ANNA: closest")
     assert reported <= aside <= reported + 3.0
-    assert boat.said("Vessel approaching") == [reported]
+    assert boat.times_of("Vessel approaching") == [reported]
     assert boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert 40.0 <= math.degrees(boat.snapshot.goal_heading_rad) <= 60.001
     boat.run(290.0, until=lambda boat: not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1)
     boat.run(10.0)
-    assert boat.said("Avoidance ended: back on course")
+    assert boat.times_of("Avoidance ended: back on course")
     assert not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
     assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
-    assert len(boat.said("ANNA: closest")) == 1
+    assert len(boat.times_of("ANNA: closest")) == 1
 
 
 def test_by_default_vessels_are_only_reported():
     boat = under_way().run(30.0)
-    assert boat.said("ANNA: closest")
-    assert not boat.said("Avoidance: heading")
+    assert boat.times_of("ANNA: closest")
+    assert not boat.times_of("Avoidance: heading")
     assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
     assert boat.snapshot.traffic.vessels[0].title == "ANNA"
 
@@ -63,10 +63,10 @@ def test_by_default_vessels_are_only_reported():
 @pytest.mark.parametrize("mode", [Mode.STEERING, Mode.MANUAL, Mode.HOLD])
 def test_no_avoidance_in_manual_modes(mode):
     boat = rig.Sailing(rig.sea("calm"), 1, AIS_ACT=1)
-    boat.heard = received(1300.0, -30.0)
+    boat.vessels_at = received(1300.0, -30.0)
     boat.under_way(mode).run(20.0)
-    assert boat.said("ANNA: closest")
-    assert not boat.said("Avoidance: heading")
+    assert boat.times_of("ANNA: closest")
+    assert not boat.times_of("Avoidance: heading")
 
 
 def test_a_checkpoint_during_avoidance_gives_the_same_rudder():
@@ -79,7 +79,7 @@ def test_a_checkpoint_during_avoidance_gives_the_same_rudder():
     for inputs, command in zip(boat.inputs, commands, strict=True):
         state, output = step(state, inputs)
         assert output.command == command
-    assert boat.said("Avoidance: heading")
+    assert boat.times_of("Avoidance: heading")
 
 
 def test_without_ais_there_is_no_traffic_record():

@@ -54,17 +54,17 @@ def test_a_compass_that_freezes_in_a_turn_is_reported_early_and_not_followed(fre
     boat.tick(SteerHeading(radians(turn_deg)))
     freeze(boat.run(4.0), still=True)
     begun_s = boat.t_s
-    boat.run(20.0, until=lambda boat: boat.said(FAULT_TEXT))
+    boat.run(20.0, until=lambda boat: boat.times_of(FAULT_TEXT))
     assert boat.t_s - begun_s < 15.0
     assert boat.state.heading_estimator.tick.sources.in_use == Source.COURSE
     assert off_deg(boat) < 5.0
     boat.run(100.0)
     assert abs(math.degrees(wrap_pi(boat.hull.heading_low_rad(0.0) - radians(turn_deg)))) < 12.0
-    assert boat.said("Compass heading jumped") == []
+    assert boat.times_of("Compass heading jumped") == []
     freeze(boat, still=False)
     boat.run(20.0)
-    assert len(boat.said(FAULT_TEXT)) == len(boat.said(RECOVERY_TEXT)) == 1
-    assert boat.said("No valid heading") == []  # not for a tick
+    assert len(boat.times_of(FAULT_TEXT)) == len(boat.times_of(RECOVERY_TEXT)) == 1
+    assert boat.times_of("No valid heading") == []  # not for a tick
     assert boat.state.heading_estimator.tick.sources.in_use == Source.COMPASS_A
 
 
@@ -82,7 +82,7 @@ def test_a_coarse_compass_in_flat_water_is_sound_from_the_dock_on(monkeypatch, r
     boat.tick(SteerHeading(radians(60.0)))
     assert boat.state.modes.armed
     boat.run(120.0)
-    assert boat.said("Compass") == boat.said("Heading lost") == []
+    assert boat.times_of("Compass") == boat.times_of("Heading lost") == []
     assert math.degrees(boat.hull.heading_low_rad(0.0)) == pytest.approx(60.0, abs=3.0)
 
 
@@ -95,7 +95,7 @@ def turning(name, resolution_deg, noise_deg, legs, leg_s):
         for _ in range(round(10.0 * leg_s)):
             boat.tick()
             longest_s = max(longest_s, compass_of(boat).t_s - compass_of(boat).changed_s)
-    return boat.said(FAULT_TEXT), longest_s
+    return boat.times_of(FAULT_TEXT), longest_s
 
 
 def test_a_coarse_compass_that_stands_still_in_a_calm_is_not_frozen():
@@ -121,6 +121,6 @@ def test_the_time_frozen_does_not_count_as_the_usual_standstill(freeze):
     boat = under_way("sea")
     freeze(boat, still=True)
     boat.run(40.0)
-    assert boat.said(FAULT_TEXT)
+    assert boat.times_of(FAULT_TEXT)
     freeze(boat, still=False)
     assert compass_of(boat.run(20.0)).longest_s < 2.0

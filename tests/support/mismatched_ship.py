@@ -1,4 +1,4 @@
-"""A ship that is not as the autopilot was told, for `rig.Sailing`."""
+"""A ship that is not as the autopilot was output, for `rig.Sailing`."""
 
 from functools import partial
 
@@ -45,6 +45,6 @@ class IllHull(rig.TickHull):
         return self.float_rad + self.waves.angle_rad(offset_s)
 
 
-def ill(**how):
+def mismatched(**how):
     """What `rig.Sailing` takes as its hull."""
     return partial(IllHull, **how)
