@@ -302,5 +302,5 @@ def boat_time(sea):
             found.append(message.time_boot_ms / 1e3)
         return bool(found)
 
-    assert sea.station.await_message(10.0, matches) is not None
+    assert sea.station.receive(10.0, matches) is not None
     return found[-1]

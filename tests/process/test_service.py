@@ -123,7 +123,7 @@ def test_a_disk_blocked_in_the_kernel_is_reported_and_control_continues(make_ser
         assert len(service.manager.runs) == 1
         service.assert_as_before()
     longest_s = max(after - before for before, after in pairwise(service.goals.times_s) if after > done_s)
-    print(f"reported after {told_s - done_s:.1f} s, longest without a rudder frame {longest_s:.2f} s")
+    print(f"reported after {reported_s - done_s:.1f} s, longest without a rudder frame {longest_s:.2f} s")
 
 
 def hang_and_restart(make_service, tmp_path, part):

@@ -137,7 +137,7 @@ def astray(ticks, record):
 
 
 def adrift_s(name, seed, until_s):
-    """Return the time within the first until_s in which the boat is slower than steerage speed, in a sea that carries it."""
+    """Return the time within the first until_s with less than steerage speed, in a sea that carries the boat."""
     scenario = sea_of(name)
     part, _ = speed_of(scenario, seed, round(until_s / GRID_S))
     if not part.size:
@@ -151,7 +151,7 @@ def adrift_s(name, seed, until_s):
 @pytest.mark.parametrize("name", [*SEAS, "storm", "gusts", *OCEANS])
 def test_a_wrong_servo_direction_is_reported_within_three_minutes(name, figures):
     """Of being armed, with way on; and the estimate is not led astray, if nothing is done about it."""
-    parameters, told_s, armed_s, off_deg = voyage.parameters_with(RUD_REVERSE=1), [], [], []
+    parameters, report_s, armed_s, off_deg = voyage.parameters_with(RUD_REVERSE=1), [], [], []
     with_way_s = []
     for seed, turn_deg in itertools.product(range(1, 11), (0.0, 60.0)):
         ticks, record = voyage.sail(name, seed, [(0.0, math.radians(turn_deg))], 600.0, parameters=parameters)
