@@ -64,8 +64,8 @@ class Station:
         return self.receive("PARAM_VALUE", lambda row: row.param_id == name).param_value
 
     def wait_for_goal(self, goal_deg, tolerance_deg):
-        """Wait until she shows this heading as her goal."""
-        self.receive("ATTITUDE_TARGET", lambda shown: abs(off_deg(yaw_deg(shown.q), goal_deg)) < tolerance_deg)
+        """Wait until the boat reports this heading as its goal."""
+        self.receive("ATTITUDE_TARGET", lambda target: abs(off_deg(yaw_deg(target.q), goal_deg)) < tolerance_deg)
 
     def wait_until_steady(self, goal_deg, tolerance_deg, steady_s):
         """Wait until the boat has been on a goal for a while; return its ATTITUDE messages."""
