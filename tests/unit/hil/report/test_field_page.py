@@ -198,7 +198,7 @@ def test_undated_time_is_reported_on_the_page(tmp_path):
     (tmp_path / "thin").mkdir()
     (tmp_path / "thin/00000001.BIN").write_bytes(thin_bytes([replace(MINUTE, utc_s=60.0 * n) for n in range(1, 91)]))
     field_page.write([tmp_path], tmp_path / "page.html")
-    assert "1.5 h of the thin log are have no date" in (tmp_path / "page.html").read_text()
+    assert "1.5 h of the thin log have no date" in (tmp_path / "page.html").read_text()
 
 
 def test_run_directory(state, tmp_path):
