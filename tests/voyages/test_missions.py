@@ -145,7 +145,7 @@ def test_a_position_jump_causes_no_turn():
     boat.run(60.0)
     assert boat.snapshot.position_ok
     assert abs(boat.where[1]) < 15.0
-    assert not boat.said("GPS jump accepted")
+    assert not boat.times_of("GPS jump accepted")
     boat.jump_m = (200.0, 0.0)
     boat.run(60.0)
     (report_s,) = boat.times_of("GPS jump accepted: position moved by ")

@@ -199,7 +199,7 @@ def earlier_run(directory):
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (["--view", "0.0.0.0:9000"], "asks for a token"),
+        (["--view", "0.0.0.0:9000"], "needs a token"),
         (["--link", "sbd:/dev/null"], "give a directory"),
         (
             ["--remote", "udpout:nowhere.invalid:1", "--compass-port", "/dev/null/x", "--speed", "real"],
