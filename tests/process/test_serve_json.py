@@ -44,7 +44,7 @@ def test_an_external_autopilot_sails_and_is_scored_like_rambler(tmp_path):
             steering_us = round(1500 + 400 * max(-1.0, min(command / math.radians(30.0), 1.0)))
         assert ship.exit_code() == 0
     assert "a packet of 12 bytes" in ship.text()
-    assert ship.text().count("is not answered while one steers") == 1
+    assert ship.text().count("is ignored while another one is active") == 1
     (goal,) = json.loads((out / "summary.json").read_text())["goals"]
     assert goal["rms_error_deg"] < 5.0
     assert (out / "report.html").exists()

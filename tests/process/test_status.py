@@ -105,7 +105,7 @@ def test_status_of_a_running_autopilot_and_its_age_after_a_hang_or_a_kill(boat):
     boat.kill()
     code, status = status_of(boat, "--json")
     assert (code, status["status"], status["mode"]) == (1, "stale", "GUIDED")
-    assert "gone" in status["reason"]
+    assert "ended unexpectedly" in status["reason"]
     assert "stale" in status_of(boat)[1].splitlines()[0]
 
 
@@ -115,5 +115,5 @@ def test_after_an_orderly_end_the_status_is_absent(boat):
     boat.finish()
     code, status = status_of(boat, "--json")
     assert (code, status["status"]) == (1, "absent")
-    assert "ended in good order" in status["reason"]
+    assert "ended normally" in status["reason"]
     assert not any((directory / file_name(boat.state)).exists() for directory in DIRECTORIES)
