@@ -106,7 +106,7 @@ class Endpoint:
         )
         self._context.peers = self._peers
         self._context.all_peers = self._peers.all_peers
-        self._router = Router((self._context.system, self._context.component), self._peers, self.tell)
+        self._router = Router((self._context.system, self._context.component), self._peers, self.notify)
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
@@ -292,7 +292,7 @@ class Endpoint:
         """Queue a heartbeat, and nothing else."""
         self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
 
-    def tell(self, text: str, now_s: float) -> None:
+    def notify(self, text: str, now_s: float) -> None:
         """Report a rejected peer or an overload to every station, at a limited rate."""
         if self._notices.spend_one(now_s):
             self._context.send_text_all(Severity.NOTICE, text)

@@ -402,7 +402,7 @@ class PeerObserver(Protocol):
     def send_heartbeat(self, peer: Peer) -> None:
         """Queue a heartbeat, and nothing else."""
 
-    def tell(self, text: str, now_s: float) -> None:
+    def notify(self, text: str, now_s: float) -> None:
         """Report a rejected peer to the stations."""
 
 
@@ -418,7 +418,7 @@ class Peers:
     """
 
     def __init__(
-        self, transports: Sequence[Transport], gate: Gate, sealer: Callable[[int], Sealer], host: PeerObserver
+        self, transports: Sequence[Transport], gate: Gate, sealer: Callable[[int], Sealer], observer: PeerObserver
     ) -> None:
         """Take the transports, the gate that judges frames, the signer of each transport, and the observer."""
         self._transports = tuple(transports)
@@ -426,7 +426,7 @@ class Peers:
         self._satellites = tuple(each if isinstance(each, Satellite) else None for each in self._transports)
         self._gate = gate
         self._sealer = sealer
-        self._host = host
+        self._observer = observer
         self._late_heartbeats = TokenBucket(LATE_HEARTBEATS, LATE_HEARTBEATS_HZ)
         self._active: dict[Key, Peer] = {}
         self._pending: dict[Key, Peer] = {}
@@ -507,7 +507,7 @@ class Peers:
             silent = now_s - peer.last_frame_s > QUIET_S
             if silent and key in connected:
                 host = peer.transport.host(key[1])
-                self._host.tell(f"{host} on {peer.transport.name} dropped: no valid frame", now_s)
+                self._observer.notify(f"{host} on {peer.transport.name} dropped: no valid frame", now_s)
             if silent or not (peer.transport.datagrams or key in connected):
                 self._remove(key, now_s)
             else:
@@ -520,7 +520,7 @@ class Peers:
                 self._blocked_since_s.pop(index, None)
             elif now_s - self._blocked_since_s.setdefault(index, now_s) >= BLOCKED_REPORT_S:
                 self._blocked_since_s[index] = math.inf
-                self._host.tell(f"Link blocked: {transport.name}: {transport.blocked_reason}", now_s)
+                self._observer.notify(f"Link blocked: {transport.name}: {transport.blocked_reason}", now_s)
 
     def _permanent(self, key: Key) -> bool:
         return key[1] in self._transports[key[0]].addresses()
@@ -529,7 +529,7 @@ class Peers:
         silent = peer.quiet or self._gate.unsigned(peer.transport.options) is Permission.NONE
         if not silent and now_s - peer.heartbeat_s >= HEARTBEAT_S:
             peer.heartbeat_s = now_s
-            self._host.announce(peer)
+            self._observer.announce(peer)
 
     # ------------------------------------------------------------------ received bytes
 
@@ -582,7 +582,7 @@ class Peers:
 
     def _help_stale_timestamp(self, peer: Peer, now_s: float) -> None:
         if self._late_heartbeats.spend_one(now_s):
-            self._host.send_heartbeat(peer)
+            self._observer.send_heartbeat(peer)
             peer.outbox.flush(now_s)
 
     # ------------------------------------------------------------------ capacity
@@ -604,11 +604,11 @@ class Peers:
         active = [self._contender(*item) for item in self._active.items() if item[0][0] == key[0]]
         leaving = select_evictions(newcomer, [evicted for evicted in active if not self._permanent(evicted.key)], now_s)
         if leaving is None:
-            self._host.tell(f"Station {newcomer.host} refused: {peer.transport.name} is full", now_s)
+            self._observer.notify(f"Station {newcomer.host} refused: {peer.transport.name} is full", now_s)
             return False
         for evicted in leaving:
             self._remove(evicted.key, now_s)
-            self._host.tell(
+            self._observer.notify(
                 f"Station {evicted.host} dropped from {peer.transport.name}: replaced by {newcomer.host}", now_s
             )
         self._activate(key, peer, now_s)
@@ -616,7 +616,7 @@ class Peers:
 
     def _activate(self, key: Key, peer: Peer, now_s: float) -> None:
         self._set_active(key, peer)
-        self._host.greet(peer, now_s)
+        self._observer.greet(peer, now_s)
 
     def _set_active(self, key: Key, peer: Peer) -> None:
         self._pending.pop(key, None)

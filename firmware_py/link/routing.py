@@ -36,11 +36,11 @@ ALL: Address = (0, 0)
 class Router:
     """Learns routes, and passes frames on unchanged, with signature and number."""
 
-    def __init__(self, own: Address, peers: Iterable[Peer], tell: Callable[[str, float], None]) -> None:
+    def __init__(self, own: Address, peers: Iterable[Peer], notify: Callable[[str, float], None]) -> None:
         """Take the boat's own address, the active peers, and the function that notifies the operator."""
         self._own = own
         self._peers = peers
-        self.tell = tell
+        self.notify = notify
         self._routes: OrderedDict[Address, tuple[Peer, float]] = OrderedDict()
         self._seen: OrderedDict[int, float] = OrderedDict()
         self._tokens = TokenBucket(BURST, RATE_HZ)
@@ -74,7 +74,7 @@ class Router:
         if not hearers or self._is_known(frame.data, now_s):
             return
         if not self._tokens.spend_one(now_s):
-            self.tell(_OVERLOAD, now_s)
+            self.notify(_OVERLOAD, now_s)
             return
         priority = Priority.REPLY if target[0] else Priority.TELEMETRY
         for other in hearers:

@@ -26,7 +26,7 @@ MAKERS = {
     "say": (0, "text"),
     "_say": (0, "text"),
     "_report": (0, "text"),
-    "tell": (0, "text"),
+    "notify": (0, "text"),
     "State": (99, "greeting"),
     "replace": (99, "greeting"),
     "request_or_warn": (2, "intent"),

@@ -59,7 +59,7 @@ class SatelliteDriver:
         ledger: Ledger,
         settings: Settings,
         spent: Callable[[Ledger], None],
-        tell: Callable[[Event], None],
+        report: Callable[[Event], None],
         seed: int = 0,
     ) -> None:
         """Take the ledger of earlier runs, the settings, and functions that store the ledger and report an event."""
@@ -72,7 +72,7 @@ class SatelliteDriver:
         self.session_s: float | None = None  # time of the latest successful session
         self.status: int | None = None  # of the last session
         self.blocked_reason = ""  # why the session that is due cannot start
-        self._spent, self._report = spent, tell
+        self._spent, self._report = spent, report
         self._chance = random.Random(seed)  # noqa: S311 - it spreads calls, and guards nothing
         self._bundle: Bundle | None = None  # in the present session
         self._charge = 0

@@ -49,14 +49,14 @@ class SbdTransport:
         line: ByteLine,
         vault: Vault,
         utc_s: Callable[[], float],
-        tell: Callable[[Event], None],
+        report: Callable[[Event], None],
     ) -> None:
         """Take the line of the modem, the storage of the record, the clock, and the function that reports an event."""
         self.name = url.text
         self.options = replace(url.options, link_class=LinkClass.MESSAGES)
-        self._line, self._vault, self._utc_s, self._report_event = line, vault, utc_s, tell
+        self._line, self._vault, self._utc_s, self._report_event = line, vault, utc_s, report
         self._record = self._read_record()
-        self._driver = SatelliteDriver(self._record.ledger, _settings(ParameterSet()), self._store_ledger, tell)
+        self._driver = SatelliteDriver(self._record.ledger, _settings(ParameterSet()), self._store_ledger, report)
         self._parameters: Callable[[], ParameterSet] = ParameterSet
         self._code: Callable[[bytes], bytes | None] = lambda _covered: None
         self._vouch: Callable[[bytes], None] = lambda _frame: None

@@ -111,7 +111,7 @@ def gps_raw_int(context: TelemetryContext) -> Message:
 
 
 def global_position_int(context: TelemetryContext) -> Message | None:
-    """Return GLOBAL_POSITION_INT while the position is fresh or dead-reckoned; GPS_RAW_INT tells which."""
+    """Return GLOBAL_POSITION_INT while the position is fresh or dead-reckoned; GPS_RAW_INT shows which."""
     fix = best_position(context)
     if fix is None:
         return None

@@ -38,7 +38,7 @@ class SatelliteSupport(msgspec.Struct, frozen=True):
 
     vault: Vault = NO_VAULT
     utc_s: Callable[[], float] = lambda: 0.0
-    tell: Callable[[Event], None] = lambda _event: None
+    report: Callable[[Event], None] = lambda _event: None
 
 
 _ALONE = SatelliteSupport()
@@ -47,7 +47,7 @@ _ALONE = SatelliteSupport()
 def open_transport(
     url: str,
     open_line: Callable[[str, int], ByteLine],
-    ashore: SatelliteSupport = _ALONE,
+    support: SatelliteSupport = _ALONE,
     *,
     say: Callable[[str], None] | None = None,
     receives: bool = True,
@@ -62,7 +62,7 @@ def open_transport(
         from firmware_py.link.satellite.transport import SbdTransport  # noqa: PLC0415 - imported only for a satellite link
 
         line = open_line(parsed.host, parsed.number)
-        return SbdTransport(parsed, line, ashore.vault, ashore.utc_s, ashore.tell)
+        return SbdTransport(parsed, line, support.vault, support.utc_s, support.report)
     if parsed.kind == "serial":
         return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number, parsed.options)
     open_now: Callable[[], Transport] = partial(_SOCKETS[parsed.kind], parsed)
