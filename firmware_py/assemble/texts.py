@@ -30,8 +30,8 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "it was written by another version or holds invalid values; the named part was ignored or added",
         _CHECK,
     ),
-    "stored parameter left out: <why>": ("a stored parameter cannot be read; its default is used", _CHECK),
-    "stored parameter left out, and kept for another version: <why>": (
+    "stored parameter ignored: <why>": ("a stored parameter cannot be read; its default is used", _CHECK),
+    "stored parameter ignored, kept for another version: <why>": (
         "this version does not know the parameter or its value; the other version will use it again",
         "after an update: nothing",
     ),

@@ -43,8 +43,8 @@ _REPLACEMENTS: Final = {
     PLAN_FILES[PlanKind.FENCE]: "there is no fence",
     PLAN_FILES[PlanKind.RALLY]: "there are no rally points",
     RESUME_FILE: "not resumed",
-    ENDINGS_FILE: "how earlier runs have ended is forgotten",
-    SATELLITE_FILE: "what was spent on messages is forgotten, and no message counts that was written before",
+    ENDINGS_FILE: "records of earlier runs are lost",
+    SATELLITE_FILE: "message budget reset, earlier messages are ignored",
 }
 STATE_NAMES: Final = (*_REPLACEMENTS, SIGNING_FILE)  # all names of a state
 OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
@@ -258,9 +258,9 @@ def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[
             name, value = _name_and_value(line)
             if name:
                 unusable[name] = value
-            say(f"stored parameter left out{', and kept for another version' if name else ''}: {error}")
+            say(f"stored parameter ignored{', kept for another version' if name else ''}: {error}")
             if (problems := problems + 1) == MAX_UNUSABLE_PARAMETERS:
-                say(f"stored {PARAMETER_FILE}: what comes after line {number} is left out")
+                say(f"stored {PARAMETER_FILE}: lines after {number} are ignored")
                 break
     return values, {name: value for name, value in unusable.items() if name not in values}
 

@@ -23,10 +23,10 @@ from support.paths import DATA
 
 EARLIER = DATA / "earlier_state"  # of commit e343f391
 RECORDS = {path.name: path.read_bytes() for path in EARLIER.glob("*.state.*") if path.name != f"{UPDATE_FILE}.0"}
-FORGOTTEN = "what was spent on messages is forgotten, and no message counts that was written before"
+FORGOTTEN = "message budget reset, earlier messages are ignored"
 REPORTS = [
     "resume.state.0 is of another version: not resumed",
-    "endings.state.0 is of another version: how earlier runs have ended is forgotten",
+    "endings.state.0 is of another version: records of earlier runs are lost",
     f"satellite.state.0 is of another version: {FORGOTTEN}",
 ]
 
