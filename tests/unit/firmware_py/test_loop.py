@@ -671,6 +671,6 @@ def test_start_problems_are_reported_with_the_first_tick(boat):
     lost = Event(Severity.WARNING, "mission.plan.0 is damaged: there is no mission")
     boat.notices.append(lost)
     turn(boat, 1.0)
-    told = [lost in output.events for output in boat.link.outputs]
-    assert told == [lost in output.events for _, output, _ in boat.recorder.ticks]
-    assert (told[0], sum(told)) == (True, 1)
+    reported = [lost in output.events for output in boat.link.outputs]
+    assert reported == [lost in output.events for _, output, _ in boat.recorder.ticks]
+    assert (reported[0], sum(reported)) == (True, 1)

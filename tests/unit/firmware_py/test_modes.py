@@ -126,7 +126,7 @@ NEEDED = {
 }
 
 
-def test_a_dead_reckoned_position_counts_as_known():
+def test_a_position_by_dead_reckoning_counts_as_known():
     dead_reckoning = replace(WELL, position_ok=False, dead_reckoning_sd_m=300.0)
     for mode in (Mode.LOITER, Mode.AUTO, Mode.RTL):
         assert obstacle_to(mode, dead_reckoning) == ""
