@@ -7,10 +7,11 @@ any speed and with any traffic on the links.
 
 from __future__ import annotations
 
+from collections import deque
+
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
 from hil.ship.compass_error import CompassErrors
-from hil.ship.delay import PureDelay
 from hil.ship.disturbances import Bias, Disturbances, OwnWaves
 from hil.ship.drift import TIME_CONSTANT_S, RudderDrift
 from hil.ship.float_body import FollowingFloat
@@ -18,10 +19,9 @@ from hil.ship.gusts import Gusts
 from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.orbit import Orbit, ShortCrestedOrbit
-from hil.ship.planar import PlanarMotion
+from hil.ship.planar import PlanarMotion, Tide
 from hil.ship.scenarios import Scenario
 from hil.ship.sideways import Sideways
-from hil.ship.tide import Tide
 from hil.ship.wave_speed import MAX_SPEED_RATIO, SpeedInWaves
 from hil.ship.waves import DAMPING, WaveYaw
 from hil.ship.yaw_noise import YawNoise, largest_rate_rad_s
@@ -31,6 +31,19 @@ GRID_S = 1.0 / STEPS_PER_SECOND
 
 
 STEERAGE_M_S = 0.05  # below it K and T keep their values of this speed, except that K falls to zero with the speed
+
+
+class PureDelay:
+    """Delay values by a whole number of grid steps; the output is `start` until the first value arrives."""
+
+    def __init__(self, delay_s: float, step_s: float, start: float = 0.0) -> None:
+        """Round the delay to the nearest step."""
+        self._waiting = deque([start] * round(delay_s / step_s))
+
+    def step(self, value: float) -> float:
+        """Add the value of this step and return the delayed one."""
+        self._waiting.append(value)
+        return self._waiting.popleft()
 
 
 class Hull:

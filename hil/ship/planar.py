@@ -1,10 +1,38 @@
-"""The track of the hull over the ground (the paper's eq. 1-2)."""
+"""The track of the hull over the ground (the paper's eq. 1-2), and the current: steady, or an ellipse with the tide."""
 
 from __future__ import annotations
 
 import math
 
-from hil.ship.tide import Tide
+from firmware_py.common.angles import TWO_PI
+
+M2_S = 44_712.0  # the principal lunar tide: 12.42 h
+
+
+class Tide:
+    """A current of `speed_m_s` that flows toward an angle at time 0.
+
+    With a period it follows an ellipse: `rotary` is the ratio of its minor to its major axis, 0 for a current that
+    reverses, 1 for one that turns clockwise at constant speed, negative for anticlockwise.
+    """
+
+    def __init__(self, speed_m_s: float, toward_rad: float, period_s: float = 0.0, rotary: float = 0.0) -> None:
+        """Take the ellipse; a period of 0 is a steady current."""
+        self._north_m_s = speed_m_s * math.cos(toward_rad)
+        self._east_m_s = speed_m_s * math.sin(toward_rad)
+        self._period_s = period_s
+        self._rotary = rotary
+
+    def velocity_m_s(self, t_s: float) -> tuple[float, float]:
+        """Return the velocity of the water, north and east."""
+        if self._period_s <= 0.0:
+            return self._north_m_s, self._east_m_s
+        phase_rad = TWO_PI * math.fmod(t_s, self._period_s) / self._period_s
+        along, across = math.cos(phase_rad), self._rotary * math.sin(phase_rad)
+        return (
+            along * self._north_m_s - across * self._east_m_s,
+            along * self._east_m_s + across * self._north_m_s,
+        )
 
 
 class PlanarMotion:

@@ -18,7 +18,7 @@ class Scenario:
 
     `speed_m_s` is the speed through the water, `bias_deg` the mean rudder bias and `drift_deg` the standard deviation
     of its variation (Gauss-Markov, 100 s). `current_toward_deg` is the direction that the current flows to, with a
-    tide at the start; `tide_s` is the period of the tide (0: none) and `tide_rotary` its rotation (hil/ship/tide.py).
+    tide at the start; `tide_s` is the period of the tide (0: none) and `tide_rotary` its rotation (hil/ship/planar.py).
     `gust_deg` is the strength of gusts, as a rudder angle (hil/ship/gusts.py). `orbital_m_s` is the standard deviation
     of the wave orbital velocity, toward `waves_toward_deg` (hil/ship/orbit.py). `disturbances` are further
     disturbances (hil/ship/disturbance_options.py).

@@ -31,9 +31,8 @@ from hil.ship.hull import Hull
 from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.orbit import Orbit
-from hil.ship.planar import PlanarMotion
+from hil.ship.planar import PlanarMotion, Tide
 from hil.ship.scenarios import Scenario, named
-from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
 from support.plans import item, mission, placed
 

@@ -12,29 +12,10 @@ def test_parameters_of_the_paper():
     assert KtModel(0.049, 4.0, 17.0, 0.0, 0.4) == OCEAN_RAMBLER
 
 
-STEADY = [(10.0, 0.4894), (20.0, 0.9752), (30.0, 1.4541), (35.0, 1.6900)]
-
-
-@pytest.mark.parametrize(("rudder_deg", "rate_deg_s"), STEADY)
+@pytest.mark.parametrize(("rudder_deg", "rate_deg_s"), [(10.0, 0.4894), (20.0, 0.9752), (30.0, 1.4541), (35.0, 1.6900)])
 def test_steady_turns(rudder_deg, rate_deg_s):
     rate = math.degrees(steady_yaw_rate(math.radians(rudder_deg), 0.049, 17.0))
     assert rate == pytest.approx(rate_deg_s, abs=5e-5)
-
-
-@pytest.mark.parametrize(("rudder_deg", "rate_deg_s"), STEADY)
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_simulated_turn_settles_to_the_side_of_the_rudder(rudder_deg, rate_deg_s, side):
-    state = (0.0, 0.0)
-    for _ in range(1000):
-        state = rk4_step(*state, side * math.radians(rudder_deg), 0.1, 0.049, 4.0, 17.0, 0.0)
-    assert math.degrees(state[1]) == pytest.approx(side * rate_deg_s, abs=5e-5)
-
-
-def test_rate_reaches_63_percent_after_the_time_constant():
-    state = (0.0, 0.0)
-    for _ in range(400):
-        state = rk4_step(*state, 0.01, 0.01, 0.049, 4.0, 0.0, 0.0)
-    assert state[1] / (0.049 * 0.01) == pytest.approx(1.0 - math.exp(-1.0), abs=1e-9)
 
 
 def test_turning_radius_in_the_tank():
@@ -47,10 +28,6 @@ def test_turning_radius_in_the_tank():
 def test_alpha_changes_the_turn_by_one_percent():
     rate = steady_yaw_rate(math.radians(30.0), 0.049, 17.0)
     assert 17.0 * rate**3 / rate == pytest.approx(0.011, abs=0.001)
-
-
-def test_the_boat_runs_straight_at_the_rudder_offset():
-    assert rk4_step(1.0, 0.0, 0.05, 0.1, 0.049, 4.0, 17.0, 0.05) == (1.0, 0.0)
 
 
 def test_similarity_at_twice_the_speed():

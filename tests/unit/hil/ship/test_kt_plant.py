@@ -24,10 +24,6 @@ def test_steady_turn_of_the_paper(rudder_deg, rate_deg_s):
     assert steady_rate_deg_s(OCEAN_RAMBLER, -rudder_deg) == pytest.approx(-rate_deg_s, abs=5e-5)
 
 
-def test_turning_radius_of_the_paper():
-    assert 0.4 / radians(steady_rate_deg_s(OCEAN_RAMBLER, 30.0)) == pytest.approx(15.76, abs=0.005)
-
-
 def test_a_rudder_at_the_offset_runs_straight():
     plant = KtPlant(KtModel(0.049, 4.0, 17.0, radians(4.0), 0.4), STEP_S)
     for _ in range(1000):
@@ -35,7 +31,7 @@ def test_a_rudder_at_the_offset_runs_straight():
     assert plant.heading_rad == 0.0
 
 
-@pytest.mark.parametrize("speed_m_s", [0.2, 0.8, 1.2])
+@pytest.mark.parametrize("speed_m_s", [0.2, 0.4, 0.8, 1.2])
 def test_turning_radius_does_not_depend_on_the_speed(speed_m_s):
     scaled = OCEAN_RAMBLER.at_speed(speed_m_s)
     radius_m = speed_m_s / radians(steady_rate_deg_s(scaled, 30.0))

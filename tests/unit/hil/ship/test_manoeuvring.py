@@ -7,9 +7,8 @@ import pytest
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.ship.kt_plant import KtPlant
 from hil.ship.manoeuvring import Manoeuvre, Motion, planar_rates, steady_turn
-from hil.ship.planar import PlanarMotion
+from hil.ship.planar import PlanarMotion, Tide
 from hil.ship.regressions import FLOAT, SwayModel, sway_model
-from hil.ship.tide import Tide
 
 SWAY = sway_model(FLOAT)
 RUDDER_RAD = math.radians(30.0)

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from hil.ship.tide import M2_S, Tide
+from hil.ship.planar import M2_S, Tide
 
 
 def test_steady_current():
