@@ -62,7 +62,7 @@ def listen_output(program, file, seconds=3):
 
 def test_any_program_can_read_and_steer_the_board(program, tmp_path):
     board = program("board", *BENCH, "board", str(tmp_path / "board"), "gusts", "--goal", "0:30")
-    board.expect("Ctrl-C ends it")
+    board.expect("Ctrl-C ends the run")
     devices = listen_output(program, str(tmp_path / "board" / "vehicle.toml"))
     assert {name for name, line in devices.items() if line["accepted"] > 0} == {"compass", "position", "rudder"}
     assert all(line["rejected"] == 0 for line in devices.values())
@@ -100,7 +100,7 @@ def test_devices_hang_on_adapters_whose_bus_is_half_duplex_and_echoes(servo_baud
         words = [word for name in bauds for word in (adapters[name], str(tmp_path / f"{name}.bench"))]
         board = program("board", *BENCH, "board", str(tmp_path / "board"), "calm", "--vehicle", file, *words)
         board.expect("rudder: on the adapter")
-        board.expect("Ctrl-C ends it")
+        board.expect("Ctrl-C ends the run")
         devices = listen_output(program, file)
         assert {name for name, line in devices.items() if line["accepted"] > 0} == set(bauds)
         bad = {name: line["rejected"] for name, line in devices.items() if line["rejected"]}
