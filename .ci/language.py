@@ -40,7 +40,8 @@ KEPT = re.compile(
 FORMER = re.compile(r"^FORMER_NAMES.*?^}", re.MULTILINE | re.DOTALL)
 EXEMPT = (
     "CHANGELOG.md", "LICENSE", "docs/decisions/", "docs/explanation/glossary.md", "docs/reference/changed-texts.md",
-    "docs/figures.json", "tests/data/", "tests/replay/data/", "tests/fuzz/corpus/", ".ci/language.py", ".ci/constraints.txt",
+    "docs/figures.json", "tests/data/", "tests/replay/data/", "tests/fuzz/corpus/", ".ci/language.py",
+    ".ci/constraints.txt",
 )  # fmt: skip
 SUFFIXES = (".py", ".md", ".toml", ".html", ".js", ".css", ".svg", "")
 
