@@ -12,7 +12,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "after a restart, mode, goal and mission continue (`BOOT_RESUME`)",
         "nothing; `paused`: the mission waits for you; `incomplete`: see the other texts",
     ),
-    "Not resumed: <age> old": ("the last command is older than `BOOT_RESUME_H`", "choose a mode and arm the boat"),
+    "Not resumed: <age> old": ("the stored task is older than `BOOT_RESUME_H`", "choose a mode and arm the boat"),
     "Not resumed: invalid record": ("the stored mode and goal cannot be read", "choose a mode and arm the boat"),
     "Started again: <reason> (<how often>)": (
         "the last run ended unexpectedly: killed, frozen, or power lost",
