@@ -23,7 +23,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "see the fault reported before, and the requirements of the mode (position, home, heading)",
     ),
     "Failsafe ended: <mode> resumed": ("the fault has ended, and the previous mode continues (`FS_RESUME`)", _NOTHING),
-    "Failsafe ended: <mode> kept": ("the fault has ended, and `FS_RESUME` is 0", "choose a mode"),
+    "Failsafe ended: <mode> stays until a mode is set": (
+        "the fault has ended, and the boat stays in this mode; a task that the failsafe interrupted does not continue",
+        "choose a mode; `FS_RESUME` 1 continues the earlier task by itself",
+    ),
     "Failsafe ended: <mode> kept, <why>": (
         "the fault has ended, and the previous mode is not possible now",
         "correct the named cause, or choose a mode",
@@ -48,8 +51,8 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "positions that were rejected before are consistent, or can have been reached meanwhile",
         "check the position: a spoofed receiver looks the same; HOLD and STEERING need no position",
     ),
-    "GPS lost: dead reckoning": (
-        "the boat navigates by heading, speed and current as last known; the position error grows with time",
+    "Dead reckoning started: position error grows": (
+        "guidance continues after the fault `GPS position lost`, by heading, speed and current as last known",
         "see POSITION_LOST; `rambler status` shows the position and its standard deviation",
     ),
     "Probably at the waypoint (no GPS); waiting for a fix": (
@@ -150,9 +153,9 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the file for `rambler status` cannot be written",
         "check space and permissions of the runtime directory (`/run/rambler`)",
     ),
-    "Compass calibration: turn the boat slowly through a full circle": (
+    "Compass calibration: turn a full circle by hand, ashore": (
         "the compass samples the magnetic field",
-        "turn the boat within a quarter of an hour, with some pitch and roll; COMMAND_CANCEL cancels",
+        "turn the boat slowly within a quarter of an hour, with some pitch and roll; COMMAND_CANCEL cancels",
     ),
     "Compass calibrated and saved: score <score>": ("the compass has stored its calibration", _NOTHING),
     "Compass calibration aborted": ("by COMMAND_CANCEL, or because the compass stopped", "try again"),

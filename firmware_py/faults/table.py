@@ -366,7 +366,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         is_present=lambda tick: tick.steering_reversed,
         severity=Severity.CRITICAL,
         parameter="FS_STEER_ACT",
-        text="Steering reversed: check RUD_REVERSE",
+        text="Steering reversed: disarm, then change RUD_REVERSE",
         recovery="Steering no longer reversed",
         remedy="disarm, change `RUD_REVERSE`, arm again; was the servo or the compass mounted the other way round?",
     ),

@@ -46,7 +46,7 @@ def mission_events(before: MissionProgress, after: MissionProgress, first: int) 
 
 def dead_reckoning_events(before: TaskFollowerState, after: TaskFollowerState, *, begins: bool) -> tuple[Event, ...]:
     """Return the events when dead reckoning begins, and when the boat waits for a fix."""
-    events = [Event(Severity.NOTICE, "GPS lost: dead reckoning")] if begins else []
+    events = [Event(Severity.NOTICE, "Dead reckoning started: position error grows")] if begins else []
     if after.halt is not None and after.halt != before.halt:
         at_destination = isinstance(after.task, GoTo) and after.task.place == after.halt
         text = (

@@ -99,4 +99,6 @@ def _end(state: FailsafeState, inputs: FailsafeInput) -> tuple[FailsafeState, De
     state = FailsafeState(active=state.active, calling=state.calling)
     if resumes:
         return state, Decision(resume=True)
-    return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe ended: {inputs.mode.name} kept"),))
+    return state, Decision(
+        events=(Event(Severity.NOTICE, f"Failsafe ended: {inputs.mode.name} stays until a mode is set"),)
+    )

@@ -170,7 +170,7 @@ def apply_failsafe(
 
 def _resumed(modes: ModeState, before: ModeState, situation: Situation) -> tuple[ModeState, tuple[Event, ...]]:
     if before.mode is modes.mode:
-        stays = Event(Severity.NOTICE, f"Failsafe ended: {modes.mode.name} kept")
+        stays = Event(Severity.NOTICE, f"Failsafe ended: {modes.mode.name} stays until a mode is set")
         return replace(modes, by_failsafe=before.by_failsafe), (stays,) if before.by_failsafe else ()
     # The operator has to choose MANUAL again, because it is not known whether the stick is in use.
     by_stick = MODES[before.mode].rudder_by is RudderBy.STICK

@@ -253,7 +253,7 @@ def test_dead_reckoning_and_its_limit():
     assert boat.snapshot.mission.index == 0
     every, boat.fix_every = boat.fix_every, 10**9
     boat.run(420.0)
-    assert boat.times_of("GPS position lost") == boat.times_of("GPS lost: dead reckoning")
+    assert boat.times_of("GPS position lost") == boat.times_of("Dead reckoning started: position error grows")
     assert not boat.snapshot.position_ok
     assert boat.snapshot.mission.index == 1  # the first was near, and certain enough
     assert boat.times_of("Probably at the waypoint (no GPS); waiting for a fix")

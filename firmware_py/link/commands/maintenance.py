@@ -84,7 +84,7 @@ def _calibrate_compass(context: LinkContext, call: CommandCall, compass: Calibra
         context.send_text(call.peer, Severity.NOTICE, now.text)
         return ACCEPTED
 
-    context.send_text(call.peer, Severity.NOTICE, "Compass calibration: turn the boat slowly through a full circle")
+    context.send_text(call.peer, Severity.NOTICE, "Compass calibration: turn a full circle by hand, ashore")
     return PendingCommand(
         timeout_s=CIRCLE_TIMEOUT_S,
         percent=lambda: compass.calibration().percent,
@@ -99,7 +99,7 @@ def align_compass(context: LinkContext, call: CommandCall) -> Answer | PendingCo
     if not within(yaw_deg, -360.0, 360.0):
         return call.denied("the yaw is not within -360 to 360 deg")
     if compasses not in (0.0, 1.0) and not math.isnan(compasses):
-        return call.denied("there is one compass, mask 0 or 1")
+        return call.denied(f"compass mask (param2) {compasses:g} is neither 0 nor 1")
     boat = context.snapshot
     if boat is None or boat.armed:
         return _ARMED
@@ -215,7 +215,9 @@ def _set_deviation(
 
 def _mask_denial(call: CommandCall) -> Answer | None:
     mask = call.parameters[0]
-    return None if mask in (0.0, 1.0) or math.isnan(mask) else call.denied("there is one compass, mask 0 or 1")
+    if mask in (0.0, 1.0) or math.isnan(mask):
+        return None
+    return call.denied(f"compass mask (param1) {mask:g} is neither 0 nor 1")
 
 
 def _swing_refused(why: str) -> Answer:

@@ -56,7 +56,7 @@ def set_mission_item(context: LinkContext, call: CommandCall) -> Answer:
     """Continue with another item of the mission; param2 = 1 also restarts it."""
     number, restart = call.parameters[:2]
     if restart not in (0.0, 1.0):
-        return call.denied("param2 is neither 0 nor 1")
+        return call.denied(f"param2 {restart:g} is neither 0 nor 1")
     index = _item(context, number)
     if index is None:
         return Answer(Verdict.FAILED, f"{call.name}: the mission has no such item")

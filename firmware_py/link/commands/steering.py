@@ -136,7 +136,7 @@ def reposition(context: LinkContext, call: CommandCall) -> Answer:
     """Go to a position; speed, radius and yaw are ignored."""
     flags = call.parameters[1]
     if not within(flags, 0, 0xFFFF):
-        return call.denied("the flags are not a number")
+        return call.denied(f"flags (param2) {flags:g} are not within 0 to 65535")
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
         return call.denied(f"frame {call.frame} is not a global one")
     goal = position_goal(*call.place_deg, change_mode=bool(int(flags) & _CHANGE_MODE))

@@ -99,9 +99,9 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "the direction is not -1, 0 or 1": ("param3 of CONDITION_YAW", _AS_NAMED),
     "the angle is not within <limits> deg": ("follows the name of the command", _AS_NAMED),
     "the type is neither course over ground (0) nor heading (1)": ("param1 of GUIDED_CHANGE_HEADING", _AS_NAMED),
-    "the flags are not a number": ("param2 of DO_REPOSITION", _AS_NAMED),
+    "flags (param2) <number> are not within 0 to 65535": ("param2 of DO_REPOSITION", _AS_NAMED),
     "param1 is neither 0 nor 1": ("follows the name of the command", _AS_NAMED),
-    "param2 is neither 0 nor 1": ("follows the name of the command", _AS_NAMED),
+    "param2 <number> is neither 0 nor 1": ("follows the name of the command", _AS_NAMED),
     "Stick is out of range": ("invalid value in MANUAL_CONTROL or RC_CHANNELS_OVERRIDE", "calibrate the joystick"),
     "Home refused: position out of range": (_NO_PLACE, _AS_NAMED),
     "Home refused: no position": ("home at the present position needs a fix", "wait for a fix, or send a position"),
@@ -179,7 +179,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "use one of the named calibrations; see the page on calibration",
     ),
     "the yaw is not within -360 to 360 deg": ("param1 of FIXED_MAG_CAL_YAW", _AS_NAMED),
-    "there is one compass, mask 0 or 1": ("the compass mask of the calibration", _AS_NAMED),
+    "compass mask (<parameter>) <number> is neither 0 nor 1": (
+        "the boat calibrates one compass; the text follows the name of the command",
+        _AS_NAMED,
+    ),
     "Compass swing refused: <why>": (
         "a swing needs the boat armed and under way, with compass and GPS",
         "provide what is named; DO_CANCEL_MAG_CAL ends a running swing",

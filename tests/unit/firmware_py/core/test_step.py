@@ -721,7 +721,7 @@ def test_a_failsafe_hold_stays_one_after_a_restart(ordered, restarted):
     assert boat.run(2.0).snapshot.mode is Mode.HOLD
     boat.hardware_error = 0
     assert boat.run(3.0).snapshot.mode is Mode.HOLD
-    assert "Failsafe ended: HOLD kept" in boat.events
+    assert "Failsafe ended: HOLD stays until a mode is set" in boat.events
     if ordered:
         state, _ = accept(boat.state, Request(boat.t_s, SetMode(Mode.HOLD)))
         assert not resume_of(state, Moment(1.8e9)).modes.by_failsafe  # a command is on disk before the next tick

@@ -65,7 +65,7 @@ def test_without_fs_resume_the_mode_is_kept_and_reported(end):
     boat = Boat(resume=False)
     boat.tick(GCS)
     mode = boat.tick() if end == "the fault clears" else boat.tick(GCS, modes={GCS: None})
-    assert (mode, boat.texts[-1]) == (Mode.LOITER, "Failsafe ended: LOITER kept")
+    assert (mode, boat.texts[-1]) == (Mode.LOITER, "Failsafe ended: LOITER stays until a mode is set")
 
 
 @pytest.mark.parametrize("order", [Mode.GUIDED, Mode.LOITER, Mode.MANUAL])

@@ -153,7 +153,7 @@ def test_the_reports_of_a_hot_servo_a_low_supply_and_their_end():
         "Failsafe: HOLD",
         "Failsafe: RTL",
         "Failsafe: HOLD",
-        "Failsafe ended: HOLD kept",
+        "Failsafe ended: HOLD stays until a mode is set",
         "Failsafe: RTL",
-        "Failsafe ended: RTL kept",
+        "Failsafe ended: RTL stays until a mode is set",
     ]

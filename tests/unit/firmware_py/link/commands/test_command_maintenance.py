@@ -222,7 +222,7 @@ def compass(rig):
 
 
 def test_a_compass_under_calibration_reports_its_progress_and_its_end(rig, compass, texts):
-    assert texts(rig.command(241, 0, 1)) == ["Compass calibration: turn the boat slowly through a full circle"]
+    assert texts(rig.command(241, 0, 1)) == ["Compass calibration: turn a full circle by hand, ashore"]
     acks = [message for message in rig.ticks(10) if message.get_type() == "COMMAND_ACK"]
     assert [(ack.result, ack.progress) for ack in acks] == [(IN_PROGRESS, 25)]
     compass.now = Calibration(CalibrationState.DONE, 100, "Compass calibrated")
