@@ -147,7 +147,7 @@ def sentence_table() -> str:
     users = {
         "`[compass]`": {*nmea_compass.HEADING_SENTENCES, *nmea_compass.SIDE_SENTENCES},
         "`[position]`": {*nmea_position.FIX_SENTENCES, *nmea_position.TIME_AND_COURSE},
-        "`rambler-hil identify`": nmea_capture.WANTED,
+        "`rambler-hil identify`": nmea_capture.USED,
     }
     rows = []
     for kind, layout in sorted(SENTENCES.items()):

@@ -1,4 +1,4 @@
-"""`rambler-hil identify`: K, T, alpha and delta0 from manoeuvres and onboard logs."""
+"""`rambler-hil identify`: identify K, T, alpha and delta0 from manoeuvres and onboard logs."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from hil.lab.identify.identify import MODELS, SPEEDS, Identification, identify
 from hil.lab.identify.manoeuvre_file import RUDDER_UNITS
 from hil.lab.identify.recording import Recording, Source
 
-LARGEST_SEED = 2**63 - 1
-PROGRESS_S = 0.2
+MAX_SEED = 2**63 - 1
+PROGRESS_INTERVAL_S = 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     files = (
-        "manoeuvre table, NMEA 0183 capture or onboard .BIN log (ours or ArduPilot's); FILE:from:to takes the part "
-        "between two times in seconds"
+        "manoeuvre table, NMEA 0183 capture or .BIN log of Rambler or ArduPilot; FILE:from:to selects the part between "
+        "two times in seconds"
     )
     parser.add_argument("train", metavar="FILE[:from:to]", nargs="+", help=files)
     parser.add_argument(
@@ -39,31 +39,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings that are only predicted, not fitted",
     )
     parser.add_argument(
-        "--model", choices=MODELS, default="auto", help="linear: without Norrbin's cubic term; auto is cubic"
+        "--model", choices=MODELS, default="auto", help="linear: without Norrbin's cubic term; auto: same as cubic"
     )
     parser.add_argument(
         "--speed-scaling",
         choices=SPEEDS,
         default="auto",
-        help="scaled: the model follows the measured speed by similarity; auto: by a power that is estimated",
+        help="scaled: the model follows the measured speed by similarity; auto: with an estimated exponent",
     )
     parser.add_argument(
         "--rudder-unit",
         choices=RUDDER_UNITS,
         default="rad",
-        help="unit of the rudder column in a CSV; any: a signed command that is not an angle",
+        help="unit of the rudder column of a table; any: a signed command that is not an angle",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="ignored: the fit uses no random numbers")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON; - for standard output")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="write the plot as .png, or the report as .html")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="accepted for scripts; the fit uses no random numbers"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON (-: standard output)")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="write a plot (.png) or a page (.html)")
     parser.add_argument(
         "--out-params", type=Path, metavar="FILE", help="write the model as parameters of the autopilot"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify, report, write the files; return 1 if the model predicts no better than none."""
-    if not 0 <= arguments.seed <= LARGEST_SEED:
+    """Identify, print the report and write the files; return 1 if the rudder has no effect in the logs."""
+    if not 0 <= arguments.seed <= MAX_SEED:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if arguments.plot is not None and arguments.plot.suffix.lower() not in (".png", ".html"):
         raise UsageError(f"--plot {arguments.plot}: give a name that ends in .png or .html")
@@ -82,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
             model=arguments.model,
             speed=arguments.speed_scaling,
             angular=arguments.rudder_unit != "any",
-            tell=progress.tell,
+            report=progress.report,
         )
     seconds = time.monotonic() - began_s
     angular = arguments.rudder_unit != "any"
@@ -96,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         outputs.write("--plot", arguments.plot, _plot(result, text, arguments, angular=angular))
     if not result.judgement.usable:
-        print("rambler-hil: no model: the rudder does not explain these recordings; see the verdicts", file=sys.stderr)
+        print("rambler-hil: no model: the logs show no effect of the rudder; see the verdicts", file=sys.stderr)
         return 1
     if arguments.out_params is not None:
         outputs.write("--out-params", arguments.out_params, report.as_parameters(result, arguments.rudder_unit))
@@ -104,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
-    """Read each file once, even if several parts of it are named."""
+    """Read each file once, even if several parts of it are used."""
     whole: dict[Path, Recording] = {}
     for source in sources:
         if source.path not in whole:
@@ -128,12 +130,12 @@ def _whole(path: Path, unit: str) -> Recording:
 
 
 def _log(path: Path) -> Recording:
-    """Read an onboard log, ours or ArduPilot's."""
+    """Read a log of Rambler or of ArduPilot."""
     try:
         with open_buffer(path) as data:
             if ardupilot_log.is_one(data):
                 return ardupilot_log.read(path, data)
-    except OSError:  # missing or not a file: the other reader reports it
+    except OSError:  # the other reader reports the error
         pass
     return onboard_log.read(path)
 
@@ -143,8 +145,7 @@ def _is_page(path: Path) -> bool:
 
 
 def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, angular: bool) -> bytes:
-    from hil.lab.identify.page import page_of  # noqa: PLC0415 - matplotlib is slow to import and not always needed
-    from hil.lab.identify.picture import draw  # noqa: PLC0415
+    from hil.lab.identify.page import draw, page_of  # noqa: PLC0415 - matplotlib is slow to import
 
     train = replace(result.train, file=", ".join(Path(name).name for name in arguments.train)[:60])
     model = result.model()
@@ -160,21 +161,21 @@ class _Progress:
     """A progress line on a terminal; nothing in a pipe."""
 
     def __init__(self) -> None:
-        self._enabled = sys.stderr.isatty()
+        self._is_terminal = sys.stderr.isatty()
         self._began_s = self._last_s = time.monotonic()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._enabled:
+        if self._is_terminal:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
 
-    def tell(self) -> None:
+    def report(self) -> None:
         """Show the time so far."""
         now_s = time.monotonic()
-        if self._enabled and not being_compiled() and now_s - self._last_s >= PROGRESS_S:
+        if self._is_terminal and not being_compiled() and now_s - self._last_s >= PROGRESS_INTERVAL_S:
             self._last_s = now_s
             sys.stderr.write(f"\r\x1b[Kidentifying ... {now_s - self._began_s:.1f} s")
             sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""`rambler-hil reproduce`: the paper's chain on synthetic tank data, and its figures beside ours."""
+"""`rambler-hil reproduce`: run the paper's chain on synthetic tank data and compare the results with the paper."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=RUNS / "reproduce",
         metavar="DIR",
-        help="directory for recordings, runs, plot, page and table (default runs/reproduce)",
+        help="directory of recordings, runs, plots, page and table (default runs/reproduce)",
     )
-    parser.add_argument("--quick", action="store_true", help="shorter manoeuvres and runs, a coarser search")
+    parser.add_argument("--quick", action="store_true", help="shorter manoeuvres and runs, coarser search")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="random seed (default 1)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the chain and print the table; return 1 if a required figure does not match."""
+    """Run the chain and print the table; return 1 if a row misses."""
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     out = arguments.out
@@ -41,10 +41,10 @@ def run(arguments: argparse.Namespace) -> int:
             (RUNS / ".gitignore").write_text("*\n", encoding="ascii")
     except OSError as error:
         raise UsageError(f"--out {out}: {error.strerror}; give another directory") from None
-    report = progress.part_done(sys.stderr, time.monotonic)
+    report_progress = progress.part_done(sys.stderr, time.monotonic)
     with locked_directory(out):
-        chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, report)
-        report("", 1.0)
+        chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, report_progress)
+        report_progress("", 1.0)
         found = results(chain)
         print(text(found))
         from hil.lab.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import

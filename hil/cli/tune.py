@@ -1,4 +1,4 @@
-"""`rambler-hil tune`: tune the delivered controller, or the paper's fixed gains, by artificial fish swarm."""
+"""`rambler-hil tune`: tune the default controller or the paper's fixed gains with the artificial fish swarm."""
 
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ from hil.ship.disturbance_options import DisturbanceError
 from hil.sim.vehicle_file import load, model_of, standard_vehicle
 
 EVALUATIONS, FIXED_EVALUATIONS = 60, 400
-MIN_EVALUATIONS, FIXED_MIN_EVALUATIONS = 20, 150
+MIN_EVALUATIONS, MIN_FIXED_EVALUATIONS = 20, 150
 EPILOG = """\
-The delivered controller (CTL_PRICE and RUD_DBAND_DEG) is tuned in the compiled loop (hil/lab/twin), whose rudder
-commands equal those of the autopilot to the last bit. Scenarios may have disturbance options, as in
-"swell+float=0.3:0.6,leeway=8". The choice is checked in the same scenarios with other seeds; if it is not better there,
-the file holds the delivered defaults.
+The default controller (CTL_PRICE and RUD_DBAND_DEG) is tuned in the compiled loop (hil/lab/twin), whose rudder
+commands equal those of the autopilot to the last bit. A sea may have disturbances of its own, for example
+"swell+float=0.3:0.6,leeway=8". The choice is checked in fresh seas (other seeds); if it is not better there, too, the
+defaults are kept.
 
-The JSON holds:
+The JSON file contains:
   seeds, fresh_seeds, scenarios, ships   the trial runs
-  delivered   error (1 by definition) and travel_deg_per_h of the delivered defaults over all cases
-  chosen      the same of the choice, and travel relative to delivered; why; kept_as_delivered; parameters
+  delivered   error (1 by definition) and travel_deg_per_h of the defaults over all cases
+  chosen      the same for the choice, travel relative to the defaults, why, kept_as_delivered, parameters
   fresh_seas  both with other waves and noise
-  tried       every setting that was tried
+  tried       every setting of the search
   cases       errors and rudder travel of both for each sea, ship and fresh seed
   evaluations, trial_runs, seconds
 
-With --law the search is over the four constants of firmware_py/control/law.py, in the seas and with the ships of the
-proofs. Its JSON holds seeds, fresh_seeds, delivered, found, cost and fresh_cost relative to delivered, better,
+--law searches the four constants of firmware_py/control/law.py over the seas and ships of the proofs. Its JSON file
+contains seeds, fresh_seeds, delivered, found, cost and fresh_cost relative to the present constants, better,
 evaluations, and error and rudder travel of both for each of fresh_seas.
 
-With --fixed-gains the paper's S-surface behind the plain observer (hil/lab/tune/loop_kernel.py) is tuned: k1, k2,
-EST_TAU_S and RUD_DBAND_DEG. Its file switches the delivered controller off. Its JSON holds:
-  paper       for a 30 and a 90 deg step: k1, k2 and itae_deg_s2 of the minimum ITAE, and those of the paper's gains
+--fixed-gains tunes the paper's S-surface with the fixed-gain observer (hil/lab/tune/loop_kernel.py): k1, k2, EST_TAU_S
+and RUD_DBAND_DEG. Its parameter file switches the default controller off. Its JSON file contains:
+  paper       for steps of 30 and 90 deg: k1, k2 and itae_deg_s2 of the optimum, results of the paper's gains
   reference   error (1 by definition) and travel_deg_per_h of the paper's gains over all cases
-  chosen      k1, k2, tau_s, deadband_deg; error and worst_error (of one case) relative to reference; why; parameters
+  chosen      k1, k2, tau_s, deadband_deg; error and worst_error relative to the reference; why; parameters
   fresh_seas  the chosen setting with other waves and noise
-  front       the settings that no other beats in both error and travel
-  cases       errors of the paper's gains and of the choice for each sea, speed, K_factor and T_factor
-  switched_off  rms_error_deg and rudder_travel_deg_per_h of the delivered controller and of this one in each sea
+  front       the Pareto front of error and rudder travel
+  cases       errors of paper's gains and chosen setting for each sea, speed, K_factor and T_factor
+  switched_off  rms_error_deg and rudder_travel_deg_per_h of the default controller and of this one in each sea
   evaluations, trial_runs, seconds"""
-FRESH_SEED = 1_000_003  # offset of the seeds for the check of the choice
+FRESH_SEED = 1_000_003  # added to the seed for the fresh seas
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,14 +60,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = EPILOG
     names = ", ".join(row.name for row in scenarios.TABLE)
-    parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: model, limits, present gains")
+    parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file: model, limits and present gains")
     parser.add_argument(
         "--scenarios",
         nargs="+",
         default=None,
         metavar="NAME",
-        help=f"scenarios, of {names} (default {' '.join(cases.DEFAULT_SCENARIOS)}; "
-        f"with --law {len(law.SEAS)} scenarios and ships)",
+        help=f"seas of the trial runs: {names} (default {' '.join(cases.DEFAULT_SCENARIOS)}; "
+        f"with --law {len(law.SEAS)} seas and ships)",
     )
     parser.add_argument(
         "--with", dest="disturbances", metavar="OPTIONS", help="disturbances for all scenarios, as in `run --with`"
@@ -75,20 +75,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fixed-gains",
         action="store_true",
-        help="tune the paper's S-surface with fixed gains instead; its file switches the delivered controller off",
+        help="tune the paper's S-surface with fixed gains; its parameter file switches the default controller off",
     )
     parser.add_argument(
         "--law",
         action="store_true",
-        help="search the constants of the control law instead, which are the same for every vehicle",
+        help="search the constants of the control law, which are the same for every vehicle",
     )
     parser.add_argument(
         "--price",
         type=float,
         metavar="P",
-        help="weight of rudder travel against error, both relative to the delivered defaults or the paper's gains "
-        "(0: error alone; 1: equal weights); default: neither larger than as delivered, or the knee of the front; "
-        f"with --law in deg^2 per deg/h (default {law.PRICE:g})",
+        help="weight of rudder travel against error, both relative to the defaults or to the paper's gains (0: error "
+        "only; 1: equal weights); default: neither larger than with the defaults, or the knee of the front; with --law "
+        f"in deg^2 per deg/h (default {law.PRICE:g})",
     )
     parser.add_argument(
         "--only-gains",
@@ -99,17 +99,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--evaluations",
         type=int,
         metavar="N",
-        help=f"number of settings to try (default {EVALUATIONS}); with --fixed-gains at each of about six prices "
+        help=f"number of settings (default {EVALUATIONS}); with --fixed-gains for each of about six prices "
         f"(default {FIXED_EVALUATIONS})",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="random seed (default 1)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="write the plot (.png) and a page (.html)")
-    parser.add_argument("--out-params", type=Path, metavar="FILE", help="write the chosen parameters to FILE")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="random seed of waves, noise and fish (default 1)"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="write a plot (.png) and a page (.html)")
+    parser.add_argument("--out-params", type=Path, metavar="FILE", help="write the chosen parameters")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune, print, and write the requested files."""
+    """Tune, print the report and write the files."""
     _check(arguments)
     if arguments.law:
         return _run_law(arguments)
@@ -118,8 +120,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_law(arguments: argparse.Namespace) -> int:
-    """Search the constants of the law; they are in the code, so no parameter file is written."""
-    report, first = progress.part_done(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
+    """Search the constants of the law; they are part of the code, so no parameter file is written."""
+    report_progress, first = progress.part_done(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
     price = law.PRICE if arguments.price is None else arguments.price
     try:
         trials, fresh = (
@@ -128,8 +130,8 @@ def _run_law(arguments: argparse.Namespace) -> int:
         )
     except (scenarios.UnknownScenarioError, DisturbanceError) as error:
         raise UsageError(f"--scenarios: {error}") from None
-    found = law.search(trials, fresh, arguments.evaluations or EVALUATIONS, arguments.seed, report)
-    report("", 1.0)
+    found = law.search(trials, fresh, arguments.evaluations or EVALUATIONS, arguments.seed, report_progress)
+    report_progress("", 1.0)
     print(law.text(trials, fresh, found))
     if arguments.json is not None:
         outputs.write("--json", arguments.json, json.dumps(law.as_json(trials, fresh, found), indent=2) + "\n")
@@ -153,15 +155,19 @@ def _run_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
 
 
 def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_report.Report:
-    """Tune the delivered controller, or raise UsageError."""
+    """Tune the default controller, or raise UsageError."""
     begin_s = time.monotonic()
-    parameters, seed, tell = _parameters_of(vehicle), arguments.seed, progress.part_done(sys.stderr, time.monotonic)
+    parameters, seed, report_progress = (
+        _parameters_of(vehicle),
+        arguments.seed,
+        progress.part_done(sys.stderr, time.monotonic),
+    )
     model, names = model_of(vehicle), arguments.scenarios
     try:
         if any(scenarios.sea_of(name).disturbances.supply is not None for name in names):
-            raise UsageError("--with supply: the trial runs do not simulate power; remove it")
+            raise UsageError("--with supply: trial runs do not simulate power; remove it")
         if any(scenarios.sea_of(name).disturbances.vessels is not None for name in names):
-            raise UsageError("--with vessels: the trial runs do not simulate other ships; remove it")
+            raise UsageError("--with vessels: trial runs do not simulate other vessels; remove it")
         trials, fresh = (
             delivered.Trials(model, parameters, names, range(first, first + count))
             for first, count in ((seed, delivered.SEEDS), (seed + FRESH_SEED, delivered.FRESH_SEEDS))
@@ -169,7 +175,7 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
     except (scenarios.UnknownScenarioError, DisturbanceError) as error:
         raise UsageError(f"--scenarios: {error}") from None
     except ValueError as error:
-        raise UsageError(f"vehicle file: invalid ship model: {error}") from None
+        raise UsageError(f"the vehicle file has a model that cannot be tuned: {error}") from None
     tuned = delivered_search.tune(
         trials,
         fresh,
@@ -177,21 +183,21 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
         price=arguments.price,
         evaluations=arguments.evaluations or EVALUATIONS,
         seed=seed,
-        tell=tell,
+        report_progress=report_progress,
     )
-    tell("", 1.0)
+    report_progress("", 1.0)
     seconds = time.monotonic() - begin_s
     notes = _notes(parameters)
     return delivered_report.Report(vehicle.name, seed, tuple(names), trials, fresh, tuned, seconds, notes)
 
 
 def _notes(parameters: ParameterSet) -> tuple[str, ...]:
-    """Return a note for each property of the vehicle that the trial runs do not have."""
+    """Return a line for each parameter of the vehicle that the trial runs do not use."""
     usual = ParameterSet()
     other = [name for name in ("LOOP_RATE_HZ", "LOOP_LOCK") if parameters[name] != usual[name]]
     off = [name for name in delivered_report.DELIVERED if parameters[name] == 0.0]
-    notes = [f"the trial runs use {name} {usual[name]:g}, not the vehicle's {parameters[name]:g}" for name in other]
-    notes += [f"{name} is 0 in the vehicle file but was tuned as 1; the parameter file has 1" for name in off]
+    notes = [f"trial runs use {name} {usual[name]:g}, not the vehicle's {parameters[name]:g}" for name in other]
+    notes += [f"the vehicle has {name} 0, the tuned controller needs 1; the parameter file sets it" for name in off]
     return tuple(notes)
 
 
@@ -219,20 +225,24 @@ def _run_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
 
 
 def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
-    """Solve the paper's problem and the practical one, or raise UsageError."""
+    """Solve the problem of the paper and the practical one, or raise UsageError."""
     begin_s = time.monotonic()
-    parameters, seed, tell = _parameters_of(vehicle), arguments.seed, progress.part_done(sys.stderr, time.monotonic)
+    parameters, seed, report_progress = (
+        _parameters_of(vehicle),
+        arguments.seed,
+        progress.part_done(sys.stderr, time.monotonic),
+    )
     model = model_of(vehicle)
     present = Setting.of(parameters)
     try:
         trials = Trials(model, parameters, arguments.scenarios, seed)
         fresh = Trials(model, parameters, arguments.scenarios, seed + FRESH_SEED)
-        studies = tuple(paper.study(step_deg, model, trials.pilot, seed) for step_deg in paper.STEPS_DEG)
+        studies = tuple(paper.study(step_deg, model, trials.autopilot, seed) for step_deg in paper.STEPS_DEG)
         twin = delivered.Trials(model, parameters, arguments.scenarios, [seed + FRESH_SEED])
     except scenarios.UnknownScenarioError as error:
         raise UsageError(f"--scenarios: {error}") from None
     except ValueError as error:
-        raise UsageError(f"vehicle file: invalid ship model: {error}") from None
+        raise UsageError(f"the vehicle file has a model that cannot be tuned: {error}") from None
     tuned = tune(
         trials,
         present,
@@ -240,32 +250,32 @@ def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
         only_gains=arguments.only_gains,
         evaluations=arguments.evaluations or FIXED_EVALUATIONS,
         seed=seed,
-        tell=tell,
+        report_progress=report_progress,
     )
-    tell("", 1.0)
+    report_progress("", 1.0)
     fresh_score = fresh.scores([tuned.chosen.setting])[0]
     seconds = time.monotonic() - begin_s
     return Report(vehicle.name, seed, present, studies, trials, fresh, tuned, fresh_score, twin, seconds)
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Check the options before the search, which takes a minute."""
+    """Check the command line before the search starts."""
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if arguments.price is not None and not (math.isfinite(arguments.price) and 0.0 <= arguments.price <= 1e6):
         raise UsageError(f"--price {arguments.price}: give a number from 0 to 1e6")
-    fewest, count = FIXED_MIN_EVALUATIONS if arguments.fixed_gains else MIN_EVALUATIONS, arguments.evaluations
-    if count is not None and not fewest <= count <= 1_000_000:
-        raise UsageError(f"--evaluations {count}: give a number from {fewest} to 1000000")
+    minimum, number = MIN_FIXED_EVALUATIONS if arguments.fixed_gains else MIN_EVALUATIONS, arguments.evaluations
+    if number is not None and not minimum <= number <= 1_000_000:
+        raise UsageError(f"--evaluations {number}: give a number from {minimum} to 1000000")
     if arguments.only_gains and not arguments.fixed_gains:
-        raise UsageError("--only-gains needs --fixed-gains: the delivered controller has no such gains")
+        raise UsageError("--only-gains: the default controller has no gains; add --fixed-gains")
     if arguments.law:
         for option, value in (
             ("--fixed-gains", arguments.fixed_gains), ("--vehicle", arguments.vehicle),
             ("--plot", arguments.plot), ("--out-params", arguments.out_params),
         ):  # fmt: skip
             if value:
-                raise UsageError(f"{option}: the law is the same for every vehicle; remove {option} or --law")
+                raise UsageError(f"{option}: not used with --law; remove one of them")
     arguments.scenarios = _seas(arguments)
     if arguments.plot is not None and arguments.plot.suffix not in (".png", ".html"):
         raise UsageError(f"--plot {arguments.plot}: the name must end in .png or .html; both files are written")
@@ -276,7 +286,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _seas(arguments: argparse.Namespace) -> list[str]:
-    """Return the scenarios, each with the options of --with; commas separate names without options."""
+    """Return the seas with the common disturbances; commas separate names without disturbances of their own."""
     words = arguments.scenarios or (law.SEAS if arguments.law else cases.DEFAULT_SCENARIOS)
     names = [name for word in words for name in ([word] if "+" in word else word.split(",")) if name]
     if not names:
@@ -284,5 +294,5 @@ def _seas(arguments: argparse.Namespace) -> list[str]:
     if arguments.disturbances is None:
         return names
     if arguments.fixed_gains:
-        raise UsageError("--with: the trial runs of --fixed-gains have no disturbances; remove one of them")
+        raise UsageError("--with: not supported by the trial runs of --fixed-gains; remove one of them")
     return [f"{name}{',' if '+' in name else '+'}{arguments.disturbances}" for name in names]

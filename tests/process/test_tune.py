@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.lab.tune.cases import COMPASS_NOISE_DEG, pilot_of, steps_within
+from hil.lab.tune.cases import COMPASS_NOISE_DEG, autopilot_of, steps_in
 from hil.lab.tune.loop_kernel import Task, closed_loop
 from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
 from hil.report.figure_file import entry, key_of
@@ -41,11 +41,11 @@ def test_a_trial_run_equals_that_of_the_autopilot_in_the_same_waves(tmp_path, sc
         - (np.gradient(rate, 0.1) * ship.turning_lag_s + rate + ship.norrbin_s2 * rate**3) / ship.turning_ability_1_s
     )
     smooth = np.convolve(np.pad(offset, 200, mode="edge"), np.ones(401) / 401.0, mode="valid")
-    row = np.array([ship.turning_ability_1_s, ship.turning_lag_s, ship.norrbin_s2, steps_within(ship, 0.1)])
+    row = np.array([ship.turning_ability_1_s, ship.turning_lag_s, ship.norrbin_s2, steps_in(ship, 0.1)])
     heading, rudder = np.zeros(ticks), np.zeros(ticks)
     setting = Trials.row_of(Setting.of(parameters))
     task = Task(np.radians([60.0]), ticks, 0, 0.1)
-    closed_loop(setting, pilot_of(parameters), task, row, waves + noise, smooth, heading, rudder)
+    closed_loop(setting, autopilot_of(parameters), task, row, waves + noise, smooth, heading, rudder)
     # The autopilot begins a few ticks late: it looks for its devices and is armed first.
     late = int(np.argmax(np.abs(truth.rudder_rad) > 0.1)) - int(np.argmax(np.abs(rudder) > 0.1))
     assert 0 <= late < 60

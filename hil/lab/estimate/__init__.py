@@ -1,1 +1,1 @@
-"""The autopilot's estimator and monitors run over a recording: `rambler-hil estimate`."""
+"""The autopilot's estimators and monitors over a recording: `rambler-hil estimate`."""

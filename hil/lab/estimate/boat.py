@@ -1,4 +1,4 @@
-"""The parameters that a recording is watched with: those of the boat, but for what would act or correct twice."""
+"""Parameters for a recording: those of the boat, without failsafe actions and repeated corrections."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from hil.errors import UsageError
 from hil.lab.estimate.recording import Recording
 
 SHIP: Final = {"K": "MDL_K", "T": "MDL_T_S", "alpha": "MDL_ALPHA_S2", "speed": "MDL_SPEED"}
-MOST_BYTES: Final = 1 << 20
-LEAST_SPEED_M_S, MOST_SPEED_M_S = 0.05, 5.0  # of CRUISE_SPEED and MDL_SPEED
-# Corrections of raw devices; tables and ArduPilot's logs hold true headings and rudder angles.
+MAX_BYTES: Final = 1 << 20
+MIN_SPEED_M_S, MAX_SPEED_M_S = 0.05, 5.0  # of CRUISE_SPEED and MDL_SPEED
+# Corrections of raw devices; tables and ArduPilot logs contain true headings and rudder angles.
 CORRECTIONS: Final = ("CMP_OFFSET_DEG", "CMP_DEV_", "RUD_CENTRE_DEG", "RUD_REVERSE")
 
 
@@ -27,9 +27,9 @@ def read_ship(text: str) -> dict[str, float]:
     for word in text.split(","):
         name, _, number = (part.strip() for part in word.partition("="))
         if name not in SHIP:
-            raise UsageError(f"--ship: {word.strip()[:30]!r} is none of K=, T=, alpha= and speed=; give K=0.049,T=4")
+            raise UsageError(f"--ship: {word.strip()[:30]!r} is unknown; use K=, T=, alpha=, speed=")
         if SHIP[name] in values:
-            raise UsageError(f"--ship: {name} stands there twice; give it once")
+            raise UsageError(f"--ship: {name} is given twice; give it once")
         try:
             value = float(number)
         except ValueError:
@@ -43,11 +43,11 @@ def read_ship(text: str) -> dict[str, float]:
 def read_parameters(path: Path) -> dict[str, float]:
     """Read a parameter file, or raise UsageError."""
     try:
-        return parse_file(read_text(path, MOST_BYTES), str(path))
+        return parse_file(read_text(path, MAX_BYTES), str(path))
     except OSError as error:
         raise UsageError(f"--params {path} cannot be read: {error.strerror or error}; give another") from None
     except UnicodeError:
-        raise UsageError(f"--params {path} is not text; give a parameter file, NAME VALUE in each line") from None
+        raise UsageError(f"--params {path} is not a text file; give a parameter file") from None
     except ParameterError as error:
         raise UsageError(str(error)) from None
 
@@ -55,15 +55,15 @@ def read_parameters(path: Path) -> dict[str, float]:
 def parameters_for(
     recording: Recording, given: Mapping[str, float], ship: Mapping[str, float]
 ) -> tuple[ParameterSet, tuple[str, ...]]:
-    """Return the parameters to watch a recording with, and what is to be said of them.
+    """Return the parameters for a recording, and notes on them.
 
-    given: those of the vehicle and the parameter file, over those that the recording itself holds. ship: those that
-    --ship names. No fault may change the mode: what the boat did was not the autopilot's doing.
+    `given` are those of the vehicle and the parameter file, which replace those of the recording; `ship` are those of
+    --ship. Failsafe actions are off: the recorded boat did not follow this autopilot.
     """
     values = {**recording.parameters, **given, **ship}
     notes = []
     if not values.keys() & {"MDL_K", "MDL_T_S"}:
-        notes.append("no ship given: K, T and alpha are the defaults and may be far off; give --ship or --params")
+        notes.append("no ship given: K, T and alpha are defaults and may be wrong; give --ship or --params")
     if (recorded := _speed(recording)) is not None:
         speed_m_s, which = recorded
         begins, scales = "CRUISE_SPEED" not in values, bool(ship) and "MDL_SPEED" not in ship
@@ -71,9 +71,9 @@ def parameters_for(
             values["CRUISE_SPEED"] = speed_m_s
         if scales:
             values["MDL_SPEED"] = speed_m_s
-        roles = " and ".join((*("the speed to begin with",) * begins, *("the speed of the given ship",) * scales))
+        roles = " and ".join((*("initial speed",) * begins, *("speed of the ship model",) * scales))
         if roles:
-            notes.append(f"{roles}: the mean speed {which}, {speed_m_s:.2f} m/s")
+            notes.append(f"{roles}: mean speed {which}, {speed_m_s:.2f} m/s")
     for row in TABLE:
         acts = row.name.startswith("FS_") and row.name.endswith("_ACT")
         corrects = not recording.shaft and row.name.startswith(CORRECTIONS)
@@ -83,10 +83,10 @@ def parameters_for(
 
 
 def _speed(recording: Recording) -> tuple[float, str] | None:
-    """Return the recorded mean speed that says most of that through the water, and which it is."""
+    """Return the recorded mean speed through the water, or else over ground, and its name."""
     for speed_m_s, which in ((recording.water_m_s, "through the water"), (recording.ground_m_s, "over ground")):
         if speed_m_s is not None:
-            return to_single(min(max(speed_m_s, LEAST_SPEED_M_S), MOST_SPEED_M_S)), which
+            return to_single(min(max(speed_m_s, MIN_SPEED_M_S), MAX_SPEED_M_S)), which
     return None
 
 

@@ -1,8 +1,8 @@
-"""How right an estimate was, judged by the recording itself.
+"""Accuracy of an estimate, from the recording itself.
 
-What the heading of the hull was is not recorded: the compass averaged over one wave period, centred, stands for it
-(the compass itself where there is hardly a wave). It is not quite the truth, so that even a perfect filter has an NEES
-that is somewhat other than 1. The first minutes, in which the filter learns, do not count.
+The true heading of the hull is not recorded. Its reference is the compass averaged over one wave period, centred (the
+compass itself without waves). The reference has errors, so that the NEES of a perfect filter differs somewhat from 1.
+The first minutes, in which the filter learns, do not count.
 """
 
 from __future__ import annotations
@@ -16,19 +16,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.lab.estimate.predictions import Prediction
-from hil.lab.estimate.tick import Watched
-from hil.lab.estimate.whiteness import Whiteness, whiteness
+from hil.lab.estimate.tick import Estimates
 from hil.lab.identify.recording import Floats
 from hil.report.spectrum import density
 
-LEARNING_S: Final = 900.0  # or half of a recording that is shorter than twice that
-END_S: Final = 5.0  # at the end, where no whole wave is averaged
-WAVES_HZ: Final = (0.12, 0.9)  # where the peak of the yaw rate's spectrum is looked for
-NYQUIST: Final = 0.48  # of the sampling frequency: above it nothing is seen
-WAVE_BAND: Final = (0.6, 1.6)  # of the peak's frequency
+LAGS = 20
+NORMAL_95 = 1.96
+MAX_OUTSIDE = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Whiteness:
+    """Autocorrelation of lag 1, and share of the first 20 autocorrelations outside the 95 % limits."""
+
+    lag_one: float
+    outside: float
+    white: bool
+
+
+def whiteness(series: NDArray[np.float64]) -> Whiteness:
+    """Return the whiteness of a series, without subtracting its mean."""
+    power = float(series @ series)
+    if not power > 0.0:
+        return Whiteness(0.0, 0.0, white=True)
+    lags = min(LAGS, max(1, series.size // 4 - 1), series.size - 1)
+    values = np.array([float(series[lag:] @ series[:-lag]) for lag in range(1, lags + 1)]) / power
+    outside = float(np.mean(np.abs(values) > NORMAL_95 / np.sqrt(series.size)))
+    return Whiteness(float(values[0]), outside, white=outside <= MAX_OUTSIDE)
+
+
+LEARNING_S: Final = 900.0  # or half of a shorter recording
+END_S: Final = 5.0  # at the end, without a complete wave period
+WAVES_HZ: Final = (0.12, 0.9)  # range of the peak of the yaw rate's spectrum
+NYQUIST: Final = 0.48  # upper limit relative to the sampling frequency
+WAVE_BAND: Final = (0.6, 1.6)  # relative to the peak frequency
 SEGMENT_S: Final = 256.0
 SMOOTHED_LINES: Final = 5
-LEAST_WAVE_RAD: Final = math.radians(0.15)
+MIN_WAVE_RAD: Final = math.radians(0.15)
 GAP_INTERVALS: Final = 3.0
 LOW_PASSES_S: Final = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0)
 
@@ -37,7 +61,7 @@ Rows = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Waves:
-    """Period and standard deviation of the yaw in the band of the waves, as the compass shows it."""
+    """Period and standard deviation of the compass heading in the wave band."""
 
     period_s: float
     sd_rad: float
@@ -45,9 +69,9 @@ class Waves:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFigures:
-    """Of headings predicted some seconds ahead: the error, and the share of the change that is explained (R2).
+    """Figures of predictions: error, and coefficient of determination R2.
 
-    r2: against a heading that stays. r2_low_pass: against a low-passed compass that stays. nees: 1 is right.
+    `r2` is relative to a constant heading, `r2_low_pass` to a constant low-passed compass; the correct `nees` is 1.
     """
 
     rows: int
@@ -59,10 +83,10 @@ class PredictionFigures:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What the figures of a page and of the JSON are made of; NaN where there is too little to judge.
+    """Figures of an estimate; NaN where there are too few rows.
 
-    reference_rad: what stands for the truth, unwrapped, at each row; NaN beside gaps. low_pass_s: the time constant,
-    chosen in hindsight, of the causal low-pass whose error is the least.
+    `reference_rad` is the reference heading, unwrapped, at each row; NaN near gaps. `low_pass_s` is the time constant
+    of the causal low-pass with the smallest error, chosen afterwards.
     """
 
     from_s: float
@@ -78,9 +102,9 @@ class Judgement:
     predictions: Mapping[int, PredictionFigures]
 
 
-def judge(watched: Watched, predictions: Mapping[int, Prediction]) -> Judgement:
-    """Judge estimate and predictions."""
-    time_s, columns = watched.time_s, watched.columns
+def judge(estimates: Estimates, predictions: Mapping[int, Prediction]) -> Judgement:
+    """Compute the figures of estimate and predictions."""
+    time_s, columns = estimates.time_s, estimates.columns
     compass = np.unwrap(columns["compass_rad"])
     from_s = min(LEARNING_S, 0.5 * float(time_s[-1]))
     waves = waves_of(time_s, compass)
@@ -117,7 +141,7 @@ def wrapped(angle_rad: Floats) -> Floats:
 
 
 def waves_of(time_s: Floats, heading_rad: Floats) -> Waves | None:
-    """Return the wave yaw by the peak of the yaw rate's spectrum; None where rows are too few or too far apart."""
+    """Return the wave yaw at the peak of the yaw rate's spectrum; None for too few or too sparse rows."""
     step_s = float(np.median(np.diff(time_s)))
     even_s = np.arange(time_s[0], time_s[-1], step_s)
     rows = min(int(SEGMENT_S / step_s), even_s.size // 2)
@@ -135,8 +159,8 @@ def waves_of(time_s: Floats, heading_rad: Floats) -> Waves | None:
 
 
 def _reference(time_s: Floats, heading_rad: Floats, waves: Waves | None) -> Floats:
-    """Return the compass averaged over a wave period around each row, NaN where a gap or an end lies within."""
-    half_s = 0.5 * waves.period_s if waves is not None and waves.sd_rad > LEAST_WAVE_RAD else 0.0
+    """Return the compass averaged over a wave period around each row; NaN near gaps and ends."""
+    half_s = 0.5 * waves.period_s if waves is not None and waves.sd_rad > MIN_WAVE_RAD else 0.0
     steps_s = np.diff(time_s)
     gaps = np.flatnonzero(steps_s > GAP_INTERVALS * np.median(steps_s))
     beside = np.zeros(time_s.size, dtype=bool)
@@ -151,7 +175,7 @@ def _reference(time_s: Floats, heading_rad: Floats, waves: Waves | None) -> Floa
 
 
 def _best_low_pass(time_s: Floats, compass: Floats, reference: Floats, known: Rows) -> tuple[Floats, float]:
-    """Return the low-passed compass that is nearest to the reference, and its time constant."""
+    """Return the low-passed compass with the smallest error, and its time constant."""
     best: tuple[float, Floats, float] = (math.inf, compass, 0.0)
     for constant_s in LOW_PASSES_S:
         values = low_passed(time_s, compass, constant_s)
@@ -192,7 +216,7 @@ def _of_prediction(
 
 
 def reference_later(seconds: int, time_s: Floats, reference: Floats) -> Floats:
-    """Return the reference some seconds after each row, NaN where it is not known there."""
+    """Return the reference some seconds after each row; NaN if it is unknown."""
     return np.interp(time_s + seconds, time_s, reference, right=np.nan)
 
 

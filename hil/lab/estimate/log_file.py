@@ -1,4 +1,4 @@
-"""Reads logs as recordings: those of the autopilot, sample by sample as its ticks had them, and those of ArduPilot."""
+"""Read logs of the autopilot, with the samples of its ticks, and of ArduPilot as recordings."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from hil.errors import UsageError
 from hil.lab.estimate.recording import Recording
 from hil.lab.identify import ardupilot_log
 from hil.lab.identify.onboard_log import rising
-from hil.lab.identify.recording import LEAST_ROWS
+from hil.lab.identify.recording import MIN_ROWS
 from hil.report.log_records import records
 
 FIX_3D = 3  # of ArduPilot's GPS.Status
-LONGEST_S = 1e9  # a time beyond it is damage
+MAX_TIME_S = 1e9  # larger times are damaged
 
 Sample = TypeVar("Sample", HeadingSample, PositionSample, RudderFeedback)
 
 
 def is_log(path: Path) -> bool:
-    """Whether a name is that of a log."""
+    """Return whether a file name is that of a log."""
     return path.name.lower().removesuffix(".gz").endswith(".bin")
 
 
 def read(path: Path) -> Recording:
-    """Read a log, the autopilot's or ArduPilot's; UsageError names the remedy."""
+    """Read a log of the autopilot or of ArduPilot, or raise UsageError."""
     try:
         with open_buffer(path) as data:
             return _of_ardupilot(path, data) if ardupilot_log.is_one(data) else _of_autopilot(path, data)
@@ -49,7 +49,7 @@ def read(path: Path) -> Recording:
 
 
 def _of_autopilot(path: Path, data: Buffer) -> Recording:
-    """Return the inputs of the ticks; without feedback the commands are taken for the rudder."""
+    """Return the inputs of the ticks; without feedback the commands replace the rudder angle."""
     reader = LogReader(path)
     notes: list[str] = []
     headings: list[HeadingSample] = []
@@ -65,19 +65,21 @@ def _of_autopilot(path: Path, data: Buffer) -> Recording:
         if parameters is None and tick.checkpoint is not None:
             parameters = _parameters(tick.checkpoint)
     if reader.reading.damaged:
-        notes.append(f"{reader.reading.damaged} damaged ticks left out")
+        notes.append(f"{reader.reading.damaged} damaged ticks ignored")
     if parameters is None:
-        notes.append("no stored parameters: the defaults are taken, and the servo's shaft for the rudder angle")
+        notes.append("no stored parameters: defaults are used, and the servo shaft as rudder angle")
     if not any(sample.shaft_rad is not None for sample in rudder):
         rudder = commands
-        notes.append("no rudder feedback: the command is taken for the rudder")
+        notes.append("no rudder feedback: the command is used as rudder angle")
     headings = [sample for sample in _in_order(headings) if math.isfinite(sample.heading_rad)]
-    if len(headings) < LEAST_ROWS:
-        raise UsageError(f"{path}: {len(headings)} headings in it; give a log of a run with a compass")
+    if len(headings) < MIN_ROWS:
+        raise UsageError(f"{path}: contains {len(headings)} headings; give a log of a run with a compass")
     source = Counter(sample.source for sample in headings).most_common(1)[0][0]
     begin_s = headings[0].t_s
     goals = [
-        (t_s - begin_s, goal) for t_s, goal in _goals(data) if 0.0 <= t_s < LONGEST_S and not abs(goal) > 2.0 * math.tau
+        (t_s - begin_s, goal)
+        for t_s, goal in _goals(data)
+        if 0.0 <= t_s < MAX_TIME_S and not abs(goal) > 2.0 * math.tau
     ]
     speeds = [sample.speed_over_ground_m_s for sample in positions if sample.speed_over_ground_m_s is not None]
     return Recording(
@@ -98,7 +100,7 @@ def _of_autopilot(path: Path, data: Buffer) -> Recording:
 
 
 def _goals(data: Buffer) -> list[tuple[float, float]]:
-    """Return times of ticks and the headings that were steered for."""
+    """Return times of ticks and their heading goals."""
     found, now_s = [], math.nan
     for name, values in records(data, {"TICK": ("T",), "NAV": ("Goal",)}):
         value = float(values[0]) if isinstance(values[0], (int, float)) else math.nan
@@ -110,7 +112,7 @@ def _goals(data: Buffer) -> list[tuple[float, float]]:
 
 
 def _parameters(checkpoint: str) -> dict[str, float]:
-    """Return the parameters of a stored state that are still known and allowed."""
+    """Return the parameters of a stored state that are known and valid."""
     try:
         stored = json.loads(checkpoint)["parameters"].items()
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -126,7 +128,7 @@ def _parameters(checkpoint: str) -> dict[str, float]:
 
 
 def _in_order(samples: list[Sample]) -> list[Sample]:
-    """Leave out samples that come before the one before, as behind a restart, or whose time is none."""
+    """Remove samples with decreasing times, as after a restart, or invalid times."""
     kept: list[Sample] = []
     for sample in samples:
         if math.isfinite(sample.t_s) and (not kept or sample.t_s >= kept[-1].t_s):
@@ -139,7 +141,7 @@ def _counted(samples: list[Sample], begin_s: float) -> list[Sample]:
 
 
 def _of_ardupilot(path: Path, data: Buffer) -> Recording:
-    """Return attitude, fixes and rudder; ArduPilot's yaw is from true north."""
+    """Return attitude, fixes and rudder; ArduPilot's yaw is relative to true north."""
     series, servos = ardupilot_log.gathered(data)
     headings = ardupilot_log.headings_of(path, series)
     notes: list[str] = []

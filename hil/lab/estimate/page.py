@@ -1,4 +1,4 @@
-"""The page of an estimate: heading with its band, spectrum, innovations, predictions, faults, figures."""
+"""Page of an estimate: heading with its confidence band, spectrum, innovations, predictions, faults, figures."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from hil.report.page import Cell
 from hil.report.spectrum import spectra
 from hil.report.thinning import extremes
 
-MOST_ROWS: Final = 16_000  # two hours at 2 Hz are drawn whole
+MAX_ROWS: Final = 16_000  # two hours at 2 Hz are plotted completely
 BAND_SDS: Final = 2.0
-WIDEST: Final = 5.0  # times its median, that a band is drawn
-SHOWN_AHEAD_S: Final = (10, 60)
-FAULTS_SHOWN: Final = 500
+MAX_BAND_RATIO: Final = 5.0  # wider bands, relative to the median, are not plotted
+PLOTTED_AHEAD_S: Final = (10, 60)
+MAX_FAULTS: Final = 500
 WARNING: Final = 4
 NOTE: Final = (
-    "The averaged compass is the compass averaged over one wave period around each moment: it stands for the true "
+    "The averaged compass is the compass averaged over one wave period around each time; it is the reference for the "
     "heading of the hull, which is not recorded. Bands are two standard deviations to either side: 19 of 20 values lie "
-    "within a band that is right."
+    "within a correct band."
 )
 PANELS: Final = (
     Panel(
@@ -45,21 +45,15 @@ PANELS: Final = (
         tall=True,
     ),
     Panel(
-        "estimate less averaged compass, deg",
+        "estimate minus averaged compass, deg",
         (Line("minus_deg", "band", "second"), Line("plus_deg", "band", "second"), Line("error_deg", "error")),
         min_span=2.0,
         zero=True,
     ),
-    Panel(
-        "innovation by its standard deviation",
-        (Line("innovation", "innovation"),),
-        min_span=4.0,
-        band=BAND_SDS,
-        zero=True,
-    ),
+    Panel("innovation / standard deviation", (Line("innovation", "innovation"),), min_span=4.0, band=BAND_SDS, zero=True),
     *(
         Panel(
-            f"predicted {seconds} s ahead less what came, deg",
+            f"error of the {seconds} s prediction, deg",
             (
                 Line(f"minus_{seconds}_deg", "band", "second"),
                 Line(f"plus_{seconds}_deg", "band", "second"),
@@ -68,13 +62,13 @@ PANELS: Final = (
             min_span=2.0,
             zero=True,
         )
-        for seconds in SHOWN_AHEAD_S
+        for seconds in PLOTTED_AHEAD_S
     ),
     Panel("yaw rate, deg/s", (Line("yaw_rate_deg_s", "yaw rate"),), min_span=0.2, zero=True),
     Panel(
         "rudder, deg",
         (
-            Line("command_deg", "would be commanded", "command"),
+            Line("command_deg", "computed command", "command"),
             Line("rudder_deg", "recorded"),
             Line("bias_deg", "bias", "second"),
         ),
@@ -83,22 +77,22 @@ PANELS: Final = (
     ),
     Panel(
         "speed, m/s",
-        (Line("water_m_s", "in water"), Line("current_m_s", "current", "command")),
+        (Line("water_m_s", "through the water"), Line("current_m_s", "current", "command")),
         min_span=0.2,
         zero=True,
     ),
     Panel(
-        "waves as estimated",
+        "estimated waves",
         (Line("wave_period_s", "period, s"), Line("noise_deg", "compass noise, deg", "command")),
         min_span=2.0,
         zero=True,
     ),
-    Panel("faults in force", (Line("faults", "faults", "bad"),), min_span=1.0, zero=True, step=True),
+    Panel("active faults", (Line("faults", "faults", "bad"),), min_span=1.0, zero=True, step=True),
 )
 
 
 def page_of(result: Result, predictions: Mapping[int, Prediction], summary: dict[str, Any]) -> str:
-    """Return the page; summary: the figures as in the JSON."""
+    """Return the page; `summary` has the figures of the JSON file."""
     return page.page(
         f"Estimate over {result.recording.name}",
         [
@@ -110,7 +104,7 @@ def page_of(result: Result, predictions: Mapping[int, Prediction], summary: dict
             *_predicted(summary),
             page.heading("Faults"),
             *_faults(result),
-            page.heading("What was used"),
+            page.heading("Inputs"),
             page.table(_used(summary), head=False),
             page.bullets(summary["notes"]) if summary["notes"] else "",
             page.heading("Report"),
@@ -122,18 +116,18 @@ def page_of(result: Result, predictions: Mapping[int, Prediction], summary: dict
 
 def _lead(summary: dict[str, Any]) -> str:
     hours = (summary["to_s"] - summary["from_s"]) / 3600.0
-    return f"{summary['headings']} headings in {hours:.2f} h; judged from {summary['judged_from_s']:.0f} s on"
+    return f"{summary['headings']} headings in {hours:.2f} h; figures from {summary['judged_from_s']:.0f} s on"
 
 
 def _voyage(result: Result, predictions: Mapping[int, Prediction]) -> Voyage:
     """Return the plots: times are seconds since the first heading."""
-    watched, judged = result.watched, result.judgement
+    watched, judged = result.estimates, result.judgement
     columns, time_s = watched.columns, watched.time_s
-    every = 1 if time_s.size <= MOST_ROWS else 2 * math.ceil(time_s.size / MOST_ROWS)
+    every = 1 if time_s.size <= MAX_ROWS else 2 * math.ceil(time_s.size / MAX_ROWS)
     hull = np.unwrap(np.where(np.isfinite(columns["heading_rad"]), columns["heading_rad"], columns["compass_rad"]))
     compass = hull + wrapped(columns["compass_rad"] - hull)
     band = _band(columns["heading_sd_rad"])
-    shown = {
+    plots = {
         "compass_deg": np.degrees(compass),
         "heading_deg": np.degrees(hull),
         "low_deg": np.degrees(hull - band),
@@ -156,8 +150,8 @@ def _voyage(result: Result, predictions: Mapping[int, Prediction]) -> Voyage:
         **_misses(result, predictions),
     }
     made = voyage(
-        {"time_s": extremes(time_s, every), **{name: extremes(values, every) for name, values in shown.items()}},
-        [(fault.from_s, WARNING, fault.name) for fault in watched.faults[:FAULTS_SHOWN]],
+        {"time_s": extremes(time_s, every), **{name: extremes(values, every) for name, values in plots.items()}},
+        [(fault.from_s, WARNING, fault.name) for fault in watched.faults[:MAX_FAULTS]],
         PANELS,
     )
     learned = columns["wave_period_s"][time_s.size // 2 :]
@@ -167,26 +161,26 @@ def _voyage(result: Result, predictions: Mapping[int, Prediction]) -> Voyage:
 
 
 def _band(sd_rad: Floats) -> Floats:
-    """Return two standard deviations, NaN where they are so large, as at the start, that no more would be seen."""
+    """Return two standard deviations; NaN where they are very large, as at the start."""
     known = sd_rad[np.isfinite(sd_rad)]
-    largest = WIDEST * float(np.median(known)) if known.size else math.inf
+    largest = MAX_BAND_RATIO * float(np.median(known)) if known.size else math.inf
     return np.where(sd_rad <= largest, BAND_SDS * sd_rad, np.nan)
 
 
 def _misses(result: Result, predictions: Mapping[int, Prediction]) -> dict[str, Floats]:
-    shown = {}
-    for seconds in SHOWN_AHEAD_S:
+    plots = {}
+    for seconds in PLOTTED_AHEAD_S:
         prediction = predictions[seconds]
-        later = reference_later(seconds, result.watched.time_s, result.judgement.reference_rad)
+        later = reference_later(seconds, result.estimates.time_s, result.judgement.reference_rad)
         band = np.degrees(_band(prediction.sd_rad))
-        shown[f"miss_{seconds}_deg"] = np.degrees(wrapped(prediction.heading_rad - later))
-        shown[f"plus_{seconds}_deg"], shown[f"minus_{seconds}_deg"] = band, -band
-    return shown
+        plots[f"miss_{seconds}_deg"] = np.degrees(wrapped(prediction.heading_rad - later))
+        plots[f"plus_{seconds}_deg"], plots[f"minus_{seconds}_deg"] = band, -band
+    return plots
 
 
 def _rudder(result: Result) -> Floats:
     """Return the recorded rudder at the headings."""
-    watched = result.watched
+    watched = result.estimates
     if not watched.rudder_s.size:
         return np.full(watched.time_s.size, np.nan)
     place = np.searchsorted(watched.rudder_s, watched.time_s, side="right") - 1
@@ -194,39 +188,39 @@ def _rudder(result: Result) -> Floats:
 
 
 def _fault_counts(result: Result) -> Floats:
-    time_s = result.watched.time_s
+    time_s = result.estimates.time_s
     counts = np.zeros(time_s.size)
-    for fault in result.watched.faults:
+    for fault in result.estimates.faults:
         counts += (time_s >= fault.from_s) & (time_s < fault.to_s)
     return counts
 
 
 def _figures(summary: dict[str, Any]) -> Iterator[tuple[str | Cell, ...]]:
     heading, innovations, waves = summary["heading"], summary["innovations"], summary["recorded_waves"]
-    yield "figure", "value", Cell("what is right")
-    yield "heading error, deg rms", _text(heading["rms_error_deg"]), Cell("no more than the best low-pass in hindsight")
+    yield "figure", "value", Cell("expected")
+    yield "heading error, deg rms", _text(heading["rms_error_deg"]), Cell("at most that of the best low-pass")
     yield (
-        "best low-pass of the compass in hindsight, deg rms",
+        "best low-pass of the compass (chosen afterwards), deg rms",
         _text(heading["best_low_pass_rms_error_deg"]),
         Cell(f"time constant {_text(heading['best_low_pass_s'])} s"),
     )
     yield "compass itself, deg rms", _text(heading["compass_rms_error_deg"]), Cell("")
-    yield "NEES of the heading", _text(heading["nees"]), Cell("1; more: it claims to know more than it does")
-    yield "NIS", _text(innovations["nis"]), Cell("1, which alone proves nothing")
+    yield "NEES of the heading", _text(heading["nees"]), Cell("1; larger: standard deviation too small")
+    yield "NIS", _text(innovations["nis"]), Cell("1; necessary, but not sufficient")
     yield "autocorrelation of the innovations, lag 1", _text(innovations["autocorrelation_lag_1"]), Cell("near 0")
     yield (
-        "lags of 20 outside the 95 % bound",
+        "share of 20 lags outside the 95 % limits",
         _text(innovations["autocorrelation_share_outside_95_percent"]),
-        Cell("about 0.05, as a share"),
+        Cell("about 0.05"),
     )
-    yield "wave yaw as recorded, deg", _text(waves["yaw_sd_deg"]), Cell("standard deviation in the band of the waves")
-    yield "wave period as recorded, s", _text(waves["period_s"]), Cell("peak of the spectrum of the yaw rate")
+    yield "recorded wave yaw, deg", _text(waves["yaw_sd_deg"]), Cell("standard deviation in the band of the waves")
+    yield "recorded wave period, s", _text(waves["period_s"]), Cell("peak of the spectrum of the yaw rate")
     yield (
-        "rudder travel that would have been commanded, deg/h",
+        "rudder travel of the computed command, deg/h",
         _text(summary["rudder_travel_commanded_deg_per_h"]),
         Cell(f"recorded: {_text(summary['rudder_travel_recorded_deg_per_h'])}"),
     )
-    yield "restarts of the estimate", str(len(summary["restarts_s"])), Cell("0")
+    yield "restarts of the estimator", str(len(summary["restarts_s"])), Cell("0")
 
 
 def _predicted(summary: dict[str, Any]) -> Iterator[str]:
@@ -243,15 +237,14 @@ def _predicted(summary: dict[str, Any]) -> Iterator[str]:
 
 
 def _faults(result: Result) -> Iterator[str]:
-    faults, begin_s = result.watched.faults, result.recording.begin_s
+    faults, begin_s = result.estimates.faults, result.recording.begin_s
     if not faults:
         yield page.paragraph("None.")
         return
-    if len(faults) > FAULTS_SHOWN:
-        yield page.paragraph(f"The first {FAULTS_SHOWN} of {len(faults)}; the JSON has them all.", "note")
+    if len(faults) > MAX_FAULTS:
+        yield page.paragraph(f"First {MAX_FAULTS} of {len(faults)}; the JSON file lists all.", "note")
     lasting = [
-        (fault.from_s, WARNING, f"{fault.name} for {fault.to_s - fault.from_s:.1f} s")
-        for fault in faults[:FAULTS_SHOWN]
+        (fault.from_s, WARNING, f"{fault.name} for {fault.to_s - fault.from_s:.1f} s") for fault in faults[:MAX_FAULTS]
     ]
     yield page.events(lasting, lambda t_s: f"{begin_s + t_s:.1f} s")
 
@@ -261,12 +254,12 @@ def _used(summary: dict[str, Any]) -> Iterator[tuple[str, Cell]]:
     yield "ship", Cell(f"K {ship['K']} 1/s, T {ship['T']} s, alpha {ship['alpha']} s², at {ship['speed']} m/s")
     yield "headings", Cell(f"{summary['headings']} at {_text(summary['rate_hz'])} Hz")
     yield "positions", Cell(str(summary["positions"]))
-    yield "rudder", Cell("recorded" if summary["rudder_recorded"] else "not recorded: taken for amidships")
+    yield "rudder", Cell("recorded" if summary["rudder_recorded"] else "not recorded: assumed centred")
     for name in ("through_water", "over_ground"):
         speed = summary[f"recorded_speed_{name}_m_s"]
         yield (
             f"speed {name.replace('_', ' ')}",
-            Cell("not recorded" if speed is None else f"{_text(speed)} m/s in the mean"),
+            Cell("not recorded" if speed is None else f"mean {_text(speed)} m/s"),
         )
 
 

@@ -1,7 +1,7 @@
-"""The heading predicted with the recorded rudder, by the filter's own step (firmware_py/estimate/heading_model.py).
+"""Heading predictions with the recorded rudder, by the filter's own step (firmware_py/estimate/heading_model.py).
 
-From each row the filter's state is predicted in short steps, each with the mean of the rudder over it; the noise levels
-stay as they were learned by then. The recorded rudder holds from one sample to the next.
+From each row the filter's state is predicted in short steps, each with its mean rudder angle and with the noise levels
+of that row. The recorded rudder angle is constant between samples.
 """
 
 from __future__ import annotations
@@ -13,49 +13,51 @@ from typing import Final
 import numpy as np
 
 from hil.lab.compiled import compiled
-from hil.lab.estimate.tick import Watched
+from hil.lab.estimate.tick import Estimates
 from hil.lab.identify.recording import Floats
 from hil.lab.numeric_core import heading_model, kt
 
 AHEAD_S: Final = (5, 10, 30, 60)
-LONGEST_STEP_S: Final = 0.5
+MAX_STEP_S: Final = 0.5
 STEPS_IN_LAG: Final = 4.0
-LONGEST_HOLD_S: Final = 5.0  # of a rudder sample; behind it the rudder is not known
-KNOWN_SHARE: Final = 0.95  # of the time ahead, in which the rudder must be
+MAX_HOLD_S: Final = 5.0  # after this time a rudder sample is no longer valid
+MIN_KNOWN_SHARE: Final = 0.95  # of the prediction time with a known rudder angle
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """For each row the heading some seconds later and its standard deviation, NaN where the rudder is not known."""
+    """Predicted heading and standard deviation of each row; NaN without a known rudder angle."""
 
     heading_rad: Floats
     sd_rad: Floats
 
 
-def predict(watched: Watched) -> dict[int, Prediction]:
-    """Return predictions by how many seconds they look ahead."""
-    rows = watched.time_s.size
+def predict(estimates: Estimates) -> dict[int, Prediction]:
+    """Return predictions by prediction time in seconds."""
+    rows = estimates.time_s.size
     found = {seconds: Prediction(np.full(rows, np.nan), np.full(rows, np.nan)) for seconds in AHEAD_S}
-    if not watched.rudder_s.size or not np.isfinite(watched.motions).any():
+    if not estimates.rudder_s.size or not np.isfinite(estimates.motions).any():
         return found
-    knots = _rudder_integral(watched.rudder_s, watched.rudder_rad)
-    lag_s = float(np.nanmin(watched.models[:, 1]))
-    step_s = max(min(LONGEST_STEP_S, lag_s / STEPS_IN_LAG), float(np.median(np.diff(watched.time_s))) / 2.0)
+    knots = _rudder_integral(estimates.rudder_s, estimates.rudder_rad)
+    lag_s = float(np.nanmin(estimates.models[:, 1]))
+    step_s = max(min(MAX_STEP_S, lag_s / STEPS_IN_LAG), float(np.median(np.diff(estimates.time_s))) / 2.0)
     ahead_s = np.array(AHEAD_S, dtype=np.float64)
     heading, sd = np.full((rows, ahead_s.size), np.nan), np.full((rows, ahead_s.size), np.nan)
-    predicted(watched.time_s, watched.motions, watched.levels, watched.models, *knots, ahead_s, step_s, heading, sd)
+    predicted(
+        estimates.time_s, estimates.motions, estimates.levels, estimates.models, *knots, ahead_s, step_s, heading, sd
+    )
     for place, seconds in enumerate(AHEAD_S):
-        found[seconds] = Prediction(heading[:, place], sd[:, place] * watched.inflation)
+        found[seconds] = Prediction(heading[:, place], sd[:, place] * estimates.inflation)
     return found
 
 
 def _rudder_integral(time_s: Floats, rudder_rad: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return times, and at each the integral of the rudder and the time for which it was known."""
+    """Return times, and the integrals of the rudder angle and of its known time."""
     fresh = np.concatenate(([True], np.diff(time_s) > 0.0))
     time_s, rudder_rad = time_s[fresh], rudder_rad[fresh]
-    usual_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else LONGEST_HOLD_S
-    lasts_s = np.append(np.diff(time_s), min(usual_s, LONGEST_HOLD_S))
-    held_s = np.minimum(lasts_s, LONGEST_HOLD_S)
+    usual_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else MAX_HOLD_S
+    lasts_s = np.append(np.diff(time_s), min(usual_s, MAX_HOLD_S))
+    held_s = np.minimum(lasts_s, MAX_HOLD_S)
     knots = np.stack((time_s, time_s + held_s), axis=1).ravel()
     gains = np.stack((held_s, lasts_s - held_s), axis=1).ravel()
     values = np.stack((rudder_rad, rudder_rad), axis=1).ravel()
@@ -78,7 +80,7 @@ def predicted(
     heading_rad: Floats,
     sd_rad: Floats,
 ) -> None:
-    """Fill heading and standard deviation, (rows, times ahead), whose times must rise."""
+    """Fill heading and standard deviation (rows, prediction times); times must increase."""
     first = 0
     for row in range(at_s.shape[0]):
         if not math.isfinite(motions[row, 0]):
@@ -106,7 +108,10 @@ def predicted(
                     motion, noise, model, (next_area - area) / (next_s - now_s), next_s - now_s
                 )
                 now_s, area = next_s, next_area
-            if begin_s < knots_s[0] or at(knots_s, known, place, end_s) - begin_known < KNOWN_SHARE * ahead_s[number]:
+            if (
+                begin_s < knots_s[0]
+                or at(knots_s, known, place, end_s) - begin_known < MIN_KNOWN_SHARE * ahead_s[number]
+            ):
                 break
             heading_rad[row, number] = motion.heading_rad
             sd_rad[row, number] = math.sqrt(motion.p00)
@@ -114,7 +119,7 @@ def predicted(
 
 @compiled
 def at(knots_s: Floats, values: Floats, place: int, t_s: float) -> float:
-    """Return the value at a time from knot `place` on, on the line to the next knot; level outside."""
+    """Return the value at a time after knot `place`, interpolated to the next knot; constant outside."""
     value: float = values[place]
     if place + 1 < knots_s.shape[0] and knots_s[place] < t_s and knots_s[place] < knots_s[place + 1]:
         share = (t_s - knots_s[place]) / (knots_s[place + 1] - knots_s[place])

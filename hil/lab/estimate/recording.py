@@ -1,4 +1,4 @@
-"""What was recorded of a boat under way, in the records that a tick of the autopilot takes."""
+"""A recording as input records of the autopilot's tick."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from firmware_py.common.records import HeadingSample, PositionSample, RudderFeed
 from hil.errors import UsageError
 from hil.lab.identify.recording import Floats
 
-LONGEST_INTERVAL_S: Final = 5.0  # between headings: the autopilot's longest timeout of a compass
+MAX_INTERVAL_S: Final = 5.0  # between headings: the largest compass timeout of the autopilot
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The samples of one file, each kind in order of time; times of samples count from `begin_s` of the file's own.
+    """The samples of a file, each kind in order of time; times of samples are relative to `begin_s`.
 
-    time_s: of the headings of compass `source`, which the estimate is given at, as the file has them.
-    rudder: in the frame of the rudder unless `shaft`, empty where it was not recorded.
-    goal_s, goal_rad: the recorded goal, from each of these times (from begin_s) on; NaN: none.
-    water_m_s, ground_m_s: mean speed through the water and over ground, None where not recorded.
-    parameters: those that the file holds.
+    time_s: times of the headings of compass `source` in the file; the rows of the estimate.
+    rudder: rudder angles, or shaft angles if `shaft`; empty if not recorded.
+    goal_s, goal_rad: times (relative to begin_s) and values of the recorded goal; NaN: no goal.
+    water_m_s, ground_m_s: mean speed through the water and over ground, None if not recorded.
+    parameters: parameters of the file.
     """
 
     name: str
@@ -43,10 +43,10 @@ class Recording:
 
 
 def check_interval(recording: Recording) -> None:
-    """Refuse headings that come too seldom; UsageError names the remedy."""
+    """Raise UsageError for headings with too large intervals."""
     usual_s = float(np.median(np.diff(recording.time_s)))
-    if not usual_s <= LONGEST_INTERVAL_S:
+    if not usual_s <= MAX_INTERVAL_S:
         raise UsageError(
-            f"{recording.name}: the headings are {usual_s:g} s apart; give at most {LONGEST_INTERVAL_S:g} s, better "
+            f"{recording.name}: the headings are {usual_s:g} s apart; give at most {MAX_INTERVAL_S:g} s, better "
             "0.05 to 1 s (are the times milliseconds? name the column time_ms)"
         )

@@ -1,24 +1,28 @@
-"""The figures of an estimate: as JSON, and in lines for the terminal."""
+"""Figures of an estimate as JSON and as text for the terminal."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from firmware_py.common.angles import TWO_PI
 from firmware_py.common.parameters import ParameterSet
 from hil.lab.estimate.boat import SHIP
 from hil.lab.estimate.judgement import Judgement
+from hil.lab.estimate.predictions import Prediction
 from hil.lab.estimate.recording import Recording
-from hil.lab.estimate.tick import Watched
+from hil.lab.estimate.tick import COLUMNS, Estimates
 from hil.lab.identify.recording import Floats
 
 HOUR_S = 3600.0
 DIGITS = 6
-# Column -> key of what was learned: the median of the second half, in degrees where the key says so.
+# Column -> key of a learned value: the median of the second half, in degrees if the key ends so.
 LEARNED = {
     "speed_m_s": "speed_m_s",
     "current_north_m_s": "current_north_m_s",
@@ -31,27 +35,27 @@ LEARNED = {
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """A recording, the parameters it was watched with, what came of it, and what is to be said."""
+    """A recording with its parameters, results, figures and notes."""
 
     recording: Recording
     parameters: ParameterSet
-    watched: Watched
+    estimates: Estimates
     judgement: Judgement
     notes: tuple[str, ...]
 
 
 def as_json(result: Result) -> dict[str, Any]:
-    """Return the summary; null is what could not be judged. Times are those of the file."""
-    recording, watched, judged = result.recording, result.watched, result.judgement
+    """Return the summary; unknown figures are null. Times are those of the file."""
+    recording, estimates, judged = result.recording, result.estimates, result.judgement
     begin_s, white, waves = recording.begin_s, judged.white, judged.waves
-    hours = max(float(watched.time_s[-1]) / HOUR_S, 1e-9)
+    hours = max(float(estimates.time_s[-1]) / HOUR_S, 1e-9)
     return {
         "file": recording.name,
         "from_s": _time(begin_s),
-        "to_s": _time(begin_s + float(watched.time_s[-1])),
+        "to_s": _time(begin_s + float(estimates.time_s[-1])),
         "judged_from_s": _time(begin_s + judged.from_s),
-        "headings": int(watched.time_s.size),
-        "rate_hz": _number(1.0 / float(np.median(np.diff(watched.time_s)))),
+        "headings": int(estimates.time_s.size),
+        "rate_hz": _number(1.0 / float(np.median(np.diff(estimates.time_s)))),
         "positions": len(recording.positions),
         "rudder_recorded": bool(recording.rudder),
         "ship": {name: _number(result.parameters[row]) for name, row in SHIP.items()},
@@ -84,13 +88,13 @@ def as_json(result: Result) -> dict[str, Any]:
             }
             for seconds, figures in judged.predictions.items()
         },
-        "estimated": {key: _learned(watched.columns[name], key) for name, key in LEARNED.items()},
-        "rudder_travel_commanded_deg_per_h": _number(math.degrees(watched.travel_rad) / hours),
-        "rudder_travel_recorded_deg_per_h": _number(_recorded_travel_deg(watched, hours)),
-        "restarts_s": [_time(begin_s + t_s) for t_s in watched.restarts_s],
+        "estimated": {key: _learned(estimates.columns[name], key) for name, key in LEARNED.items()},
+        "rudder_travel_commanded_deg_per_h": _number(math.degrees(estimates.travel_rad) / hours),
+        "rudder_travel_recorded_deg_per_h": _number(_recorded_travel_deg(estimates, hours)),
+        "restarts_s": [_time(begin_s + t_s) for t_s in estimates.restarts_s],
         "faults": [
             {"name": fault.name, "from_s": _time(begin_s + fault.from_s), "to_s": _time(begin_s + fault.to_s)}
-            for fault in watched.faults
+            for fault in estimates.faults
         ],
         "notes": list(result.notes),
     }
@@ -100,25 +104,25 @@ def lines_of(summary: dict[str, Any]) -> Iterator[str]:
     """Yield the summary as text."""
     heading, innovations, waves = summary["heading"], summary["innovations"], summary["recorded_waves"]
     minutes = (summary["to_s"] - summary["from_s"]) / 60.0
-    rate = f"{_shown(summary['rate_hz'])} Hz"
+    rate = f"{_text(summary['rate_hz'])} Hz"
     yield f"{summary['headings']} headings in {minutes:.0f} min at {rate}, {summary['positions']} positions"
-    yield f"wave yaw as recorded: {_shown(waves['yaw_sd_deg'])} deg, period {_shown(waves['period_s'])} s"
+    yield f"recorded wave yaw: {_text(waves['yaw_sd_deg'])} deg, period {_text(waves['period_s'])} s"
     yield (
-        f"heading error {_shown(heading['rms_error_deg'])} deg rms, NEES {_shown(heading['nees'])}; compass "
-        f"{_shown(heading['compass_rms_error_deg'])} deg, best low-pass in hindsight "
-        f"{_shown(heading['best_low_pass_rms_error_deg'])} deg"
+        f"heading error {_text(heading['rms_error_deg'])} deg rms, NEES {_text(heading['nees'])}; compass "
+        f"{_text(heading['compass_rms_error_deg'])} deg, best low-pass "
+        f"{_text(heading['best_low_pass_rms_error_deg'])} deg"
     )
     yield (
-        f"innovations: NIS {_shown(innovations['nis'])}, autocorrelation of lag 1 "
-        f"{_shown(innovations['autocorrelation_lag_1'])}"
+        f"innovations: NIS {_text(innovations['nis'])}, autocorrelation of lag 1 "
+        f"{_text(innovations['autocorrelation_lag_1'])}"
     )
     for name, figures in summary["predictions"].items():
         r2, r2_low_pass = figures["r2_against_persistence"], figures["r2_against_low_passed_compass"]
         yield (
-            f"predicted {name.removesuffix('_s')} s ahead: {_shown(figures['rms_error_deg'])} deg rms, R2 {_shown(r2)} "
-            f"({_shown(r2_low_pass)} against the low-passed compass), NEES {_shown(figures['nees'])}"
+            f"predicted {name.removesuffix('_s')} s ahead: {_text(figures['rms_error_deg'])} deg rms, R2 {_text(r2)} "
+            f"({_text(r2_low_pass)} against the low-passed compass), NEES {_text(figures['nees'])}"
         )
-    travel = f"rudder travel that would have been commanded: {summary['rudder_travel_commanded_deg_per_h']:.0f} deg/h"
+    travel = f"rudder travel of the computed command: {summary['rudder_travel_commanded_deg_per_h']:.0f} deg/h"
     recorded = summary["rudder_travel_recorded_deg_per_h"]
     yield travel if recorded is None else f"{travel}; recorded: {recorded:.0f} deg/h"
     yield f"restarts: {len(summary['restarts_s'])}"
@@ -126,8 +130,8 @@ def lines_of(summary: dict[str, Any]) -> Iterator[str]:
     yield from (f"note: {note}" for note in summary["notes"])
 
 
-def _recorded_travel_deg(watched: Watched, hours: float) -> float | None:
-    angles = watched.rudder_rad
+def _recorded_travel_deg(estimates: Estimates, hours: float) -> float | None:
+    angles = estimates.rudder_rad
     return math.degrees(float(np.sum(np.abs(np.diff(angles))))) / hours if angles.size > 1 else None
 
 
@@ -143,7 +147,7 @@ def _degrees(angle_rad: float | None) -> float | None:
 
 
 def _number(value: float | None) -> float | None:
-    """Return a number for JSON, None for what is none."""
+    """Return a number for JSON; None for NaN and infinity."""
     if value is None or not math.isfinite(value):
         return None
     return float(f"{value:.{DIGITS}g}")
@@ -153,5 +157,29 @@ def _time(time_s: float) -> float:
     return round(time_s, 3)
 
 
-def _shown(value: float | None) -> str:
+def _text(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.3g}"
+
+
+ESTIMATED = COLUMNS[:-2]  # the command and the compass are not estimates
+CSV_DIGITS = 9
+
+
+def table_of(time_s: Floats, estimates: Estimates, predictions: Mapping[int, Prediction]) -> dict[str, Floats]:
+    """Return the columns by name; time_s as in the file."""
+    table = {"time_s": time_s, **{name: estimates.columns[name] for name in ESTIMATED}}
+    for seconds, prediction in predictions.items():
+        table[f"heading_in_{seconds}_s_rad"] = np.asarray(prediction.heading_rad % TWO_PI)
+        table[f"heading_in_{seconds}_s_sd_rad"] = prediction.sd_rad
+    return table
+
+
+def as_csv(table: Mapping[str, Floats]) -> str:
+    """Return the columns as text, with exact times."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    names = list(table)[1:]
+    for time_s, *values in zip(table["time_s"].tolist(), *(table[name].tolist() for name in names), strict=True):
+        writer.writerow((time_s, *(f"{value:.{CSV_DIGITS}g}" if math.isfinite(value) else "" for value in values)))
+    return text.getvalue()

@@ -1,7 +1,7 @@
 """The autopilot's tick for the laboratory: the only module of `hil` that imports it (import contract `seam`).
 
-The tick is the one that the boat runs, and the controller is called once more beside it, for the command that it would
-give: in the tick the recorded rudder stands for the command, so that the monitors judge what was done.
+The tick is the one of the firmware. The recorded rudder angle replaces its command, so that the monitors check the
+recorded steering; the controller is called a second time to compute the command that it would give.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from firmware_py.common.angles import wrap_two_pi
+from firmware_py.common.angles import TWO_PI, radians, wrap_pi, wrap_two_pi
 from firmware_py.common.intents import Arm, Request, SteerHeading
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
@@ -32,17 +32,50 @@ from firmware_py.estimate.heading_model import Motion
 from firmware_py.faults.fault import Fault
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import HeadingGoal
-from hil.lab.estimate.goals import goals_at
 from hil.lab.estimate.recording import Recording
 from hil.lab.identify.recording import Floats
 
-SLOWEST_TICK_S: Final = 1.0  # the loop turns so often at least
-GAP_INTERVALS: Final = 1.5  # a heading that comes later than this is missing
-TICKS_IN_GAP_S: Final = 120.0  # after which nothing more comes of a gap
+MEAN_S: Final = 60.0  # many wave periods, and shorter than most courses
+MOVED_RAD: Final = radians(10.0)  # more than waves and gusts change the mean
+
+
+def goals_at(recording: Recording, times_s: Floats) -> Floats:
+    """Return the goal at times since the start of the recording.
+
+    Without a recorded goal it is the mean heading of a minute, held until that mean differs by MOVED_RAD: a goal that
+    follows the heading continuously would give the monitors no heading error.
+    """
+    goals = _mean_headings(recording, times_s)
+    if recording.goal_s.size:
+        place = np.searchsorted(recording.goal_s, times_s, side="right") - 1
+        recorded = np.where(place >= 0, recording.goal_rad[np.maximum(place, 0)], np.nan)
+        goals = np.where(np.isfinite(recorded), recorded, goals)
+    return np.asarray(goals % TWO_PI)
+
+
+def _mean_headings(recording: Recording, times_s: Floats) -> Floats:
+    samples = [sample for sample in recording.headings if sample.source == recording.source]
+    time_s = np.array([sample.t_s for sample in samples])
+    heading = np.unwrap([sample.heading_rad for sample in samples])
+    area = np.concatenate(([0.0], np.cumsum(0.5 * (heading[1:] + heading[:-1]) * np.diff(time_s))))
+    low, high = (np.clip(times_s + side * MEAN_S / 2, time_s[0], time_s[-1]) for side in (-1.0, 1.0))
+    spans = np.maximum(high - low, 1e-9)
+    means = (np.interp(high, time_s, area) - np.interp(low, time_s, area)) / spans
+    goal, goals = float(means[0]), []
+    for mean in means.tolist():
+        if abs(wrap_pi(mean - goal)) > MOVED_RAD:
+            goal = mean
+        goals.append(goal)
+    return np.array(goals)
+
+
+MAX_TICK_S: Final = 1.0  # largest tick interval
+GAP_INTERVALS: Final = 1.5  # a heading is missing after this number of intervals
+TICKS_IN_GAP_S: Final = 120.0  # later ticks in a gap change nothing
 LEVELS: Final = 6
-TELL_EVERY: Final = 500  # ticks
+TICKS_PER_REPORT: Final = 500
 RESTARTED: Final = "Heading estimate restarted"
-# What a tick estimates at a heading, in the order of `_row`; then its rudder command, and the compass as corrected.
+# Estimates of a tick with a heading, in the order of `_row`; then rudder command and corrected compass heading.
 COLUMNS: Final = (
     *("heading_rad", "heading_sd_rad", "yaw_rate_rad_s", "yaw_rate_sd_rad_s", "rudder_bias_rad", "rudder_bias_sd_rad"),
     *("speed_m_s", "speed_sd_m_s", "current_north_m_s", "current_east_m_s", "current_sd_m_s", "leeway_rad"),
@@ -51,12 +84,12 @@ COLUMNS: Final = (
 )
 
 Sample = TypeVar("Sample", HeadingSample, PositionSample, RudderFeedback)
-Tell = Callable[[int, int], None]
+Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class StandingFault:
-    """A fault and when it stood, in seconds since the recording's begin."""
+class FaultSpan:
+    """A fault and its times, in seconds since the start of the recording."""
 
     name: str
     from_s: float
@@ -64,19 +97,19 @@ class StandingFault:
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
-    """What the autopilot made of a recording: columns by COLUMNS at its headings, NaN where not known, and the rest.
+class Estimates:
+    """Results of the autopilot over a recording; `columns` are those of COLUMNS at the headings, NaN if unknown.
 
-    Times are seconds since the recording's begin. goal_rad: what it was ordered to steer at the headings. travel_rad:
-    of the rudder, as it would have commanded it. rudder_s, rudder_rad: the recorded rudder, in its own frame. motions,
-    levels: state and noise levels of the heading filter at the headings, as heading_model.py has them; models: K, T and
-    alpha at the speed there; inflation: by what the filter's standard deviations are enlarged.
+    Times are seconds since the start of the recording. goal_rad: commanded goal at the headings. travel_rad: travel of
+    the computed rudder command. rudder_s, rudder_rad: recorded rudder angle. motions, levels: state and noise levels of
+    the heading filter at the headings (heading_model.py). models: K, T and alpha at the speed of each row. inflation:
+    factor on the filter's standard deviations.
     """
 
     time_s: Floats
     columns: Mapping[str, Floats]
     goal_rad: Floats
-    faults: tuple[StandingFault, ...]
+    faults: tuple[FaultSpan, ...]
     restarts_s: tuple[float, ...]
     travel_rad: float
     ticks: int
@@ -88,48 +121,48 @@ class Watched:
     inflation: Floats
 
 
-def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched:
-    """Run the ticks over a recording. tell: is given how many of how many ticks are done."""
+def run_ticks(parameters: ParameterSet, recording: Recording, report: Report) -> Estimates:
+    """Run the ticks over a recording; `report` gets the finished and the total number of ticks."""
     times_s, is_row, interval_s = _tick_times(recording)
     goals = goals_at(recording, times_s)
     headings, positions, rudder = _Queue(recording.headings), _Queue(recording.positions), _Queue(recording.rudder)
     state, log = State.at_start(parameters), _Log()
     settings = settings_of(parameters)
-    to_rudder, angle_rad, helm = settings.rudder.linkage.to_rudder, 0.0, _Helm()
+    to_rudder, angle_rad, controller = settings.rudder.linkage.to_rudder, 0.0, _Controller()
     for number, (now_s, goal) in enumerate(zip(times_s.tolist(), goals.tolist(), strict=True)):
-        heard = headings.take(now_s)
-        # The estimator takes the angle measured at a tick for that until the next.
+        samples = headings.take(now_s)
+        # The estimator uses the angle measured at a tick until the next tick.
         feedback = rudder.take(now_s) if recording.rudder else (_unknown_rudder(now_s),)
         for sample in feedback:
             angle_rad = angle_rad if sample.shaft_rad is None else to_rudder(sample.shaft_rad)
         inputs = Inputs(
             Tick(number, now_s, 0.0, 0, 1.0 / interval_s),
-            headings=heard,
+            headings=samples,
             positions=positions.take(now_s),
             rudder=feedback,
             requests=_orders(state, goal, now_s),
         )
-        # The monitors judge what was done: the recorded angle stands for the command.
+        # The monitors check the recorded steering: the recorded angle replaces the command.
         before = replace(state, rudder=replace(state.rudder, command_rad=angle_rad))
         state, output = step(before, inputs)
-        helm.steer(settings, state, output.snapshot, before.timing.step_s(now_s))
+        controller.steer(settings, state, output.snapshot, before.timing.step_s(now_s))
         log.take(output, now_s)
         if is_row[number]:
-            compass = next(sample for sample in reversed(heard) if sample.source == recording.source)
-            log.rows.append(_row(output.snapshot, helm.command_rad, _true_heading_rad(settings, state, compass)))
+            compass = next(sample for sample in reversed(samples) if sample.source == recording.source)
+            log.rows.append(_row(output.snapshot, controller.command_rad, _true_heading_rad(settings, state, compass)))
             log.filters.append(_filter_row(settings, state, now_s))
-        if number % TELL_EVERY == 0 or number + 1 == times_s.size:
-            tell(number + 1, times_s.size)
+        if number % TICKS_PER_REPORT == 0 or number + 1 == times_s.size:
+            report(number + 1, times_s.size)
     columns = np.array(log.rows, dtype=np.float64).T
     filters = np.array(log.filters, dtype=np.float64)
     shafts = [(sample.t_s, sample.shaft_rad) for sample in recording.rudder if sample.shaft_rad is not None]
-    return Watched(
+    return Estimates(
         times_s[is_row],
         dict(zip(COLUMNS, columns, strict=True)),
         goals[is_row],
-        log.standing_faults(float(times_s[-1])),
+        log.fault_spans(float(times_s[-1])),
         tuple(log.restarts_s),
-        helm.travel_rad,
+        controller.travel_rad,
         times_s.size,
         np.array([t_s for t_s, _ in shafts]),
         np.array([to_rudder(shaft_rad) for _, shaft_rad in shafts]),
@@ -141,7 +174,7 @@ def watch(parameters: ParameterSet, recording: Recording, tell: Tell) -> Watched
 
 
 def _unknown_rudder(now_s: float) -> RudderFeedback:
-    """Return the feedback of a servo without torque that measures no angle."""
+    """Return the feedback of a servo without torque and without a measured angle."""
     return RudderFeedback(now_s, shaft_rad=None, torque_on=False)
 
 
@@ -197,7 +230,7 @@ def _row(snapshot: Snapshot, command_rad: float, compass_rad: float) -> tuple[fl
 
 
 def _orders(state: State, goal_rad: float, now_s: float) -> tuple[Request, ...]:
-    """Return the requests of a tick: arm and steer the goal as soon as there is a heading."""
+    """Return the requests of a tick: arm and steer to the goal as soon as there is a heading."""
     modes = state.modes
     if state.heading_estimator.heading.sample_t_s is None:
         return ()
@@ -209,12 +242,12 @@ def _orders(state: State, goal_rad: float, now_s: float) -> tuple[Request, ...]:
 
 
 def _tick_times(recording: Recording) -> tuple[Floats, NDArray[np.bool_], float]:
-    """Return when to tick, which of these ticks have a heading, and the usual interval.
+    """Return the times of the ticks, which of them have a heading, and the median interval.
 
-    In a gap the ticks go on, for the monitors, at the interval of the headings.
+    Ticks continue in a gap, for the monitors, at the interval of the headings.
     """
     at_s = np.unique([sample.t_s for sample in recording.headings if sample.source == recording.source])
-    interval_s = min(float(np.median(np.diff(at_s))), SLOWEST_TICK_S)
+    interval_s = min(float(np.median(np.diff(at_s))), MAX_TICK_S)
     more = [
         begin_s + interval_s * np.arange(1, math.ceil(min(end_s - begin_s, TICKS_IN_GAP_S) / interval_s - 0.5))
         for begin_s, end_s in pairwise(at_s.tolist())
@@ -227,7 +260,7 @@ def _tick_times(recording: Recording) -> tuple[Floats, NDArray[np.bool_], float]
 
 
 class _Queue(Generic[Sample]):
-    """Samples of one kind, taken in order of time."""
+    """Samples of one kind in order of time."""
 
     def __init__(self, samples: Sequence[Sample]) -> None:
         self._samples: Sequence[Sample] = samples
@@ -242,8 +275,8 @@ class _Queue(Generic[Sample]):
 
 
 @dataclass(slots=True)
-class _Helm:
-    """What the heading controller would command if its own command before had been carried out."""
+class _Controller:
+    """The command of the heading controller, if its previous commands had been executed."""
 
     controller: LawState = IDLE
     command_rad: float = 0.0
@@ -263,12 +296,12 @@ class _Helm:
 
 @dataclass(slots=True)
 class _Log:
-    """What the ticks have reported so far."""
+    """Reports of the ticks so far."""
 
     rows: list[tuple[float, ...]] = field(default_factory=list)
     filters: list[tuple[float, ...]] = field(default_factory=list)
     restarts_s: list[float] = field(default_factory=list)
-    faults: list[StandingFault] = field(default_factory=list)
+    faults: list[FaultSpan] = field(default_factory=list)
     since_s: dict[Fault, float] = field(default_factory=dict)
 
     def take(self, output: Output, now_s: float) -> None:
@@ -276,15 +309,15 @@ class _Log:
         snapshot = output.snapshot
         if any(event.text == RESTARTED for event in output.events):
             self.restarts_s.append(now_s)
-        standing = {fault for fault in Fault if snapshot.faults >> fault & 1} if snapshot.faults else set()
-        if standing == self.since_s.keys():
+        active = {fault for fault in Fault if snapshot.faults >> fault & 1} if snapshot.faults else set()
+        if active == self.since_s.keys():
             return
-        for fault in standing - self.since_s.keys():
+        for fault in active - self.since_s.keys():
             self.since_s[fault] = now_s
-        for fault in self.since_s.keys() - standing:
-            self.faults.append(StandingFault(fault.name, self.since_s.pop(fault), now_s))
+        for fault in self.since_s.keys() - active:
+            self.faults.append(FaultSpan(fault.name, self.since_s.pop(fault), now_s))
 
-    def standing_faults(self, end_s: float) -> tuple[StandingFault, ...]:
-        """Return all faults in order of time; those that still stand end with the recording."""
-        faults = [*self.faults, *(StandingFault(fault.name, since_s, end_s) for fault, since_s in self.since_s.items())]
+    def fault_spans(self, end_s: float) -> tuple[FaultSpan, ...]:
+        """Return all faults in order of time; active ones end with the recording."""
+        faults = [*self.faults, *(FaultSpan(fault.name, since_s, end_s) for fault, since_s in self.since_s.items())]
         return tuple(sorted(faults, key=lambda fault: (fault.from_s, fault.name)))

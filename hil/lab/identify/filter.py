@@ -1,8 +1,8 @@
-"""The likelihood: the autopilot's own Kalman filter of the heading, run over a recording with a known rudder.
+"""Likelihood of a recording: the autopilot's own Kalman filter of the heading with a known rudder.
 
 State, transition and updates are those of firmware_py/estimate/heading_model.py. Here the cubic term is linearised at
 the yaw rate at the start of each step (exponential Rosenbrock step: Hochbruck and Ostermann, Acta Numerica 19, 2010),
-which is stable however long the step and however large alpha is.
+which is stable for any step and any alpha.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from hil.lab.compiled import compiled
 from hil.lab.identify.recording import Floats
 from hil.lab.numeric_core import Motion, NoiseLevels, heading_model, inner, kt
 
-# Places in a vector of unknowns. K, T and the noise levels are natural logarithms; the exponent is that of the speed.
+# Indices of the unknowns. K, T and the noise levels are natural logarithms; the exponent is that of the speed.
 LN_K, LN_T, ALPHA, OFFSET, DELAY, LAG, EXPONENT, DIFFUSION, WAVE, PERIOD, DAMPING, COMPASS, WALK, GYRO = range(14)
 UNKNOWNS = 14
 
 OUTLIER = heading_model.OUTLIER_SQUARE
 UNKNOWN_RATE_VARIANCE = 1.0  # at the first row of a recording without yaw rates
-BIAS_MEMORY_S = 300.0  # the bias at the first row lies around delta0 as after a walk of so long
+BIAS_MEMORY_S = 300.0  # initial bias variance: that of a random walk of this time around delta0
 
 
 @inner
@@ -57,7 +57,7 @@ def innovations(
 ) -> None:
     """Fill out (2, rows) with the innovations and their variances.
 
-    first: the rows at which a stretch begins. measured: headings, or yaw rates. rudder_rad: the mean over the interval
+    first: the first rows of stretches. measured: headings, or yaw rates. rudder_rad: the mean over the interval
     that ends at each row.
     """
     levels = NoiseLevels(
@@ -85,7 +85,7 @@ def innovations(
 def scores(base: Floats, moved: Floats, by: Floats, gradient: Floats, information: Floats) -> None:
     """Add gradient and Fisher information of minus the log-likelihood, from innovations of moved unknowns.
 
-    base (2, rows), moved (unknowns, 2, rows): innovations and variances; by: how far each unknown was moved.
+    base (2, rows), moved (unknowns, 2, rows): innovations and variances; by: the change of each unknown.
     """
     count = moved.shape[0]
     by_innovation, by_variance = np.zeros(count), np.zeros(count)
@@ -105,7 +105,7 @@ def scores(base: Floats, moved: Floats, by: Floats, gradient: Floats, informatio
 
 @compiled
 def lagged(mean_rad: Floats, step_s: Floats, first: NDArray[np.bool_], lag_s: float, out: Floats) -> None:
-    """Fill out with the means behind a first-order lag, which begins each stretch at rest."""
+    """Fill `out` with the means after a first-order lag, which starts each stretch at rest."""
     now = 0.0
     for row in range(step_s.shape[0]):
         if first[row]:
@@ -131,7 +131,7 @@ def simulate(
     speed_ratio: Floats,
     out: Floats,
 ) -> None:
-    """Fill out (2, rows) with heading and yaw rate by the rudder alone; each stretch begins with heading 0.
+    """Fill out (2, rows) with heading and yaw rate from the rudder alone; each stretch starts with heading 0.
 
     model: as of model_of. starts_rad_s: the first yaw rate of each stretch.
     """

@@ -37,27 +37,27 @@ from hil.lab.identify.recording import Floats
 from hil.lab.identify.stretches import Columns, Data, excerpt
 
 START_LAGS_S = (0.3, 1.0, 4.0, 12.0, 50.0)
-START_TURN = 0.3  # K T at the start
+START_TURN = 0.3  # initial K T
 START_ROWS, START_ITERATIONS = 1500, 10
-MOST_ITERATIONS, SETTLED = 60, 1e-3  # of the cost
-NULL_SETTLED = 0.5
-ROWS_A_LAG, ROWS_A_WAVE = 12.0, 8.0  # that averaging leaves
-SIGN_COST = 6.0  # a rudder that turns the boat the other way is unlikely
-LONGEST_STEP = 1.5  # of a logarithm
-SPEED_SPREAD = 0.005  # relative; a steadier speed makes no difference
+MAX_ITERATIONS, CONVERGED = 60, 1e-3  # change of the cost
+NULL_CONVERGED = 0.5
+ROWS_PER_LAG, ROWS_PER_WAVE = 12.0, 8.0  # after averaging
+SIGN_COST = 6.0  # a reversed rudder is unlikely
+MAX_STEP = 1.5  # of a logarithm
+SPEED_SPREAD = 0.005  # relative; a smaller variation has no effect
 LEVELS = (DIFFUSION, WAVE, PERIOD, DAMPING, WALK)
 STEP = 1e-4  # of finite differences
 CUBIC_STEP = 5e-6  # of alpha K^2
 
-Tell = Callable[[], None]
+Report = Callable[[], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
     """The unknowns at the maximum, the sign of K, which unknowns are free, their covariance and the prior's part in it.
 
-    gain: by how much the logarithm of the posterior density exceeds that of a boat which no rudder turns. likeliest:
-    whether the values are those of the maximum, and not those that predict the record better (output_error.py).
+    gain: difference of the log posterior density to that of a boat without rudder effect. likeliest: whether the values
+    are those of the maximum, and not those that predict the recording better (output_error.py).
     """
 
     values: Floats
@@ -71,14 +71,14 @@ class Fit:
     likeliest: bool
 
     def spread(self, place: int) -> float:
-        """Return the standard deviation of an unknown, 0 where it is held."""
+        """Return the standard deviation of an unknown, 0 for a fixed one."""
         if place not in self.free:
             return 0.0
         at = self.free.index(place)
         return math.sqrt(max(float(self.covariance[at, at]), 0.0))
 
     def share(self, place: int) -> float:
-        """Return how much of what is known of an unknown comes from the prior, from 0 to 1."""
+        """Return the share of the prior in the information on an unknown, from 0 to 1."""
         return float(self.prior_share[self.free.index(place)]) if place in self.free else 1.0
 
     def per_unit(self, size: float) -> Fit:
@@ -99,7 +99,7 @@ class Posterior:
     """The posterior density of the unknowns, given columns."""
 
     def __init__(self, columns: Columns, prior: Prior, pool: ThreadPoolExecutor) -> None:
-        """Take what is measured, what is believed, and the threads to work with."""
+        """Store measurements, prior and thread pool."""
         self._columns, self.prior, self._pool = columns, prior, pool
         self.evaluations = 0
 
@@ -115,7 +115,7 @@ class Posterior:
         return out
 
     def cost(self, values: Floats, found: Floats) -> float:
-        """Return minus the logarithm of the density, but for a constant; infinite where the filter fails."""
+        """Return minus the log density up to a constant; infinite if the filter fails."""
         innovation, variance = found
         if not np.all(variance > 0.0):
             return math.inf
@@ -147,18 +147,18 @@ class Posterior:
         values: Floats,
         sign: float,
         free: Sequence[int],
-        tell: Tell,
-        most: int = MOST_ITERATIONS,
-        settled: float = SETTLED,
+        report: Report,
+        most: int = MAX_ITERATIONS,
+        settled: float = CONVERGED,
     ) -> tuple[Floats, float]:
-        """Return the maximum that scoring finds from a start, and its cost."""
+        """Return the maximum found from a start, and its cost."""
         chosen, low, high = np.array(free), self.prior.low, self.prior.high
         values = np.clip(values, low, high)
         base = self.innovations(values, sign)
         cost, damping = self.cost(values, base), 1e-2
-        longest = np.array([{OFFSET: 0.3, ALPHA: math.inf}.get(place, LONGEST_STEP) for place in free])
+        longest = np.array([{OFFSET: 0.3, ALPHA: math.inf}.get(place, MAX_STEP) for place in free])
         for _ in range(most):
-            tell()
+            report()
             gradient, information, curvature = self.derivatives(values, sign, free, base)
             hessian = information + curvature
             pushed = ((values[chosen] <= low[chosen] + 1e-12) & (gradient > 0.0)) | (
@@ -192,8 +192,8 @@ def _difference(values: Floats, place: int) -> float:
     return {OFFSET: 1e-5, DELAY: 1e-3, LAG: 1e-3}.get(place, STEP)
 
 
-def fit(data: Data, *, cubic: bool, exponent: float | None, tell: Tell) -> Fit:
-    """Fit the model; exponent: of the speed, None to estimate it."""
+def fit(data: Data, *, cubic: bool, exponent: float | None, report: Report) -> Fit:
+    """Fit the model; `exponent` is that of the speed, None to estimate it."""
     headings = all(stretch.heading_rad is not None for stretch in data.stretches)
     free = [LN_K, LN_T, *([ALPHA] if cubic else []), OFFSET, DELAY, LAG]
     varies = float(np.std(np.concatenate([stretch.speed_ratio for stretch in data.stretches]))) > SPEED_SPREAD
@@ -202,26 +202,26 @@ def fit(data: Data, *, cubic: bool, exponent: float | None, tell: Tell) -> Fit:
     free += [*LEVELS, COMPASS if headings else GYRO]
     held = 1.0 if exponent is None else exponent
     with ThreadPoolExecutor(min(os.cpu_count() or 1, len(free))) as pool:
-        values, sign, spent = _started(data, free, held, pool, tell)
+        values, sign, spent = _started(data, free, held, pool, report)
         lag_s = math.exp(values[LN_T])
-        every = max(1, int(min(lag_s / ROWS_A_LAG, math.exp(values[PERIOD]) / ROWS_A_WAVE) / data.usual_step_s))
+        every = max(1, int(min(lag_s / ROWS_PER_LAG, math.exp(values[PERIOD]) / ROWS_PER_WAVE) / data.usual_step_s))
         columns = Columns(data, every)
-        for _ in range(2):  # the prior's scales go by T
+        for _ in range(2):  # the scales of the prior depend on T
             posterior = Posterior(columns, _prior(data, math.exp(values[LN_T])), pool)
-            values, cost = posterior.climb(values, sign, free, tell)
+            values, cost = posterior.climb(values, sign, free, report)
             spent += posterior.evaluations
         base = posterior.innovations(values, sign)
         _, information, curvature = posterior.derivatives(values, sign, free, base)
         still = values.copy()
         still[LN_K], still[ALPHA] = LOW[LN_K], 0.0
-        null = posterior.climb(still, sign, free[-len(LEVELS) - 1 :], tell, START_ITERATIONS, NULL_SETTLED)
+        null = posterior.climb(still, sign, free[-len(LEVELS) - 1 :], report, START_ITERATIONS, NULL_CONVERGED)
         without = null[1] - posterior.prior.cost(null[0])
         with_ = cost - posterior.prior.cost(values)
     covariance: Floats = np.asarray(np.linalg.inv(information + curvature), dtype=np.float64)
     share = np.diag(covariance @ curvature @ covariance) / np.diag(covariance)
     outliers = int(np.count_nonzero(base[0] ** 2 > OUTLIER * base[1]))
     best = nearest(data, posterior.prior, values, sign, tuple(free))
-    if best is not None:  # the model's error is as large as the two answers are apart
+    if best is not None:  # model error: the distance of both solutions
         apart = (best - values)[free]
         covariance, values = covariance + np.outer(apart, apart), best
     return Fit(
@@ -235,9 +235,9 @@ def _prior(data: Data, lag_s: float) -> Prior:
 
 
 def _started(
-    data: Data, free: Sequence[int], exponent: float, pool: ThreadPoolExecutor, tell: Tell
+    data: Data, free: Sequence[int], exponent: float, pool: ThreadPoolExecutor, report: Report
 ) -> tuple[Floats, float, int]:
-    """Return the best of what a few iterations on an excerpt reach from several T and both signs of K."""
+    """Return the best result of a few iterations on an excerpt from several T and both signs of K."""
     longest = max(1, int(0.4 / data.usual_step_s))
     every = min(max(1, data.rows // START_ROWS), longest)
     few = excerpt(data, START_ROWS * every)
@@ -252,7 +252,7 @@ def _started(
         posterior = Posterior(columns, _prior(data, lag_s), pool)
         start = posterior.prior.start(START_TURN / lag_s, lag_s)
         start[EXPONENT] = exponent
-        values, cost = posterior.climb(start, sign, free, tell, START_ITERATIONS)
+        values, cost = posterior.climb(start, sign, free, report, START_ITERATIONS)
         cost += SIGN_COST * (sign < 0.0)
         spent += posterior.evaluations
         if cost < best[0]:

@@ -1,4 +1,4 @@
-"""Identification as a whole: recordings in, a judged model out."""
+"""Identification: from recordings to a model with its verdicts."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from hil.lab.identify.stretches import Data, prepare
 from hil.lab.identify.verdict import Judgement, judge
 
 MODELS = ("linear", "cubic", "auto")
-SPEEDS = {"auto": None, "scaled": 1.0, "ignored": 0.0}  # exponent of the speed, None where it is estimated
+SPEEDS = {"auto": None, "scaled": 1.0, "ignored": 0.0}  # exponent of the speed, None: estimated
 CONSTANT = 1e-9
-USUAL_RUDDER_RAD = 0.5  # a command that is no angle is brought to this size, which the prior is for
+USUAL_RUDDER_RAD = 0.5  # a command without unit is scaled to this size, for which the prior is valid
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """All that is reported. The model holds at speed_m_s, None where the logs have no speed."""
+    """Result of an identification; the model is valid at data.speed_m_s, None without recorded speed."""
 
     data: Data
     fit: Fit
@@ -35,7 +35,7 @@ class Identification:
     name: str  # linear or cubic
 
     def model(self) -> KtModel:
-        """Return the K-T model; its speed is NaN where it is unknown."""
+        """Return the K-T model; an unknown speed is NaN."""
         gain, lag_s, cubic, offset, _ = self.fit.model().tolist()
         return KtModel(gain, lag_s, cubic, offset, math.nan if self.data.speed_m_s is None else self.data.speed_m_s)
 
@@ -47,19 +47,19 @@ def identify(
     model: str = "auto",
     speed: str = "auto",
     angular: bool = True,
-    tell: Callable[[], None] = lambda: None,
+    report: Callable[[], None] = lambda: None,
 ) -> Identification:
-    """Identify K, T, alpha and delta0; UsageError for data that cannot tell anything, naming the remedy.
+    """Identify K, T, alpha and delta0; raise UsageError for data without information.
 
-    model: "linear" holds alpha at zero, "cubic" and "auto" estimate it. angular: the rudder is an angle, no command of
-    another unit.
+    model: "linear" fixes alpha at zero, "cubic" and "auto" estimate it. angular: the rudder is an angle, not a command
+    of another unit.
     """
     data = prepare(train)
     _check_motion(data)
     with compiling("the identification"):
         size = 1.0 if angular else USUAL_RUDDER_RAD / float(np.max(np.abs(data.rudder_rad)))
         scaled = tuple(replace(stretch, rudder_rad=size * stretch.rudder_rad) for stretch in data.stretches)
-        found = fit(replace(data, stretches=scaled), cubic=model != "linear", exponent=SPEEDS[speed], tell=tell)
+        found = fit(replace(data, stretches=scaled), cubic=model != "linear", exponent=SPEEDS[speed], report=report)
         found = found.per_unit(size)
         errors = errors_of("train", found, data)
         others = tuple(
@@ -76,9 +76,9 @@ def _check_motion(data: Data) -> None:
     names = ", ".join(sorted({stretch.name for stretch in data.stretches}))
     columns = [column for one in data.stretches for column in (one.heading_rad, one.yaw_rate_rad_s)]
     if not any(float(np.ptp(column)) > 0.0 for column in columns if column is not None):
-        raise UsageError(f"{names}: the boat does not turn at all, heading and yaw rate are constant; record a zigzag")
+        raise UsageError(f"{names}: heading and yaw rate are constant; record a zigzag")
     if high - low <= CONSTANT * max(abs(low), abs(high), 1.0):
         raise UsageError(
-            f"{names}: constant rudder, {low:g} throughout: nothing can be told from it; "
+            f"{names}: constant rudder {low:g}: no information on the model; "
             "record a zigzag, or give a second file with another rudder angle"
         )

@@ -1,10 +1,10 @@
-"""Reads the manoeuvre CSV, and refuses with file, line and remedy what is not one.
+"""Read the manoeuvre CSV; errors name file, line and remedy.
 
-Columns by name, in any order: time_s, rudder_rad, heading_rad, yaw_rate_rad_s, speed_m_s, or what others call them
-(columns.py), with the unit in the name or below it: heading_deg, Rudder [deg], SOG (kn). Of the last three, heading or
-yaw rate must be there; a column may be empty throughout, and single cells may be (holes.py). Separated by commas,
-semicolons, tabs or spaces; with semicolons, tabs or spaces a number may have a decimal comma. Times are seconds, or as
-clock.py reads them. Columns of other names are passed over, and so is what stands above and below (table_text.py).
+Columns by name, in any order: time_s, rudder_rad, heading_rad, yaw_rate_rad_s, speed_m_s, or other common names
+(columns.py), with the unit in the name or below it: heading_deg, Rudder [deg], SOG (kn). Heading or yaw rate is
+required; columns and single cells may be empty (rows.py). Separators are commas, semicolons, tabs or spaces; with the
+latter three, numbers may have a decimal comma. Times are seconds, or in a format of table.py. Other columns, and lines
+above and below the table, are ignored (table_text.py).
 """
 
 from __future__ import annotations
@@ -15,25 +15,24 @@ import numpy as np
 
 from firmware_py.common.angles import degrees, radians
 from hil.errors import UsageError
-from hil.lab.identify import holes, repeats, rows, units
-from hil.lab.identify.clock import spread_evenly
+from hil.lab.identify import rows, units
 from hil.lab.identify.columns import NAMES, NO_ANGLE
 from hil.lab.identify.recording import Floats, Recording
-from hil.lab.identify.table import Raw, Table
+from hil.lab.identify.table import Raw, Table, spread_evenly
 from hil.lab.identify.table_text import read_text
 
 RUDDER_UNITS = ("rad", "deg", "any")
-LARGEST_COMMAND = 1e6
-LARGEST_RUDDER_DEG = 60.0  # of a rudder whose unit is guessed
+MAX_COMMAND = 1e6
+MAX_GUESSED_RUDDER_DEG = 60.0  # of a rudder without a unit
 ANGLES = {1.0: "radians", radians(1.0): "degrees"}
-RATES = {1.0: "radians a second", radians(1.0): "degrees a second", radians(1.0) / 60.0: "degrees a minute"}
+RATES = {1.0: "radians per second", radians(1.0): "degrees per second", radians(1.0) / 60.0: "degrees per minute"}
 
 
 def read(path: Path, rudder_unit: str = "rad") -> Recording:
-    """Read a whole file; UsageError names the line and the remedy.
+    """Read a file, or raise UsageError with line and remedy.
 
-    rudder_unit: "rad"; "deg" converts; "any" takes the column for a signed command of whatever
-    unit, such as the difference of two thrusters, so that K is per that unit.
+    rudder_unit: "rad", "deg", or "any" for a signed command of any unit, such as the difference of two thrusters; K is
+    then per this unit.
     """
     text = read_text(path)
     if len(text.cells) < 2:
@@ -46,41 +45,39 @@ def read(path: Path, rudder_unit: str = "rad") -> Recording:
 
 
 def _check_rudder(table: Table, unit: str) -> None:
-    """Refuse a rudder that its name says is no angle, unless it is taken as it is; note one that was only asked for."""
+    """Raise UsageError for a rudder that is not an angle by its name; add a note for a rudder command."""
     column = table.places["rudder_rad"]
     if column.unit == NO_ANGLE and unit != "any":
         raise UsageError(
-            f"{table.path}: {column.shown} is no angle; say --rudder-unit any to take it as it is (K is per its unit "
-            "then, and there is no parameter file), or convert it to rudder_deg by what full rudder is"
+            f"{table.path}: {column.label} is not an angle; use --rudder-unit any (K is then per its unit, without a "
+            "parameter file), or convert it to rudder_deg with the maximum rudder angle"
         )
-    if column.asked:
-        table.notes.append(f"column {column.shown} is what was asked of the rudder, so the servo's lag is part of T")
+    if column.is_command:
+        table.notes.append(f"column {column.label} is a rudder command, so T includes the servo lag")
 
 
 def _in_order(table: Table, raw: Raw) -> tuple[Table, dict[str, Floats]]:
-    """Spread rows that share a coarse time, refuse what does not rise, and bridge or leave out what is missing."""
+    """Spread rows with the same coarse time, check the order, and interpolate or remove missing cells."""
     time_s = raw["time_s"]
     if time_s is None or raw["rudder_rad"] is None:
         missing = "time_s" if time_s is None else "rudder_rad"
-        raise UsageError(f"{table.path}:{table.numbers[0]}: column {missing} is empty; it must be filled")
+        raise UsageError(f"{table.path}:{table.numbers[0]}: column {missing} is empty; fill it")
     if raw.get("heading_rad") is None and raw.get("yaw_rate_rad_s") is None:
         where = f"{table.path}:{table.numbers[0]}"
         raise UsageError(f"{where}: heading_rad and yaw_rate_rad_s are both empty; fill one of them")
     spread = spread_evenly(time_s)
     if spread is not None:
-        table.notes.append(
-            f"{table.places['time_s'].shown} is too coarse to tell neighbouring rows apart: spread evenly"
-        )
+        table.notes.append(f"{table.places['time_s'].label} is too coarse to distinguish rows: times spread evenly")
         time_s = spread
     rows.check_order(table, time_s)
-    fresh = repeats.emptied(raw, {name: column.shown for name, column in table.places.items()}, table.notes)
-    filled, present = holes.filled(table.path, time_s, fresh | {"time_s": time_s}, table.notes)
+    fresh = rows.without_repeats(raw, {name: column.label for name, column in table.places.items()}, table.notes)
+    filled, present = rows.filled(table.path, time_s, fresh | {"time_s": time_s}, table.notes)
     table, columns = rows.kept(table, filled, present)
     return table, {name: values for name, values in columns.items() if values is not None}
 
 
 def _recording(table: Table, raw: dict[str, Floats], unit: str) -> Recording:
-    """Bring columns to seconds, radians and metres a second."""
+    """Convert columns to seconds, radians and metres per second."""
     path, numbers = table.path, table.numbers
     time_s, rudder = raw["time_s"] * table.unit("time_s", 1.0), raw["rudder_rad"]
     heading, rate = raw.get("heading_rad"), raw.get("yaw_rate_rad_s")
@@ -91,7 +88,7 @@ def _recording(table: Table, raw: dict[str, Floats], unit: str) -> Recording:
     angle = radians(1.0) if in_degrees or unit == "deg" else 1.0
     if unit == "rad" and in_degrees and "rudder_rad" in unnamed:
         _check_degrees(table, rudder)
-    taken = dict.fromkeys(NAMES[1:3], ANGLES[angle]) | {"speed_m_s": "metres a second"}
+    taken = dict.fromkeys(NAMES[1:3], ANGLES[angle]) | {"speed_m_s": "metres per second"}
     if unit == "any":
         taken.pop("rudder_rad")
     if heading is not None:
@@ -107,9 +104,9 @@ def _recording(table: Table, raw: dict[str, Floats], unit: str) -> Recording:
     rudder, more = _rudder(path, numbers, rudder, "deg" if unit == "rad" and own != 1.0 else unit)
     table.check("yaw_rate_rad_s", rate)
     if unit != "any":
-        said = all(table.places[name].known for name in table.places if name != "time_s") and own != 1.0
-        angles = units.judged(
-            str(path), time_s, heading, rate, speed, degrees=unit == "deg" and not said, named=not unnamed
+        stated = all(table.places[name].known for name in table.places if name != "time_s") and own != 1.0
+        angles = units.check_units(
+            str(path), time_s, heading, rate, speed, degrees=unit == "deg" and not stated, named=not unnamed
         )
         heading, rate = angles.heading_rad, angles.yaw_rate_rad_s
         more += angles.notes
@@ -118,39 +115,39 @@ def _recording(table: Table, raw: dict[str, Floats], unit: str) -> Recording:
 
 
 def _note(table: Table, name: str, unit: str) -> str:
-    return f"column {table.places[name].shown} says no unit: taken for {unit}"
+    return f"column {table.places[name].label} has no unit: {unit} assumed"
 
 
 def _check_degrees(table: Table, rudder: Floats) -> None:
-    """Refuse a rudder that would be in degrees if headings tell its unit, too, and that is hardly so."""
-    shown, largest = table.places["rudder_rad"].shown, float(np.max(np.abs(rudder)))
-    if units.LARGEST_RUDDER_RAD < largest <= LARGEST_RUDDER_DEG:
+    """Raise UsageError for a rudder without unit whose values are unlikely for degrees."""
+    label, largest = table.places["rudder_rad"].label, float(np.max(np.abs(rudder)))
+    if units.MAX_RUDDER_RAD < largest <= MAX_GUESSED_RUDDER_DEG:
         return
     raise UsageError(
-        f"{table.path}: {shown} goes to {largest:.3g} and its name says no unit: radians, degrees or a share of full? "
-        "name it rudder_rad or rudder_deg; for a command that is no angle say --rudder-unit any"
+        f"{table.path}: {label} has values up to {largest:.3g} and no unit: name it rudder_rad or rudder_deg, or use "
+        "--rudder-unit any for a command that is not an angle"
     )
 
 
 def _rudder(path: Path, numbers: list[int], rudder: Floats, unit: str) -> tuple[Floats, tuple[str, ...]]:
-    """Return the rudder in radians, or the command as it is."""
+    """Return the rudder in radians, or the unchanged command."""
     if unit == "any":
-        limit, shown = LARGEST_COMMAND, f"{LARGEST_COMMAND:g}"
+        limit, label = MAX_COMMAND, f"{MAX_COMMAND:g}"
     else:
-        limit, shown = (90.0, "90 deg") if unit == "deg" else (radians(90.0), "90 deg (1.5708 rad)")
+        limit, label = (90.0, "90 deg") if unit == "deg" else (radians(90.0), "90 deg (1.5708 rad)")
     wrong = np.flatnonzero(np.abs(rudder) > limit * (1.0 + 1e-6))
     if wrong.size:
         at = int(wrong[0])
         guess = "" if unit == "any" else "; "
         if unit == "rad":
-            guess += "are these degrees? convert them or say --rudder-unit deg; "
+            guess += "for degrees use --rudder-unit deg; "
         if unit != "any":
-            guess += "for a command that is no angle say --rudder-unit any"
-        raise UsageError(f"{path}:{numbers[at]}: rudder_rad {rudder[at]:g} is beyond {shown}{guess or '; scale it'}")
+            guess += "for a command that is not an angle use --rudder-unit any"
+        raise UsageError(f"{path}:{numbers[at]}: rudder_rad {rudder[at]:g} is beyond {label}{guess or '; scale it'}")
     if unit == "deg":
         return rudder * radians(1.0), (f"rudder converted from degrees (up to {np.max(np.abs(rudder)):.0f} deg)",)
     if unit == "any":
-        return rudder, ("the rudder column is a command of unknown unit: K is per that unit, delta0 in it",)
+        return rudder, ("the rudder column is a command of unknown unit: K is per this unit, delta0 in it",)
     if degrees(float(np.max(np.abs(rudder)))) > 60.0:
-        return rudder, ("rudder angles beyond 60 deg: --rudder-unit deg or any, if these are no radians",)
+        return rudder, ("rudder angles beyond 60 deg: use --rudder-unit deg or any if these are not radians",)
     return rudder, ()

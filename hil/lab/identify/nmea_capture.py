@@ -1,7 +1,7 @@
-"""Reads a capture of NMEA 0183 as a recording: HDG, HDT, HDM or THS, the rudder of RSA or XDR, the speed of VHW or RMC.
+"""Read a capture of NMEA 0183: heading of HDG, HDT, HDM or THS, rudder of RSA or XDR, speed of VHW or RMC.
 
-A capture does not say when a sentence came. The sentences that carry a time (RMC, GGA, GLL, ZDA) do: the others are
-spread evenly between them.
+A capture has no times of arrival. Sentences without a time are spread evenly between those with one (RMC, GGA, GLL,
+ZDA).
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from firmware_py.sensors.nmea_framing import NmeaFramer
 from firmware_py.sensors.nmea_sentences import Decoded, decode_sentence
 from hil.errors import UsageError
 from hil.lab.identify.onboard_log import Pair, smoothed_speed
-from hil.lab.identify.recording import LEAST_ROWS, Recording
-from hil.lab.identify.table_text import MOST_BYTES
+from hil.lab.identify.recording import MIN_ROWS, Recording
+from hil.lab.identify.table_text import MAX_BYTES
 
-LOOKED_AT_BYTES, LEAST_SENTENCES = 4096, 3
+HEAD_BYTES, MIN_SENTENCES = 4096, 3
 DAY_S = 86400.0
 HEADINGS = ("heading_true_deg", "heading_magnetic_deg", "sensor_deg")
 KINDS = ("HDG", "HDT", "HDM", "THS")
-WANTED = frozenset((*KINDS, "RSA", "XDR", "VHW", "RMC", "GGA", "GLL", "GNS", "ZDA"))
+USED = frozenset((*KINDS, "RSA", "XDR", "VHW", "RMC", "GGA", "GLL", "GNS", "ZDA"))
 
 
 def is_one(path: Path) -> bool:
-    """Return whether a file begins with NMEA sentences that have a right checksum."""
+    """Return whether a file starts with NMEA sentences with valid checksums."""
     try:
-        with os.fdopen(open_regular(path, max_bytes=MOST_BYTES), "rb") as file:
-            begin = file.read(LOOKED_AT_BYTES)
+        with os.fdopen(open_regular(path, max_bytes=MAX_BYTES), "rb") as file:
+            begin = file.read(HEAD_BYTES)
     except OSError:
         return False
     whole = [sentence for sentence in NmeaFramer().feed(begin) if not sentence.fault]
     lines = [line for line in begin.splitlines() if line.strip() and not line.startswith(b"#")]
-    return len(whole) >= LEAST_SENTENCES and lines[0].lstrip().startswith((b"$", b"!"))
+    return len(whole) >= MIN_SENTENCES and lines[0].lstrip().startswith((b"$", b"!"))
 
 
 def read(path: Path) -> Recording:
-    """Read a whole capture; UsageError names what is lacking."""
+    """Read a capture, or raise UsageError."""
     times, series, faults = _gathered(path.read_bytes())
     if len(times) < 2:
-        raise UsageError(f"{path}: NMEA 0183 with {len(times)} times in it; the capture needs RMC, GGA, GLL or ZDA")
+        raise UsageError(f"{path}: NMEA 0183 with {len(times)} times; the capture needs RMC, GGA, GLL or ZDA")
     marks = np.array(times)
     midnights = np.cumsum(np.diff(marks[:, 1], prepend=marks[0, 1]) < -0.5 * DAY_S)
     clock = marks[:, 1] + DAY_S * midnights
@@ -59,19 +59,19 @@ def read(path: Path) -> Recording:
 
     kind = max(KINDS, key=lambda one: len(series[one]))
     heading, rudder = np.array(timed(kind)).reshape(-1, 2), np.array(timed("rudder")).reshape(-1, 2)
-    if heading.shape[0] < LEAST_ROWS or rudder.shape[0] < LEAST_ROWS:
+    if heading.shape[0] < MIN_ROWS or rudder.shape[0] < MIN_ROWS:
         raise UsageError(
             f"{path}: NMEA 0183 with {heading.shape[0]} headings and {rudder.shape[0]} rudder angles (RSA, XDR) "
-            f"between its times; at least {LEAST_ROWS} of each are needed"
+            f"between its times; at least {MIN_ROWS} of each are needed"
         )
-    # Rows at the slower of both: between its readings nothing is known of a rudder, and T would be found too short.
+    # Rows at the slower of both: interpolating the rudder between its readings would make T too short.
     slower = min(heading, rudder, key=len)
     time_s = np.unique(slower[:, 0])
     time_s = time_s[(time_s >= max(heading[0, 0], rudder[0, 0])) & (time_s <= min(heading[-1, 0], rudder[-1, 0]))]
     notes = [f"NMEA 0183: headings of {kind}; sentences without a time are spread between those with one"]
     if faults:
-        notes.append(f"{faults} damaged sentences left out")
-    speed = smoothed_speed(timed("water" if len(series["water"]) >= LEAST_ROWS else "ground"), time_s, notes)
+        notes.append(f"{faults} damaged sentences ignored")
+    speed = smoothed_speed(timed("water" if len(series["water"]) >= MIN_ROWS else "ground"), time_s, notes)
     return Recording(
         str(path),
         time_s - time_s[0],
@@ -84,12 +84,12 @@ def read(path: Path) -> Recording:
 
 
 def _gathered(data: bytes) -> tuple[list[Pair], dict[str, list[Pair]], int]:
-    """Return places and times of day, the series by place in the capture, and the number of damaged sentences."""
+    """Return positions and times of day, the series by position in the capture, and the number of damaged sentences."""
     times: list[Pair] = []
     series: dict[str, list[Pair]] = defaultdict(list)
     framer, faults = NmeaFramer(), 0
     for place, sentence in enumerate([*framer.feed(data), *framer.finish()]):
-        if sentence.kind not in WANTED:
+        if sentence.kind not in USED:
             continue
         decoded = None
         if not sentence.fault:

@@ -1,4 +1,4 @@
-"""Reads an onboard log as a recording: headings, the rudder's encoder, the speed of the fixes."""
+"""Read an onboard log as a recording: headings, rudder feedback, speed of the fixes."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.reader import LoggedTick, LogReader
 from hil.errors import UsageError
-from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
+from hil.lab.identify.recording import MIN_ROWS, Floats, Recording
 
-SPEED_SMOOTHED_S = 60.0  # a fix's speed swings with the waves; what turns the boat is the mean
+SPEED_SMOOTHED_S = 60.0  # removes wave motion from the speed of the fixes
 PRESENT_SHARE = 0.95
 
 Pair = tuple[float, float]
@@ -36,20 +36,20 @@ class _Gathered:
 
 
 def read(path: Path) -> Recording:
-    """Read a .BIN or .BIN.gz log; time is counted from its first tick. UsageError names the remedy."""
+    """Read a .BIN or .BIN.gz log, with times relative to its first tick, or raise UsageError."""
     reader = LogReader(path)
     try:
         got = _gather(reader)
     except LogError as error:
         raise UsageError(f"{path}: {error}") from None
     if got.start_s is None:
-        raise UsageError(f"{path}: no whole tick in it; give a log that the autopilot wrote")
+        raise UsageError(f"{path}: no complete tick; give a log of the autopilot")
     notes = []
     if reader.reading.damaged:
-        notes.append(f"{reader.reading.damaged} damaged ticks left out")
+        notes.append(f"{reader.reading.damaged} damaged ticks ignored")
     headings = _one_kind(got.headings, notes)
-    if len(headings) < LEAST_ROWS:
-        raise UsageError(f"{path}: {len(headings)} headings in it; give a log of a run with a compass")
+    if len(headings) < MIN_ROWS:
+        raise UsageError(f"{path}: {len(headings)} headings; give a log of a run with a compass")
     rudder, time_of_rudder = _rudder(path, got, notes)
     time_s = np.array([sample.t_s for sample in headings])
     yaw_rates = [sample.yaw_rate_rad_s for sample in headings]
@@ -70,7 +70,7 @@ def read(path: Path) -> Recording:
     )
     columns = (recording.time_s, recording.rudder_rad, recording.heading_rad, rates, recording.speed_m_s)
     if not all(column is None or np.isfinite(column).all() for column in columns):
-        raise UsageError(f"{path}: a number in it is not finite; give a log that the autopilot wrote")
+        raise UsageError(f"{path}: contains a number that is not finite; give a log of the autopilot")
     return recording
 
 
@@ -92,7 +92,7 @@ def _gather(ticks: Iterable[LoggedTick]) -> _Gathered:
 
 
 def _take_linkage(got: _Gathered, checkpoint: str) -> None:
-    """Learn how the shaft moves the rudder from the parameters of a stored state."""
+    """Read the relation of shaft and rudder from the parameters of a stored state."""
     try:
         parameters = json.loads(checkpoint)["parameters"]
         centre_deg, reverse = float(parameters["RUD_CENTRE_DEG"]), bool(parameters["RUD_REVERSE"])
@@ -102,13 +102,15 @@ def _take_linkage(got: _Gathered, checkpoint: str) -> None:
 
 
 def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSample]:
-    """Keep the compass and the north that most headings are of, in order of time."""
+    """Return the headings of the most frequent compass and north reference, in order of time."""
     if not samples:
         return []
     kinds: Counter[tuple[int, NorthReference]] = Counter((sample.source, sample.reference) for sample in samples)
     (source, reference), count = kinds.most_common(1)[0]
     if count < len(samples):
-        notes.append(f"took the {reference.name.lower()} headings of compass {source}, left out {len(samples) - count}")
+        notes.append(
+            f"{reference.name.lower()} headings of compass {source} used, {len(samples) - count} others ignored"
+        )
     kept: list[HeadingSample] = []
     for sample in samples:
         if (sample.source, sample.reference) == (source, reference) and (not kept or sample.t_s > kept[-1].t_s):
@@ -119,21 +121,21 @@ def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSam
 def _rudder(path: Path, got: _Gathered, notes: list[str]) -> tuple[Floats, Floats]:
     """Return rudder angles and their times."""
     pairs = got.shaft
-    if len(pairs) < LEAST_ROWS:
+    if len(pairs) < MIN_ROWS:
         pairs = got.command
-        notes.append("no rudder feedback: the command is taken for the rudder, so the servo's lag is part of T")
+        notes.append("no rudder feedback: the command is used as rudder angle, so T includes the servo lag")
     if not got.linkage_known:
-        notes.append("no stored parameters: the shaft is taken for the rudder angle")
+        notes.append("no stored parameters: the shaft angle is used as rudder angle")
     table = np.array(rising(pairs), dtype=np.float64)
-    if table.shape[0] < LEAST_ROWS:
+    if table.shape[0] < MIN_ROWS:
         raise UsageError(f"{path}: too short, {table.shape[0]} rudder angles; give a longer log")
     return got.sign * (table[:, 1] - got.centre_rad), table[:, 0]
 
 
 def smoothed_speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
-    """Return the smoothed speed over the ground at the given times, None without fixes all along."""
+    """Return the smoothed speed over ground at these times, None without fixes over the whole time."""
     table = np.array(rising(pairs), dtype=np.float64).reshape(-1, 2)
-    if table.shape[0] < LEAST_ROWS or not time_s.size:
+    if table.shape[0] < MIN_ROWS or not time_s.size:
         return None
     if table[-1, 0] - table[0, 0] < PRESENT_SHARE * (time_s[-1] - time_s[0]):
         return None
@@ -141,12 +143,12 @@ def smoothed_speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Float
     low = np.clip(time_s - SPEED_SMOOTHED_S / 2, table[0, 0], table[-1, 0] - 1e-3)
     high = np.clip(time_s + SPEED_SMOOTHED_S / 2, table[0, 0] + 1e-3, table[-1, 0])
     mean = (np.interp(high, table[:, 0], total) - np.interp(low, table[:, 0], total)) / (high - low)
-    notes.append(f"speed is that over the ground, smoothed over {SPEED_SMOOTHED_S:g} s")
+    notes.append(f"speed over ground used, smoothed over {SPEED_SMOOTHED_S:g} s")
     return np.asarray(mean, dtype=np.float64)
 
 
 def rising(pairs: list[Pair]) -> list[Pair]:
-    """Leave out pairs whose time does not come after the last one's."""
+    """Remove pairs whose time does not increase."""
     kept: list[Pair] = []
     for pair in pairs:
         if not kept or pair[0] > kept[-1][0]:

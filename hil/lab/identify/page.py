@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.lab.identify.identify import Identification
+from hil.lab.identify.predict import Errors, Prediction
 from hil.lab.identify.report import figures
 from hil.lab.identify.verdict import IDENTIFIABLE, Estimate
 from hil.report import page
 from hil.report.page import Cell
+from hil.report.style import BAND, COMPASS, GOAL, HULL, finish, name_panel, new_figure
 
 COLUMNS = ("", "value", "95 % interval", Cell("verdict"))
 
 
 def page_of(result: Identification, text: str, picture: bytes, title: str, *, angular: bool) -> str:
-    """Return the page: table, picture, and the report of the terminal; angular: the rudder column is an angle."""
+    """Return the page: table, plot, and the text of the terminal; angular: the rudder column is an angle."""
     rows = [_row(name, estimate, angular=angular) for name, estimate in result.judgement.estimates.items()]
     return page.page(
         title,
@@ -29,5 +39,86 @@ def page_of(result: Identification, text: str, picture: bytes, title: str, *, an
 def _row(name: str, estimate: Estimate, *, angular: bool) -> tuple[str | Cell, ...]:
     value, interval, unit = figures(name, estimate, angular=angular)
     kind = "words good" if estimate.verdict == IDENTIFIABLE else "words bad"
-    shown = f"{value} {unit.replace('^2', '²')}".rstrip()
-    return (name, shown, interval, Cell(estimate.verdict, kind, estimate.why))
+    text = f"{value} {unit.replace('^2', '²')}".rstrip()
+    return (name, text, interval, Cell(estimate.verdict, kind, estimate.why))
+
+
+MEASURED, PREDICTED, RUDDER = COMPASS, GOAL, HULL
+BAND_DEG = 10.0  # almost all errors in figure 5 of the paper
+MAX_COLUMNS = 3
+MAX_POINTS = 6000
+
+
+def draw(parts: Sequence[Errors], title: str, *, angular: bool = True) -> bytes:
+    """Return a PNG: a column for each recording, with heading, its error, yaw rate and rudder.
+
+    angular: the rudder column is an angle, not a command of another unit.
+    """
+    plotted = [part for part in parts if part.predictions][:MAX_COLUMNS]
+    figure = new_figure(title, 4.0 + 4.6 * len(plotted), 9.0)
+    grid = figure.subplots(4, len(plotted), sharex="col", squeeze=False, height_ratios=(1.5, 1.0, 1.0, 0.8))
+    for column, part in enumerate(plotted):
+        axes = grid[:, column]
+        name_panel(axes[0], Path(part.file).name)  # a long path would overlap the legend
+        for number, prediction in enumerate(part.predictions):
+            _stretch(axes, _thinned(prediction), first=number == 0, angular=angular)
+        for panel in axes:
+            finish(panel)
+        axes[-1].set_xlabel("time, s")
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png")
+    return picture.getvalue()
+
+
+def _stretch(axes: Any, prediction: Prediction, *, first: bool, angular: bool) -> None:
+    degrees, time_s = DEGREES_PER_RADIAN, prediction.stretch.time_s
+
+    def label(text: str) -> str | None:
+        return text if first else None
+
+    measured = prediction.stretch.heading_rad
+    if measured is not None:
+        axes[0].plot(time_s, measured * degrees, color=MEASURED, lw=2.0, label=label("measured"))
+        error_deg = (measured - prediction.heading_rad) * degrees
+        axes[1].axhspan(-BAND_DEG, BAND_DEG, color=BAND, lw=0, label=label(f"±{BAND_DEG:g} deg"))
+        axes[1].plot(time_s, error_deg, color=RUDDER, lw=0.8)
+    axes[0].plot(time_s, prediction.heading_rad * degrees, color=PREDICTED, lw=1.0, label=label("predicted"))
+    if prediction.stretch.yaw_rate_rad_s is not None:
+        rate = prediction.stretch.yaw_rate_rad_s
+        axes[2].plot(time_s, rate * degrees, color=MEASURED, lw=1.2, label=label("measured"))
+        # Waves and noise may be much larger than the turning of the hull: limit the axis.
+        fastest = max(float(np.quantile(np.abs(rate), 0.98)), float(np.max(np.abs(prediction.yaw_rate_rad_s))))
+        reach = 1.3 * fastest * degrees
+        if np.isfinite(reach) and reach > 0.0:
+            axes[2].set_ylim(-reach, reach)
+    axes[2].plot(time_s, prediction.yaw_rate_rad_s * degrees, color=PREDICTED, lw=1.0, label=label("predicted"))
+    rudder = prediction.stretch.rudder_rad * (degrees if angular else 1.0)
+    axes[3].plot(time_s, rudder, color=RUDDER, lw=1.0, label=label("rudder"))
+    if first:
+        for panel, text in zip(
+            axes,
+            (
+                "heading from start, deg",
+                "heading error, deg",
+                "yaw rate, deg/s",
+                "rudder, deg" if angular else "command",
+            ),
+            strict=True,
+        ):
+            panel.set_ylabel(text)
+            if panel.get_legend_handles_labels()[0]:
+                # Above the panel, outside the curves.
+                panel.legend(
+                    loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, frameon=False, fontsize=8, borderaxespad=0.1
+                )
+
+
+def _thinned(prediction: Prediction) -> Prediction:
+    """Remove rows that a plot cannot resolve."""
+    every = max(1, prediction.stretch.time_s.size // MAX_POINTS)
+    if every == 1:
+        return prediction
+
+    chosen = slice(None, None, every)
+    stretch = prediction.stretch.rows(chosen)
+    return Prediction(stretch, prediction.heading_rad[chosen], prediction.yaw_rate_rad_s[chosen])

@@ -1,4 +1,4 @@
-"""What the model predicts from the rudder alone, and how far it is off."""
+"""Predictions of the model from the rudder alone, and their errors."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 from hil.lab.identify.filter import DELAY, LAG, LN_T, model_of, simulate
 from hil.lab.identify.fit import Fit
-from hil.lab.identify.recording import LEAST_ROWS, Floats
+from hil.lab.identify.recording import MIN_ROWS, Floats
 from hil.lab.identify.stretches import Columns, Data, Stretch
 
-START_LAGS = 3.0  # turning lags at the beginning of a stretch, which tell its first heading and yaw rate
+START_LAGS = 3.0  # turning lags at the start of a stretch that determine its first heading and yaw rate
 START_STEP_RAD_S = 1e-5
 START_ITERATIONS = 4
 
@@ -28,7 +28,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Errors (measured less predicted) over the stretches of a file; None for a channel that was not measured."""
+    """Errors (measured minus predicted) over the stretches of a file; None for a channel that was not measured."""
 
     file: str
     yaw_rate_rmse_rad_s: float | None
@@ -41,7 +41,7 @@ class Errors:
 
 
 def errors_of(file: str, fit: Fit, data: Data) -> Errors:
-    """Predict every stretch from its rudder; only its first heading and yaw rate are taken from its beginning."""
+    """Predict every stretch from its rudder; only its first heading and yaw rate are fitted to its start."""
     predictions = tuple(_predicted(fit, data, stretch) for stretch in data.stretches)
     headings = [one.stretch.heading_rad - one.heading_rad for one in predictions if one.stretch.heading_rad is not None]
     rates = [
@@ -67,8 +67,8 @@ def _rms(values: Floats) -> float:
 def _predicted(fit: Fit, data: Data, stretch: Stretch) -> Prediction:
     columns = Columns(Data((stretch,), data.speed_m_s))
     until_s = stretch.time_s[0] + START_LAGS * math.exp(fit.values[LN_T])
-    rows = slice(0, max(int(np.searchsorted(stretch.time_s, until_s)), LEAST_ROWS))
-    rate = 0.0 if stretch.yaw_rate_rad_s is None else float(np.median(stretch.yaw_rate_rad_s[:LEAST_ROWS]))
+    rows = slice(0, max(int(np.searchsorted(stretch.time_s, until_s)), MIN_ROWS))
+    rate = 0.0 if stretch.yaw_rate_rad_s is None else float(np.median(stretch.yaw_rate_rad_s[:MIN_ROWS]))
     channel = 0 if stretch.yaw_rate_rad_s is None else 1
     measured = stretch.measured(headings=channel == 0)
     for _ in range(START_ITERATIONS):
@@ -92,7 +92,7 @@ def _simulated(values: Floats, sign: float, columns: Columns, rate_rad_s: float)
 
 
 def _explained(predictions: tuple[Prediction, ...], lag_s: float) -> float:
-    """Return the share of the turns within each T, or within each row if it is longer, that the model explains."""
+    """Return the explained share (R2) of the turns within each T, or within each row if that is longer."""
     pairs = []
     for one in predictions:
         heading, rate = one.stretch.heading_rad, one.stretch.yaw_rate_rad_s

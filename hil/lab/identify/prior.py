@@ -1,4 +1,4 @@
-"""What is believed of a boat before its log is seen: a wide prior, which decides only what the log leaves open.
+"""Prior of the unknowns: wide, so that it matters only where the log contains little information.
 
 By similarity (paper eq. 7) the products K T = K'T' and alpha K^2 = alpha' K'^2 do not depend on a boat's length and
 speed. Published hulls:
@@ -8,11 +8,11 @@ speed. Published hulls:
     Zeefakkel, 45 m (van Amerongen 1982)             5 to 36    0.01 to 0.28
     Mariner class (Kempf; Fossen 2011)               20         -
 
-So ln (K T) is normal about 0 with standard deviation 2, and T anything from a model boat's (ln T normal about that of
-5 s, standard deviation 2). The density of alpha K^2 is even up to 0.5, and falls as its inverse beyond: a tanker that
-is nearly unstable on course (KVLCC2) has large K and T, and an alpha that limits its turns. Dead time and lag of the
-rudder are likely to be small beside T. The middle of the noise levels is that of the autopilot's own filter
-(heading_filter.py), wider.
+So ln (K T) is normal with mean 0 and standard deviation 2, and ln T normal around 5 s with standard deviation 2, which
+includes model boats. The density of alpha K^2 is constant up to 0.5 and then decreases as its inverse: a tanker that is
+almost unstable on course (KVLCC2) has large K and T, and an alpha that limits its turns. Dead time and lag of the
+rudder are probably small compared with T. The means of the noise levels are those of the autopilot's own filter
+(heading_filter.py), with a larger spread.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from hil.lab.identify.filter import (
 from hil.lab.identify.recording import Floats
 
 ALPHA_SCALE = 0.5  # of alpha K^2
-DELAY_SHARE, LAG_SHARE = 0.3, 0.2  # of T, standard deviations; the delay may beside be off by a row
-# A rudder bias lasts: within T, or ten rows, it walks by at most this share of the rudder's spread. The rest is yaw
-# disturbance. Otherwise a bias that follows every error of the model would predict one row ahead best.
+DELAY_SHARE, LAG_SHARE = 0.3, 0.2  # standard deviations relative to T; the delay has one row in addition
+# The rudder bias changes slowly: within T, or ten rows, by at most this share of the rudder's spread. Otherwise a bias
+# that follows every model error would give the best prediction of the next row.
 WALK_SHARE, SLOW_ROWS = 0.02, 10.0
 DEGREE = radians(1.0)
 _ANY = 1e9
@@ -75,17 +75,17 @@ SINGLE = {
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Normal but for alpha: sum of squares of weights v - middles; and the bounds of the unknowns v."""
+    """Normal except for alpha: sum of squares of weights v - middles; and the bounds of the unknowns v."""
 
     weights: Floats
     middles: Floats
     low: Floats
     high: Floats
-    constant: float  # of the cost, by which the priors of two T compare
+    constant: float  # of the cost, to compare priors with different T
 
     @classmethod
     def of(cls, lag_s: float, row_s: float, rudder_spread_rad: float) -> Prior:
-        """Return the prior; lag_s: about T, which the scales of delay, lag and bias walk go by."""
+        """Return the prior; `lag_s` is about T and scales delay, lag and bias walk."""
         single = SINGLE | {DELAY: (0.0, row_s + DELAY_SHARE * lag_s), LAG: (0.0, LAG_SHARE * lag_s)}
         weights, middles = np.zeros((len(single) + 1, UNKNOWNS)), np.zeros(len(single) + 1)
         for row, (place, (middle, spread)) in enumerate(single.items()):
@@ -99,7 +99,7 @@ class Prior:
         return cls(weights, middles, low, high, constant)
 
     def start(self, gain_1_s: float, lag_s: float) -> Floats:
-        """Return the middle of the prior but for K and T."""
+        """Return the mean of the prior, except for K and T."""
         values = np.zeros(UNKNOWNS)
         for place, (middle, _) in SINGLE.items():
             values[place] = middle

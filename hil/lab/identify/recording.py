@@ -1,4 +1,4 @@
-"""What was recorded: time, rudder and the motion that followed."""
+"""A recording: time, rudder and motion."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from hil.errors import UsageError
 
 Floats = NDArray[np.float64]
 
-LEAST_ROWS = 20
+MIN_ROWS = 20
 _RANGE = re.compile(r"^(?P<path>.+?):(?P<low>[^:/\\]*):(?P<high>[^:/\\]*)$")
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file and the part of it to use, in seconds of its own time column; None is its beginning or end."""
+    """A file and the part of it to use, in seconds of its time column; None is its start or end."""
 
     path: Path
     low_s: float | None = None
@@ -28,17 +28,17 @@ class Source:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read FILE or FILE:from:to, or raise UsageError; a file of just that name is taken as it is."""
+        """Read FILE or FILE:from:to, or raise UsageError; the name of an existing file is not split."""
         found = None if Path(text).exists() else _RANGE.match(text)
         if found is None:
             return cls(Path(text))
         low, high = (_seconds(found[name], text) for name in ("low", "high"))
         if low is not None and high is not None and not low < high:
-            raise UsageError(f"{text}: nothing lies from {low:g} to {high:g} s; give FILE:from:to with from before to")
+            raise UsageError(f"{text}: empty range from {low:g} to {high:g} s; give FILE:from:to with from < to")
         return cls(Path(found["path"]), low, high)
 
     def __str__(self) -> str:
-        """Write it as it was given."""
+        """Return the text as on the command line."""
         if self.low_s is None and self.high_s is None:
             return str(self.path)
         low, high = ("" if value is None else f"{value:g}" for value in (self.low_s, self.high_s))
@@ -47,10 +47,10 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The columns of one file, of equal length and finite; time strictly rises.
+    """The columns of a file, finite and of equal length, with increasing times.
 
-    Heading is clockwise and need not be unwrapped; heading, yaw rate or speed is None where the
-    file does not have it. `notes` says what was done to get here, `warnings` what is doubtful, for the report.
+    The heading is clockwise and need not be unwrapped; heading, yaw rate or speed is None if the file does not have it.
+    `notes` are changes of the data, `warnings` are doubts, for the report.
     """
 
     name: str
@@ -63,22 +63,22 @@ class Recording:
     warnings: tuple[str, ...] = ()
 
     def part(self, source: Source) -> Recording:
-        """Return the rows from low_s to high_s, or raise UsageError when hardly any are left."""
+        """Return the rows from low_s to high_s, or raise UsageError for too few."""
         low = -np.inf if source.low_s is None else source.low_s
         high = np.inf if source.high_s is None else source.high_s
         first, last = np.searchsorted(self.time_s, (low, high), side="left")
         if source.high_s is None:
             last = self.time_s.size
-        if last - first < LEAST_ROWS:
+        if last - first < MIN_ROWS:
             span = f"{self.time_s[0]:g} to {self.time_s[-1]:g} s" if self.time_s.size else "nothing"
             raise UsageError(
-                f"{source}: too short, {max(0, last - first)} rows; the file holds {span}; "
-                f"give at least {LEAST_ROWS} rows, better 50 times the turning lag"
+                f"{source}: too short, {max(0, last - first)} rows; the file covers {span}; "
+                f"give at least {MIN_ROWS} rows, better 50 times the turning lag"
             )
         return replace(self.rows(slice(int(first), int(last))), name=str(source))
 
     def rows(self, rows: slice | NDArray[np.bool_]) -> Recording:
-        """Return some of the rows."""
+        """Return selected rows."""
         columns = (self.heading_rad, self.yaw_rate_rad_s, self.speed_m_s)
         heading, rate, speed = (None if column is None else column[rows] for column in columns)
         return replace(
@@ -99,5 +99,5 @@ def _seconds(text: str, whole: str) -> float | None:
     except ValueError:
         seconds = np.nan
     if not np.isfinite(seconds):
-        raise UsageError(f"{whole}: {text!r} is no number of seconds; give FILE:from:to, or only FILE")
+        raise UsageError(f"{whole}: {text!r} is not a number of seconds; give FILE:from:to, or only FILE")
     return seconds

@@ -1,4 +1,4 @@
-"""The result as text for a reader, as JSON for a program, and as parameters for the autopilot."""
+"""Result of an identification as text, as JSON and as a parameter file."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from hil.errors import UsageError
 from hil.lab.identify.filter import COMPASS, DAMPING, DELAY, DIFFUSION, EXPONENT, GYRO, LAG, PERIOD, WALK, WAVE
 from hil.lab.identify.identify import Identification
 from hil.lab.identify.predict import Errors
-from hil.lab.identify.verdict import IDENTIFIABLE, LARGEST, Estimate
+from hil.lab.identify.verdict import IDENTIFIABLE, MAX_NUMBER, Estimate
 
 UNITS = {"K": "1/s", "T": "s", "alpha": "s^2", "delta0": "deg"}
-LARGEST_TRIM_DEG = 20.0
+MAX_TRIM_DEG = 20.0
 
 
 def as_json(result: Identification, seconds: float) -> str:
-    """Return the contract's JSON, with more in it."""
+    """Return the result as JSON."""
     found, judgement, v = result.fit, result.judgement, result.fit.values
     data: dict[str, Any] = {
         "model": result.name,
@@ -78,22 +78,24 @@ def _warnings(result: Identification) -> list[str]:
 
 
 def suggestion(result: Identification) -> str | None:
-    """Return the manoeuvre that tells what the log leaves open, None when everything is known."""
+    """Return the manoeuvre that identifies the remaining parameters, None if all are identified."""
     estimates = result.judgement.estimates
     if not result.judgement.usable:
         return (
-            "sail a zigzag: 20 deg of rudder to each side by turns, each side until the boat has turned 20 deg, for 10 "
-            "minutes; if that tells nothing either, check that the rudder column is what moves the boat"
+            "record a zigzag for 10 minutes: 20 deg of rudder to alternate sides, each until the heading has changed "
+            "by 20 deg; if that does not help, check that the rudder column is the real rudder"
         )
     if any(estimates[name].verdict != IDENTIFIABLE for name in ("K", "T")):
-        return "to know K and T, sail a zigzag, 20 deg of rudder to each side by turns, for 10 minutes; log 10 rows a s"
+        return (
+            "for K and T record a zigzag with 20 deg of rudder to alternate sides for 10 minutes, at 10 rows per second"
+        )
     if estimates["alpha"].verdict != IDENTIFIABLE:
-        return "to know alpha, sail circles: full rudder to each side, then a third of it, each for several T"
+        return "for alpha record circles with full and with a third of the rudder to each side, each for several T"
     return None
 
 
 def as_text(result: Identification, *, angular: bool = True) -> str:
-    """Return the report that stands on the terminal; angular: the rudder column is an angle."""
+    """Return the report for the terminal; angular: the rudder column is an angle."""
     lines = [*_header(result), "", *_table(result, angular=angular), "", *_model(result), *_predictions(result)]
     text = suggestion(result)
     if text is not None:
@@ -106,7 +108,7 @@ def as_text(result: Identification, *, angular: bool = True) -> str:
 def _header(result: Identification) -> list[str]:
     data = result.data
     outliers = f", {result.fit.outliers} outliers" if result.fit.outliers else ""
-    speed = "" if data.speed_m_s is None else f"; values hold at {data.speed_m_s:.3g} m/s"
+    speed = "" if data.speed_m_s is None else f"; values are valid at {data.speed_m_s:.3g} m/s"
     return [f"{data.rows} rows, {data.duration_s:.0f} s in {len(data.stretches)} stretch(es){outliers}{speed}"]
 
 
@@ -124,11 +126,11 @@ def _table(result: Identification, *, angular: bool) -> list[str]:
 
 
 def figures(name: str, estimate: Estimate, *, angular: bool) -> tuple[str, str, str]:
-    """Return value, interval and unit as they are shown; angular: the rudder column is an angle."""
+    """Return value, interval and unit as texts; angular: the rudder column is an angle."""
     unit = UNITS[name] if angular or name in ("T", "alpha") else ""
     size = degrees(1.0) if name == "delta0" and angular else 1.0
     value, low, high = (size * number for number in (estimate.value, estimate.low, estimate.high))
-    return f"{value:.5g}", f"{low:.4g} to {high:.4g}" if high < LARGEST else "unknown", unit
+    return f"{value:.5g}", f"{low:.4g} to {high:.4g}" if high < MAX_NUMBER else "unknown", unit
 
 
 def _model(result: Identification) -> list[str]:
@@ -139,7 +141,7 @@ def _model(result: Identification) -> list[str]:
         else f"yaw rate noise {degrees(math.exp(v[GYRO])):.2g} deg/s"
     )
     lines = [
-        f"model: {result.name}; rudder behind a dead time of {v[DELAY]:.2g} s and a lag of {v[LAG]:.2g} s",
+        f"model: {result.name}; rudder with a dead time of {v[DELAY]:.2g} s and a lag of {v[LAG]:.2g} s",
         (
             f"disturbances: yaw diffusion {degrees(degrees(math.exp(v[DIFFUSION]))):.2g} deg^2/s, wave yaw "
             f"{degrees(math.exp(v[WAVE])):.2g} deg with a period of {math.exp(v[PERIOD]):.2g} s, {noise}"
@@ -147,7 +149,7 @@ def _model(result: Identification) -> list[str]:
     ]
     if EXPONENT in found.free:
         lines.append(
-            f"speed: K, 1/T and 1/sqrt(alpha) go by the speed to the power {v[EXPONENT]:.2g} (similarity: 1), "
+            f"speed: K, 1/T and 1/sqrt(alpha) vary with the speed to the power {v[EXPONENT]:.2g} (similarity: 1), "
             f"+-{1.96 * found.spread(EXPONENT):.2g}"
         )
     explained = 100.0 * max(result.train.explained, 0.0)
@@ -176,14 +178,16 @@ def _predictions(result: Identification) -> list[str]:
 
 
 def as_parameters(result: Identification, unit: str) -> str:
-    """Return a parameter file of the model, or raise UsageError when there is none for the autopilot."""
+    """Return a parameter file of the model, or raise UsageError if it is not usable."""
     if unit == "any":
-        raise UsageError("no parameter file: K is per unit of a command that is no angle; give the rudder in radians")
+        raise UsageError(
+            "no parameter file: K is per unit of a command that is not an angle; give the rudder in radians"
+        )
     estimates = result.judgement.estimates
     if not result.judgement.usable:
-        raise UsageError("no parameter file: the log is as likely without a rudder")
+        raise UsageError("no parameter file: the log shows no effect of the rudder")
     if estimates["K"].value <= 0.0:
-        raise UsageError("no parameter file: K is negative; turn the sign of the rudder column")
+        raise UsageError("no parameter file: K is negative; invert the sign of the rudder column")
     model = result.model()
     values = {
         "MDL_K": model.turning_ability_1_s,
@@ -193,16 +197,16 @@ def as_parameters(result: Identification, unit: str) -> str:
     if result.data.speed_m_s is not None:
         values["MDL_SPEED"] = result.data.speed_m_s
     trim_deg = degrees(estimates["delta0"].value)
-    if estimates["delta0"].verdict == IDENTIFIABLE and abs(trim_deg) <= LARGEST_TRIM_DEG:
+    if estimates["delta0"].verdict == IDENTIFIABLE and abs(trim_deg) <= MAX_TRIM_DEG:
         values["CTL_TRIM_DEG"] = trim_deg
     lines = [f"# Identified by rambler-hil identify, {result.name} model."]
     lines += [f"# {name}: {estimate.verdict}; {estimate.why}" for name, estimate in estimates.items()]
     if result.data.speed_m_s is None:
-        lines.append("# The logs have no speed: set MDL_SPEED to what it was.")
+        lines.append("# The logs contain no speed: set MDL_SPEED.")
     try:
         lines += [f"{name} {format_value(TABLE[index_of(name)].check(value))}" for name, value in values.items()]
         text = "\n".join(lines) + "\n"
         parse_file(text, "identified parameters")
     except ParameterError as error:
-        raise UsageError(f"no parameter file: {error}; the model lies outside of what the autopilot takes") from None
+        raise UsageError(f"no parameter file: {error}; the model is outside the range of the parameters") from None
     return text

@@ -1,4 +1,4 @@
-"""Cuts recordings at gaps into stretches, and holds them as the columns that the filter runs over."""
+"""Split recordings at gaps into stretches, and convert them to columns for the filter."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from itertools import pairwise
 import numpy as np
 
 from hil.errors import UsageError
-from hil.lab.identify.agreement import with_agreeing_rate, without_standstill
 from hil.lab.identify.filter import lagged
-from hil.lab.identify.mend import once, without_speed_noise
-from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
+from hil.lab.identify.mend import once, with_agreeing_rate, without_speed_noise, without_standstill
+from hil.lab.identify.recording import MIN_ROWS, Floats, Recording
 
-GAP_ROWS = 10.0  # a gap longer than so many usual intervals: the rudder in it is unknown
-JUMP_ROWS, ROWS_A_JUMP = 2.5, 200  # one that long in a log that is even but for it: a clock that was set
-SPEED_RATIO_RANGE = (0.2, 5.0)  # similarity is not stretched further
+GAP_ROWS = 10.0  # median intervals; in a longer gap the rudder is unknown
+JUMP_ROWS, ROWS_PER_JUMP = 2.5, 200  # a jump of this length in an otherwise even log: the clock was set
+SPEED_RATIO_RANGE = (0.2, 5.0)  # limits of similarity
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Rows without a gap. The heading counts from the first row; speed_ratio is U / U0."""
+    """Rows without a gap. The heading is relative to the first row; speed_ratio is U / U0."""
 
     name: str
     time_s: Floats
@@ -38,7 +37,7 @@ class Stretch:
         return values
 
     def rows(self, rows: slice) -> Stretch:
-        """Return some of the rows."""
+        """Return selected rows."""
         return Stretch(
             self.name,
             self.time_s[rows],
@@ -51,7 +50,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """The stretches, and the speed U0 that the model is given for; None where a file has no speed."""
+    """The stretches, and the speed U0 of the model; None if a file has no speed."""
 
     stretches: tuple[Stretch, ...]
     speed_m_s: float | None
@@ -60,30 +59,30 @@ class Data:
 
     @property
     def rows(self) -> int:
-        """How many rows there are."""
+        """Return the number of rows."""
         return sum(stretch.time_s.size for stretch in self.stretches)
 
     @property
     def usual_step_s(self) -> float:
-        """The median interval."""
+        """Return the median interval."""
         return float(np.median(np.concatenate([np.diff(stretch.time_s) for stretch in self.stretches])))
 
     @property
     def duration_s(self) -> float:
-        """How long all stretches last together."""
+        """Return the total duration of all stretches."""
         return sum(float(stretch.time_s[-1] - stretch.time_s[0]) for stretch in self.stretches)
 
     @property
     def rudder_rad(self) -> Floats:
-        """The rudder of all rows."""
+        """Return the rudder of all rows."""
         return np.concatenate([stretch.rudder_rad for stretch in self.stretches])
 
 
 class Columns:
-    """The rows of all stretches one after the other, averaged in groups; the rudder stays as fine as recorded."""
+    """The rows of all stretches, averaged in groups; the rudder keeps its resolution."""
 
     def __init__(self, data: Data, every: int = 1) -> None:
-        """Average `every` rows to one."""
+        """Average groups of `every` rows."""
         self.headings = all(stretch.heading_rad is not None for stretch in data.stretches)
         parts = [_averaged(stretch, every, headings=self.headings) for stretch in data.stretches]
         self.times = [times for times, _, _ in parts]
@@ -94,7 +93,7 @@ class Columns:
         self._rudders = [_Integral(stretch.time_s, stretch.rudder_rad) for stretch in data.stretches]
 
     def rudder_rad(self, delay_s: float, lag_s: float) -> Floats:
-        """Return the mean rudder over the interval that ends at each row, behind a dead time and a first-order lag."""
+        """Return the mean rudder over the interval before each row, after a dead time and a first-order lag."""
         mean = np.concatenate(
             [rudder.means(times - delay_s) for rudder, times in zip(self._rudders, self.times, strict=True)]
         )
@@ -106,7 +105,7 @@ class Columns:
 
 
 class _Integral:
-    """The integral of a rudder that goes evenly from row to row and is held before the first and behind the last."""
+    """The integral of a rudder that is linear between rows and constant outside."""
 
     def __init__(self, time_s: Floats, rudder_rad: Floats) -> None:
         steps = np.diff(time_s)
@@ -115,7 +114,7 @@ class _Integral:
         self._area = np.concatenate(([0.0], np.cumsum(0.5 * (rudder_rad[1:] + rudder_rad[:-1]) * steps)))
 
     def means(self, time_s: Floats) -> Floats:
-        """Return the mean over each interval that ends at a time, and at the first time the rudder itself."""
+        """Return the mean over the interval before each time, and the rudder itself at the first time."""
         first, last = self._time_s[0], self._time_s[-1]
         row = np.clip(np.searchsorted(self._time_s, time_s, side="right") - 1, 0, self._slope.size - 1)
         inside = np.clip(time_s, first, last) - self._time_s[row]
@@ -128,7 +127,7 @@ class _Integral:
 def _averaged(stretch: Stretch, every: int, *, headings: bool) -> tuple[Floats, Floats, Floats]:
     """Return times, headings (or yaw rates) and speed ratios, averaged."""
     measured = stretch.measured(headings=headings)
-    every = max(1, min(every, stretch.time_s.size // LEAST_ROWS))
+    every = max(1, min(every, stretch.time_s.size // MIN_ROWS))
     rows = stretch.time_s.size // every
 
     def means(values: Floats) -> Floats:
@@ -138,9 +137,9 @@ def _averaged(stretch: Stretch, every: int, *, headings: bool) -> tuple[Floats, 
 
 
 def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None, *, fitted: bool = True) -> Data:
-    """Make stretches of recordings; UsageError names the remedy.
+    """Convert recordings to stretches, or raise UsageError.
 
-    speed_m_s: U0, their mean speed if None. fitted: they are fitted to, and not only predicted.
+    speed_m_s: U0, None for the mean speed. fitted: for the fit, not only for a prediction.
     """
     warnings = [f"{recording.name}: {text}" for recording in recordings for text in recording.warnings]
     notes = [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
@@ -165,18 +164,18 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None, *, 
 
 
 def excerpt(data: Data, rows: int) -> Data:
-    """Return at most about so many rows, of each stretch those in which the rudder moves most."""
+    """Return about this number of rows: those of each stretch in which the rudder moves most."""
     if data.rows <= rows:
         return data
     parts = []
     for stretch in data.stretches:
-        length = min(max(round(rows * stretch.time_s.size / data.rows), LEAST_ROWS), stretch.time_s.size)
+        length = min(max(round(rows * stretch.time_s.size / data.rows), MIN_ROWS), stretch.time_s.size)
         firsts = np.linspace(0, stretch.time_s.size - length, 20).astype(int).tolist()
         spreads = [float(np.std(stretch.rudder_rad[at : at + length])) for at in firsts]
         first = firsts[int(np.argmax(spreads))]
         parts.append(stretch.rows(slice(first, first + length)))
     parts.sort(key=lambda part: -part.time_s.size)
-    count = max(1, rows // LEAST_ROWS)
+    count = max(1, rows // MIN_ROWS)
     return replace(data, stretches=tuple(parts[:count]))
 
 
@@ -184,18 +183,18 @@ def _between_gaps(recording: Recording, notes: list[str]) -> list[slice]:
     steps = np.diff(recording.time_s)
     usual_s = float(np.median(steps))
     jumps = steps > JUMP_ROWS * usual_s
-    rare = np.count_nonzero(jumps) * ROWS_A_JUMP <= steps.size
+    rare = np.count_nonzero(jumps) * ROWS_PER_JUMP <= steps.size
     cuts = np.flatnonzero(jumps if rare else steps > GAP_ROWS * usual_s) + 1
     parts = [slice(low, high) for low, high in pairwise([0, *cuts.tolist(), recording.time_s.size])]
-    kept = [part for part in parts if part.stop - part.start >= LEAST_ROWS]
+    kept = [part for part in parts if part.stop - part.start >= MIN_ROWS]
     if cuts.size:
         lost = recording.time_s.size - sum(part.stop - part.start for part in kept)
         notes.append(
-            f"{recording.name}: {cuts.size} gaps; the fit starts again behind each"
-            + f", {lost} rows between them are too few" * (lost > 0)
+            f"{recording.name}: {cuts.size} gaps; the fit starts again after each"
+            + f", {lost} rows between them ignored" * (lost > 0)
         )
     if not kept:
-        raise UsageError(f"{recording.name}: too short: no {LEAST_ROWS} rows without a gap; record without gaps")
+        raise UsageError(f"{recording.name}: too short: fewer than {MIN_ROWS} rows without a gap; record without gaps")
     return kept
 
 

@@ -1,9 +1,11 @@
-"""The cells of a table as numbers: what is missing is NaN, what is no number or not believed is refused."""
+"""Convert the cells of a table to numbers; missing cells are NaN, invalid numbers are errors."""
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, time
 from pathlib import Path
 
 import numpy as np
@@ -11,28 +13,123 @@ from numpy.typing import NDArray
 
 from firmware_py.common.angles import radians
 from hil.errors import UsageError
-from hil.lab.identify.clock import number_of, seconds_of, seconds_of_nmea, unit_since_1970
 from hil.lab.identify.columns import Column
 from hil.lab.identify.recording import Floats
 
-# column -> largest size that is believed, and what to do about a larger one
-BELIEVED = {
+DAY_S = 86400.0
+SINCE_1970 = (1e-9, 1e-6, 1e-3)
+YEARS_S = (9e8, 5e9)  # of a time since 1970: from 1998 to 2128
+COARSE_ROWS = 2  # median number of rows with the same time, from which the clock is coarse
+MINUTE_JUMP = 40.0  # from 59 to 100 at the end of a minute written as hhmmss
+
+
+def seconds_of(texts: list[str]) -> Floats:
+    """Return seconds since the first of ISO 8601 times or times of the day; NaN for other text."""
+    try:
+        moments = [datetime.fromisoformat(_as_iso(text.strip())) for text in texts]
+        zoned = [moment if moment.tzinfo else moment.replace(tzinfo=UTC) for moment in moments]
+        return np.array([(moment - zoned[0]).total_seconds() for moment in zoned])
+    except ValueError:
+        return _past_midnight(np.array([number_of(text) if ":" not in text else _time_of_day(text) for text in texts]))
+
+
+def seconds_of_nmea(times: Floats) -> Floats | None:
+    """Return seconds of times of the day written as hhmmss.ss, None if they may be plain seconds.
+
+    Plain seconds have values from 60 to 99 in every hundred; hhmmss has not.
+    """
+    if not np.all((times >= 0.0) & (times < 240000.0)):
+        return None
+    minutes = times // 100.0
+    rest = times - 100.0 * minutes
+    clock = (minutes % 100.0 < 60.0) & (rest < 60.0)
+    steps, crossed = np.diff(times), np.diff(minutes) != 0.0
+    if not clock.all() or not crossed.any() or not 0.0 < float(np.median(steps)) < MINUTE_JUMP:
+        return None
+    if np.any(np.abs(steps[crossed]) < MINUTE_JUMP):
+        return None
+    return _past_midnight(3600.0 * (minutes // 100.0) + 60.0 * (minutes % 100.0) + rest)
+
+
+def unit_since_1970(times: Floats) -> float:
+    """Return the unit of times since 1970 that are finer than seconds, otherwise 1."""
+    first, last = float(times[0]), float(times[-1])
+    units = [unit for unit in SINCE_1970 if all(YEARS_S[0] < unit * one < YEARS_S[1] for one in (first, last))]
+    return units[0] if units else 1.0
+
+
+def spread_evenly(times: Floats) -> Floats | None:
+    """Return coarse times, which several rows share, spread evenly up to the next time.
+
+    None if no rows, or only a few, have the same time.
+    """
+    steps = np.diff(times)
+    first = np.flatnonzero(np.concatenate(([True], steps != 0.0)))
+    counts = np.diff(np.append(first, times.size))
+    if np.any(steps < 0.0) or first.size < 2 or float(np.median(np.repeat(counts, counts))) < COARSE_ROWS:
+        return None
+    spans = np.diff(times[first])
+    last = float(np.median(spans / counts[:-1])) * counts[-1]
+    # The first and the last time may have fewer rows, at the end and at the beginning of their interval.
+    share = np.arange(times.size) - np.repeat(first, counts)
+    each = np.append(spans, last) / counts
+    each[0] = min(each[0], last / counts[-1])
+    spread = np.repeat(times[first], counts) + share * np.repeat(each, counts)
+    spread[: counts[0]] += spans[0] - each[0] * counts[0]
+    return np.asarray(spread)
+
+
+def number_of(text: str) -> float:
+    """Return a number, NaN for other text."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _as_iso(text: str) -> str:
+    """Return a similar date as ISO 8601; with slashes, only a date that starts with the year is unambiguous."""
+    text = re.sub(r"^(\d{4})/(\d\d?)/(\d\d?)", r"\1-\2-\3", re.sub(r"\s*(UTC|GMT)$", "Z", text))
+    text = re.sub(r"^(\d\d?)\.(\d\d?)\.(\d{4})", r"\3-\2-\1", text)
+    return re.sub(r"-(\d)(?=[-T ])", r"-0\1", re.sub(r"(?<=:\d\d),(?=\d)", ".", text))
+
+
+def _past_midnight(times: Floats) -> Floats:
+    midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * DAY_S)
+    return np.asarray(times + DAY_S * midnights)
+
+
+def _time_of_day(text: str) -> float:
+    """Return seconds of the day; a preceding date is ignored, since midnight is detected from the times."""
+    plain = re.sub(r"^\d\d?([/-])\d\d?\1\d{4}[ T]+", "", text.strip())
+    half = re.search(r"\s*([ap])\.?m\.?$", plain, re.IGNORECASE)
+    try:
+        moment = time.fromisoformat(re.sub(r"^(?=\d:)", "0", plain[: half.start()] if half is not None else plain))
+    except ValueError:
+        return math.nan
+    if half is not None:
+        moment = moment.replace(hour=moment.hour % 12 + 12 * (half[1].lower() == "p"))
+    return moment.hour * 3600.0 + moment.minute * 60.0 + moment.second + moment.microsecond * 1e-6
+
+
+# column -> largest accepted size, and the remedy for larger values
+ACCEPTED = {
     "time_s": (1e12, "give seconds"),
     "heading_rad": (1e6, "give radians"),
-    "yaw_rate_rad_s": (30.0, "give radians a second, not degrees"),
-    "speed_m_s": (1000.0, "give metres a second"),
-    "sog_m_s": (1000.0, "give metres a second"),
+    "yaw_rate_rad_s": (30.0, "give radians per second, not degrees"),
+    "speed_m_s": (1000.0, "give metres per second"),
+    "sog_m_s": (1000.0, "give metres per second"),
     "cog_rad": (1e6, "give radians, or degrees as cog_deg"),
     "goal_rad": (1e6, "give radians, or degrees as goal_deg"),
     "lat_rad": (radians(90.01), "give degrees as lat_deg, north positive, or radians as lat_rad"),
     "lon_rad": (radians(360.01), "give degrees as lon_deg, east positive, or radians as lon_rad"),
 }
-# Columns whose sizes are believed in the unit that their name says, and the usual one where it says none.
+# Columns whose limits are in the unit of the name, and the unit without one.
 NAMED = {"time_s": 1.0, "lat_rad": radians(1.0), "lon_rad": radians(1.0)}
-MILLISECOND_S, LEAST_MILLISECONDS = 1e-3, 20.0
-LONGEST_INTERVAL_S = 10.0  # between rows, where the unit of the time is guessed: too long for a manoeuvre
-MOST_LINES_BELOW = 20  # of a table, that are no rows of it
-# How loggers write that there is nothing.
+MILLISECOND_S, MIN_MILLISECONDS = 1e-3, 20.0
+MAX_INTERVAL_S = 10.0  # of rows, for a time without unit: larger is too long for a manoeuvre
+MAX_LINES_BELOW = 20  # other lines below the table
+# Texts of missing values.
 MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "nat", "-", "--", "---", "?", "*"))
 TIMES = "give seconds, or times as 2026-05-31 23:59:59.5 or 23:59:59.5"
 
@@ -41,21 +138,21 @@ Raw = dict[str, Floats | None]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table under way: the numbers of its lines, and its columns."""
+    """A table: the numbers of its lines, and its columns."""
 
     path: Path
     numbers: list[int]
     places: dict[str, Column]
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-    whole_milliseconds: bool = True  # seconds that are whole and far apart are taken for milliseconds
+    whole_milliseconds: bool = True  # whole seconds with large intervals are assumed to be milliseconds
 
     def unit(self, name: str, usual: float) -> float:
-        """Return the size of a column's unit, the usual one where its name says none."""
+        """Return the size of a column's unit; `usual` if the name has no unit."""
         return self.places[name].unit if self.places[name].known else usual
 
     def column(self, name: str, texts: list[str]) -> Floats | None:
-        """Return the numbers of a column, None when it is empty throughout."""
+        """Return the numbers of a column, None for an empty column."""
         try:
             values = np.array(texts, dtype=np.float64)
         except ValueError:
@@ -67,34 +164,34 @@ class Table:
                 return None
         if name == "time_s":
             values = self._clock(values, texts, missing)
-        # Those of a yaw rate's size are looked at once its unit is known.
+        # Yaw rates are checked when their unit is known.
         self.check(name, np.where(missing | (np.isfinite(values) & (name == "yaw_rate_rad_s")), 0.0, values), texts)
         return values
 
     def check(self, name: str, values: Floats | None, texts: list[str] | None = None) -> None:
-        """Refuse values that are no numbers or not believed."""
+        """Raise UsageError for values that are not finite or too large."""
         if values is None:
             return
-        most, remedy = BELIEVED.get(name, (math.inf, ""))
+        most, remedy = ACCEPTED.get(name, (math.inf, ""))
         most /= self.unit(name, NAMED[name]) if name in NAMED else 1.0
         wrong = np.flatnonzero(~(np.abs(values) <= most) | ~np.isfinite(values))
         if wrong.size == 0:
             return
-        at, shown = int(wrong[0]), self.places[name].shown
+        at, label = int(wrong[0]), self.places[name].label
         where = f"{self.path}:{self.numbers[at]}"
         text = f"{values[at]:g}" if texts is None else texts[at].strip()
         more = f" (and {wrong.size - 1} more like it)" if wrong.size > 1 else ""
         if not np.isfinite(values[at]):
-            said = f"{text[:30]!r} is not a finite number"
+            problem = f"{text[:30]!r} is not a finite number"
             if name == "time_s":
-                raise UsageError(f"{where}: {shown} {text[:30]!r} is no time{more}; {TIMES}")
-            raise UsageError(f"{where}: {shown} {said}{more}; remove the row, or empty the whole column if it may be")
-        raise UsageError(f"{where}: {shown} {text[:30]} is beyond {most:g}{more}; {remedy}")
+                raise UsageError(f"{where}: {label} {text[:30]!r} is not a time{more}; {TIMES}")
+            raise UsageError(f"{where}: {label} {problem}{more}; remove the row, or empty an optional column")
+        raise UsageError(f"{where}: {label} {text[:30]} is beyond {most:g}{more}; {remedy}")
 
     def _clock(self, times: Floats, texts: list[str], missing: NDArray[np.bool_]) -> Floats:
-        """Return seconds of times however they are written; refuse those that are too far apart to be seconds.
+        """Return times in seconds; raise UsageError for intervals that are too large for seconds.
 
-        missing: rows without a time, to which those below the last one are added.
+        missing: rows without a time; lines below the table are added.
         """
         column = self.places["time_s"]
         wanted = np.flatnonzero(~missing)
@@ -108,45 +205,45 @@ class Table:
         seconds = seconds_of_nmea(times[wanted])
         if seconds is not None and column.known:
             raise UsageError(
-                f"{self.path}: {column.shown} jumps by 40 at every full minute: these are times of the "
+                f"{self.path}: {column.label} jumps by 40 at every full minute, so it contains times of the "
                 "day as hhmmss; name the column utc, or give seconds"
             )
         if seconds is not None:
-            self.notes.append(f"column {column.shown} holds times of the day as hhmmss")
+            self.notes.append(f"column {column.label} contains times of the day as hhmmss")
             times[wanted] = seconds
         elif self.whole_milliseconds and column.known and column.unit == 1.0 and _in_milliseconds(times[wanted]):
             times *= MILLISECOND_S
             self.warnings.append(
-                f"column {column.shown} counts by {float(np.median(np.diff(times[wanted]))) / MILLISECOND_S:g} from "
-                "row to row, in whole numbers: taken for milliseconds"
+                f"column {column.label} increases by {float(np.median(np.diff(times[wanted]))) / MILLISECOND_S:g} from "
+                "row to row, in whole numbers: milliseconds assumed"
             )
         elif not column.known:
             unit = unit_since_1970(times[wanted])
             times *= unit
             if unit != 1.0:
-                self.notes.append(f"column {column.shown} counts from 1970 in units of {unit:g} s")
+                self.notes.append(f"column {column.label} counts from 1970 in units of {unit:g} s")
             self._check_interval(times[wanted])
         return times
 
     def _check_interval(self, times: Floats) -> None:
-        """Refuse times whose name says no unit and that are too far apart to be seconds."""
-        usual, shown = float(np.median(np.diff(times))), self.places["time_s"].shown
-        if usual >= LONGEST_INTERVAL_S:
+        """Raise UsageError for times without unit whose intervals are too large for seconds."""
+        usual, label = float(np.median(np.diff(times))), self.places["time_s"].label
+        if usual >= MAX_INTERVAL_S:
             raise UsageError(
-                f"{self.path}: the rows are {usual:g} apart in {shown}, whose name says no unit: are these "
-                "milliseconds? name the column time_ms, time_us, or time_s"
+                f"{self.path}: the rows are {usual:g} apart in {label}, which has no unit; name the column time_ms, "
+                "time_us or time_s"
             )
 
 
 def _in_milliseconds(times: Floats) -> bool:
-    """Return whether times that are named seconds are whole numbers so far apart that they are milliseconds."""
+    """Return whether times named seconds are whole numbers with intervals of milliseconds."""
     steps = np.diff(times)
-    return steps.size > 0 and float(np.median(steps)) >= LEAST_MILLISECONDS and bool(np.all(times == np.round(times)))
+    return steps.size > 0 and float(np.median(steps)) >= MIN_MILLISECONDS and bool(np.all(times == np.round(times)))
 
 
 def _below(times: Floats, wanted: NDArray[np.intp], texts: list[str]) -> int:
-    """Return how many of the last rows have words for a time, as a line of totals below a table."""
-    for count, row in enumerate(wanted[::-1][: MOST_LINES_BELOW + 1].tolist()):
+    """Return the number of last rows with words instead of a time, such as a line of totals."""
+    for count, row in enumerate(wanted[::-1][: MAX_LINES_BELOW + 1].tolist()):
         if not math.isnan(float(times[row])) or any(character.isdigit() for character in texts[row]):
             return count
     return 0

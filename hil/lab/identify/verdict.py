@@ -1,4 +1,4 @@
-"""What is known of K, T, alpha and delta0: value, interval, and whether the log or the prior tells it."""
+"""Verdicts on K, T, alpha and delta0: value, interval, and whether log or prior determines it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from hil.lab.identify.stretches import Data
 IDENTIFIABLE = "identifiable"
 NOT_IDENTIFIABLE = "not identifiable"
 NORMAL_95 = 1.96
-LOOSE = 0.25  # of a value: 95 % within a factor of about 1.6
-LOOSE_OFFSET = 0.25  # of the rudder's spread
-CERTAIN = 3.0  # standard errors that alpha must be away from zero
-FROM_PRIOR = 0.5  # of what is known
-LEAST_GAIN = 10.0  # of the log-likelihood, over that of a boat which no rudder turns
-LARGEST = 1e12  # a number in the JSON is finite
-LARGEST_TURN_1_M = 5.0  # K / U: with the rudder hard over the boat turns within half a metre
-SHOWN_DELAY = 2.0  # standard errors
+MAX_RELATIVE_SE = 0.25  # 95 % within a factor of about 1.6
+MAX_OFFSET_SE = 0.25  # relative to the rudder's spread
+MIN_ALPHA_SE = 3.0  # minimum alpha in standard errors
+FROM_PRIOR = 0.5  # share of the information
+MIN_GAIN = 10.0  # of the log-likelihood, relative to a boat without rudder effect
+MAX_NUMBER = 1e12  # numbers in JSON are finite
+MAX_TURN_1_M = 5.0  # K / U: with full rudder the turning radius is half a metre
+MIN_DELAY_SE = 2.0  # delay in standard errors, from which it is reported
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The four parameters and warnings; usable: the model predicts better than none."""
+    """The four parameters and warnings; usable: the model predicts better than no model."""
 
     estimates: Mapping[str, Estimate]  # K, T, alpha, delta0
     usable: bool
@@ -48,8 +48,8 @@ class Judgement:
 
 
 def judge(fit: Fit, data: Data, train: Errors) -> Judgement:
-    """Judge a fit."""
-    usable = fit.gain > LEAST_GAIN
+    """Return the verdicts on a fit."""
+    usable = fit.gain > MIN_GAIN
     gain_1_s, lag_s, alpha_s2, offset_rad, _ = fit.model().tolist()
     step_s = data.usual_step_s
     estimates = {
@@ -60,31 +60,31 @@ def judge(fit: Fit, data: Data, train: Errors) -> Judgement:
     }
     warnings = list(data.warnings)
     if not usable:
-        warnings.append("the rudder explains next to nothing of the motion: the log is as likely without a rudder")
+        warnings.append("the log shows no effect of the rudder on the motion")
     elif gain_1_s < 0.0:
         warnings.append(
-            "K is negative: positive rudder turns the boat to port in this log; turn the sign of the rudder column, "
-            "or RUD_REVERSE on the boat"
+            "K is negative: positive rudder turns the boat to port in this log; invert the sign of the rudder column, "
+            "or change RUD_REVERSE on the boat"
         )
     speed_m_s = data.speed_m_s
-    if usable and speed_m_s is not None and abs(estimates["K"].low) > LARGEST_TURN_1_M * speed_m_s:
+    if usable and speed_m_s is not None and abs(estimates["K"].low) > MAX_TURN_1_M * speed_m_s:
         warnings.append(
-            f"K {gain_1_s:.3g} 1/s at {speed_m_s:.2g} m/s is that of a boat which turns within half a metre: "
-            "are heading and rudder in the units that their names say?"
+            f"K {gain_1_s:.3g} 1/s at {speed_m_s:.2g} m/s means a turning radius of half a metre: "
+            "check the units of heading and rudder"
         )
     if usable and not fit.likeliest:
         warnings.append(
-            "the boat is not quite a K-T boat: the likeliest model predicts this log worse than the best one does; "
-            "the best one is given, and its distance from the likeliest counts in the intervals"
+            "the boat is not a pure K-T boat: the likeliest model predicts this log worse than the model with the best "
+            "prediction, which is reported; the intervals include the distance of both"
         )
     delay_s, lag_of_rudder_s = float(fit.values[DELAY]), float(fit.values[LAG])
     if usable and (
-        abs(delay_s) > max(SHOWN_DELAY * fit.spread(DELAY), step_s)
-        or lag_of_rudder_s > max(SHOWN_DELAY * fit.spread(LAG), step_s)
+        abs(delay_s) > max(MIN_DELAY_SE * fit.spread(DELAY), step_s)
+        or lag_of_rudder_s > max(MIN_DELAY_SE * fit.spread(LAG), step_s)
     ):
         warnings.append(
-            f"the boat answers the rudder column with a dead time of {delay_s:.2f} s and a lag of "
-            f"{lag_of_rudder_s:.2f} s; both are counted in, so K and T are those behind them"
+            f"the boat responds to the rudder column with a dead time of {delay_s:.2f} s and a lag of "
+            f"{lag_of_rudder_s:.2f} s; K and T do not include them"
         )
     return Judgement(estimates, usable, tuple(warnings))
 
@@ -98,9 +98,9 @@ def _logarithmic(value: float, relative: float, verdict: str, why: str) -> Estim
 def _main(value: float, fit: Fit, place: int, *, usable: bool, step_s: float = 0.0) -> Estimate:
     relative = fit.spread(place)
     if not usable:
-        return _logarithmic(value, relative, NOT_IDENTIFIABLE, "the rudder explains next to nothing of the motion")
+        return _logarithmic(value, relative, NOT_IDENTIFIABLE, "the log shows no effect of the rudder")
     why = known(relative)
-    if relative <= LOOSE:
+    if relative <= MAX_RELATIVE_SE:
         return _logarithmic(value, relative, IDENTIFIABLE, why)
     if value < step_s:
         why += f"; T is shorter than the rows ({step_s:.2g} s)"
@@ -115,8 +115,8 @@ def _alpha(value: float, fit: Fit, train: Errors, *, usable: bool) -> Estimate:
     low, high = max(value - NORMAL_95 * se, 0.0), _finite(value + NORMAL_95 * se)
     where = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
     if ALPHA not in fit.free:
-        return Estimate(value, se, value, value, NOT_IDENTIFIABLE, "held at zero: --model linear")
-    if usable and value > CERTAIN * se:
+        return Estimate(value, se, value, value, NOT_IDENTIFIABLE, "fixed at zero: --model linear")
+    if usable and value > MIN_ALPHA_SE * se:
         return Estimate(value, se, low, high, IDENTIFIABLE, f"{where} {percent(value * rate**2)} of the yaw rate")
     why = f"{where} at most {percent(high * rate**2)} of the yaw rate"
     if fit.share(ALPHA) > FROM_PRIOR:
@@ -127,23 +127,25 @@ def _alpha(value: float, fit: Fit, train: Errors, *, usable: bool) -> Estimate:
 def _offset(value: float, fit: Fit, data: Data, *, usable: bool) -> Estimate:
     se, spread = fit.spread(OFFSET), float(np.std(data.rudder_rad))
     interval = value - NORMAL_95 * se, value + NORMAL_95 * se
-    if usable and se <= LOOSE_OFFSET * spread:
+    if usable and se <= MAX_OFFSET_SE * spread:
         why = f"known to {percent(se / spread)} of the rudder's spread"
         if data.stretches[0].heading_rad is None:
             why += "; it includes the constant error of the yaw rate over K"
         return Estimate(value, se, *interval, IDENTIFIABLE, why)
-    return Estimate(value, _finite(se), *interval, NOT_IDENTIFIABLE, "its error is as large as the rudder's own motion")
+    return Estimate(
+        value, _finite(se), *interval, NOT_IDENTIFIABLE, "its error is as large as the motion of the rudder"
+    )
 
 
 def known(relative: float) -> str:
-    """Say how well a value is known."""
+    """Return a text with the relative error."""
     return f"known to {percent(relative)}"
 
 
 def percent(share: float) -> str:
-    """Write a share."""
+    """Return a share as text."""
     return "worse than a factor of ten" if share >= 10.0 else f"{100.0 * share:.2g} %"
 
 
 def _finite(value: float) -> float:
-    return min(LARGEST, value)
+    return min(MAX_NUMBER, value)

@@ -1,1 +1,1 @@
-"""The paper's chain on synthetic tank data: from the manoeuvre to the gains to closed-loop runs."""
+"""Reproduction of the paper on synthetic tank data: manoeuvre, identification, tuning, closed-loop runs."""

@@ -17,7 +17,7 @@ from hil.lab.identify.manoeuvre_file import read
 from hil.lab.reproduce.heading_test import PAPER_SETTINGS, HeadingTest, run_heading_test
 from hil.lab.reproduce.manoeuvre import circles, sail, zigzag
 from hil.lab.tune import paper
-from hil.lab.tune.cases import pilot_of
+from hil.lab.tune.cases import autopilot_of
 from hil.lab.tune.paper import StepStudy
 from hil.lab.tune.search import Tuned, tune
 from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
@@ -31,12 +31,12 @@ from hil.sim.truth import Truth
 ZIGZAG_RAD = radians(20.0)
 CIRCLES_RAD = tuple(radians(angle) for angle in (10.0, -10.0, 20.0, -20.0, 30.0, -30.0))
 
-Tell = Callable[[str, float], None]
+ProgressReport = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How long everything lasts; the model is identified from train_s of the heading control test."""
+    """Durations and sizes; the model is identified from `train_s` of the heading control test."""
 
     train_s: float
     held_out_s: float
@@ -63,7 +63,7 @@ class Voyage:
 
     @property
     def largest_error_deg(self) -> float:
-        """The largest error of the hull's heading in the steady parts."""
+        """Return the largest error of the hull's heading in the steady parts."""
         largest_rad = 0.0
         truth = self.truth
         for (first, last), goal in zip(goal_spans(truth.goal_rad), self.figures, strict=False):
@@ -74,13 +74,13 @@ class Voyage:
 
     @property
     def p95_error_deg(self) -> float:
-        """95 % of the errors of the worst steady part lie within this."""
+        """Return the 95 % quantile of the errors, the largest of all steady parts."""
         return max(goal.p95_error_deg for goal in self.figures)
 
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """All results. open_loop: the model from zigzag and circles, where the rudder does not depend on the heading."""
+    """All results; `open_loop` is the model from zigzag and circles."""
 
     effort: Effort
     test: HeadingTest
@@ -92,24 +92,24 @@ class Chain:
 
     @property
     def model(self) -> KtModel:
-        """The model from the heading control test, at the paper's speed."""
+        """Return the model from the heading control test, at the paper's speed."""
         return self.test.found.model().at_speed(OCEAN_RAMBLER.speed_m_s)
 
 
-def run_chain(effort: Effort, out: Path, seed: int, tell: Tell) -> Chain:
-    """Go through the chain; recordings and runs are written to out."""
-    tell("heading control test in the tank", 0.0)
+def run_chain(effort: Effort, out: Path, seed: int, report_progress: ProgressReport) -> Chain:
+    """Run the chain; recordings and runs are written to `out`."""
+    report_progress("heading control test in the tank", 0.0)
     test = run_heading_test(effort.train_s, effort.held_out_s, out / "heading-test", seed)
     model = test.found.model().at_speed(OCEAN_RAMBLER.speed_m_s)
-    tell("zigzag and circles in the tank", 0.3)
+    report_progress("zigzag and circles in the tank", 0.3)
     open_loop = _identified_open_loop(effort, out, seed)
-    tell("tuning", 0.4)
+    report_progress("tuning", 0.4)
     parameters = with_model(ParameterSet(), model)
-    pilot = pilot_of(parameters)
-    studies = tuple(paper.study(step_deg, model, pilot, seed) for step_deg in paper.STEPS_DEG)
+    autopilot = autopilot_of(parameters)
+    studies = tuple(paper.study(step_deg, model, autopilot, seed) for step_deg in paper.STEPS_DEG)
     trials = Trials(model, parameters, effort.scenarios, seed)
     tuned = tune(trials, Setting.of(parameters), evaluations=effort.evaluations, seed=seed)
-    voyages = _voyages(effort, out, seed, model, tuned, tell)
+    voyages = _voyages(effort, out, seed, model, tuned, report_progress)
     return Chain(effort, test, open_loop, studies, trials, tuned, voyages)
 
 
@@ -127,7 +127,7 @@ def _identified_open_loop(effort: Effort, out: Path, seed: int) -> Identificatio
 
 
 def with_model(parameters: ParameterSet, model: KtModel) -> ParameterSet:
-    """Return the parameters with a model in them."""
+    """Return the parameters with a model."""
     for name, value in model_settings(model).items():
         parameters = parameters.replaced(name, value)
     return parameters
@@ -143,15 +143,17 @@ def model_settings(model: KtModel) -> dict[str, float]:
     }
 
 
-def _voyages(effort: Effort, out: Path, seed: int, model: KtModel, tuned: Tuned, tell: Tell) -> tuple[Voyage, ...]:
-    """Sail tank and sea, each with the paper's gains and with the tuned ones; the ship stays the true one."""
+def _voyages(
+    effort: Effort, out: Path, seed: int, model: KtModel, tuned: Tuned, report_progress: ProgressReport
+) -> tuple[Voyage, ...]:
+    """Run the autopilot in tank and sea with the paper's and with the tuned gains."""
     chosen = {name: tuned.chosen.setting.parameters()[name] for name in tuned.changed}
     runs = [
         (sea, name, gains) for sea in ("tank", "sea") for name, gains in (("paper", PAPER_SETTINGS), ("tuned", chosen))
     ]
     voyages = []
     for number, (sea, name, gains) in enumerate(runs):
-        tell(f"the autopilot in the {sea}, {name} gains", 0.5 + 0.5 * number / len(runs))
+        report_progress(f"the autopilot in the {sea}, {name} gains", 0.5 + 0.5 * number / len(runs))
         options = RunOptions(
             scenario=scenarios.named(sea),
             seconds=effort.run_s,

@@ -18,7 +18,7 @@ from hil.ship.regressions import (
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """An equation as printed, the same with numbers in SI units, and these numbers by name."""
+    """An equation with symbols, with numbers in SI units, and these numbers by name."""
 
     number: int
     name: str
@@ -28,12 +28,12 @@ class Equation:
 
     @property
     def title(self) -> str:
-        """Number and name."""
+        """Return number and name."""
         return f"({self.number}) {self.name}"
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The symbols, then the numbers below them."""
+        """Return the lines with symbols, then those with numbers."""
         return self.symbols + tuple(f"    {line}" for line in self.numbers)
 
 

@@ -25,8 +25,8 @@ Floats = NDArray[np.float64]
 
 TANK = "tank"
 PAPER_SETTINGS = {"CTL_K1": paper.K1, "CTL_K2": paper.K2}
-GOALS_DEG = (0.0, 40.0, -20.0, 20.0, -40.0)  # one after the other, again and again
-WAVE_PERIODS = 2.0  # of the tank, over which yaw rates are means: most of the wave yaw drops out
+GOALS_DEG = (0.0, 40.0, -20.0, 20.0, -40.0)  # repeated
+WAVE_PERIODS = 2.0  # averaging time of yaw rates, which removes most of the wave yaw
 GOAL_S = 75.0  # long enough for the largest step, 60 deg at 1.45 deg/s, and half a minute of course keeping
 
 
@@ -34,7 +34,7 @@ GOAL_S = 75.0  # long enough for the largest step, 60 deg at 1.45 deg/s, and hal
 class HeadingTest:
     """The model of the first part of the run, and the second part, which the model is compared with.
 
-    start_rad: the first heading of the second part. rate_span_s: the time over which yaw rates are means.
+    start_rad: first heading of the second part. rate_span_s: averaging time of yaw rates.
     """
 
     found: Identification
@@ -44,43 +44,43 @@ class HeadingTest:
 
     @property
     def prediction(self) -> Prediction:
-        """The second part as measured, and as predicted from its rudder alone."""
+        """Return the second part, measured and predicted from its rudder alone."""
         (prediction,) = self.found.validate[0].predictions
         return prediction
 
     @property
     def time_s(self) -> Floats:
-        """The times of the measured and predicted headings and yaw rates."""
+        """Return the times of the measured and predicted headings and yaw rates."""
         return self.prediction.stretch.time_s
 
     @property
     def measured_deg(self) -> Floats:
-        """The heading by the compass."""
+        """Return the compass heading."""
         return (self._compass_rad + self.start_rad) * DEGREES_PER_RADIAN
 
     @property
     def predicted_deg(self) -> Floats:
-        """The predicted heading."""
+        """Return the predicted heading."""
         return (self.prediction.heading_rad + self.start_rad) * DEGREES_PER_RADIAN
 
     @property
     def heading_error_deg(self) -> Floats:
-        """Heading predicted less heading measured."""
+        """Return predicted minus measured heading."""
         return self.predicted_deg - self.measured_deg
 
     @property
     def measured_rate_deg_s(self) -> Floats:
-        """The yaw rate by the compass, as there is no gyroscope in the test."""
+        """Return the yaw rate of the compass, since there is no gyroscope in the test."""
         return self._rate_deg_s(self._compass_rad)
 
     @property
     def predicted_rate_deg_s(self) -> Floats:
-        """The yaw rate of the predicted heading."""
+        """Return the yaw rate of the predicted heading."""
         return self._rate_deg_s(self.prediction.heading_rad)
 
     @property
     def hull_rate_deg_s(self) -> Floats:
-        """The yaw rate of the hull without the yaw of the waves, which no device measures."""
+        """Return the yaw rate of the hull without wave-frequency yaw, which no device measures."""
         return self._rate_deg_s(np.interp(self.time_s, self.held_out.time_s, self.held_out.heading_low_rad))
 
     @property
@@ -93,7 +93,7 @@ class HeadingTest:
 
 
 def mean_rate(time_s: Floats, heading_rad: Floats, over_s: float) -> Floats:
-    """Return the mean yaw rate [rad/s] over a span around each time, which is shorter at both ends."""
+    """Return the mean yaw rate [rad/s] over a span around each time, shorter at both ends."""
     before_s = np.maximum(time_s - 0.5 * over_s, time_s[0])
     after_s = np.minimum(time_s + 0.5 * over_s, time_s[-1])
     turned_rad = np.interp(after_s, time_s, heading_rad) - np.interp(before_s, time_s, heading_rad)
@@ -123,6 +123,6 @@ def run_heading_test(train_s: float, held_out_s: float, out: Path, seed: int) ->
 
 
 def goals(seconds: float) -> tuple[Goal, ...]:
-    """Return the goals of a test that lasts so long."""
+    """Return the goals of a test of this duration."""
     count = max(1, int(seconds / GOAL_S))
     return tuple(Goal(number * GOAL_S, GOALS_DEG[number % len(GOALS_DEG)]) for number in range(count))

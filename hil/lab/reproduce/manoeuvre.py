@@ -1,4 +1,4 @@
-"""Manoeuvres in the synthetic tank, recorded as a logger on board would: compass, encoder, ten rows a second."""
+"""Simulated manoeuvres in the tank, recorded like an onboard log: compass, encoder, ten rows per second."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ENCODER_RAD = 2.0 * math.pi / 4096.0
 
 @dataclass(frozen=True, slots=True)
 class Manoeuvre:
-    """What was recorded: times [s], rudder and heading as measured [rad, unwrapped], the hull's own heading."""
+    """A recording: times [s], measured rudder and heading [rad, unwrapped], true heading of the hull."""
 
     time_s: Floats
     rudder_rad: Floats
@@ -39,7 +39,7 @@ class Manoeuvre:
     speed_m_s: float
 
     def write(self, path: Path) -> None:
-        """Write the manoeuvre CSV; the yaw rate is left empty, for the paper's boat has no gyroscope."""
+        """Write the manoeuvre CSV; the yaw rate is empty, since the paper's boat has no gyroscope."""
         with path.open("w", encoding="ascii", newline="\n") as file:
             file.write(COLUMNS + "\n")
             for row in zip(self.time_s, self.rudder_rad, self.heading_rad, strict=True):
@@ -47,7 +47,7 @@ class Manoeuvre:
 
 
 def zigzag(rudder_rad: float, turn_rad: float) -> Steer:
-    """Return a helmsman who puts the rudder over each time the boat has turned this far to either side."""
+    """Return a rudder law that changes the side of the rudder each time the heading reaches this angle."""
     side = 1.0
 
     def steer(_time_s: float, heading_rad: float) -> float:
@@ -60,7 +60,7 @@ def zigzag(rudder_rad: float, turn_rad: float) -> Steer:
 
 
 def circles(rudders_rad: tuple[float, ...], each_s: float) -> Steer:
-    """Return a helmsman who holds one rudder angle after the other, the last one to the end."""
+    """Return a rudder law that holds one rudder angle after the other, the last one to the end."""
 
     def steer(time_s: float, _heading_rad: float) -> float:
         return rudders_rad[min(int(time_s / each_s), len(rudders_rad) - 1)]
@@ -69,7 +69,7 @@ def circles(rudders_rad: tuple[float, ...], each_s: float) -> Steer:
 
 
 def sail(model: KtModel, sea: Scenario, steer: Steer, seconds: float, seed: int) -> Manoeuvre:
-    """Sail a manoeuvre from rest at heading north."""
+    """Simulate a manoeuvre that starts with heading north and without yaw rate."""
     hull = Hull(sea, model, seed)
     noise_rad = COMPASS_NOISE_RAD * generator(seed, Stream.COMPASS).standard_normal(round(seconds * ROWS_PER_SECOND))
     rows = np.zeros((noise_rad.size, 4))
@@ -83,10 +83,10 @@ def sail(model: KtModel, sea: Scenario, steer: Steer, seconds: float, seed: int)
             measured_rad,
             hull.heading_low_rad(0.0),
         )
-        # The servo goes to a whole count and stands there, so the encoder does not lie in the mean.
-        wanted_rad = _rounded(steer(row / ROWS_PER_SECOND, measured_rad), ENCODER_RAD)
+        # The servo stops at a whole count, so the encoder has no mean error.
+        target_rad = _rounded(steer(row / ROWS_PER_SECOND, measured_rad), ENCODER_RAD)
         for _ in range(STEPS_PER_ROW):
-            angle_rad += clamp(wanted_rad - angle_rad, -reach_rad, reach_rad)
+            angle_rad += clamp(target_rad - angle_rad, -reach_rad, reach_rad)
             hull.step(angle_rad)
     time_s, rudder_rad, heading_rad, low_rad = rows.T.copy()
     return Manoeuvre(time_s, rudder_rad, heading_rad, low_rad, sea.speed_m_s)

@@ -1,4 +1,4 @@
-"""The table: the value of the paper, ours, and a verdict."""
+"""Comparison with the paper: its value, ours, and a verdict."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from hil.lab.reproduce.chain import Chain, Voyage
 from hil.lab.reproduce.heading_test import GOAL_S, GOALS_DEG
 from hil.ship import scenarios
 
-EXCESS = {30.0: 0.085, 90.0: 0.025}  # by which 40, 0.3 may exceed the least ITAE: about 8 and 2 %
+MAX_EXCESS = {30.0: 0.085, 90.0: 0.025}  # of the ITAE of 40, 0.3 over the smallest one: about 8 and 2 %
 WITHIN_DEG = {"tank": 3.0, "sea": 8.0}
 PREDICTION_MEAN_DEG, PREDICTION_WITHIN_DEG = 0.6, 10.0
-VISIBLE_OVERSHOOT = 0.03  # of the step
+VISIBLE_OVERSHOOT = 0.03  # relative to the step
 RADIUS_M = (20.0, 30.0)
 SEA_SPEEDS_KN = (1.5, 2.1)
-NOT_PRINTED = "not printed there"
+NOT_PRINTED = "not given"
 STANDARD_ERRORS = 3.0
 PRINTED = (("K", "1/s", 0.0005), ("T", "s", 0.5), ("alpha", "s^2", 0.5))  # the last: half of the last printed digit
 
@@ -32,9 +32,9 @@ class Verdict(Enum):
 
     MATCHES = "matches"
     MISSES = "MISSES"
-    DIFFERS = "differs"  # for the reason in the note; no failure
-    SILENT = "silent"  # the text of the paper that we have does not give it
-    OURS = "ours"  # the paper has nothing to compare with
+    DIFFERS = "differs"  # for the reason in the note; not a failure
+    SILENT = "silent"  # not in the text of the paper that we have
+    OURS = "ours"  # without a counterpart in the paper
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def rows(chain: Chain) -> tuple[Row, ...]:
 
 
 def all_match(table: tuple[Row, ...]) -> bool:
-    """Whether everything matches that should."""
+    """Return whether no row misses."""
     return all(row.verdict is not Verdict.MISSES for row in table)
 
 
@@ -108,7 +108,7 @@ def _prediction_rows(chain: Chain) -> list[Row]:
         ),
         Row(
             "heading prediction error",
-            "nearly all within +-10 deg",
+            "almost all within +-10 deg",
             f"{100.0 * within:.1f} % within, largest {float(np.max(np.abs(error))):.1f} deg",
             _judged(good=within >= 0.95),
         ),
@@ -122,7 +122,7 @@ def _figure_rows(chain: Chain) -> list[Row]:
     rudder = (test.held_out.rudder_rad - test.held_out.rudder_command_rad) * DEGREES_PER_RADIAN
     return [
         Row(
-            "yaw rate, predicted less measured (figure 6)",
+            "yaw rate, predicted minus measured (figure 6)",
             NOT_PRINTED,
             f"rms {_rms(rate):.3f} deg/s of {_rms(test.measured_rate_deg_s):.2f}",
             Verdict.SILENT,
@@ -130,7 +130,7 @@ def _figure_rows(chain: Chain) -> list[Row]:
             f"against the hull's own yaw rate rms {_rms(test.predicted_rate_deg_s - test.hull_rate_deg_s):.3f} deg/s",
         ),
         Row(
-            "rudder, actual less commanded (figure 7)",
+            "rudder, actual minus commanded (figure 7)",
             NOT_PRINTED,
             f"rms {_rms(rudder):.2f} deg",
             Verdict.SILENT,
@@ -151,10 +151,10 @@ def _gain_rows(chain: Chain) -> list[Row]:
             Row(
                 f"k1, k2 by ITAE, {study.step_deg:g} deg step",
                 "40, 0.3",
-                f"40, 0.3 comes within {100.0 * study.excess:.1f} % of the least",
-                _judged(good=study.excess <= EXCESS[study.step_deg]),
-                f"the least, at {best[0]:.0f}, {best[1]:.2f}, is at the end of 1 <= k1 <= 60: ITAE alone rewards an "
-                "ever harder rudder",
+                f"40, 0.3 is within {100.0 * study.excess:.1f} % of the optimum",
+                _judged(good=study.excess <= MAX_EXCESS[study.step_deg]),
+                f"the optimum at {best[0]:.0f}, {best[1]:.2f} is at the limit of 1 <= k1 <= 60: ITAE alone has no "
+                "limit of the gain",
             )
         )
         table.append(
@@ -163,7 +163,7 @@ def _gain_rows(chain: Chain) -> list[Row]:
                 "not visible",
                 f"{100.0 * study.paper_overshoot:.1f} %",
                 _judged(good=study.paper_overshoot <= VISIBLE_OVERSHOOT),
-                "with 40, 0.3, in the noiseless model",
+                "with 40, 0.3, in the model without noise",
             )
         )
     chosen, reference = chain.tuned.chosen, chain.trials.paper
@@ -171,12 +171,12 @@ def _gain_rows(chain: Chain) -> list[Row]:
     named = ", ".join(f"{name} {values[name]:g}" for name in chain.tuned.changed)
     table.append(
         Row(
-            "gains with a price on rudder travel",
+            "gains with a weight of rudder travel",
             "-",
             named,
             Verdict.OURS,
             f"error {chosen.error:.2f}, rudder travel {chosen.travel_deg_per_h / reference.travel_deg_per_h:.2f} of "
-            "what 40, 0.3 come to",
+            "those of 40, 0.3",
         )
     )
     return table
@@ -191,7 +191,7 @@ def _voyage_row(voyage: Voyage) -> Row:
         f"within +-{limit_deg:g} deg",
         f"largest {largest_deg:.1f}, 95 % within {voyage.p95_error_deg:.1f} deg",
         _judged(good=largest_deg <= limit_deg),
-        f"the autopilot itself, on ptys; rudder travel {travel:.0f} deg/h",
+        f"the real autopilot on ptys; rudder travel {travel:.0f} deg/h",
     )
 
 
@@ -212,8 +212,8 @@ def _silence_rows(model: KtModel) -> list[Row]:
             f"{RADIUS_M[0]:g} to {RADIUS_M[1]:g} m",
             f"{radius_m:.1f} m",
             Verdict.DIFFERS,
-            "the paper's is from a satellite track in waves and called imprecise there; its own K, T, alpha give "
-            f"{0.4 / steady_yaw_rate(radians(30.0), 0.049, 17.0):.1f} m. The model is not bent to hide it",
+            "the paper's value is from a satellite track in waves, which it calls imprecise; its own K, T, alpha give "
+            f"{0.4 / steady_yaw_rate(radians(30.0), 0.049, 17.0):.1f} m",
         ),
         Row(
             "normalisation of the S-surface",
@@ -224,7 +224,7 @@ def _silence_rows(model: KtModel) -> list[Row]:
         ),
         Row(
             "main particulars of the float",
-            "not to be had in full",
+            "incomplete",
             "3.05 x 0.81 x 0.23 m, 200 kg",
             Verdict.SILENT,
             "a published float of the same class, 50 kg, and its glider, 150 kg; heading does not depend on it",

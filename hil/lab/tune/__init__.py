@@ -1,1 +1,1 @@
-"""Choosing the gains of the heading controller: a compiled closed loop, and a search over it."""
+"""Tuning of the heading controller: a search over a compiled closed loop."""

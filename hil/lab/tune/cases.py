@@ -1,9 +1,7 @@
-"""The trial runs that a setting is judged by: seas, speeds, and ships that are not quite the model.
+"""The trial runs of the fixed-gain controller: seas, speeds, and ships that differ from the model.
 
-Each sea is sailed by the model as it is and by four ships whose K and T are 30 % off, and flat
-water at the slowest and the fastest speed, while the autopilot keeps the model of the vehicle
-file. Every setting meets the same waves and the same noise: what differs between two settings
-is the settings' doing.
+Each sea is run with the model and with four ships whose K and T differ by 30 %, and flat water at the lowest and the
+highest speed, while the autopilot keeps the model of the vehicle file. Every setting gets the same waves and noise.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ import numpy as np
 from firmware_py.common.angles import clamp, degrees, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, steady_yaw_rate
-from hil.lab.tune.loop_kernel import Pilot, Seas, Task
+from hil.lab.tune.loop_kernel import Autopilot, Seas, Task
 from hil.ship import scenarios
 from hil.ship.disturbances import NO_DISTURBANCES
 from hil.ship.drift import RudderDrift
@@ -27,8 +25,8 @@ from hil.ship.servo import DEFAULT_SLEW_RAD_S
 from hil.ship.waves import WaveYaw
 
 STEP_S = 0.1
-SHORTEST_LEG_S, LONGEST_LEG_S = 300.0, 3000.0
-STEADY_PART = 1.0 / 3.0  # of a leg, at its end
+MIN_LEG_S, MAX_LEG_S = 300.0, 3000.0
+STEADY_PART = 1.0 / 3.0  # last part of a leg
 GOALS_DEG = (60.0, -30.0)  # steps of 60 and 90 deg, one to each side
 COMPASS_NOISE_DEG = 0.3
 DEFAULT_SCENARIOS = ("tank", "sea", "swell", "weak")
@@ -39,7 +37,7 @@ NOMINAL = (1.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One trial run: a sea, and by what the ship's K and T differ from the model's."""
+    """One trial run: a sea, and the factors of the ship's K and T relative to the model."""
 
     scenario: Scenario
     ability_factor: float
@@ -47,7 +45,7 @@ class Case:
 
     @property
     def nominal(self) -> bool:
-        """Whether the ship is the model."""
+        """Return whether the ship equals the model."""
         return (self.ability_factor, self.lag_factor) == NOMINAL
 
     def ship(self, model: KtModel) -> KtModel:
@@ -60,30 +58,32 @@ class Case:
 
 
 def cases_of(names: Sequence[str]) -> tuple[Case, ...]:
-    """Return the cases of these scenarios; UnknownScenarioError for a name that is none."""
+    """Return the cases of scenarios; raise UnknownScenarioError for an unknown or unsupported one."""
     seas = [scenarios.named(name) for name in names]
     for sea in seas:
         if sea.disturbances != NO_DISTURBANCES:
-            raise scenarios.UnknownScenarioError(f"scenario {sea.name!r} has what the tuner's model leaves out")
+            raise scenarios.UnknownScenarioError(
+                f"scenario {sea.name!r} has disturbances that the trial runs do not have"
+            )
     calm = scenarios.named("calm")
     at_speeds = [replace(calm, name=f"calm at {speed:g} m/s", speed_m_s=speed) for speed in SPEEDS_M_S]
     cases = [Case(sea, *factors) for sea in seas for factors in (NOMINAL, *CORNERS)]
     return (*cases, *(Case(sea, *NOMINAL) for sea in at_speeds))
 
 
-def the_task(model: KtModel, pilot: Pilot) -> Task:
-    """Return what is steered in every case; legs last three times as long as the larger turn, at least 300 s."""
-    turn_s = max(abs(GOALS_DEG[0]), abs(GOALS_DEG[1] - GOALS_DEG[0])) / degrees(pilot.rate_max_rad_s)
-    leg_s = clamp(3.0 * (turn_s + 5.0 * model.turning_lag_s), SHORTEST_LEG_S, LONGEST_LEG_S)
+def task_of(model: KtModel, autopilot: Autopilot) -> Task:
+    """Return the task of every case; a leg lasts three times as long as the larger turn, at least 300 s."""
+    turn_s = max(abs(GOALS_DEG[0]), abs(GOALS_DEG[1] - GOALS_DEG[0])) / degrees(autopilot.rate_max_rad_s)
+    leg_s = clamp(3.0 * (turn_s + 5.0 * model.turning_lag_s), MIN_LEG_S, MAX_LEG_S)
     ticks = round(leg_s / STEP_S)
     return Task(np.array([radians(goal) for goal in GOALS_DEG]), ticks, round((1.0 - STEADY_PART) * ticks), STEP_S)
 
 
-def pilot_of(parameters: ParameterSet) -> Pilot:
-    """Return the autopilot of these parameters, computed as the firmware computes it."""
+def autopilot_of(parameters: ParameterSet) -> Autopilot:
+    """Return the settings of the autopilot, computed as in the firmware."""
     limit_rad = radians(parameters["RUD_LIMIT_DEG"])
     ability_1_s = parameters["MDL_K"]
-    return Pilot(
+    return Autopilot(
         turning_ability_1_s=ability_1_s,
         turning_lag_s=parameters["MDL_T_S"],
         rate_limit_rad_s=10.0 * ability_1_s * limit_rad + radians(5.0),
@@ -95,17 +95,17 @@ def pilot_of(parameters: ParameterSet) -> Pilot:
     )
 
 
-def steps_within(ship: KtModel, step_s: float) -> int:
-    """Return the number of Runge-Kutta steps of a time step; ValueError for what is no ship.
+def steps_in(ship: KtModel, step_s: float) -> int:
+    """Return the number of Runge-Kutta steps in a time step; raise ValueError for an invalid ship.
 
-    By similarity the time step is one of LARGEST_STEP_S of a ship that is so much faster, so that
-    the plant's own bound on the step, which is for reading it in between, does not count.
+    By similarity, the time step equals LARGEST_STEP_S of a faster ship, so that the plant's own step limit has no
+    effect.
     """
     return inner_steps(ship.at_speed(ship.speed_m_s * step_s / LARGEST_STEP_S), LARGEST_STEP_S)
 
 
 def seas_of(cases: Sequence[Case], model: KtModel, task: Task, seed: int) -> Seas:
-    """Draw the waves, the noise and the wandering of every case; ValueError for a model that is no ship."""
+    """Draw waves, noise and drift of every case; raise ValueError for an invalid model."""
     ticks = task.goals_rad.size * task.leg_ticks
     ships = np.zeros((len(cases), 4))
     compass_rad = np.zeros((len(cases), ticks))
@@ -116,7 +116,7 @@ def seas_of(cases: Sequence[Case], model: KtModel, task: Task, seed: int) -> Sea
             ship.turning_ability_1_s,
             ship.turning_lag_s,
             ship.norrbin_s2,
-            steps_within(ship, task.step_s),
+            steps_in(ship, task.step_s),
         )
         numbers = [np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, row, k]))) for k in range(3)]
         compass_rad[row] = radians(COMPASS_NOISE_DEG) * numbers[0].standard_normal(ticks)

@@ -1,7 +1,7 @@
-"""The trial runs that the delivered controller is tuned by, in the compiled loop (hil/lab/twin).
+"""The trial runs of the default controller in the compiled loop (hil/lab/twin).
 
-Each sea is sailed by the ship of the vehicle file and by ships whose K, T and alpha are 30 % off, each with several
-seeds, while the autopilot keeps the model of the vehicle file. Every setting meets the same waves and the same noise.
+Each sea is run with the ship of the vehicle file and with ships whose K, T and alpha differ by 30 %, each with several
+seeds, while the autopilot keeps the model of the vehicle file. Every setting gets the same waves and noise.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from firmware_py.common.parameters import ParameterSet, index_of
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 from hil.lab.compiled import compiling
 from hil.lab.numeric_core import LawSettings
-from hil.lab.tune.cases import GOALS_DEG, LONGEST_LEG_S, SHORTEST_LEG_S, STEADY_PART
+from hil.lab.tune.cases import GOALS_DEG, MAX_LEG_S, MIN_LEG_S, STEADY_PART
 from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, Task, measure
 from hil.lab.twin import sailing
 from hil.lab.twin.plant import Record, Sea
@@ -34,28 +34,28 @@ from hil.sim.truth import ROWS_PER_SECOND
 
 DEG_PER_H = DEGREES_PER_RADIAN * 3600.0
 SHIPS = ((1.0, 1.0, 1.0), (0.7, 1.3, 1.3), (1.3, 0.7, 0.7))  # of K, T and alpha
-SETTLING_S = 150.0  # before the first leg the estimate finds its feet, unjudged
+SETTLING_S = 150.0  # for the convergence of the estimators, before the first leg
 SEEDS, FRESH_SEEDS = 2, 4
-FRESH_SEED = 1_000_003  # added to the seed for the seas that the choice is checked in
-# What is searched, with the bounds of the search and the steps that a value is rounded to; the helm's own come first.
+FRESH_SEED = 1_000_003  # added to the seed for the seas that check the choice
+# The searched parameters.
 SEARCHED = ("CTL_PRICE", "RUD_DBAND_DEG")
 
 Setting = tuple[float, ...]
 
 
 def default_setting() -> Setting:
-    """Return what is searched as it is delivered."""
+    """Return the default values of the searched parameters."""
     return tuple(TABLE[index_of(name)].default for name in SEARCHED)
 
 
 def parameters_of(setting: Setting) -> dict[str, float]:
-    """Return name and value, as the autopilot keeps them."""
+    """Return names and values, rounded as in the autopilot."""
     return {name: to_single(value) for name, value in zip(SEARCHED, setting, strict=True)}
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A trial run: a sea and its seed, and by what the ship's K, T and alpha differ from the model's."""
+    """A trial run: a sea, its seed, and the factors of the ship's K, T and alpha relative to the model."""
 
     scenario: Scenario
     text: str
@@ -74,10 +74,10 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What a setting comes to.
+    """Score of a setting.
 
-    error: root mean square over the cases of its ITAE by that of the delivered defaults, so 1 is as good as they;
-    worst_error the largest of them. travel_deg_per_h: of the rudder, in the steady parts, mean over the cases.
+    `error` is the root mean square over the cases of its ITAE relative to that of the defaults, `worst_error` the
+    largest ratio. `travel_deg_per_h` is the mean rudder travel of the steady parts.
     """
 
     setting: Setting
@@ -87,30 +87,30 @@ class Score:
 
 
 def cases_of(names: Sequence[str], seeds: Sequence[int]) -> tuple[Case, ...]:
-    """Return the cases of seas like "swell+leeway=8"; UnknownScenarioError or DisturbanceError for one that is none."""
+    """Return the cases of seas such as "swell+leeway=8"."""
     seas = [(name, scenarios.sea_of(name)) for name in names]
     return tuple(Case(sea, name, ship, seed) for (name, sea), ship, seed in product(seas, SHIPS, seeds))
 
 
 def task_of(model: KtModel, limit_rad: float) -> tuple[Task, tuple[Goal, ...], float]:
-    """Return the legs that are judged, the goals and the seconds; legs are as long as such a ship needs to turn."""
+    """Return the legs, the goals and the duration; the length of a leg follows from the turning time of the ship."""
     fastest_rad_s = steady_yaw_rate(limit_rad, model.turning_ability_1_s, model.norrbin_s2)
     turn_s = max(abs(GOALS_DEG[0]), abs(GOALS_DEG[1] - GOALS_DEG[0])) / degrees(fastest_rad_s)
-    leg_s = clamp(3.0 * (turn_s + 5.0 * model.turning_lag_s), SHORTEST_LEG_S, LONGEST_LEG_S)
+    leg_s = clamp(3.0 * (turn_s + 5.0 * model.turning_lag_s), MIN_LEG_S, MAX_LEG_S)
     ticks = round(leg_s * ROWS_PER_SECOND)
     legs = Task(
         np.array([radians(goal) for goal in GOALS_DEG]), ticks, round((1.0 - STEADY_PART) * ticks), 1 / ROWS_PER_SECOND
     )
-    given = [Goal(0.0, 0.0)]
-    given += [Goal(SETTLING_S + number * ticks / ROWS_PER_SECOND, goal) for number, goal in enumerate(GOALS_DEG)]
-    return legs, tuple(given), SETTLING_S + len(GOALS_DEG) * ticks / ROWS_PER_SECOND
+    goals = [Goal(0.0, 0.0)]
+    goals += [Goal(SETTLING_S + number * ticks / ROWS_PER_SECOND, goal) for number, goal in enumerate(GOALS_DEG)]
+    return legs, tuple(goals), SETTLING_S + len(GOALS_DEG) * ticks / ROWS_PER_SECOND
 
 
 class Trials:
-    """The trial runs of a vehicle; every score that was asked for is kept."""
+    """The trial runs of a vehicle, with an archive of all scores."""
 
     def __init__(self, model: KtModel, parameters: ParameterSet, names: Sequence[str], seeds: Sequence[int]) -> None:
-        """Draw the seas and sail them as delivered; ValueError for a model that is no ship."""
+        """Draw the seas and run them with the defaults; raise ValueError for an invalid model."""
         self.parameters = parameters
         self.seeds = tuple(seeds)
         self.cases = cases_of(names, seeds)
@@ -122,11 +122,11 @@ class Trials:
         self.delivered = self._keep(default_setting(), self.reference)
 
     def record(self, setting: Setting, sea: Sea) -> Record:
-        """Sail a sea with a setting; return its rows."""
-        told = self.parameters
+        """Simulate a sea with a setting; return its record."""
+        parameters = self.parameters
         for name, value in parameters_of(setting).items():
-            told = told.replaced(name, value)
-        boat, law, task = sailing.boat_of(told), LawSettings.of(told), sailing.task_of(self.goals)
+            parameters = parameters.replaced(name, value)
+        boat, law, task = sailing.boat_of(parameters), LawSettings.of(parameters), sailing.task_of(self.goals)
         return sailing.sail(boat, law, sea, task, self.seconds, ticks=False)[0]
 
     def results(self, setting: Setting) -> Floats:
@@ -138,13 +138,13 @@ class Trials:
             record = self.record(setting, self.seas[number])
             measure(self.legs, record.heading_rad[first:-1], record.rudder_rad[first:-1], results[number])
 
-        # Compiled code lets go of the interpreter.
+        # Compiled code releases the global interpreter lock.
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             list(pool.map(sail, range(len(self.cases))))
         return results
 
     def score(self, setting: Setting) -> Score:
-        """Return and keep the score of a setting; one that is kept is not sailed again."""
+        """Return the score of a setting, from the archive if it has one."""
         known = next((score for score in self.archive if score.setting == setting), None)
         return known or self._keep(setting, self.results(setting))
 
@@ -160,10 +160,10 @@ class Trials:
         return score
 
     def cost(self, score: Score, price: float) -> float:
-        """Return error plus price times rudder travel, both in parts of the delivered; inf for what is no number."""
+        """Return error plus price times rudder travel, both relative to the defaults; inf for NaN."""
         cost = score.error + price * self.travel(score)
         return cost if math.isfinite(cost) else math.inf
 
     def travel(self, score: Score) -> float:
-        """Return a score's rudder travel in parts of the delivered."""
+        """Return the rudder travel of a score relative to the defaults."""
         return score.travel_deg_per_h / max(self.delivered.travel_deg_per_h, 1e-9)

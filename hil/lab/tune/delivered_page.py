@@ -1,4 +1,4 @@
-"""Picture and page of a tuning of the delivered controller: what was tried, and runs side by side."""
+"""Plot and page of a tuning of the default controller: all settings, and runs with the defaults and the choice."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from hil.sim.truth import Truth
 
 SIZE_INCHES = (13.0, 4.6)
 NOTE = (
-    "Error is ITAE, the absolute heading error weighted by the time since the goal was given, in each case by that "
-    "of the delivered defaults, root mean square over the cases. Rudder travel is of the steady last third after each "
-    "goal, mean over the cases. The autopilot keeps the vehicle file's model. The table is of seas that the search has "
-    "not seen; its mean is that of the goal where it is larger."
+    "The error is ITAE, the absolute heading error weighted by the time since the goal, relative to the defaults; root "
+    "mean square over the cases. The rudder travel is that of the last third after each goal, mean over the cases. The "
+    "autopilot uses the model of the vehicle file. The table shows seas that were not used in the search, with the "
+    "larger mean error of the two goals."
 )
 
 
 def write(report: Report, path: Path) -> tuple[Path, Path]:
-    """Write the picture and the page beside each other; return the paths of both."""
+    """Write the plot and the page; return the paths of both."""
     png, html = path.with_suffix(".png"), path.with_suffix(".html")
     _draw(report, png)
     html.write_text(_page(report, png.read_bytes()), encoding="utf-8")
@@ -48,9 +48,9 @@ def _page(report: Report, png: bytes) -> str:
         f"Tuning of {report.vehicle}",
         [
             page.paragraph(lead, "lead"),
-            page.image(png, "what was tried, headings and rudders"),
+            page.image(png, "settings, headings and rudders"),
             page.bullets(choice_lines(report)),
-            page.heading("As delivered (left) and the chosen setting (right)"),
+            page.heading("Defaults (left) and the chosen setting (right)"),
             page.table(case_rows(report)),
             page.paragraph(NOTE, "note"),
             page.heading("Parameters"),
@@ -64,7 +64,7 @@ def _draw(report: Report, path: Path) -> None:
     tried, headings, rudders = figure.subplots(1, 3)
     _tried(tried, report)
     delivered = _run(report, default_setting())
-    runs = [("as delivered", GOAL, delivered)]
+    runs = [("defaults", GOAL, delivered)]
     if not report.tuned.kept:
         runs.append(("chosen", HULL, _run(report, report.tuned.chosen.setting)))
     goal_deg = delivered[0].goal_rad * DEGREES_PER_RADIAN
@@ -73,9 +73,9 @@ def _draw(report: Report, path: Path) -> None:
         headings.plot(truth.time_s, truth.heading_rad * DEGREES_PER_RADIAN, color=colour, lw=1.2, label=name)
         rudder_deg, label = truth.rudder_rad * DEGREES_PER_RADIAN, f"{name}: {travel:.0f} deg/h"
         rudders.plot(truth.time_s, rudder_deg, color=colour, lw=0.8, label=label)
-    shown = report.fresh.cases[0].text
-    name_panel(headings, f"hull's heading, {shown}", x="time, s", y="deg")
-    name_panel(rudders, f"rudder, {shown}", x="time, s", y="deg")
+    case = report.fresh.cases[0].text
+    name_panel(headings, f"hull's heading, {case}", x="time, s", y="deg")
+    name_panel(rudders, f"rudder, {case}", x="time, s", y="deg")
     add_legend(headings)
     add_headroom(rudders)
     add_legend(rudders)
@@ -88,15 +88,15 @@ def _tried(axes: Any, report: Report) -> None:
     trials = report.trials
     scores = [score for score in trials.archive if score.error < 4.0]
     axes.plot([trials.travel(score) for score in scores], [score.error for score in scores], ".", color=COMPASS, ms=4)
-    axes.plot(1.0, 1.0, "o", color=GOAL, ms=8, mec="white", label="as delivered")
+    axes.plot(1.0, 1.0, "o", color=GOAL, ms=8, mec="white", label="defaults")
     chosen = report.tuned.chosen
     axes.plot(trials.travel(chosen), chosen.error, "*", color=COMMAND, ms=14, mec=INK, mew=0.6, label="chosen")
-    name_panel(axes, "what was tried, all cases", x="rudder travel, as delivered = 1", y="error, as delivered = 1")
+    name_panel(axes, "all settings, all cases", x="rudder travel, defaults = 1", y="error, defaults = 1")
     axes.legend(loc="upper right", fontsize=8, edgecolor="none", framealpha=0.9)
 
 
 def _run(report: Report, setting: Setting) -> tuple[Truth, float]:
-    """Return the first case in fresh seas, and its rudder travel."""
+    """Return a run of the first case in fresh seas, and its rudder travel."""
     record = report.fresh.record(setting, report.fresh.seas[0])
     travel = float(report.fresh.results(setting)[0, TRAVEL]) * DEG_PER_H
     return sailing.truth_of(record, report.fresh.goals), travel

@@ -1,4 +1,4 @@
-"""What a tuning of the delivered controller came to: for the terminal, for programs, and as a parameter file."""
+"""Report of a tuning of the default controller: text, JSON and parameter file."""
 
 from __future__ import annotations
 
@@ -12,20 +12,19 @@ from hil.lab.tune.delivered import DEG_PER_H, SEARCHED, SHIPS, Score, Trials, de
 from hil.lab.tune.delivered_search import Tuned
 from hil.lab.tune.loop_kernel import ITAE, MEAN, OVERSHOOT, RMS, TRAVEL, Floats
 
-JUDGED = ("rms deg", "worst mean deg", "travel deg/h")
+RESULT_COLUMNS = ("rms deg", "largest mean deg", "travel deg/h")
 # The controller that these parameters belong to.
 DELIVERED = {"CTL_MODE": 1.0, "EST_MODE": 1.0}
-RATIO = 3  # digits of what is by how much better
-WORTH = (
-    "what tuning is worth: on two other ships it found nothing better than the delivered defaults, so that all gain "
-    "came from the identified model. To trade error for rudder travel, see the curve of "
-    "rambler-hil compare --prices 0.5 1 2 4"
+RATIO_DIGITS = 3
+TUNING_NOTE = (
+    "note: on two other ships the tuner found nothing better than the defaults; the whole improvement came from the "
+    "identified model. To trade error for rudder travel, see rambler-hil compare --prices 0.5 1 2 4"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A tuning; `fresh` are the same seas and ships with other waves and noise."""
+    """A tuning; `fresh` has the same seas and ships with other waves and noise."""
 
     vehicle: str
     seed: int
@@ -38,26 +37,26 @@ class Report:
 
     @property
     def values(self) -> dict[str, float]:
-        """What is chosen, by the names of the parameters."""
+        """Return the chosen values by parameter name."""
         return parameters_of(self.tuned.chosen.setting)
 
 
 def parameter_file(report: Report) -> str:
-    """Write the chosen parameters as `NAME VALUE` lines, with the seas and seeds that they were chosen in."""
+    """Return the chosen parameters as `NAME VALUE` lines, with the seas and seeds of the search."""
     fresh, beside = report.tuned.fresh, report.fresh.delivered
     head = [
         f"# Tuned for {report.vehicle} by rambler-hil tune, seed {report.seed}: {report.tuned.why}.",
         f"# Seas: {' '.join(report.scenarios)}; {_ships()}; seeds {_seeds(report.trials)}.",
         (
-            f"# In fresh seas, seeds {_seeds(report.fresh)}: error {fresh.error:.{RATIO}f} and rudder travel "
-            f"{report.fresh.travel(fresh):.{RATIO}f} of the delivered defaults' ({beside.travel_deg_per_h:.0f} deg/h)."
+            f"# In fresh seas, seeds {_seeds(report.fresh)}: error {fresh.error:.{RATIO_DIGITS}f} and rudder "
+            f"travel {report.fresh.travel(fresh):.{RATIO_DIGITS}f} of the defaults ({beside.travel_deg_per_h:.0f})."
         ),
     ]
     return "\n".join(head) + "\n" + format_file({**DELIVERED, **report.values})
 
 
 def as_json(report: Report) -> dict[str, Any]:
-    """Return what was found as numbers and texts."""
+    """Return the results for JSON."""
     tuned = report.tuned
     return {
         "vehicle": report.vehicle,
@@ -123,15 +122,15 @@ def _cases_json(report: Report) -> list[dict[str, Any]]:
 
 
 def _both(report: Report) -> tuple[Floats, Floats]:
-    """Return the results of the delivered defaults and of the choice in fresh seas."""
+    """Return the results of the defaults and of the choice in fresh seas."""
     reference = report.fresh.reference
     return reference, reference if report.tuned.kept else report.fresh.results(report.tuned.chosen.setting)
 
 
 def case_rows(report: Report) -> list[Sequence[str]]:
-    """Return the table of sea by ship in fresh seas, the first of their seeds: as delivered, and the choice."""
+    """Return the table of seas and ships in fresh seas with their first seed: defaults and choice."""
     both = _both(report)
-    rows: list[Sequence[str]] = [(f"case, seed {report.fresh.seeds[0]}", *JUDGED, *JUDGED)]
+    rows: list[Sequence[str]] = [(f"case, seed {report.fresh.seeds[0]}", *RESULT_COLUMNS, *RESULT_COLUMNS)]
     for number, case in enumerate(report.fresh.cases):
         if case.seed != report.fresh.seeds[0]:
             continue
@@ -148,37 +147,37 @@ def case_rows(report: Report) -> list[Sequence[str]]:
 
 
 def choice_lines(report: Report) -> list[str]:
-    """Say what was chosen, why, and what it brings beside the delivered defaults."""
+    """Return lines with the choice, its reason, and its scores relative to the defaults."""
     tuned, default = report.tuned, parameters_of(default_setting())
     chosen = ", ".join(f"{name} {value:g}" for name, value in report.values.items())
     usual = ", ".join(f"{name} {value:g}" for name, value in default.items())
     lines = [
         f"seas: {' '.join(report.scenarios)}; {_ships()}; seeds {_seeds(report.trials)}",
-        f"delivered defaults: {usual}",
+        f"defaults: {usual}",
     ]
     if tuned.kept:
-        lines.append(f"chosen: the delivered defaults stay; {tuned.why}")
+        lines.append(f"chosen: the defaults; {tuned.why}")
     else:
         lines.append(f"chosen: {chosen} ({tuned.why})")
         lines.append(_beside("in these seas", report.trials, tuned.chosen))
         lines.append(_beside(f"in fresh seas, seeds {_seeds(report.fresh)}", report.fresh, tuned.fresh))
-    return [*lines, WORTH, *report.notes]
+    return [*lines, TUNING_NOTE, *report.notes]
 
 
 def _beside(where: str, trials: Trials, score: Score) -> str:
     return (
-        f"{where}: error {score.error:.{RATIO}f} x the delivered defaults' (worst case {score.worst_error:.2f} x), "
+        f"{where}: error {score.error:.{RATIO_DIGITS}f} x that of the defaults (largest {score.worst_error:.2f} x), "
         f"rudder travel {score.travel_deg_per_h:.0f} deg/h against {trials.delivered.travel_deg_per_h:.0f} "
-        f"({trials.travel(score):.{RATIO}f} x)"
+        f"({trials.travel(score):.{RATIO_DIGITS}f} x)"
     )
 
 
 def text(report: Report) -> str:
-    """Return what the terminal shows."""
+    """Return the text for the terminal."""
     rows = case_rows(report)
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     margin, split = " " * (widths[0] + 2), sum(widths[1:4]) + 4
-    table = [margin + "as delivered".ljust(split + 2) + "chosen"]
+    table = [margin + "defaults".ljust(split + 2) + "chosen"]
     table += ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
     return "\n".join([*choice_lines(report), "", *table])
 

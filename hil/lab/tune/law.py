@@ -1,8 +1,8 @@
 """Search the constants of the control law (firmware_py/control/law.py) in the compiled loop.
 
-A run is the task of docs/explanation/capabilities.md. It costs the mean square of the heading error and a price for the
-rudder travel of its steady parts; a setting costs the mean over the seas of what they cost by what they cost as
-delivered. The fish swarm searches in seas of some seeds, and seas of others judge what it has found.
+A run is the task of the explanation of steering. Its cost is the mean square of the heading error plus a price for the
+rudder travel of its steady parts. The cost of a setting is the mean over the seas of the cost relative to that of the
+present constants. The fish swarm searches in seas with some seeds; seas with other seeds check its result.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from hil.lab.compiled import compiling
 from hil.lab.numeric_core import LawConstants, LawSettings
 from hil.lab.swarm import SwarmProgress, SwarmSettings, minimise
 from hil.lab.tune.loop_kernel import Floats
-from hil.lab.tune.search import Bound, Tell
+from hil.lab.tune.search import Bound, ProgressReport
 from hil.lab.twin import sailing
 from hil.lab.twin.plant import Sea
 from hil.lab.twin.sea import sea_of
@@ -31,15 +31,15 @@ from hil.sim.goals import parse_goals
 
 GOALS: Final = parse_goals("0:0,120:60,720:-30")
 SECONDS: Final = 1320.0
-# Seas of the proofs, a ship of twice the gain, two seconds of delay.
+# Seas of the proofs, a ship of twice the gain, and a delay of two seconds.
 SEAS: Final = (
     *("tank", "sea", "swell", "weak", "ocean-1", "ocean-3", "ocean-4", "tank+kt=2", "swell+delay=2"),
     *("sea+float=0.3:0.6", "weak+float=0.3:0.6", "swell+leeway=8", "swell+float=0.2:0.5,orbital=0.4,leeway=8"),
 )
-FIRST_SEED: Final = 100  # added to the seed: the proofs sail the first few
+FIRST_SEED: Final = 100  # added to the seed, since the proofs use the first few
 SEEDS, FRESH_SEEDS = 16, 16
 PRICE: Final = 5e-4  # deg^2 for each deg/h
-FENCE: Final = (1.0, 1.02)  # rms error and rudder travel of any sea, by what they are as delivered
+LIMITS: Final = (1.0, 1.02)  # of rms error and rudder travel in any sea, relative to the present constants
 BOUNDS: Final = (
     Bound("GAIN_FACTOR", "gain_factor", 70.0, 280.0, logarithmic=True),
     Bound("CROSSOVER_RAD_S", "crossover_rad_s", 0.13, 0.31, logarithmic=True),
@@ -47,24 +47,25 @@ BOUNDS: Final = (
     Bound("BAND_SQRT_S", "band_sqrt_s", 0.7, 6.0, logarithmic=True),
 )
 TRIES = 1
-VISION, STEP, NEAR = 0.2, 0.12, 0.2  # of the box's diagonal; of a logarithm
+VISION, STEP = 0.2, 0.12  # relative to the diagonal of the box
+START_STEP = 0.2  # change of the logarithm of a constant
 
 Setting = tuple[float, ...]
 DELIVERED_SETTING: Final[Setting] = tuple(LawConstants())
 
 
 class LawTrials:
-    """Seas of some seeds; `results` (seas, seeds, 2) are rms error [deg] and rudder travel [deg/h]."""
+    """Trial runs in seas with some seeds; `results` (seas, seeds, 2) are rms error [deg] and rudder travel [deg/h]."""
 
     def __init__(self, names: Sequence[str], seeds: Sequence[int], price: float = PRICE) -> None:
-        """Draw the seas and sail them as delivered; UnknownScenarioError or DisturbanceError for one that is none."""
+        """Draw the seas and run them with the present constants."""
         self.names, self.seeds, self.price = tuple(names), tuple(seeds), price
         self.seas = [sea_of(scenarios.sea_of(name), seed, SECONDS) for name in names for seed in seeds]
         with compiling("the closed loop"):
             self.delivered = self.results(DELIVERED_SETTING)
 
     def results(self, setting: Setting) -> Floats:
-        """Sail all seas with a setting."""
+        """Simulate all seas with a setting."""
         parameters = ParameterSet()
         boat, law = sailing.boat_of(parameters), LawSettings.of(parameters)._replace(constants=LawConstants(*setting))
         task = sailing.task_of(GOALS)
@@ -74,20 +75,20 @@ class LawTrials:
             score = score_of(sailing.truth_of(record, GOALS))
             return score.rms_deg, score.travel_deg_per_h
 
-        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # compiled code lets go of the interpreter
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # compiled code releases the global interpreter lock
             found = list(pool.map(figures, self.seas))
         return np.array(found).reshape(len(self.names), len(self.seeds), 2)
 
     def costs(self, results: Floats) -> Floats:
-        """Return what each sea costs by what it costs as delivered."""
+        """Return the cost of each sea relative to that of the present constants."""
         mine, theirs = (self._price(one) for one in (results, self.delivered))
         return mine / theirs
 
     def cost(self, results: Floats) -> float:
-        """Return what a setting costs; inf for what is no number."""
-        # A fence: what is gained in one sea is not paid for in another, nor by much more work of the rudder.
+        """Return the cost of a setting; inf for NaN."""
+        # Penalties: a gain in one sea must not cause a loss in another one, or much more rudder travel.
         ratios = self._means(results) / self._means(self.delivered)
-        beyond = np.maximum(ratios - np.array(FENCE), 0.0)
+        beyond = np.maximum(ratios - np.array(LIMITS), 0.0)
         cost = float(np.mean(self.costs(results)) + np.sum(beyond))
         return cost if np.isfinite(cost) else np.inf
 
@@ -102,7 +103,7 @@ class LawTrials:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What the search came to: constants, what they cost in the seas of the search and in fresh ones."""
+    """Result of the search: constants and their costs in the seas of the search and in fresh ones."""
 
     setting: Setting
     cost: float
@@ -112,29 +113,29 @@ class Found:
 
     @property
     def better(self) -> bool:
-        """Whether the fresh seas bear out that it is better than what is delivered."""
+        """Return whether the constants are better than the present ones in the fresh seas, too."""
         return self.setting != DELIVERED_SETTING and self.fresh_cost < 1.0
 
 
-def search(trials: LawTrials, fresh: LawTrials, evaluations: int, seed: int, tell: Tell) -> Found:
-    """Search for the constants of least cost, beginning with those that are delivered."""
+def search(trials: LawTrials, fresh: LawTrials, evaluations: int, seed: int, report_progress: ProgressReport) -> Found:
+    """Search the constants with the smallest cost, starting from the present ones."""
     tried: dict[Setting, float] = {DELIVERED_SETTING: 1.0}
 
     def cost(point: Floats) -> float:
-        # Three digits are more than the seas can tell apart.
+        # More than three digits make no difference in these seas.
         setting = tuple(float(f"{bound.value(float(x)):.3g}") for bound, x in zip(BOUNDS, point, strict=True))
         if setting not in tried:
             tried[setting] = trials.cost(trials.results(setting))
         return tried[setting]
 
-    def told(progress: SwarmProgress) -> None:
+    def on_progress(progress: SwarmProgress) -> None:
         part = min(progress.evaluations / evaluations, 0.999)
-        tell(f"{progress.evaluations} settings: {progress.best_value:.4f}", part)
+        report_progress(f"{progress.evaluations} settings: {progress.best_value:.4f}", part)
 
     low, high = (np.array([bound.coordinate(end) for bound, end in _ends(number)]) for number in (0, 1))
     present = np.array([bound.coordinate(value) for bound, value in zip(BOUNDS, DELIVERED_SETTING, strict=True)])
-    # The first fish is where the law is; the others are about it, each off in one constant.
-    begin = np.array([present, *(present + NEAR * off for off in np.eye(len(BOUNDS)))])
+    # The first fish starts at the present constants, each other one with a change of one constant.
+    begin = np.array([present, *(present + START_STEP * off for off in np.eye(len(BOUNDS)))])
     settings = SwarmSettings(
         fish=len(begin),
         tries=TRIES,
@@ -150,7 +151,7 @@ def search(trials: LawTrials, fresh: LawTrials, evaluations: int, seed: int, tel
         low,
         high,
         settings,
-        told,
+        on_progress,
         start=np.clip(begin, low, high),
     )
     best = min(tried, key=lambda setting: tried[setting])
@@ -163,15 +164,15 @@ def _ends(number: int) -> list[tuple[Bound, float]]:
 
 
 def as_json(trials: LawTrials, fresh: LawTrials, found: Found) -> dict[str, Any]:
-    """Return what was found as numbers and texts."""
+    """Return the results for JSON."""
     names = [bound.field for bound in BOUNDS]
     costs = fresh.costs(found.fresh_results).tolist()
     seas = []
     for number, name in enumerate(fresh.names):
         row: dict[str, Any] = {"scenario": name, "cost": round(costs[number], 4)}
-        for who, results in (("delivered", fresh.delivered), ("found", found.fresh_results)):
+        for key, results in (("delivered", fresh.delivered), ("found", found.fresh_results)):
             rms_deg, travel_deg_per_h = _mean(results[number])
-            row[who] = {"rms_error_deg": round(rms_deg, 4), "rudder_travel_deg_per_h": round(travel_deg_per_h, 1)}
+            row[key] = {"rms_error_deg": round(rms_deg, 4), "rudder_travel_deg_per_h": round(travel_deg_per_h, 1)}
         seas.append(row)
     return {
         "seeds": list(trials.seeds),
@@ -193,16 +194,16 @@ def _mean(results: Floats) -> tuple[float, float]:
 
 
 def text(trials: LawTrials, fresh: LawTrials, found: Found) -> str:
-    """Return what the terminal shows: seas and seeds, the constants, and the fresh seas one by one."""
+    """Return the text for the terminal: seeds, constants, and the results of each fresh sea."""
     lines = [
         f"seeds {' '.join(map(str, trials.seeds))}, fresh {' '.join(map(str, fresh.seeds))}",
         f"{found.evaluations} settings in {len(trials.seas)} runs each, {trials.price:g} deg^2 for each deg/h",
     ]
     for bound, was, value in zip(BOUNDS, DELIVERED_SETTING, found.setting, strict=True):
-        lines.append(f"{bound.field}: {was:.4g} delivered, {value:.4g} found")
-    lines.append(f"cost by that of the delivered: {found.cost:.4f}, in fresh seas {found.fresh_cost:.4f}")
-    lines.append("the constants found are better" if found.better else "the delivered constants stay")
-    rows = [("sea", "delivered", "found", "cost")]
+        lines.append(f"{bound.field}: {was:.4g} present, {value:.4g} found")
+    lines.append(f"cost relative to the present constants: {found.cost:.4f}, in fresh seas {found.fresh_cost:.4f}")
+    lines.append("the constants found are better" if found.better else "the present constants are kept")
+    rows = [("sea", "present", "found", "cost")]
     costs = fresh.costs(found.fresh_results).tolist()
     for number, name in enumerate(fresh.names):
         both = (fresh.delivered[number], found.fresh_results[number])

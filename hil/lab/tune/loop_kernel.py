@@ -1,13 +1,12 @@
 """Closed loop of ship and autopilot, compiled, for the trial runs of the tuner.
 
-The ship is the K-T equation, the autopilot is made of the firmware's own functions (hil/lab/numeric_core.py): observer,
-S-surface and rudder limits. It leaves out what a trial run never has: samples that are late, missing or not numbers.
-tests/unit/hil/lab/tune/test_loop_kernel.py holds the loop against the firmware's tick by tick, to the last bit, and
-tests/process/test_tune.py against the autopilot on ptys.
+The ship is the K-T equation; the autopilot consists of the firmware's own functions (hil/lab/numeric_core.py):
+observer, S-surface and rudder limits. Late, missing and invalid samples are not simulated.
+tests/unit/hil/lab/tune/test_loop_kernel.py compares the loop with the firmware tick by tick, to the last bit, and
+tests/process/test_tune.py with the autopilot on ptys.
 
-To follow a change of the firmware's control: keep its order of steps in `pilot_begins` and `pilot_steers`, and in a row
-of `state` what lasts from tick to tick; name what is to be searched in cases.pilot_of, trials.Setting and
-search.BOUNDS.
+After a change of the control law, adapt the steps in `start_autopilot` and `autopilot_command`, the columns of `state`,
+and the searched parameters in cases.autopilot_of, trials.Setting and search.BOUNDS.
 """
 
 from __future__ import annotations
@@ -26,24 +25,24 @@ from hil.lab.numeric_core import fixed_gain, law, rudder_limit
 Floats = NDArray[np.float64]
 
 COUNT_RAD = 2.0 * math.pi / 4096.0  # the servo's encoder: 0.088 deg
-RESOLUTION_RAD = math.pi / 1800.0  # the compass prints 0.1 deg
+RESOLUTION_RAD = math.pi / 1800.0  # 0.1 deg in the compass sentence
 
-# Columns of the results: of a case, worst or mean over its legs as the name says.
+# Columns of the results of a case.
 ITAE, RMS, MEAN, TRAVEL, OVERSHOOT = range(5)
 RESULTS = 5
 
 
-# Columns of a setting, and of what the autopilot keeps from tick to tick.
+# Columns of a setting, and of the state of the autopilot.
 K1, K2, TAU_S, DEADBAND_RAD = range(4)
 HEADING_RAD, YAW_RATE_RAD_S, COMMAND_RAD, THETA, DECAY = range(5)
-PILOT_STATES = 5
+AUTOPILOT_STATES = 5
 
 
-class Pilot(NamedTuple):
-    """Settings of the autopilot; the searched parameters come separately.
+class Autopilot(NamedTuple):
+    """Settings of the autopilot without the searched parameters.
 
-    turning_ability_1_s and turning_lag_s are the observer's model (MDL_K, MDL_T_S), rate_limit_rad_s
-    its bound on the yaw rate, rate_max_rad_s the yaw rate that normalises the controller's.
+    turning_ability_1_s and turning_lag_s are the observer's model (MDL_K, MDL_T_S), rate_limit_rad_s its limit of the
+    yaw rate, rate_max_rad_s the yaw rate that normalises the controller's.
     """
 
     turning_ability_1_s: float
@@ -57,7 +56,7 @@ class Pilot(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What is steered: goals [rad], one leg after the other, each of the same number of ticks."""
+    """The goals [rad] of consecutive legs, each with the same number of ticks."""
 
     goals_rad: Floats
     leg_ticks: int
@@ -68,8 +67,8 @@ class Task(NamedTuple):
 class Seas(NamedTuple):
     """The ships and their disturbances, a row for each case.
 
-    ships: K, T, alpha and how many Runge-Kutta steps a tick takes. compass_rad: what waves and noise
-    add to the compass at each tick. offset_rad: the rudder angle at which the boat runs straight, at each tick.
+    ships: K, T, alpha and the number of Runge-Kutta steps in a tick. compass_rad: waves and noise of the compass at
+    each tick. offset_rad: the rudder angle at which the boat runs straight, at each tick.
     """
 
     ships: Floats
@@ -78,24 +77,24 @@ class Seas(NamedTuple):
 
 
 @compiled
-def pilot_begins(state: Floats, setting: Floats, pilot: Pilot, measured_rad: float, step_s: float) -> None:
-    """Fill the autopilot's state at its first sample, with the rudder amidships."""
+def start_autopilot(state: Floats, setting: Floats, autopilot: Autopilot, measured_rad: float, step_s: float) -> None:
+    """Fill the autopilot's state at its first sample, with the rudder centred."""
     state[HEADING_RAD], state[YAW_RATE_RAD_S], state[COMMAND_RAD] = measured_rad, 0.0, 0.0
-    state[THETA], state[DECAY] = math.exp(-step_s / setting[TAU_S]), decay_over(step_s, pilot.turning_lag_s)
+    state[THETA], state[DECAY] = math.exp(-step_s / setting[TAU_S]), decay_over(step_s, autopilot.turning_lag_s)
 
 
 @compiled
-def pilot_steers(
+def autopilot_command(
     state: Floats,
     setting: Floats,
-    pilot: Pilot,
+    autopilot: Autopilot,
     tick: int,
     goal_rad: float,
     measured_rad: float,
     rudder_rad: float,
     step_s: float,
 ) -> float:
-    """Return the rudder command of a tick from compass and servo; the first sample is in the state already."""
+    """Return the rudder command of a tick from compass and servo; the first sample is already in the state."""
     heading_rad, yaw_rate_rad_s = state[HEADING_RAD], state[YAW_RATE_RAD_S]
     if tick > 0:
         heading_rad, yaw_rate_rad_s = fixed_gain.predict(
@@ -104,15 +103,17 @@ def pilot_steers(
             rudder_rad,
             step_s,
             state[DECAY],
-            pilot.turning_ability_1_s,
-            pilot.turning_lag_s,
+            autopilot.turning_ability_1_s,
+            autopilot.turning_lag_s,
         )
         heading_rad, yaw_rate_rad_s = fixed_gain.correct(
-            heading_rad, yaw_rate_rad_s, measured_rad, step_s, state[THETA], pilot.rate_limit_rad_s
+            heading_rad, yaw_rate_rad_s, measured_rad, step_s, state[THETA], autopilot.rate_limit_rad_s
         )
         state[HEADING_RAD], state[YAW_RATE_RAD_S] = heading_rad, yaw_rate_rad_s
-    gains = law.Gains(setting[K1], setting[K2], pilot.rudder_limit_rad, pilot.rate_max_rad_s, pilot.trim_rad)
-    limits = rudder_limit.RudderLimits(pilot.rudder_limit_rad, pilot.rudder_slew_rad_s, setting[DEADBAND_RAD])
+    gains = law.Gains(
+        setting[K1], setting[K2], autopilot.rudder_limit_rad, autopilot.rate_max_rad_s, autopilot.trim_rad
+    )
+    limits = rudder_limit.RudderLimits(autopilot.rudder_limit_rad, autopilot.rudder_slew_rad_s, setting[DEADBAND_RAD])
     demand_rad = law.s_surface(gains, wrap_pi(goal_rad - heading_rad), yaw_rate_rad_s)
     state[COMMAND_RAD] = rudder_limit.limited_command(limits, state[COMMAND_RAD], demand_rad, step_s)
     return float(state[COMMAND_RAD])
@@ -120,20 +121,20 @@ def pilot_steers(
 
 @compiled
 def compass_reading(heading_rad: float) -> float:
-    """Return a heading as the compass prints it, in [0, 2 pi)."""
+    """Return a heading rounded as in the compass sentence, in [0, 2 pi)."""
     return wrap_two_pi(math.floor(heading_rad / RESOLUTION_RAD + 0.5) * RESOLUTION_RAD)
 
 
 @compiled
 def counted(angle_rad: float) -> float:
-    """Return an angle as the servo's encoder counts it."""
+    """Return an angle rounded to counts of the servo's encoder."""
     return math.floor(angle_rad / COUNT_RAD + 0.5) * COUNT_RAD
 
 
 @compiled
 def closed_loop(
     setting: Floats,
-    pilot: Pilot,
+    autopilot: Autopilot,
     task: Task,
     ship: Floats,
     compass_rad: Floats,
@@ -141,23 +142,23 @@ def closed_loop(
     heading_rad: Floats,
     rudder_rad: Floats,
 ) -> None:
-    """Sail a case with a setting; fill the hull's heading [rad, unwrapped] and the rudder [rad] at each tick.
+    """Simulate a case with a setting; fill the hull's heading [rad, unwrapped] and the rudder [rad] at each tick.
 
-    In a tick the autopilot reads compass and servo, then moves the rudder; the ship sails on
-    until the next. The servo's answer is that of the tick before, as on the boat.
+    In a tick the autopilot reads compass and servo and then commands the rudder. The servo angle is that of the
+    previous tick, as on the boat.
     """
     step_s = task.step_s
     inner_steps = int(ship[3])
     inner_s = step_s / inner_steps
-    reach_rad = pilot.servo_slew_rad_s * inner_s
+    reach_rad = autopilot.servo_slew_rad_s * inner_s
     psi = r = angle = counted_rad = 0.0
-    state = np.zeros(PILOT_STATES)
-    pilot_begins(state, setting, pilot, compass_reading(compass_rad[0]), step_s)
+    state = np.zeros(AUTOPILOT_STATES)
+    start_autopilot(state, setting, autopilot, compass_reading(compass_rad[0]), step_s)
     for tick in range(heading_rad.size):
         heading_rad[tick], rudder_rad[tick] = psi, angle
         goal_rad = task.goals_rad[tick // task.leg_ticks]
         measured_rad = compass_reading(psi + compass_rad[tick])
-        command = pilot_steers(state, setting, pilot, tick, goal_rad, measured_rad, counted_rad, step_s)
+        command = autopilot_command(state, setting, autopilot, tick, goal_rad, measured_rad, counted_rad, step_s)
         counted_rad = counted(angle)
         target = counted(command)
         for _ in range(inner_steps):
@@ -168,11 +169,10 @@ def closed_loop(
 
 @compiled
 def measure(task: Task, heading_rad: Floats, rudder_rad: Floats, results: Floats) -> None:
-    """Fill the results of a run, headings less goal [rad].
+    """Fill the results of a run; errors are heading minus goal [rad].
 
-    ITAE is the mean absolute error weighted by the time since the goal was given, RMS and TRAVEL
-    [rad/s] are of the steady parts, MEAN is the largest mean error of a steady part,
-    OVERSHOOT the largest of the legs' in parts of the step.
+    ITAE is the mean absolute error weighted by the time since the goal, RMS and TRAVEL [rad/s] are those of the steady
+    parts, MEAN is the largest mean error of a steady part, OVERSHOOT the largest of all legs relative to the step.
     """
     legs = task.goals_rad.size
     results[:] = 0.0
@@ -205,7 +205,7 @@ def measure(task: Task, heading_rad: Floats, rudder_rad: Floats, results: Floats
 
 
 @compiled
-def sail_all(settings: Floats, pilot: Pilot, task: Task, seas: Seas, results: Floats) -> None:
+def run_all(settings: Floats, autopilot: Autopilot, task: Task, seas: Seas, results: Floats) -> None:
     """Fill the results (settings, cases, RESULTS) of every setting (k1, k2, tau [s], deadband [rad]) in every case."""
     ticks = task.goals_rad.size * task.leg_ticks
     heading_rad, rudder_rad = np.zeros(ticks), np.zeros(ticks)
@@ -213,7 +213,7 @@ def sail_all(settings: Floats, pilot: Pilot, task: Task, seas: Seas, results: Fl
         for case in range(seas.ships.shape[0]):
             closed_loop(
                 settings[number],
-                pilot,
+                autopilot,
                 task,
                 seas.ships[case],
                 seas.compass_rad[case],

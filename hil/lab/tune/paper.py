@@ -1,8 +1,8 @@
-"""The paper's own tuning problem: least ITAE of a step in the noiseless K-T model, over k1 and k2.
+"""The tuning problem of the paper: smallest ITAE of a step in the K-T model without noise, over k1 and k2.
 
-Source: Wang et al. 2018, section 3 and eq. 8: J = integral of t |e| dt, k1 and k2 found by the
-artificial fish swarm as 40 and 0.3. The paper prints neither its step nor its box; here steps of
-30 and 90 deg, 1 <= k1 <= 60, 0 <= k2 <= 10, and a rudder that follows at once.
+Source: Wang et al. 2018, section 3 and eq. 8: J = integral of t |e| dt; the artificial fish swarm finds k1 = 40 and
+k2 = 0.3. The paper gives neither its step nor its box; here steps of 30 and 90 deg, 1 <= k1 <= 60, 0 <= k2 <= 10, and
+an instant rudder.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from firmware_py.model.kt import KtModel, rk4_step
 from hil.lab.compiled import compiled, compiling
 from hil.lab.numeric_core import law
 from hil.lab.swarm import SwarmResult, SwarmSettings, minimise
-from hil.lab.tune.cases import steps_within
-from hil.lab.tune.loop_kernel import Floats, Pilot
+from hil.lab.tune.cases import steps_in
+from hil.lab.tune.loop_kernel import Autopilot, Floats
 
 K1, K2 = 40.0, 0.3
 LOW, HIGH = (1.0, 0.0), (60.0, 10.0)
 STEPS_DEG = (30.0, 90.0)
-TICKS = 2000  # of a step response; 200 s or so for the paper's boat
-COLUMNS, ROWS = 60, 51  # of the plane, over k1 and k2
+TICKS = 2000  # of a step response; about 200 s for the paper's boat
+COLUMNS, ROWS = 60, 51  # of the map over k1 and k2
 FISH, ITERATIONS, TRIES = 16, 30, 3
 
 
 @compiled
 def step_response(
-    k1: float, k2: float, way_rad: float, step_s: float, pilot: Pilot, ship: Floats
+    k1: float, k2: float, way_rad: float, step_s: float, autopilot: Autopilot, ship: Floats
 ) -> tuple[float, float]:
     """Return ITAE [rad s^2] and overshoot [rad] of a step with perfect sensors and an instant rudder."""
     psi = r = itae = overshoot = 0.0
     inner_steps = int(ship[3])
-    gains = law.Gains(k1, k2, pilot.rudder_limit_rad, pilot.rate_max_rad_s, pilot.trim_rad)
+    gains = law.Gains(k1, k2, autopilot.rudder_limit_rad, autopilot.rate_max_rad_s, autopilot.trim_rad)
     for tick in range(TICKS):
         rudder = law.s_surface(gains, way_rad - psi, r)
         before = abs(way_rad - psi)
@@ -46,15 +46,15 @@ def step_response(
 
 
 @compiled
-def itae_all(points: Floats, values: Floats, way_rad: float, step_s: float, pilot: Pilot, ship: Floats) -> None:
+def itae_all(points: Floats, values: Floats, way_rad: float, step_s: float, autopilot: Autopilot, ship: Floats) -> None:
     """Fill the ITAE [rad s^2] of every point (k1, k2)."""
     for number in range(points.shape[0]):
-        values[number] = step_response(points[number, 0], points[number, 1], way_rad, step_s, pilot, ship)[0]
+        values[number] = step_response(points[number, 0], points[number, 1], way_rad, step_s, autopilot, ship)[0]
 
 
 @dataclass(frozen=True, slots=True)
 class StepStudy:
-    """One step: ITAE [deg s^2] over the plane (k2, k1), what the swarm found, and how the paper's gains do."""
+    """One step: ITAE [deg s^2] over (k2, k1), the optimum of the swarm, and the results of the paper's gains."""
 
     step_deg: float
     k1: Floats
@@ -62,30 +62,30 @@ class StepStudy:
     plane: Floats
     swarm: SwarmResult
     paper_itae: float
-    paper_overshoot: float  # in parts of the step
+    paper_overshoot: float  # relative to the step
     best_overshoot: float
 
     @property
     def best_itae(self) -> float:
-        """The least ITAE that the swarm or the plane found."""
+        """Return the smallest ITAE of swarm and map."""
         return min(self.swarm.best_value, float(np.min(self.plane)))
 
     @property
     def excess(self) -> float:
-        """By which part the paper's gains exceed the least ITAE."""
+        """Return the relative excess of the paper's gains over the smallest ITAE."""
         return self.paper_itae / self.best_itae - 1.0
 
 
-def study(step_deg: float, model: KtModel, pilot: Pilot, seed: int) -> StepStudy:
-    """Chart the plane of a step and let the fish search it; ValueError for a model that is no ship."""
+def study(step_deg: float, model: KtModel, autopilot: Autopilot, seed: int) -> StepStudy:
+    """Compute the map of a step and search it with the fish swarm; raise ValueError for an invalid model."""
     way_rad = radians(step_deg)
-    # Long enough for the slowest sensible turn to be over and done with.
-    step_s = 2.5 * (way_rad / pilot.rate_max_rad_s + 5.0 * model.turning_lag_s) / TICKS
-    ship = np.array([model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, steps_within(model, step_s)])
+    # Long enough for the slowest reasonable turn.
+    step_s = 2.5 * (way_rad / autopilot.rate_max_rad_s + 5.0 * model.turning_lag_s) / TICKS
+    ship = np.array([model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, steps_in(model, step_s)])
 
     def itae_deg(points: Floats) -> Floats:
         values = np.zeros(len(points))
-        itae_all(points, values, way_rad, step_s, pilot, ship)
+        itae_all(points, values, way_rad, step_s, autopilot, ship)
         return values * DEGREES_PER_RADIAN
 
     k1, k2 = np.linspace(LOW[0], HIGH[0], COLUMNS), np.linspace(LOW[1], HIGH[1], ROWS)
@@ -93,8 +93,8 @@ def study(step_deg: float, model: KtModel, pilot: Pilot, seed: int) -> StepStudy
     with compiling("the step response"):
         plane = itae_deg(points).reshape(ROWS, COLUMNS)
     found = minimise(itae_deg, LOW, HIGH, SwarmSettings(fish=FISH, iterations=ITERATIONS, tries=TRIES, seed=seed))
-    paper_itae, paper_overshoot = step_response(K1, K2, way_rad, step_s, pilot, ship)
-    _, best_overshoot = step_response(float(found.best[0]), float(found.best[1]), way_rad, step_s, pilot, ship)
+    paper_itae, paper_overshoot = step_response(K1, K2, way_rad, step_s, autopilot, ship)
+    _, best_overshoot = step_response(float(found.best[0]), float(found.best[1]), way_rad, step_s, autopilot, ship)
     return StepStudy(
         step_deg=step_deg,
         k1=k1,

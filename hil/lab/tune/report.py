@@ -1,4 +1,4 @@
-"""What a tuning came to: for the terminal, for other programs, and as a parameter file."""
+"""Report of a tuning of fixed gains: text, JSON and parameter file."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from hil.lab.tune.paper import StepStudy
 from hil.lab.tune.search import Tuned
 from hil.lab.tune.trials import DEG_PER_H, FIXED_GAINS, PAPER, Score, Setting, Trials
 
-SHOWN = "sea"  # the scenario whose runs are drawn, where it is among the cases
-COLUMNS = ("case", "rms deg", "worst mean deg", "travel deg/h", "rms deg", "worst mean deg", "travel deg/h")
+PLOTTED = "sea"  # the scenario whose runs are plotted, if it is among the cases
+COLUMNS = ("case", "rms deg", "largest mean deg", "travel deg/h", "rms deg", "largest mean deg", "travel deg/h")
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """A run of one case, for drawing; its rudder travel is that of the steady parts."""
+    """A run of one case, for the plot; its rudder travel is that of the steady parts."""
 
     name: str
     time_s: Floats
@@ -34,9 +34,9 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A tuning: the paper's problem, the practical one, and how the choice does in seas it was not chosen in.
+    """A tuning: the problem of the paper, the practical one, and the results of the choice in fresh seas.
 
-    fresh: the same cases with other waves and noise. delivered: the delivered controller in the same seas.
+    fresh: the same cases with other waves and noise. delivered: the default controller in the same seas.
     """
 
     vehicle: str
@@ -52,20 +52,20 @@ class Report:
 
     @property
     def traces(self) -> tuple[Trace, Trace]:
-        """The paper's gains and the chosen setting in the case that is shown."""
+        """Return runs of the paper's gains and of the chosen setting in the plotted case."""
         return (
-            _trace("the paper's", self.fresh, self._shown_row(), PAPER),
-            _trace("chosen", self.fresh, self._shown_row(), self.tuned.chosen.setting),
+            _trace("the paper's", self.fresh, self._plotted_row(), PAPER),
+            _trace("chosen", self.fresh, self._plotted_row(), self.tuned.chosen.setting),
         )
 
     @property
-    def shown_case(self) -> str:
-        """The name of the case whose runs are drawn."""
-        return self.fresh.cases[self._shown_row()].scenario.name
+    def plotted_case(self) -> str:
+        """Return the name of the plotted case."""
+        return self.fresh.cases[self._plotted_row()].scenario.name
 
-    def _shown_row(self) -> int:
+    def _plotted_row(self) -> int:
         names = [case.scenario.name if case.nominal else "" for case in self.fresh.cases]
-        return names.index(SHOWN) if SHOWN in names else 0
+        return names.index(PLOTTED) if PLOTTED in names else 0
 
 
 def _trace(name: str, trials: Trials, row: int, setting: Setting) -> Trace:
@@ -74,7 +74,7 @@ def _trace(name: str, trials: Trials, row: int, setting: Setting) -> Trace:
     heading_rad, rudder_rad = np.zeros(ticks), np.zeros(ticks)
     closed_loop(
         trials.row_of(setting),
-        trials.pilot,
+        trials.autopilot,
         task,
         seas.ships[row],
         seas.compass_rad[row],
@@ -88,13 +88,13 @@ def _trace(name: str, trials: Trials, row: int, setting: Setting) -> Trace:
 
 
 def parameter_file(report: Report) -> str:
-    """Write the chosen parameters as `NAME VALUE` lines; what need not change is left out."""
+    """Return the chosen parameters that differ from the vehicle's as `NAME VALUE` lines."""
     chosen = report.tuned.chosen
     head = [
         f"# Tuned for {report.vehicle} by rambler-hil tune, seed {report.seed}: {report.tuned.why}.",
         (
             f"# Error {chosen.error:.2f} and rudder travel {chosen.travel_deg_per_h / _paper_travel(report):.2f} of "
-            "what the paper's gains 40, 0.3 come to in the same trial runs."
+            "those of the paper's gains 40, 0.3 in the same trial runs."
         ),
     ]
     values = chosen.setting.parameters()
@@ -109,7 +109,7 @@ def _paper_travel(report: Report) -> float:
 
 
 def as_json(report: Report) -> dict[str, Any]:
-    """Return what was found as numbers and texts."""
+    """Return the results for JSON."""
     chosen = report.tuned.chosen
     return {
         "vehicle": report.vehicle,
@@ -187,7 +187,7 @@ def _cases_json(report: Report) -> list[dict[str, Any]]:
 
 
 def case_rows(report: Report) -> list[Sequence[str]]:
-    """Return the table of the ships that are the model, the paper's gains beside the chosen setting."""
+    """Return the table of the nominal ships: paper's gains and chosen setting."""
     results = report.fresh.results([PAPER, report.tuned.chosen.setting])
     rows: list[Sequence[str]] = [COLUMNS]
     for number, case in enumerate(report.fresh.cases):
@@ -204,38 +204,38 @@ def case_rows(report: Report) -> list[Sequence[str]]:
 
 
 def study_line(study: StepStudy) -> str:
-    """Say what the paper's problem gives for one step."""
+    """Return a line with the results of one step of the paper's problem."""
     best = study.swarm.best
     return (
-        f"ITAE of a {study.step_deg:g} deg step: least at k1 {best[0]:.1f}, k2 {best[1]:.2f}; the paper's 40, 0.3 is "
+        f"ITAE of a {study.step_deg:g} deg step: optimum at k1 {best[0]:.1f}, k2 {best[1]:.2f}; the paper's 40, 0.3 is "
         f"{100.0 * study.excess:.1f} % above it and overshoots {100.0 * study.paper_overshoot:.1f} %"
     )
 
 
 def choice_lines(report: Report) -> list[str]:
-    """Say what was chosen, why, and what it brings."""
+    """Return lines with the choice, its reason and its scores."""
     chosen, fresh = report.tuned.chosen, report.fresh_score
     values = chosen.setting.parameters()
     named = ", ".join(f"{name} {values[name]:g}" for name in report.tuned.changed)
     lines = [
         f"chosen: {named} ({report.tuned.why})",
         (
-            f"error {chosen.error:.2f} x the paper's (worst case {chosen.worst_error:.2f} x), rudder travel "
+            f"error {chosen.error:.2f} x the paper's (largest {chosen.worst_error:.2f} x), rudder travel "
             f"{chosen.travel_deg_per_h:.0f} deg/h against {report.trials.paper.travel_deg_per_h:.0f}"
         ),
         (
-            f"in seas it was not chosen in: error {fresh.error:.2f} x, rudder travel "
+            f"in fresh seas: error {fresh.error:.2f} x, rudder travel "
             f"{fresh.travel_deg_per_h:.0f} deg/h against {report.fresh.paper.travel_deg_per_h:.0f}"
         ),
     ]
     edges = report.tuned.edges
     if edges:
-        lines.append(f"at the end of what was searched: {', '.join(edges)}")
+        lines.append(f"at a limit of the search: {', '.join(edges)}")
     return lines
 
 
 def _switched_off(report: Report) -> list[tuple[str, tuple[float, float], tuple[float, float]]]:
-    """Return sea by sea rms [deg] and travel [deg/h] of the delivered controller and of the choice, on the model."""
+    """Return rms [deg] and travel [deg/h] of default controller and choice in each sea with the nominal ship."""
     own = report.fresh.results([report.tuned.chosen.setting])[0]
     ours = {case.scenario.name: own[number] for number, case in enumerate(report.fresh.cases) if case.nominal}
     rows = []
@@ -251,8 +251,8 @@ def _in_degrees(rms_rad: float, travel_rad_s: float) -> tuple[float, float]:
 
 
 def switched_off_lines(report: Report) -> list[str]:
-    """Say that these parameters switch the delivered controller off, and what that costs."""
-    lines = ["the file switches the delivered controller off (CTL_MODE 0, EST_MODE 0); by that, in the same seas:"]
+    """Return lines that warn that these parameters switch the default controller off, with the consequences."""
+    lines = ["the file switches the default controller off (CTL_MODE 0, EST_MODE 0); consequences in the same seas:"]
     for name, (rms, travel), (own_rms, own_travel) in _switched_off(report):
         lines.append(
             f"  {name}: rms {rms:.2f} deg becomes {own_rms:.2f}, rudder travel {travel:.0f} deg/h becomes "
@@ -262,7 +262,7 @@ def switched_off_lines(report: Report) -> list[str]:
 
 
 def text(report: Report) -> str:
-    """Return what the terminal shows."""
+    """Return the text for the terminal."""
     rows = case_rows(report)
     widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
     margin = " " * (widths[0] + 2)

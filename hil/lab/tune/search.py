@@ -1,4 +1,4 @@
-"""The practical tuner: the artificial fish swarm weighs error against rudder travel, at one price after another."""
+"""The practical tuner of fixed gains: fish swarm searches for several prices of rudder travel."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hil.lab.tune.trials import Score, Setting, Trials, front, knee
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Between which values a parameter is searched, and whether by its logarithm."""
+    """Limits of a searched parameter, and whether its logarithm is searched."""
 
     name: str
     field: str
@@ -28,11 +28,11 @@ class Bound:
     logarithmic: bool = False
 
     def coordinate(self, value: float) -> float:
-        """Return where a value lies in the search."""
+        """Return the search coordinate of a value."""
         return math.log(value) if self.logarithmic else value
 
     def value(self, coordinate: float) -> float:
-        """Return the value at a coordinate, within the bounds however it rounds."""
+        """Return the value at a coordinate, limited to the bounds."""
         return clamp(math.exp(coordinate) if self.logarithmic else coordinate, self.low, self.high)
 
 
@@ -45,22 +45,22 @@ BOUNDS = (
 )
 PRICES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0)
 FISH, TRIES = 12, 2
-# A parameter that brings less than this part of the cost is left as it is.
-WORTH = 0.01
+# A parameter that reduces the cost by less than this part is not changed.
+MIN_GAIN = 0.01
 GAINS = ("CTL_K1", "CTL_K2")
 
-Tell = Callable[[str, float], None]
+ProgressReport = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """What the tuner found: the front, the chosen point, and why it is that one."""
+    """Result: the front, the chosen point, and the reason of the choice."""
 
     front: tuple[Score, ...]
     chosen: Score
     why: str
-    changed: tuple[str, ...]  # parameters to be written: the gains, and what else differs from the vehicle's
-    edges: tuple[str, ...]  # parameters that ended at a bound of the search
+    changed: tuple[str, ...]  # parameters to be written: the gains, and others that differ from the vehicle's
+    edges: tuple[str, ...]  # parameters at a limit of the search
     evaluations: int
 
 
@@ -72,35 +72,42 @@ def tune(
     only_gains: bool = False,
     evaluations: int = 400,
     seed: int = 1,
-    tell: Tell = lambda _text, _part: None,
+    report_progress: ProgressReport = lambda _text, _part: None,
 ) -> Tuned:
-    """Search at every price, and choose the knee of the front, or what is best at `price`.
+    """Search with every price, and choose the knee of the front, or the optimum at `price`.
 
     Args:
-        trials: the trial runs.
-        present: the vehicle's own setting; what is not worth changing stays as it is there.
-        price: of rudder travel, against error, both in parts of the paper's gains'; None for the knee.
-        only_gains: search k1 and k2 and leave the observer and the deadband alone.
-        evaluations: the most for each price.
-        seed: of the swarm.
-        tell: is told of the progress, a text and a part from 0 to 1.
+        trials: trial runs.
+        present: the vehicle's setting; parameters that bring no gain keep these values.
+        price: weight of rudder travel against error, both relative to the paper's gains; None for the knee.
+        only_gains: search k1 and k2 only, without observer and deadband.
+        evaluations: maximum for each price.
+        seed: seed of the swarm.
+        report_progress: progress callback with a text and a part from 0 to 1.
     """
     box = Box(present, only_gains=only_gains)
     prices = PRICES if price is None else tuple(sorted({*PRICES, price}))
     trials.scores([present])
     for number, each in enumerate(prices):
-        _search(trials, box, each, evaluations, seed + number, _teller(tell, number, each, (len(prices), evaluations)))
-    # The paper's gains come with an observer of their own, which may not be what is to be kept.
+        _search(
+            trials,
+            box,
+            each,
+            evaluations,
+            seed + number,
+            _progress_callback(report_progress, number, each, (len(prices), evaluations)),
+        )
+    # The paper's gains have their own observer constant, which may differ from the vehicle's.
     eligible = [score for score in trials.archive if box.holds(score.setting)]
     found = front(eligible)
     if price is not None:
         best = min(eligible, key=lambda score: trials.cost(score, price))
-        why = f"the least error + {price:g} x rudder travel"
+        why = f"smallest error + {price:g} x rudder travel"
         weigh = price
     else:
         good = [score for score in found if score.error <= trials.paper.error]
         best = knee(good) if good else found[-1]
-        why = "the knee of the front, among settings that steer no worse than the paper's gains"
+        why = "knee of the front, among settings with no larger error than the paper's gains"
         weigh = _price_at(trials, best, prices)
     chosen = _simplified(trials, best, present, weigh)
     return Tuned(
@@ -114,17 +121,17 @@ def tune(
 
 
 class Box:
-    """The coordinates of the search: the bounded parameters, those searched by their logarithm as that."""
+    """The box of the search, in its coordinates."""
 
     def __init__(self, present: Setting, *, only_gains: bool) -> None:
-        """Take what stays as it is."""
+        """Store the values of parameters that are not searched."""
         self._present = present
         self._bounds = BOUNDS[:2] if only_gains else BOUNDS
         self.low = np.array([bound.coordinate(bound.low) for bound in self._bounds])
         self.high = np.array([bound.coordinate(bound.high) for bound in self._bounds])
 
     def holds(self, setting: Setting) -> bool:
-        """Whether a setting has what is not searched as it is to stay."""
+        """Return whether the parameters that are not searched have their present values."""
         searched = {bound.field for bound in self._bounds}
         kept = {bound.field for bound in BOUNDS} - searched
         return all(getattr(setting, field) == getattr(self._present, field) for field in kept)
@@ -135,12 +142,12 @@ class Box:
         return replace(self._present, **values)
 
     def point(self, setting: Setting) -> Floats:
-        """Return the point of a setting, moved into the box."""
+        """Return the point of a setting, limited to the box."""
         numbers = [bound.coordinate(max(getattr(setting, bound.field), bound.low)) for bound in self._bounds]
         return np.array(np.minimum(numbers, self.high), np.float64)
 
     def edges(self, setting: Setting) -> tuple[str, ...]:
-        """Return the parameters that end at a bound, within a hundredth, though their own range goes on."""
+        """Return parameters within 1 % of a limit of the search that is not the limit of the parameter."""
         ends = []
         for bound in self._bounds:
             value = getattr(setting, bound.field)
@@ -153,9 +160,14 @@ class Box:
 
 
 def _search(
-    trials: Trials, box: Box, price: float, evaluations: int, seed: int, tell: Callable[[SwarmProgress], None]
+    trials: Trials,
+    box: Box,
+    price: float,
+    evaluations: int,
+    seed: int,
+    report_progress: Callable[[SwarmProgress], None],
 ) -> None:
-    """Let the fish swim at one price; where the other prices' best are, some of them start."""
+    """Search with one price; some fish start at the best points of the other prices."""
 
     def costs(points: Floats) -> Floats:
         return np.array([trials.cost(score, price) for score in trials.scores([box.setting(p) for p in points])])
@@ -170,22 +182,24 @@ def _search(
         seed=seed,
         most_evaluations=evaluations,
     )
-    minimise(costs, box.low, box.high, settings, tell, start=start)
+    minimise(costs, box.low, box.high, settings, report_progress, start=start)
 
 
-def _teller(tell: Tell, number: int, price: float, most: tuple[int, int]) -> Callable[[SwarmProgress], None]:
-    """Return a callback; most: how many prices there are, and how many evaluations each may take."""
+def _progress_callback(
+    report_progress: ProgressReport, number: int, price: float, most: tuple[int, int]
+) -> Callable[[SwarmProgress], None]:
+    """Return a progress callback; `most` has the number of prices and the evaluations of each."""
     prices, evaluations = most
 
-    def told(progress: SwarmProgress) -> None:
+    def on_progress(progress: SwarmProgress) -> None:
         part = min(progress.evaluations / evaluations, 1.0)
-        tell(f"price {price:g}: {progress.best_value:.3f}", min((number + part) / prices, 0.999))
+        report_progress(f"price {price:g}: {progress.best_value:.3f}", min((number + part) / prices, 0.999))
 
-    return told
+    return on_progress
 
 
 def _price_at(trials: Trials, chosen: Score, prices: Sequence[float]) -> float:
-    """Return the price of the list at which a point of the front comes closest to being the best."""
+    """Return the price for which a point of the front is closest to the optimum."""
 
     def regret(price: float) -> float:
         return trials.cost(chosen, price) / min(trials.cost(score, price) for score in trials.archive)
@@ -194,7 +208,7 @@ def _price_at(trials: Trials, chosen: Score, prices: Sequence[float]) -> float:
 
 
 def _simplified(trials: Trials, best: Score, present: Setting, price: float) -> Score:
-    """Round to what can be told apart, and put back what need not change."""
+    """Round the setting, and restore parameters that bring no gain."""
     setting = best.setting
     rounded = Setting(
         k1=float(f"{setting.k1:.3g}"),
@@ -207,12 +221,12 @@ def _simplified(trials: Trials, best: Score, present: Setting, price: float) -> 
     chosen = trials.scores([rounded])[0]
     for back in ({"deadband_deg": present.deadband_deg}, {"tau_s": present.tau_s}):
         simpler = trials.scores([replace(chosen.setting, **back)])[0]
-        if trials.cost(simpler, price) <= (1.0 + WORTH) * trials.cost(chosen, price):
+        if trials.cost(simpler, price) <= (1.0 + MIN_GAIN) * trials.cost(chosen, price):
             chosen = simpler
     return chosen
 
 
 def _changed(chosen: Score, present: Setting) -> tuple[str, ...]:
-    """Return the gains, and what else is not as the vehicle has it."""
+    """Return the gains, and the other parameters that differ from the vehicle's."""
     kept, wanted = present.parameters(), chosen.setting.parameters()
     return tuple(name for name in wanted if name in GAINS or wanted[name] != kept[name])

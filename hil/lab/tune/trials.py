@@ -1,4 +1,4 @@
-"""How a setting does: its error and its rudder travel over all trial runs, beside the paper's gains."""
+"""Scores of a setting: error and rudder travel over all trial runs, relative to the paper's gains."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from firmware_py.model.kt import KtModel
 from hil.lab.compiled import compiling
 from hil.lab.tune import cases as trial_cases
 from hil.lab.tune import paper
-from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, sail_all
+from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, run_all
 
 DEG_PER_H = DEGREES_PER_RADIAN * 3600.0
-# The controller that these gains belong to: the S-surface behind the plain observer.
+# The controller of these gains: the S-surface with the fixed-gain observer.
 FIXED_GAINS = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
 NAMES = ("CTL_K1", "CTL_K2", "EST_TAU_S", "RUD_DBAND_DEG")
 
@@ -39,7 +39,7 @@ class Setting:
         return cls(*(parameters[name] for name in NAMES))
 
     def parameters(self) -> dict[str, float]:
-        """Return name and value, as the autopilot keeps them."""
+        """Return names and values, rounded as in the autopilot."""
         values = (self.k1, self.k2, self.tau_s, self.deadband_deg)
         return {name: to_single(value) for name, value in zip(NAMES, values, strict=True)}
 
@@ -49,11 +49,10 @@ PAPER = Setting(paper.K1, paper.K2, *(TABLE[index_of(name)].default for name in 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What a setting comes to.
+    """Score of a setting.
 
-    error: root mean square over the cases of its ITAE by that of the paper's gains, so 1 is as
-    good as the paper's; worst_error is the largest of them. travel_deg_per_h: of the rudder, in the
-    steady parts, the mean over the cases.
+    `error` is the root mean square over the cases of its ITAE relative to that of the paper's gains, `worst_error` the
+    largest ratio. `travel_deg_per_h` is the mean rudder travel of the steady parts.
     """
 
     setting: Setting
@@ -63,7 +62,7 @@ class Score:
 
 
 class Trials:
-    """The trial runs of a vehicle; every score that was ever asked for is kept."""
+    """The trial runs of a vehicle, with an archive of all scores."""
 
     def __init__(
         self,
@@ -72,10 +71,10 @@ class Trials:
         names: Sequence[str] = trial_cases.DEFAULT_SCENARIOS,
         seed: int = 1,
     ) -> None:
-        """Draw the seas and sail them with the paper's gains; ValueError for a model that is no ship."""
-        self.pilot = trial_cases.pilot_of(parameters)
+        """Draw the seas and run them with the paper's gains; raise ValueError for an invalid model."""
+        self.autopilot = trial_cases.autopilot_of(parameters)
         self.cases = trial_cases.cases_of(names)
-        self.task = trial_cases.the_task(model, self.pilot)
+        self.task = trial_cases.task_of(model, self.autopilot)
         self.seas = trial_cases.seas_of(self.cases, model, self.task, seed)
         self.archive: list[Score] = []
         with compiling("the closed loop"):
@@ -86,16 +85,16 @@ class Trials:
         """Return the results (settings, cases, RESULTS) in radians, as loop_kernel.measure defines them."""
         rows = np.array([self.row_of(setting) for setting in settings])
         results = np.zeros((len(rows), len(self.cases), RESULTS))
-        sail_all(rows, self.pilot, self.task, self.seas, results)
+        run_all(rows, self.autopilot, self.task, self.seas, results)
         return results
 
     @staticmethod
     def row_of(setting: Setting) -> Floats:
-        """Return a setting as the compiled loop takes it."""
+        """Return a setting as a row for the compiled loop."""
         return np.array([setting.k1, setting.k2, setting.tau_s, radians(setting.deadband_deg)])
 
     def scores(self, settings: Sequence[Setting]) -> list[Score]:
-        """Return and keep the score of each setting."""
+        """Return the score of each setting and add it to the archive."""
         results = self.results(settings)
         ratios = results[:, :, ITAE] / self.reference[:, ITAE]
         scores = [
@@ -111,13 +110,13 @@ class Trials:
         return scores
 
     def cost(self, score: Score, price: float) -> float:
-        """Return error plus price times rudder travel, both in parts of the paper's; inf for what is no number."""
+        """Return error plus price times rudder travel, both relative to the paper's gains; inf for NaN."""
         cost = score.error + price * score.travel_deg_per_h / max(self.paper.travel_deg_per_h, 1e-9)
         return cost if math.isfinite(cost) else math.inf
 
 
 def front(scores: Sequence[Score]) -> list[Score]:
-    """Return the scores that no other beats in both error and travel, by rising travel."""
+    """Return the Pareto front of error and travel, sorted by travel."""
     best = math.inf
     kept = []
     for score in sorted(scores, key=lambda score: (score.travel_deg_per_h, score.error)):
@@ -128,9 +127,9 @@ def front(scores: Sequence[Score]) -> list[Score]:
 
 
 def knee(scores: Sequence[Score]) -> Score:
-    """Return the score of a front that lies furthest below the line between its ends, both axes logarithmic.
+    """Return the score of a front that is farthest below the line between its ends, on logarithmic axes.
 
-    Logarithmic, because an engineer weighs a tenth more error against a tenth less rudder work.
+    The axes are logarithmic because relative changes of error and travel are compared.
     """
     travel = np.log([max(score.travel_deg_per_h, 1e-3) for score in scores])
     error = np.log([score.error for score in scores])

@@ -37,7 +37,7 @@ def test_a_row_for_each_heading_with_the_columns_of_the_contract(recorded, whole
     assert columns["time_s"].tolist() == recorded.columns["time_s"].tolist()
 
 
-def test_the_heading_is_that_of_the_hull(recorded, whole):
+def test_the_heading_estimate_is_that_of_the_hull(recorded, whole):
     columns, summary = whole
     late = columns["time_s"] > 200.0
     error = off_deg(columns["heading_rad"], recorded.hull_rad)[late]
@@ -110,7 +110,7 @@ def test_degrees_and_a_late_clock_are_the_same_recording(recorded, estimated):
         pytest.param(("time_s", "heading_rad", "sog_m_s", "cog_deg"), marks=pytest.mark.proof),
     ],
 )
-def test_whatever_is_left_out(recorded, estimated, left):
+def test_optional_columns(recorded, estimated, left):
     found, summary = estimated({name: recorded.columns[name] for name in left})
     late = found["time_s"] > 200.0
     assert np.sqrt(np.mean(off_deg(found["heading_rad"], recorded.hull_rad)[late] ** 2)) < LARGEST_RMS_DEG
@@ -144,21 +144,21 @@ def test_empty_cells(recorded, estimated):
     assert np.isfinite(found["heading_rad"]).all()
 
 
-def test_a_quick_recording(estimated):
+def test_a_recording_with_a_high_rate(estimated):
     fast = sea(seconds=40.0, rate_hz=20.0)
     found, summary = estimated(fast.columns)
     assert (found["time_s"].size, summary["rate_hz"]) == (800, 20.0)
     assert np.sqrt(np.mean(off_deg(found["heading_rad"], fast.hull_rad)[400:] ** 2)) < LARGEST_RMS_DEG
 
 
-def test_a_recorded_goal_is_what_it_is_ordered_to_steer(recorded, estimated):
+def test_a_recorded_goal_is_the_commanded_heading(recorded, estimated):
     few = first_rows(recorded, 200)
     _, near = estimated(few)
     _, far = estimated({**few, "goal_rad": np.full(200, 1.0)})
     assert far["rudder_travel_commanded_deg_per_h"] != near["rudder_travel_commanded_deg_per_h"]
 
 
-def test_which_speed_is_used_is_said(recorded, estimated):
+def test_the_speed_source_is_noted(recorded, estimated):
     columns = {name: recorded.columns[name][:200] for name in ("time_s", "heading_rad")}
     speed = np.full(200, 0.62)
     _, water = estimated({**columns, "speed_m_s": speed}, "--ship", "K=0.049,T=4")
@@ -166,7 +166,7 @@ def test_which_speed_is_used_is_said(recorded, estimated):
     assert any("mean speed through the water, 0.62 m/s" in note for note in water["notes"])
     _, ground = estimated({**columns, "sog_m_s": speed}, "--ship", "K=0.049,T=4,speed=0.4")
     assert ground["ship"]["speed"] == pytest.approx(0.4)
-    assert any(note.startswith("the speed to begin with: the mean speed over ground") for note in ground["notes"])
+    assert any(note.startswith("initial speed: mean speed over ground") for note in ground["notes"])
 
 
 def test_parameters_of_files(recorded, estimated, tmp_path):
@@ -189,7 +189,7 @@ def test_an_onboard_log(estimated):
     assert summary["faults"] == []
 
 
-def test_an_onboard_log_whose_compass_went_silent(estimated):
+def test_an_onboard_log_with_a_compass_failure(estimated):
     _, summary = estimated((LOGS / "second_compass.BIN").read_bytes())
     assert [fault["name"] for fault in summary["faults"]] == ["COMPASS_SILENT"]
 
@@ -225,14 +225,14 @@ def test_the_page_is_self_contained(recorded, estimated, tmp_path):
     block = text.split('<script type="application/json" class="voyage">')[1].split("</script>")[0]
     voyage = json.loads(block)
     assert voyage["columns"]["time_s"] == recorded.columns["time_s"][:300].tolist()
-    shown = {line["column"] for panel in voyage["panels"] for line in panel["lines"]}
-    assert shown <= voyage["columns"].keys()
+    plotted = {line["column"] for panel in voyage["panels"] for line in panel["lines"]}
+    assert plotted <= voyage["columns"].keys()
     assert voyage["spectrum"]["marks"]
     assert f"{summary['heading']['rms_error_deg']:.3g}" in text
 
 
 def test_a_long_recording_is_thinned_on_the_page(estimated, tmp_path, monkeypatch):
-    monkeypatch.setattr(page, "MOST_ROWS", 100)
+    monkeypatch.setattr(page, "MAX_ROWS", 100)
     path = tmp_path / "page.html"
     estimated(sea(seconds=150.0).columns, "--page", str(path))
     voyage = json.loads(path.read_text().split('class="voyage">')[1].split("</script>")[0])
@@ -248,17 +248,17 @@ def changed(name, row, text):
 
 
 @pytest.mark.parametrize(
-    ("columns", "said"),
+    ("columns", "error_text"),
     [
         ({"time_s": CELLS["time_s"]}, ":1: missing column heading_rad; name the columns time_s,"),
         ({"heading_rad": CELLS["heading_rad"]}, ":1: missing column time_s"),
         (changed("heading_rad", 3, "north"), ":5: heading_rad 'north' is not a finite number; remove the row"),
         (changed("heading_rad", 3, "inf"), ":5: heading_rad 'inf' is not a finite number"),
-        (changed("time_s", 30, "2.0"), ":32: time_s 2 does not come after 14.5; sort the rows by time"),
-        (changed("time_s", 30, "soon"), ":32: time_s 'soon' is no time"),
-        ({**CELLS, "heading_rad": ["nan"] * 50}, ":2: heading_rad holds 0 headings; give at least 20"),
+        (changed("time_s", 30, "2.0"), ":32: time_s 2 is not later than 14.5; sort the rows by time"),
+        (changed("time_s", 30, "soon"), ":32: time_s 'soon' is not a time"),
+        ({**CELLS, "heading_rad": ["nan"] * 50}, ":2: heading_rad has 0 headings; give at least 20"),
         ({**CELLS, "rudder_deg": ["100"] * 50}, ":2: rudder_deg is 100 deg, beyond 90 deg"),
-        ({**CELLS, "rudder_percent": ["10"] * 50}, ": rudder_percent is no angle"),
+        ({**CELLS, "rudder_percent": ["10"] * 50}, ": rudder_percent is not an angle"),
         ({**CELLS, "lat_deg": ["91"] * 50, "lon_deg": ["1"] * 50}, ":2: lat_deg 91 is beyond 90.01"),
         (
             {**CELLS, "heading_rad": [str(350 + n) if n < 10 else str(n - 10) for n in range(50)]},
@@ -268,43 +268,43 @@ def changed(name, row, text):
         ({name: cells[:5] for name, cells in CELLS.items()}, ": 5 rows below the column names"),
     ],
 )
-def test_what_is_wrong_with_a_table_is_named(tmp_path, capsys, columns, said):
+def test_errors_of_a_table(tmp_path, capsys, columns, error_text):
     path = tmp_path / "table.csv"
     path.write_text(text_of(columns))
     assert main(["estimate", str(path)]) == 2
     error = capsys.readouterr().err
     assert f"{path}" in error
-    assert said in error
+    assert error_text in error
     assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "error_text"),
     [
         (["--ship", "K=fast"], "--ship: K=fast is not a number"),
-        (["--ship", "K=0.05,K=0.06"], "--ship: K stands there twice"),
-        (["--ship", "k=0.05"], "--ship: 'k=0.05' is none of K=, T=, alpha= and speed="),
+        (["--ship", "K=0.05,K=0.06"], "--ship: K is given twice"),
+        (["--ship", "k=0.05"], "--ship: 'k=0.05' is unknown; use K=, T=, alpha=, speed="),
         (["--ship", "T=-1"], "--ship T: MDL_T_S: -1 is out of range; allowed: 0.05 to 5000 s"),
         (["--params", "missing.parm"], "--params missing.parm cannot be read"),
         (["--out", "no/where.csv"], "--out no/where.csv: directory"),
     ],
 )
-def test_what_is_wrong_with_an_option_is_named(tmp_path, monkeypatch, capsys, arguments, said):
+def test_errors_of_options(tmp_path, monkeypatch, capsys, arguments, error_text):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "table.csv").write_text(text_of(CELLS))
     assert main(["estimate", "table.csv", *arguments]) == 2
-    assert said in capsys.readouterr().err
+    assert error_text in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("content", [b"", b"no log at all" * 100])
-def test_a_log_that_is_none(tmp_path, capsys, content):
+def test_an_invalid_log(tmp_path, capsys, content):
     path = tmp_path / "x.BIN"
     path.write_bytes(content)
     assert main(["estimate", str(path)]) == 2
-    assert f"{path}: 0 headings in it" in capsys.readouterr().err
+    assert f"{path}: contains 0 headings" in capsys.readouterr().err
 
 
-def test_a_file_that_is_not_there(tmp_path, capsys):
+def test_a_missing_file(tmp_path, capsys):
     assert main(["estimate", str(tmp_path / "x.BIN")]) == 2
     assert main(["estimate", str(tmp_path / "x.csv")]) == 2
     assert capsys.readouterr().err.count("No such file") == 2

@@ -29,7 +29,7 @@ BAD = {
         ":1: missing column time_s",
     ),
     "no rudder column": (plain(ROWS, HEADER.replace("rudder_rad", "helm")), ":1: missing column rudder_rad; name"),
-    "a column twice": (plain(ROWS, HEADER.replace("speed_m_s", "time_s")), ":1: column time_s stands there twice"),
+    "a column twice": (plain(ROWS, HEADER.replace("speed_m_s", "time_s")), ":1: column time_s occurs twice"),
     "infinite": (with_row(5, "0.5,0.3,inf,0.01,0.4"), ":7: heading_rad 'inf' is not a finite number"),
     "huge": (with_row(5, "0.5,0.3,1e300,0.01,0.4"), ":7: heading_rad 1e300 is beyond 1e+06; give radians"),
     "word": (with_row(5, "0.5,hard over,0,0.01,0.4"), ":7: rudder_rad 'hard over' is not a finite number"),
@@ -37,19 +37,22 @@ BAD = {
         plain([row if n < 10 else row.replace(f",{0.001 * n},0.01", ",,") for n, row in enumerate(ROWS)]),
         ": only 10 rows have a heading or yaw rate with a rudder near it; fill the empty cells",
     ),
-    "two logs": (plain(ROWS) + plain(ROWS), ":102: the column names stand there again: make a file of each"),
-    "NMEA": ("$IIHDT,12.5,T*00\n" * 50, "sentences of NMEA 0183, no table"),
-    "damaged packing": (gzip.compress(plain(ROWS).encode())[:-40], "its gzip packing is damaged"),
-    "time goes back": (with_row(50, "0.35,0.3,0,0.01,0.4"), ":52: time_s 0.35 does not come after 4.9; sort the rows"),
+    "two logs": (plain(ROWS) + plain(ROWS), ":102: the column names are repeated; split the file"),
+    "NMEA": ("$IIHDT,12.5,T*00\n" * 50, "NMEA 0183 sentences instead of a table"),
+    "damaged packing": (gzip.compress(plain(ROWS).encode())[:-40], "its gzip data is damaged"),
+    "time goes back": (with_row(50, "0.35,0.3,0,0.01,0.4"), ":52: time_s 0.35 is not later than 4.9; sort the rows"),
     "degrees": (
         with_row(5, "0.5,20,0,0.01,0.4"),
-        ":7: rudder_rad 20 is beyond 90 deg (1.5708 rad); are these degrees?",
+        ":7: rudder_rad 20 is beyond 90 deg (1.5708 rad); for degrees use",
     ),
-    "degrees a second": (with_row(5, "0.5,0.3,0,45,0.4"), ":7: yaw_rate_rad_s 45 is beyond 30; give radians a second"),
-    "cut": (with_row(50, "5.0,0.3,0"), ":52: 3 fields under 5 column names; mend or remove the line"),
-    "constant rudder": (plain([row.replace("-0.3", "0.3") for row in ROWS]), "constant rudder, 0.3 throughout"),
-    "nothing turns": (plain([f"{n},{n % 7 / 10},1,0," for n in range(100)]), "the boat does not turn at all"),
-    "too short": (plain(ROWS[:12]), "too short, 12 rows; the file holds 0 to 1.1 s; give at least 20 rows"),
+    "degrees a second": (
+        with_row(5, "0.5,0.3,0,45,0.4"),
+        ":7: yaw_rate_rad_s 45 is beyond 30; give radians per second",
+    ),
+    "cut": (with_row(50, "5.0,0.3,0"), ":52: 3 fields under 5 column names; correct or remove the line"),
+    "constant rudder": (plain([row.replace("-0.3", "0.3") for row in ROWS]), "constant rudder 0.3: no information"),
+    "nothing turns": (plain([f"{n},{n % 7 / 10},1,0," for n in range(100)]), "heading and yaw rate are constant"),
+    "too short": (plain(ROWS[:12]), "too short, 12 rows; the file covers 0 to 1.1 s; give at least 20 rows"),
     "header alone": (HEADER + "\n", "no rows below the column names"),
     "empty": ("", "empty; the first line must name the columns"),
     "neither heading nor yaw rate": (plain([f"{n},{n % 3 / 10},,,1" for n in range(50)]), "are both empty; fill one"),
@@ -61,27 +64,27 @@ BAD = {
 
 def refused(capsys, *words):
     assert main(["identify", *map(str, words)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    return said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    return output.err
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_file_is_refused_in_one_line_with_file_line_and_remedy(capsys, tmp_path, name):
-    content, told = BAD[name]
+def test_errors_of_a_file(capsys, tmp_path, name):
+    content, texts = BAD[name]
     path = tmp_path / "bad.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    said = refused(capsys, path)
-    assert f"{path}{told}" in said if told.startswith(":") else (str(path) in said and told in said)
+    output = refused(capsys, path)
+    assert f"{path}{texts}" in output if texts.startswith(":") else (str(path) in output and texts in output)
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "texts"),
     [
-        (["{good}:500:600"], "too short, 0 rows; the file holds 0 to 9.9 s"),
-        (["{good}:5:1"], "nothing lies from 5 to 1 s"),
-        (["{good}:one:2"], "'one' is no number of seconds"),
+        (["{good}:500:600"], "too short, 0 rows; the file covers 0 to 9.9 s"),
+        (["{good}:5:1"], "empty range from 5 to 1 s"),
+        (["{good}:one:2"], "'one' is not a number of seconds"),
         (["{folder}"], "give a table (CSV)"),
         (["{folder}/none.csv"], "No such file"),
         (["{folder}/none.BIN"], "none.BIN"),
@@ -95,10 +98,10 @@ def test_a_bad_file_is_refused_in_one_line_with_file_line_and_remedy(capsys, tmp
         ([], "required"),
     ],
 )
-def test_bad_usage_is_refused(capsys, tmp_path, words, told):
+def test_usage_errors(capsys, tmp_path, words, texts):
     good = tmp_path / "good.csv"
     good.write_text(plain(ROWS))
-    assert told in refused(capsys, *(word.format(good=good, folder=tmp_path) for word in words))
+    assert texts in refused(capsys, *(word.format(good=good, folder=tmp_path) for word in words))
 
 
 def test_a_garbled_onboard_log_is_refused(capsys, tmp_path):
@@ -130,10 +133,10 @@ def test_the_whole_contract(tank, tmp_path, capsys):
     words = [tank / "zigzag.csv", f"{tank}/circles.csv:0:250", "--validate", f"{tank}/circles.csv:250:"]
     words += ["--json", names["json"], "--plot", names["png"], "--out-params", names["param"]]
     assert main(["identify", *map(str, words)]) == 0
-    said = capsys.readouterr()
-    assert said.err == ""
-    for told in ("verdict", "95 % interval", "disturbances: ", "prediction of"):
-        assert told in said.out
+    output = capsys.readouterr()
+    assert output.err == ""
+    for texts in ("verdict", "95 % interval", "disturbances: ", "prediction of"):
+        assert texts in output.out
     data = json.loads(names["json"].read_text())
     assert data["model"] == "cubic"
     for name, true in (("K", 0.049), ("T", 4.0), ("alpha", 17.0), ("delta0", 0.02)):
@@ -188,16 +191,16 @@ def test_a_page_stands_alone_and_a_seed_gives_the_same_result(tank, tmp_path, ca
     capsys.readouterr()
 
 
-def test_no_model_is_a_finding(yard, tmp_path, capsys):
+def test_a_log_without_rudder_effect_returns_1(yard, tmp_path, capsys):
     time = np.arange(2000) * 0.1
     rudder = yard.steps(time, 0.3, 20.0, 0.5)
     still = np.zeros(time.size)
     write(tmp_path / "noise.csv", yard.recorded(time, rudder, still, still))
     out = tmp_path / "x.param"
     assert main(["identify", str(tmp_path / "noise.csv"), "--out-params", str(out)]) == 1
-    said = capsys.readouterr()
-    assert "as likely without a rudder" in said.err
-    assert "zigzag" in said.out
+    output = capsys.readouterr()
+    assert "no effect of the rudder" in output.err
+    assert "zigzag" in output.out
     assert not out.exists()
 
 
@@ -213,15 +216,15 @@ def test_a_thruster_command_is_taken_and_gives_no_parameters(yard, tmp_path, cap
     assert main(["identify", source, "--rudder-unit", "any", "--out-params", str(tmp_path / "x")]) == 2
 
 
-def test_a_thruster_command_is_shown_in_no_unit(yard, monkeypatch, tmp_path):
-    from hil.lab.identify import picture  # noqa: PLC0415 - with matplotlib: no time of each collection
+def test_a_thruster_command_has_no_unit(yard, monkeypatch, tmp_path):
+    from hil.lab.identify import page  # noqa: PLC0415 - with matplotlib: no time of each collection
     from hil.report.style import new_figure  # noqa: PLC0415
 
     boat, time = yard.boat(0.0012, 1.5), np.arange(1000) * 0.1
     command = yard.steps(time, 500.0, 6.0, 1e9)
     write(tmp_path / "t.csv", yard.recorded(time, command, *boat.motion(time, command, held=True)), speed="")
     figures = []
-    monkeypatch.setattr(picture, "new_figure", lambda *words: figures.append(new_figure(*words)) or figures[0])
+    monkeypatch.setattr(page, "new_figure", lambda *words: figures.append(new_figure(*words)) or figures[0])
     out = tmp_path / "page.html"
     assert main(["identify", str(tmp_path / "t.csv"), "--rudder-unit", "any", "--plot", str(out)]) == 0
     panel = figures[0].axes[3]

@@ -73,7 +73,7 @@ def test_a_rudder_that_is_late_is_counted_in_and_reported(yard, late):
     assert any("dead time" in text for text in found.judgement.warnings)
 
 
-def test_a_closed_loop_with_rows_of_a_second_tells_k_and_says_that_t_is_shorter(yard):
+def test_a_closed_loop_with_rows_of_a_second_identifies_k_and_reports_that_t_is_shorter(yard):
     """K was found and refused: a rudder that a controller moves every row, of a boat with T 0.35 s."""
     source, step = np.random.default_rng(3), 0.05
     psi = rate = rudder = 0.0
@@ -120,7 +120,7 @@ def test_a_rudder_of_the_other_sign_is_reported(yard):
     assert any("K is negative" in text for text in found.judgement.warnings)
 
 
-def test_a_yaw_rate_alone_tells_the_boat(yard):
+def test_the_model_from_a_yaw_rate_alone(yard):
     found = identify([replace(steered(yard), heading_rad=None)])
     assert found.judgement.estimates["K"].value == pytest.approx(TRUE[0], rel=0.05)
     assert "constant error of the yaw rate" in found.judgement.estimates["delta0"].why
@@ -151,7 +151,7 @@ def test_a_yacht_is_predicted_from_another_part_of_its_log():
     assert np.degrees(other.yaw_rate_rmse_rad_s) < 0.60  # a converged fit of the yaw rates by least squares: 0.54
 
 
-def test_a_hull_of_higher_order_is_predicted_as_well_as_by_least_squares(yard):
+def test_the_prediction_of_a_higher_order_hull_equals_least_squares(yard):
     """The likelihood of one step ahead took what the model leaves out for a disturbance, and predicted worse."""
     from scipy.signal import TransferFunction, lsim  # noqa: PLC0415 - takes a second to import
 
@@ -167,15 +167,15 @@ def test_a_hull_of_higher_order_is_predicted_as_well_as_by_least_squares(yard):
         return lsim(TransferFunction([gain], [lag, 1.0]), rudder, time)[1]
 
     best = curve_fit(lambda _, gain, lag: simulated(gain, lag)[before], time, rate[before], (0.1, 10.0))[0]
-    least = np.sqrt(np.mean((simulated(*best) - rate)[~before] ** 2))
+    smallest = np.sqrt(np.mean((simulated(*best) - rate)[~before] ** 2))
     found = identify([whole.rows(before)], [whole.rows(~before)])
     assert not found.fit.likeliest
-    assert found.validate[0].yaw_rate_rmse_rad_s < 1.05 * least
-    assert any("not quite a K-T boat" in text for text in found.judgement.warnings)
+    assert found.validate[0].yaw_rate_rmse_rad_s < 1.05 * smallest
+    assert any("not a pure K-T boat" in text for text in found.judgement.warnings)
 
 
 def test_a_boat_of_the_equation_keeps_the_likeliest_model(yard):
-    """With rows averaged over T / 12, their error was taken for one of the likeliest model."""
+    """Averaging of rows must not count as an error of the likeliest model."""
     time = np.arange(1200) * 0.5
     rudder = yard.zigzag(time, 0.25, 35.0, 0.17)
     motion = yard.boat(0.2, 25.0, 6.0).motion(time, rudder)

@@ -25,14 +25,14 @@ def with_speed(speed):
     return Recording("boat", time, np.zeros(time.size), np.sin(time), None, speed)
 
 
-def test_the_noise_of_a_speed_is_smoothed_and_its_changes_stay():
+def test_speed_noise_is_smoothed():
     for seed in range(4):
         true, notes = wandering(seed), []
         noise = 0.1 * np.random.default_rng(100 + seed).standard_normal(ROWS)
         smoothed = without_speed_noise(with_speed(true + noise), notes).speed_m_s
         assert np.std(smoothed - true) < 0.25 * np.std(noise)
         assert len(notes) == 1
-        assert "has a noise of 0." in notes[0]
+        assert "has noise of 0." in notes[0]
 
 
 def test_a_speed_without_noise_and_a_constant_one_are_left_as_they_are():
@@ -44,7 +44,7 @@ def test_a_speed_without_noise_and_a_constant_one_are_left_as_they_are():
 
 
 def test_a_noisy_speed_does_not_make_k_wrong(yard):
-    """K was 3 % and three of its standard errors too small on average: a power of a noisy speed is not its mean's."""
+    """Without smoothing, K was 3 % too small on average."""
     time = np.arange(ROWS) * STEP
     rudder = yard.steps(time, 0.6, 30.0, 0.5)
     ratio = wandering(0) / 0.4

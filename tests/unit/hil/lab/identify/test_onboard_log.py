@@ -58,17 +58,17 @@ def test_the_columns_of_a_log(read_log):
     assert recording.time_s.tolist() == list(range(30))
     assert set(recording.rudder_rad) == {-0.1}
     assert np.allclose(recording.speed_m_s, 0.5)
-    assert recording.notes == ("speed is that over the ground, smoothed over 60 s",)
+    assert recording.notes == ("speed over ground used, smoothed over 60 s",)
 
 
 @pytest.mark.parametrize(
     ("kinds", "number"),  # a shaft that is NaN is one that was not measured
     [((heading, shaft), math.nan), ((heading, shaft), -math.inf), ((shaft, heading), math.inf)],
 )
-def test_a_number_that_is_none_refuses_the_log(read_log, kinds, number):
+def test_a_log_with_an_infinite_number_is_refused(read_log, kinds, number):
     wrong, right = kinds
     before, after = messages_at(range(30), *kinds), messages_at(range(31, 40), *kinds)
-    with pytest.raises(UsageError, match=r"x\.BIN: a number in it is not finite; give a log"):
+    with pytest.raises(UsageError, match=r"x\.BIN: contains a number that is not finite; give a log"):
         read_log(*before, wrong(30.0, number), right(30.0), *after)
 
 
@@ -81,7 +81,7 @@ def test_a_log_whose_rudder_was_never_known_while_there_was_a_heading_is_too_sho
 @pytest.mark.parametrize(
     "state", ["[" * 100_000, PARAMETERS.replace("0.0", "1" + "0" * 400), '{"parameters":[]}', "null", ""]
 )
-def test_of_a_state_that_is_none_the_linkage_is_not_taken(read_log, state):
+def test_an_invalid_state_is_ignored(read_log, state):
     recording = read_log(*messages_at(range(30), heading, shaft), state=state)
     assert set(recording.rudder_rad) == {0.1}
-    assert "no stored parameters: the shaft is taken for the rudder angle" in recording.notes
+    assert "no stored parameters: the shaft angle is used as rudder angle" in recording.notes

@@ -56,7 +56,7 @@ def test_the_tables_of_others_are_read(tmp_path, name):
         (got.rudder_rad, got.heading_rad, got.yaw_rate_rad_s, got.speed_m_s), PLAIN[1:], strict=True
     ):
         np.testing.assert_allclose(column, true, atol=1e-5)
-    assert any("says no unit" in note for note in got.notes) == (name == "names without units")
+    assert any("has no unit" in note for note in got.notes) == (name == "names without units")
 
 
 @pytest.mark.parametrize("unit", ["rad", "deg"])
@@ -75,13 +75,13 @@ def nmea(seconds):
 
 
 @pytest.mark.parametrize("first_s", [0.0, 15.0, -3500.0])
-def test_times_as_nmea_writes_them_are_told_from_seconds(tmp_path, first_s):
+def test_nmea_times_are_distinguished_from_seconds(tmp_path, first_s):
     """Taken for seconds, each minute's end was a gap of 40 s, and past midnight the rows ran backwards."""
     path, clock = tmp_path / "table.csv", [nmea(first_s + seconds) for seconds in TIME]
     path.write_text(table("utc,rudder_rad,heading_rad", (clock, RUDDER, HEADING)))
     got = read(path)
     np.testing.assert_allclose(got.time_s - got.time_s[0], TIME, atol=1e-6)
-    assert any("utc holds times of the day as hhmmss" in note for note in got.notes)
+    assert any("utc contains times of the day as hhmmss" in note for note in got.notes)
     path.write_text(table("time_s,rudder_rad,heading_rad", (clock, RUDDER, HEADING)))
     with pytest.raises(UsageError, match="time_s jumps by 40 at every full minute"):
         read(path)
@@ -94,44 +94,44 @@ def test_seconds_are_not_taken_for_times_of_the_day(tmp_path, first_s):
     np.testing.assert_allclose(read(path).time_s, first_s + TIME)
 
 
-def test_a_row_that_stands_there_twice_is_counted_once(tmp_path):
+def test_a_repeated_row_is_used_once(tmp_path):
     path, lines = tmp_path / "table.csv", table(",".join(NAMES), PLAIN).splitlines()
     path.write_text("\n".join([*lines[:50], lines[49], lines[49], *lines[50:]]) + "\n")
     got = read(path)
     np.testing.assert_allclose(got.time_s, TIME)
     np.testing.assert_allclose(got.heading_rad, HEADING, atol=1e-6)
-    assert any("2 rows are the one before" in note for note in got.notes)
+    assert any("2 rows are identical to the previous one" in note for note in got.notes)
 
 
-def test_a_line_is_named_rightly_behind_a_row_that_stands_there_twice(tmp_path):
+def test_line_numbers_after_a_repeated_row(tmp_path):
     path, lines = tmp_path / "table.csv", table(",".join(NAMES), PLAIN).splitlines()
     path.write_text("\n".join([*lines[:50], lines[49], *lines[50:90], lines[60]]) + "\n")
-    with pytest.raises(UsageError, match=f"{path.name}:92: time_s 29.5 does not come after 44"):
+    with pytest.raises(UsageError, match=f"{path.name}:92: time_s 29.5 is not later than 44"):
         read(path)
 
 
-def test_the_units_that_were_guessed_are_named_as_they_were_taken(tmp_path):
+def test_guessed_units_are_noted(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(table("time,rudder,heading,rot,sog", NMEA))
     taken = "\n".join(read(path).notes)
-    for said in ("rudder says no unit: taken for degrees", "rot says no unit: taken for degrees a minute"):
-        assert f"column {said}" in taken
+    for output in ("rudder has no unit: degrees assumed", "rot has no unit: degrees per minute assumed"):
+        assert f"column {output}" in taken
 
 
-def test_a_command_that_is_no_angle_is_not_said_to_be_one(tmp_path):
+def test_a_command_has_no_unit_note(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(table("time_s,rudder,heading_rad", (TIME, 1500 + 400 * RUDDER, HEADING)))
-    assert not any("taken for" in note for note in read(path, "any").notes)
+    assert not any("assumed" in note for note in read(path, "any").notes)
 
 
-def test_of_two_speeds_the_one_through_the_water_is_taken(tmp_path):
+def test_the_speed_through_the_water_is_preferred(tmp_path):
     """As a yacht's logger writes both; the table was refused."""
     path, ground = tmp_path / "table.csv", np.full(ROWS, 9.0)
     path.write_text(table("Time,Rudder,Heading,SOG,Speed Through Water", (*DEGREES[:3], ground, PLAIN[4])))
     np.testing.assert_allclose(read(path).speed_m_s, PLAIN[4])
 
 
-def test_a_table_without_names_is_told_so(tmp_path):
+def test_a_table_without_names_is_refused(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(table("0.0,1e-3,-2", (TIME, RUDDER, HEADING)))
     with pytest.raises(UsageError, match=r"table\.csv:1: numbers where the columns' names should be; put a line above"):
@@ -142,28 +142,28 @@ def test_a_course_over_ground_is_said_to_be_no_heading(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(table("time_s,rudder_rad,cog_deg", (TIME, RUDDER, TIME)))
     with pytest.raises(
-        UsageError, match="; there are time_s, rudder_rad, cog_deg; cog_deg is the course over ground, not a heading"
+        UsageError, match="; the file has time_s, rudder_rad, cog_deg; cog_deg is the course over ground, not a heading"
     ):
         read(path)
 
 
 @pytest.mark.parametrize("name", ["rudder_percent", "Rudder [%]", "rudder_pwm", "Rudder (µs)"])
-def test_a_rudder_that_says_it_is_no_angle_is_taken_as_it_is_or_refused(tmp_path, name):
-    """A share of up to 60 was taken for degrees where a sign said per cent, and else there was said to be no rudder."""
+def test_a_rudder_that_is_not_an_angle_by_its_name(tmp_path, name):
+    """Values up to 60 in percent must not be read as degrees."""
     path = tmp_path / "table.csv"
     path.write_text(table(f"time_s,{name},heading_deg", (TIME, 100.0 * RUDDER, HEADING / DEGREE)))
-    with pytest.raises(UsageError, match="is no angle; say --rudder-unit any to take it as it is"):
+    with pytest.raises(UsageError, match="is not an angle; use --rudder-unit any"):
         read(path)
     np.testing.assert_allclose(read(path, "any").rudder_rad, 100.0 * RUDDER, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["rudder_cmd_deg", "Commanded rudder angle (deg)", "rudder_order_deg"])
-def test_what_was_asked_of_the_rudder_is_taken_where_nothing_says_what_it_did(tmp_path, name):
+def test_a_rudder_command_is_used_without_a_measured_angle(tmp_path, name):
     path = tmp_path / "table.csv"
     path.write_text(table(f"time_s,{name},heading_rad", (TIME, RUDDER / DEGREE, HEADING)))
     got = read(path)
     np.testing.assert_allclose(got.rudder_rad, RUDDER, atol=1e-6)
-    assert any("is what was asked of the rudder, so the servo's lag is part of T" in note for note in got.notes)
+    assert any("is a rudder command, so T includes the servo lag" in note for note in got.notes)
     path.write_text(table(f"time_s,{name},rudder_rad,heading_rad", (TIME, TIME, RUDDER, HEADING)))
     got = read(path)
     np.testing.assert_allclose(got.rudder_rad, RUDDER, atol=1e-6)
@@ -171,7 +171,7 @@ def test_what_was_asked_of_the_rudder_is_taken_where_nothing_says_what_it_did(tm
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "texts"),
     [
         (table("time_s,rudder_rad,depth", (TIME, RUDDER, TIME)), ":1: missing column heading_rad or yaw_rate_rad_s"),
         (
@@ -180,21 +180,21 @@ def test_what_was_asked_of_the_rudder_is_taken_where_nothing_says_what_it_did(tm
         ),
         (
             table("time,rudder_rad,heading_rad", (["now"] * ROWS, RUDDER, HEADING)),
-            ":2: time 'now' is no time (and 199 more like it); give seconds, or times as 2026-05-31 23:59:59.5",
+            ":2: time 'now' is not a time (and 199 more like it); give seconds, or times as 2026-05-31 23:59:59.5",
         ),
-        (table("time_s;rudder_rad;heading_rad", (TIME, RUDDER, HEADING)), ":2: 1 fields under 3 column names"),
+        (table("time_s;rudder_rad;heading_rad", (TIME, RUDDER, HEADING)), ":2: 1 fields for 3 column names"),
         ("heading;rudder\n1;2\n", ":1: missing column time_s"),
         (table("time,rudder_rad,heading_rad", (500 * TIME, RUDDER, HEADING)), ": the rows are 250 apart in time"),
-        (table("time_s,rudder,heading", (TIME, RUDDER, 60 * TIME)), ": rudder goes to 0.3 and its name says no unit"),
-        (table("time_s,rudder,heading", (TIME, 300 * RUDDER, 60 * TIME)), ": rudder goes to 90 and its name"),
+        (table("time_s,rudder,heading", (TIME, RUDDER, 60 * TIME)), ": rudder has values up to 0.3 and no unit"),
+        (table("time_s,rudder,heading", (TIME, 300 * RUDDER, 60 * TIME)), ": rudder has values up to 90 and no unit"),
     ],
 )
-def test_what_is_wrong_with_a_table_is_named(tmp_path, text, told):
+def test_errors_of_a_table(tmp_path, text, texts):
     path = tmp_path / "table.csv"
     path.write_text(text)
     with pytest.raises(UsageError) as refused:
         read(path)
-    assert f"{path}{told}" in str(refused.value)
+    assert f"{path}{texts}" in str(refused.value)
 
 
 def ardupilot_log(recording, *, pulses):
@@ -203,7 +203,7 @@ def ardupilot_log(recording, *, pulses):
 
 
 @pytest.mark.parametrize("pulses", [pytest.param(True, marks=pytest.mark.proof), False])
-def test_a_log_of_ardupilot_tells_the_boat(yard, tmp_path, capsys, pulses):
+def test_the_model_from_an_ardupilot_log(yard, tmp_path, capsys, pulses):
     time = np.arange(3000) * 0.1
     rudder = yard.zigzag(time, 0.35, 20.0)
     boat = yard.boat(0.049, 4.0, 17.0)
@@ -226,4 +226,4 @@ def test_a_log_of_ardupilot_without_a_rudder_is_refused(yard, tmp_path, capsys):
     path = tmp_path / "x.BIN"
     path.write_bytes(whole.replace(b"STER", b"STIR"))
     assert main(["identify", str(path)]) == 2
-    assert "no rudder in it" in capsys.readouterr().err
+    assert "no rudder: neither" in capsys.readouterr().err

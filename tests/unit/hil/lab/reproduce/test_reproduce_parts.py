@@ -17,9 +17,8 @@ from hil.lab.reproduce.chain import Effort, Voyage
 from hil.lab.reproduce.equations import equations
 from hil.lab.reproduce.heading_test import goals, mean_rate
 from hil.lab.reproduce.manoeuvre import circles, sail, zigzag
-from hil.lab.reproduce.results import rows_text
+from hil.lab.reproduce.results import rows_text, speed_table, table_2_cells, table_2_json
 from hil.lab.reproduce.rows import Row, Verdict, all_match
-from hil.lab.reproduce.table_2 import as_json, cells, table_2
 from hil.report.figures import goal_figures
 from hil.ship import scenarios
 from hil.ship.regressions import FLOAT
@@ -98,10 +97,10 @@ def test_the_rows_without_an_answer_say_why():
     radius = silent[0]
     assert radius.ours == "15.8 m"
     assert radius.verdict is Verdict.DIFFERS
-    assert "not bent" in radius.note
+    assert "imprecise" in radius.note
     assert {row.verdict for row in silent[1:]} == {Verdict.SILENT}
     assert all(row.note for row in silent)
-    assert "not printed there" in rows_text(silent)
+    assert "not given" in rows_text(silent)
 
 
 def identified(verdict: str, k: float, k_se: float) -> SimpleNamespace:
@@ -132,7 +131,7 @@ def test_a_model_is_judged_at_the_paper_s_speed_by_its_own_error():
 
 
 def test_table_2_is_similarity_by_hand():
-    rows = table_2(OCEAN_RAMBLER._replace(turning_ability_1_s=0.05))
+    rows = speed_table(OCEAN_RAMBLER._replace(turning_ability_1_s=0.05))
     assert [row.speed_kn for row in rows] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     # 2 kn are 1.02889 m/s, 2.57222 times the speed of the model.
     two = rows[4]
@@ -140,8 +139,8 @@ def test_table_2_is_similarity_by_hand():
     assert (two.printed.K, two.printed.T, two.printed.alpha) == pytest.approx((0.126039, 1.555076, 2.569378), rel=1e-5)
     assert [row.ours.K for row in rows[4:5]] == pytest.approx([0.128611], rel=1e-5)
     assert (rows[0].ours.K, rows[0].ours.T, rows[0].ours.alpha) == (0.0, None, None)
-    assert cells(rows)[1] == ("0", "0.000", "0", "-", "-", "0", "-", "-", "not printed there")
-    assert json.loads(json.dumps(as_json(rows)))[0]["paper"] == "not printed there"
+    assert table_2_cells(rows)[1] == ("0", "0.000", "0", "-", "-", "0", "-", "-", "not given")
+    assert json.loads(json.dumps(table_2_json(rows)))[0]["paper"] == "not given"
 
 
 def test_the_coefficients_of_equations_1_to_3_are_those_by_hand():
@@ -184,21 +183,21 @@ def test_the_whole_command_writes_everything(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(progress, "NOW_AND_THEN_S", math.inf)
     monkeypatch.setattr(reproduce, "QUICK", Effort(150.0, 75.0, 120.0, 30.0, 20, ("tank",), "0:0,2:10", 30.0))
     assert main(["reproduce", "--quick", "--out", str(tmp_path)]) in (0, 1)
-    said = capsys.readouterr()
-    assert said.err == ""
+    output = capsys.readouterr()
+    assert output.err == ""
     found = json.loads((tmp_path / "reproduce.json").read_text())
-    assert f"report: {tmp_path / 'reproduce.html'}" in said.out
+    assert f"report: {tmp_path / 'reproduce.html'}" in output.out
     by_quantity = {row["quantity"]: row for row in found["rows"]}
     assert by_quantity["K, heading control test"]["paper"] == "0.049 1/s"
     # Identified in closed loop from the log of the autopilot itself.
     assert float(by_quantity["K, heading control test"]["ours"].split()[0]) == pytest.approx(0.049, rel=0.3)
-    assert by_quantity["yaw rate, predicted less measured (figure 6)"]["paper"] == "not printed there"
+    assert by_quantity["yaw rate, predicted minus measured (figure 6)"]["paper"] == "not given"
     assert [row["speed_kn"] for row in found["table_2"]] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     assert [one["number"] for one in found["equations"]] == [1, 2, 3]
-    assert "Table 2" in said.out
+    assert "Table 2" in output.out
     html = (tmp_path / "reproduce.html").read_text()
     assert html.count("data:image/png;base64,") == 10
-    for part in ("as in figure 6", "as in figure 7", "Table 2", "(1) track and heading", "not printed there"):
+    for part in ("as in figure 6", "as in figure 7", "Table 2", "(1) track and heading", "not given"):
         assert part in html
     assert (tmp_path / "reproduce.png").read_bytes().startswith(b"\x89PNG")
     assert next((tmp_path / "heading-test").glob("state/logs/*.BIN")).stat().st_size > 100_000

@@ -7,15 +7,15 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.law import Gains
 from firmware_py.estimate.observer import ObserverSettings
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from hil.lab.tune.cases import cases_of, pilot_of, seas_of, steps_within, the_task
+from hil.lab.tune.cases import autopilot_of, cases_of, seas_of, steps_in, task_of
 from hil.ship.scenarios import UnknownScenarioError
 
 PARAMETERS = ParameterSet()
-PILOT = pilot_of(PARAMETERS)
-TASK = the_task(OCEAN_RAMBLER, PILOT)
+AUTOPILOT = autopilot_of(PARAMETERS)
+TASK = task_of(OCEAN_RAMBLER, AUTOPILOT)
 
 
-def test_every_sea_is_sailed_by_five_ships_and_flat_water_at_both_ends_of_the_speeds():
+def test_cases_are_five_ships_in_each_sea_and_flat_water_at_two_speeds():
     cases = cases_of(["tank", "swell"])
     assert [case.scenario.name for case in cases[:10]] == ["tank"] * 5 + ["swell"] * 5
     assert {(case.ability_factor, case.lag_factor) for case in cases[:5]} == {
@@ -25,7 +25,7 @@ def test_every_sea_is_sailed_by_five_ships_and_flat_water_at_both_ends_of_the_sp
     assert sum(case.nominal for case in cases) == 4
 
 
-def test_ships_are_scaled_by_similarity_and_then_made_worse():
+def test_ships_are_scaled_by_similarity_and_by_their_factors():
     case = cases_of(["sea"])[2]
     ship = case.ship(OCEAN_RAMBLER)
     ratio = 0.9 / 0.4
@@ -39,23 +39,23 @@ def test_an_unknown_sea_is_refused():
         cases_of(["pond"])
 
 
-def test_a_sea_that_the_model_knows_half_of_is_refused():
-    with pytest.raises(UnknownScenarioError, match="'ocean-1' has what the tuner's model leaves out"):
+def test_a_sea_with_unsupported_disturbances_is_refused():
+    with pytest.raises(UnknownScenarioError, match="'ocean-1' has disturbances that the trial runs do not have"):
         cases_of(["sea", "ocean-1"])
 
 
-def test_the_pilot_is_the_firmware_s():
+def test_the_settings_equal_those_of_the_firmware():
     gains, known = Gains.of(PARAMETERS), ObserverSettings.of(PARAMETERS)
-    assert PILOT.rate_max_rad_s == gains.yaw_rate_max_rad_s
-    assert PILOT.rudder_limit_rad == gains.rudder_limit_rad
-    assert PILOT.rate_limit_rad_s == known.yaw_rate_limit_rad_s
-    assert (PILOT.turning_ability_1_s, PILOT.turning_lag_s) == (
+    assert AUTOPILOT.rate_max_rad_s == gains.yaw_rate_max_rad_s
+    assert AUTOPILOT.rudder_limit_rad == gains.rudder_limit_rad
+    assert AUTOPILOT.rate_limit_rad_s == known.yaw_rate_limit_rad_s
+    assert (AUTOPILOT.turning_ability_1_s, AUTOPILOT.turning_lag_s) == (
         known.model.turning_ability_1_s,
         known.model.turning_lag_s,
     )
 
 
-def test_the_seas_have_the_spread_and_the_offset_of_their_rows():
+def test_spread_and_offset_of_the_seas():
     cases = cases_of(["swell", "weak"])
     seas = seas_of(cases, OCEAN_RAMBLER, TASK, 4)
     spread_deg = np.degrees(np.std(seas.compass_rad, axis=1))
@@ -66,30 +66,30 @@ def test_the_seas_have_the_spread_and_the_offset_of_their_rows():
     assert np.all(seas.offset_rad[10:] == 0.0)
 
 
-def test_seas_depend_on_the_seed_and_on_nothing_else():
+def test_seas_depend_on_the_seed_only():
     cases = cases_of(["tank"])
     one, same, other = (seas_of(cases, OCEAN_RAMBLER, TASK, seed) for seed in (1, 1, 2))
     assert np.array_equal(one.compass_rad, same.compass_rad)
     assert not np.array_equal(one.compass_rad, other.compass_rad)
 
 
-def test_a_slower_ship_has_longer_legs_within_bounds():
+def test_leg_length_of_slow_ships():
     slow = KtModel(0.005, 30.0, 0.0, 0.0, 1.0)
-    pilot = pilot_of(PARAMETERS.replaced("MDL_K", 0.005))
+    autopilot = autopilot_of(PARAMETERS.replaced("MDL_K", 0.005))
     assert TASK.leg_ticks == 3000
-    assert 3000 < the_task(slow, pilot).leg_ticks <= 30000
-    assert the_task(KtModel(0.01, 4000.0, 0.0, 0.0, 1.0), pilot).leg_ticks == 30000
+    assert 3000 < task_of(slow, autopilot).leg_ticks <= 30000
+    assert task_of(KtModel(0.01, 4000.0, 0.0, 0.0, 1.0), autopilot).leg_ticks == 30000
 
 
-def test_a_stiff_ship_takes_more_steps_and_an_impossible_one_is_refused():
-    stiff = KtModel(6.0, 0.2, 1e4, 0.0, 0.4)
-    assert seas_of(cases_of(["calm"]), stiff, TASK, 1).ships[0, 3] > 2
+def test_steps_of_a_ship_with_a_short_lag_and_an_invalid_ship():
+    fast = KtModel(6.0, 0.2, 1e4, 0.0, 0.4)
+    assert seas_of(cases_of(["calm"]), fast, TASK, 1).ships[0, 3] > 2
     with pytest.raises(ValueError, match="invalid ship model"):
         seas_of(cases_of(["calm"]), KtModel(1.0, -1.0, 0.0, 0.0, 0.4), TASK, 1)
 
 
-def test_the_steps_follow_the_time_constant_alone():
-    assert steps_within(OCEAN_RAMBLER, 0.1) == 1
-    assert steps_within(KtModel(0.049, 400.0, 0.0, 0.0, 0.4), 10.0) == 1
-    # A fifth of the lag a step, without a cubic term.
-    assert steps_within(KtModel(0.049, 1.0, 0.0, 0.0, 0.4), 1.0) == 5
+def test_number_of_steps():
+    assert steps_in(OCEAN_RAMBLER, 0.1) == 1
+    assert steps_in(KtModel(0.049, 400.0, 0.0, 0.0, 0.4), 10.0) == 1
+    # A step is a fifth of the lag if there is no cubic term.
+    assert steps_in(KtModel(0.049, 1.0, 0.0, 0.0, 0.4), 1.0) == 5

@@ -30,14 +30,14 @@ CTL_K1 = 30
 
 def refused(capsys, *words: str) -> str:
     assert main(["tune", *words]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    return said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    return output.err
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "error"),
     [
         (["--scenarios", "pond"], "unknown scenario 'pond'"),
         (["--scenarios", ","], "name at least one"),
@@ -45,40 +45,40 @@ def refused(capsys, *words: str) -> str:
         (["--price", "nan"], "give a number"),
         (["--evaluations", "5"], "give a number from 20"),
         (["--fixed-gains", "--evaluations", "20"], "give a number from 150"),
-        (["--only-gains"], "give --fixed-gains beside it"),
+        (["--only-gains"], "add --fixed-gains"),
         (["--scenarios", "swell+kite=1"], "unknown option 'kite'"),
-        (["--with", "supply"], "the trial runs know no power"),
+        (["--with", "supply"], "trial runs do not simulate power"),
         (["--with", "leeway=80"], "must be -45 to 45 deg"),
-        (["--fixed-gains", "--with", "leeway=8"], "leave one of them out"),
-        (["--fixed-gains", "--scenarios", "ocean-1"], "has what the tuner's model leaves out"),
+        (["--fixed-gains", "--with", "leeway=8"], "remove one of them"),
+        (["--fixed-gains", "--scenarios", "ocean-1"], "has disturbances that the trial runs do not have"),
         (["--seed", "-3"], "--seed -3"),
         (["--plot", "picture.gif"], "must end in .png or .html"),
         (["--json", "nowhere/at/all.json"], "make it first"),
         (["--json", "/"], "is a directory"),
         (["--out-params", "."], "is a directory"),
         (["--vehicle", "no-such.toml"], "no such vehicle file"),
-        (["--law", "--vehicle", "boat.toml"], "--vehicle: the law is the same for every vehicle"),
-        (["--law", "--fixed-gains"], "leave it or --law out"),
+        (["--law", "--vehicle", "boat.toml"], "--vehicle: not used with --law"),
+        (["--law", "--fixed-gains"], "--fixed-gains: not used with --law"),
         (["--law", "--scenarios", "pond"], "unknown scenario 'pond'"),
     ],
 )
-def test_bad_usage_is_one_line_with_a_remedy(capsys, words, told):
-    assert told in refused(capsys, *words)
+def test_a_usage_error_is_one_line_with_a_remedy(capsys, words, error):
+    assert error in refused(capsys, *words)
 
 
-def test_a_file_that_may_not_be_written_is_refused_before_the_work(capsys, monkeypatch, tmp_path):
+def test_a_read_only_file_is_refused_before_the_search(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("os.access", lambda _path, _mode: False)
     assert "may not be written" in refused(capsys, "--json", str(tmp_path / "tune.json"))
 
 
-def test_a_file_that_cannot_be_written_after_all_is_one_error():
+def test_a_write_error_is_one_line():
     with pytest.raises(HilError, match="--json /dev/full cannot be written: No space left"):
         outputs.write("--json", Path("/dev/full"), "text")
 
 
 @pytest.fixture(autouse=True)
 def _quiet(monkeypatch):
-    """Tell nothing now and then, however slow the machine is."""
+    """ProgressReport nothing now and then, however slow the machine is."""
     monkeypatch.setattr(progress, "NOW_AND_THEN_S", math.inf)
 
 
@@ -100,21 +100,21 @@ def tuned(tmp_path, *words: str):
 
 
 @pytest.mark.timeout(600)
-def test_the_delivered_controller_is_tuned_and_everything_is_written(tmp_path, capsys, monkeypatch):
+def test_the_default_controller_is_tuned_and_all_files_are_written(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(delivered, "SEEDS", 1)
     monkeypatch.setattr(delivered, "FRESH_SEEDS", 1)
     words = ["--scenarios", "sea+leeway=8", "--evaluations", "20", "--seed", "3", "--price", "4"]
     found, kept, written = tuned(tmp_path, *words)
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert "delivered defaults: CTL_PRICE 1, RUD_DBAND_DEG" in said.out
-    assert "seas: sea+leeway=8; ships K T alpha x 1 1 1, 0.7 1.3 1.3, 1.3 0.7 0.7; seeds 3" in said.out
-    assert "case, seed 1000006 " in said.out
-    assert "worst mean deg" in said.out
-    assert "what tuning is worth: on two other ships it found nothing better" in said.out
-    assert "compare --prices 0.5 1 2 4" in said.out
+    output = capsys.readouterr()
+    assert output.err == ""
+    assert "defaults: CTL_PRICE 1, RUD_DBAND_DEG" in output.out
+    assert "seas: sea+leeway=8; ships K T alpha x 1 1 1, 0.7 1.3 1.3, 1.3 0.7 0.7; seeds 3" in output.out
+    assert "case, seed 1000006 " in output.out
+    assert "largest mean deg" in output.out
+    assert "on two other ships the tuner found nothing better" in output.out
+    assert "compare --prices 0.5 1 2 4" in output.out
     assert "# Seas: sea+leeway=8;" in written
-    # The file does not switch off what was tuned.
+    # The file does not switch the tuned controller off.
     assert (kept.pop("CTL_MODE"), kept.pop("EST_MODE")) == (1.0, 1.0)
     assert kept == {name: pytest.approx(value) for name, value in found["chosen"]["parameters"].items()}
     assert set(kept) == {"CTL_PRICE", "RUD_DBAND_DEG"}
@@ -122,7 +122,7 @@ def test_the_delivered_controller_is_tuned_and_everything_is_written(tmp_path, c
     assert (found["seeds"], found["fresh_seeds"]) == ([3], [1_000_006])
     assert len(found["cases"]) == 3
     assert 8 <= found["evaluations"] == len(found["tried"]) <= 24
-    # At such a price of the rudder she is to be quieter, in seas of other seeds, too.
+    # With this price the rudder travel is smaller, also in fresh seas.
     delivered_there, chosen_there = found["fresh_seas"]["delivered"], found["fresh_seas"]["chosen"]
     assert not found["chosen"]["kept_as_delivered"]
     assert kept["CTL_PRICE"] > 1.0
@@ -130,14 +130,14 @@ def test_the_delivered_controller_is_tuned_and_everything_is_written(tmp_path, c
 
 
 @pytest.mark.proof
-def test_fixed_gains_are_tuned_and_say_that_they_switch_the_delivered_controller_off(tmp_path, capsys, monkeypatch):
+def test_fixed_gains_are_tuned_and_switch_the_default_controller_off(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(search, "PRICES", (1.0,))
     found, kept, written = tuned(tmp_path, "--fixed-gains", "--scenarios", "tank,sea", "--evaluations", "150")
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert "ITAE of a 30 deg step" in said.out
-    for told in (said.out, written):
-        assert "switches the delivered controller off (CTL_MODE 0, EST_MODE 0)" in told
+    output = capsys.readouterr()
+    assert output.err == ""
+    assert "ITAE of a 30 deg step" in output.out
+    for text in (output.out, written):
+        assert "switches the default controller off (CTL_MODE 0, EST_MODE 0)" in text
     assert (kept.pop("CTL_MODE"), kept.pop("EST_MODE")) == (0.0, 0.0)
     assert kept == {name: pytest.approx(value) for name, value in found["chosen"]["parameters"].items()}
     assert set(kept) >= {"CTL_K1", "CTL_K2"}

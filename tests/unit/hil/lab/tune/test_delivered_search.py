@@ -1,4 +1,4 @@
-"""What the tuner of the delivered controller chooses, on made-up seas that need no voyage."""
+"""Choices of the tuner of the default controller, on analytic error and travel functions."""
 
 import math
 
@@ -16,7 +16,7 @@ PRICE, BAND = default_setting()
 
 
 class MadeUp(Trials):
-    """Error and travel as functions of the setting, in parts of the delivered."""
+    """Error and travel are functions of the setting, relative to the defaults."""
 
     def __init__(self, error, travel):
         self.made_up = error, travel
@@ -31,7 +31,7 @@ class MadeUp(Trials):
 
 
 def hollow(price, band):
-    """Least at a price of 0.6."""
+    """Smallest at a price of 0.6."""
     return 0.9 + 0.3 * math.log(price / 0.6) ** 2 - 0.3 * math.log(PRICE / 0.6) ** 2 + 0.1 + 0.05 * abs(band - BAND)
 
 
@@ -43,16 +43,16 @@ def flat(_price, _band):
     return 1.0
 
 
-def test_what_is_better_in_both_is_found_and_what_need_not_change_is_left():
+def test_a_better_setting_is_found_and_useless_changes_are_restored():
     found = tune(MadeUp(hollow, flat), MadeUp(hollow, flat), ParameterSet(), evaluations=60)
     assert not found.kept
     assert found.chosen.setting[0] == pytest.approx(0.6, rel=0.1)
     assert found.chosen.setting[1] == BAND
     assert found.fresh.error < 1.0
-    assert "neither of them more than as delivered" in found.why
+    assert "neither larger than with the defaults" in found.why
 
 
-def test_neither_error_nor_travel_may_be_more_than_as_delivered_unless_a_price_is_asked_for():
+def test_error_and_travel_do_not_exceed_the_defaults_without_a_price():
     trials, fresh = MadeUp(hollow, less_with_price), MadeUp(hollow, less_with_price)
     found = tune(trials, fresh, ParameterSet(), evaluations=60)
     assert no_worse(trials, found.chosen)
@@ -64,20 +64,20 @@ def test_neither_error_nor_travel_may_be_more_than_as_delivered_unless_a_price_i
 
 
 @pytest.mark.parametrize("evaluations", [20, 60, 75])
-def test_as_many_settings_are_sailed_as_were_asked_for(evaluations):
+def test_number_of_evaluations(evaluations):
     found = tune(MadeUp(hollow, flat), MadeUp(hollow, flat), ParameterSet(), evaluations=evaluations)
-    # What is found is rounded, and its parameters put back one by one.
+    # The result is rounded, and its parameters are restored one by one.
     assert evaluations <= found.evaluations <= evaluations + 3
 
 
-def test_what_fresh_seas_do_not_bear_out_is_not_kept():
+def test_a_setting_that_is_not_better_in_fresh_seas_is_rejected():
     found = tune(MadeUp(hollow, flat), MadeUp(lambda price, _: 1.0 + abs(price - PRICE), flat), ParameterSet())
     assert found.kept
     assert found.chosen.setting == default_setting()
-    assert "not in fresh ones" in found.why
+    assert "not in fresh seas" in found.why
 
 
-def test_where_nothing_is_better_the_delivered_defaults_stay():
+def test_the_defaults_are_kept_if_nothing_is_better():
     found = tune(MadeUp(lambda price, _: 1.0 + abs(price - PRICE), flat), MadeUp(flat, flat), ParameterSet())
     assert (found.kept, found.why) == (True, "nothing better was found")
 
@@ -100,7 +100,7 @@ def test_a_setting_that_has_been_sailed_is_not_sailed_again():
     assert (trials.sailed, len(trials.archive)) == (2, 2)
 
 
-def test_each_sea_is_sailed_by_each_ship_with_each_seed():
+def test_cases_are_all_seas_ships_and_seeds():
     cases = cases_of(["tank", "swell+leeway=8"], (4, 5))
     assert len({(case.text, case.ship, case.seed) for case in cases}) == len(cases) == 12
     assert cases[-1].scenario.disturbances.leeway.body_deg == 8.0
@@ -108,7 +108,7 @@ def test_each_sea_is_sailed_by_each_ship_with_each_seed():
         cases_of(["pond"], (1,))
 
 
-def test_a_slow_ship_has_the_time_that_she_needs():
+def test_the_duration_grows_for_a_slow_ship():
     usual, slow = task_of(OCEAN_RAMBLER, 0.5), task_of(KtModel(0.005, 60.0, 100.0, 0.0, 0.4), 0.5)
     assert slow[2] > 2.0 * usual[2]
     assert usual[0].leg_ticks * 2 == round((usual[2] - 150.0) * 10)

@@ -1,4 +1,4 @@
-"""The search for the constants of the helm's law, on made-up seas that need no voyage, and on one real one."""
+"""Search for the constants of the control law, on analytic functions and in one simulated sea."""
 
 import json
 import math
@@ -37,7 +37,7 @@ def silent(_text, _part):
     return None
 
 
-def test_the_constants_are_those_of_the_law_and_of_its_twin():
+def test_the_constants_are_those_of_the_law():
     assert (
         DEFAULT_CONSTANTS.gain_factor, DEFAULT_CONSTANTS.crossover_rad_s, DEFAULT_CONSTANTS.rest_rad,
         DEFAULT_CONSTANTS.band_sqrt_s,
@@ -46,14 +46,14 @@ def test_the_constants_are_those_of_the_law_and_of_its_twin():
     assert tuple(bound.field for bound in law.BOUNDS) == DEFAULT_CONSTANTS._fields
 
 
-def test_a_setting_costs_what_its_seas_cost_by_what_they_cost_as_delivered():
+def test_costs_are_relative_to_the_present_constants():
     trials = MadeUp(lambda *_: 1.0, flat)
     results = np.array([[[1.0, 800.0]], [[2.0, 3200.0]]])
     assert trials.costs(results) == pytest.approx([1.0, (4.0 + 1.6) / (4.0 + 1.2)])
     assert trials.cost(np.full((2, 1, 2), np.nan)) == math.inf
 
 
-def test_no_sea_pays_for_another():
+def test_a_loss_in_one_sea_has_a_penalty():
     trials = MadeUp(lambda *_: 1.0, flat)
     within = np.array([[[0.5, 800.0]], [[2.0, 2440.0]]])
     assert trials.cost(within) == np.mean(trials.costs(within))
@@ -61,7 +61,7 @@ def test_no_sea_pays_for_another():
     assert trials.cost(beyond) == pytest.approx(np.mean(trials.costs(beyond)) + 0.105 + 0.05)
 
 
-def test_what_is_better_is_found_and_fresh_seas_bear_it_out():
+def test_better_constants_are_found_and_confirmed_in_fresh_seas():
     found = law.search(MadeUp(hollow, flat), MadeUp(hollow, flat), 400, 1, silent)
     assert found.better
     assert found.setting[0] == pytest.approx(100.0, rel=0.08)
@@ -70,21 +70,21 @@ def test_what_is_better_is_found_and_fresh_seas_bear_it_out():
 
 
 @pytest.mark.parametrize("evaluations", [20, 60, 75])
-def test_as_many_settings_are_sailed_as_were_asked_for(evaluations):
+def test_number_of_evaluations(evaluations):
     found = law.search(MadeUp(hollow, flat), MadeUp(hollow, flat), evaluations, 1, silent)
-    # What is the same to three digits is sailed once.
+    # Settings that are equal to three digits are run once.
     assert 0.9 * evaluations <= found.evaluations <= evaluations
 
 
-def test_what_fresh_seas_do_not_bear_out_leaves_the_delivered_constants():
+def test_constants_that_are_not_better_in_fresh_seas_are_rejected():
     contrary = MadeUp(lambda gain_factor, *_: 1.0 / hollow(gain_factor), flat)
     found = law.search(MadeUp(hollow, flat), contrary, 400, 1, silent)
     assert (found.better, found.fresh_cost > 1.0) == (False, True)
-    assert "the delivered constants stay" in law.text(MadeUp(hollow, flat), contrary, found)
+    assert "the present constants are kept" in law.text(MadeUp(hollow, flat), contrary, found)
 
 
 @pytest.mark.timeout(600)  # the twin is compiled first
-def test_the_command_prints_seas_seeds_and_constants(tmp_path, capsys, monkeypatch):
+def test_the_command_prints_seeds_and_constants(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(law, "SECONDS", 640.0)
     monkeypatch.setattr(law, "GOALS", law.parse_goals("0:0,120:60"))
     monkeypatch.setattr(law, "SEEDS", 1)
@@ -92,9 +92,9 @@ def test_the_command_prints_seas_seeds_and_constants(tmp_path, capsys, monkeypat
     path = tmp_path / "law.json"
     words = ["--law", "--scenarios", "tank", "--evaluations", "20", "--json", str(path)]
     assert main(["tune", *words]) == 0
-    said, found = capsys.readouterr().out, json.loads(path.read_text())
-    assert "seeds 101, fresh 1000104" in said
-    assert f"{found['evaluations']} settings in 1 runs each" in said
+    output, found = capsys.readouterr().out, json.loads(path.read_text())
+    assert "seeds 101, fresh 1000104" in output
+    assert f"{found['evaluations']} settings in 1 runs each" in output
     assert found["trial_runs"] == found["evaluations"]
     assert [row["scenario"] for row in found["fresh_seas"]] == ["tank"]
     assert found["better"] == (found["fresh_cost"] < 1.0 and found["found"] != found["delivered"])

@@ -13,7 +13,7 @@ from firmware_py.control.rudder_limit import RudderLimits, limited_command
 from firmware_py.estimate import observer
 from firmware_py.model.kt import rk4_step
 from hil.lab.tune import loop_kernel
-from hil.lab.tune.cases import pilot_of
+from hil.lab.tune.cases import autopilot_of
 
 DEG = math.pi / 180.0
 
@@ -31,14 +31,14 @@ TICKS = 3 * 2400
 
 
 def firmware_loop(chosen: ParameterSet, ship, compass_rad, offset_rad) -> tuple[np.ndarray, np.ndarray]:
-    """Sail tick by tick with the observer and the records of the firmware."""
+    """Simulate tick by tick with the observer and the records of the firmware."""
     known = observer.ObserverSettings.of(chosen)
     gains, limits = Gains.of(chosen), RudderLimits.of(chosen)
     state = observer.HeadingState()
     inner_steps = int(ship[3])
     inner_s = STEP_S / inner_steps
     reach_rad = 30.0 * DEG * inner_s
-    psi = r = rudder = command = told = 0.0
+    psi = r = rudder = command = feedback = 0.0
     headings, rudders = np.zeros(TICKS), np.zeros(TICKS)
     for tick in range(TICKS):
         headings[tick], rudders[tick] = psi, rudder
@@ -46,11 +46,11 @@ def firmware_loop(chosen: ParameterSet, ship, compass_rad, offset_rad) -> tuple[
         resolution = math.pi / 1800.0
         reading_rad = math.floor((psi + compass_rad[tick]) / resolution + 0.5) * resolution
         sample = HeadingSample(now_s, angles.wrap_two_pi(reading_rad), NorthReference.TRUE)
-        state = observer.update(known, state, [sample], told, now_s)
+        state = observer.update(known, state, [sample], feedback, now_s)
         error_rad = angles.wrap_pi(TASK.goals_rad[tick // TASK.leg_ticks] - state.heading_rad)
         command = limited_command(limits, command, s_surface(gains, error_rad, state.yaw_rate_rad_s), STEP_S)
         count = 2.0 * math.pi / 4096.0
-        told = math.floor(rudder / count + 0.5) * count
+        feedback = math.floor(rudder / count + 0.5) * count
         target = math.floor(command / count + 0.5) * count
         for _ in range(inner_steps):
             after = rudder + angles.clamp(target - rudder, -reach_rad, reach_rad)
@@ -63,7 +63,7 @@ def firmware_loop(chosen: ParameterSet, ship, compass_rad, offset_rad) -> tuple[
     ("k1", "k2", "tau_s", "deadband_deg", "inner_steps"),
     [(40.0, 0.3, 1.5, 0.0, 1), (20.0, 2.5, 8.0, 1.0, 2), (60.0, 0.0, 0.5, 0.3, 3)],
 )
-def test_a_long_run_is_the_firmware_s_to_the_last_bit(k1, k2, tau_s, deadband_deg, inner_steps):
+def test_a_long_run_equals_the_firmware_to_the_last_bit(k1, k2, tau_s, deadband_deg, inner_steps):
     numbers = np.random.default_rng(7)
     wave = 0.2 * np.sin(np.arange(TICKS) * STEP_S * 0.9) + 0.1 * numbers.standard_normal(TICKS)
     offset = 0.1 * np.sin(np.arange(TICKS) * STEP_S * 0.01)
@@ -72,20 +72,20 @@ def test_a_long_run_is_the_firmware_s_to_the_last_bit(k1, k2, tau_s, deadband_de
     theirs = firmware_loop(chosen, ship, wave, offset)
     headings, rudders = np.zeros(TICKS), np.zeros(TICKS)
     row = (chosen["CTL_K1"], chosen["CTL_K2"], chosen["EST_TAU_S"], angles.radians(chosen["RUD_DBAND_DEG"]))
-    loop_kernel.closed_loop(np.array(row), pilot_of(chosen), TASK, ship, wave, offset, headings, rudders)
+    loop_kernel.closed_loop(np.array(row), autopilot_of(chosen), TASK, ship, wave, offset, headings, rudders)
     assert np.array_equal(headings, theirs[0])
     assert np.array_equal(rudders, theirs[1])
-    assert np.ptp(rudders) > 0.5  # she has had work
+    assert np.ptp(rudders) > 0.5  # the rudder has moved
 
 
-def test_a_reading_is_rounded_to_a_tenth_of_a_degree_and_never_360():
+def test_compass_readings_are_rounded_and_below_360():
     assert loop_kernel.compass_reading(12.34 * DEG) == pytest.approx(12.3 * DEG, abs=1e-12)
     assert loop_kernel.compass_reading(359.97 * DEG) == pytest.approx(0.0, abs=1e-12)
     assert loop_kernel.compass_reading(-0.2 * DEG) == pytest.approx(359.8 * DEG, abs=1e-12)
     assert 0.0 <= loop_kernel.compass_reading(725.0 * DEG) < 2.0 * math.pi
 
 
-def test_the_measures_of_a_made_up_run():
+def test_results_of_a_short_run():
     task = loop_kernel.Task(np.array([10.0, -20.0]), 4, 2, 0.5)
     heading = np.array([0.0, 12.0, 9.0, 9.0, 9.0, -10.0, -21.0, -23.0])
     rudder = np.array([0.0, 1.0, 1.0, 0.5, 0.0, 0.0, 2.0, -2.0])

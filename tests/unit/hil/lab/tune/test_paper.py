@@ -1,4 +1,4 @@
-"""The paper's own tuning problem: the facts of physics.md, section 4."""
+"""The tuning problem of the paper: figures of physics.md, section 4."""
 
 import numpy as np
 import pytest
@@ -6,30 +6,30 @@ import pytest
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.lab.tune import paper
-from hil.lab.tune.cases import pilot_of
+from hil.lab.tune.cases import autopilot_of
 
-PILOT = pilot_of(ParameterSet())
+AUTOPILOT = autopilot_of(ParameterSet())
 
 
 @pytest.fixture(scope="module")
 def studies() -> dict[float, paper.StepStudy]:
-    return {step_deg: paper.study(step_deg, OCEAN_RAMBLER, PILOT, 1) for step_deg in paper.STEPS_DEG}
+    return {step_deg: paper.study(step_deg, OCEAN_RAMBLER, AUTOPILOT, 1) for step_deg in paper.STEPS_DEG}
 
 
 @pytest.mark.parametrize(("step_deg", "excess", "overshoot"), [(30.0, 0.08, 0.016), (90.0, 0.02, 0.006)])
-def test_the_paper_s_gains_are_near_the_least_itae(studies, step_deg, excess, overshoot):
+def test_the_paper_s_gains_are_near_the_smallest_itae(studies, step_deg, excess, overshoot):
     study = studies[step_deg]
     assert 0.0 < study.excess <= excess
     assert study.paper_overshoot == pytest.approx(overshoot, abs=0.001)
 
 
-def test_the_least_itae_lies_on_the_edge_of_k1(studies):
+def test_the_smallest_itae_is_at_the_limit_of_k1(studies):
     for study in studies.values():
         assert study.swarm.best[0] == pytest.approx(60.0, abs=0.1)
         assert 0.5 < study.swarm.best[1] < 1.2
 
 
-def test_the_fish_find_what_the_plane_shows(studies):
+def test_the_swarm_finds_the_optimum_of_the_map(studies):
     for study in studies.values():
         assert study.swarm.best_value <= np.min(study.plane) * 1.0001
         row, column = np.unravel_index(np.argmin(study.plane), study.plane.shape)
@@ -37,15 +37,15 @@ def test_the_fish_find_what_the_plane_shows(studies):
         assert study.k2[row] == pytest.approx(study.swarm.best[1], abs=0.3)
 
 
-def test_the_same_seed_gives_the_same_answer(studies):
-    again = paper.study(30.0, OCEAN_RAMBLER, PILOT, 1)
+def test_the_same_seed_gives_the_same_result(studies):
+    again = paper.study(30.0, OCEAN_RAMBLER, AUTOPILOT, 1)
     assert np.array_equal(again.swarm.best, studies[30.0].swarm.best)
     assert np.array_equal(again.plane, studies[30.0].plane)
 
 
-def test_a_slow_ship_is_given_the_time_that_she_needs():
+def test_a_slow_ship_has_enough_time():
     slow = type(OCEAN_RAMBLER)(0.002, 200.0, 0.0, 0.0, 5.0)
     parameters = ParameterSet().replaced("MDL_K", 0.002).replaced("MDL_T_S", 200.0).replaced("MDL_ALPHA_S2", 0.0)
-    study = paper.study(30.0, slow, pilot_of(parameters), 1)
+    study = paper.study(30.0, slow, autopilot_of(parameters), 1)
     assert np.all(np.isfinite(study.plane))
     assert study.excess >= 0.0
