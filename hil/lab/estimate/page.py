@@ -50,7 +50,9 @@ PANELS: Final = (
         min_span=2.0,
         zero=True,
     ),
-    Panel("innovation / standard deviation", (Line("innovation", "innovation"),), min_span=4.0, band=BAND_SDS, zero=True),
+    Panel(
+        "innovation / standard deviation", (Line("innovation", "innovation"),), min_span=4.0, band=BAND_SDS, zero=True
+    ),
     *(
         Panel(
             f"error of the {seconds} s prediction, deg",
