@@ -100,7 +100,7 @@ def hour_of_zigzag(seed: int) -> Recording:
 def swarm(setting: Setting) -> Finding:
     """Measure an evaluation of the fish swarm whose objective costs next to nothing, in turns with that alone."""
     settings = SwarmSettings(fish=50, tries=5, strategy="optimal", iterations=100_000,
-                             most_evaluations=setting.evaluations)  # fmt: skip
+                             max_evaluations=setting.evaluations)  # fmt: skip
     points = LOW + np.random.default_rng(SEED).random((settings.fish * settings.tries, LOW.size)) * (HIGH - LOW)
 
     def search() -> float:

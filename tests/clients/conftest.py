@@ -82,7 +82,7 @@ def mavproxy(tmp_path, start):
 
 @pytest.fixture
 def start_hil(tmp_path):
-    """Starts a HIL with links of the given kinds and waits until she is under way."""
+    """Starts a HIL with links of the given kinds and waits until the boat is under way."""
     runs = []
 
     def start_one(*kinds, **more):

@@ -1,4 +1,4 @@
-"""A hostile correspondent: pours seeded bytes into a link, as fast as told, in one way after another.
+"""A hostile correspondent: pours seeded bytes into a link, at a given rate, in one way after another.
 
 `python flood.py udp|tcp PORT SECONDS` or `python flood.py pty DESCRIPTOR SECONDS`; prints, as JSON,
 how many bytes the link took. `python flood.py disk DIRECTORY SECONDS` writes there and waits for the
@@ -59,7 +59,7 @@ def false_frames(chances):
 
 
 def lists(chances):
-    asked = [
+    requests = [
         mavlink.MAVLink_param_request_list_message(1, 1),
         mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1),
         mavlink.MAVLink_mission_request_list_message(1, 1, 0),
@@ -70,7 +70,7 @@ def lists(chances):
         mavlink.MAVLink_ping_message(1, 1, 0, 0),
         mavlink.MAVLink_timesync_message(0, 1),
     ]
-    return filled(frames(asked), chances)
+    return filled(frames(requests), chances)
 
 
 def one_list(chances):
@@ -79,16 +79,16 @@ def one_list(chances):
 
 def commands(chances):
     numbers = (176, 400, 410, 511, 512, 519, 520, 401, 115, 21196, 31010)
-    asked = [
+    requests = [
         mavlink.MAVLink_command_long_message(1, 1, number, chances.randrange(2), *values)
         for number in numbers
         for values in ([0.0] * 7, [chances.uniform(-1e3, 1e3) for _ in range(7)], [435.0, 0, 0, 0, 0, 0, 0])
     ]
-    asked += [
+    requests += [
         mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", chances.uniform(0, 300), 9),
         mavlink.MAVLink_mission_count_message(1, 1, 60000, 0),
     ]
-    return filled(frames(asked), chances)
+    return filled(frames(requests), chances)
 
 
 def heartbeats(chances):

@@ -1,4 +1,4 @@
-"""A client written with MAVSDK, run as a process of its own: does what a ground station does, tells what it sees.
+"""A client written with MAVSDK, run as a process of its own: acts as a ground station and reports what it receives.
 
     python mavsdk_client.py URL RESULTS.json
 
@@ -101,11 +101,11 @@ class Session:
         param.set_param_int("LOOP_RATE_HZ", 10)
         self.seen["custom"] = [
             refusal(param.get_param_custom, "CTL_K1"),
-            refusal(param.set_param_custom, "CTL_K1", "stiff"),
+            refusal(param.set_param_custom, "CTL_K1", "high"),
         ]
 
     def set_extended_parameters(self):
-        """In PARAM_EXT: after a list that nobody answers MAVSDK waits for ever for any other answer in it."""
+        """In PARAM_EXT: after a list without an answer MAVSDK waits for ever for other answers."""
         param = Param(self.system)
         refusal(param.select_component, 1, ProtocolVersion.EXT)  # it says UNKNOWN though it is done
         everything = param.get_all_params()
@@ -145,7 +145,7 @@ class Session:
         north_deg = FAR_M * math.cos(math.radians(30.0)) / METRES_PER_DEGREE
         east_deg = FAR_M * math.sin(math.radians(30.0)) / METRES_PER_DEGREE / math.cos(math.radians(here.latitude_deg))
         self.action.goto_location(here.latitude_deg + north_deg, here.longitude_deg + east_deg, 0.0, math.nan)
-        self.arrive("goto", 30.0, 8.0)  # what she takes for drift after a quick turn wears off slowly
+        self.arrive("goto", 30.0, 8.0)  # the estimated drift after a fast turn decays slowly
         self.seen["last_position"] = public(self.telemetry.position())
 
     def arrive(self, name, wanted_deg, tolerance_deg):

@@ -24,15 +24,15 @@ PATIENCE_S = 40.0
 
 
 def finished(start):
-    """The name of the result of something that tells of its progress."""
+    """The name of the result of an operation with progress."""
     ended, results = threading.Event(), []
 
-    def told(result, _data, _user):
+    def callback(result, _data, _user):
         if result.name != "NEXT":
             results.append(result.name)
             ended.set()
 
-    start(told)
+    start(callback)
     return results[0] if ended.wait(PATIENCE_S) else "no end"
 
 
@@ -51,7 +51,7 @@ def move_files(system, directory):
         return sorted((entry.entry_type.name, entry.name) for entry in ftp.list_directory(path).entries)
 
     def get(path, *, burst):
-        return finished(lambda told: ftp.download_async(path, str(directory), burst, told))
+        return finished(lambda callback: ftp.download_async(path, str(directory), burst, callback))
 
     upload = str(directory / "upload.plan")
     seen = {"root": listed("/"), "logs": listed("/logs")}
@@ -60,7 +60,7 @@ def move_files(system, directory):
         get("/metadata/parameter.json", burst=False),
         get("@PARAM/param.pck", burst=True),
     ]
-    seen["upload"] = finished(lambda told: ftp.upload_async(upload, "/uploads", told))
+    seen["upload"] = finished(lambda callback: ftp.upload_async(upload, "/uploads", callback))
     seen["identical"] = ftp.are_files_identical(upload, "/uploads/upload.plan")
     seen["changes"] = [
         result_of(ftp.create_directory, "/uploads/old"),
@@ -72,7 +72,7 @@ def move_files(system, directory):
         result_of(ftp.remove_file, "/uploads/old/first.plan"),
     ]
     seen["refused"] = [
-        finished(lambda told: ftp.upload_async(upload, "/logs", told)),
+        finished(lambda callback: ftp.upload_async(upload, "/logs", callback)),
         result_of(ftp.remove_file, "/logs/00000001.BIN"),
         result_of(ftp.list_directory, "/.."),
         get("/uploads/../parameters.param.0", burst=True),
@@ -85,7 +85,9 @@ def fetch_logs(system, directory):
     entries = logs.get_entries()
     results = [
         finished(
-            lambda told, entry=entry: logs.download_log_file_async(entry, str(directory / f"log{entry.id}.bin"), told)
+            lambda callback, entry=entry: logs.download_log_file_async(
+                entry, str(directory / f"log{entry.id}.bin"), callback
+            )
         )
         for entry in entries
         if entry.id  # 0 is being written
@@ -97,11 +99,11 @@ def read_metadata(system):
     metadata = ComponentMetadata(system)
     came = threading.Event()
 
-    def told(update, _user):
+    def callback(update, _user):
         if update.type is MetadataType.PARAMETER:
             came.set()
 
-    metadata.subscribe_metadata_available(told)
+    metadata.subscribe_metadata_available(callback)
     metadata.request_autopilot_component()
     if not came.wait(PATIENCE_S):
         sys.exit("waited in vain for the metadata")

@@ -1,4 +1,4 @@
-"""A client written with MAVSDK that has her sail a mission, run as a process of its own.
+"""A client written with MAVSDK that runs a mission, run as a process of its own.
 
     python mavsdk_voyage.py URL RESULTS.json
 

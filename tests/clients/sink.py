@@ -1,4 +1,4 @@
-"""Whoever reads what a flood pours and does nothing else: `python sink.py UDP_PORT TCP_PORT DESCRIPTOR`.
+"""Reads the data of a flood and does nothing else: `python sink.py UDP_PORT TCP_PORT DESCRIPTOR`.
 
 Prints a line when it is ready, and lasts until it is ended.
 """

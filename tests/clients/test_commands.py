@@ -18,7 +18,7 @@ REBOOT, CALIBRATE = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, mavlink.MAV_CMD_P
 STORAGE, HOME = mavlink.MAV_CMD_PREFLIGHT_STORAGE, mavlink.MAV_CMD_DO_SET_HOME
 
 
-def test_she_tells_of_herself_what_is_asked(start_hil, connect):
+def test_requested_messages_are_sent(start_hil, connect):
     hil = start_hil("udpout")
     station = connect(f"udpin:127.0.0.1:{hil.ports[0]}")
     place = station.receive("GLOBAL_POSITION_INT")
@@ -61,7 +61,7 @@ def test_the_workshop_disarmed_bench_centre_reset_and_restart(start_hil, connect
     hil = start_hil("udpout")
     station = connect(f"udpin:127.0.0.1:{hil.ports[0]}")
     for refused in ((SERVO, 1, 1800), (CALIBRATE, 0, 0, 0, 2), (STORAGE, 2), (REBOOT, 1)):
-        assert station.command(*refused) == REJECTED  # she is armed
+        assert station.command(*refused) == REJECTED  # the boat is armed
     assert station.command(ARM, 0) == ACCEPTED
     station.receive("HEARTBEAT", lambda beat: not beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
     assert station.command(SERVO, 1, 1700) == ACCEPTED
@@ -89,7 +89,7 @@ def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_
     assert station.command(REBOOT, 1) == REJECTED
     before_ms = station.receive("ATTITUDE").time_boot_ms
     assert station.command(REBOOT, 1, 0, 0, 0, 0, FORCE) == ACCEPTED
-    station.receive("STATUSTEXT", lambda said: said.text.startswith("Mode GUIDED"))
+    station.receive("STATUSTEXT", lambda message: message.text.startswith("Mode GUIDED"))
     after = station.receive("ATTITUDE")
     assert before_ms < after.time_boot_ms  # in lockstep the HIL's clock goes on
     beat = station.receive("HEARTBEAT", lambda beat: beat.custom_mode == GUIDED)

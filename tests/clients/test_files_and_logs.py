@@ -74,8 +74,8 @@ def test_mavsdk_moves_files_and_logs(tmp_path, start, boat):
     ]
     assert seen["refused"] == ["FILE_PROTECTED"] * 4
     check_logs(tmp_path, directory, seen)
-    shown = {row["name"]: row for row in seen["metadata"]["parameters"]}
-    assert list(shown) == [row.name for row in TABLE]
+    metadata = {row["name"]: row for row in seen["metadata"]["parameters"]}
+    assert list(metadata) == [row.name for row in TABLE]
     assert (directory / "parameter.json").read_text() == json.dumps(seen["metadata"], indent=1)
 
 

@@ -1,4 +1,4 @@
-"""Parameters with LNK_IDENTITY 0: the same numbers for whoever takes integers for floats and for whoever does not."""
+"""Parameters with LNK_IDENTITY 0: the same numbers for clients with and without integer conversion."""
 
 import importlib.util
 import json

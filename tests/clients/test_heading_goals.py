@@ -162,10 +162,10 @@ def test_what_is_no_goal_is_refused_and_changes_nothing(start_hil, connect):
     hil = start_hil("udpout", goal="0:37")
     station = connect(f"udpin:127.0.0.1:{hil.ports[0]}")
     station.wait_for_goal(37.0, EXACT)
-    # First, because she says no more than two texts a second in the long run.
+    # First, because the boat sends at most two texts per second in the long run.
     for name, send in REFUSED_MESSAGES.items():
         send(station)
-        station.receive("STATUSTEXT", lambda said, name=name: name in said.text)
+        station.receive("STATUSTEXT", lambda message, name=name: name in message.text)
     for number, parameters, result in REFUSED:
         assert station.command(number, *parameters) == result, (number, parameters)
     for value in (NAN, INFINITE, 3e38, -1.0):

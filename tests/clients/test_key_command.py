@@ -19,8 +19,8 @@ HOLD, DENIED, ACCEPTED = 4, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_ACCEPT
 def rambler_key(tmp_path, monkeypatch, capsys):
     """Return a function that runs `rambler key` beside the boat; it returns exit code and output."""
 
-    def run(what, *more, said=""):
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(said.encode())))
+    def run(what, *more, typed=""):
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(typed.encode())))
         code = main(["key", what, "--state", str(tmp_path / "state"), *more])
         return code, *capsys.readouterr()
 
@@ -31,7 +31,7 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(
     tmp_path, rambler_key, boot, free_ports, connect
 ):
     (tmp_path / "state").mkdir()
-    assert rambler_key("set", said=f"{PASSPHRASE}\n")[0] == 0
+    assert rambler_key("set", typed=f"{PASSPHRASE}\n")[0] == 0
     assert json.loads(rambler_key("show-state", "--json")[1])["state"] == "present"
     cable, radio, sea = free_ports(["tcpin", "udpin", "udpin"])
     urls = [f"tcpin:127.0.0.1:{cable}?trusted=1", f"udpin:127.0.0.1:{radio}", f"udpout:127.0.0.1:{sea}?policy=open"]
@@ -40,28 +40,30 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == DENIED
     far.link.setup_signing(key_of_passphrase(PASSPHRASE))
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
-    # Under way the directory is hers.
+    # Under way the boat has locked the directory.
     for what in ("set", "remove"):
-        code, out, error = rambler_key(what, said="another\n")
+        code, out, error = rambler_key(what, typed="another\n")
         assert (code, out, error.count("\n")) == (2, "", 1)
         assert "in use by another autopilot; end that one, or set the key over a trusted link" in error
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     program.send_signal(2)
     assert program.exit_code() == 0
-    # The disk loses both slots: nobody commands her but over the cable, and whoever she speaks to is told why.
+    # Both slots are lost: commands are accepted on the cable only, and other stations get the reason.
     files = sorted((tmp_path / "state").glob("signing.key.*"))
     assert len(files) == 2
     for path in files:
         path.write_bytes(path.read_bytes()[:60])
     assert json.loads(rambler_key("show-state", "--json")[1])["state"] == "lost"
-    shore = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # there before she tells it, which she does once
+    shore = socket.socket(
+        socket.AF_INET, socket.SOCK_DGRAM
+    )  # bound before the boat sends its text, which it sends once
     shore.bind(("127.0.0.1", sea))
     shore.settimeout(30.0)
     program = boot("second", *urls)
-    while b"Signing key lost" not in (heard := shore.recvfrom(2048))[0]:
+    while b"Signing key lost" not in (received := shore.recvfrom(2048))[0]:
         pass
     of_shore = mavlink.MAVLink(None, srcSystem=202)
-    shore.sendto(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9).pack(of_shore), heard[1])
+    shore.sendto(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9).pack(of_shore), received[1])
     shore.close()
     near = connect(f"tcp:127.0.0.1:{cable}", 203)
     assert near.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED

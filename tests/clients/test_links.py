@@ -19,11 +19,11 @@ def test_several_links_show_the_same_boat(start_hil, connect):
     kinds = ("udpin", "tcp", "udpout")  # of the other end
     stations = [connect(f"{kinds[index]}:127.0.0.1:{port}", 201 + index) for index, port in enumerate(hil.ports)]
     first, *others = stations
-    # What one changes all are told; what one asks, one is answered.
+    # A change is reported to all stations; a request is answered to its sender.
     assert first.set_parameter("CTL_K1", 33.5, mavlink.MAV_PARAM_TYPE_REAL32) == 33.5
     for other in others:
-        told = other.receive("PARAM_VALUE")
-        assert (told.param_id, told.param_value) == ("CTL_K1", 33.5)
+        value = other.receive("PARAM_VALUE")
+        assert (value.param_id, value.param_value) == ("CTL_K1", 33.5)
     assert first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == mavlink.MAV_RESULT_ACCEPTED
     for station in stations:
         station.receive("HEARTBEAT", lambda beat: beat.custom_mode == HOLD)
@@ -50,7 +50,7 @@ def yaws_of_two_seconds(station):
 
 
 def test_parameters_survive_a_sudden_end(boot, free_ports, connect):
-    """Confirmed is stored: killed the moment after, she comes back with them, and the list is complete."""
+    """Confirmed parameters are stored: after a kill they are loaded, and the list is complete."""
 
     def begin(name):
         (port,) = free_ports(["tcpin"])
@@ -68,10 +68,10 @@ def test_parameters_survive_a_sudden_end(boot, free_ports, connect):
 
 
 def test_no_other_program_holds_up_a_thread_that_the_loop_may_wait_for(boot, free_ports, connect):
-    """Whoever holds the interpreter does so at a real-time priority, the loop's being the highest."""
+    """All threads that hold the interpreter lock have real-time priority; that of the loop is the highest."""
     (port,) = free_ports(["tcpin"])
     program = boot("boat", f"tcpin:127.0.0.1:{port}")
-    connect(f"tcp:127.0.0.1:{port}")  # and wait for her heartbeat
+    connect(f"tcp:127.0.0.1:{port}")  # and wait for the heartbeat
     if "SCHED_FIFO not allowed" in program.text():
         pytest.skip("real-time priority is not allowed here")
     threads = [int(path.name) for path in Path(f"/proc/{program.pid}/task").iterdir()]

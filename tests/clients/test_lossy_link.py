@@ -47,7 +47,7 @@ def check_parameters(station):
 
 
 def check_commands(station):
-    """Each is acknowledged, retries too; the mode in the end is the one request_reply for last."""
+    """Each is acknowledged, retries too; the final mode is the last requested one."""
     for mode in (0, 4, 0, 4, 0, 4):
         # No double of the one before is to come after this one, nor an acknowledgement, which waits for the disk.
         time.sleep(2.0 * DELAY_S + 0.3)

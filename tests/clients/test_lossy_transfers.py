@@ -39,7 +39,7 @@ def items(count, seed):
 
 
 def upload(station, places):
-    """Say how many, then give what is request_reply for, until it is acknowledged; in silence the last word again."""
+    """Send the count, then the requested items until the acknowledgement; repeat the last message after a silence."""
 
     def count():
         station.mav.mission_count_send(1, 1, len(places), 0)

@@ -11,7 +11,7 @@ STAYED_MESSAGES = 40
 BOAT = {"MDL_K": 0.4, "MDL_T_S": 0.5, "MDL_ALPHA_S2": 0.0, "STAT_BOOTCNT": 1}
 
 
-def test_mavproxy_reads_her_and_commands_her(tmp_path, start_hil, mavproxy):
+def test_mavproxy_reads_and_commands_the_boat(tmp_path, start_hil, mavproxy):
     hil = start_hil("udpout")
     client = mavproxy(hil.ports[0])
     client.expect("online system 1")
@@ -46,12 +46,12 @@ def check_parameter_file(path):
 
 def check_parameters(client):
     names = sorted(row.name for row in TABLE if row.name.startswith("CTL_"))
-    shown = ask(client, "param show CTL_*", rf"(?s){names[0]}.*{names[-1]} +\S+").group()
-    assert [line.split()[0] for line in shown.splitlines()] == names
+    output = ask(client, "param show CTL_*", rf"(?s){names[0]}.*{names[-1]} +\S+").group()
+    assert [line.split()[0] for line in output.splitlines()] == names
     set_parameter(client, "CTL_K1", "37.5")
     set_parameter(client, "LOOP_RATE_HZ", "12")
     client.say("param set CTL_K2 1e30")  # tried again for some seconds: looked at in the end
-    # Afresh from her, not from MAVProxy's memory.
+    # Read again from the boat, not from the memory of MAVProxy.
     ask(client, "param fetch", f"Saved {len(TABLE)} parameters")
     ask(client, "param show CTL_K1", r"CTL_K1 +37\.5\s")
     ask(client, "param show LOOP_RATE_HZ", r"LOOP_RATE_HZ +12(\.0)?\s")
@@ -59,7 +59,7 @@ def check_parameters(client):
 
 
 def set_parameter(client, name, value):
-    """Set it, and wait until she has confirmed it: MAVProxy remembers what she says, not what was asked for."""
+    """Set it, and wait for the confirmation: MAVProxy stores the confirmed value, not the requested one."""
     client.say(f"param set {name} {value}")
 
     def confirmed():
@@ -74,8 +74,8 @@ def check_arming_and_modes(client):
     ask(client, "arm uncheck all", "AP: ARMING_CHECK is read-only")
     ask(client, "time", r"\d\d:\d\d:\d\d")  # all of the answer has come by then
     ask(client, "arm list", r"\ball\b")
-    assert "checks disabled" not in client.text()  # though she was armed before MAVProxy came
-    ask(client, "bat", "No battery information")  # nobody measures one
+    assert "checks disabled" not in client.text()  # though the boat was armed before MAVProxy connected
+    ask(client, "bat", "No battery information")  # not measured
     for name in ("HOLD", "STEERING", "MANUAL", "RTL", "GUIDED"):
         ask(client, f"mode {name}", f"{name}> ")  # the prompt
     ask(client, "mode ACRO", "DO_SET_MODE: DENIED")
@@ -85,7 +85,7 @@ def reboot(client):
     ask(client, "reboot", "PREFLIGHT_REBOOT_SHUTDOWN: TEMPORARILY_REJECTED")
     ask(client, "disarm", "DISARMED")
     ask(client, "reboot", "PREFLIGHT_REBOOT_SHUTDOWN: ACCEPTED")
-    client.expect("Mode HOLD")  # of her new life
+    client.expect("Mode HOLD")  # after the restart
 
 
 def check_telemetry(client):
@@ -107,15 +107,15 @@ def swing(client):
 def steer(client):
     """Turn to 20 degrees and return the heading that MAVProxy shows there, once it has stayed there for a while.
 
-    A boat that turns so quickly as she starts is taken for one on a wave: what is shown at first may be degrees off.
+    A fast turn at the start is first estimated as a wave, so the first heading may be wrong by some degrees.
     """
     ask(client, "setyaw 20 0 0", "CONDITION_YAW: ACCEPTED")
     arrived = None  # the number of the message
 
     def stayed():
         nonlocal arrived
-        shown = ask(client, "status VFR_HUD", r"(\d+): VFR_HUD \{.*heading : (\d+),")
-        number, heading_deg = int(shown[1]), int(shown[2])
+        output = ask(client, "status VFR_HUD", r"(\d+): VFR_HUD \{.*heading : (\d+),")
+        number, heading_deg = int(output[1]), int(output[2])
         if abs(heading_deg - 20) > 2:
             arrived = None
         elif arrived is None:

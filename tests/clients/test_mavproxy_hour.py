@@ -61,7 +61,7 @@ KNOWN = (
     r"", r"Connect udpin:127\.0\.0\.1:\d+ source_system=255", r"Log Directory: \S+", r"Telemetry log: \S+",
     r"Waiting for heartbeat from 127\.0\.0\.1:\d+", r"Unloading module \w+", r"Requested parameter list \(ftp\)",
     rf"Requesting \d+ {PLAN} t={WHEN} now={WHEN}", r"Requesting log list", r"Downloading log 0 as first\.bin",
-    # what it has from her
+    # received from the boat
     r"Detected vehicle 1:1 on link 0", r"online system 1", r"(?:DIS)?ARMED", r"Mode [A-Z]+", r"GPS lock at 2 meters",
     r"Received \d+ parameters \(ftp\)", r"Saved \d+ (?:parameters|defaults) to \S+",
     r"CTL_K1 +(?:40|37\.5)(?:\.0)?", r"Failed to set CTL_K2 to 1e30 \(invalid returned value 0\.3\d*\)",
@@ -85,9 +85,9 @@ KNOWN = (
     r"Listing /", r" D (?:@MISSION|@PARAM|logs|metadata|uploads)", r"   parameters\.param\t\d+\t-", r"Total size .*",
     rf"Log [01]  numLogs [12] lastLog [01] size \d+ {WHEN}",
     r"Finished downloading first\.bin \(\d+ bytes .* retries\)",
-    # metres to the waypoint; and of her restart, which can take seconds on a busy machine
+    # metres to the waypoint; and after the restart, which can take seconds on a busy machine
     r"\d{1,2}00", r"Time has wrapped(?: \d+ \d+)?", r"GPS (?:fix lost|OK)",
-    # her own words
+    # texts of the boat
     r"AP: CTL_K2: 1e\+30 is out of range; allowed: 0 to 50", r"AP: ARMING_CHECK is read-only", r"AP: Mode [A-Z]+",
     r"AP: (?:Disa|A)rmed", r"AP: Speed command ignored: a wave glider cannot set its speed",
     r"AP: Mode 1 is not known; there are MANUAL 0, STEERING 3, HOLD 4, LOITER 5, AUTO 10, RTL 11, GUIDED 15",
@@ -130,10 +130,10 @@ def test_no_line_of_an_hour_misleads(tmp_path, start_hil, mavproxy):
         client.exit_code()
     hil.end()
     every = lines_of(client.text())
-    said = list(dict.fromkeys(every))
-    print("\n".join(said))
-    print(f"{len(every)} lines, {len(said)} different ones")
+    lines = list(dict.fromkeys(every))
+    print("\n".join(lines))
+    print(f"{len(every)} lines, {len(lines)} different ones")
     assert [line[5:] for line in every if line.startswith("Mode ")] == MODES
     assert [line for line in every if line in ("ARMED", "DISARMED")] == ARMING
-    misleading = [line for line in said if not any(re.fullmatch(known, line) for known in KNOWN)]
+    misleading = [line for line in lines if not any(re.fullmatch(known, line) for known in KNOWN)]
     assert misleading == []

@@ -26,11 +26,11 @@ SESSION_S = 90.0  # at most; a quarter of a minute on an idle machine
 METRES_PER_DEGREE = 111_195.0
 
 
-def test_mavsdk_reads_her_and_commands_her(tmp_path, start, start_hil):
+def test_mavsdk_reads_and_commands_the_boat(tmp_path, start, start_hil):
     if importlib.util.find_spec("mavsdk") is None:
         pytest.skip("mavsdk is not installed; install the extra [clients]")
     hil = start_hil("udpout")
-    seen = told(CLIENT, tmp_path, start, hil)
+    seen = run_client(CLIENT, tmp_path, start, hil)
     truth = hil.end()
     check_identity(seen)
     check_telemetry(seen)
@@ -39,7 +39,7 @@ def test_mavsdk_reads_her_and_commands_her(tmp_path, start, start_hil):
     check_against_truth(seen, truth)
 
 
-def told(script, tmp_path, start, hil):
+def run_client(script, tmp_path, start, hil):
     """Let a client do its work and return what it has seen."""
     results = tmp_path / "seen.json"
     client = start("mavsdk", [sys.executable, str(script), f"udpin://127.0.0.1:{hil.ports[0]}", str(results)])
@@ -70,11 +70,11 @@ def test_the_lines_of_the_handbook_find_the_boat(tmp_path, start, free_ports):
 
 
 @pytest.mark.proof
-def test_mavsdk_has_her_sail_a_mission(tmp_path, start, start_hil):
+def test_mavsdk_runs_a_mission(tmp_path, start, start_hil):
     if importlib.util.find_spec("mavsdk") is None:
         pytest.skip("mavsdk is not installed; install the extra [clients]")
     hil = start_hil("udpout", speed="10", seconds=3600)
-    seen = told(VOYAGE, tmp_path, start, hil)
+    seen = run_client(VOYAGE, tmp_path, start, hil)
     truth = hil.end()
     assert [number for number in seen["progress"] if number] == [1, 2, 3]
     for north_m, east_m in ((20.0, 0.0), (20.0, 15.0)):
@@ -93,7 +93,7 @@ def check_telemetry(seen):
     assert seen["mode"] == "OFFBOARD"  # MAVSDK's name for ArduRover's GUIDED
     for name in ("position", "home"):
         assert metres_from_start(seen[name]) < 50.0
-    assert -13.0 < seen["attitude_euler"]["yaw_deg"] < 3.0  # on her way from 0 to -10
+    assert -13.0 < seen["attitude_euler"]["yaw_deg"] < 3.0  # turning from 0 to -10
     assert seen["gps_info"]["fix_type"] == 3
     assert 4.0 < seen["battery"]["voltage_v"] < 30.0
     assert 0.0 < math.hypot(seen["velocity_ned"]["north_m_s"], seen["velocity_ned"]["east_m_s"]) < 1.0
@@ -127,11 +127,11 @@ def check_commands(seen):
 
 
 def check_against_truth(seen, truth):
-    """She really lay on the goals, at the end on the last one and where MAVSDK says."""
+    """The true heading reaches the goals, and position and heading agree with MAVSDK at the end."""
     heading_deg = truth.heading_low_rad * 180.0 / math.pi
     assert (abs(heading_deg - 10.0) < 3.0).sum() > ROWS_PER_SECOND // 2
     assert abs(math.remainder(heading_deg[-1] - 30.0, 360.0)) < 8.0
-    # She still turns by some degrees a second: MAVSDK told of one of the moments before the end.
+    # The boat still turns by some degrees per second, and the values of MAVSDK are slightly older.
     lately_deg = heading_deg[-3 * ROWS_PER_SECOND :]
     assert min(abs(math.remainder(one - seen["goto"][0], 360.0)) for one in lately_deg) < 3.0
     last = seen["last_position"]

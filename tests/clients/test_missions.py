@@ -56,7 +56,7 @@ PLAN = {
 
 @pytest.fixture
 def begin(boot, free_ports):
-    """Starts the boat on a link of a kind, and tells its port."""
+    """Starts the boat on a kind of link, and returns its port."""
 
     def begin_one(name, kind="udpout"):
         (port,) = free_ports([kind])
@@ -80,7 +80,7 @@ def test_mavsdk_moves_plans_to_and_fro(tmp_path, start, begin):
         client.fail(f"it ended with code {code}")
     seen = json.loads(results.read_text())
     assert len(seen["got"]) == 1 + ITEMS
-    assert seen["got"][1:] == seen["sent"][1:]  # item 0 is home, hers
+    assert seen["got"][1:] == seen["sent"][1:]  # item 0 is home, which the boat keeps
     assert seen["fence_got"] == seen["fence_sent"]
     assert seen["rally_got"] == seen["rally_sent"]
     assert [len(seen["fence_got"]), len(seen["rally_got"])] == [4, 2]
@@ -138,7 +138,7 @@ def test_mavproxy_loads_lists_and_saves_plans(tmp_path, start, begin):
         (home / f"{name}.txt").write_text("QGC WPL 110\n" + "".join(lines))
         client.say(f"{name} load {name}.txt")
         client.expect(f"Loaded {len(lines)} {what} in ")
-        kept = len(lines) - (name == "wp")  # home is hers
+        kept = len(lines) - (name == "wp")  # home belongs to the boat
         client.wait_for(lambda name=name, kept=kept: stored(tmp_path, name) == kept, f"{kept} {what} in the store")
         client.expect(r"Got MISSION_ACK: TYPE_\w+: ACCEPTED")  # until then MAVProxy is still sending
         client.say(f"{name} save {name}-again.txt")
@@ -180,7 +180,7 @@ def item(sequence, start):
 
 
 def send_items(station, count, start, until):
-    """Answer her requests up to an item; return once she has asked for the one after it."""
+    """Answer requests up to an item; return after the request for the next one."""
     station.mav.mission_count_send(1, 1, count, 0)
     for sequence in range(until):
         station.receive("MISSION_REQUEST_INT", lambda request, wanted=sequence: request.seq == wanted)

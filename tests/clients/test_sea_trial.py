@@ -16,7 +16,7 @@ def trial(start, what, port):
 
 
 @pytest.mark.proof
-def test_a_zigzag_puts_the_rudder_over_each_20_degrees_and_leaves_her_steering(start_hil, start):
+def test_a_zigzag_changes_the_rudder_every_20_degrees_and_returns_to_steering(start_hil, start):
     """`pytest -m proof tests/clients/test_sea_trial.py`: two minutes."""
     hil = start_hil("udpout", scenario="tank", speed="5")
     program = trial(start, "zigzag", hil.ports[0])
@@ -27,7 +27,7 @@ def test_a_zigzag_puts_the_rudder_over_each_20_degrees_and_leaves_her_steering(s
     assert "Mode STEERING" in hil.firmware_log.read_text()
 
 
-def test_a_boat_that_is_not_armed_is_told_instead_of_waited_for(boot, start, free_ports):
+def test_a_disarmed_boat_is_reported_at_once(boot, start, free_ports):
     (port,) = free_ports(["udpin"])
     boot("boat", f"udpout:127.0.0.1:{port}")
     program = trial(start, "circle", port)

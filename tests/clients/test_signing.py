@@ -38,7 +38,7 @@ def test_a_key_set_over_the_cable_guards_the_radio(tmp_path, boot, free_ports, c
     assert far.link.mav.signing.goodsig_count > 0
     modes = {path.stat().st_mode & 0o777 for path in key_files(tmp_path)}
     assert modes == {0o600}
-    # A power cut: she still has it, and begins ahead of all timestamps that were used.
+    # After a power cut the key is still there, and timestamps continue after all used ones.
     program.send_signal(signal.SIGKILL)
     program.exit_code()
     program = boot("second", *urls)
@@ -60,7 +60,7 @@ def test_a_key_set_over_the_cable_guards_the_radio(tmp_path, boot, free_ports, c
     program.wait_for(gone, "the key is still on the disk")
 
 
-def shown(client, name):
+def parameter_text(client, name):
     client.say(f"param show {name}")
     return client.expect(rf"{name} +(\S+)\s")[1]
 
@@ -84,10 +84,10 @@ def test_mavproxy_sets_up_a_key_and_commands_with_it(tmp_path, boot, start, free
     client.say("param fetch")
     client.expect(r"Saved \d+ parameters")
     client.say("param set CTL_K1 37.5")
-    client.wait_for(lambda: shown(client, "CTL_K1") == "37.5", "it was not set")
-    client.say("param fetch")  # from her, not from MAVProxy's memory
+    client.wait_for(lambda: parameter_text(client, "CTL_K1") == "37.5", "it was not set")
+    client.say("param fetch")  # from the boat, not from the memory of MAVProxy
     client.expect(r"Saved \d+ parameters")
-    assert shown(client, "CTL_K1") == "37.5"
+    assert parameter_text(client, "CTL_K1") == "37.5"
     # The key is the one that pymavlink makes of the same words.
     far = connect(f"udpout:127.0.0.1:{radio}", 201)
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == DENIED

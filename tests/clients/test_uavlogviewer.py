@@ -77,7 +77,7 @@ def test_it_finds_attitude_track_mission_fence_modes_and_arming(log):
     assert found["start"].startswith("2026-01-01T00:00")
     assert "Armed" in found["texts"]
     assert len(found["attitudes"]) == 2
-    assert all(None not in angles for source in found["attitudes"] for angles in source)  # as JSON tells NaN
+    assert all(None not in angles for source in found["attitudes"] for angles in source)  # NaN in JSON
     assert [name for name, _ in found["tracks"]] == ["POS", "AHR2", "GPS[0]"]
     for _, track in found["tracks"]:
         assert len(track) > 15

@@ -53,16 +53,16 @@ def begin(target, name, seconds, seed):
         return Child(name, process, time.monotonic() + seconds + PATIENCE_S, directory)
     code = 1
     with contextlib.suppress(BaseException):
-        said = os.open(room / "said", os.O_WRONLY | os.O_CREAT)
-        os.dup2(said, 1)
-        os.dup2(said, 2)
+        output = os.open(room / "output", os.O_WRONLY | os.O_CREAT)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
         engine.run_target(target, CORPUS / name, seconds, seed, room, KEPT / name)
         code = 0
     os._exit(code)
 
 
 def ended(child):
-    """Return how a process has ended, None while it goes on; one that does not end is killed."""
+    """Return the exit status of a process, None while it runs; kill it after its time limit."""
     process, status = os.waitpid(child.process, os.WNOHANG)
     if process:
         return os.waitstatus_to_exitcode(status)
@@ -90,21 +90,21 @@ def side_by_side(targets, names, jobs, share_s, seed):
 
 def outcome(child, code):
     """Return the row of a target in the table, and its findings in words."""
-    said = (child.room / "said").read_text(errors="replace")
+    output = (child.room / "output").read_text(errors="replace")
     result = child.room / "result.json"
-    told = json.loads(result.read_text()) if result.exists() else {}
-    findings = list(told.get("found", {}).values())
+    report = json.loads(result.read_text()) if result.exists() else {}
+    findings = list(report.get("found", {}).values())
     if code:
-        findings.append(f"it ended with {code}:\n{said[-2000:]}")
-    growth = told.get("growth_kib")
+        findings.append(f"it ended with {code}:\n{output[-2000:]}")
+    growth = report.get("growth_kib")
     if growth is not None and growth > MOST_GROWTH_KIB:
         findings.append(f"memory grew by {growth} KiB")
     for path in (child.room / "found").glob("*"):
         shutil.copy(path, CORPUS / child.name / path.name)
-    code_of = {when: int(count) for when, count in COVERED.findall(said)}
+    code_of = {when: int(count) for when, count in COVERED.findall(output)}
     begun, done = code_of.get("INITED"), code_of.get("DONE")
     new = "-" if begun is None or done is None else done - begun
-    row = f"{child.name:20} {told.get('inputs', 0):9} {done or '-':>6} {new:>5} {told.get('peak_kib', 0) // 1024:9}"
+    row = f"{child.name:20} {report.get('inputs', 0):9} {done or '-':>6} {new:>5} {report.get('peak_kib', 0) // 1024:9}"
     return f"{row} {'-' if growth is None else growth:>11}  {len(findings) or ''}".rstrip(), findings
 
 

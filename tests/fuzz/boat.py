@@ -215,7 +215,7 @@ class Boat:
 
     @property
     def locked(self):
-        """Whether nobody may command without a signature, by the rules of access-control.md."""
+        """Return whether every command needs a signature, by the rules of access-control.md."""
         if self.endpoint._signing.problem:  # the key was lost
             return not self.options.trusted
         policy = self.options.policy
@@ -265,7 +265,7 @@ class Boat:
         )
         output = self.pilot.step(inputs)
         if any(isinstance(request.intent, Restart) for request in inputs.requests):
-            self.pilot.restart = None  # she would be off; here she goes on
+            self.pilot.restart = None  # the boat would restart; here it continues
         check_finite(output.command)
         check_finite(output.snapshot)
         assert abs(output.command.shaft_rad) <= math.pi
@@ -289,7 +289,7 @@ class Boat:
         assert len(self.vault.contents) <= 4 * MOST_RECORDS
 
     def end(self):
-        """Let her go on with what was accepted."""
+        """Run the boat with the accepted data."""
         if self.judge.changed:
             self.tick(0.1)
             self.check_kept()

@@ -83,7 +83,7 @@ FRAMINGS = {
 
 
 class Line:
-    """A line that says what it is told to, and may vanish."""
+    """A line with scripted input that may be unplugged."""
 
     name, baud = "/dev/fuzz", 57600
 

@@ -38,7 +38,7 @@ def stop_hang(_number, _frame):
 
 
 def culprit(error):
-    """Return what tells one finding from another: the kind of error and where in our code it rose."""
+    """Return the key of a finding: the type of the error and its place in our code."""
     places = [
         f"{Path(frame.filename).name}:{frame.name}"
         for frame in traceback.extract_tb(error.__traceback__)
@@ -48,7 +48,7 @@ def culprit(error):
 
 
 def complaint(target, data):
-    """Return what is wrong with how a target takes an input, None when nothing is."""
+    """Return the error of a target for an input, or None."""
     signal.setitimer(signal.ITIMER_VIRTUAL, HANG_S)
     try:
         target.play(data)

@@ -89,15 +89,15 @@ def plan_file(data):
 
 
 def stored_plans(data):
-    """Read the plans of a state directory; a bad one is left out and said."""
-    said = []
+    """Read the plans of a state directory; a bad one is ignored and reported."""
+    messages = []
     store = SimpleNamespace(load=dict.fromkeys(PLAN_FILES.values(), data).get)
-    plans = load_plans(store, said.append)
-    for line in said:
+    plans = load_plans(store, messages.append)
+    for line in messages:
         check_line(line)
     for kind in PlanKind:
         check_plan(plans.of(kind))
-        assert said or plans.of(kind).items or not data
+        assert messages or plans.of(kind).items or not data
 
 
 # ------------------------------------------------------------------------------- parameters, vehicle
@@ -120,15 +120,15 @@ def parameter_file(data):
 
 
 def stored_parameters(data):
-    """Read the parameters of a state directory; a bad line is left out and said."""
-    said = []
+    """Read the parameters of a state directory; a bad line is ignored and reported."""
+    messages = []
     store = SimpleNamespace(load={PARAMETER_FILE: data}.get)
-    usable, unusable = load_parameters(store, said.append)
-    for line in said:
+    usable, unusable = load_parameters(store, messages.append)
+    for line in messages:
         check_line(line)
     check_values(usable)
     again = SimpleNamespace(load={PARAMETER_FILE: format_file(unusable | usable).encode()}.get)
-    assert load_parameters(again, said.append) == (usable, unusable)
+    assert load_parameters(again, messages.append) == (usable, unusable)
 
 
 @as_file
@@ -151,7 +151,7 @@ def link_url(data):
 
 
 def check_ticks(state):
-    """A boat that begins with this state goes on, and her rudder is told a number."""
+    """A boat that begins with this state runs, and its rudder command is a number."""
     for index in range(FIRST_TICKS):
         state, output = step(state, inputs_at(index, 0.1 * index))
         check_finite(output.command)
@@ -172,9 +172,9 @@ def waking_state():
 
 def resume_file(data):
     """Wake with a resume record that holds anything."""
-    said = []
-    state = resume(waking_state(), data, AFTERWARDS, said.append)
-    for line in said:
+    messages = []
+    state = resume(waking_state(), data, AFTERWARDS, messages.append)
+    for line in messages:
         check_line(line)
     check_line(state.greeting)
     check_ticks(state)
@@ -229,11 +229,11 @@ def state_import(data):
     if data[:1] != b"\0":
         head = f"# rambler exported state {FORMAT} {len(body)} {hashlib.sha256(body).hexdigest()}\n"
         body = head.encode() + body
-    said = []
+    messages = []
     try:
-        check_contents(unpack(body), said.append)
+        check_contents(unpack(body), messages.append)
     except BrokenExportError as error:
-        said.append(str(error))
+        messages.append(str(error))
     with tempfile.TemporaryDirectory() as name:
         directory = Path(name)
         writer = SlotWriter(directory, frozenset())
@@ -244,15 +244,15 @@ def state_import(data):
         assert not (directory / PENDING_IMPORT).exists()
         if problem:
             assert examine(directory, PARAMETER_FILE).content == b"CTL_K1 3\n"
-            said.append(problem)
+            messages.append(problem)
         store = StateFiles(directory)
-        report_damage(store, said.append)
-        check_values(load_parameters(store, said.append)[0])
-        load_plans(store, said.append)
+        report_damage(store, messages.append)
+        check_values(load_parameters(store, messages.append)[0])
+        load_plans(store, messages.append)
         for record, read in RECORDS.items():
             with contextlib.suppress(ValueError):
                 read(store.load(record) or b"")
-    for line in said:
+    for line in messages:
         check_line(line)
 
 

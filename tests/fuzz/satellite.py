@@ -12,7 +12,7 @@ MOST_HELD = 16_384
 
 
 def play(data):
-    """Whatever comes, nobody without the key commands her, and nothing grows."""
+    """Input without the key changes nothing, and no buffer grows."""
     boat = SatelliteBoat(key=KEY)
     boat.modem.take_output = lambda _now_s: b""
     driver = boat.transport._driver

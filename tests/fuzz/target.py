@@ -54,7 +54,7 @@ def joined(pairs):
 
 
 def check_line(text):
-    """What is told to somebody is one line, and not a long one."""
+    """A message is one line of limited length."""
     assert text
     assert text.isprintable(), repr(text)
     assert len(text) <= MOST_LINE, len(text)
@@ -73,5 +73,5 @@ def check_finite(value, name=""):
 
 
 def bits(value):
-    """Return what is equal for equal bits: -0.0 is not 0.0 here."""
+    """Return a value that is equal for equal bits only: -0.0 differs from 0.0."""
     return struct.pack("<d", value)

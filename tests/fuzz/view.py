@@ -23,7 +23,7 @@ STATUSES = {200, 303, 403, 405, 414, 421}
 
 
 def is_here(host):
-    """Whether a host is this computer itself, whatever its port: told by other means than the guard's."""
+    """Whether a host is this computer itself, whatever its port, checked independently of the guard."""
     name = host.rsplit(":", 1)[0] if host.rsplit(":", 1)[-1].isdigit() else host
     if name.strip("[]").lower() == "localhost":
         return True
@@ -50,14 +50,14 @@ def request(data):
 
 
 def line(data):
-    """Take a line of a harness; what the readers are told of it is JSON, whatever it was."""
+    """Take a line of a harness; its readers get JSON for any line."""
     history = History()
     feed = Feed(history, lambda: FoundStatus(Freshness.ABSENT), dict)
     for one in data.split(b"\n"):
         feed.take_line(one)
-    told = feed.poll()
+    message = feed.poll()
     json.loads(history.whole())
-    assert told is None or json.loads(told)["marks"] == []
+    assert message is None or json.loads(message)["marks"] == []
 
 
 def status(data):
@@ -69,9 +69,9 @@ def status(data):
         return  # it is no status (system.status_file)
     history = History()
     feed = Feed(history, lambda: FoundStatus(Freshness.RUNNING, content, 0.1), dict)
-    told = feed.poll()
+    message = feed.poll()
     json.loads(history.whole(), parse_constant=refuse)
-    json.loads(told, parse_constant=refuse)
+    json.loads(message, parse_constant=refuse)
 
 
 def status_file(data):
@@ -83,10 +83,10 @@ def status_file(data):
         found = find(state, NOW_S, (Path(name),))
         assert found.content or found.reason
         check_line(found.reason or "none")
-        told = command._whole(found, state)
-        json.dumps(told, allow_nan=False)
+        message = command._whole(found, state)
+        json.dumps(message, allow_nan=False)
         with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, OverflowError):  # as the command does
-            for one in command._lines(told):
+            for one in command._lines(message):
                 assert one.isprintable()
         with contextlib.suppress(UpdateError), patch.object(update, "find", lambda *_: found):
             update._check_unarmed(state, update.Permissions())

@@ -56,8 +56,8 @@ def test_hostile_requests_are_answered_and_stay_inside(requests):
             endpoint.service(0.0, [transport.descriptor])
             while endpoint.busy:
                 endpoint.service(0.0, [])
-            said = mavlink.MAVLink(None).parse_buffer(b"".join(data for _, data in transport.sent)) or []
-            replies = [bytes(one.payload) for one in said if one.get_type() == "FILE_TRANSFER_PROTOCOL"]
+            messages = mavlink.MAVLink(None).parse_buffer(b"".join(data for _, data in transport.sent)) or []
+            replies = [bytes(one.payload) for one in messages if one.get_type() == "FILE_TRANSFER_PROTOCOL"]
             assert len(replies) == (opcode not in (128, 129)) or opcode == 15
             for index, reply in enumerate(replies):
                 assert int.from_bytes(reply[:2], "little") == (sequence + 1 + index) & 0xFFFF

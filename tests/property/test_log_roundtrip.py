@@ -32,7 +32,7 @@ from firmware_py.log.reader import LogReader
 from firmware_py.log.recorder import LogRecorder
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
-anything = st.floats(allow_nan=False)  # requests are the ground's: repr tells all but NaN's payload
+anything = st.floats(allow_nan=False)  # requests are the ground's: repr distinguishes all but the payload of NaN
 maybe = st.none() | finite
 flags = st.booleans()
 bytes_of_one = st.integers(0, 255)
@@ -128,7 +128,7 @@ def test_every_tick_is_read_back_bit_for_bit(run, checkpoint):
     reader = LogReader(log_of(run, checkpoint))
     read = list(reader)
     assert [(tick.inputs, tick.command) for tick in read] == run
-    # repr tells -0.0 from 0.0, True from 1 and a number from its enumeration.
+    # repr distinguishes -0.0 from 0.0, True from 1 and a number from its enumeration.
     assert repr([(tick.inputs, tick.command) for tick in read]) == repr(run)
     assert [tick.checkpoint for tick in read] == [checkpoint] + [None] * (len(run) - 1)
     assert reader.reading.damaged == reader.reading.garbage_bytes == reader.reading.tail_bytes == 0

@@ -73,9 +73,9 @@ def refused(reader, path, capfd):
     """Return the line that a command refuses a file with."""
     program, words = reader
     assert program([word.format(path, dir=path.parent) for word in words]) == 2
-    said, errors = capfd.readouterr()
+    output, errors = capfd.readouterr()
     (line,) = errors.splitlines()
-    assert said == ""
+    assert output == ""
     return line
 
 
@@ -107,7 +107,7 @@ def test_so_is_a_state_directory_that_a_run_is_to_begin_with(odd, tmp_path, capf
 
 
 @pytest.mark.parametrize("odd", ODD)
-def test_a_plan_in_a_slot_that_is_none_is_told_and_the_other_is_read(odd, tmp_path, capfd):
+def test_an_invalid_slot_of_a_plan_is_reported_and_the_other_is_read(odd, tmp_path, capfd):
     store = Store(tmp_path)
     for content in (b"1", b"2", b"3"):
         store.save("a", content)

@@ -23,7 +23,7 @@ SHIP = tuple(row for row in FREE if row.name.startswith(("MDL_", "CTL_", "EST_",
 
 
 @pytest.mark.parametrize(("values", "compass"), KNOWN)
-def test_a_model_that_turns_fast_and_is_stiff_is_steered(values, compass):
+def test_extreme_models_are_steered(values, compass):
     Sail(values, compass).run(SECONDS)
     Sail({}, compass, later=values).run(SECONDS)
 

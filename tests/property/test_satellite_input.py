@@ -13,7 +13,7 @@ RIGHT = BOAT.keyed(set_mode(15))
 
 
 def handed_over(*messages):
-    """Return what she was asked after messages have come, as the modem hands them over."""
+    """Return the requests to the boat from these messages of the modem."""
     boat = SatelliteBoat(key=KEY)
     boat.transport._driver.modem.imei = boat.modem.imei
     boat.transport._driver.received += list(enumerate(messages))
@@ -61,9 +61,9 @@ def test_no_number_counts_twice_however_many_come(numbers):
 
 
 @given(st.lists(st.tuples(st.binary(max_size=40), st.sampled_from([0.1, 5.0, 60.0])), max_size=30))
-def test_a_modem_that_says_anything_is_survived(said):
+def test_any_output_of_the_modem_is_accepted(messages):
     modem, now_s = Modem(), 0.0
-    for data, pause_s in said:
+    for data, pause_s in messages:
         now_s += pause_s
         modem.feed(data, now_s)
         modem.update(now_s)

@@ -1,8 +1,14 @@
-"""The artificial fish swarm: finds the least value of any objective within a box."""
+"""Artificial fish swarm: minimises any objective within a box."""
 
-from hil.lab.swarm.records import CompiledObjective, SwarmHistory, SwarmProgress, SwarmResult
+from hil.lab.swarm.records import (
+    CompiledObjective,
+    SettingsError,
+    SwarmHistory,
+    SwarmProgress,
+    SwarmResult,
+    SwarmSettings,
+)
 from hil.lab.swarm.search import minimise
-from hil.lab.swarm.settings import SettingsError, SwarmSettings
 
 __all__ = [
     "CompiledObjective",

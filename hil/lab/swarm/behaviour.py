@@ -1,17 +1,16 @@
-"""What the fish do (the paper's section 3): follow, swarm, prey, random, congestion, bulletin board.
+"""Behaviours of the fish (section 3 of the paper): follow, swarm, prey, random, congestion, bulletin board.
 
-An iteration is: look around; then, stage by stage, `ask` for points, have the objective
-evaluate them, `tell` the values; then `settle`. All fish move at once. Where these functions
-leave the paper's letter, it is for these reasons:
+An iteration consists of `look`; then, for each stage, `request` for points, their evaluation, and `receive` for the
+values; then `settle`. All fish move at once. Differences to the paper:
 
-* Food. The paper's crowding condition Y_c / n_f > kappa * Y_i presumes food Y > 0, and its outcome changes when a
-  constant is added to Y. Here the food of a place is the share of the shoal that is worse off than who is there:
-  0 to 1 whatever the sign and scale of the objective. All else compares values only, so any strictly
-  increasing function of the objective (J, log J, -1/J) gives the same search.
-* All points that are evaluated, also the tries and the centres, go to the bulletin board.
-* A move toward a place that leaves the box stops at its wall, coordinate by coordinate, for the best may lie there.
-  A look or a random move beyond a wall is mirrored into the box: with wide vision in five dimensions half of
-  them would else fall upon walls.
+* Food. The paper's crowding condition Y_c / n_f > kappa * Y_i assumes food Y > 0, and its result changes with a
+  constant that is added to Y. Here the food of a place is the share of the shoal with higher cost: 0 to 1 for any sign
+  and scale of the objective. Everything else only compares values, so any strictly increasing function of the objective
+  (J, log J, -1/J) gives the same search.
+* All evaluated points, also tries and centres, go to the bulletin board.
+* A move toward a place outside the box stops at its wall, by coordinate, because the optimum may be there. Tries and
+  random moves beyond a wall are mirrored into the box: with wide vision in five dimensions half of them would otherwise
+  end on walls.
 """
 
 from __future__ import annotations
@@ -21,12 +20,23 @@ import math
 import numpy as np
 
 from hil.lab.numeric_core import inner
-from hil.lab.swarm.shoal import CENTRE, FOLLOW_MOVE, MOVES, NONE, PREY_MOVE, RANDOM_MOVE, SWARM_MOVE, TRY, Shoal, Ways
+from hil.lab.swarm.shoal import (
+    CENTRE,
+    FOLLOW_MOVE,
+    MOVES,
+    NONE,
+    PREY_MOVE,
+    RANDOM_MOVE,
+    SWARM_MOVE,
+    TRY,
+    Behaviour,
+    Shoal,
+)
 
 
 @inner
 def begin(shoal: Shoal) -> None:
-    """Clear the answers of the last iteration, and rate the food of every fish."""
+    """Clear the results of the last iteration, and compute the food of every fish."""
     for i in range(shoal.cost.size):
         shoal.share[i] = food(shoal.cost, shoal.cost[i])
         shoal.centre_cost[i] = np.inf
@@ -37,7 +47,7 @@ def begin(shoal: Shoal) -> None:
 
 @inner
 def food(costs: np.ndarray, cost: float) -> float:
-    """Return the share of the shoal that is worse off than at this cost."""
+    """Return the share of the shoal with a higher cost."""
     worse = 0
     for i in range(costs.size):
         if costs[i] > cost:
@@ -47,7 +57,7 @@ def food(costs: np.ndarray, cost: float) -> float:
 
 @inner
 def look(shoal: Shoal, reach: float) -> None:
-    """Find the partners of every fish (those no further than its vision), their centre and the best of them."""
+    """Find the partners of every fish (those within its vision), their centre and the best of them."""
     fish, dimensions = shoal.place.shape
     for i in range(fish):
         count = 0
@@ -75,40 +85,40 @@ def look(shoal: Shoal, reach: float) -> None:
 
 
 @inner
-def ask(shoal: Shoal, stage: int, first_try: int, end_try: int, ways: Ways) -> int:
-    """Fill in the points that a stage needs evaluated; return how many."""
+def request(shoal: Shoal, stage: int, first_try: int, end_try: int, behaviour: Behaviour) -> int:
+    """Fill in the points to be evaluated in a stage; return their number."""
     count = 0
     for i in range(shoal.cost.size):
         here, drawn = shoal.place[i], shoal.uniforms[i]
-        own, partners, leader = ways.congestion * shoal.share[i], shoal.partners[i], shoal.leader[i]
+        own, partners, leader = behaviour.congestion * shoal.share[i], shoal.partners[i], shoal.leader[i]
         helped = shoal.move_cost[i] < shoal.cost[i]
         found = shoal.try_cost[i] < shoal.cost[i]
         begun = count
-        if helped and ways.content:
+        if helped and behaviour.content:
             continue
         better = leader != NONE and shoal.cost[leader] < shoal.cost[i]
         if stage >> FOLLOW_MOVE & 1 and better and shoal.share[leader] > own * shoal.partners[leader]:
             shoal.kind[count] = FOLLOW_MOVE
-            count += toward(here, shoal.place[leader], ways.step * drawn[FOLLOW_MOVE], shoal.point[count])
+            count += toward(here, shoal.place[leader], behaviour.step * drawn[FOLLOW_MOVE], shoal.point[count])
         if stage >> CENTRE & 1 and partners > 0:
             shoal.kind[count] = CENTRE
             copy(shoal.centre[i], shoal.point[count])
             count += 1
         if stage >> SWARM_MOVE & 1 and partners > 0 and food(shoal.cost, shoal.centre_cost[i]) > own * partners:
             shoal.kind[count] = SWARM_MOVE
-            count += toward(here, shoal.centre[i], ways.step * drawn[SWARM_MOVE], shoal.point[count])
+            count += toward(here, shoal.centre[i], behaviour.step * drawn[SWARM_MOVE], shoal.point[count])
         if stage >> TRY & 1 and not found:
             for number in range(first_try, end_try):
-                # Any direction, and any distance within vision alike.
+                # Random direction, uniform distance within vision.
                 shoal.kind[count] = TRY
-                aside(here, shoal.normals[i, number], ways.reach * drawn[MOVES + number], shoal.point[count])
+                aside(here, shoal.normals[i, number], behaviour.reach * drawn[MOVES + number], shoal.point[count])
                 count += 1
         if stage >> PREY_MOVE & 1 and found:
             shoal.kind[count] = PREY_MOVE
-            count += toward(here, shoal.try_place[i], ways.step * drawn[PREY_MOVE], shoal.point[count])
+            count += toward(here, shoal.try_place[i], behaviour.step * drawn[PREY_MOVE], shoal.point[count])
         if stage >> RANDOM_MOVE & 1 and not helped:
             shoal.kind[count] = RANDOM_MOVE
-            aside(here, shoal.normals[i, -1], ways.step * drawn[RANDOM_MOVE], shoal.point[count])
+            aside(here, shoal.normals[i, -1], behaviour.step * drawn[RANDOM_MOVE], shoal.point[count])
             count += 1
         for number in range(begun, count):
             shoal.owner[number] = i
@@ -117,7 +127,7 @@ def ask(shoal: Shoal, stage: int, first_try: int, end_try: int, ways: Ways) -> i
 
 @inner
 def toward(here: np.ndarray, target: np.ndarray, distance: float, point: np.ndarray) -> int:
-    """Fill in the place at a distance toward a target, and return 1; 0 where the fish is there already."""
+    """Fill in the place at a distance toward a target, and return 1; return 0 if the fish is already there."""
     square = 0.0
     for k in range(here.size):
         square += (target[k] - here[k]) ** 2
@@ -131,7 +141,7 @@ def toward(here: np.ndarray, target: np.ndarray, distance: float, point: np.ndar
 
 @inner
 def aside(here: np.ndarray, direction: np.ndarray, distance: float, point: np.ndarray) -> None:
-    """Fill in the place at a distance in a direction, which need not be of unit length."""
+    """Fill in the place at a distance in a direction of any length."""
     square = 0.0
     for k in range(here.size):
         square += direction[k] ** 2
@@ -142,7 +152,7 @@ def aside(here: np.ndarray, direction: np.ndarray, distance: float, point: np.nd
 
 @inner
 def mirrored(coordinate: float) -> float:
-    """Return a coordinate outside the box as its image within, behind the walls that are mirrors."""
+    """Return a coordinate outside the box mirrored into it."""
     if 0.0 <= coordinate <= 1.0:
         return coordinate
     away = abs(coordinate) % 2.0
@@ -157,8 +167,8 @@ def copy(source: np.ndarray, target: np.ndarray) -> None:
 
 
 @inner
-def tell(shoal: Shoal, count: int, costs: np.ndarray) -> None:
-    """Take in the costs of the points asked for; what is not a number is worse than all others."""
+def receive(shoal: Shoal, count: int, costs: np.ndarray) -> None:
+    """Store the costs of the requested points; NaN is worse than all numbers."""
     for number in range(count):
         cost = costs[number]
         if math.isnan(cost):
@@ -174,7 +184,7 @@ def tell(shoal: Shoal, count: int, costs: np.ndarray) -> None:
                 shoal.try_cost[i] = cost
                 copy(point, shoal.try_place[i])
         elif cost < shoal.move_cost[i] or kind == RANDOM_MOVE:
-            # A random move is asked for when nothing has helped, and is made whether it helps or not.
+            # A random move is requested if nothing has helped, and is always made.
             shoal.move_cost[i] = cost
             copy(point, shoal.move_place[i])
             shoal.move_kind[i] = kind
@@ -182,7 +192,7 @@ def tell(shoal: Shoal, count: int, costs: np.ndarray) -> None:
 
 @inner
 def settle(shoal: Shoal, moves: np.ndarray) -> None:
-    """Move every fish, and count which behaviour moved it."""
+    """Move every fish, and count the moves of each behaviour."""
     for i in range(shoal.cost.size):
         kind = shoal.move_kind[i]
         if kind == NONE:

@@ -1,15 +1,15 @@
-"""The fish beside two other searches, at the same number of evaluations, on the standard functions.
+"""Comparison of the fish swarm with other searches on standard functions, with equal numbers of evaluations.
 
-scipy's differential_evolution (a generation at a time, without its final gradient search, which
-is no global one) and cma's CMA-ES (bounded, from a random point with a spread of 0.3 boxes, restarted
-with a larger population when it has converged). Chance, as many points drawn evenly, is the mark that
-any search ought to pass. All search the same box; each run's error is the least value among its
-first `evaluations` evaluations. The fish's standard settings were picked on these very functions;
-the others search with their authors' settings.
+scipy's differential_evolution (by generations, without its final gradient search) and cma's CMA-ES (bounded, from a
+random point with a spread of 0.3 boxes, restarted with a larger population after convergence). Uniform random points
+("chance") are the baseline. All search the same box; the error of a run is the smallest value among its first
+`evaluations` evaluations. The default settings of the fish swarm were chosen on these functions; the others use the
+settings of their authors.
 """
 
 from __future__ import annotations
 
+import math
 import statistics
 import warnings
 from collections.abc import Callable, Sequence
@@ -17,10 +17,87 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.lab.swarm.functions import TABLE, StandardFunction
-from hil.lab.swarm.records import BatchObjective, Floats
+from hil.lab.swarm.records import MAX_ITERATIONS, BatchObjective, Floats, SwarmSettings
 from hil.lab.swarm.search import minimise
-from hil.lab.swarm.settings import MOST_ITERATIONS, SwarmSettings
+
+SCHWEFEL_PLACE = 420.968746359982
+SCHWEFEL_VALUE = 418.98288727243374
+
+
+@dataclass(frozen=True, slots=True)
+class StandardFunction:
+    """A function, the limits of its box in every coordinate, and its difficulty."""
+
+    name: str
+    function: BatchObjective
+    low: float
+    high: float
+    text: str
+
+
+def optimum(name: str, dimensions: int) -> Floats:
+    """Return the place of the minimum of a function."""
+    if name == "schwefel":
+        return np.full(dimensions, SCHWEFEL_PLACE)
+    if name == "rosenbrock":
+        return np.ones(dimensions)
+    row = next(row for row in TABLE if row.name == name)
+    return np.asarray(_shift(dimensions) * (row.high - row.low))
+
+
+def _shift(dimensions: int) -> Floats:
+    """Return the shift relative to the box: from -0.35 to 0.35, distributed by the golden ratio."""
+    return np.asarray(0.7 * ((np.arange(1, dimensions + 1) * 0.618033988749895) % 1.0 - 0.5))
+
+
+def sphere(points: Floats) -> Floats:
+    """Sum of squares: smooth and round."""
+    way = points - optimum("sphere", points.shape[1])
+    return np.sum(way**2, axis=1)  # type: ignore[no-any-return]
+
+
+def rosenbrock(points: Floats) -> Floats:
+    """A curved, flat valley."""
+    here, after = points[:, :-1], points[:, 1:]
+    return np.sum(100.0 * (after - here**2) ** 2 + (1.0 - here) ** 2, axis=1)  # type: ignore[no-any-return]
+
+
+def rastrigin(points: Floats) -> Floats:
+    """A bowl with a regular lattice of about 10^d minima."""
+    way = points - optimum("rastrigin", points.shape[1])
+    return np.sum(way**2 - 10.0 * np.cos(2.0 * math.pi * way) + 10.0, axis=1)  # type: ignore[no-any-return]
+
+
+def ackley(points: Floats) -> Floats:
+    """An almost flat plain of minima around a funnel."""
+    way = points - optimum("ackley", points.shape[1])
+    far = np.sqrt(np.mean(way**2, axis=1))
+    ripple = np.mean(np.cos(2.0 * math.pi * way), axis=1)
+    return np.maximum(-20.0 * np.exp(-0.2 * far) - np.exp(ripple) + 20.0 + math.e, 0.0)  # type: ignore[no-any-return]
+
+
+def griewank(points: Floats) -> Floats:
+    """A wide bowl with many shallow connected minima."""
+    way = points - optimum("griewank", points.shape[1])
+    number = np.sqrt(np.arange(1, points.shape[1] + 1))
+    return np.sum(way**2, axis=1) / 4000.0 - np.prod(np.cos(way / number), axis=1) + 1.0  # type: ignore[no-any-return]
+
+
+def schwefel(points: Floats) -> Floats:
+    """Deep minima, the best of which is in a corner, far from the second best."""
+    waves = points * np.sin(np.sqrt(np.abs(points)))
+    return np.sum(SCHWEFEL_VALUE - waves, axis=1)  # type: ignore[no-any-return]
+
+
+TABLE = (
+    StandardFunction("sphere", sphere, -5.12, 5.12, "smooth and round"),
+    StandardFunction("rosenbrock", rosenbrock, -2.048, 2.048, "a curved, flat valley"),
+    StandardFunction("rastrigin", rastrigin, -5.12, 5.12, "a bowl with a lattice of minima"),
+    StandardFunction("ackley", ackley, -32.768, 32.768, "a plain of minima around a funnel"),
+    StandardFunction("griewank", griewank, -600.0, 600.0, "a wide bowl with shallow minima"),
+    StandardFunction("schwefel", schwefel, -500.0, 500.0, "deep minima, the best in a corner"),
+)
+
 
 SOLVED = 1e-6
 COLUMNS = ("function", "d", "evaluations")
@@ -31,21 +108,21 @@ class _SpentError(Exception):
 
 
 class Budget:
-    """Counts what a search asks for, and keeps the least value of the part that it has paid for."""
+    """Counts the evaluations of a search, and stores the smallest value within the budget."""
 
     def __init__(self, function: BatchObjective, evaluations: int) -> None:
-        """Take the function, and how often it may be evaluated."""
+        """Store the function and the number of evaluations."""
         self.left = evaluations
-        self.least = float("inf")
+        self.minimum = float("inf")
         self._function = function
 
     def __call__(self, points: Floats) -> Floats:
-        """Evaluate points; raise when some are beyond the budget."""
+        """Evaluate points; raise _SpentError if the budget is exceeded."""
         if self.left <= 0:
             raise _SpentError
         values = self._function(points[: self.left])
         self.left -= len(points)
-        self.least = min(self.least, float(np.min(values)))
+        self.minimum = min(self.minimum, float(np.min(values)))
         if self.left < 0:
             raise _SpentError
         return values
@@ -64,21 +141,21 @@ class Row:
     errors: dict[str, tuple[float, ...]]
 
     def median(self, search: str) -> float:
-        """Return the middle error of a search."""
+        """Return the median error of a search."""
         return statistics.median(self.errors[search])
 
     def solved(self, search: str) -> int:
-        """Return how many of its runs came within SOLVED of the optimum."""
+        """Return the number of runs with an error of at most SOLVED."""
         return sum(error <= SOLVED for error in self.errors[search])
 
     def winner(self) -> str:
-        """Name the search that solved most runs; of equals the one with the least median error."""
+        """Return the search with most solved runs; among equals the one with the smallest median error."""
         return min(self.errors, key=lambda search: (-self.solved(search), self.median(search)))
 
 
 def fish(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
     """Search with the fish swarm's standard settings."""
-    settings = SwarmSettings(seed=seed, iterations=MOST_ITERATIONS // 10, most_evaluations=budget.left)
+    settings = SwarmSettings(seed=seed, iterations=MAX_ITERATIONS // 10, max_evaluations=budget.left)
     minimise(budget, low, high, settings)
 
 
@@ -115,12 +192,12 @@ def cma_es(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
         }
         search = cma.CMAEvolutionStrategy(rng.random(dimensions), 0.3, options)
         while not search.stop():
-            asked = search.ask()
-            search.tell(asked, list(budget(low + np.array(asked) * span)))
+            points = search.ask()
+            search.tell(points, list(budget(low + np.array(points) * span)))
 
 
 def chance(budget: Budget, low: Floats, high: Floats, seed: int) -> None:
-    """Draw points evenly from the box."""
+    """Draw uniform random points from the box."""
     budget(np.random.default_rng(seed).uniform(low, high, (budget.left, low.size)))
 
 
@@ -130,7 +207,7 @@ SEARCHES: dict[str, Search] = {"fish": fish, "DE": differential_evolution, "CMA-
 def compare(
     functions: Sequence[StandardFunction], dimensions: int, evaluations: int, seeds: Sequence[int]
 ) -> list[Row]:
-    """Let every search try every function, once for each seed."""
+    """Run every search on every function, once for each seed."""
     rows = []
     for row in functions:
         low, high = np.full(dimensions, row.low), np.full(dimensions, row.high)
@@ -143,20 +220,20 @@ def compare(
 
 
 def error(search: Search, function: BatchObjective, low: Floats, high: Floats, evaluations: int, seed: int) -> float:
-    """Return the least value that a search finds within the evaluations."""
+    """Return the smallest value that a search finds within the evaluations."""
     budget = Budget(function, evaluations)
     with warnings.catch_warnings():
-        # Both others warn of converged or flat populations, which their restarts deal with.
+        # Both others warn of converged or flat populations, which their restarts handle.
         warnings.simplefilter("ignore")
         try:
             search(budget, low, high, seed)
         except _SpentError:
             pass
-    return budget.least
+    return budget.minimum
 
 
 def text(rows: Sequence[Row], runs: int) -> str:
-    """Return the table: median error, runs solved, and who did best."""
+    """Return the table: median error, solved runs, and best search."""
     head = (*COLUMNS, *(f"{name} error (solved)" for name in SEARCHES), "best")
     cells = [head]
     for row in rows:
@@ -170,5 +247,5 @@ def text(rows: Sequence[Row], runs: int) -> str:
 
 
 def standard_table(dimensions: Sequence[int], per_dimension: int, runs: int) -> list[Row]:
-    """Compare on all standard functions, with a budget in proportion to the dimensions."""
+    """Compare on all standard functions, with a budget proportional to the dimensions."""
     return [row for d in dimensions for row in compare(TABLE, d, per_dimension * d, range(1, runs + 1))]

@@ -1,4 +1,4 @@
-"""The search: the shoal swims until the iterations or the evaluations are used up."""
+"""The search: iterations of the shoal until iterations or evaluations are used up."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from hil.lab.swarm.records import (
     BatchObjective,
     CompiledObjective,
     Floats,
+    SettingsError,
     StopReason,
     SwarmHistory,
     SwarmProgress,
     SwarmResult,
+    SwarmSettings,
 )
-from hil.lab.swarm.settings import SettingsError, SwarmSettings
 from hil.lab.swarm.shoal import MOVES, Shoal, diagonal, new_shoal, scatter, schedule
 from hil.lab.swarm.swim import BatchSwimmer, Course, Log, evaluate_all, evaluate_each, swim
 
 Callback = Callable[[SwarmProgress], bool | None]
 Swimmer = Callable[[np.random.Generator, int, int], int]
 
-CHUNK = 16  # iterations in one compiled call, so that an interrupt waits no longer
+CHUNK = 16  # iterations in one compiled call, which limits the delay of an interrupt
 NO_LIMIT = 2**62
-MOST_WORKERS = 256
+MAX_WORKERS = 256
 LANES = 8
 
 
@@ -41,21 +42,20 @@ def minimise(
     start: ArrayLike | None = None,
     workers: int = 1,
 ) -> SwarmResult:
-    """Search the box from low to high for the objective's least value.
+    """Minimise an objective within the box from low to high.
 
     Args:
-        objective: takes points (m, d) and returns their m values; or a CompiledObjective. NaN
-            counts as inf: worse than any number.
-        low: the least of each of the d coordinates, finite.
-        high: the largest of each, above low.
-        settings: how to search; SwarmSettings() if None.
-        callback: is told of each iteration; returning True ends the search.
-        start: places (k, d) within the box where the first k fish start; the others start at random.
-        workers: threads that share the points of each call. Only an objective that lets go of the
-            interpreter gains by it, as compiled ones do; the result is the same to the last bit.
+        objective: takes points (m, d) and returns their m values; or a CompiledObjective. NaN counts as inf.
+        low: the lower limits of the d coordinates, finite.
+        high: the upper limits, above low.
+        settings: settings of the search; SwarmSettings() if None.
+        callback: called after each iteration; returning True ends the search.
+        start: places (k, d) within the box of the first k fish; the others start at random.
+        workers: threads that share the points of each call. Only objectives that release the global interpreter lock,
+            such as compiled ones, become faster; the result is the same to the last bit.
 
     Raises:
-        SettingsError: the bounds, the start or the objective's answer have the wrong shape or size.
+        SettingsError: wrong shape or size of the bounds, the start or the objective's values.
     """
     settings = SwarmSettings() if settings is None else settings
     low_end, high_end = _box(low, high)
@@ -66,8 +66,8 @@ def minimise(
     scatter(shoal, rng)
     if start is not None:
         _place(shoal, np.asarray(start, float), course, settings)
-    if not (isinstance(workers, int) and 1 <= workers <= MOST_WORKERS):
-        raise SettingsError(f"workers {workers}: give a whole number from 1 to {MOST_WORKERS}")
+    if not (isinstance(workers, int) and 1 <= workers <= MAX_WORKERS):
+        raise SettingsError(f"workers {workers}: give a whole number from 1 to {MAX_WORKERS}")
     with ThreadPoolExecutor(max(workers - 1, 1)) as pool:
         swimmer = _swimmer(objective, shoal, course, log, pool if workers > 1 else None, workers)
         with compiling("the fish swarm"):
@@ -99,7 +99,7 @@ def _swim_on(
     row: int,
     callback: Callback | None,
 ) -> tuple[StopReason, int]:
-    """Swim to the end; return why it ended and how many rows the history has."""
+    """Run to the end; return the reason of the end and the number of rows of the history."""
     chunk = CHUNK if callback is None else 1
     while row <= course.iterations:
         reached = swimmer(rng, row, min(row + chunk, course.iterations + 1))
@@ -131,7 +131,7 @@ def _swimmer(
         evaluate = _checked(objective)
     else:
         if not hasattr(objective.function, "py_func"):
-            raise SettingsError("CompiledObjective takes a function that numba has compiled; give a plain one as it is")
+            raise SettingsError("CompiledObjective needs a function compiled by numba; pass a plain function directly")
         kind = evaluate_all if objective.batch else evaluate_each
         function, data = objective.function, tuple(objective.data)
         if pool is None:
@@ -160,12 +160,12 @@ def _checked(objective: BatchObjective) -> BatchObjective:
 
 def _shared(evaluate: BatchObjective, pool: ThreadPoolExecutor, workers: int) -> BatchObjective:
     def values(points: Floats) -> Floats:
-        # Whole SIMD registers for each worker.
+        # Full SIMD registers for each worker.
         size = -(-len(points) // (workers * LANES)) * LANES
         first, *others = (points[begin : begin + size] for begin in range(0, len(points), size))
-        waiting = [pool.submit(evaluate, part) for part in others]
-        # This thread is a worker too: handing work over takes as long as simulating a dozen fish.
-        return np.concatenate([evaluate(first), *(each.result() for each in waiting)])
+        pending = [pool.submit(evaluate, part) for part in others]
+        # This thread works, too: submitting work takes as long as simulating a dozen fish.
+        return np.concatenate([evaluate(first), *(each.result() for each in pending)])
 
     return values
 
@@ -174,9 +174,11 @@ def _box(low: ArrayLike, high: ArrayLike) -> tuple[Floats, Floats]:
     low_end = np.array(low, float, ndmin=1)
     high_end = np.array(high, float, ndmin=1)
     if low_end.ndim != 1 or low_end.shape != high_end.shape or low_end.size == 0:
-        raise SettingsError(f"bounds of shapes {low_end.shape}, {high_end.shape}: give one low and one high for each")
+        raise SettingsError(
+            f"bounds of shapes {low_end.shape}, {high_end.shape}: give one low and one high for each coordinate"
+        )
     if not (np.all(np.isfinite(low_end)) and np.all(np.isfinite(high_end - low_end))):
-        raise SettingsError("bounds must be finite, and so must be their distance")
+        raise SettingsError("bounds and their difference must be finite")
     wrong = np.flatnonzero(~(low_end < high_end))
     if wrong.size:
         number = int(wrong[0])
@@ -185,7 +187,7 @@ def _box(low: ArrayLike, high: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def _course(settings: SwarmSettings, low: Floats, high: Floats) -> Course:
-    limit = NO_LIMIT if settings.most_evaluations is None else settings.most_evaluations
+    limit = NO_LIMIT if settings.max_evaluations is None else settings.max_evaluations
     return Course(
         low=low,
         high=high,
@@ -196,15 +198,15 @@ def _course(settings: SwarmSettings, low: Floats, high: Floats) -> Course:
         congestion=settings.congestion,
         content=settings.strategy == "progress",
         iterations=settings.iterations,
-        most_evaluations=limit,
+        max_evaluations=limit,
     )
 
 
 def _empty_log(settings: SwarmSettings, shoal: Shoal) -> Log:
     rows = settings.iterations + 1
-    if settings.most_evaluations is not None:
-        # Every fish asks for at least one evaluation in an iteration, but in the last.
-        rows = min(rows, settings.most_evaluations // settings.fish + 2)
+    if settings.max_evaluations is not None:
+        # Every fish needs at least one evaluation in each iteration except the last.
+        rows = min(rows, settings.max_evaluations // settings.fish + 2)
     return Log(
         best_value=np.zeros(rows),
         median_value=np.zeros(rows),
@@ -221,7 +223,7 @@ def _place(shoal: Shoal, start: Floats, course: Course, settings: SwarmSettings)
     if start.ndim != 2 or start.shape[1] != course.low.size or len(start) > settings.fish:
         raise SettingsError(f"start of shape {start.shape}: give up to {settings.fish} rows of {course.low.size}")
     if not np.all((start >= course.low) & (start <= course.high)):
-        raise SettingsError("a start lies outside the box; clip it, or widen the bounds")
+        raise SettingsError("a start is outside the box; clip it, or widen the bounds")
     shoal.place[: len(start)] = (start - course.low) / (course.high - course.low)
 
 

@@ -1,4 +1,4 @@
-"""The state of the shoal: arrays that compiled code works on in place, in a box of unit sides."""
+"""State of the shoal: arrays that compiled code changes in place, in the unit box."""
 
 from __future__ import annotations
 
@@ -8,26 +8,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.lab.swarm.records import Floats
-from hil.lab.swarm.settings import SwarmSettings
+from hil.lab.swarm.records import Floats, SwarmSettings
 
-# The behaviours, and the two questions asked before a move; kinds of a requested point.
+# Kinds of a requested point: moves of the behaviours, and evaluations before a move.
 FOLLOW_MOVE, SWARM_MOVE, PREY_MOVE, RANDOM_MOVE, CENTRE, TRY = range(6)
-MOVES = 4  # the first four
+MOVES = 4  # the first four kinds
 NONE = -1
 
 
 class Shoal(NamedTuple):
-    """n fish in d dimensions; `cost` is the objective's value, the lower the more food.
+    """n fish in d dimensions; `cost` is the value of the objective.
 
-    place, cost: where each fish is. share: what share of the shoal is worse off (its food).
-    partners, centre: how many others a fish sees, and their middle.
-    leader: the best of them.
-    centre_cost, try_place, try_cost: answers of this iteration.
-    move_place, move_cost, move_kind: the best move found in this iteration.
+    place, cost: place and cost of each fish. share: share of the shoal with higher cost (its food).
+    partners, centre, leader: number, centre and best of the fish within vision.
+    centre_cost, try_place, try_cost: results of this iteration.
+    move_place, move_cost, move_kind: the best move of this iteration.
     best_place, best_cost: the bulletin board.
-    point, owner, kind: what is to be evaluated next, for which fish, and why.
-    uniforms, normals: the random numbers of an iteration.
+    point, owner, kind: requested points, their fish and their kinds.
+    uniforms, normals: random numbers of an iteration.
     """
 
     place: Floats
@@ -51,17 +49,17 @@ class Shoal(NamedTuple):
     normals: Floats
 
 
-class Ways(NamedTuple):
-    """The settings that the compiled behaviours need; reach and step in lengths of the unit box."""
+class Behaviour(NamedTuple):
+    """Settings of the compiled behaviours; reach and step in lengths of the unit box."""
 
     reach: float
     step: float
     congestion: float
-    content: bool  # a fish that has found a better place looks no further (the "progress" strategy)
+    content: bool  # a fish with a better place stops its iteration (strategy "progress")
 
 
 def new_shoal(settings: SwarmSettings, dimensions: int) -> Shoal:
-    """Return the arrays, not yet filled."""
+    """Return empty arrays."""
     fish = settings.fish
     requests = fish * (settings.tries + 2)
     return Shoal(
@@ -88,10 +86,10 @@ def new_shoal(settings: SwarmSettings, dimensions: int) -> Shoal:
 
 
 def schedule(settings: SwarmSettings) -> NDArray[np.int64]:
-    """Return the stages of an iteration, one row (bits of the kinds asked for, first try, last try + 1) each.
+    """Return the stages of an iteration: rows with the bits of the requested kinds, first try, and last try + 1.
 
-    A stage is one call of the objective. The optimal strategy asks everything at once; progress
-    asks for a behaviour only when the one before it has not helped.
+    A stage is one call of the objective. The strategy "optimal" requests everything at once; "progress" requests a
+    behaviour only if the previous one has not helped.
     """
 
     def stage(*kinds: int) -> int:
@@ -113,7 +111,7 @@ def schedule(settings: SwarmSettings) -> NDArray[np.int64]:
 
 
 def scatter(shoal: Shoal, rng: np.random.Generator) -> None:
-    """Place the fish at random, one in each of n slices of every side (Latin hypercube)."""
+    """Place the fish by Latin hypercube sampling."""
     fish, dimensions = shoal.place.shape
     for dimension in range(dimensions):
         shoal.place[:, dimension] = (rng.permutation(fish) + rng.random(fish)) / fish

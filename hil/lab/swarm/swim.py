@@ -1,4 +1,4 @@
-"""One way through an iteration, for an objective in Python and for a compiled one alike."""
+"""An iteration of the swarm, for Python and for compiled objectives."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from hil.lab.compiled import compiled, compiled_here
 from hil.lab.numeric_core import inner
-from hil.lab.swarm.behaviour import ask, begin, copy, look, settle, tell
+from hil.lab.swarm.behaviour import begin, copy, look, receive, request, settle
 from hil.lab.swarm.records import BatchObjective, Floats
-from hil.lab.swarm.shoal import Shoal, Ways
+from hil.lab.swarm.shoal import Behaviour, Shoal
 
 
 class Course(NamedTuple):
-    """What stays the same during a search; vision and step in lengths of the unit box at the start."""
+    """Constants of a search; initial vision and step in lengths of the unit box."""
 
     low: Floats
     high: Floats
@@ -27,7 +27,7 @@ class Course(NamedTuple):
     congestion: float
     content: bool
     iterations: int
-    most_evaluations: int
+    max_evaluations: int
 
 
 class Log(NamedTuple):
@@ -44,35 +44,35 @@ class Log(NamedTuple):
 
 @compiled
 def turn(shoal: Shoal, course: Course, log: Log, row: int, stage: int, answered: int) -> int:
-    """Take in the answers to the questions of the stage before, and ask those of a stage; return how many.
+    """Store the results of the previous stage, and request the points of a stage; return their number.
 
-    An iteration takes the stages from 0 to one beyond the last, which asks nothing and moves the fish. Where the
-    evaluations run out, the fish behind get no answer.
-    Row 0 of the history is the start: it asks what there is where the fish are.
+    An iteration has the stages from 0 to one after the last, which requests nothing and moves the fish. If the
+    evaluations run out, the last fish get no result. Row 0 of the history is the start: it requests the places of the
+    fish.
     """
     if row == 0:
         return start(shoal, course, log, stage)
-    ways = ways_now(course, row - 1, log.evaluations[row - 1])
+    behaviour = behaviour_now(course, row - 1, log.evaluations[row - 1])
     if stage == 0:
         log.evaluations[row] = log.evaluations[row - 1]
         begin(shoal)
-        look(shoal, ways.reach)
+        look(shoal, behaviour.reach)
     else:
         log.evaluations[row] += answered
-        tell(shoal, answered, log.costs)
+        receive(shoal, answered, log.costs)
     if stage == course.stages.shape[0]:
         settle(shoal, log.moves[row])
         note(shoal, course, log, row)
         return 0
-    count = ask(shoal, course.stages[stage, 0], course.stages[stage, 1], course.stages[stage, 2], ways)
-    count = min(count, int(course.most_evaluations - log.evaluations[row]))
+    count = request(shoal, course.stages[stage, 0], course.stages[stage, 1], course.stages[stage, 2], behaviour)
+    count = min(count, int(course.max_evaluations - log.evaluations[row]))
     place_in_world(shoal, count, course, log)
     return count
 
 
 @inner
 def start(shoal: Shoal, course: Course, log: Log, stage: int) -> int:
-    """Ask for the places where the fish start, or take in what they found there."""
+    """Request the start places of the fish, or store their costs."""
     fish = shoal.cost.size
     if stage == 0:
         for i in range(fish):
@@ -92,16 +92,16 @@ def start(shoal: Shoal, course: Course, log: Log, stage: int) -> int:
 
 
 @inner
-def ways_now(course: Course, iteration: int, evaluations: int) -> Ways:
-    """Return vision and step of an iteration: they shrink with what is used up of the search."""
-    used = max(iteration / course.iterations, evaluations / course.most_evaluations)
+def behaviour_now(course: Course, iteration: int, evaluations: int) -> Behaviour:
+    """Return vision and step of an iteration, which shrink with the progress of the search."""
+    used = max(iteration / course.iterations, evaluations / course.max_evaluations)
     scale = course.shrink**used
-    return Ways(course.vision * scale, course.step * scale, course.congestion, course.content)
+    return Behaviour(course.vision * scale, course.step * scale, course.congestion, course.content)
 
 
 @inner
 def place_in_world(shoal: Shoal, count: int, course: Course, log: Log) -> None:
-    """Turn the points asked for into the objective's own units."""
+    """Convert the requested points to the units of the objective."""
     for number in range(count):
         for k in range(course.low.size):
             span = course.high[k] - course.low[k]
@@ -113,12 +113,12 @@ def note(shoal: Shoal, course: Course, log: Log, row: int) -> None:
     """Write a row of the history."""
     log.best_value[row] = shoal.best_cost[0]
     log.median_value[row] = median(shoal.cost)
-    log.vision[row] = ways_now(course, row, log.evaluations[row]).reach / math.sqrt(course.low.size)
+    log.vision[row] = behaviour_now(course, row, log.evaluations[row]).reach / math.sqrt(course.low.size)
 
 
 @inner
 def median(values: np.ndarray) -> float:
-    """Return the middle value, of an even number the mean of both (numba takes seconds to compile numpy's)."""
+    """Return the median (numba takes seconds to compile that of numpy)."""
     size = values.size
     lower = upper = values[0]
     for i in range(size):
@@ -135,19 +135,19 @@ def median(values: np.ndarray) -> float:
 
 @inner
 def stages_of(course: Course, row: int) -> int:
-    """Return how many questions a row of the history takes; the start takes one."""
+    """Return the number of stages of a row of the history; the start has one."""
     return 1 if row == 0 else course.stages.shape[0]
 
 
 @inner
 def may_go_on(course: Course, log: Log, row: int) -> bool:
-    """Say whether evaluations are left for another iteration, or for the beginning of one."""
-    return row == 0 or bool(log.evaluations[row - 1] < course.most_evaluations)
+    """Return whether evaluations are left for at least a part of another iteration."""
+    return row == 0 or bool(log.evaluations[row - 1] < course.max_evaluations)
 
 
 @inner
 def draw(shoal: Shoal, rng: np.random.Generator) -> None:
-    """Draw the random numbers of an iteration, in the order in which numpy fills an array."""
+    """Draw the random numbers of an iteration, in the order of numpy."""
     for i in range(shoal.uniforms.shape[0]):
         for k in range(shoal.uniforms.shape[1]):
             shoal.uniforms[i, k] = rng.random()
@@ -182,7 +182,7 @@ def swim(
     row: int,
     end_row: int,
 ) -> int:
-    """Swim from one row of the history up to another, the whole of it compiled; return the row reached."""
+    """Run from one row of the history to another in compiled code; return the row reached."""
     while row < end_row and may_go_on(course, log, row):
         if row > 0:
             draw(shoal, rng)
@@ -196,17 +196,17 @@ def swim(
 
 
 class BatchSwimmer:
-    """Swims with an objective in Python, which is called once for each stage of an iteration."""
+    """Runs the swarm with a Python objective, called once for each stage of an iteration."""
 
     def __init__(self, evaluate: BatchObjective, shoal: Shoal, course: Course, log: Log) -> None:
-        """Take a function of points that returns their values."""
+        """Store the objective, a function of points that returns their values."""
         self._evaluate = evaluate
         self._shoal = shoal
         self._course = course
         self._log = log
 
     def __call__(self, rng: np.random.Generator, row: int, end_row: int) -> int:
-        """Swim from one row of the history up to another; return the row reached."""
+        """Run from one row of the history to another; return the row reached."""
         shoal, course, log = self._shoal, self._course, self._log
         while row < end_row and may_go_on(course, log, row):
             if row > 0:
@@ -215,7 +215,7 @@ class BatchSwimmer:
             count = 0
             for stage in range(stages_of(course, row) + 1):
                 if count > 0:
-                    # A copy: the objective may keep what it is given.
+                    # A copy, because the objective may store its argument.
                     log.costs[:count] = self._evaluate(log.world[:count].copy())
                 count = turn(shoal, course, log, row, stage, count)
             row += 1

@@ -104,7 +104,7 @@ def _search(
     # If the vehicle has the defaults, one more fish starts at random.
     begin = np.array([_point(setting) for setting in dict.fromkeys((default_setting(), present.setting))])
     settings = SwarmSettings(
-        fish=FISH, tries=TRIES, iterations=evaluations, shrink=0.02, seed=seed, most_evaluations=evaluations
+        fish=FISH, tries=TRIES, iterations=evaluations, shrink=0.02, seed=seed, max_evaluations=evaluations
     )
     minimise(costs, low, high, settings, on_progress, start=np.clip(begin, low, high))
 

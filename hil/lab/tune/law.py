@@ -144,7 +144,7 @@ def search(trials: LawTrials, fresh: LawTrials, evaluations: int, seed: int, rep
         step=STEP,
         shrink=0.1,
         seed=seed,
-        most_evaluations=evaluations,
+        max_evaluations=evaluations,
     )
     minimise(
         lambda points: np.array([cost(point) for point in points]),

@@ -180,7 +180,7 @@ def _search(
         iterations=evaluations,
         shrink=0.02,
         seed=seed,
-        most_evaluations=evaluations,
+        max_evaluations=evaluations,
     )
     minimise(costs, box.low, box.high, settings, report_progress, start=start)
 

@@ -154,4 +154,4 @@ def test_runs_of_a_comparison_have_no_display_of_their_own(monkeypatch):
     task = Task(("tank",), (1,), parse_goals("0:0"), 60.0)
     with pytest.raises(InterruptedError):
         sail_one(task, "tank", PAPER, 1)
-    assert [options.shown for options in seen] == [False]
+    assert [options.live_display for options in seen] == [False]

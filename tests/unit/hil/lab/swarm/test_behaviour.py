@@ -16,13 +16,13 @@ from hil.lab.swarm.shoal import (
     RANDOM_MOVE,
     SWARM_MOVE,
     TRY,
-    Ways,
+    Behaviour,
     new_shoal,
     scatter,
     schedule,
 )
 
-WAYS = Ways(reach=0.3, step=0.1, congestion=0.1, content=False)
+BEHAVIOUR = Behaviour(reach=0.3, step=0.1, congestion=0.1, content=False)
 
 
 def shoal_of(places, costs, tries=2, seed=1):
@@ -34,7 +34,7 @@ def shoal_of(places, costs, tries=2, seed=1):
     rng.random(out=shoal.uniforms)
     rng.standard_normal(out=shoal.normals)
     behaviour.begin(shoal)
-    behaviour.look(shoal, WAYS.reach)
+    behaviour.look(shoal, BEHAVIOUR.reach)
     return shoal
 
 
@@ -42,8 +42,8 @@ def bit(*kinds):
     return sum(1 << kind for kind in kinds)
 
 
-def asked(shoal, *kinds, ways=WAYS, tries=(0, 2)):
-    count = behaviour.ask(shoal, bit(*kinds), *tries, ways)
+def requested(shoal, *kinds, behaviour=BEHAVIOUR, tries=(0, 2)):
+    count = behaviour.request(shoal, bit(*kinds), *tries, behaviour)
     return [
         (int(kind), int(owner), point.copy())
         for kind, owner, point in zip(shoal.kind[:count], shoal.owner[:count], shoal.point[:count], strict=True)
@@ -62,30 +62,30 @@ def test_a_fish_sees_those_within_its_vision_and_not_itself():
     np.testing.assert_allclose(shoal.centre[0], (0.25, 0.3))
 
 
-def test_one_at_the_very_edge_of_vision_is_seen():
+def test_a_fish_at_the_edge_of_vision_is_seen():
     shoal = shoal_of([(0.0, 0.0), (0.3, 0.0), (0.0, 0.30001)], [1.0, 2.0, 3.0])
     assert shoal.partners.tolist() == [1, 1, 0]
 
 
-def test_food_is_the_share_of_the_shoal_that_is_worse_off():
+def test_food_is_the_share_of_the_shoal_with_higher_cost():
     shoal = shoal_of(PLACES, COSTS)
     assert shoal.share.tolist() == [0.0, 0.25, 0.75, 0.5]
 
 
 @pytest.mark.parametrize("change", [lambda y: y - 1e6, lambda y: -1.0 / y, np.exp, lambda y: 1e-200 * y])
-def test_food_does_not_know_the_objectives_sign_or_scale(change):
+def test_food_does_not_depend_on_sign_or_scale(change):
     shoal = shoal_of(PLACES, change(np.array(COSTS)))
     assert shoal.share.tolist() == [0.0, 0.25, 0.75, 0.5]
 
 
 def test_following_goes_toward_the_best_partner_and_no_further_than_a_step():
     shoal = shoal_of(PLACES, COSTS)
-    moves = asked(shoal, FOLLOW_MOVE)
-    # Fish 2 is itself the best of those it sees, fish 3 sees nobody.
+    moves = requested(shoal, FOLLOW_MOVE)
+    # Fish 2 is itself the best of those it sees, fish 3 has no partner.
     assert [(kind, owner) for kind, owner, _ in moves] == [(FOLLOW_MOVE, 0), (FOLLOW_MOVE, 1)]
     for _, owner, point in moves:
         way, aim = point - shoal.place[owner], shoal.place[2] - shoal.place[owner]
-        assert 0.0 < np.linalg.norm(way) <= WAYS.step
+        assert 0.0 < np.linalg.norm(way) <= BEHAVIOUR.step
         assert way @ aim == pytest.approx(np.linalg.norm(way) * np.linalg.norm(aim))
 
 
@@ -94,91 +94,93 @@ def test_a_crowded_leader_is_not_followed():
     crowd = [(0.5, 0.5)] * 9 + [(0.6, 0.5)]
     shoal = shoal_of(crowd, [*range(1, 10), 0.0])
     # The best (share 0.9) has 9 around it: 0.1 > kappa * share.
-    follows = [owner for _, owner, _ in asked(shoal, FOLLOW_MOVE, ways=WAYS._replace(congestion=0.2))]
+    follows = [owner for _, owner, _ in requested(shoal, FOLLOW_MOVE, behaviour=BEHAVIOUR._replace(congestion=0.2))]
     assert follows == [owner for owner in range(9) if 0.2 * shoal.share[owner] < 0.1]
     assert 0 < len(follows) < 9
 
 
 def test_without_congestion_every_better_leader_is_followed():
     shoal = shoal_of([(0.5, 0.5)] * 9 + [(0.6, 0.5)], [*range(1, 10), 0.0])
-    assert len(asked(shoal, FOLLOW_MOVE, ways=WAYS._replace(congestion=0.0))) == 9
+    assert len(requested(shoal, FOLLOW_MOVE, behaviour=BEHAVIOUR._replace(congestion=0.0))) == 9
 
 
 def test_an_equal_leader_is_not_followed():
     shoal = shoal_of([(0.5, 0.5), (0.6, 0.5)], [1.0, 1.0])
-    assert asked(shoal, FOLLOW_MOVE) == []
+    assert requested(shoal, FOLLOW_MOVE) == []
 
 
-def test_swarming_asks_for_the_centre_and_steps_toward_a_good_one():
+def test_swarming_evaluates_the_centre_and_steps_toward_a_good_one():
     shoal = shoal_of(PLACES, COSTS)
-    centres = asked(shoal, CENTRE)
+    centres = requested(shoal, CENTRE)
     assert [owner for _, owner, _ in centres] == [0, 1, 2]
     # Good for fish 0 (better than 3 of 4), good for 1, without food for 2.
-    behaviour.tell(shoal, 3, np.array([1.5, 2.5, 5.0]))
-    moves = asked(shoal, SWARM_MOVE)
+    behaviour.receive(shoal, 3, np.array([1.5, 2.5, 5.0]))
+    moves = requested(shoal, SWARM_MOVE)
     assert [owner for _, owner, _ in moves] == [0, 1]
     for _, owner, point in moves:
         way, aim = point - shoal.place[owner], shoal.centre[owner] - shoal.place[owner]
         assert way @ aim == pytest.approx(np.linalg.norm(way) * np.linalg.norm(aim))
-        assert np.linalg.norm(way) <= WAYS.step
+        assert np.linalg.norm(way) <= BEHAVIOUR.step
 
 
-def test_a_crowded_centre_is_kept_away_from():
+def test_a_crowded_centre_is_avoided():
     shoal = shoal_of(PLACES, COSTS)
-    asked(shoal, CENTRE)
-    behaviour.tell(shoal, 3, np.array([1.5, 2.5, 2.5]))
+    requested(shoal, CENTRE)
+    behaviour.receive(shoal, 3, np.array([1.5, 2.5, 2.5]))
     # Fish 2: food of the centre 0.5 over 2 partners, its own 0.75: up to kappa 1/3.
-    assert 2 in [owner for _, owner, _ in asked(shoal, SWARM_MOVE, ways=WAYS._replace(congestion=0.33))]
-    assert 2 not in [owner for _, owner, _ in asked(shoal, SWARM_MOVE, ways=WAYS._replace(congestion=0.34))]
+    assert 2 in [owner for _, owner, _ in requested(shoal, SWARM_MOVE, behaviour=BEHAVIOUR._replace(congestion=0.33))]
+    assert 2 not in [
+        owner for _, owner, _ in requested(shoal, SWARM_MOVE, behaviour=BEHAVIOUR._replace(congestion=0.34))
+    ]
 
 
 def test_a_fish_in_the_middle_of_its_partners_stays():
     shoal = shoal_of([(0.5, 0.5), (0.4, 0.5), (0.6, 0.5)], [9.0, 1.0, 1.0])
-    asked(shoal, CENTRE)
-    behaviour.tell(shoal, 3, np.array([0.0, np.inf, np.inf]))
-    assert asked(shoal, SWARM_MOVE) == []
+    requested(shoal, CENTRE)
+    behaviour.receive(shoal, 3, np.array([0.0, np.inf, np.inf]))
+    assert requested(shoal, SWARM_MOVE) == []
 
 
-def test_preying_looks_everywhere_within_vision():
+def test_tries_are_distributed_within_vision():
     tries = 400
     shoal = shoal_of([(0.5, 0.5), (0.5, 0.5)], [1.0, 2.0], tries=tries)
-    points = np.array([point for _, owner, point in asked(shoal, TRY, tries=(0, tries)) if owner == 0])
-    ways = points - 0.5
-    distances = np.linalg.norm(ways, axis=1)
+    points = np.array([point for _, owner, point in requested(shoal, TRY, tries=(0, tries)) if owner == 0])
+    behaviour = points - 0.5
+    distances = np.linalg.norm(behaviour, axis=1)
     assert len(points) == tries
-    assert distances.max() <= WAYS.reach
-    assert distances.max() > 0.95 * WAYS.reach
-    angles = np.arctan2(ways[:, 1], ways[:, 0])
+    assert distances.max() <= BEHAVIOUR.reach
+    assert distances.max() > 0.95 * BEHAVIOUR.reach
+    angles = np.arctan2(behaviour[:, 1], behaviour[:, 0])
     assert np.histogram(angles, bins=4, range=(-math.pi, math.pi))[0].min() > tries / 6
 
 
 def test_preying_steps_toward_the_best_of_better_tries_only():
     shoal = shoal_of([(0.5, 0.5), (0.1, 0.1)], [1.0, 2.0])
-    looked = asked(shoal, TRY)
+    looked = requested(shoal, TRY)
     assert [owner for _, owner, _ in looked] == [0, 0, 1, 1]
-    behaviour.tell(shoal, 4, np.array([0.9, 0.8, 2.0, np.nan]))
-    ((kind, owner, point),) = asked(shoal, PREY_MOVE)
+    behaviour.receive(shoal, 4, np.array([0.9, 0.8, 2.0, np.nan]))
+    ((kind, owner, point),) = requested(shoal, PREY_MOVE)
     assert (kind, owner) == (PREY_MOVE, 0)
     aim, way = looked[1][2] - 0.5, point - 0.5
     assert way @ aim == pytest.approx(np.linalg.norm(way) * np.linalg.norm(aim))
 
 
-def test_one_who_has_found_prey_does_not_try_again():
+def test_a_fish_with_prey_does_not_try_again():
     shoal = shoal_of([(0.5, 0.5), (0.1, 0.1)], [1.0, 2.0])
-    asked(shoal, TRY, tries=(0, 1))
-    behaviour.tell(shoal, 2, np.array([0.5, 3.0]))
-    assert [owner for _, owner, _ in asked(shoal, TRY, tries=(1, 2))] == [1]
+    requested(shoal, TRY, tries=(0, 1))
+    behaviour.receive(shoal, 2, np.array([0.5, 3.0]))
+    assert [owner for _, owner, _ in requested(shoal, TRY, tries=(1, 2))] == [1]
 
 
-def test_whom_nothing_has_helped_moves_at_random_even_to_a_worse_place():
+def test_a_fish_without_a_better_place_moves_at_random():
     shoal = shoal_of([(0.5, 0.5), (0.1, 0.1)], [1.0, 2.0])
     shoal.move_cost[1] = 1.5
     shoal.move_kind[1] = FOLLOW_MOVE
     shoal.move_place[1] = 0.15
-    ((kind, owner, point),) = asked(shoal, RANDOM_MOVE)
+    ((kind, owner, point),) = requested(shoal, RANDOM_MOVE)
     assert (kind, owner) == (RANDOM_MOVE, 0)
-    assert 0.0 < np.linalg.norm(point - 0.5) <= WAYS.step
-    behaviour.tell(shoal, 1, np.array([7.0]))
+    assert 0.0 < np.linalg.norm(point - 0.5) <= BEHAVIOUR.step
+    behaviour.receive(shoal, 1, np.array([7.0]))
     moves = np.zeros(4, np.int64)
     behaviour.settle(shoal, moves)
     assert shoal.cost.tolist() == [7.0, 1.5]
@@ -194,10 +196,10 @@ def test_a_step_that_leaves_the_box_ends_at_its_wall():
     assert point.tolist() == [0.0, 0.1]
 
 
-def test_a_look_or_a_random_step_beyond_a_wall_falls_inside_and_not_upon_it():
+def test_tries_and_random_steps_are_mirrored_into_the_box():
     """In many dimensions half of all looks would otherwise be at walls, which are no part of the box worth that."""
     shoal = shoal_of([(0.0, 1.0)] * 50, [1.0] * 50)
-    points = np.array([point for _, _, point in asked(shoal, TRY, RANDOM_MOVE)])
+    points = np.array([point for _, _, point in requested(shoal, TRY, RANDOM_MOVE)])
     assert points.min() > 0.0
     assert points.max() < 1.0
     assert points[:, 0].max() > 0.05
@@ -214,12 +216,12 @@ def test_walls_are_mirrors(coordinate):
         assert image == coordinate
 
 
-def test_the_bulletin_board_hears_of_every_place_looked_at():
+def test_the_bulletin_board_includes_every_evaluated_point():
     shoal = shoal_of(PLACES, COSTS)
-    found = asked(shoal, CENTRE, TRY)
+    found = requested(shoal, CENTRE, TRY)
     costs = np.full(len(found), 9.0)
     costs[4] = -3.0
-    behaviour.tell(shoal, len(found), costs)
+    behaviour.receive(shoal, len(found), costs)
     assert shoal.best_cost[0] == -3.0
     np.testing.assert_array_equal(shoal.best_place, found[4][2])
 
@@ -229,18 +231,18 @@ def test_the_move_that_helps_most_is_taken():
     shoal.owner[:3] = 0
     shoal.kind[:3] = FOLLOW_MOVE, SWARM_MOVE, PREY_MOVE
     shoal.point[:3] = [(0.51, 0.5), (0.52, 0.5), (0.53, 0.5)]
-    behaviour.tell(shoal, 3, np.array([4.0, 2.0, 3.0]))
+    behaviour.receive(shoal, 3, np.array([4.0, 2.0, 3.0]))
     moves = np.zeros(4, np.int64)
     behaviour.settle(shoal, moves)
     assert shoal.place[0].tolist() == [0.52, 0.5]
     assert moves.tolist() == [0, 1, 0, 0]
 
 
-def test_a_content_fish_asks_for_nothing_more():
+def test_a_content_fish_requests_no_more_points():
     shoal = shoal_of(PLACES, COSTS)
     shoal.move_cost[:2] = 0.0
-    content = WAYS._replace(content=True)
-    assert {owner for _, owner, _ in asked(shoal, FOLLOW_MOVE, CENTRE, TRY, ways=content)} == {2, 3}
+    content = BEHAVIOUR._replace(content=True)
+    assert {owner for _, owner, _ in requested(shoal, FOLLOW_MOVE, CENTRE, TRY, behaviour=content)} == {2, 3}
 
 
 def test_the_stages_of_each_strategy():

@@ -7,35 +7,34 @@ import numpy as np
 import pytest
 
 from hil.__main__ import main
-from hil.lab.swarm.comparison import SEARCHES, Budget, Row, _SpentError, compare, error, text
-from hil.lab.swarm.functions import TABLE, sphere
+from hil.lab.swarm.comparison import SEARCHES, TABLE, Budget, Row, _SpentError, compare, error, sphere, text
 
 needs_cma = pytest.mark.skipif(importlib.util.find_spec("cma") is None, reason="cma is in the extra dev")
 LOW, HIGH = np.full(2, -5.12), np.full(2, 5.12)
 
 
-def test_what_is_beyond_the_budget_does_not_count():
+def test_evaluations_beyond_the_budget_do_not_count():
     budget = Budget(lambda points: points[:, 0], 3)
     budget(np.array([[5.0], [4.0]]))
     with pytest.raises(_SpentError):
         budget(np.array([[3.0], [-9.0]]))
-    assert budget.least == 3.0
+    assert budget.minimum == 3.0
     with pytest.raises(_SpentError):
         budget(np.array([[-9.0]]))
-    assert budget.least == 3.0
+    assert budget.minimum == 3.0
 
 
 @needs_cma
 @pytest.mark.parametrize("name", SEARCHES)
 def test_every_search_spends_its_budget_and_is_decided_by_its_seed(name):
-    asked = []
+    sizes = []
 
     def counted(points):
-        asked.append(len(points))
+        sizes.append(len(points))
         return sphere(points)
 
     first = error(SEARCHES[name], counted, LOW, HIGH, 1500, 3)
-    assert 1200 <= sum(asked) <= 1700
+    assert 1200 <= sum(sizes) <= 1700
     assert first == error(SEARCHES[name], sphere, LOW, HIGH, 1500, 3)
     assert first < (0.1 if name == "chance" else 0.01)
 
@@ -47,7 +46,7 @@ def test_rows_hold_an_error_of_every_search_and_seed():
     assert {name: len(errors) for name, errors in row.errors.items()} == dict.fromkeys(SEARCHES, 2)
 
 
-def test_the_winner_is_named_even_where_it_is_not_ours():
+def test_the_best_search_is_named():
     lost = (1.0, 1.0, 1.0)
     errors = {"fish": (1e-3, 1e-9, 1.0), "DE": (1e-7, 1e-9, 1.0), "CMA-ES": lost, "chance": lost}
     row = Row("sphere", 2, 100, errors)

@@ -53,7 +53,7 @@ def same(one, other):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_nothing_but_the_seed_decides(variant):
+def test_the_seed_determines_the_result(variant):
     first = minimise(bowl, LOW, HIGH, variant)
     assert same(first, minimise(bowl, LOW, HIGH, variant))
     assert not np.array_equal(first.best, minimise(bowl, LOW, HIGH, replace(variant, seed=6)).best)
@@ -77,20 +77,20 @@ def test_workers_change_nothing(workers):
 
 
 @pytest.mark.parametrize("workers", [0, 257, 1.5])
-def test_workers_that_are_none_are_refused(workers):
+def test_an_invalid_number_of_workers_is_refused(workers):
     with pytest.raises(SettingsError, match="workers"):
         minimise(bowl, LOW, HIGH, QUICK, workers=workers)
 
 
-def test_a_callback_changes_nothing_and_hears_every_iteration():
-    told = []
+def test_a_callback_gets_every_iteration_and_changes_nothing():
+    reports = []
     variant = replace(QUICK, iterations=40)
-    with_callback = minimise(bowl, LOW, HIGH, variant, told.append)
+    with_callback = minimise(bowl, LOW, HIGH, variant, reports.append)
     assert same(with_callback, minimise(bowl, LOW, HIGH, variant))
-    assert [progress.iteration for progress in told] == list(range(1, 41))
-    assert [progress.evaluations for progress in told] == with_callback.history.evaluations[1:].tolist()
-    assert told[-1].best_value == with_callback.best_value
-    np.testing.assert_array_equal(told[-1].best, with_callback.best)
+    assert [progress.iteration for progress in reports] == list(range(1, 41))
+    assert [progress.evaluations for progress in reports] == with_callback.history.evaluations[1:].tolist()
+    assert reports[-1].best_value == with_callback.best_value
+    np.testing.assert_array_equal(reports[-1].best, with_callback.best)
 
 
 def test_a_callback_ends_the_search():
@@ -138,7 +138,7 @@ def test_only_the_order_of_values_matters_not_their_sign_or_scale(variant, chang
 
 
 class Watch:
-    """An objective that remembers what it was asked, and answers what it is told to."""
+    """An objective that remembers what it was asked, and answers what it is reports to."""
 
     def __init__(self, answer):
         self.points = []
@@ -156,7 +156,7 @@ boxes = st.lists(st.tuples(ends, ends), min_size=1, max_size=4).map(
 
 
 @given(boxes, st.sampled_from(VARIANTS), st.integers(0, 2**64 - 1))
-def test_every_point_lies_within_the_box_however_odd_it_is(box, variant, seed):
+def test_every_point_is_within_any_box(box, variant, seed):
     low, high = np.array(box).T
     watch = Watch(lambda points: np.sin(points[:, 0]))
     result = minimise(watch, low, high, replace(variant, seed=seed))
@@ -168,7 +168,7 @@ def test_every_point_lies_within_the_box_however_odd_it_is(box, variant, seed):
 
 
 @given(st.sampled_from(VARIANTS), st.integers(0, 1000), st.lists(st.floats(), min_size=1, max_size=5))
-def test_any_answers_do_no_harm(variant, seed, answers):
+def test_any_values_are_accepted(variant, seed, answers):
     """NaN, both infinities, subnormals, plateaus."""
     watch = Watch(lambda points: np.resize(answers, len(points)))
     result = minimise(watch, LOW, HIGH, replace(variant, seed=seed))
@@ -197,7 +197,7 @@ def test_the_history_is_the_searchs(variant):
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("most", [8, 9, 60, 500])
 def test_the_evaluations_are_used_to_the_last(variant, most):
-    variant = replace(variant, iterations=1000, most_evaluations=most)
+    variant = replace(variant, iterations=1000, max_evaluations=most)
     watch = Watch(bowl)
     result = minimise(watch, LOW, HIGH, variant)
     points = np.vstack(watch.points)
@@ -208,7 +208,7 @@ def test_the_evaluations_are_used_to_the_last(variant, most):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_limit_of_evaluations_gets_as_fine_a_search_as_iterations_do(variant):
-    result = minimise(bowl, LOW, HIGH, replace(variant, iterations=1000, most_evaluations=500))
+    result = minimise(bowl, LOW, HIGH, replace(variant, iterations=1000, max_evaluations=500))
     assert result.history.vision[-1] < variant.vision * variant.shrink**0.8
 
 
@@ -225,7 +225,7 @@ def test_all_tries_of_the_whole_shoal_are_one_call():
     assert len(moves) <= 2
 
 
-def test_fish_start_where_they_are_told_to():
+def test_start_places_are_used():
     watch = Watch(bowl)
     start = [(0.5, 5e-4, 4000.0), HIGH]
     minimise(watch, LOW, HIGH, QUICK, start=start)
@@ -233,7 +233,7 @@ def test_fish_start_where_they_are_told_to():
     minimise(watch, LOW, HIGH, QUICK, start=start[0])
 
 
-def test_the_objective_may_keep_and_spoil_what_it_is_given():
+def test_the_objective_may_change_its_arguments():
     def spoiling(points):
         values = bowl(points)
         points[:] = np.nan
@@ -270,25 +270,25 @@ def test_memory_grows_by_the_history_alone():
         ([-1.7e308], [1.7e308], "so must be their distance"),
     ],
 )
-def test_a_box_that_is_none_is_refused(low, high, remedy):
+def test_an_invalid_box_is_refused(low, high, remedy):
     with np.errstate(over="ignore"), pytest.raises(SettingsError, match=remedy):
         minimise(bowl, low, high)
 
 
 @pytest.mark.parametrize("answer", [lambda points: 1.0, lambda points: points, lambda points: points[:-1, 0]])
-def test_an_answer_of_the_wrong_shape_is_refused(answer):
+def test_values_of_a_wrong_shape_are_refused(answer):
     with pytest.raises(SettingsError, match="one value for each"):
         minimise(answer, LOW, HIGH, QUICK)
 
 
 @pytest.mark.parametrize("start", [[[0.0]], [[0.0] * 3] * 9, [(9.0, 0.0, 10.0)], [(np.nan, 0.0, 10.0)], [[[0.0] * 3]]])
-def test_a_start_that_is_none_is_refused(start):
+def test_an_invalid_start_is_refused(start):
     with pytest.raises(SettingsError, match="start"):
         minimise(bowl, LOW, HIGH, QUICK, start=start)
 
 
-def test_a_plain_function_is_no_compiled_objective():
-    with pytest.raises(SettingsError, match="numba has compiled"):
+def test_a_plain_function_is_not_a_compiled_objective():
+    with pytest.raises(SettingsError, match="compiled by numba"):
         minimise(CompiledObjective(bowl), LOW, HIGH, QUICK)
 
 

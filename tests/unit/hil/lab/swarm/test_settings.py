@@ -28,7 +28,7 @@ from hil.lab.swarm import SettingsError, SwarmSettings
         ("shrink", 2.0),
         ("strategy", "best"),
         ("prey", ""),
-        ("most_evaluations", 1),
+        ("max_evaluations", 1),
     ],
 )
 def test_a_value_out_of_range_is_named_with_its_remedy(name, value):
@@ -38,7 +38,7 @@ def test_a_value_out_of_range_is_named_with_its_remedy(name, value):
 
 def test_the_ends_of_the_ranges_are_allowed():
     SwarmSettings(fish=2, iterations=1, tries=1, vision=1.0, step=1.0, congestion=0.0, shrink=1.0, seed=2**64 - 1)
-    SwarmSettings(fish=30, congestion=1.0, most_evaluations=30)
+    SwarmSettings(fish=30, congestion=1.0, max_evaluations=30)
 
 
 def test_settings_are_values():
