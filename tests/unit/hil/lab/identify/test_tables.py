@@ -134,7 +134,7 @@ def test_the_speed_through_the_water_is_preferred(tmp_path):
 def test_a_table_without_names_is_refused(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(table("0.0,1e-3,-2", (TIME, RUDDER, HEADING)))
-    with pytest.raises(UsageError, match=r"table\.csv:1: numbers where the columns' names should be; put a line above"):
+    with pytest.raises(UsageError, match=r"table\.csv:1: numbers instead of column names; add a header line"):
         read(path)
 
 

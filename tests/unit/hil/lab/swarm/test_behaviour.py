@@ -42,8 +42,8 @@ def bit(*kinds):
     return sum(1 << kind for kind in kinds)
 
 
-def requested(shoal, *kinds, behaviour=BEHAVIOUR, tries=(0, 2)):
-    count = behaviour.request(shoal, bit(*kinds), *tries, behaviour)
+def requested(shoal, *kinds, settings=BEHAVIOUR, tries=(0, 2)):
+    count = behaviour.request(shoal, bit(*kinds), *tries, settings)
     return [
         (int(kind), int(owner), point.copy())
         for kind, owner, point in zip(shoal.kind[:count], shoal.owner[:count], shoal.point[:count], strict=True)
@@ -94,14 +94,14 @@ def test_a_crowded_leader_is_not_followed():
     crowd = [(0.5, 0.5)] * 9 + [(0.6, 0.5)]
     shoal = shoal_of(crowd, [*range(1, 10), 0.0])
     # The best (share 0.9) has 9 around it: 0.1 > kappa * share.
-    follows = [owner for _, owner, _ in requested(shoal, FOLLOW_MOVE, behaviour=BEHAVIOUR._replace(congestion=0.2))]
+    follows = [owner for _, owner, _ in requested(shoal, FOLLOW_MOVE, settings=BEHAVIOUR._replace(congestion=0.2))]
     assert follows == [owner for owner in range(9) if 0.2 * shoal.share[owner] < 0.1]
     assert 0 < len(follows) < 9
 
 
 def test_without_congestion_every_better_leader_is_followed():
     shoal = shoal_of([(0.5, 0.5)] * 9 + [(0.6, 0.5)], [*range(1, 10), 0.0])
-    assert len(requested(shoal, FOLLOW_MOVE, behaviour=BEHAVIOUR._replace(congestion=0.0))) == 9
+    assert len(requested(shoal, FOLLOW_MOVE, settings=BEHAVIOUR._replace(congestion=0.0))) == 9
 
 
 def test_an_equal_leader_is_not_followed():
@@ -128,9 +128,9 @@ def test_a_crowded_centre_is_avoided():
     requested(shoal, CENTRE)
     behaviour.receive(shoal, 3, np.array([1.5, 2.5, 2.5]))
     # Fish 2: food of the centre 0.5 over 2 partners, its own 0.75: up to kappa 1/3.
-    assert 2 in [owner for _, owner, _ in requested(shoal, SWARM_MOVE, behaviour=BEHAVIOUR._replace(congestion=0.33))]
+    assert 2 in [owner for _, owner, _ in requested(shoal, SWARM_MOVE, settings=BEHAVIOUR._replace(congestion=0.33))]
     assert 2 not in [
-        owner for _, owner, _ in requested(shoal, SWARM_MOVE, behaviour=BEHAVIOUR._replace(congestion=0.34))
+        owner for _, owner, _ in requested(shoal, SWARM_MOVE, settings=BEHAVIOUR._replace(congestion=0.34))
     ]
 
 
@@ -242,7 +242,7 @@ def test_a_content_fish_requests_no_more_points():
     shoal = shoal_of(PLACES, COSTS)
     shoal.move_cost[:2] = 0.0
     content = BEHAVIOUR._replace(content=True)
-    assert {owner for _, owner, _ in requested(shoal, FOLLOW_MOVE, CENTRE, TRY, behaviour=content)} == {2, 3}
+    assert {owner for _, owner, _ in requested(shoal, FOLLOW_MOVE, CENTRE, TRY, settings=content)} == {2, 3}
 
 
 def test_the_stages_of_each_strategy():

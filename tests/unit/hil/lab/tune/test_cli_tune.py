@@ -53,7 +53,7 @@ def refused(capsys, *words: str) -> str:
         (["--fixed-gains", "--scenarios", "ocean-1"], "has disturbances that the trial runs do not have"),
         (["--seed", "-3"], "--seed -3"),
         (["--plot", "picture.gif"], "must end in .png or .html"),
-        (["--json", "nowhere/at/all.json"], "make it first"),
+        (["--json", "nowhere/at/all.json"], "create it first"),
         (["--json", "/"], "is a directory"),
         (["--out-params", "."], "is a directory"),
         (["--vehicle", "no-such.toml"], "no such vehicle file"),
@@ -68,7 +68,7 @@ def test_a_usage_error_is_one_line_with_a_remedy(capsys, words, error):
 
 def test_a_read_only_file_is_refused_before_the_search(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("os.access", lambda _path, _mode: False)
-    assert "may not be written" in refused(capsys, "--json", str(tmp_path / "tune.json"))
+    assert "no permission to write" in refused(capsys, "--json", str(tmp_path / "tune.json"))
 
 
 def test_a_write_error_is_one_line():
@@ -79,7 +79,7 @@ def test_a_write_error_is_one_line():
 @pytest.fixture(autouse=True)
 def _quiet(monkeypatch):
     """ProgressReport nothing now and then, however slow the machine is."""
-    monkeypatch.setattr(progress, "NOW_AND_THEN_S", math.inf)
+    monkeypatch.setattr(progress, "PIPE_S", math.inf)
 
 
 NAMES = {"--json": "tune.json", "--plot": "tune.png", "--out-params": "tune.param"}
