@@ -34,7 +34,7 @@ NAMES = "heard told shown asked said least much enough worth"
 DOCSTRING = re.compile(r'^[rRbBuUfF]*"""\s*Returns? (?:what|who|how)\b')
 # Names of parameters, faults, commands, keys and log fields that scripts rely on.
 KEPT = re.compile(
-    r"\b(?:POS_RECKON_M|told_s)\b|\breckoned(?:_\w+\b|(?=:))|dead-reckoned|hindrance(?=[`\"'])|(?<=one\.)hindrance"
+    r"\b(?:POS_RECKON_M|told_s)\b|(?<=\")tells(?=\")|\breckoned(?:_\w+\b|(?=:))|dead-reckoned|hindrance(?=[`\"'])|(?<=one\.)hindrance"
 )
 # Former names of stored fields.
 FORMER = re.compile(r"^FORMER_NAMES.*?^}", re.MULTILINE | re.DOTALL)

@@ -161,10 +161,10 @@ def failure(outcome: Outcome, limits: Mapping[str, float]) -> str:
     values = {name: getattr(outcome.scores, name) for name in limits}
     # NaN fails, too.
     over = [name for name, value in values.items() if not abs(value) <= limits[name]]
-    return ", ".join(f"{name} {_shown(values[name])}" for name in over)
+    return ", ".join(f"{name} {_score_text(values[name])}" for name in over)
 
 
-def _shown(value: float) -> str:
+def _score_text(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else "never"
 
 
