@@ -96,9 +96,9 @@ def test_a_hull_that_cannot_be_is_one_line(tmp_path, capsys, hull, remedy):
 
 
 @pytest.mark.parametrize("text", ["", "0", "-1", "nan", "inf", "1e9", "0.4,,0.8", "fast", ",".join(["1"] * 1001)])
-def test_speeds_that_are_none_are_refused(capsys, text):
+def test_invalid_speeds_are_refused(capsys, text):
     assert main(["similarity", f"--speeds={text}"]) == 2
-    assert "give" in capsys.readouterr().err
+    assert "rambler-hil: --speeds: " in capsys.readouterr().err
 
 
 def test_a_rudder_offset_of_the_model_is_left_out_of_the_circle():

@@ -267,7 +267,7 @@ def test_memory_grows_by_the_history_alone():
         ([0.0, 1.0], [1.0, 1.0], "coordinate 1: low 1 is not below high 1"),
         ([0.0], [np.nan], "must be finite"),
         ([-np.inf], [0.0], "must be finite"),
-        ([-1.7e308], [1.7e308], "so must be their distance"),
+        ([-1.7e308], [1.7e308], "bounds and their difference must be finite"),
     ],
 )
 def test_an_invalid_box_is_refused(low, high, remedy):
