@@ -77,6 +77,7 @@ fuzz: $(FUZZ_READY)
 	@PYTHONPATH=.:tests PYTHONHASHSEED=0 $(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(FUZZ)
 
 lint: $(READY)
+	$(BIN)/python .ci/language.py
 	$(BIN)/ruff check firmware_py hil tests docs .ci
 	$(BIN)/ruff format --check firmware_py hil tests docs .ci
 	$(BIN)/lint-imports --no-cache

@@ -32,7 +32,7 @@ def parameter_list(station):
 
 
 def check_parameters(station):
-    expected = {row.name: row.default for row in TABLE} | {"STAT_BOOTCNT": 1.0}  # her first start
+    expected = {row.name: row.default for row in TABLE} | {"STAT_BOOTCNT": 1.0}  # the first start
     assert parameter_list(station) == pytest.approx(expected)
     for number, row in enumerate(row for row in TABLE if row.kind is Kind.REAL and row.name.startswith("CTL_")):
         value = row.check(min(row.default + 0.25 * (number + 1), row.maximum))
@@ -41,7 +41,7 @@ def check_parameters(station):
             station,
             lambda row=row, value=value: station.mav.param_set_send(1, 1, row.name.encode(), value, 9),
             "PARAM_VALUE",
-            lambda told, row=row, value=value: (told.param_id, told.param_value) == (row.name, pytest.approx(value)),
+            lambda reply, row=row, value=value: (reply.param_id, reply.param_value) == (row.name, pytest.approx(value)),
         )
     assert parameter_list(station) == pytest.approx(expected)
 

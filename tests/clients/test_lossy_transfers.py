@@ -17,7 +17,7 @@ from support.relay import RETRY_S, check_losses, request_reply
 from support.station import PATIENCE_S
 
 SEEDS = [1, 2, 3]
-SILENCE_S = 1.0  # longer than she waits before she asks again
+SILENCE_S = 1.0  # longer than the autopilot waits before it repeats a request
 LOG_BLOCK = 90
 UPLOAD_BYTES = 3000
 NONE, TERMINATE, OPEN_READ, READ, CREATE, WRITE, CHECKSUM, BURST_READ = 0, 1, 4, 5, 6, 7, 14, 15
@@ -30,7 +30,7 @@ FTP = struct.Struct("<HBBBBBBI239s")
 
 
 def items(count, seed):
-    """Item 0 is home, hers to keep; the others are all different."""
+    """Item 0 is home; all others differ."""
     chances = random.Random(seed)
     return [
         (360_000_000 + chances.randrange(9_000_000), 1_210_000_000 + number, chances.randrange(1, 90))
@@ -48,16 +48,16 @@ def upload(station, places):
         x, y, radius_m = places[number]
         station.mav.mission_item_int_send(1, 1, number, 6, 16, 0, 1, 0, radius_m, 0, 0, x, y, 0.0, 0)
 
-    last_word = count
+    resend = count
     give_up_s = time.monotonic() + 6.0 * PATIENCE_S
-    last_word()
+    resend()
     while time.monotonic() < give_up_s:
-        heard = station.link.recv_match(type=["MISSION_REQUEST_INT", "MISSION_ACK"], blocking=True, timeout=SILENCE_S)
-        if heard is not None and heard.get_type() == "MISSION_ACK":
-            return heard.type
-        if heard is not None:
-            last_word = functools.partial(give, heard.seq)
-        last_word()
+        message = station.link.recv_match(type=["MISSION_REQUEST_INT", "MISSION_ACK"], blocking=True, timeout=SILENCE_S)
+        if message is not None and message.get_type() == "MISSION_ACK":
+            return message.type
+        if message is not None:
+            resend = functools.partial(give, message.seq)
+        resend()
     return pytest.fail("the mission was not acknowledged")
 
 
@@ -154,7 +154,7 @@ class Files:
         return pieces
 
     def put(self, path, content):
-        """Send a file, piece by piece; returns her checksum of it."""
+        """Send a file, piece by piece; return the checksum that the autopilot computes."""
         kind, session, _ = self.request(CREATE, path.encode())
         assert kind == ACK, path
         for at in range(0, len(content), 239):

@@ -55,11 +55,11 @@ def test_what_is_accepted_has_its_reason_and_its_log():
     assert all(entry["reason"] for entry in ACCEPTED.values())
 
 
-def test_a_change_of_behaviour_is_told_from_another(capsys, monkeypatch):
+def test_another_change_of_behaviour_is_not_accepted(capsys, monkeypatch):
     right, factor = law.gains_of, 1.01
     monkeypatch.setattr(law, "gains_of", lambda *given: (gains := right(*given))._replace(k1=gains.k1 * factor))
     code, _, found = replayed(LOGS["tank_pni_volz.BIN"], capsys)
-    accepted = {"tank_pni_volz.BIN": found | {"reason": "a stiffer helm"}}
+    accepted = {"tank_pni_volz.BIN": found | {"reason": "a larger gain"}}
     assert code == 1
     assert found["first_difference"]["tick"] > 0
     assert replayed(LOGS["tank_pni_volz.BIN"], capsys)[2] == expected("tank_pni_volz.BIN", accepted)
@@ -80,15 +80,15 @@ def test_a_log_computed_again_after_a_change_has_the_same_inputs_and_is_recomput
     assert (code, found, report["compared"]) == (0, UNCHANGED, 400)
 
 
-def test_a_boat_wakes_as_she_was(tmp_path):
+def test_a_boat_resumes_the_state_of_an_earlier_version(tmp_path):
     for path in (DATA / "state").iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    store, said = Store(tmp_path), []
-    values, unusable = load_parameters(store, said.append)
-    plans = load_plans(store, said.append)
+    store, messages = Store(tmp_path), []
+    values, unusable = load_parameters(store, messages.append)
+    plans = load_plans(store, messages.append)
     parameters = ParameterSet().replaced("BOOT_RESUME", 2)
     ten_minutes_later = Moment(1767225600.0 + 600.0)
-    state = resume(State.at_start(parameters, plans), store.load(RESUME_FILE), ten_minutes_later, said.append)
+    state = resume(State.at_start(parameters, plans), store.load(RESUME_FILE), ten_minutes_later, messages.append)
     store.close()
     assert (values, unusable) == ({"STAT_BOOTCNT": 1.0}, {})
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
@@ -96,4 +96,4 @@ def test_a_boat_wakes_as_she_was(tmp_path):
     assert state.guidance.mission.identity == plans.of(PlanKind.MISSION).identity == 2274171152
     assert state.home is not None
     assert state.greeting == "Resumed AUTO, 10 min old"
-    assert said == []
+    assert messages == []

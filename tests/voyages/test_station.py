@@ -95,7 +95,7 @@ def test_a_restart_without_a_receiver_keeps_the_station(boot):
 def stronger(speed_m_s, seed, **more):
     boat = rig.Sailing(rig.scenario(speed_m_s, 1.2 * speed_m_s, **more), seed).under_way(Mode.LOITER)
     boat.run(1800.0)
-    report_s = boat.times_of("Current stronger than she is")
+    report_s = boat.times_of("Current too strong")
     into_deg = math.degrees(boat.track[-1][3]) - (more.get("toward_deg", 90.0) + 180.0)
     return report_s, abs(math.remainder(into_deg, 360.0))
 
