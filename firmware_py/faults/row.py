@@ -13,7 +13,7 @@ from firmware_py.common.records import DeviceState, Severity
 class Action(Enum):
     """What is done while a fault is set, whatever mode is chosen as well; the values are the texts of the page."""
 
-    ALERT = "alert only"
+    ALERT = "alert only (the boat reports it and continues its task)"
     HOLD_THEN_AMIDSHIPS = "hold the last rudder angle for CTL_HOLD_S, then centre the rudder"
     NEXT_SOURCE = "use the next heading source, course over ground last"
     REJECT_FIX = "continue from the last accepted position"

@@ -66,7 +66,9 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="No valid heading: rudder held, then centred",
         recovery="Heading recovered",
         arming_refusal="no valid heading",
-        remedy="check power and cable of the compass; a second compass or a course over ground avoids this fault",
+        remedy="from shore: nothing steers the boat until a heading returns; with a GPS fix and way its course over "
+        "ground is one. Plan its recovery. At the boat: check power and cable of the compass; a second compass "
+        "avoids this fault",
     ),
     Fault.POSITION_LOST: FaultRow(
         condition="no accepted fix for POS_TIMEOUT_S after an earlier one (longer for a receiver with a low rate), or "
@@ -78,7 +80,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_POS_ACT",
         text="GPS position lost",
         recovery="GPS position recovered",
-        remedy="check the antenna, its view of the sky and its plug for water; meanwhile the boat uses dead reckoning",
+        remedy="from shore: nothing for hours, the boat uses dead reckoning; near danger, send a heading (STEERING, "
+        "GUIDED). At the boat: check the antenna, its view of the sky and its plug for water",
     ),
     Fault.RUDDER_SILENT: FaultRow(
         condition="no response from the servo for RUD_TIMEOUT_S (longer if it is polled at a low rate)",
@@ -89,7 +92,9 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Rudder servo not responding",
         recovery="Rudder servo responding again",
         arming_refusal="rudder servo not responding",
-        remedy="check power and cable of the servo, its id and baud rate; no mode can steer without the servo",
+        remedy="from shore: do not disarm, because arming is refused meanwhile; no mode can steer without the servo, "
+        "so plan the recovery of the boat. At the boat: check power and cable of the servo, its id and baud "
+        "rate",
     ),
     Fault.RUDDER_ERROR: FaultRow(
         condition="the servo reports a hardware error, or does not accept or keep its settings",
@@ -101,7 +106,9 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Rudder servo reports an error",
         recovery="Rudder servo error cleared",
         arming_refusal="rudder servo reports an error",
-        remedy="`rambler status` shows the error; let the servo cool, free the rudder, switch the servo off and on",
+        remedy="from shore: HOLD for some minutes, armed (arming is refused meanwhile), then choose the mode again. "
+        "At the boat: `rambler status` shows the error; let the servo cool, free the rudder, switch the servo "
+        "off and on",
     ),
     Fault.LOOP_LATE: FaultRow(
         condition="the control loop skipped deadlines within the last 2 s",
@@ -119,7 +126,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         text="Storage error: logs or settings not saved",
         recovery="Storage error cleared",
-        remedy="the disk fails, is read-only or out of inodes (`df -i`); nothing is logged meanwhile: fetch the logs",
+        remedy="from shore: nothing, steering continues; what you set may be lost at a restart. At the boat: fetch "
+        "the logs; the disk fails, is read-only or out of inodes (`df -i`)",
     ),
     Fault.CURRENT_STRONG: FaultRow(
         condition="the current exceeds the speed through the water by its standard deviation, for 2 min",
@@ -128,7 +136,10 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.POINT_INTO_CURRENT,
         text="Current too strong: position cannot be held",
         recovery="Current no longer too strong",
-        remedy="wait for the tide to turn, or send the boat to a place with a weaker current",
+        remedy="from shore: wait for the tide, or send the boat to a place with a weaker current. LOITER: outside "
+        "its circle the boat points into the current and drifts slowly. AUTO, RTL, GUIDED: it steers for the "
+        "smallest loss; a waypoint that it is carried past does not count as reached. Afterwards the task "
+        "continues by itself",
     ),
     Fault.MISSION_UNUSABLE: FaultRow(
         condition="armed in AUTO without a mission, or the jumps of the mission lead to no waypoint",
@@ -149,7 +160,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Fence breached",
         recovery="Fence breach cleared",
         arming_refusal="outside the fence",
-        remedy="bring the boat back, or correct the fence; `FENCE_ENABLE` 0 disables it",
+        remedy="from shore: wait while `FS_FENCE_ACT` brings the boat back, or send it a position inside; if the "
+        "fence is wrong, correct it; `FENCE_ENABLE` 0 disables it",
     ),
     Fault.COMPASS_SILENT: FaultRow(
         condition="no heading from a compass for CMP_TIMEOUT_S after earlier ones (longer for one with a low rate)",
@@ -160,7 +172,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.NEXT_SOURCE,
         text="Compass: no data",
         recovery="Compass: data recovered",
-        remedy="check power and cable of the compass named; meanwhile the next heading source is used",
+        remedy="from shore: nothing, the next heading source is used (text `Heading source: ...`). At the boat: "
+        "check power and cable of the compass named",
     ),
     Fault.COMPASS_FROZEN: FaultRow(
         condition="the reading of a compass does not change though rudder, waves, the other compass or the track show "
@@ -171,7 +184,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Compass frozen: not used",
         recovery="Compass no longer frozen",
         arming_refusal="compass frozen",
-        remedy="switch the compass off and on; the reading of a simulated compass may stand still: `CMP_FROZEN_S`",
+        remedy="from shore: nothing, the next heading source is used. At the boat: switch the compass off and on; "
+        "the reading of a simulated compass may stand still: `CMP_FROZEN_S`",
     ),
     Fault.COMPASS_JUMPING: FaultRow(
         condition="for 1.5 s a compass has shown headings that the boat cannot have turned to",
@@ -182,7 +196,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Compass heading jumped: not used",
         recovery="Compass heading plausible again",
         arming_refusal="compass heading jumped",
-        remedy="look for moving magnetic objects near the compass and for a bad cable; see its headings in the log",
+        remedy="from shore: nothing, the next heading source is used. At the boat: look for moving magnetic objects "
+        "near the compass and for a bad cable; see its headings in the log",
     ),
     Fault.COMPASS_DISAGREES: FaultRow(
         condition="the headings of two working compasses differ by more than 15 deg",
@@ -193,7 +208,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Compasses disagree",
         recovery="Compasses agree again",
         arming_refusal="compasses disagree",
-        remedy="calibrate both (deviation, mounting); the course over ground shows which one is right",
+        remedy="from shore: the course over ground shows which one is right. At the boat: calibrate both (deviation, "
+        "mounting)",
     ),
     Fault.POSITION_JUMPING: FaultRow(
         condition="fixes are farther away than the boat can have sailed and are rejected, for at most POS_JUMP_S",
@@ -204,7 +220,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.REJECT_FIX,
         text="GPS position jumped: not used",
         recovery="GPS position plausible again",
-        remedy="spoofing, reflections or a bad antenna; if the boat was moved, the fault clears by itself",
+        remedy="from shore: wait, for at most `POS_JUMP_S`; if the boat was moved, the fault clears by itself. Else: "
+        "spoofing, reflections or a bad antenna",
     ),
     Fault.RUDDER_ASTRAY: FaultRow(
         condition="the rudder moves, but for 1.5 s not towards a command that is more than 3 deg away",
@@ -216,7 +233,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Rudder does not follow its command",
         recovery="Rudder follows its command again",
         arming_refusal="rudder does not follow its command",
-        remedy="check `RUD_REVERSE`, the screw of the servo horn and growth on the blade",
+        remedy="from shore: MANUAL to both sides, and watch the rudder angle. At the boat: check `RUD_REVERSE`, the "
+        "screw of the servo horn and growth on the blade",
     ),
     Fault.RUDDER_JAMMED: FaultRow(
         condition="the rudder has not moved for 1.5 s though its command is more than 3 deg away",
@@ -227,7 +245,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Rudder jammed: not driven, retry every 10 s",
         recovery="Rudder no longer jammed",
         arming_refusal="rudder jammed",
-        remedy="a line or weed in the rudder; moving it to and fro in MANUAL may free it",
+        remedy="from shore: move the rudder to and fro in MANUAL, which may free it. At the boat: a line or weed in "
+        "the rudder",
     ),
     Fault.RUDDER_HOT: FaultRow(
         condition="the servo temperature exceeds RUD_TEMP_MAX (clears 5 deg below it)",
@@ -239,7 +258,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Rudder servo too hot",
         recovery="Rudder servo temperature normal",
         arming_refusal="rudder servo too hot",
-        remedy="let it cool (HOLD); the load is too high: friction, or `CTL_PRICE` too low",
+        remedy="from shore: HOLD lets it cool, armed (arming is refused meanwhile); raise `CTL_PRICE` for less "
+        "rudder travel. At the boat: look for friction",
     ),
     Fault.RUDDER_OVERLOADED: FaultRow(
         condition="the servo current has exceeded RUD_AMP_MAX for 2 s",
@@ -249,7 +269,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_RUD_ACT",
         text="Rudder servo overcurrent: not driven",
         recovery="Rudder servo current normal",
-        remedy="something blocks the rudder; proceed as for a jam",
+        remedy="from shore: as for RUDDER_JAMMED. At the boat: something blocks the rudder",
     ),
     Fault.RUDDER_REPOWERED: FaultRow(
         condition="the servo restarted by itself within the last 5 s",
@@ -258,7 +278,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.CONFIGURE_SERVO,
         text="Rudder servo lost power: configured again",
         recovery="Rudder servo power stable again",
-        remedy="the supply of the servo was interrupted: check plug, fuse and cable cross-section",
+        remedy="from shore: nothing once; often: use less rudder (`CTL_PRICE`). At the boat: the supply of the servo "
+        "was interrupted: check plug, fuse and cable cross-section",
     ),
     Fault.SUPPLY_LOW: FaultRow(
         condition="the supply voltage, measured by the servo, is below BAT_LOW_VOLT (clears 3 % above it)",
@@ -270,7 +291,9 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Supply voltage low",
         recovery="Supply voltage normal",
         arming_refusal="supply voltage low",
-        remedy="check battery and cable; lower link rates and the `PWR_...` parameters save power",
+        remedy="from shore: save power (telemetry rates, `PWR_...`) and bring the boat home. At the boat: check "
+        "battery and cable. It is measured at the servo; BATTERY_LOW and BATTERY_CRITICAL need a battery "
+        "monitor. `BAT_LOW_VOLT` is 0, never, by default",
     ),
     Fault.STORAGE_FULL: FaultRow(
         condition="less than LOG_FREE_MB free on the disk of the state directory; stays set while the disk fails",
@@ -280,7 +303,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         text="Storage full: logging will stop",
         recovery="Storage no longer full",
-        remedy="old logs are deleted automatically, so other files fill the disk; fetch and delete them",
+        remedy="from shore: nothing, steering continues. At the boat: old logs are deleted automatically, so other "
+        "files fill the disk; fetch and delete them",
     ),
     Fault.CLOCK_STEPPED: FaultRow(
         condition="the system clock jumped by more than 2 s against the monotonic clock within the last 10 s",
@@ -300,7 +324,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         acts_in_manual=True,
         text="Ground station link lost",
         recovery="Ground station link recovered",
-        remedy="check the link of the ground station; `FS_GCS_ACT` chooses what the boat does meanwhile",
+        remedy="check radio, antenna and power of the ground station; `FS_GCS_ACT` chooses what the boat does "
+        "meanwhile. Messages by satellite do not clear it",
     ),
     Fault.STEERING_LOST: FaultRow(
         condition="the boat turns by less than an eighth of the turn expected from its rudder, for 30 s or longer",
@@ -309,7 +334,11 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_STEER_ACT",
         text="Steering lost: no response to the rudder",
         recovery="Steering recovered",
-        remedy="rudder blade lost, calm, or weed; without a rudder, recover the boat",
+        remedy="\n"
+        "  1. In a calm, wait: the rudder acts only while the boat makes way\n"
+        "  2. By radio: MANUAL, full rudder to each side for minutes. It clears when the boat turns with its rudder\n"
+        "  3. No turn: blade or servo horn lost, or weed. The boat drifts with the current: plan its recovery\n"
+        "  4. Disarming does not clear it",
     ),
     Fault.KEY_LOST: FaultRow(
         condition="a signing key was set and cannot be read: only trusted links are accepted",
@@ -317,7 +346,9 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.CRITICAL,
         text="Signing key lost: only trusted links accepted",
         recovery="Signing key problem cleared",
-        remedy="set or remove the key over a trusted link, or by `rambler key`",
+        remedy="from shore: only a trusted link can command the boat; signed stations and the satellite are refused. "
+        "Set or remove the key over a trusted link; without one, nothing can be done from shore, and the "
+        "boat continues its task. At the boat: `rambler key`",
     ),
     Fault.HELM_OSCILLATES: FaultRow(
         condition="limit cycle of heading and rudder",
@@ -326,7 +357,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.REDUCE_GAIN,
         text="Heading oscillates: gain reduced",
         recovery="Heading oscillation ended",
-        remedy="nothing; if it persists, identify the boat again or raise `CTL_PRICE`",
+        remedy="nothing; if it persists, from shore: raise `CTL_PRICE`; later identify the boat again",
     ),
     Fault.BATTERY_LOW: FaultRow(
         condition="the battery is below PWR_SAVE_PCT or PWR_SAVE_VOLT (clears 5 % of charge or 3 % of voltage above)",
@@ -337,7 +368,9 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.SAVE_POWER,
         text="Battery low: power saving on",
         recovery="Battery no longer low: power saving off",
-        remedy="see the energy report (`rambler energy`); reduce the load",
+        remedy="from shore: expect 5 times fewer reports (`PWR_LNK_FACTOR`); reduce the load (payload, telemetry). "
+        "The task continues. `PWR_SAVE_PCT` and `PWR_SAVE_VOLT` are 0, never, by default; see `rambler "
+        "energy`",
     ),
     Fault.BATTERY_CRITICAL: FaultRow(
         condition="the battery is below PWR_KEEP_PCT or PWR_KEEP_VOLT (clears 5 % of charge or 3 % of voltage above)",
@@ -351,7 +384,9 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Battery critical",
         recovery="Battery no longer critical",
         arming_refusal="battery critical",
-        remedy="wait for the panels to charge the battery; arming is refused until then",
+        remedy="from shore: check where the present heading leads (`FS_BATT_ACT`, STEERING); any command overrules "
+        "it. Else wait for the panels: the task continues by itself, and arming is refused until then, so do "
+        "not disarm. `PWR_KEEP_PCT` and `PWR_KEEP_VOLT` are 0, never, by default",
     ),
     Fault.POWER_SILENT: FaultRow(
         condition="no message for 15 s from a power monitor that was received before",
@@ -359,7 +394,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         text="Power monitor: no data",
         recovery="Power monitor: data recovered",
-        remedy="check the cable of the charger or monitor; its values are unknown meanwhile",
+        remedy="from shore: nothing; charge and voltage are unknown meanwhile. At the boat: check the cable of the "
+        "charger or monitor",
     ),
     Fault.STEERING_REVERSED: FaultRow(
         condition="the boat turns against its rudder, for 30 s or longer",
@@ -368,7 +404,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_STEER_ACT",
         text="Steering reversed: disarm, then change RUD_REVERSE",
         recovery="Steering no longer reversed",
-        remedy="disarm, change `RUD_REVERSE`, arm again; was the servo or the compass mounted the other way round?",
+        remedy="from shore: disarm, change `RUD_REVERSE` (0 to 1, or 1 to 0), arm again; if it was right before, "
+        "servo or compass was mounted the other way round",
     ),
     Fault.VESSEL_NEAR: FaultRow(
         condition="a vessel will pass closer than AIS_NEAR_M (AIS_STILL_M if it is stationary) within AIS_NEAR_S",
