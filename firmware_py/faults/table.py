@@ -116,7 +116,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         text="Control loop late: deadlines skipped",
         recovery="Control loop on time again",
-        remedy="stop other programs on the computer, or install the autopilot as a service with real-time priority",
+        remedy="from shore: nothing if it clears. At the boat: stop other programs on the computer, or install the "
+        "autopilot as a service with real-time priority",
     ),
     Fault.STORAGE_FAILING: FaultRow(
         condition="logs or settings cannot be written",
@@ -148,7 +149,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.KEEP_STATION,
         text="Mission unusable: keeping station",
         recovery="Mission problem cleared",
-        remedy="upload a mission, or correct its DO_JUMP items",
+        remedy="from shore: upload a mission, or correct its DO_JUMP items; by satellite: a position or RTL",
     ),
     Fault.FENCE_BREACHED: FaultRow(
         condition="the fence is enabled and the boat is outside",
@@ -424,7 +425,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.FIXED_GAIN_OBSERVER,
         text="Heading estimate inconsistent: compass used",
         recovery="Heading estimate consistent again",
-        remedy="check `MDL_K` and `MDL_T_S` (`rambler-hil identify`), compass and rudder feedback",
+        remedy="from shore: nothing, the boat steers by the compass. Later: check `MDL_K` and `MDL_T_S` "
+        "(`rambler-hil identify`), compass and rudder feedback",
     ),
 }
 
