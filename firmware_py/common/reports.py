@@ -22,7 +22,7 @@ class MissionState(IntEnum):
 
 
 class Home(msgspec.Struct, frozen=True):
-    """Home: the destination of RTL and the origin of local coordinates."""
+    """Destination of RTL and origin of local coordinates."""
 
     latitude_rad: float
     longitude_rad: float
@@ -32,7 +32,7 @@ class Home(msgspec.Struct, frozen=True):
 class MissionReport(msgspec.Struct, frozen=True):
     """Progress of the mission; `index` counts from 0, None without a current item.
 
-    The operator counts from `first` (plan.first_item_number). `reached` are the items reached in this tick;
+    The operator counts from `first_item_number` (plan.first_item_number). `reached` are the items reached in this tick;
     `identities` are the checksums of mission, fence and rally points (plan.Plan.identity).
     """
 
@@ -41,14 +41,14 @@ class MissionReport(msgspec.Struct, frozen=True):
     count: int = 0
     reached: tuple[int, ...] = ()
     identities: tuple[int, int, int] = (0, 0, 0)
-    first: int = 0
+    first_item_number: int = 0
 
 
 class Water(msgspec.Struct, frozen=True):
     """Speed through the water, current and leeway, with standard deviations.
 
     `leeway_rad` is positive to starboard of the heading. `current_sd_m_s` belongs to the less certain direction.
-    `too_strong`: the current exceeds the speed of the boat, so that it cannot hold a place.
+    `too_strong`: the current exceeds the speed of the boat, so that it cannot stay at a position.
     """
 
     speed_m_s: float
@@ -66,13 +66,13 @@ class Activity(IntEnum):
 
     NOTHING = 0  # rudder by hand or amidships
     HEADING = 1  # a heading or a course
-    LINE = 2  # along a line to a place
+    LINE = 2  # along a line to a position
     STATION = 3  # station keeping in a loiter circle
-    CIRCLE = 4  # circling a place
+    CIRCLE = 4  # circling a position
 
 
 class Navigation(msgspec.Struct, frozen=True):
-    """Target of guidance: place, radius around it, and cross-track error, positive to starboard of the line.
+    """Target of guidance: position, radius around it, and cross-track error, positive to starboard of the line.
 
     `fence_margin_m` is the distance to a breach of the fence, negative in breach, None while the fence is disabled or
     the margin unknown.
@@ -92,6 +92,7 @@ class Estimate(msgspec.Struct, frozen=True):
     """Estimated motion with standard deviations, and the learned noise levels; headings are without wave yaw.
 
     `source` of the heading: compass A 0, compass B 1, course over ground 2, none 3. `bias_rad` is the rudder bias.
+    `wave_sd_rad` is the standard deviation of the wave yaw itself, not of its estimate.
     `innovation_square` is the mean square of the innovations, normalised by their variance; `prediction_square` the
     same for predictions over half a minute. Both are 1 for a consistent filter.
     """
@@ -171,14 +172,14 @@ class DeadReckoningPosition(msgspec.Struct, frozen=True):
     north_m_s: float
     east_m_s: float
     sd_m: float
-    lasted_s: float
+    time_since_fix_s: float
 
 
 class Snapshot(msgspec.Struct, frozen=True):
     """State of the boat after a tick, for the log and the link.
 
-    `heading_rad` and `yaw_rate_rad_s` are those of the body with the compass; `heading_error_rad` refers to the
-    estimated heading of the glider. `rudder_rad` is measured, `rudder_command_rad` commanded, both in the frame of the
+    `heading_rad` and `yaw_rate_rad_s` are measured by the compass; `heading_error_rad` refers to the estimated heading
+    of the glider. `rudder_rad` is measured, `rudder_command_rad` commanded, both in the frame of the
     rudder. `heading_ok` and `position_ok`: the values are fresh. `distance_m` is None without a position goal.
     """
 
@@ -207,17 +208,17 @@ class Snapshot(msgspec.Struct, frozen=True):
     late_s: float
     home: Home | None = None
     mission: MissionReport = MissionReport()
-    prearm_refusal: str = ""  # reason why arming would be refused; empty: it would be accepted
+    prearm_refusal: str = ""  # reason why arming is refused; empty if it is allowed
     estimate: Estimate | None = None
     water: Water | None = None
     navigation: Navigation = Navigation()
     energy: Energy | None = None
     gain_reduction: float = 1.0  # factor by which the proportional gain is reduced
-    power: Power | None = None  # of battery and panels, if measured
-    saving: int = 0  # level of power saving (safety.power_saving.Saving)
+    power: Power | None = None
+    power_saving_level: int = 0  # a member of safety.power_saving.Saving
     traffic: Traffic | None = None  # other vessels, None before the first AIS report
     dead_reckoning: DeadReckoningPosition | None = None  # replaces the position while it is used
-    heading_age_s: float | None = None  # of the last heading used; None before the first
+    heading_age_s: float | None = None  # age of the last heading used; None before the first
 
 
 class Output(msgspec.Struct, frozen=True):
@@ -233,16 +234,17 @@ class SwingReport(msgspec.Struct, frozen=True):
 
     `percent` of the data that a proposal needs. `sectors`: bit n is set when that twelfth of the circle has data. The
     coefficients are A to E, present and estimated. `sd_rad` is the largest standard deviation of the estimated curve,
-    `off_rad` the largest difference between both curves; the residuals are the rms error of minutes with either.
+    `max_change_rad` the largest difference between both curves. `residual_before_rad` and `residual_after_rad` are the
+    rms errors of the minute values with the present and the estimated coefficients.
     """
 
     state: CalibrationState = CalibrationState.NONE
     percent: int = 0
     minutes: int = 0
     sectors: int = 0
-    in_force_rad: tuple[float, ...] = ()
-    found_rad: tuple[float, ...] = ()
+    present_rad: tuple[float, ...] = ()
+    estimated_rad: tuple[float, ...] = ()
     sd_rad: float | None = None
-    off_rad: float | None = None
+    max_change_rad: float | None = None
     residual_before_rad: float | None = None
     residual_after_rad: float | None = None

@@ -69,7 +69,7 @@ def is_distress_number(mmsi: int) -> bool:
     return mmsi // 1_000_000 in DISTRESS_DEVICES
 
 
-def merged(before: VesselIdentity, after: VesselIdentity) -> VesselIdentity:
+def merge(before: VesselIdentity, after: VesselIdentity) -> VesselIdentity:
     """Merge the identities of two messages; the later one takes precedence."""
     return VesselIdentity(
         after.t_s,

@@ -64,9 +64,9 @@ class CompassSwing:
 
 
 def _proposal(report: SwingReport) -> str:
-    coefficients_found = zip("ABCDE", report.found_rad, strict=True)
+    coefficients_found = zip("ABCDE", report.estimated_rad, strict=True)
     coefficients = " ".join(f"{letter} {degrees(value):.1f}" for letter, value in coefficients_found)
-    sd_deg, off_deg = degrees(report.sd_rad or 0.0), degrees(report.off_rad or 0.0)
+    sd_deg, off_deg = degrees(report.sd_rad or 0.0), degrees(report.max_change_rad or 0.0)
     rest = (report.residual_before_rad, report.residual_after_rad)
     left = "" if None in rest else f", residual {degrees(rest[0] or 0.0):.1f} to {degrees(rest[1] or 0.0):.1f}"
     return f"{coefficients} deg, sd {sd_deg:.1f}, error now {off_deg:.1f}{left}"

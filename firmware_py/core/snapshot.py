@@ -57,7 +57,7 @@ def snapshot_of(
         energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
         gain_reduction=state.supervisor.oscillation.gain_reduction,
         power=power_monitor.report(state.power, inputs.tick.t_s),
-        saving=power_saving.level_of(state.fault_latch.active),
+        power_saving_level=power_saving.level_of(state.fault_latch.active),
         traffic=traffic_report(state),
         dead_reckoning=None
         if situation.dead_reckoning_sd_m is None

@@ -1,4 +1,4 @@
-"""Names of the faults."""
+"""Numbers of the faults."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Fault(IntEnum):
-    """Fault; its number is its bit in Snapshot.faults, logs and telemetry."""
+    """Number of a fault, which is its bit in Snapshot.faults, logs and telemetry."""
 
     COMPASS_LOST = 0
     POSITION_LOST = 1

@@ -110,7 +110,7 @@ def mission_report(state: GuidanceState, plans: Plans, modes: ModeState, first: 
     return MissionReport(
         state=mission_progress.state_of(progress, count, running=modes.mode is Mode.AUTO and modes.armed),
         index=min(progress.index, count - 1) if count else None,
-        first=first,
+        first_item_number=first,
         count=count,
         reached=state.reached,
         identities=(plans.mission.identity, plans.fence.identity, plans.rally.identity),

@@ -16,7 +16,7 @@ from firmware_py.common.angles import compass_degrees, degrees, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Severity
-from firmware_py.common.vessels import Vessel, VesselPosition, VesselReport, is_distress_number, merged
+from firmware_py.common.vessels import Vessel, VesselPosition, VesselReport, is_distress_number, merge
 from firmware_py.guidance.approach import Velocity, relative
 
 MAX_VESSELS = 100
@@ -139,7 +139,7 @@ def _apply_reports(
         if not isinstance(report, VesselPosition):
             if vessel is not None:  # otherwise it is sent again within minutes
                 before = vessel.identity
-                vessels[report.mmsi] = replace(vessel, identity=report if before is None else merged(before, report))
+                vessels[report.mmsi] = replace(vessel, identity=report if before is None else merge(before, report))
         elif vessel is not None:
             vessels[report.mmsi] = _with_position(vessel, report)
         else:

@@ -1,4 +1,4 @@
-"""Derived quantities in the log, for readers only: a replay computes them again. Units as in schema.py."""
+"""Derived quantities in the log. A replay does not read them; it computes them again. Units as in schema.py."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Final
 from firmware_py.common.reports import Snapshot
 from firmware_py.log.message_rows import Row, flag, maybe, real, whole
 
-GUIDANCE_TICKS: Final = 10  # interval of all messages but NAV and EST, which change slowly
+GUIDANCE_TICKS: Final = 10  # interval of the messages that change slowly, which are all but NAV and EST
 
 
-def _not_read() -> None:
-    return None
+def _ignore_record() -> None:
+    """Return no record, since a replay computes it again."""
 
 
 NAVIGATION: Final = Row(
@@ -30,7 +30,7 @@ NAVIGATION: Final = Row(
         flag("PosOk", "position_ok"),
         real("Soft", "-", "gain_reduction"),
     ),
-    _not_read,
+    _ignore_record,
 )
 GUIDANCE: Final = Row(
     153,
@@ -46,7 +46,7 @@ GUIDANCE: Final = Row(
         whole("MSt", "B", "mission.state"),
         maybe("MItm", "-", "mission.index"),
     ),
-    _not_read,
+    _ignore_record,
 )
 WATER: Final = Row(
     154,
@@ -61,7 +61,7 @@ WATER: Final = Row(
         real("LSd", "r", "leeway_sd_rad"),
         flag("Strg", "too_strong"),
     ),
-    _not_read,
+    _ignore_record,
 )
 ESTIMATE: Final = Row(
     151,
@@ -83,7 +83,7 @@ ESTIMATE: Final = Row(
         real("I2", "-", "innovation_square"),
         real("P2", "-", "prediction_square"),
     ),
-    _not_read,
+    _ignore_record,
 )
 ENERGY: Final = Row(
     155,
@@ -97,7 +97,7 @@ ENERGY: Final = Row(
         maybe("Pow", "W", "power_w"),
         flag("Rest", "resting"),
     ),
-    _not_read,
+    _ignore_record,
 )
 SUPPLY: Final = Row(
     158,
@@ -113,7 +113,7 @@ SUPPLY: Final = Row(
         real("EIn", "J", "charged.energy_j"),
         real("EOut", "J", "discharged.energy_j"),
     ),
-    _not_read,
+    _ignore_record,
 )
 DEAD_RECKONING: Final = Row(
     192,
@@ -124,9 +124,9 @@ DEAD_RECKONING: Final = Row(
         real("VN", "n", "north_m_s"),
         real("VE", "n", "east_m_s"),
         real("Sd", "m", "sd_m"),
-        real("For", "s", "lasted_s"),
+        real("For", "s", "time_since_fix_s"),
     ),
-    _not_read,
+    _ignore_record,
 )
 TYPES: Final = (
     NAVIGATION.type,
@@ -139,19 +139,19 @@ TYPES: Final = (
 )
 
 
-def snapshot_bytes(boat: Snapshot) -> bytes:
-    """Return the messages of a snapshot."""
-    t_s = boat.t_s
-    data = NAVIGATION.pack(t_s, boat)
-    if boat.estimate is not None:
-        data += ESTIMATE.pack(t_s, boat.estimate)
-    if boat.tick % GUIDANCE_TICKS:
+def snapshot_bytes(snapshot: Snapshot) -> bytes:
+    """Encode the log messages of a snapshot."""
+    t_s = snapshot.t_s
+    data = NAVIGATION.pack(t_s, snapshot)
+    if snapshot.estimate is not None:
+        data += ESTIMATE.pack(t_s, snapshot.estimate)
+    if snapshot.tick % GUIDANCE_TICKS:
         return data
-    data += GUIDANCE.pack(t_s, boat)
-    if boat.energy is not None:
-        data += ENERGY.pack(t_s, boat.energy)
-    if boat.dead_reckoning is not None:
-        data += DEAD_RECKONING.pack(t_s, boat.dead_reckoning)
-    if boat.power is not None:
-        data += SUPPLY.pack(t_s, boat.power)
-    return data if boat.water is None else data + WATER.pack(t_s, boat.water)
+    data += GUIDANCE.pack(t_s, snapshot)
+    if snapshot.energy is not None:
+        data += ENERGY.pack(t_s, snapshot.energy)
+    if snapshot.dead_reckoning is not None:
+        data += DEAD_RECKONING.pack(t_s, snapshot.dead_reckoning)
+    if snapshot.power is not None:
+        data += SUPPLY.pack(t_s, snapshot.power)
+    return data if snapshot.water is None else data + WATER.pack(t_s, snapshot.water)

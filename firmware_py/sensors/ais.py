@@ -10,7 +10,7 @@ from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.common.vessels import VesselIdentity, VesselReport, merged
+from firmware_py.common.vessels import VesselIdentity, VesselReport, merge
 from firmware_py.sensors.ais_messages import MAX_MMSI, reports_of
 from firmware_py.sensors.ais_payload import read_payload
 from firmware_py.sensors.ais_sentences import Assembler, Message, SentenceFinder
@@ -29,7 +29,7 @@ class AisOptions:
     """Options of the vehicle file for AIS."""
 
     own_mmsi: int = option(
-        "MMSI of the boat: reports of another station with it are rejected; 0: taken from the boat's transponder",
+        "MMSI of the boat; reports of other stations with this MMSI are rejected. 0: taken from the boat's transponder",
         default=0,
         minimum=0,
         maximum=MAX_MMSI,
@@ -49,14 +49,14 @@ class AisReceiver:
     """
 
     def __init__(self, line: ByteLine, options: AisOptions) -> None:
-        """Read the line."""
+        """Store the line and the options."""
         self._line = line
         self._own_mmsi = options.own_mmsi
         self._learns_own_mmsi = not options.own_mmsi
         self._monitor = DeviceMonitor(line, DeviceRole.AIS, SILENT_AFTER_S)
         self._finder, self._assembler = SentenceFinder(), Assembler()
         self._budget = TokenBucket(MAX_SENTENCE_BURST, MAX_SENTENCES_HZ)
-        self._waiting: dict[tuple[type[VesselReport], int], VesselReport] = {}
+        self._pending: dict[tuple[type[VesselReport], int], VesselReport] = {}
 
     def fileno(self) -> int:
         """Return -1: AIS data do not wake the loop."""
@@ -81,18 +81,18 @@ class AisReceiver:
 
     def poll(self) -> Sequence[VesselReport]:
         """Return the oldest pending reports, at most MAX_REPORTS_PER_TICK; positions first, as in the log."""
-        if not self._waiting:
+        if not self._pending:
             return ()
-        keys = sorted(islice(self._waiting, MAX_REPORTS_PER_TICK), key=lambda key: key[0] is VesselIdentity)
-        return [self._waiting.pop(key) for key in keys]
+        keys = sorted(islice(self._pending, MAX_REPORTS_PER_TICK), key=lambda key: key[0] is VesselIdentity)
+        return [self._pending.pop(key) for key in keys]
 
     def health(self, now_s: float) -> DeviceHealth:
-        """Return the state; every message with a report counts as accepted."""
+        """Return the health of the device; every message with a report counts as accepted."""
         return self._monitor.health(now_s)
 
     def _handle(self, body: bytes, checksum: int, now_s: float) -> None:
         try:
-            message = self._assembler.take(body, checksum, now_s)
+            message = self._assembler.add(body, checksum, now_s)
             reports = () if message is None else self._reports(message, now_s)
         except MessageError as error:
             self._monitor.reject(now_s, str(error))
@@ -102,17 +102,17 @@ class AisReceiver:
         self._monitor.accept(now_s)
         for report in reports:
             key = (type(report), report.mmsi)
-            if key not in self._waiting and len(self._waiting) >= MAX_PENDING_REPORTS:
+            if key not in self._pending and len(self._pending) >= MAX_PENDING_REPORTS:
                 self._monitor.reject(now_s, "too many vessels, some dropped")
                 continue
-            before = self._waiting.get(key)
-            if isinstance(before, VesselIdentity) and isinstance(report, VesselIdentity):
-                self._waiting[key] = merged(before, report)
+            previous = self._pending.get(key)
+            if isinstance(previous, VesselIdentity) and isinstance(report, VesselIdentity):
+                self._pending[key] = merge(previous, report)
             else:
-                self._waiting[key] = report
+                self._pending[key] = report
 
     def _reports(self, message: Message, now_s: float) -> tuple[VesselReport, ...]:
-        """Return the reports of a message of another vessel; from the boat's own, only take its MMSI."""
+        """Return the reports of a message; a message of the boat itself has none and gives its MMSI."""
         payload = read_payload(message.payload, message.fill_bits)
         if payload is None:
             return ()

@@ -44,7 +44,7 @@ def reports_of(payload: Payload, now_s: float) -> tuple[VesselReport, ...]:
     """Return the reports of a message, the position first; raises MessageError for an invalid MMSI or position."""
     if not 0 < payload.mmsi <= MAX_MMSI:
         raise MessageError(RANGE, f"MMSI {payload.mmsi} is invalid")
-    position = _position(payload, now_s) if payload.kind in _KINDS else None
+    position = _position(payload, now_s) if payload.message_type in _KINDS else None
     identity = _identity(payload, now_s)
     if position is None and identity is None and is_distress_number(payload.mmsi):
         identity = VesselIdentity(now_s, payload.mmsi)  # a distress beacon without a position yet
@@ -52,7 +52,7 @@ def reports_of(payload: Payload, now_s: float) -> tuple[VesselReport, ...]:
 
 
 def _position(payload: Payload, now_s: float) -> VesselPosition | None:
-    numbers, coarse = payload.numbers, payload.kind == _LONG_RANGE
+    numbers, coarse = payload.numbers, payload.message_type == _LONG_RANGE
     scale = _TENTH_MINUTES if coarse else _FINE_MINUTES
     latitude_deg, longitude_deg = numbers["latitude"] / scale, numbers["longitude"] / scale
     if latitude_deg == 91.0 or longitude_deg == 181.0:
@@ -62,7 +62,7 @@ def _position(payload: Payload, now_s: float) -> VesselPosition | None:
     return VesselPosition(
         t_s=now_s,
         mmsi=payload.mmsi,
-        kind=_KINDS[payload.kind],
+        kind=_KINDS[payload.message_type],
         latitude_rad=radians(latitude_deg),
         longitude_rad=radians(longitude_deg),
         speed_m_s=_speed_m_s(numbers.get("speed"), coarse=coarse),

@@ -13,11 +13,12 @@ import msgspec
 
 from firmware_py.sensors.message_error import MALFORMED, MessageError
 
-MIN_LETTERS, MAX_LETTERS = 7, 5 * 62  # type, MMSI and part number; five sentences
+# The minimum contains type, MMSI and part number; the maximum is five sentences.
+MIN_CHARACTERS, MAX_CHARACTERS = 7, 5 * 62
 _ARMOUR = b"0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVW`abcdefghijklmnopqrstuvw"
 _BASE64 = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 _TO_BASE64 = bytes.maketrans(_ARMOUR, _BASE64)
-_LETTERS = "@ABCDEFGHIJKLMNOPQRSTUVWXYZ[\\]^_ !\"#$%&'()*+,-./0123456789:;<=>?"
+_CHARACTERS = "@ABCDEFGHIJKLMNOPQRSTUVWXYZ[\\]^_ !\"#$%&'()*+,-./0123456789:;<=>?"
 
 
 class Layout(msgspec.Struct, frozen=True):
@@ -58,7 +59,8 @@ _CLASS_B = {
 }
 
 
-def _dimensions(start: int) -> dict[str, tuple[int, int]]:
+def _dimension_fields(start: int) -> dict[str, tuple[int, int]]:
+    """Return the fields of the ship dimensions, which begin at bit `start`."""
     return {
         "to_bow": (start, 9),
         "to_stern": (start + 9, 9),
@@ -67,17 +69,17 @@ def _dimensions(start: int) -> dict[str, tuple[int, int]]:
     }
 
 
-# Part B of 24 is 25 here. Some stations omit the spare bits at the end or count them wrongly, and the name extension of
-# an aid to navigation has fill bits, so each minimum length is that of the fields in the table.
-STATIC_B = 25
+# Number 25 stands for part B of type 24. Some stations omit the spare bits at the end or count them wrongly, and the
+# name extension of an aid to navigation has fill bits, so each minimum length is that of the fields in the table.
+TYPE_24_PART_B = 25
 LAYOUTS: Mapping[int, Layout] = {
     1: _CLASS_A,
     2: _CLASS_A,
     3: _CLASS_A,
     4: Layout(149, 174, {"accurate": (78, 1), "longitude": (79, -28), "latitude": (107, -27)}, _NO_TEXTS),
-    5: Layout(420, 426, {"ship_type": (232, 8), **_dimensions(240)}, {"call_sign": (70, 42), "name": (112, 120)}),
+    5: Layout(420, 426, {"ship_type": (232, 8), **_dimension_fields(240)}, {"call_sign": (70, 42), "name": (112, 120)}),
     18: Layout(148, 174, _CLASS_B, _NO_TEXTS),
-    19: Layout(301, 318, {**_CLASS_B, "ship_type": (263, 8), **_dimensions(271)}, {"name": (143, 120)}),
+    19: Layout(301, 318, {**_CLASS_B, "ship_type": (263, 8), **_dimension_fields(271)}, {"name": (143, 120)}),
     21: Layout(
         268,
         400,
@@ -86,12 +88,12 @@ LAYOUTS: Mapping[int, Layout] = {
             "accurate": (163, 1),
             "longitude": (164, -28),
             "latitude": (192, -27),
-            **_dimensions(219),
+            **_dimension_fields(219),
         },
         {"name": (43, 120)},
     ),
     24: Layout(160, 312, {}, {"name": (40, 120)}),
-    STATIC_B: Layout(162, 312, {"ship_type": (40, 8), **_dimensions(132)}, {"call_sign": (90, 42)}),
+    TYPE_24_PART_B: Layout(162, 312, {"ship_type": (40, 8), **_dimension_fields(132)}, {"call_sign": (90, 42)}),
     27: Layout(
         94,
         168,
@@ -109,46 +111,48 @@ LAYOUTS: Mapping[int, Layout] = {
 
 
 class Payload(msgspec.Struct, frozen=True):
-    """The numbers and texts of one message as sent."""
+    """Numbers and texts of one message, in the units of the protocol."""
 
-    kind: int
+    message_type: int
     mmsi: int
     numbers: Mapping[str, int]
     texts: Mapping[str, str]
 
 
-def read_payload(letters: bytes, fill_bits: int) -> Payload | None:
+def read_payload(characters: bytes, fill_bits: int) -> Payload | None:
     """Decode a payload; None for a type that is not used; raises MessageError for an invalid one."""
-    if not letters:
+    if not characters:
         return None  # some receivers report an empty slot this way
-    if not MIN_LETTERS <= len(letters) <= MAX_LETTERS or letters.translate(None, _ARMOUR):
-        raise MessageError(MALFORMED, "payload has invalid letters or an invalid length")
-    length = 6 * len(letters) - fill_bits
-    packed = binascii.a2b_base64(letters.translate(_TO_BASE64) + b"A" * (-len(letters) % 4))
+    if not MIN_CHARACTERS <= len(characters) <= MAX_CHARACTERS or characters.translate(None, _ARMOUR):
+        raise MessageError(MALFORMED, "payload has invalid characters or an invalid length")
+    length = 6 * len(characters) - fill_bits
+    packed = binascii.a2b_base64(characters.translate(_TO_BASE64) + b"A" * (-len(characters) % 4))
     packed_bits = int.from_bytes(packed)
     width = 8 * len(packed)
 
-    def number(start: int, size: int) -> int:
+    def read_number(start: int, size: int) -> int:
         count = abs(size)
         value = packed_bits >> (width - start - count) & ((1 << count) - 1)
         return value - (1 << count) if size < 0 and value >> (count - 1) else value
 
-    kind = number(0, 6)
-    part = number(38, 2) if kind == 24 else 0
-    if part > 1 or kind == STATIC_B:
+    message_type = read_number(0, 6)
+    part = read_number(38, 2) if message_type == 24 else 0
+    if part > 1 or message_type == TYPE_24_PART_B:
         return None
-    kind += part
-    layout = LAYOUTS.get(kind)
+    message_type += part
+    layout = LAYOUTS.get(message_type)
     if layout is None:
         return None
     if not layout.min_bits <= length <= layout.max_bits:
-        raise MessageError(MALFORMED, f"{length} bits for a message of type {24 if kind == STATIC_B else kind}")
-    numbers = {name: number(*bits) for name, bits in layout.fields.items()}
-    texts = {name: _text(number(*bits), bits[1]) for name, bits in layout.texts.items()}
-    return Payload(kind, number(8, 30), numbers, texts)
+        raise MessageError(
+            MALFORMED, f"{length} bits for a message of type {24 if message_type == TYPE_24_PART_B else message_type}"
+        )
+    numbers = {name: read_number(*bits) for name, bits in layout.fields.items()}
+    texts = {name: _text(read_number(*bits), bits[1]) for name, bits in layout.texts.items()}
+    return Payload(message_type, read_number(8, 30), numbers, texts)
 
 
 def _text(value: int, size: int) -> str:
-    """Decode a text of six-bit letters, which ends at the first @."""
-    letters = (_LETTERS[value >> shift & 63] for shift in range(size - 6, -1, -6))
-    return "".join(letters).partition("@")[0].rstrip()
+    """Decode a text of six-bit characters, which ends at the first @."""
+    characters = (_CHARACTERS[value >> shift & 63] for shift in range(size - 6, -1, -6))
+    return "".join(characters).partition("@")[0].rstrip()

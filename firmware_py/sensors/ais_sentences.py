@@ -62,7 +62,7 @@ class Assembler:
         """Start without incomplete messages."""
         self._incomplete: dict[tuple[bytes, ...], _Incomplete] = {}
 
-    def take(self, body: bytes, stated: int, now_s: float) -> Message | None:
+    def add(self, body: bytes, stated: int, now_s: float) -> Message | None:
         """Return the message that a sentence completes, None while parts are missing; raises MessageError."""
         if functools.reduce(operator.xor, body) != stated:
             raise MessageError(CHECKSUM, "checksum")

@@ -12,10 +12,10 @@ from firmware_py.sensors.message_error import CHECKSUM, MALFORMED
 
 
 class Packet(msgspec.Struct, frozen=True):
-    """A whole packet, or a run of bytes without one.
+    """A complete packet, or the skipped bytes between two packets.
 
-    `offset` is the position in the stream; `fault` is empty, CHECKSUM (part of the run looked like a packet) or
-    MALFORMED. A run has no data.
+    `offset` is the position in the stream; `fault` is empty, CHECKSUM (a part of the skipped bytes looked like a
+    packet) or MALFORMED. For skipped bytes, `data` is empty.
     """
 
     offset: int
@@ -33,8 +33,8 @@ class Check(Protocol):
     def drop(self, count: int) -> None:
         """Note that bytes were removed from the start of the buffer."""
 
-    def holds(self, buffer: bytearray, begin: int, end: int) -> bool:
-        """Return whether buffer[begin:end] is a whole packet."""
+    def is_packet(self, buffer: bytearray, begin: int, end: int) -> bool:
+        """Return whether buffer[begin:end] is a complete packet."""
 
 
 class PacketCheck:
@@ -50,103 +50,104 @@ class PacketCheck:
     def drop(self, count: int) -> None:
         """Do nothing."""
 
-    def holds(self, buffer: bytearray, begin: int, end: int) -> bool:
-        """Return whether buffer[begin:end] is a whole packet."""
+    def is_packet(self, buffer: bytearray, begin: int, end: int) -> bool:
+        """Return whether buffer[begin:end] is a complete packet."""
         return self._verify(bytes(buffer[begin:end]))
 
 
 class PacketFramer:
     """Splits a stream into packets and resynchronises after garbage.
 
-    An incomplete packet does not delay a valid one that starts inside it: the length of the first was damaged. The
-    result does not depend on the sizes of the pieces. The buffer holds at most one packet of maximum length. Each
-    header is searched and each packet verified once, so crafted noise in small pieces costs no more than in large ones.
+    An incomplete packet with a damaged length does not delay a valid packet that starts inside it. The result does not
+    depend on how the stream is divided into calls of `feed`. The buffer contains at most one packet of maximum length.
+    Each header is searched once and each packet is verified once, so the computing time of noise does not depend on
+    the number of calls.
     """
 
     def __init__(
         self,
         header: re.Pattern[bytes],
         header_size: int,
-        measure: Callable[[bytes], int],
+        packet_size: Callable[[bytes], int],
         check: Check,
     ) -> None:
-        """Search for `header`, at most `header_size` long; `measure` returns the packet size from a header."""
+        """Search for `header`, at most `header_size` long; `packet_size` returns the packet size from a header."""
         self._header = header
         self._header_size = header_size
-        self._measure = measure
+        self._packet_size = packet_size
         self._check = check
         self._buffer = bytearray()
         # Positions in the stream:
         self._offset = 0  # first byte in the buffer
-        self._searched = 0  # end of the part that was searched for headers
-        self._open: list[tuple[int, int]] = []  # start and end of possible packets
-        self._false: list[int] = []  # starts of possible packets that failed the check
-        self._run = 0  # number of bytes skipped before the buffer
-        self._run_fault = MALFORMED
+        self._search_end = 0  # end of the part that was searched for headers
+        self._candidates: list[tuple[int, int]] = []  # start and end of possible packets
+        self._failed: list[int] = []  # starts of possible packets that failed the check
+        self._skipped_size = 0  # number of bytes skipped before the buffer
+        self._skipped_fault = MALFORMED
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Add bytes; return the completed packets and the runs between them."""
+        """Add bytes; return the completed packets and the skipped bytes between them."""
         buffer = self._buffer
         buffer += data
         self._check.extend(data)
         self._search()
         packets: list[Packet] = []
-        present = self._offset + len(buffer)
-        still_open: list[tuple[int, int]] = []
-        done = self._offset
-        for begin, end in self._open:
-            if begin < done:
+        stream_end = self._offset + len(buffer)
+        incomplete: list[tuple[int, int]] = []
+        packet_end = self._offset
+        for begin, end in self._candidates:
+            if begin < packet_end:
                 continue  # inside a valid packet
-            if end > present:
-                still_open.append((begin, end))
-            elif self._check.holds(buffer, begin - self._offset, end - self._offset):
-                self._skip(done, begin, still_open)
-                self._close_run(packets, begin)
+            if end > stream_end:
+                incomplete.append((begin, end))
+            elif self._check.is_packet(buffer, begin - self._offset, end - self._offset):
+                self._skip(packet_end, begin, incomplete)
+                self._end_skipped(packets, begin)
                 packets.append(Packet(begin, end - begin, bytes(buffer[begin - self._offset : end - self._offset])))
-                still_open, self._false = [], []
-                done = end
+                incomplete, self._failed = [], []
+                packet_end = end
             else:
-                self._false.append(begin)
-        self._open = still_open
-        keep = still_open[0][0] if still_open else max(done, present - self._header_size + 1)
-        self._skip(done, keep, still_open)
-        self._false = [begin for begin in self._false if begin >= keep]
-        self._check.drop(keep - self._offset)
-        del buffer[: keep - self._offset]
-        self._offset = keep
+                self._failed.append(begin)
+        self._candidates = incomplete
+        keep_from = incomplete[0][0] if incomplete else max(packet_end, stream_end - self._header_size + 1)
+        self._skip(packet_end, keep_from, incomplete)
+        self._failed = [begin for begin in self._failed if begin >= keep_from]
+        self._check.drop(keep_from - self._offset)
+        del buffer[: keep_from - self._offset]
+        self._offset = keep_from
         return packets
 
     def finish(self) -> list[Packet]:
-        """Return the rest of a capture as a run."""
+        """End the stream; return the remaining bytes as skipped."""
         packets: list[Packet] = []
         if self._header.search(self._buffer):
-            self._run_fault = CHECKSUM
-        self._run += len(self._buffer)
+            self._skipped_fault = CHECKSUM
+        self._skipped_size += len(self._buffer)
         self._offset += len(self._buffer)
         self._check.drop(len(self._buffer))
         self._buffer.clear()
-        self._open, self._false = [], []
-        self._close_run(packets, self._offset)
+        self._candidates, self._failed = [], []
+        self._end_skipped(packets, self._offset)
         return packets
 
     def _search(self) -> None:
-        """Find the headers in the part that was not searched yet."""
+        """Find the headers after the end of the last search."""
         buffer = self._buffer
-        index = max(0, self._searched - self._offset)
+        index = max(0, self._search_end - self._offset)
         while match := self._header.search(buffer, index):
             begin = match.start()
-            size = self._measure(bytes(buffer[begin : begin + self._header_size]))
-            self._open.append((self._offset + begin, self._offset + begin + size))
+            size = self._packet_size(bytes(buffer[begin : begin + self._header_size]))
+            self._candidates.append((self._offset + begin, self._offset + begin + size))
             index = begin + 1
-        self._searched = self._offset + max(index, len(buffer) - self._header_size + 1)
+        self._search_end = self._offset + max(index, len(buffer) - self._header_size + 1)
 
-    def _skip(self, start: int, stop: int, still_open: list[tuple[int, int]]) -> None:
-        self._run += stop - start
-        if any(start <= begin < stop for begin in self._false) or any(begin < stop for begin, _ in still_open):
-            self._run_fault = CHECKSUM
+    def _skip(self, start: int, stop: int, incomplete: list[tuple[int, int]]) -> None:
+        self._skipped_size += stop - start
+        if any(start <= begin < stop for begin in self._failed) or any(begin < stop for begin, _ in incomplete):
+            self._skipped_fault = CHECKSUM
 
-    def _close_run(self, packets: list[Packet], end_offset: int) -> None:
-        if self._run:
-            packets.append(Packet(end_offset - self._run, self._run, fault=self._run_fault))
-        self._run = 0
-        self._run_fault = MALFORMED
+    def _end_skipped(self, packets: list[Packet], end_offset: int) -> None:
+        if self._skipped_size:
+            packets.append(Packet(end_offset - self._skipped_size, self._skipped_size, fault=self._skipped_fault))
+        self._skipped_size = 0
+        self._skipped_fault = MALFORMED

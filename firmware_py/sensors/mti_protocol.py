@@ -137,7 +137,7 @@ class _ByteSum:
         else:
             del self._sums[:count]
 
-    def holds(self, _buffer: bytearray, begin: int, end: int) -> bool:
+    def is_packet(self, _buffer: bytearray, begin: int, end: int) -> bool:
         """Return whether buffer[begin:end] is a whole packet."""
         return (self._sums[end] - self._sums[begin + 1]) & 0xFF == 0
 

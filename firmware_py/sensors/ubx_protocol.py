@@ -72,7 +72,7 @@ class _Fletcher:
         else:
             del self._sums[:count], self._sums_of_sums[:count]
 
-    def holds(self, buffer: bytearray, begin: int, end: int) -> bool:
+    def is_packet(self, buffer: bytearray, begin: int, end: int) -> bool:
         """Return whether buffer[begin:end] is a whole packet."""
         begin, end = begin + 2, end - 2
         first = self._sums[end] - self._sums[begin]

@@ -50,7 +50,7 @@ def _position(snapshot: Snapshot) -> Values:
             "reckoned_lat_deg": rounded(dead_reckoning.latitude_rad, 5, degrees),
             "reckoned_lon_deg": rounded(dead_reckoning.longitude_rad, 5, degrees),
             "reckoned_sd_m": rounded(dead_reckoning.sd_m, 0),
-            "reckoned_s": rounded(dead_reckoning.lasted_s, 0),
+            "reckoned_s": rounded(dead_reckoning.time_since_fix_s, 0),
         }
     return values
 
@@ -67,9 +67,9 @@ def _navigation(snapshot: Snapshot) -> Values:
         "cross_track_m": rounded(navigation.cross_track_m, 1),
         "fence_margin_m": rounded(navigation.fence_margin_m, 1),
         "mission": mission.state.name,
-        "item": None if mission.index is None else mission.first + mission.index,
+        "item": None if mission.index is None else mission.first_item_number + mission.index,
         "items": mission.count,
-        "first_item": mission.first,
+        "first_item": mission.first_item_number,
     }
 
 
@@ -127,7 +127,7 @@ def _power(snapshot: Snapshot) -> Values:
         return {}
     flows = {"solar": power.solar, "load": power.load, "charged": power.charged, "discharged": power.discharged}
     return {
-        "saving": ("nothing", "saves", "keeps heading")[snapshot.saving],
+        "saving": ("nothing", "saves", "keeps heading")[snapshot.power_saving_level],
         "battery_v": rounded(power.voltage_v, 2),
         "battery_a": rounded(power.current_a, 2),
         "charge_percent": rounded(power.charge, 1, lambda charge: 100.0 * charge),
@@ -150,9 +150,9 @@ def calibration(swing: SwingReport) -> Values:
         "percent": swing.percent,
         "minutes": swing.minutes,
         "sectors": swing.sectors.bit_count(),
-        **{name: rounded(value, 2, degrees) for name, value in zip(_COEFFICIENTS, swing.found_rad, strict=False)},
+        **{name: rounded(value, 2, degrees) for name, value in zip(_COEFFICIENTS, swing.estimated_rad, strict=False)},
         "sd_deg": rounded(swing.sd_rad, 2, degrees),
-        "in_force_off_deg": rounded(swing.off_rad, 2, degrees),
+        "in_force_off_deg": rounded(swing.max_change_rad, 2, degrees),
         "residual_before_deg": rounded(swing.residual_before_rad, 2, degrees),
         "residual_after_deg": rounded(swing.residual_after_rad, 2, degrees),
     }

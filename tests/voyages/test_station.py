@@ -83,7 +83,7 @@ def test_a_restart_without_a_receiver_keeps_the_station(boot):
     boat.state, _ = resume.restore(fresh, text, resume.Moment(0.0, boot, boat.t_s))
     first = len(boat.track)
     boat.run(15.0)
-    assert boat.snapshot.dead_reckoning.lasted_s == pytest.approx(15.0, abs=1.5)
+    assert boat.snapshot.dead_reckoning.time_since_fix_s == pytest.approx(15.0, abs=1.5)
     assert boat.snapshot.goal_heading_rad is not None
     assert not boat.snapshot.faults >> Fault.POSITION_LOST & 1  # a receiver switched on with the boat still searches
     boat.run(180.0)

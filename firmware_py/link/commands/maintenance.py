@@ -170,7 +170,9 @@ def accept_swing(context: LinkContext, call: CommandCall) -> Answer | PendingCom
     if swing is None or report is None or report.state is not CalibrationState.DONE:
         percent = 0 if report is None else report.percent
         return Answer(Verdict.TEMPORARILY_REJECTED, f"Compass swing: nothing to accept, {percent} % done")
-    values = {name: round(degrees(value), 2) for name, value in zip(_DEVIATION_NAMES, report.found_rad, strict=True)}
+    values = {
+        name: round(degrees(value), 2) for name, value in zip(_DEVIATION_NAMES, report.estimated_rad, strict=True)
+    }
     answer = _set_deviation(context, call, values, "is in force", undo=True)
     if isinstance(answer, PendingCommand):
         context.send_all(report_of(report, saved=True))

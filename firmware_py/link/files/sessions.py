@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from firmware_py.common.records import Severity
 from firmware_py.files.packed import PackedFile, PlainFile
 from firmware_py.link.context import LinkContext
-from firmware_py.link.files.area import FILE_BYTES, Entry, Parts
+from firmware_py.link.files.area import MAX_FILE_BYTES, Entry, Parts
 from firmware_py.link.files.payload import Error, FileRequest, Opcode, Refusal, ack_payload, nak_payload, refusal_of
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.peers import Peer, Station
@@ -76,7 +76,7 @@ class FileUpload:
     def write(self, offset: int, data: bytes) -> None:
         """Write a part at its offset; parts may come in any order."""
         end, size = offset + len(data), len(self.content)
-        if end > FILE_BYTES:
+        if end > MAX_FILE_BYTES:
             raise Refusal(Error.FAIL_ERRNO, errno.EFBIG)
         gaps = [*self.gaps, (size, offset)] if offset > size else self.gaps
         left = [piece for low, high in gaps for piece in ((low, min(high, offset)), (max(low, end), high))]
@@ -210,8 +210,8 @@ def listing_data(entries: tuple[Entry, ...], start: int, *, with_time: bool, roo
         raise Refusal(Error.END_OF_FILE)
     data = b""
     for entry in entries[start:]:
-        text = f"D{entry.name}" if entry.directory else f"F{entry.name}\t{entry.size}"
-        if with_time and not entry.directory:
+        text = f"D{entry.name}" if entry.is_directory else f"F{entry.name}\t{entry.size}"
+        if with_time and not entry.is_directory:
             text += f"\t{entry.modified_s}"
         line = text.encode("ascii", "replace") + b"\0"
         if len(data) + len(line) > room:

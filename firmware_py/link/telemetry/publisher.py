@@ -32,7 +32,7 @@ class TelemetryPublisher:
 
     def report_changes(self, before: Snapshot | None, snapshot: Snapshot, peers: Peers, now_s: float) -> None:
         """Make changed messages due at once: mode and arming, all if the rates change; send a changed home."""
-        if before is not None and bool(before.saving) != bool(snapshot.saving):
+        if before is not None and bool(before.power_saving_level) != bool(snapshot.power_saving_level):
             for peer in peers:
                 peer.streams.make_all_due(now_s)
         if before is None or (before.mode, before.armed) != (snapshot.mode, snapshot.armed):
@@ -56,7 +56,7 @@ class TelemetryPublisher:
         telemetry = self._context.telemetry_context() if due else None
         if telemetry is None:
             return
-        saves = telemetry.snapshot.saving
+        saves = telemetry.snapshot.power_saving_level
         stretch = self._context.request_handler.parameters()["PWR_LNK_FACTOR"] if saves else 1.0
         packed_rows: dict[int, Packed | None] = {}  # every row is built and packed once for all peers
         for peer, rows in due:

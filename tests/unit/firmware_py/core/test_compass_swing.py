@@ -32,8 +32,8 @@ def test_a_proposal_is_reported_once_with_its_uncertainty():
     swing, events, percents = swung()
     report = swing.report
     assert (report.state, report.percent) == (CalibrationState.DONE, 100)
-    assert degrees(report.found_rad[0]) == pytest.approx(5.0, abs=0.3)
-    assert degrees(report.off_rad) == pytest.approx(7.0, abs=0.7)
+    assert degrees(report.estimated_rad[0]) == pytest.approx(5.0, abs=0.3)
+    assert degrees(report.max_change_rad) == pytest.approx(7.0, abs=0.7)
     assert report.residual_after_rad < 0.2 * report.residual_before_rad
     (event,) = events
     assert event.text.startswith("Compass swing: A ")

@@ -679,7 +679,7 @@ def test_power_saving_follows_the_battery_in_steps():
     ):
         boat.charge = charge
         snapshot = boat.pass_time(seconds).snapshot
-        steps.append((snapshot.saving, snapshot.mode.name, parameters_in_force(boat.state)["CTL_PRICE"]))
+        steps.append((snapshot.power_saving_level, snapshot.mode.name, parameters_in_force(boat.state)["CTL_PRICE"]))
     assert steps == [
         (0, "GUIDED", 1.0),
         (1, "GUIDED", 3.0),
@@ -740,7 +740,7 @@ def test_a_failsafe_hold_stays_one_after_a_restart(ordered, restarted):
 def test_a_silent_power_monitor_is_reported_and_power_saving_continues():
     boat = Boat(SAVING).under_way()
     boat.charge = 0.2
-    assert boat.pass_time(35.0).snapshot.saving == 1
+    assert boat.pass_time(35.0).snapshot.power_saving_level == 1
     boat.charge = None
-    assert boat.pass_time(120.0).snapshot.saving == 1
+    assert boat.pass_time(120.0).snapshot.power_saving_level == 1
     assert "Power monitor: no data" in boat.events

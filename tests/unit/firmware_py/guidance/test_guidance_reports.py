@@ -70,5 +70,5 @@ def test_the_mission_report_counts_like_the_operator():
     for index, texts in ((0, 0), (1, 1), (2, 1)):
         progress = replace(state.mission, index=index)
         report = guidance_reports.mission_report(replace(state, mission=progress), plans, AUTO, first=1)
-        assert (report.index, report.first, report.count) == (texts, 1, 2)
+        assert (report.index, report.first_item_number, report.count) == (texts, 1, 2)
     assert guidance_reports.mission_report(state, Plans(), AUTO, first=1).index is None

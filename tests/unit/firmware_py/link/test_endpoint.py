@@ -337,7 +337,7 @@ def test_while_it_saves_power_all_but_heartbeats_comes_less_often(rig, of):
         return len(of(replies, "ATTITUDE")), len(of(replies, "HEARTBEAT")), len(of(replies, "CURRENT_MODE"))
 
     attitudes, beats, modes = received()
-    fewer, same, rare = received(saving=1)
+    fewer, same, rare = received(power_saving_level=1)
     assert fewer == pytest.approx(attitudes / 5, abs=2)
     assert same == pytest.approx(beats, abs=1)
     assert rare < modes

@@ -80,7 +80,7 @@ def test_ten_thousand_vessels_cost_a_bounded_piece_of_each_tick():
         now = device.health(0.1 * tick).accepted - before
         most_decoded, most_reports = max(most_decoded, now), max(most_reports, given)
         decoded, reports = decoded + now, reports + given
-        assert len(device._waiting) <= MAX_PENDING_REPORTS
+        assert len(device._pending) <= MAX_PENDING_REPORTS
     assert most_reports <= MAX_REPORTS_PER_TICK
     assert decoded <= MAX_SENTENCES_HZ * 60.0 + 100
     health = device.health(60.0)

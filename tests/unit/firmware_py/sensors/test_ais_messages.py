@@ -28,7 +28,7 @@ def messages(path):
     for line in path.read_bytes().splitlines(keepends=True):
         for body, checksum in finder.feed(line):
             try:
-                message = assembler.take(body, checksum, 0.0)
+                message = assembler.add(body, checksum, 0.0)
             except MessageError:
                 continue
             if message is None:
@@ -103,11 +103,11 @@ def test_recordings_are_read_as_pyais_reads_them(path):
             # The one that is: a place that is none.
             assert abs(expected["lat"]) > 90.0 or abs(expected["lon"]) > 180.0
             continue
-        assert expected["msg_type"] == min(payload.kind, 24) or payload.kind == expected["msg_type"]
+        assert expected["msg_type"] == min(payload.message_type, 24) or payload.message_type == expected["msg_type"]
         for report in reports:
             compared += 1
             if isinstance(report, VesselPosition):
-                check_position(report, expected, payload.kind)
+                check_position(report, expected, payload.message_type)
             else:
                 check_identity(report, expected)
         if "lat" in expected and not any(isinstance(report, VesselPosition) for report in reports):
@@ -116,7 +116,7 @@ def test_recordings_are_read_as_pyais_reads_them(path):
 
 
 def test_the_recordings_hold_every_type():
-    kinds = {payload.kind for path in RECORDINGS for _, payload, _ in messages(path) if payload is not None}
+    kinds = {payload.message_type for path in RECORDINGS for _, payload, _ in messages(path) if payload is not None}
     assert kinds >= READ
 
 
@@ -135,8 +135,8 @@ def test_recordings_are_read_as_gpsd_reads_them_to_the_last_bit(path):
         if payload is None:
             continue
         ours = {GPSD_NAMES.get(name, name): value for name, value in (payload.numbers | payload.texts).items()}
-        candidates = expected.get((min(payload.kind, 24), payload.mmsi, ours.get("lon"), ours.get("lat")))
-        if payload.kind == 27:
+        candidates = expected.get((min(payload.message_type, 24), payload.mmsi, ours.get("lon"), ours.get("lat")))
+        if payload.message_type == 27:
             candidates = expected.get((27, payload.mmsi, ours["lon"], ours["lat"]))
         if not candidates:
             continue  # of a length that gpsd refuses, or the first part of two that it waits for

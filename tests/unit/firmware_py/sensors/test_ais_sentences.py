@@ -21,7 +21,7 @@ def part(number, count=2, sequence=b"3", channel=b"A", payload=b"0123456789"):
 
 def joined(stream, now_s=0.0, assembler=None):
     assembler = assembler or Assembler()
-    taken = [assembler.take(body, stated, now_s) for body, stated in SentenceFinder().feed(stream)]
+    taken = [assembler.add(body, stated, now_s) for body, stated in SentenceFinder().feed(stream)]
     return [message for message in taken if message is not None]
 
 

@@ -141,7 +141,7 @@ def test_cancel_without_a_swing_says_that_swings_are_known_here(under_way, texts
 
 def test_a_proposal_out_of_range_sets_nothing_at_all(proposed, texts):
     swing = proposed.request_handler.compass_swing
-    swing._report = type(swing.report)(CalibrationState.DONE, 100, found_rad=(0.1, 0.1, 0.1, 0.1, 2.0))
+    swing._report = type(swing.report)(CalibrationState.DONE, 100, estimated_rad=(0.1, 0.1, 0.1, 0.1, 2.0))
     replies = proposed.command(ACCEPT)
     assert results(replies) == [DENIED]
     assert "CMP_DEV_E" in texts(replies)[0]

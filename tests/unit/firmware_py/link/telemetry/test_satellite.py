@@ -131,7 +131,7 @@ def test_a_step_of_saving_power_is_reported_at_once_and_then_rarely(satellite):
     satellite.tick()
     satellite.command(2600, 1)
     satellite.ticks(100)
-    low = {"saving": 1, "faults": 1 << Fault.BATTERY_LOW}
+    low = {"power_saving_level": 1, "faults": 1 << Fault.BATTERY_LOW}
     (replies,) = satellite.tick(**low)
     assert replies.failure_flags & mavlink.HL_FAILURE_FLAG_BATTERY
     later = [message for _ in range(6000) for message in satellite.tick(**low)]
