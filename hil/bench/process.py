@@ -16,7 +16,7 @@ from hil.bench.sea import Sea
 from hil.bench.setting import Setting
 from hil.bench.station import Station
 from hil.errors import HilError
-from hil.ship.scenarios import named
+from hil.ship.scenarios import find_scenario
 from hil.sim import run_file
 from hil.sim.goals import Goal
 from hil.sim.logbook import RunOptions
@@ -136,7 +136,7 @@ def lockstep(setting: Setting) -> Finding:
 
 
 def _speed(setting: Setting, out: Path, *links: str) -> float:
-    run(RunOptions(named("tank"), setting.lockstep_s, out, math.inf, 1, GOALS, links=links, cores=2))
+    run(RunOptions(find_scenario("tank"), setting.lockstep_s, out, math.inf, 1, GOALS, links=links, cores=2))
     wall_s = run_file.read(out).wall_s
     return setting.lockstep_s / wall_s if wall_s else math.nan
 

@@ -18,7 +18,7 @@ from hil.devices.nmea_text import whole_sentence
 from hil.devices.pty_line import PtyLine
 from hil.devices.timing import Pace
 from hil.errors import HilError
-from hil.ship.scenarios import named
+from hil.ship.scenarios import find_scenario
 from hil.sim.device_factory import emulators
 from hil.sim.goals import Goal
 from hil.sim.ground_station import GroundStation
@@ -92,7 +92,7 @@ class Rig:
         self.out = directory
         self.sentences_s: list[float] = []
         self.heartbeat_s: float | None = None
-        self._world = World(named("calm"), 1)
+        self._world = World(find_scenario("calm"), 1)
         devices = emulators(self._world, standard_vehicle(), 1)
         self._devices: dict[str, Emulator] = {
             **devices, "compass": CountingCompass(), "link": GroundStation([Goal(0.0, 0.0)])

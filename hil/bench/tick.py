@@ -18,7 +18,7 @@ from hil.bench.figure import Figure, Finding, paired_figure
 from hil.bench.setting import Setting
 from hil.errors import HilError
 from hil.report.figure_file import COUNTED
-from hil.ship.scenarios import named
+from hil.ship.scenarios import find_scenario
 from hil.sim.goals import Goal
 from hil.sim.logbook import RunOptions
 from hil.sim.runner import run
@@ -53,7 +53,7 @@ def logged(out: Path) -> Iterator[Inputs]:
 
 def log_of_a_run(out: Path, seconds: float) -> Path:
     """Run the autopilot in lockstep and return the path of its log."""
-    run(RunOptions(named(SEA), seconds, out, math.inf, 1, (Goal(0.0, 0.0),)))
+    run(RunOptions(find_scenario(SEA), seconds, out, math.inf, 1, (Goal(0.0, 0.0),)))
     (log,) = log_files(out / STATE / "logs").values()
     return log
 

@@ -21,7 +21,7 @@ from hil.lab.swarm import SwarmSettings, minimise
 from hil.lab.swarm.records import Floats
 from hil.lab.twin import sailing
 from hil.lab.twin.sea import sea_of
-from hil.ship.scenarios import sea_of as scenario_of
+from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import parse_goals
 
 SCENARIO, SEED, GOALS, SECONDS = "sea", 1, "0:0,120:60,720:-30", 1200.0
@@ -36,7 +36,7 @@ def loop(setting: Setting) -> Finding:
     """Measure the processor time of a control tick in the compiled loop of boat and autopilot."""
     parameters, goals = ParameterSet(), parse_goals(GOALS)
     boat, law, task = sailing.boat_of(parameters), LawSettings.of(parameters), sailing.task_of(goals)
-    sea = sea_of(scenario_of(SCENARIO), SEED, SECONDS)
+    sea = sea_of(parse_scenario(SCENARIO), SEED, SECONDS)
     sailing.sail(boat, law, sea, task, 1.0, ticks=False)  # compiles
     per_tick_ns = []
     for _ in range(setting.pairs):

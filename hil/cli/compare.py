@@ -97,7 +97,7 @@ def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
     """Return the limit of each row at its travel, with compass alone and with a receiver; None if unknown."""
     from hil.lab.compare.limit import at_travel, is_exact_for, limits  # noqa: PLC0415 - scipy is slow to import
 
-    seas = {row.scenario: scenarios.sea_of(row.scenario) for row in rows}
+    seas = {row.scenario: scenarios.parse_scenario(row.scenario) for row in rows}
     curves = {
         name: [limits(sea, OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
         for name, sea in seas.items()
@@ -186,7 +186,7 @@ def _task(arguments: argparse.Namespace) -> Task:
         names = tuple(f"{name}+{disturbances}" for name in names)
     try:
         for name in names:
-            scenarios.sea_of(name)
+            scenarios.parse_scenario(name)
         goals = parse_goals(arguments.goal)
     except (scenarios.UnknownScenarioError, DisturbanceError, GoalError) as error:
         raise UsageError(str(error)) from None

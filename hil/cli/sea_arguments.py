@@ -61,7 +61,7 @@ def sea_of(arguments: argparse.Namespace) -> Scenario:
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     try:
-        scenario = scenarios.named(arguments.scenario)
+        scenario = scenarios.find_scenario(arguments.scenario)
     except scenarios.UnknownScenarioError as error:
         raise UsageError(str(error)) from None
     if arguments.current is not None:

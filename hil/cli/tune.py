@@ -164,9 +164,9 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
     )
     model, names = model_of(vehicle), arguments.scenarios
     try:
-        if any(scenarios.sea_of(name).disturbances.supply is not None for name in names):
+        if any(scenarios.parse_scenario(name).disturbances.supply is not None for name in names):
             raise UsageError("--with supply: trial runs do not simulate power; remove it")
-        if any(scenarios.sea_of(name).disturbances.vessels is not None for name in names):
+        if any(scenarios.parse_scenario(name).disturbances.vessels is not None for name in names):
             raise UsageError("--with vessels: trial runs do not simulate other vessels; remove it")
         trials, fresh = (
             delivered.Trials(model, parameters, names, range(first, first + count))

@@ -81,7 +81,7 @@ def block(fields: dict[str, object]) -> bytes:
 
 
 class VeDirectEmulator:
-    """A device on a power plant; `error` is the error code of a charger, `known` whether the charge is known."""
+    """A device on a power plant, with a charger's error code and whether a monitor's state of charge is known."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class VeDirectEmulator:
         """Start at phase_s."""
         self.plant = plant
         self.error = 0
-        self.known = True
+        self.is_soc_known = True
         self._kind = kind
         self._pace = Pace(PERIOD_S, start_s=phase_s, error_ppm=frequency_error_ppm)
         self.transmitter = Transmitter(baud)
@@ -161,7 +161,7 @@ class VeDirectEmulator:
                 "I": round(battery_a * 1e3),
                 "P": round(battery_a * millivolts * 1e-3),
                 "CE": round(min(0.0, totals.battery_c) / 3.6),
-                "SOC": round(self.plant.charge * 1e3) if self.known else "---",
+                "SOC": round(self.plant.charge * 1e3) if self.is_soc_known else "---",
                 "TTG": -1,
                 "Alarm": "OFF",
                 "AR": 0,

@@ -12,7 +12,7 @@ from firmware_py.common.plan import Plan
 from firmware_py.view.model import Line, Panel, Voyage, numbers, plan_rows, voyage
 from hil.report import thin_log
 from hil.report.field_log import FieldLog
-from hil.report.spectrum import spectrum_of
+from hil.report.spectrum import log_spectra
 from hil.report.thin_log import ThinTable, broken, gaps_of, panel_values, places_m
 from hil.report.thinning import thinned
 from hil.sim.truth import Array, Truth
@@ -100,7 +100,7 @@ def _beside(log: FieldLog) -> dict[str, Any]:
     if log.home is not None:
         plans["home"] = numbers(log.home, 7)
     made: dict[str, Any] = {"plans": plans, "first_item": log.first_item} if plans else {}
-    if (spectrum := spectrum_of(log)) is not None:
+    if (spectrum := log_spectra(log)) is not None:
         made["spectrum"] = spectrum
     return made
 

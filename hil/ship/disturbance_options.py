@@ -203,7 +203,7 @@ def needed(row: Option) -> tuple[str, ...]:
     return tuple(one.name for one in fields(row.record) if one.default is MISSING)
 
 
-def rows_of(disturbances: Disturbances) -> list[tuple[str, str]]:
+def description_rows(disturbances: Disturbances) -> list[tuple[str, str]]:
     """Return the description and the numbers of each option, for a report."""
     rows = []
     for row in TABLE:

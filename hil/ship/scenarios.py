@@ -14,14 +14,14 @@ class UnknownScenarioError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One scenario, in degrees because people read the rows and reports print them.
+    """One scenario. Angles are in degrees, because the rows are edited by hand and printed in reports.
 
     `speed_m_s` is the speed through the water, `bias_deg` the mean rudder bias and `drift_deg` the standard deviation
     of its variation (Gauss-Markov, 100 s). `current_toward_deg` is the direction that the current flows to, with a
     tide at the start; `tide_s` is the period of the tide (0: none) and `tide_rotary` its rotation (hil/ship/planar.py).
     `gust_deg` is the strength of gusts, as a rudder angle (hil/ship/gusts.py). `orbital_m_s` is the standard deviation
-    of the wave orbital velocity, toward `waves_toward_deg` (hil/ship/orbit.py). `disturbances` are further
-    disturbances (hil/ship/disturbance_options.py).
+    of the wave orbital velocity, toward `waves_toward_deg` (hil/ship/orbit.py). `disturbances` are the
+    optional disturbances (hil/ship/disturbance_options.py).
     """
 
     name: str
@@ -46,7 +46,7 @@ TABLE: tuple[Scenario, ...] = (
     Scenario("tank", "the paper's tank: waves 0.23 m high, 10 m long", 0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
     Scenario("sea", "the paper's sea trial: moderate waves and a cross current", 0.9, 6.0, 4.0, 5.0, 2.0, 0.3),
     Scenario("swell", "long swell with 20 deg of wave yaw", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
-    Scenario("weak", "almost no wave power: slow and sluggish", 0.2, 4.0, 10.0, 3.0, 2.0, 0.0),
+    Scenario("weak", "low wave power: a slow boat with little rudder effect", 0.2, 4.0, 10.0, 3.0, 2.0, 0.0),
     Scenario("storm", "30 deg of wave yaw, a current faster than the boat", 0.5, 7.0, 30.0, 8.0, 4.0, 0.6),
     Scenario(
         "mission",
@@ -65,7 +65,7 @@ TABLE: tuple[Scenario, ...] = (
     Scenario(
         "surge", "the swell, with wave orbital motion of the receiver", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0, orbital_m_s=0.4
     ),
-    # The voyages of docs/explanation/capabilities.md: several disturbances at a time.
+    # The voyages of docs/explanation/capabilities.md combine several disturbances.
     Scenario(
         "ocean-1",
         "a trade wind sea: float on an umbilical, some leeway, a realistic receiver",
@@ -90,7 +90,7 @@ TABLE: tuple[Scenario, ...] = (
     ),
     Scenario(
         "ocean-3",
-        "almost no waves, for minutes none, in a current as fast as the boat",
+        "low wave power, at times none for minutes, and a current as fast as the boat",
         0.2,
         4.0,
         10.0,
@@ -101,7 +101,7 @@ TABLE: tuple[Scenario, ...] = (
     ),
     Scenario(
         "ocean-4",
-        "a harsh sea with most disturbances; the ship turns less than its model says",
+        "a rough sea with most disturbances; the ship turns less than its model predicts",
         0.5,
         8.0,
         20.0,
@@ -114,7 +114,7 @@ TABLE: tuple[Scenario, ...] = (
             "compass=1:4:-3:1.5:0.5:3:1,kt=0.8:1.3,delay=0.5"
         ),
     ),
-    # Seas with what was recorded on a vessel of 5 m (docs/explanation/physics.md, "Recorded seas").
+    # Seas with disturbances identified from recordings of a 5 m vessel (docs/explanation/physics.md, "Recorded seas").
     Scenario(
         "fjord",
         "as recorded in sheltered water: little diffusion of the heading, a changing rudder bias",
@@ -157,8 +157,8 @@ TABLE: tuple[Scenario, ...] = (
 )
 
 
-def named(name: str) -> Scenario:
-    """Return the row of a name, or raise UnknownScenarioError."""
+def find_scenario(name: str) -> Scenario:
+    """Return the scenario with this name, or raise UnknownScenarioError."""
     for row in TABLE:
         if row.name == name:
             return row
@@ -166,7 +166,7 @@ def named(name: str) -> Scenario:
 
 
 def with_disturbances(scenario: Scenario, text: str) -> Scenario:
-    """Return the scenario with options that replace its own, or raise DisturbanceError."""
+    """Return the scenario with disturbances replaced by those of an option text, or raise DisturbanceError."""
     disturbances = disturbance_options.parse(text, scenario.disturbances)
     if (
         disturbances.orbital is not None
@@ -179,26 +179,26 @@ def with_disturbances(scenario: Scenario, text: str) -> Scenario:
     return replace(scenario, disturbances=disturbances)
 
 
-def sea_of(text: str) -> Scenario:
-    """Return the scenario of "swell" or "swell+float=0.3:0.6,leeway=8"; UnknownScenarioError or DisturbanceError."""
+def parse_scenario(text: str) -> Scenario:
+    """Parse "NAME" or "NAME+OPTIONS", such as "swell+leeway=8"; raise UnknownScenarioError or DisturbanceError."""
     name, plus, options = text.partition("+")
-    return with_disturbances(named(name), options) if plus else named(name)
+    return with_disturbances(find_scenario(name), options) if plus else find_scenario(name)
 
 
-def rows_of(sea: Scenario) -> list[tuple[str, str]]:
-    """Return the description of a scenario, for a report."""
+def description_rows(scenario: Scenario) -> list[tuple[str, str]]:
+    """Return a scenario's quantities as rows of label and value, for a report."""
     return [
-        ("speed through the water", f"{sea.speed_m_s:g} m/s"),
-        ("wave period", f"{sea.wave_period_s:g} s" if sea.wave_period_s else "no waves"),
-        ("wave yaw, standard deviation", f"{sea.wave_yaw_deg:g} deg"),
-        ("rudder bias", f"{sea.bias_deg:g} deg, varying by {sea.drift_deg:g} deg (standard deviation)"),
-        ("current", _current(sea)),
-        *disturbance_options.rows_of(sea.disturbances),
+        ("speed through the water", f"{scenario.speed_m_s:g} m/s"),
+        ("wave period", f"{scenario.wave_period_s:g} s" if scenario.wave_period_s else "no waves"),
+        ("wave yaw, standard deviation", f"{scenario.wave_yaw_deg:g} deg"),
+        ("rudder bias", f"{scenario.bias_deg:g} deg, varying by {scenario.drift_deg:g} deg (standard deviation)"),
+        ("current", _current(scenario)),
+        *disturbance_options.description_rows(scenario.disturbances),
     ]
 
 
-def _current(sea: Scenario) -> str:
-    if not sea.current_m_s:
+def _current(scenario: Scenario) -> str:
+    if not scenario.current_m_s:
         return "none"
-    steady = f"{sea.current_m_s:g} m/s toward {sea.current_toward_deg:g} deg"
-    return f"{steady}, turning with a tidal period of {sea.tide_s / 3600.0:g} h" if sea.tide_s else steady
+    steady = f"{scenario.current_m_s:g} m/s toward {scenario.current_toward_deg:g} deg"
+    return f"{steady}, turning with a tidal period of {scenario.tide_s / 3600.0:g} h" if scenario.tide_s else steady

@@ -14,7 +14,7 @@ from pathlib import Path
 from firmware_py.vehicle import Vehicle
 from hil.errors import HilError, UsageError
 from hil.ship import disturbance_options
-from hil.ship.scenarios import Scenario, rows_of
+from hil.ship.scenarios import Scenario, description_rows
 from hil.sim import run_file
 from hil.sim.goals import Goal
 from hil.sim.ground_station import GUIDED
@@ -135,7 +135,7 @@ def _record(options: RunOptions, start_utc_s: float) -> RunFile:
         title=f"{scenario.name}: {scenario.text}" + (f"; {', '.join(names)}" if names else ""),
         scenario=scenario.name,
         extras=disturbance_options.text_of(scenario.disturbances),
-        sea=tuple(rows_of(scenario)),
+        sea=tuple(description_rows(scenario)),
         seed=options.seed,
         seconds=options.seconds,
         compass=vehicle.compass.driver,

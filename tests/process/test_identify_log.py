@@ -20,7 +20,7 @@ UNITS = {"K": "1/s", "T": "s"}
 @pytest.mark.timeout(300)
 def test_a_zigzag_of_goals_identifies_the_ship(tmp_path, figures):
     goals = ",".join(f"{40 * number}:{30 if number % 2 == 0 else -30}" for number in range(5))
-    run(RunOptions(scenarios.named("tank"), 200.0, tmp_path, goals=parse_goals(goals)))
+    run(RunOptions(scenarios.find_scenario("tank"), 200.0, tmp_path, goals=parse_goals(goals)))
     code, output, errors = rambler_hil("identify", tmp_path / LOG, "--json", "-")
     assert (code, errors) == (0, "")
     found = json.loads(output)
@@ -40,7 +40,11 @@ def test_a_zigzag_of_goals_identifies_the_ship(tmp_path, figures):
 def test_a_log_without_motion_is_refused_as_such(tmp_path):
     run(
         RunOptions(
-            scenarios.named("calm"), 40.0, tmp_path, goals=parse_goals("0:0"), settings={"EST_MODE": 0, "CTL_MODE": 0}
+            scenarios.find_scenario("calm"),
+            40.0,
+            tmp_path,
+            goals=parse_goals("0:0"),
+            settings={"EST_MODE": 0, "CTL_MODE": 0},
         )
     )
     code, output, errors = rambler_hil("identify", tmp_path / LOG)

@@ -29,7 +29,7 @@ def test_waves_move_the_rudder_little(name, limits):
     Before the first turn the speed is not known: the model is at 0.5 m/s where the boat makes 0.9.
     """
     values, goals = voyage.parameters_with(), parse_goals("0:60")
-    sea = drawn(scenarios.named(name), 11, 340.0)
+    sea = drawn(scenarios.find_scenario(name), 11, 340.0)
     record, _ = sailing.sail(sailing.boat_of(values), LawSettings.of(values), sea, sailing.task_of(goals), 340.0)
     score = score_of(sailing.truth_of(record, goals))
     assert score.rms_deg <= limits[0]

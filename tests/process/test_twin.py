@@ -16,7 +16,7 @@ from firmware_py.log.reader import read_log
 from hil.lab.compare.score import score_of
 from hil.lab.twin import loop, sailing
 from hil.lab.twin.sea import sea_of as drawn
-from hil.ship.scenarios import TABLE, sea_of
+from hil.ship.scenarios import TABLE, parse_scenario
 from hil.sim.goals import parse_goals
 from hil.sim.logbook import RunOptions
 from hil.sim.runner import run
@@ -65,7 +65,7 @@ def monitored(log):
 
 def compared(directory, text, seed, goals, seconds, **parameters):
     """Sail a sea by the autopilot and by the twin; return the largest gain reduction and what differs: rows, ticks."""
-    scenario, given = sea_of(text), parse_goals(goals)
+    scenario, given = parse_scenario(text), parse_goals(goals)
     options = RunOptions(scenario, seconds, directory, seed=seed, goals=given, settings=parameters)
     truth = run(options).truth.table()
     values = voyage.parameters_with(**parameters)
@@ -109,7 +109,7 @@ def test_the_autopilot_steers_every_scenario_as_the_compiled_loop_does(tmp_path,
 @pytest.mark.parametrize("text", EVERY)
 def test_interpreted_and_compiled_loop_agree_in_every_scenario(text):
     parameters, seconds = voyage.parameters_with(), WALK[1]
-    sea, task = drawn(sea_of(text), 1, seconds), sailing.task_of(parse_goals(WALK[0]))
+    sea, task = drawn(parse_scenario(text), 1, seconds), sailing.task_of(parse_goals(WALK[0]))
     run_of = (sailing.boat_of(parameters), LawSettings.of(parameters), sea, task, seconds)
     compiled, count = sailing.sail(*run_of)
     done = subprocess.run(
@@ -135,7 +135,7 @@ def test_the_first_turn_ends_in_time(name, mean_s, most_s):
     found, parameters, given = [], voyage.parameters_with(), parse_goals("0:60")
     boat, law, task = sailing.boat_of(parameters), LawSettings.of(parameters), sailing.task_of(given)
     for seed in (11, 1, 2, 3, 4, 5):
-        record, _ = sailing.sail(boat, law, drawn(sea_of(name), seed, SEEN_S), task, SEEN_S)
+        record, _ = sailing.sail(boat, law, drawn(parse_scenario(name), seed, SEEN_S), task, SEEN_S)
         found.append(score_of(sailing.truth_of(record, given)).near_s)
     assert np.mean(found) <= mean_s
     assert max(found) <= most_s

@@ -1,4 +1,4 @@
-"""Whatever bytes arrive, at whatever times, an emulator neither raises nor stops answering."""
+"""Emulators neither raise nor stop replying after arbitrary bytes at arbitrary times."""
 
 import math
 
@@ -39,7 +39,7 @@ DEVICES = {
     "mti": (lambda: MtiEmulator(StillBoat(), np.random.default_rng(1)), MTI_GOTO_CONFIG, b"\xfa\xff\x31\x00\xd0"),
     "volz": (lambda: VolzEmulator(ServoShaft(), np.random.default_rng(1)), VOLZ_CURRENT, b"\x30\x01"),
 }
-# Pieces of real frames among the noise, so that the parsers are led further in than noise alone leads them.
+# Noise with parts of real frames, which reach more states of the parsers than random bytes alone.
 PIECES = st.one_of(
     st.binary(max_size=40),
     st.sampled_from([
@@ -55,7 +55,7 @@ STREAM = st.lists(st.tuples(PIECES, st.floats(0.0, 0.05)), max_size=30)
 
 @pytest.mark.parametrize("name", DEVICES)
 @given(stream=STREAM)
-def test_arbitrary_bytes_never_wedge_an_emulator(name, stream):
+def test_emulators_reply_after_arbitrary_bytes(name, stream):
     make, request, reply_start = DEVICES[name]
     emulator = make()
     now_s = 0.0
@@ -72,36 +72,36 @@ def test_arbitrary_bytes_never_wedge_an_emulator(name, stream):
 
 @pytest.mark.parametrize("name", DEVICES)
 @given(stream=STREAM)
-def test_the_wanted_instant_always_moves_on(name, stream):
-    """A board that polls a device at each of its times does not loop at one time."""
+def test_next_output_time_always_advances(name, stream):
+    """A caller that reads the output at each due time never loops at one time."""
     emulator = DEVICES[name][0]()
     now_s = 0.0
     for data, pause_s in stream:
         now_s += pause_s
         emulator.receive(now_s, data)
-        requests = 0
+        outputs = 0
         while emulator.next_output_s() <= now_s:
             emulator.take_output(now_s)
-            requests += 1
-            assert requests < 100
+            outputs += 1
+            assert outputs < 100
         assert math.isinf(emulator.next_output_s()) or emulator.next_output_s() > now_s
 
 
 @pytest.mark.parametrize("name", DEVICES)
 @given(stream=STREAM, seed=st.integers(0, 2**32 - 1))
-def test_the_same_bytes_and_seed_give_the_same_bytes(name, stream, seed):
-    outs = []
+def test_output_is_repeatable_for_the_same_input_and_seed(name, stream, seed):
+    runs = []
     for _ in range(2):
         emulator = Impaired(
             DEVICES[name][0](), np.random.default_rng(seed), drop=0.05, flip=0.05, duplicate=0.05, garbage=0.2
         )
-        now_s, out = 0.0, []
+        now_s, output = 0.0, []
         for data, pause_s in stream:
             now_s += pause_s
             emulator.receive(now_s, data)
-            out.append(emulator.take_output(now_s))
-        outs.append(out)
-    assert outs[0] == outs[1]
+            output.append(emulator.take_output(now_s))
+        runs.append(output)
+    assert runs[0] == runs[1]
 
 
 @given(
@@ -110,7 +110,7 @@ def test_the_same_bytes_and_seed_give_the_same_bytes(name, stream, seed):
     baud=st.sampled_from([4800, 9600, 38_400]),
     gaps=st.lists(st.floats(0.0, 3.0), min_size=1, max_size=30),
 )
-def test_a_talker_asked_at_any_times_gives_whole_sentences(rate_hz, phase_s, baud, gaps):
+def test_nmea_compass_outputs_only_complete_sentences(rate_hz, phase_s, baud, gaps):
     compass = NmeaCompassEmulator(
         StillBoat(), np.random.default_rng(1), rate_hz=rate_hz, phase_s=phase_s, baud=baud, rot=True
     )

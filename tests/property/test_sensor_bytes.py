@@ -1,4 +1,4 @@
-"""No bytes from a sensor's line can harm its driver, and no damaged message becomes another heading."""
+"""Sensor drivers accept arbitrary bytes, and a damaged message never gives a wrong heading."""
 
 import itertools
 import math
@@ -36,10 +36,10 @@ PVT = bytes.fromhex(
     "f6ffffffe4ffffff260000001e000000aa053000e5000000685f0d00910000e0ac4c220000e000e000000080c855".replace(" ", "")
 )
 
-# Noise with the beginnings of real messages in it, which plain random bytes hardly ever have.
-WHOLE = (HDG, HDT, RMC, GGA, PASHR, PNI, MTI, PVT)
-HEADS = tuple(message[: len(message) * 2 // 3] for message in WHOLE)
-ODD = (
+# Noise with complete and truncated messages, which reach more states of the parsers than random bytes alone.
+MESSAGES = (HDG, HDT, RMC, GGA, PASHR, PNI, MTI, PVT)
+TRUNCATED_MESSAGES = tuple(message[: len(message) * 2 // 3] for message in MESSAGES)
+MALFORMED_MESSAGES = (
     b"$",
     b"!",
     b"*",
@@ -54,7 +54,7 @@ ODD = (
     b"\xfa\xff\x31\x00\xd0",
     b"\xfa\xff\xc1\x00\x40",
 )
-PIECES = st.sampled_from(WHOLE + HEADS + ODD) | st.binary(max_size=12)
+PIECES = st.sampled_from(MESSAGES + TRUNCATED_MESSAGES + MALFORMED_MESSAGES) | st.binary(max_size=12)
 STREAMS = st.lists(PIECES, max_size=16).map(b"".join)
 
 
@@ -66,8 +66,8 @@ DRIVERS = {
 FRAMERS = (NmeaFramer, pni_protocol.framer, mti_protocol.framer, ubx_protocol.framer)
 
 
-def a_line(stream, size):
-    """A ByteLine that gives a stream in pieces."""
+def byte_line(stream, size):
+    """Return a ByteLine that delivers a stream in pieces of `size` bytes."""
     pieces = iter([stream[start : start + size] for start in range(0, len(stream), size)])
     return SimpleNamespace(
         name="line",
@@ -79,18 +79,18 @@ def a_line(stream, size):
     )
 
 
-def test_the_recorded_packet_is_whole():
+def test_recorded_packet_is_valid():
     (packet,) = ubx_protocol.framer().feed(PVT)
     assert packet.fault == ""
 
 
 @pytest.mark.parametrize("make", DRIVERS.values(), ids=DRIVERS)
 @given(stream=STREAMS | st.binary(max_size=5000), size=st.integers(1, 4096))
-def test_drivers_take_anything_and_give_only_sound_samples(make, stream, size):
-    driver = make(a_line(stream, size))
-    for turn in range(1 + len(stream) // size):
-        driver.receive(turn * 0.1)
-        assert isinstance(driver.health(turn * 0.1), DeviceHealth)
+def test_drivers_accept_any_bytes_and_give_only_samples_in_range(make, stream, size):
+    driver = make(byte_line(stream, size))
+    for cycle in range(1 + len(stream) // size):
+        driver.receive(cycle * 0.1)
+        assert isinstance(driver.health(cycle * 0.1), DeviceHealth)
         for sample in driver.poll():
             for name, limit in (
                 ("heading_rad", 2 * math.pi),
@@ -104,13 +104,13 @@ def test_drivers_take_anything_and_give_only_sound_samples(make, stream, size):
 
 @pytest.mark.parametrize("make", FRAMERS)
 @given(stream=STREAMS, cuts=st.lists(st.integers(0, 400), max_size=8))
-def test_how_a_stream_is_cut_does_not_matter(make, stream, cuts):
+def test_framing_does_not_depend_on_the_pieces(make, stream, cuts):
     whole = make()
     expected = whole.feed(stream) + whole.finish()
     edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
     framer = make()
-    found = [message for start, stop in itertools.pairwise(edges) for message in framer.feed(stream[start:stop])]
-    assert found + framer.finish() == expected
+    messages = [message for start, stop in itertools.pairwise(edges) for message in framer.feed(stream[start:stop])]
+    assert messages + framer.finish() == expected
 
 
 @pytest.mark.parametrize("make", FRAMERS)
@@ -138,56 +138,55 @@ def test_memory_is_bounded(make, noise):
     ids=["nmea", "pni", "ubx"],
 )
 @given(noise=STREAMS)
-def test_a_good_message_after_any_noise_is_found_at_once(make, message, noise):
+def test_valid_message_after_noise_is_decoded(make, message, noise):
     framer = make()
     framer.feed(noise)
-    found = framer.feed(message)
-    assert found
-    last = found[-1]
+    messages = framer.feed(message)
+    assert messages
+    last = messages[-1]
     assert last.fault == ""
     assert getattr(last, "data", message) == message
 
 
 @pytest.mark.parametrize("message", [HDG, HDT, PASHR], ids=["HDG", "HDT", "PASHR"])
-def test_no_single_bit_flip_makes_another_heading_nmea(message):
-    """XOR finds every single flip, any odd number of flips in one bit column, and nothing else.
+def test_single_bit_flip_never_gives_a_wrong_heading_nmea(message):
+    """The XOR checksum detects an odd number of flips of one bit position.
 
-    It cannot see two flips of the same bit in two characters, characters that change
-    places, or a cut that falls on an equal sum; those are left to the ranges and to the
-    observer. The bits after the checksum carry nothing.
+    It does not detect two flips of one bit position or exchanged characters; the range checks and the estimator have
+    to reject these. The line end after the checksum is not tested.
     """
     (good,) = headings(message)
     for bit in range(8 * (len(message) - 2)):
         damaged = bytearray(message)
         damaged[bit // 8] ^= 1 << bit % 8
-        # A flipped case of a hexadecimal digit states the same checksum.
+        # A flip may only change the case of a hexadecimal digit, which keeps the checksum.
         assert headings(bytes(damaged)) in ([], [good]), bit
 
 
 def headings(stream):
-    compass = NmeaCompass(a_line(stream, 4096), NmeaCompassOptions())
+    compass = NmeaCompass(byte_line(stream, 4096), NmeaCompassOptions())
     compass.receive(1.0)
     return [sample.heading_rad for sample in compass.poll()]
 
 
-def test_what_xor_cannot_catch():
+def test_xor_checksum_does_not_detect_exchanged_digits():
     assert headings(b"$HEHDT,341.8,T*21\r\n") != headings(b"$HEHDT,143.8,T*21\r\n") != []
 
 
 @given(st.integers(0, 3599).map(lambda tenths: tenths / 10), st.integers(0), st.integers(0))
-def test_no_two_bit_flips_make_another_heading_pni(heading_deg, first, second):
+def test_two_bit_flips_never_give_a_wrong_heading_pni(heading_deg, first, second):
     frame = bytearray(pni_protocol.encode(5, bytes([1, 5]) + struct.pack(">f", heading_deg)))
     bits = 8 * len(frame)
     for bit in {first % bits, second % bits}:
         frame[bit // 8] ^= 1 << bit % 8
-    compass = PniCompass(a_line(bytes(frame), 4096), PniOptions())
+    compass = PniCompass(byte_line(bytes(frame), 4096), PniOptions())
     compass.receive(1.0)
     assert first % bits == second % bits or len(compass.poll()) == 0
 
 
 @given(st.floats(-180.0, 180.0, width=32), st.integers(0), st.integers(1, 255))
-def test_no_damage_to_one_byte_makes_another_heading_mti(yaw_deg, place, change):
-    """A sum finds any damage to one byte, and of a cut or of two bytes 255 in 256; the rest is left to the ranges."""
+def test_one_damaged_byte_never_gives_a_wrong_heading_mti(yaw_deg, place, change):
+    """The sum detects every damage to one byte, but only 255 of 256 damages to two bytes."""
     packet = bytearray(mti_protocol.encode(0x36, STATUS_GOOD + struct.pack(">HB3f", 0x2034, 12, 178.0, 1.0, yaw_deg)))
     assert len(mti_headings(bytes(packet))) == 1
     packet[place % len(packet)] ^= change
@@ -195,14 +194,14 @@ def test_no_damage_to_one_byte_makes_another_heading_mti(yaw_deg, place, change)
 
 
 def mti_headings(stream):
-    compass = MtiCompass(a_line(stream, 4096), MtiOptions())
+    compass = MtiCompass(byte_line(stream, 4096), MtiOptions())
     compass.receive(1.0)
     return [sample.heading_rad for sample in compass.poll()]
 
 
 @given(st.text(max_size=12) | st.from_regex(r"[-+]?[0-9.]{0,12}", fullmatch=True))
 @example("0.-6")
-def test_a_number_is_what_float_says_or_refused(text):
+def test_number_equals_float_or_is_refused(text):
     try:
         value = to_number(text)
     except MessageError:
@@ -216,7 +215,7 @@ def test_a_number_is_what_float_says_or_refused(text):
 
 @pytest.mark.parametrize("kind", sorted(CAPTURE_FORMATS))
 @given(data=STREAMS)
-def test_any_capture_can_be_decoded(kind, data):
+def test_every_capture_is_decoded(kind, data):
     for result in decode(kind, data):
         assert result["line"] >= 1
         assert format_text(result).isprintable()

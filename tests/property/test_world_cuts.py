@@ -14,7 +14,7 @@ commands = st.lists(st.tuples(st.floats(0.0, LOOK_S), st.floats(-40.0, 40.0)), m
 
 
 def sailed(cuts: list[float], orders: list[tuple[float, float]]) -> tuple[list[object], tuple[float, ...]]:
-    world = World(scenarios.named("storm"), 7, end_s=END_S)
+    world = World(scenarios.find_scenario("storm"), 7, end_s=END_S)
     world.shaft.set_torque(on=True)
     events = sorted([(t, 0, 0.0) for t in cuts] + [(t, 1, angle) for t, angle in orders])
     for t_s, is_order, angle_deg in events:

@@ -25,7 +25,7 @@ from hil.devices.sensor_errors import AttitudeWithError, WhereaboutsWithError
 from hil.devices.vedirect import Kind, VeDirectEmulator
 from hil.devices.volz import VolzEmulator
 from hil.ship.power_plant import Place, PowerPlant
-from hil.ship.scenarios import Scenario, named
+from hil.ship.scenarios import Scenario, find_scenario
 from hil.sim.board import Board
 from hil.sim.goals import parse_goals
 from hil.sim.ground_station import MODE_NAMES, GroundStation, Order
@@ -142,7 +142,7 @@ class Boat:
     ):
         self.directory = directory
         self.time = RealTime() if speed is None else Lockstep(speed)
-        sea = scenario if isinstance(scenario, Scenario) else named(scenario)
+        sea = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
         self.world = World(change(sea) if change else sea, 1)
         rng = np.random.default_rng
         self.attitude, self.whereabouts = AttitudeWithError(self.world), WhereaboutsWithError(self.world)

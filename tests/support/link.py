@@ -143,7 +143,7 @@ class MemoryTransport:
         self.options = options
         self.inbox = []
         self.sent = []
-        self.takes = True
+        self.is_writable = True
         self.blocked_reason = ""
         self.closed = False
 
@@ -155,9 +155,9 @@ class MemoryTransport:
         return inbox
 
     def send(self, address, data):
-        if self.takes:
+        if self.is_writable:
             self.sent.append((address, data))
-        return self.takes
+        return self.is_writable
 
     def addresses(self):
         return self.served

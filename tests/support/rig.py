@@ -32,7 +32,7 @@ from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.orbit import Orbit
 from hil.ship.planar import PlanarMotion, Tide
-from hil.ship.scenarios import Scenario, named
+from hil.ship.scenarios import Scenario, find_scenario
 from hil.ship.waves import WaveYaw
 from support.plans import item, mission, placed
 
@@ -228,7 +228,7 @@ def on_a_mission():
 
 def sea(name="calm", **changes):
     """A sea of the table, changed."""
-    return dataclasses.replace(named(name), **changes)
+    return dataclasses.replace(find_scenario(name), **changes)
 
 
 def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, wave_s=6.0, wave_deg=4.0, bias_deg=5.0, **more):

@@ -1,4 +1,4 @@
-"""All STATUSTEXTs of the firmware, found in the source by a static search of the calls that create them."""
+"""All STATUSTEXTs of the firmware, found by a static search of the source for the calls that create them."""
 
 import ast
 import re
@@ -8,11 +8,11 @@ from pathlib import Path
 import firmware_py
 
 ROOT = Path(firmware_py.__file__).parent
-HOLE = "<>"
+PLACEHOLDER = "<>"
 _MAX_DEPTH = 8
 _CONSOLE_ONLY = {"cli", "install", "vehicle.py"}  # these send no STATUSTEXT
-# Functions and classes that take a text: its position among the arguments, and its keyword.
-MAKERS = {
+# Functions and classes with a text argument: its position and its keyword.
+TEXT_ARGUMENTS = {
     "Event": (1, "text"),
     "send_text": (2, "text"),
     "send_text_limited": (2, "text"),
@@ -34,8 +34,8 @@ MAKERS = {
     "WatchdogError": (0, ""),
     "finish_when_stored": (2, "text"),
 }
-_SECOND = {"finish_when_stored": (3, "failure")}  # a second text
-_KEPT = {"note", "start_problem"}  # attributes that store a text
+_SECOND_TEXT_ARGUMENTS = {"finish_when_stored": (3, "failure")}  # functions with a second text argument
+_TEXT_ATTRIBUTES = {"note", "start_problem"}  # attributes that store a text
 
 
 def status_texts():
@@ -44,7 +44,9 @@ def status_texts():
         if path.relative_to(ROOT).parts[0] not in _CONSOLE_ONLY:
             for node, scopes in _calls_of(path):
                 for argument in _texts_of(node):
-                    forms = dict.fromkeys(re.sub("(<>)+", HOLE, form) for form in _Forms(path, scopes).of(argument))
+                    forms = dict.fromkeys(
+                        re.sub("(<>)+", PLACEHOLDER, form) for form in _Forms(path, scopes).of(argument)
+                    )
                     yield from ((form, f"{path.relative_to(ROOT)}: {ast.unparse(argument)}") for form in forms if form)
 
 
@@ -59,81 +61,81 @@ def _calls_of(path):
 
 
 def _calls(node, scopes):
-    """Yield each call and each storing assignment with the enclosing functions."""
-    inside = (*scopes, node) if isinstance(node, ast.FunctionDef | ast.Lambda) else scopes
-    if isinstance(node, ast.Call) or (isinstance(node, ast.Assign) and _kept(node)):
-        yield node, inside
+    """Yield each call and each assignment to a text attribute, with the enclosing functions."""
+    enclosing = (*scopes, node) if isinstance(node, ast.FunctionDef | ast.Lambda) else scopes
+    if isinstance(node, ast.Call) or (isinstance(node, ast.Assign) and _stores_text(node)):
+        yield node, enclosing
     for child in ast.iter_child_nodes(node):
-        yield from _calls(child, inside)
+        yield from _calls(child, enclosing)
 
 
 def _name(function):
     return getattr(function, "id", getattr(function, "attr", ""))
 
 
-def _kept(node):
-    return isinstance(node.targets[0], ast.Attribute) and node.targets[0].attr in _KEPT
+def _stores_text(node):
+    return isinstance(node.targets[0], ast.Attribute) and node.targets[0].attr in _TEXT_ATTRIBUTES
 
 
 def _texts_of(call):
     if isinstance(call, ast.Assign):
         yield call.value
         return
-    for makers in (MAKERS, _SECOND):
-        number, keyword = makers.get(_name(call.func), (99, ""))
-        yield from call.args[number : number + 1]
-        yield from (given.value for given in call.keywords if given.arg == keyword)
+    for table in (TEXT_ARGUMENTS, _SECOND_TEXT_ARGUMENTS):
+        position, keyword = table.get(_name(call.func), (99, ""))
+        yield from call.args[position : position + 1]
+        yield from (argument.value for argument in call.keywords if argument.arg == keyword)
 
 
 class _Forms:
     """Possible values of an expression: constants, and placeholders for the rest."""
 
-    def __init__(self, path, scopes, deep=0):
-        self.path, self.scopes, self.deep = path, scopes, deep
+    def __init__(self, path, scopes, depth=0):
+        self.path, self.scopes, self.depth = path, scopes, depth
 
     def of(self, node):
         """Return the forms of an expression."""
-        if self.deep > _MAX_DEPTH:
-            return [HOLE]
-        read = {
-            ast.Constant: lambda: [node.value if isinstance(node.value, str) else HOLE],
-            ast.JoinedStr: lambda: self._joined([getattr(part, "value", part) for part in node.values]),
-            ast.BinOp: lambda: self._joined([node.left, node.right]),
+        if self.depth > _MAX_DEPTH:
+            return [PLACEHOLDER]
+        reader = {
+            ast.Constant: lambda: [node.value if isinstance(node.value, str) else PLACEHOLDER],
+            ast.JoinedStr: lambda: self._concatenations([getattr(part, "value", part) for part in node.values]),
+            ast.BinOp: lambda: self._concatenations([node.left, node.right]),
             ast.IfExp: lambda: self.of(node.body) + self.of(node.orelse),
-            ast.BoolOp: lambda: self._either(node),
-            ast.Subscript: lambda: self.of(node.value) if isinstance(node.slice, ast.Slice) else [HOLE],
-            ast.Name: lambda: self._named(node.id),
-            ast.Call: lambda: self._returned(node),
+            ast.BoolOp: lambda: self._operands_of(node),
+            ast.Subscript: lambda: self.of(node.value) if isinstance(node.slice, ast.Slice) else [PLACEHOLDER],
+            ast.Name: lambda: self._values_of_name(node.id),
+            ast.Call: lambda: self._returned_values(node),
         }.get(type(node))
-        return [HOLE] if read is None else read() or [HOLE]
+        return [PLACEHOLDER] if reader is None else reader() or [PLACEHOLDER]
 
-    def _joined(self, parts):
+    def _concatenations(self, parts):
         forms = [""]
         for part in parts:
-            ends = [part] if isinstance(part, str) else self.of(part)
-            forms = [form + end for form in forms for end in ends]
+            suffixes = [part] if isinstance(part, str) else self.of(part)
+            forms = [form + suffix for form in forms for suffix in suffixes]
         return forms
 
-    def _either(self, node):
+    def _operands_of(self, node):
         if isinstance(node.op, ast.Or):
             return [form for value in node.values for form in self.of(value)]
         return [*self.of(node.values[-1]), ""]
 
-    def _below(self, path, scopes):
-        return _Forms(path, scopes, self.deep + 1)
+    def _nested(self, path, scopes):
+        return _Forms(path, scopes, self.depth + 1)
 
-    def _named(self, name):
+    def _values_of_name(self, name):
         for number in range(len(self.scopes), 0, -1):
             scope = self.scopes[number - 1]
-            inside = self._below(self.path, self.scopes[:number])
-            if values := _assigned(scope, name):
+            inside = self._nested(self.path, self.scopes[:number])
+            if values := _assigned_values(scope, name):
                 return [form for value in values for form in inside.of(value)]
             if name in [argument.arg for argument in (*scope.args.args, *scope.args.kwonlyargs)]:
-                return self._passed(scope, name)
+                return self._passed_values(scope, name)
         path, value = _constant(self.path, name)
-        return [HOLE] if value is None else self._below(path, ()).of(value)
+        return [PLACEHOLDER] if value is None else self._nested(path, ()).of(value)
 
-    def _passed(self, function, name):
+    def _passed_values(self, function, name):
         """Return the values that callers in the same module pass for a parameter."""
         names = [argument.arg for argument in function.args.args if argument.arg != "self"]
         forms = []
@@ -145,27 +147,29 @@ class _Forms:
                 or function in scopes
             ):
                 continue
-            given = {word.arg: word.value for word in call.keywords} | dict(zip(names, call.args, strict=False))
-            if name in given:
-                forms += self._below(self.path, scopes).of(given[name])
+            arguments = {keyword.arg: keyword.value for keyword in call.keywords} | dict(
+                zip(names, call.args, strict=False)
+            )
+            if name in arguments:
+                forms += self._nested(self.path, scopes).of(arguments[name])
         return forms
 
-    def _returned(self, call):
+    def _returned_values(self, call):
         if _name(call.func) == "str":
-            return [HOLE]
+            return [PLACEHOLDER]
         if _name(call.func) in {"format", "capitalize"}:
-            return [re.sub(r"\{[^}]*\}", HOLE, form) for form in self.of(call.func.value)]
+            return [re.sub(r"\{[^}]*\}", PLACEHOLDER, form) for form in self.of(call.func.value)]
         path, function = _function(self.path, _name(call.func))
         if function is None:
-            return [HOLE]
-        inside = self._below(path, (function,))
+            return [PLACEHOLDER]
+        inside = self._nested(path, (function,))
         values = [node.value for node in ast.walk(function) if isinstance(node, ast.Return) and node.value is not None]
         return [form for value in values for form in inside.of(value)]
 
 
 @cache
-def _assigned(scope, name):
-    """Return the expressions assigned to a name in a function: by =, by :=, and in pairs by either branch."""
+def _assigned_values(scope, name):
+    """Return the expressions assigned to a name in a function: by =, by := and by unpacking of a tuple."""
     values = []
     for node in ast.walk(scope):
         if isinstance(node, ast.NamedExpr) and node.target.id == name:
@@ -177,7 +181,7 @@ def _assigned(scope, name):
             if _name(target) == name and isinstance(target, ast.Name):
                 values.append(node.value)
             elif isinstance(target, ast.Tuple):
-                number = next((at for at, one in enumerate(target.elts) if _name(one) == name), None)
+                number = next((index for index, element in enumerate(target.elts) if _name(element) == name), None)
                 if number is not None:
                     values += [value.elts[number] for value in branches if isinstance(value, ast.Tuple)]
     return values
@@ -189,8 +193,8 @@ def _origins(path):
     origins = {}
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("firmware_py"):
-            where = ROOT.parent.joinpath(*node.module.split("."))
-            file = next((one for one in (where.with_suffix(".py"), where / "__init__.py") if one.is_file()), None)
+            module = ROOT.parent.joinpath(*node.module.split("."))
+            file = next((path for path in (module.with_suffix(".py"), module / "__init__.py") if path.is_file()), None)
             origins |= {alias.asname or alias.name: file for alias in node.names if file is not None}
     return origins
 

@@ -13,7 +13,7 @@ from firmware_py.common.records import FixType
 from firmware_py.control.law import LawSettings
 from hil.lab.twin import loop, plant, sailing
 from hil.lab.twin.sea import sea_of as drawn
-from hil.ship.scenarios import sea_of
+from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import Goal
 
 
@@ -28,7 +28,7 @@ def parameters_with(**parameters):
 def sail(text, seed, goals, seconds, *, blade_lost_s=math.inf, parameters=None):
     """Sail a sea for goals of (time, heading [rad]); return the rows of the ticks, and of heading and rudder."""
     values = parameters or parameters_with()
-    sea = drawn(sea_of(text), seed, seconds)
+    sea = drawn(parse_scenario(text), seed, seconds)
     sea = sea._replace(ship=sea.ship._replace(blade_lost_s=blade_lost_s))
     task = sailing.task_of([Goal(t_s, degrees(heading_rad)) for t_s, heading_rad in goals])
     record, count = sailing.sail(sailing.boat_of(values), LawSettings.of(values), sea, task, seconds)

@@ -12,7 +12,7 @@ from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from hil.lab.twin import loop
 from hil.lab.twin.sea import sea_of
-from hil.ship.scenarios import sea_of as named
+from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import Goal
 from support import informed_voyage
 from support.heading_recording import decayed
@@ -59,7 +59,7 @@ def test_uncertainty_is_consistent_and_near_the_informed_filter(diffusion, bias,
     name = f"coast+yaw={diffusion},bias={bias[0]:g}:{bias[1]:g},receiver={RECEIVERS[receiver]}"
     figures = []
     for seed in SEEDS:
-        sea = sea_of(named(name), seed, SECONDS)
+        sea = sea_of(parse_scenario(name), seed, SECONDS)
         both = (
             informed_voyage.sail(sea, GOALS, SECONDS, ParameterSet(), levels, informed=informed, ticks=True)
             for informed in (False, True)

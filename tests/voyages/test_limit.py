@@ -15,7 +15,7 @@ import pytest
 from firmware_py.common.angles import radians
 from hil.lab.compare.score import score_of
 from hil.report.figure_file import key_of
-from hil.ship.scenarios import sea_of
+from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import parse_goals
 from support import oracle
 
@@ -67,7 +67,7 @@ def test_lowest_error_at_a_travel():
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("sea", MISSED)
 def test_limits_of_an_oracle(sea, figures):
-    scenario, found = sea_of(sea), {}
+    scenario, found = parse_scenario(sea), {}
     drawn = {seed: oracle.drawn_of(scenario, seed, SECONDS) for seed in MORE}
     for name, knowledge in REPORT.items():
         laws = tried(oracle.knowledge_of(scenario, **knowledge), drawn, MORE)

@@ -10,7 +10,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.faults.table import TABLE, Fault
 from hil.lab.twin import loop
 from hil.report.figure_file import key_of
-from hil.ship.scenarios import sea_of
+from hil.ship.scenarios import parse_scenario
 from support import rig, voyage
 
 REPORT = TABLE[Fault.HELM_OSCILLATES].text
@@ -37,7 +37,7 @@ DELAYS_S = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 def steady(sea, mismatch=None, seed=1):
     """Return the rms error [deg] of five minutes after a turn has settled, infinite for an oscillation."""
-    scenario = sea_of(sea if mismatch is None else f"{sea}+{mismatch}")
+    scenario = parse_scenario(sea if mismatch is None else f"{sea}+{mismatch}")
     boat = rig.Sailing(scenario, seed, hull=rig.FineHull).under_way(Mode.GUIDED)
     boat.tick(SteerHeading(0.0))
     boat.run(TURN_S - boat.t_s)

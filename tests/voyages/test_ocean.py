@@ -18,7 +18,7 @@ from hil.lab.compare.score import score_of, turns_of
 from hil.lab.twin import sailing
 from hil.lab.twin.sea import sea_of as drawn
 from hil.report.figure_file import key_of
-from hil.ship.scenarios import sea_of
+from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import parse_goals
 
 SEEDS = (1, 2, 3, 4, 5)
@@ -78,7 +78,7 @@ def sailed(sea, seeds):
     values = ParameterSet()
     boat, law, task = sailing.boat_of(values), LawSettings.of(values), sailing.task_of(TASK.goals)
     for seed in seeds:
-        waters = drawn(sea_of(sea), seed, TASK.seconds)
+        waters = drawn(parse_scenario(sea), seed, TASK.seconds)
         record, _ = sailing.sail(boat, law, waters, task, TASK.seconds, ticks=False)
         yield sailing.truth_of(record, TASK.goals)
 
@@ -125,7 +125,7 @@ def table():
 
 
 def test_all_seas_of_the_table_exist():
-    assert [sea_of(row.sea).name for row in ROWS] == [row.sea.split("+")[0] for row in ROWS]
+    assert [parse_scenario(row.sea).name for row in ROWS] == [row.sea.split("+")[0] for row in ROWS]
     assert len(ROWS) == len({row.sea for row in ROWS})
 
 

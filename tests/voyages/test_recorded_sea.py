@@ -15,7 +15,7 @@ from hil.lab.twin import sailing
 from hil.lab.twin import ship as ships
 from hil.lab.twin.sea import DEFAULT_RECEIVER, offset_of
 from hil.lab.twin.sea import sea_of as drawn
-from hil.ship.scenarios import TABLE, sea_of
+from hil.ship.scenarios import TABLE, parse_scenario
 from support.paths import ROOT
 
 pytestmark = [pytest.mark.proof, pytest.mark.timeout(1800)]
@@ -92,7 +92,7 @@ def period_and_damping(series, first):
 @cache
 def measured(name):
     """Return the figures of a sea, angles in degrees; NaN is what it has not."""
-    scenario = sea_of(name)
+    scenario = parse_scenario(name)
     sea = drawn(scenario, 1, SECONDS)
     ship, series = sea.ship, sea.series
     rows, waiting = np.zeros((round(SECONDS / ROW_S), COLUMNS)), np.zeros(max(ship.delay_steps, 1))

@@ -16,7 +16,7 @@ from firmware_py.common.parameters import ParameterSet
 from hil.lab.compare import pid
 from hil.lab.twin import sailing
 from hil.lab.twin.sea import sea_of
-from hil.ship.scenarios import sea_of as named
+from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import Goal
 from support import informed_voyage
 from support.informed_voyage import RECORDED_LIKE
@@ -81,7 +81,7 @@ def error_at(curve, travel):
 
 @pytest.mark.parametrize("name", RECORDED_LIKE)
 def test_curve_within_a_tenth_of_the_oracle(name):
-    seas, tuning = ([sea_of(named(name), seed, SECONDS) for seed in seeds] for seeds in (SEEDS, TUNING_SEEDS))
+    seas, tuning = ([sea_of(parse_scenario(name), seed, SECONDS) for seed in seeds] for seeds in (SEEDS, TUNING_SEEDS))
     seas = [sea for sea in seas if judged(ours(name, ParameterSet(), informed=True)(sea))[0] < 20.0**2]
     print(f"{name}: {len(seas)} of {len(SEEDS)} seeds")
     assert len(seas) >= 0.9 * len(SEEDS)

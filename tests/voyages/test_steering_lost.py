@@ -16,7 +16,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.faults.table import TABLE, Fault
 from hil.lab.twin import loop
 from hil.lab.twin.sea import GRID_S, speed_of
-from hil.ship.scenarios import sea_of
+from hil.ship.scenarios import parse_scenario
 from support import rig, voyage
 from support.mismatched_ship import mismatched
 
@@ -138,7 +138,7 @@ def astray(ticks, record):
 
 def adrift_s(name, seed, until_s):
     """Return the time within the first until_s with less than steerage speed, in a sea that carries the boat."""
-    scenario = sea_of(name)
+    scenario = parse_scenario(name)
     part, _ = speed_of(scenario, seed, round(until_s / GRID_S))
     if not part.size:
         return 0.0

@@ -102,7 +102,7 @@ def _row(spec: Spec, index: int, seed: int, values: Mapping[str, Value], drawn: 
 
 
 def _scenario(spec: Spec, values: Mapping[str, Value]) -> Scenario:
-    scenario = scenarios.sea_of(str(values["scenario"]))
+    scenario = scenarios.parse_scenario(str(values["scenario"]))
     if spec.options:
         scenario = scenarios.with_disturbances(scenario, ",".join(_option(name, values) for name in spec.options))
     return replace(scenario, speed_m_s=scenario.speed_m_s * float(values.get("ship.speed", 1.0)))

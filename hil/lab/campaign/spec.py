@@ -257,7 +257,7 @@ def _within(low: float, high: float) -> Callable[[Value], None]:
 
 
 def _check_scenario(value: Value) -> None:
-    scenarios.sea_of(str(value))
+    scenarios.parse_scenario(str(value))
 
 
 def _check_goals(value: Value, seconds: float) -> None:

@@ -97,7 +97,7 @@ def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) 
 
 def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) -> Truth:
     """Simulate one run and return its truth; the compiled loop gives the same commands as the autopilot process."""
-    scenario = scenarios.sea_of(scenario_name)
+    scenario = scenarios.parse_scenario(scenario_name)
     if controller.sailed_by == TWIN:
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other controllers do not need
         from hil.lab.numeric_core import LawSettings  # noqa: PLC0415 - likewise

@@ -12,7 +12,7 @@ from hil.errors import HilError
 from hil.lab.drill.boat import DrillBoat
 from hil.lab.drill.book import Drill
 from hil.lab.drill.checks import within_limit
-from hil.ship.scenarios import named
+from hil.ship.scenarios import find_scenario
 from hil.sim.ground_station import GUIDED
 
 # Inputs that a fault removes.
@@ -179,7 +179,7 @@ def sail(case: Case) -> Outcome:
 
 
 def _boat(case: Case, directory: Path) -> DrillBoat:
-    sea = named(SEA)
+    sea = find_scenario(SEA)
     settings: dict[str, float] = {}
     for drill in case.drills:
         sea = drill.sea(sea)

@@ -16,7 +16,7 @@ from hil.lab.estimate.summary import Result, lines_of
 from hil.lab.identify.recording import Floats
 from hil.report import page
 from hil.report.page import Cell
-from hil.report.spectrum import spectra
+from hil.report.spectrum import heading_spectra
 from hil.report.thinning import extremes
 
 MAX_ROWS: Final = 16_000  # two hours at 2 Hz are plotted completely
@@ -157,7 +157,7 @@ def _voyage(result: Result, predictions: Mapping[int, Prediction]) -> Voyage:
         PANELS,
     )
     learned = columns["wave_period_s"][time_s.size // 2 :]
-    if (spectrum := spectra(time_s, compass, hull, learned[np.isfinite(learned)])) is not None:
+    if (spectrum := heading_spectra(time_s, compass, hull, learned[np.isfinite(learned)])) is not None:
         made["spectrum"] = spectrum
     return made
 

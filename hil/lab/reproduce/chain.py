@@ -114,7 +114,7 @@ def run_chain(effort: Effort, out: Path, seed: int, report_progress: ProgressRep
 
 
 def _identified_open_loop(effort: Effort, out: Path, seed: int) -> Identification:
-    tank = scenarios.named("tank")
+    tank = scenarios.find_scenario("tank")
     recorded = {
         "zigzag": sail(OCEAN_RAMBLER, tank, zigzag(ZIGZAG_RAD, ZIGZAG_RAD), effort.zigzag_s, seed),
         "circles": sail(
@@ -155,7 +155,7 @@ def _voyages(
     for number, (sea, name, gains) in enumerate(runs):
         report_progress(f"the autopilot in the {sea}, {name} gains", 0.5 + 0.5 * number / len(runs))
         options = RunOptions(
-            scenario=scenarios.named(sea),
+            scenario=scenarios.find_scenario(sea),
             seconds=effort.run_s,
             out=out / f"{sea}-{name}",
             seed=seed,

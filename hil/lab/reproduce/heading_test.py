@@ -102,7 +102,7 @@ def mean_rate(time_s: Floats, heading_rad: Floats, over_s: float) -> Floats:
 
 def run_heading_test(train_s: float, held_out_s: float, out: Path, seed: int) -> HeadingTest:
     """Steer headings with the paper's gains in the tank, and identify the model from the first part of the log."""
-    tank, seconds = scenarios.named(TANK), train_s + held_out_s
+    tank, seconds = scenarios.find_scenario(TANK), train_s + held_out_s
     options = RunOptions(
         scenario=tank,
         seconds=seconds,

@@ -196,7 +196,7 @@ def _voyage_row(voyage: Voyage) -> Row:
 
 
 def _sea_speed_row() -> Row:
-    knots = scenarios.named("sea").speed_m_s * KNOTS_PER_METRE_PER_SECOND
+    knots = scenarios.find_scenario("sea").speed_m_s * KNOTS_PER_METRE_PER_SECOND
     low, high = SEA_SPEEDS_KN
     return Row(
         "speed at sea", f"{low:g} to {high:g} kn", f"{knots:.2f} kn", _judged(good=low <= knots <= high), "scenario sea"

@@ -59,13 +59,13 @@ class Case:
 
 def cases_of(names: Sequence[str]) -> tuple[Case, ...]:
     """Return the cases of scenarios; raise UnknownScenarioError for an unknown or unsupported one."""
-    seas = [scenarios.named(name) for name in names]
+    seas = [scenarios.find_scenario(name) for name in names]
     for sea in seas:
         if sea.disturbances != NO_DISTURBANCES:
             raise scenarios.UnknownScenarioError(
                 f"scenario {sea.name!r} has disturbances that the trial runs do not have"
             )
-    calm = scenarios.named("calm")
+    calm = scenarios.find_scenario("calm")
     at_speeds = [replace(calm, name=f"calm at {speed:g} m/s", speed_m_s=speed) for speed in SPEEDS_M_S]
     cases = [Case(sea, *factors) for sea in seas for factors in (NOMINAL, *CORNERS)]
     return (*cases, *(Case(sea, *NOMINAL) for sea in at_speeds))

@@ -88,7 +88,7 @@ class Score:
 
 def cases_of(names: Sequence[str], seeds: Sequence[int]) -> tuple[Case, ...]:
     """Return the cases of seas such as "swell+leeway=8"."""
-    seas = [(name, scenarios.sea_of(name)) for name in names]
+    seas = [(name, scenarios.parse_scenario(name)) for name in names]
     return tuple(Case(sea, name, ship, seed) for (name, sea), ship, seed in product(seas, SHIPS, seeds))
 
 

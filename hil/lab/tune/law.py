@@ -60,7 +60,7 @@ class LawTrials:
     def __init__(self, names: Sequence[str], seeds: Sequence[int], price: float = PRICE) -> None:
         """Draw the seas and run them with the present constants."""
         self.names, self.seeds, self.price = tuple(names), tuple(seeds), price
-        self.seas = [sea_of(scenarios.sea_of(name), seed, SECONDS) for name in names for seed in seeds]
+        self.seas = [sea_of(scenarios.parse_scenario(name), seed, SECONDS) for name in names for seed in seeds]
         with compiling("the closed loop"):
             self.delivered = self.results(DELIVERED_SETTING)
 

@@ -15,36 +15,36 @@ def pipe(path):
 
 
 def open_socket(path):
-    socket.socket(socket.AF_UNIX).bind(os.path.relpath(path))  # a path of a socket may not be long
+    socket.socket(socket.AF_UNIX).bind(os.path.relpath(path))  # relative: the path of a socket is limited to 108 bytes
 
 
-def endless(path):
+def link_to_device(path):
     path.symlink_to("/dev/zero")
 
 
-def gigabytes(path):
+def large_file(path):
     path.touch()
     os.truncate(path, 3 << 30)
 
 
-ODD = {
+REFUSED_FILES = {
     pipe: "is a pipe, not a regular file",
     open_socket: "is a socket, not a regular file",
-    endless: "is a device, not a regular file",
-    gigabytes: "is larger than 1 MiB",
+    link_to_device: "is a device, not a regular file",
+    large_file: "is larger than 1 MiB",
     os.mkdir: "Is a directory",
 }
 
 
-@pytest.mark.parametrize("make", ODD, ids=lambda make: make.__name__)
+@pytest.mark.parametrize("make", REFUSED_FILES, ids=lambda make: make.__name__)
 @pytest.mark.filterwarnings("ignore:unclosed")
-def test_other_types_and_large_files_are_refused_unread(make, tmp_path, monkeypatch):
-    make(tmp_path / "odd")
-    monkeypatch.setattr(os, "read", lambda *_: pytest.fail("it is read"))
+def test_other_types_and_large_files_are_refused_without_reading(make, tmp_path, monkeypatch):
+    make(tmp_path / "file")
+    monkeypatch.setattr(os, "read", lambda *_: pytest.fail("the file was read"))
     before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(OSError) as caught:
-        read_regular(tmp_path / "odd", 1 << 20)
-    assert caught.value.strerror == ODD[make]
+        read_regular(tmp_path / "file", 1 << 20)
+    assert caught.value.strerror == REFUSED_FILES[make]
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
@@ -68,15 +68,15 @@ def test_links_are_followed_only_on_request(tmp_path):
 
 def test_file_replaced_after_the_check_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"")
-    real = os.open
-    for exchange in (os.mkfifo, endless):
+    real_open = os.open
+    for replace in (os.mkfifo, link_to_device):
 
-        def late(path, flags, mode=0, exchange=exchange):
+        def open_replaced(path, flags, mode=0, replace=replace):
             path.unlink()
-            exchange(path)
-            return real(path, flags, mode)
+            replace(path)
+            return real_open(path, flags, mode)
 
-        monkeypatch.setattr(os, "open", late)
+        monkeypatch.setattr(os, "open", open_replaced)
         with pytest.raises(OSError) as caught:
             read_regular(tmp_path / "file", 10, follow=False)
         monkeypatch.undo()
@@ -87,7 +87,7 @@ def test_file_replaced_after_the_check_is_refused(tmp_path, monkeypatch):
 
 def test_growing_file_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"12345")
-    monkeypatch.setattr(os, "read", lambda _, most: b"x" * most)
+    monkeypatch.setattr(os, "read", lambda _, size: b"x" * size)
     with pytest.raises(OSError, match="is larger than 64 KiB"):
         read_regular(tmp_path / "file", 64 << 10)
 

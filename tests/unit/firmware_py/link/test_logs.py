@@ -189,12 +189,12 @@ def test_downloads_whose_stations_fell_silent_keep_no_peer_waiting(disk, stored,
     for address in names[:4]:
         rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_log_request_data_message(1, 1, 2, 0, OPEN_END))))
     rig.give(b"")
-    rig.transport.takes = False  # so that none of them has all
+    rig.transport.is_writable = False  # so that none of them has all
     rig.tick_silently(seconds=9.0)
     ask_data(rig, 0, address="five")
     rig.tick_silently(seconds=2.0)
     ask_data(rig, 0, address="five")
-    rig.transport.takes = True
+    rig.transport.is_writable = True
     rig.endpoint.service(rig.now_s, [])
     replies = rig.replies("five")
     assert texts(replies) == ["Log download refused: server busy, try again"]

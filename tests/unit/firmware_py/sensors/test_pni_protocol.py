@@ -1,4 +1,4 @@
-"""PNI frames against the vectors of the manuals and of public sources."""
+"""PNI frames compared with test vectors of the manuals and of public sources."""
 
 import json
 import struct
@@ -7,8 +7,8 @@ import pytest
 
 from firmware_py.sensors import pni_protocol
 
-# GetModInfo, GetData, StartCal, SetDataComponents, StartContinuous, SetAcqParams; the last is the module information
-# of the manual's example, whose CRC is that of TCM5 although newer editions print TRAX.
+# GetModInfo, GetData, StartCal, SetDataComponents, StartContinuous, SetAcqParams, and the ModInfoResp of the manual's
+# example. Newer manuals print TRAX in this example, but its CRC is that of TCM5.
 VECTORS = [
     (1, "", "000501EFD4"),
     (4, "", "000504BF71"),
@@ -21,18 +21,18 @@ VECTORS = [
 
 
 @pytest.mark.parametrize(("frame_id", "payload", "packet"), VECTORS)
-def test_vectors_both_ways(frame_id, payload, packet):
+def test_encode_and_decode_vectors(frame_id, payload, packet):
     payload, packet = bytes.fromhex(payload), bytes.fromhex(packet)
     assert pni_protocol.encode(frame_id, payload) == packet
-    (found,) = pni_protocol.framer().feed(packet)
-    assert found.fault == ""
-    assert (pni_protocol.frame_id(found.data), pni_protocol.payload(found.data)) == (frame_id, payload)
+    (message,) = pni_protocol.framer().feed(packet)
+    assert message.fault == ""
+    assert (pni_protocol.frame_id(message.data), pni_protocol.payload(message.data)) == (frame_id, payload)
 
 
-def test_vectors_of_the_shared_file(recordings):
+def test_vectors_of_the_file_are_valid(recordings):
     for row in json.loads((recordings / "pni_tcm_vectors.json").read_text())["frames"]:
-        (found,) = pni_protocol.framer().feed(bytes.fromhex(row["hex"]))
-        assert found.fault == ""
+        (message,) = pni_protocol.framer().feed(bytes.fromhex(row["hex"]))
+        assert message.fault == ""
 
 
 def test_components_of_every_size():
@@ -41,5 +41,5 @@ def test_components_of_every_size():
 
 
 @pytest.mark.parametrize("payload", ["", "01", "0105", "0105000000", "010500000000FF", "0106", "0205000000", "FF0800"])
-def test_data_that_does_not_add_up(payload):
+def test_malformed_data(payload):
     assert pni_protocol.parse_data(bytes.fromhex(payload)) is None

@@ -1,4 +1,4 @@
-"""The emulated charger and monitor, read by their bytes alone."""
+"""Output bytes of the emulated charger and battery monitor."""
 
 import numpy as np
 import pytest
@@ -17,15 +17,15 @@ def plant():
     )
 
 
-def listen(emulator, until_s):
+def collect_output(emulator, until_s):
     data, now_s = b"", 0.0
     while (now_s := emulator.next_output_s()) <= until_s:
         data += emulator.take_output(now_s)
     return data
 
 
-def fields(data):
-    """Split into blocks by hand, each checked by its sum, and return their labels and values."""
+def parse_blocks(data):
+    """Split the data into blocks, check their checksums, and return the labels and values of each."""
     blocks, rest = [], data
     while rest:
         end = rest.index(b"\r\nChecksum\t") + len(b"\r\nChecksum\t") + 1
@@ -36,7 +36,7 @@ def fields(data):
 
 
 def test_charger(plant):
-    output = fields(listen(VeDirectEmulator(plant, Kind.CHARGER), 20.5))
+    output = parse_blocks(collect_output(VeDirectEmulator(plant, Kind.CHARGER), 20.5))
     assert len(output) == 21
     assert "IL" not in output[-1]
     out_w = int(output[-1]["V"]) * int(output[-1]["I"]) * 1e-6
@@ -44,15 +44,15 @@ def test_charger(plant):
 
 
 def test_charger_with_loads(plant):
-    last = fields(listen(VeDirectEmulator(plant, Kind.CHARGER_WITH_LOAD), 20.5))[-1]
+    last = parse_blocks(collect_output(VeDirectEmulator(plant, Kind.CHARGER_WITH_LOAD), 20.5))[-1]
     assert int(last["V"]) * int(last["IL"]) * 1e-6 == pytest.approx(4.0, abs=0.02)
     assert int(last["V"]) * (int(last["I"]) + int(last["IL"])) * 1e-6 == pytest.approx(0.97 * int(last["PPV"]), abs=0.6)
 
 
 def test_monitor(plant):
     monitor = VeDirectEmulator(plant, Kind.MONITOR)
-    monitor.known = False
-    output = fields(listen(monitor, 4.5))
-    assert ["H17" in one for one in output] == [False, True, False, False, True, False, False, True]
+    monitor.is_soc_known = False
+    output = parse_blocks(collect_output(monitor, 4.5))
+    assert ["H17" in block for block in output] == [False, True, False, False, True, False, False, True]
     assert output[0]["SOC"] == "---"
     assert int(output[-2]["V"]) > 12_000

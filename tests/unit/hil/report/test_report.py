@@ -51,7 +51,7 @@ def run_directory(tmp_path_factory):
     """The directory of a run that was made by hand."""
     directory = tmp_path_factory.mktemp("run")
     truth = TruthFile(directory / "truth.csv")
-    world = World(scenarios.named("tank"), 1, parse_goals("0:0,60:30"), end_s=300.0, truth=truth)
+    world = World(scenarios.find_scenario("tank"), 1, parse_goals("0:0,60:30"), end_s=300.0, truth=truth)
     world.shaft.set_torque(on=True)
     world.advance_to(60.0)
     world.shaft.set_target(radians(20.0))
@@ -227,7 +227,7 @@ def test_memory_for_a_day(use):
 
 @pytest.mark.usefixtures("without_picture")
 def test_disturbances_are_on_the_page(out):
-    rows = scenarios.rows_of(scenarios.sea_of("tank+float=0.3:0.7,sway"))
+    rows = scenarios.description_rows(scenarios.parse_scenario("tank+float=0.3:0.7,sway"))
     replace(RECORD, extras="float=0.3:0.7,sway=1", sea=tuple(rows)).write(out)
     found, path = run_page.make(out)
     assert found["with"] == "float=0.3:0.7,sway=1"

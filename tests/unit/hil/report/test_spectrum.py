@@ -1,10 +1,10 @@
-"""The spectrum of the yaw, on signals whose spectrum is known."""
+"""Yaw spectra of signals whose spectra are known."""
 
 import numpy as np
 import pytest
 
 from hil.report import field_log, spectrum
-from hil.report.spectrum import density, spectrum_of
+from hil.report.spectrum import density, log_spectra
 from support.paths import REPLAY
 
 STEP_S = 0.1
@@ -12,15 +12,15 @@ STEP_S = 0.1
 
 def test_density_of_a_sine():
     time_s = np.arange(20_000) * STEP_S
-    found = density(3.0 * np.sin(2.0 * np.pi * 0.4 * time_s), 2000, STEP_S)
+    psd = density(3.0 * np.sin(2.0 * np.pi * 0.4 * time_s), 2000, STEP_S)
     hertz = np.fft.rfftfreq(2000, STEP_S)
-    assert hertz[np.argmax(found)] == pytest.approx(0.4, abs=hertz[1])
-    assert np.sum(found) * hertz[1] == pytest.approx(4.5, rel=0.01)
+    assert hertz[np.argmax(psd)] == pytest.approx(0.4, abs=hertz[1])
+    assert np.sum(psd) * hertz[1] == pytest.approx(4.5, rel=0.01)
 
 
 def test_density_of_noise():
-    found = density(2.0 * np.random.default_rng(1).standard_normal(100_000), 2000, STEP_S)
-    assert np.mean(found) / (2.0 * STEP_S) == pytest.approx(4.0, rel=0.05)
+    psd = density(2.0 * np.random.default_rng(1).standard_normal(100_000), 2000, STEP_S)
+    assert np.mean(psd) / (2.0 * STEP_S) == pytest.approx(4.0, rel=0.05)
 
 
 def test_trend_is_removed():
@@ -29,19 +29,19 @@ def test_trend_is_removed():
 
 def test_spectrum_of_estimated_waves():
     log = field_log.read([REPLAY / "tank_pni_volz.BIN"])
-    found = spectrum_of(log)
-    assert [label for label, _, _ in found["lines"]] == ["compass", "waves (estimated)", "heading (estimated)"]
-    lines = {label: np.array(values) for label, _, values in found["lines"]}
-    hertz = np.array(found["frequency_hz"])
+    spectra = log_spectra(log)
+    assert [label for label, _, _ in spectra["lines"]] == ["compass", "waves (estimated)", "heading (estimated)"]
+    lines = {label: np.array(values) for label, _, values in spectra["lines"]}
+    hertz = np.array(spectra["frequency_hz"])
     assert all(values.size == hertz.size for values in lines.values())
     waves = (hertz > 0.3) & (hertz < 0.6)
     assert lines["waves (estimated)"][waves].sum() > 5.0 * lines["heading (estimated)"][waves].sum()
-    (at_hz, label), *more = found["marks"]
-    assert not more
-    assert at_hz == pytest.approx(1.0 / 2.53, rel=0.2)
+    (mark_hz, label), *others = spectra["marks"]
+    assert not others
+    assert mark_hz == pytest.approx(1.0 / 2.53, rel=0.2)
     assert label.startswith("filter: 2.")
 
 
 def test_short_log_has_no_spectrum(monkeypatch):
     monkeypatch.setattr(spectrum, "_MIN_SEGMENT_S", 1e6)
-    assert spectrum_of(field_log.read([REPLAY / "tank_pni_volz.BIN"])) is None
+    assert log_spectra(field_log.read([REPLAY / "tank_pni_volz.BIN"])) is None

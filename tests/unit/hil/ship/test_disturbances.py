@@ -8,11 +8,11 @@ import pytest
 
 from firmware_py.common.angles import degrees, radians
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.ship.disturbance_options import TABLE, DisturbanceError, listing, parse, rows_of, text_of
+from hil.ship.disturbance_options import TABLE, DisturbanceError, description_rows, listing, parse, text_of
 from hil.ship.disturbances import NO_DISTURBANCES, Disturbances, FloatBody, Leeway, OtherShip, Slide
 from hil.ship.hull import STEPS_PER_SECOND, Hull
 from hil.ship.scenarios import TABLE as SEAS
-from hil.ship.scenarios import named, sea_of, with_disturbances
+from hil.ship.scenarios import find_scenario, parse_scenario, with_disturbances
 from hil.ship.wave_speed import MAX_SPEED_RATIO
 
 EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3,yaw,waves,bias"
@@ -34,10 +34,10 @@ def test_parse_and_text_are_inverse():
 
 
 def test_an_option_replaces_that_of_the_scenario():
-    found = with_disturbances(named("ocean-1"), "leeway=0").disturbances
+    found = with_disturbances(find_scenario("ocean-1"), "leeway=0").disturbances
     assert found.leeway == Leeway(0.0)
-    assert found.float_body == named("ocean-1").disturbances.float_body
-    assert sea_of("swell+sway").disturbances == Disturbances(slide=Slide())
+    assert found.float_body == find_scenario("ocean-1").disturbances.float_body
+    assert parse_scenario("swell+sway").disturbances == Disturbances(slide=Slide())
 
 
 @pytest.mark.parametrize(
@@ -73,12 +73,12 @@ def test_errors_are_one_line(text, complaint):
 
 def test_orbital_motion_needs_waves():
     with pytest.raises(DisturbanceError, match="calm has no waves"):
-        sea_of("calm+orbital")
+        parse_scenario("calm+orbital")
 
 
 def test_own_waves_need_wave_yaw():
     with pytest.raises(DisturbanceError, match="calm has no wave yaw"):
-        sea_of("calm+waves")
+        parse_scenario("calm+waves")
 
 
 def test_the_table_is_complete():
@@ -94,12 +94,12 @@ def test_the_table_is_complete():
             low, high = one.metadata["low"], one.metadata["high"]
             assert low < high
             assert not isinstance(one.default, float) or low <= one.default <= high
-    assert [name.split(":")[0] for name, _ in rows_of(parse(EVERYTHING))] == [row.name for row in TABLE]
+    assert [name.split(":")[0] for name, _ in description_rows(parse(EVERYTHING))] == [row.name for row in TABLE]
 
 
 def sailed(text, seconds, rudder_deg=0.0, seed=1):
     """Sail a sea at a constant rudder; return the hull, and (heading, track velocity) at every second."""
-    hull = Hull(sea_of(text), OCEAN_RAMBLER, seed)
+    hull = Hull(parse_scenario(text), OCEAN_RAMBLER, seed)
     rows = []
     for _ in range(round(seconds)):
         for _ in range(STEPS_PER_SECOND):
@@ -200,7 +200,7 @@ def test_yaw_noise_does_not_change_the_other_processes():
 
 
 def test_period_of_own_waves():
-    hull = Hull(sea_of("swell+waves=2:0.1,orbital=0.4:25:0.1"), OCEAN_RAMBLER, 1)
+    hull = Hull(parse_scenario("swell+waves=2:0.1,orbital=0.4:25:0.1"), OCEAN_RAMBLER, 1)
     yaw_rad, north_m = [], []
     for _ in range(400 * STEPS_PER_SECOND):
         hull.step(0.0)

@@ -6,7 +6,7 @@ import pytest
 
 from hil.__main__ import main
 from hil.ship import disturbance_options
-from hil.ship.scenarios import TABLE, UnknownScenarioError, named
+from hil.ship.scenarios import TABLE, UnknownScenarioError, find_scenario
 
 # speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge,
 # the mixtures, and the seas as recorded
@@ -47,7 +47,7 @@ def test_table():
 
 def test_unknown_name():
     with pytest.raises(UnknownScenarioError, match="calm, tank, sea"):
-        named("lake")
+        find_scenario("lake")
 
 
 def test_scenarios_command(capsys):

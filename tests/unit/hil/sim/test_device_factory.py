@@ -16,7 +16,7 @@ from hil.sim.world import World
 
 
 def outputs_of(vehicle: Vehicle, seed: int, seconds: float = 3.0) -> dict[str, bytes]:
-    world = World(scenarios.named("tank"), seed)
+    world = World(scenarios.find_scenario("tank"), seed)
     devices = emulators(world, vehicle, seed)
     found = dict.fromkeys(devices, b"")
     while (due_s := min(device.next_output_s() for device in devices.values())) < seconds:
@@ -36,7 +36,7 @@ def test_output_rates_of_the_default_boat():
 @pytest.mark.parametrize("servo", SERVOS)
 def test_all_combinations_of_compass_and_servo(compass, servo):
     vehicle = with_devices(standard_vehicle(), compass, servo)
-    assert set(emulators(World(scenarios.named("calm"), 1), vehicle, 1)) == {"compass", "position", "rudder"}
+    assert set(emulators(World(scenarios.find_scenario("calm"), 1), vehicle, 1)) == {"compass", "position", "rudder"}
 
 
 def test_the_seed_determines_all_output():
@@ -64,7 +64,7 @@ def test_the_sentence_of_the_vehicle_file():
 def test_a_device_that_cannot_be_emulated_is_an_error(wrong, complaint):
     boat = standard_vehicle()
     with pytest.raises(UsageError, match=complaint):
-        emulators(World(scenarios.named("calm"), 1), replace(boat, rudder=replace(boat.rudder, **wrong)), 1)
+        emulators(World(scenarios.find_scenario("calm"), 1), replace(boat, rudder=replace(boat.rudder, **wrong)), 1)
 
 
 def test_every_driver_has_an_emulated_device():

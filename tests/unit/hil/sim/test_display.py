@@ -17,7 +17,7 @@ from hil.sim.world import World
 @pytest.fixture
 def parts():
     goals = parse_goals("1:60")
-    world = World(scenarios.named("calm"), 1, goals)
+    world = World(scenarios.find_scenario("calm"), 1, goals)
     banner = Banner("rambler-hil run calm", 100.0, ("udpin:[::1]:14550",), lockstep=False)
     return banner, world, GroundStation(goals)
 

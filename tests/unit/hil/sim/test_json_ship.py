@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from hil.ship.scenarios import named
+from hil.ship.scenarios import find_scenario
 from hil.sim.json_ship import AWAY_S, MAGIC, ActiveAutopilot, JsonShip, PacketError, read_packet
 from hil.sim.world import World
 
@@ -21,7 +21,7 @@ def packet(frame, steering_us=1500, rate_hz=50, magic=MAGIC, servo=1):
 
 @pytest.fixture
 def ship():
-    return JsonShip(World(named("calm"), 1), servo=1, travel_rad=TRAVEL_RAD)
+    return JsonShip(World(find_scenario("calm"), 1), servo=1, travel_rad=TRAVEL_RAD)
 
 
 def state_after(ship, *args, **options):

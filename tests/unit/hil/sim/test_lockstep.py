@@ -86,7 +86,7 @@ def read_now(file):
 
 
 def make_board(tmp_path, **emulators):
-    return Board(World(scenarios.named("calm"), 1), emulators, tmp_path, PtyLine.deliver)
+    return Board(World(scenarios.find_scenario("calm"), 1), emulators, tmp_path, PtyLine.deliver)
 
 
 def serve_all(server, autopilot):

@@ -56,7 +56,7 @@ def wall(monkeypatch):
 
 def test_events_of_a_late_server_keep_their_times(wall, tmp_path):
     ticker = Ticker()
-    with Board(World(scenarios.named("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
+    with Board(World(scenarios.find_scenario("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
         server = RealTimeServer(board)
         wall.now_s += 0.35  # the process was suspended
         slack_s = server.serve(10.0)
@@ -70,7 +70,7 @@ def test_events_of_a_late_server_keep_their_times(wall, tmp_path):
 def test_bytes_reach_the_device(tmp_path):
     ticker = Ticker()
     ticker.due_s = math.inf
-    with Board(World(scenarios.named("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
+    with Board(World(scenarios.find_scenario("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
         server = RealTimeServer(board)
         port = os.open(board.paths()["a"], os.O_RDWR | os.O_NOCTTY)
         try:
@@ -86,7 +86,9 @@ def test_an_unplugged_adapter_is_an_error_once(tmp_path):
     float_end, bench_end = os.openpty()
     line = SerialLine(os.ttyname(bench_end), 9600)
     os.close(bench_end)
-    with Board(World(scenarios.named("calm"), 1), {"a": Ticker(), "b": Ticker()}, tmp_path, wired={"a": line}) as board:
+    with Board(
+        World(scenarios.find_scenario("calm"), 1), {"a": Ticker(), "b": Ticker()}, tmp_path, wired={"a": line}
+    ) as board:
         server = RealTimeServer(board)
         os.close(float_end)
         line.write(b"tick;")

@@ -10,7 +10,7 @@ from hil.ship.scenarios import Scenario
 from hil.sim.goals import parse_goals
 from hil.sim.world import START_UTC_S, Mounting, World
 
-CALM = scenarios.named("calm")
+CALM = scenarios.find_scenario("calm")
 
 
 def with_rudder(world: World, shaft_deg: float) -> World:
@@ -77,7 +77,7 @@ def test_goals_appear_when_due_on_the_nearest_turn():
 
 
 def test_wave_yaw_is_in_the_compass_heading_only():
-    world = World(scenarios.named("swell"), 1)
+    world = World(scenarios.find_scenario("swell"), 1)
     world.advance_to(100.0)
     assert any(abs(row[2] - row[1]) > radians(10.0) for row in world.truth)
     jumps = [abs(b[1] - a[1]) for a, b in zip(world.truth, world.truth[1:], strict=False)]
@@ -105,7 +105,7 @@ def test_time_does_not_run_back():
 
 
 def test_two_bodies_have_an_additional_column():
-    world = with_rudder(World(scenarios.sea_of("calm+float=0.3:0.6"), 1), 20.0)
+    world = with_rudder(World(scenarios.parse_scenario("calm+float=0.3:0.6"), 1), 20.0)
     world.advance_to(20.0)
     row = world.truth[-1]
     assert len(row) == 11
@@ -116,7 +116,7 @@ def test_two_bodies_have_an_additional_column():
 
 
 def test_compass_errors_are_not_in_the_truth():
-    world = World(scenarios.sea_of("calm+compass=2:0:3:0:0:0:0"), 1)
+    world = World(scenarios.parse_scenario("calm+compass=2:0:3:0:0:0:0"), 1)
     world.advance_to(5.0)
     assert degrees(world.heading_rad()) == pytest.approx(-5.0)
     assert world.truth[-1][2] == 0.0

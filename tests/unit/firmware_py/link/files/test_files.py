@@ -1,4 +1,4 @@
-"""File transfer: what is asked, answered, refused and kept."""
+"""MAVLink FTP server: requests, replies, sessions, uploads and access limits."""
 
 import gzip
 import os
@@ -13,7 +13,7 @@ from firmware_py.log.archive import archive_log
 FAIL, ERRNO, SIZE, SESSION, NO_SESSIONS, END, UNKNOWN, EXISTS, PROTECTED, NOT_FOUND = range(1, 11)
 TERMINATE, RESET, LIST, OPEN, READ, CREATE, WRITE, REMOVE, MKDIR, RMDIR = range(1, 11)
 OPEN_WRITE, TRUNCATE, RENAME, CHECKSUM, BURST, LIST_TIMES = range(11, 17)
-CONTENT = bytes(range(256)) * 5  # not a multiple of what a message holds
+CONTENT = bytes(range(256)) * 5  # not a multiple of the payload size
 
 
 @pytest.fixture
@@ -30,18 +30,18 @@ def client(disk, stored):
     return stored()[1]
 
 
-def test_answers_carry_the_next_sequence_number_and_go_to_who_asked(client):
+def test_replies_carry_the_next_sequence_number_and_address_the_sender(client):
     reply = client.ask(0, sequence=0xFFFF, session=3)
     assert (reply.ok, reply.sequence, reply.session, reply.query, reply.to) == (True, 0, 3, 0, (255, 190))
 
 
 @pytest.mark.parametrize("opcode", [128, 129])
-def test_answers_are_not_answered(client, opcode):
+def test_replies_get_no_reply(client, opcode):
     assert client.all(opcode) == []
 
 
 @pytest.mark.parametrize("opcode", [17, 18, 100, 127, 130, 255])
-def test_what_is_not_known_is_refused_as_such(client, opcode):
+def test_unknown_opcodes_are_refused(client, opcode):
     assert client.ask(opcode).error == (UNKNOWN,)
 
 
@@ -49,7 +49,7 @@ def test_a_size_beyond_the_message_is_refused(client):
     assert client.ask(READ, size=240).error == (SIZE,)
 
 
-def test_someone_elses_files_are_left_alone(client):
+def test_requests_to_other_components_are_ignored(client):
     message = client.request(LIST, "/")
     message.target_component = 42
     assert client.rig.tell(message) == []
@@ -65,50 +65,50 @@ def test_the_root_shows_directories_and_files(client):
     assert parameters == f"Fparameters.param\t{len(client.get('parameters.param'))}"
 
 
-def test_a_listing_with_times_has_them(client, disk):
+def test_listing_with_modification_times(client, disk):
     os.utime(disk / "logs" / "00000001.BIN", (1_700_000_000, 1_700_000_000))
     assert client.list("logs", LIST_TIMES) == [f"F00000001.BIN\t{len(CONTENT)}\t1700000000"]
     assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]
 
 
-def test_a_log_is_read_by_both_names_once_it_is_compressed(client, disk):
-    (packing,) = [archive_log(disk / "logs" / "00000001.BIN")]
-    next(packing)
-    assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]  # what is not whole yet is not shown
+def test_compressed_log_has_both_names(client, disk):
+    (compression,) = [archive_log(disk / "logs" / "00000001.BIN")]
+    next(compression)
+    assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]  # an incomplete archive is not listed
     client.ask(OPEN, "logs/00000001.BIN")
-    for _ in packing:
+    for _ in compression:
         pass
-    assert client.ask(READ, offset=256 * 2, size=200).data == CONTENT[512:712]  # open all the while
+    assert client.ask(READ, offset=256 * 2, size=200).data == CONTENT[512:712]  # the session keeps the old file open
     client.ask(TERMINATE)
-    packed = (disk / "logs" / "00000001.BIN.gz").read_bytes()
-    assert client.list("logs") == [f"F00000001.BIN.gz\t{len(packed)}"]
-    assert client.get("logs/00000001.BIN.gz") == packed
-    assert gzip.decompress(packed) == client.get("logs/00000001.BIN") == CONTENT
+    compressed = (disk / "logs" / "00000001.BIN.gz").read_bytes()
+    assert client.list("logs") == [f"F00000001.BIN.gz\t{len(compressed)}"]
+    assert client.get("logs/00000001.BIN.gz") == compressed
+    assert gzip.decompress(compressed) == client.get("logs/00000001.BIN") == CONTENT
     assert client.ask(CHECKSUM, "logs/00000001.BIN").ok
 
 
-def test_an_upload_has_one_name(client, disk):
-    (disk / "uploads" / "a.gz").write_bytes(b"not of ours")
+def test_compressed_upload_has_only_its_own_name(client, disk):
+    (disk / "uploads" / "a.gz").write_bytes(b"content")
     assert client.ask(OPEN, "uploads/a").error == (NOT_FOUND,)
 
 
-def test_a_long_listing_comes_page_by_page_and_is_of_one_moment(client, disk):
+def test_pages_of_a_long_listing_come_from_one_snapshot(client, disk):
     for number in range(2, 60):
         (disk / "logs" / f"{number:08d}.BIN").write_bytes(b"")
     first = client.ask(LIST, "/logs")
-    (disk / "logs" / "00000001.BIN").unlink()  # its place is not taken by another
+    (disk / "logs" / "00000001.BIN").unlink()  # does not shift the entries of the next page
     names = first.data.decode().rstrip("\0").split("\0")
     second = client.ask(LIST, "/logs", offset=len(names))
     names += second.data.decode().rstrip("\0").split("\0")
     assert [name[1:].split("\t")[0] for name in names] == [f"{number:08d}.BIN" for number in range(1, len(names) + 1)]
 
 
-def test_an_empty_directory_is_at_its_end_at_once(client):
+def test_empty_directory_has_no_entries(client):
     assert client.list("/uploads") == []
 
 
 @pytest.mark.parametrize("path", ["/none", "/logs/none", "/@PARAM/none", "/logs/00000001.BIN"])
-def test_what_is_no_directory_is_not_found(client, path):
+def test_listing_needs_a_directory(client, path):
     assert client.ask(LIST, path).error == (NOT_FOUND,)
 
 
@@ -120,7 +120,7 @@ def test_a_file_is_read_whole(client, path):
     assert client.get(path) == CONTENT
 
 
-def test_a_gap_is_read_again(client):
+def test_read_at_any_offset(client):
     assert client.ask(OPEN, "logs/00000001.BIN").data == len(CONTENT).to_bytes(4, "little")
     assert client.ask(READ, offset=300, size=17).data == CONTENT[300:317]
     assert client.ask(READ, offset=len(CONTENT) - 5, size=17).data == CONTENT[-5:]
@@ -129,7 +129,7 @@ def test_a_gap_is_read_again(client):
 
 
 @pytest.mark.parametrize("part_bytes", [239, 110, 1])
-def test_a_burst_brings_the_file_in_parts_of_the_size_asked_for(client, part_bytes):
+def test_burst_sends_parts_of_the_requested_size(client, part_bytes):
     client.ask(OPEN, "logs/00000001.BIN")
     content, sequences, offset = b"", [], 0
     while offset < len(CONTENT):
@@ -146,14 +146,14 @@ def test_a_burst_brings_the_file_in_parts_of_the_size_asked_for(client, part_byt
     assert client.ask(BURST, offset=offset, size=part_bytes).error == (END,)
 
 
-def test_a_file_that_grows_is_read_as_it_was_when_it_was_opened(client, disk):
+def test_open_file_keeps_its_size_when_it_grows(client, disk):
     client.ask(OPEN, "logs/00000001.BIN")
     with (disk / "logs" / "00000001.BIN").open("ab") as log:
         log.write(b"more")
     assert client.ask(READ, offset=len(CONTENT)).error == (END,)
 
 
-def test_who_opens_a_file_for_writing_need_not_create_it(client, disk):
+def test_open_for_writing_creates_the_file(client, disk):
     assert client.ask(OPEN_WRITE, "uploads/new.plan").data == bytes(4)
     client.ask(WRITE, b"0123")
     assert client.ask(TERMINATE).ok
@@ -172,18 +172,18 @@ def test_reading_needs_an_open_session(client):
     assert client.ask(READ).error == (SESSION,)
 
 
-def test_the_checksum_is_mavlinks(client):
+def test_checksum_is_the_crc32_of_mavlink(client):
     expected = zlib.crc32(CONTENT, 0xFFFFFFFF) ^ 0xFFFFFFFF
     assert client.ask(CHECKSUM, "logs/00000001.BIN").data == expected.to_bytes(4, "little")
-    made = client.get("metadata/general.json")
-    expected = zlib.crc32(made, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    general = client.get("metadata/general.json")
+    expected = zlib.crc32(general, 0xFFFFFFFF) ^ 0xFFFFFFFF
     assert client.ask(CHECKSUM, "metadata/general.json").data == expected.to_bytes(4, "little")
 
 
 # ---------------------------------------------------------------------- sessions
 
 
-def test_clients_have_sessions_of_their_own(disk, stored, ftp_station):
+def test_each_client_has_separate_sessions(disk, stored, ftp_station):
     rig, first = stored(addresses=("one", "two"))
     (disk / "logs" / "00000002.BIN").write_bytes(b"second")
     first.address = "one"
@@ -196,11 +196,11 @@ def test_clients_have_sessions_of_their_own(disk, stored, ftp_station):
     assert first.ask(READ, size=10).data == CONTENT[:10]
 
 
-def test_sessions_are_bounded_and_idle_ones_make_room(client):
+def test_number_of_sessions_is_limited_and_idle_ones_are_closed(client):
     for number in range(6):
         assert client.ask(OPEN, "logs/00000001.BIN", session=number).ok
     assert client.ask(OPEN, "logs/00000001.BIN", session=6).error == (NO_SESSIONS,)
-    assert client.ask(OPEN, "logs/00000001.BIN", session=5).ok  # its own again
+    assert client.ask(OPEN, "logs/00000001.BIN", session=5).ok  # opens the same session again
     client.rig.now_s += 11.0
     client.ask(READ, session=0)
     assert client.ask(OPEN, "logs/00000001.BIN", session=6).ok
@@ -227,7 +227,7 @@ def test_descriptors_do_not_leak(client):
 # ---------------------------------------------------------------------- writing
 
 
-def test_an_upload_takes_its_place_when_it_is_whole(client, disk):
+def test_complete_upload_replaces_the_file(client, disk):
     (disk / "uploads" / "a.plan").write_bytes(b"old")
     assert client.ask(CREATE, "/uploads/a.plan").ok
     assert client.ask(WRITE, CONTENT[200:400], offset=200).ok  # in any order
@@ -245,7 +245,7 @@ def test_qgroundcontrol_ends_an_upload_by_a_reset(client, disk):
     assert (disk / "uploads" / "a.plan").read_bytes() == b"content"
 
 
-def test_an_upload_of_which_a_part_never_came_leaves_the_old_file_and_that_is_reported(client, disk, texts):
+def test_incomplete_upload_keeps_the_old_file_and_is_reported(client, disk, texts):
     (disk / "uploads" / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, CONTENT[:200])
@@ -256,20 +256,20 @@ def test_an_upload_of_which_a_part_never_came_leaves_the_old_file_and_that_is_re
     assert texts(replies) == ["uploads/a.plan: upload incomplete, send the file again"]
     assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
     client.ask(CREATE, "/uploads/a.plan")
-    for start in (300, 0, 200, 100):  # none is missing, in whatever order
+    for start in (300, 0, 200, 100):  # complete, in another order
         client.ask(WRITE, CONTENT[start : start + 100], offset=start)
     assert client.ask(TERMINATE).ok
     assert (disk / "uploads" / "a.plan").read_bytes() == CONTENT[:400]
 
 
-def test_the_gaps_of_an_upload_are_bounded(client):
+def test_number_of_gaps_in_an_upload_is_limited(client):
     client.ask(CREATE, "/uploads/a.plan")
     replies = [client.ask(WRITE, b"x", offset=2 * number + 1) for number in range(65)]
     assert all(reply.ok for reply in replies[:64])
     assert replies[64].error == (FAIL,)
 
 
-def test_a_reset_long_after_the_last_part_is_that_of_a_program_that_begins(client, disk, texts):
+def test_late_reset_aborts_the_upload(client, disk, texts):
     (disk / "uploads" / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, b"the fir")
@@ -281,7 +281,7 @@ def test_a_reset_long_after_the_last_part_is_that_of_a_program_that_begins(clien
     assert client.ask(RESET).ok
 
 
-def test_an_upload_that_is_given_up_leaves_the_old_file(client, disk):
+def test_abandoned_upload_keeps_the_old_file(client, disk):
     (disk / "uploads" / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, b"new")
@@ -290,7 +290,7 @@ def test_an_upload_that_is_given_up_leaves_the_old_file(client, disk):
     assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
 
 
-def test_a_file_is_written_on_truncated_renamed_and_removed(client, disk):
+def test_file_is_extended_truncated_renamed_and_removed(client, disk):
     client.put("uploads/a.plan", b"0123456789")
     assert client.ask(OPEN_WRITE, "uploads/a.plan").data == (10).to_bytes(4, "little")
     client.ask(WRITE, b"ABC", offset=8)
@@ -333,14 +333,14 @@ def test_a_file_is_written_on_truncated_renamed_and_removed(client, disk):
         (RMDIR, "uploads"),
     ],
 )
-def test_nothing_is_written_elsewhere(client, disk, opcode, path):
+def test_only_uploads_are_writable(client, disk, opcode, path):
     before = sorted(disk.rglob("*"))
     assert client.ask(opcode, path).error == (PROTECTED,)
     assert sorted(disk.rglob("*")) == before
     assert (disk / "logs" / "00000001.BIN").read_bytes() == CONTENT
 
 
-def test_what_is_too_large_is_refused(client, disk):
+def test_size_limits_of_uploads(client, disk):
     (disk / "uploads" / "a").write_bytes(bytes((1 << 20) - 1))
     client.ask(OPEN_WRITE, "uploads/a")
     assert client.ask(WRITE, b"x", offset=(1 << 20) - 1).ok
@@ -348,18 +348,18 @@ def test_what_is_too_large_is_refused(client, disk):
     assert client.ask(WRITE, b"x", offset=0xFFFFFFFF).error == (ERRNO, 27)
     for number in range(15):
         (disk / "uploads" / str(number)).write_bytes(bytes(1 << 20))
-    assert client.ask(TERMINATE).ok  # the sixteenth megabyte
+    assert client.ask(TERMINATE).ok  # the uploads now have 16 MiB, the limit
     assert client.put("uploads/b", b"one more").error == (ERRNO, 28)
     assert sorted(path.name for path in (disk / "uploads").iterdir()) == sorted(["a", *map(str, range(15))])
 
 
-def test_uploads_under_way_are_bounded_and_idle_ones_make_room(client, disk):
+def test_number_of_open_uploads_is_limited_and_idle_ones_are_closed(client, disk):
     for number in range(4):
         assert client.ask(CREATE, f"uploads/{number}", session=number).ok
         assert client.ask(WRITE, b"x", session=number).ok
     assert client.ask(CREATE, "uploads/4", session=4).error == (NO_SESSIONS,)
     assert client.ask(OPEN, "logs/00000001.BIN", session=4).ok
-    assert client.ask(CREATE, "uploads/3", session=3).ok  # its own again
+    assert client.ask(CREATE, "uploads/3", session=3).ok  # opens the same session again
     client.rig.now_s += 11.0
     assert client.ask(CREATE, "uploads/4", session=4).ok
     assert client.ask(WRITE, b"x", session=0).error == (SESSION,)
@@ -367,7 +367,7 @@ def test_uploads_under_way_are_bounded_and_idle_ones_make_room(client, disk):
     assert sorted(path.name for path in (disk / "uploads").iterdir()) == ["1", "2", "3", "4"]
 
 
-def test_several_bursts_at_the_same_time_all_come_to_their_end(client):
+def test_simultaneous_bursts_are_all_completed(client):
     for number in range(3):
         client.ask(OPEN, "logs/00000001.BIN", session=number)
     requests = [client.request(BURST, size=20, session=number) for number in range(3)]
@@ -376,19 +376,19 @@ def test_several_bursts_at_the_same_time_all_come_to_their_end(client):
     assert sum(bytes(message.payload)[4] for message in replies) == 3 * len(CONTENT)
 
 
-def test_files_are_counted(client, disk):
+def test_number_of_files_is_limited(client, disk):
     for number in range(128):
         (disk / "uploads" / str(number)).touch()
     assert client.put("uploads/b", b"").error == (ERRNO, 28)
     assert client.ask(MKDIR, "uploads/b").error == (ERRNO, 28)
-    assert client.put("uploads/5", b"in its place").ok
+    assert client.put("uploads/5", b"replacement").ok
 
 
 # ---------------------------------------------------------------------- retries
 
 
 @pytest.mark.parametrize("opcode", [CREATE, MKDIR])
-def test_a_retry_is_answered_in_the_same_way_and_not_done_again(client, disk, opcode):
+def test_retry_gets_the_same_reply_and_is_not_executed_again(client, disk, opcode):
     first = client.ask(opcode, "uploads/a", sequence=7)
     client.ask(WRITE, b"content", sequence=8)
     assert vars(client.ask(opcode, "uploads/a", sequence=7)) == vars(first)
@@ -397,88 +397,88 @@ def test_a_retry_is_answered_in_the_same_way_and_not_done_again(client, disk, op
         assert (disk / "uploads" / "a").read_bytes() == b"content"
     assert client.ask(opcode, "uploads/a", sequence=7).ok
     if opcode == CREATE:
-        assert client.ask(TERMINATE, sequence=9).ok  # a stray copy of the end: nothing is open
+        assert client.ask(TERMINATE, sequence=9).ok  # a duplicate; no session is open
         assert (disk / "uploads" / "a").read_bytes() == b"content"
 
 
-def test_a_removal_that_was_not_answered_is_answered_the_second_time(client):
+def test_retry_of_a_removal_succeeds(client):
     client.put("uploads/a", b"")
     assert client.ask(REMOVE, "uploads/a", sequence=70).ok
     assert client.ask(REMOVE, "uploads/a", sequence=70).ok
     assert client.ask(REMOVE, "uploads/a", sequence=71).error == (NOT_FOUND,)
 
 
-def test_a_client_that_was_started_again_is_not_answered_from_memory(client):
+def test_restarted_client_gets_no_stored_reply(client):
     client.ask(OPEN, "logs/00000001.BIN", sequence=0)
     client.ask(TERMINATE, sequence=1)
     assert client.ask(OPEN, "logs/00000001.BIN", sequence=0).ok
     assert client.ask(READ, sequence=2).ok
 
 
-def test_a_link_that_loses_repeats_and_reorders_leaves_the_right_file(client, disk):
-    """A quarter of the requests and of the answers is lost; old requests turn up again at any time."""
-    chance, past = random.Random(3), []
+def test_transfer_over_a_link_with_losses_duplicates_and_reordering(client, disk):
+    """A quarter of the requests and of the replies is lost; old requests arrive again at any time."""
+    rng, sent = random.Random(3), []
 
-    def patiently(opcode, data=b"", *, offset=0, size=None):
+    def send_until_reply(opcode, data=b"", *, offset=0, size=None):
         request = client.request(opcode, data, offset=offset, size=size)
-        past.append(request)
+        sent.append(request)
         while True:
-            if chance.random() < 0.3:
-                client.rig.tell(chance.choice(past[-12:]))
-            if chance.random() < 0.75:
+            if rng.random() < 0.3:
+                client.rig.tell(rng.choice(sent[-12:]))
+            if rng.random() < 0.75:
                 replies = client.rig.tell(request)
-                if chance.random() < 0.75:
+                if rng.random() < 0.75:
                     return bytes(replies[0].payload)
             client.rig.now_s += 0.05
 
     content = random.Random(4).randbytes(6000)
     for name in ("a", "b"):
-        assert patiently(CREATE, f"uploads/{name}")[3] == 128
+        assert send_until_reply(CREATE, f"uploads/{name}")[3] == 128
         for start in range(0, len(content), 239):
-            assert patiently(WRITE, content[start : start + 239], offset=start)[3] == 128
-        assert patiently(TERMINATE)[3] == 128
-    assert patiently(REMOVE, "uploads/b")[3] == 128
-    assert patiently(OPEN, "uploads/a")[3] == 128
+            assert send_until_reply(WRITE, content[start : start + 239], offset=start)[3] == 128
+        assert send_until_reply(TERMINATE)[3] == 128
+    assert send_until_reply(REMOVE, "uploads/b")[3] == 128
+    assert send_until_reply(OPEN, "uploads/a")[3] == 128
     read = b""
     while len(read) < len(content):
-        reply = patiently(READ, offset=len(read), size=239)
+        reply = send_until_reply(READ, offset=len(read), size=239)
         assert reply[3] == 128
         read += reply[12 : 12 + reply[4]]
     assert read == content
-    patiently(TERMINATE)
+    send_until_reply(TERMINATE)
     assert {path.name: path.read_bytes() for path in (disk / "uploads").iterdir()} == {"a": content}
 
 
-# ---------------------------------------------------------------------- slow lines
+# ---------------------------------------------------------------------- slow links
 
 
-def test_a_burst_leaves_room_for_others_on_a_slow_line(disk, stored, of):
+def test_burst_does_not_stop_telemetry_on_a_slow_link(disk, stored, of):
     rig, client = stored(byte_rate=5760.0, radio=True)
     client.ask(OPEN, "logs/00000001.BIN")
     client.all(BURST, size=239)
-    parts, beats, attitudes = [], 0, 0
+    parts, heartbeats, attitudes = [], 0, 0
     for tick in range(1, 40):
         replies = rig.tick()
         parts += of(replies, "FILE_TRANSFER_PROTOCOL")
-        beats += len(of(replies, "HEARTBEAT"))
+        heartbeats += len(of(replies, "HEARTBEAT"))
         attitudes += len(of(replies, "ATTITUDE"))
         assert len(parts) * 266 < 0.7 * 5760.0 * (0.1 * tick + 0.5)
     assert len(parts) >= len(CONTENT) // 239 - 1
-    assert beats == pytest.approx(4, abs=1)
+    assert heartbeats == pytest.approx(4, abs=1)
     assert attitudes > 0
 
 
-def test_a_line_that_takes_nothing_is_not_waited_for(client):
+def test_blocked_link_does_not_keep_the_endpoint_busy(client):
     client.ask(OPEN, "logs/00000001.BIN")
-    client.rig.transport.takes = False
+    client.rig.transport.is_writable = False
     client.rig.give(client.rig.frame(client.request(BURST, size=1)))
     assert not client.rig.endpoint.busy
-    client.rig.transport.takes = True
+    client.rig.transport.is_writable = True
     client.rig.tick_silently()
     assert len(client.rig.give(b"")) > 100
 
 
-# ---------------------------------------------------------------------- out of the root
+# ---------------------------------------------------------------------- paths outside the root
 
 
 @pytest.mark.parametrize(
@@ -490,7 +490,7 @@ def test_a_line_that_takes_nothing_is_not_waited_for(client):
         "uploads/../secret",
         "uploads/..",
         "uploads/link",
-        "uploads/way/secret",
+        "uploads/directory_link/secret",
         "uploads/pipe",
         "uploads/.hidden",
         "/etc/passwd",
@@ -503,38 +503,38 @@ def test_a_line_that_takes_nothing_is_not_waited_for(client):
         "uploads/a\0/../../secret",
     ],
 )
-def test_nothing_outside_is_seen_or_changed(client, disk, path):
+def test_paths_outside_the_root_are_not_accessible(client, disk, path):
     (disk / "uploads" / "link").symlink_to(disk / "secret")
-    (disk / "uploads" / "way").symlink_to(disk)
+    (disk / "uploads" / "directory_link").symlink_to(disk)
     (disk / "uploads" / ".hidden").write_bytes(b"hidden")
     os.mkfifo(disk / "uploads" / "pipe")
     for opcode in (OPEN, OPEN_WRITE, CHECKSUM, TRUNCATE, MKDIR, RMDIR, LIST):
         reply = client.ask(opcode, path)
-        # What ends at a NUL is a path within, which may be made.
+        # The server cuts a path at a NUL; the rest is inside the root and may be created.
         assert not reply.ok or opcode in (MKDIR, RMDIR) or (opcode == OPEN_WRITE and "\0" in str(path))
-    for name in ("link", "way"):
+    for name in ("link", "directory_link"):
         assert (disk / "uploads" / name).is_symlink()
     assert (disk / "secret").read_bytes() == b"secret"
-    assert not any(entry.startswith("Dway") or "link" in entry for entry in client.list("uploads"))
+    assert not any("link" in entry for entry in client.list("uploads"))
     assert {entry.name for entry in disk.iterdir()} == {"logs", "uploads", "secret"}
 
 
-def test_a_link_in_the_way_of_an_upload_is_replaced_and_not_followed(client, disk):
+def test_upload_replaces_a_symbolic_link_and_does_not_follow_it(client, disk):
     (disk / "uploads" / "link").symlink_to(disk / "secret")
     assert client.put("uploads/link", b"new").ok
     assert (disk / "secret").read_bytes() == b"secret"
     assert not (disk / "uploads" / "link").is_symlink()
 
 
-def test_without_storage_there_are_only_the_files_in_memory(rig, ftp_station):
+def test_without_storage_only_generated_files_are_listed(rig, ftp_station):
     client = ftp_station(rig)
     assert [line[0] for line in client.list("/")] == ["D", "D", "D", "F"]
     assert client.ask(CREATE, "uploads/a").error == (NOT_FOUND,)
 
 
-def test_a_client_that_counts_again_for_each_file_reads_it_as_it_is_now(client, disk):
+def test_repeated_sequence_numbers_do_not_return_old_content(client, disk):
     for content in (b"first", b"second", b"third"):
-        (disk / "logs" / "00000001.BIN").unlink()  # or the open file would change with it
+        (disk / "logs" / "00000001.BIN").unlink()  # a new inode, so that a file still open keeps its content
         (disk / "logs" / "00000001.BIN").write_bytes(content)
         client.ask(OPEN, "logs/00000001.BIN", sequence=1)
         assert client.ask(READ, offset=0, size=20).data == content

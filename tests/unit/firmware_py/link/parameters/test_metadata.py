@@ -1,4 +1,4 @@
-"""Component metadata against the published schemas."""
+"""Component metadata: schema, compression, content, checksums."""
 
 import json
 import lzma
@@ -21,7 +21,7 @@ def files():
 
 
 @pytest.mark.parametrize("name", ["general", "parameter"])
-def test_the_files_are_valid_by_the_published_schema(files, name):
+def test_files_match_the_published_schema(files, name):
     jsonschema = pytest.importorskip("jsonschema")
     schema = json.loads((DEFINITIONS / f"{name}.schema.json").read_text())
     jsonschema.Draft7Validator.check_schema(schema)
@@ -29,7 +29,7 @@ def test_the_files_are_valid_by_the_published_schema(files, name):
 
 
 @pytest.mark.parametrize("name", ["general", "parameter"])
-def test_the_compressed_files_hold_the_same_with_the_check_that_stations_know(files, name):
+def test_compressed_files_have_the_same_content_and_a_crc32_check(files, name):
     compressed = files["metadata", f"{name}.json.xz"]
     decoder = lzma.LZMADecompressor()
     assert decoder.decompress(compressed) == files["metadata", f"{name}.json"]
@@ -41,38 +41,45 @@ def test_every_parameter_is_described(files):
     published = {row["name"]: row for row in json.loads(files["metadata", "parameter.json"])["parameters"]}
     assert list(published) == [row.name for row in TABLE]
     for row in TABLE:
-        one = published[row.name]
-        assert (one["min"], one["max"]) == (pytest.approx(row.minimum), pytest.approx(row.maximum))
-        assert one["default"] == pytest.approx(row.default)
-        assert (one.get("units", ""), one["longDesc"]) == (row.unit, row.text)
-        assert one.get("rebootRequired", False) == row.reboot
-        assert one.get("readOnly", False) == row.read_only
-        assert {item["value"]: item["description"] for item in one.get("values", ())} == (row.choices or {})
-        assert one["group"] != "Other"
-        assert one["shortDesc"]
-        assert round(row.default, one.get("decimalPlaces", 0)) == pytest.approx(row.default)
+        entry = published[row.name]
+        assert (entry["min"], entry["max"]) == (pytest.approx(row.minimum), pytest.approx(row.maximum))
+        assert entry["default"] == pytest.approx(row.default)
+        assert (entry.get("units", ""), entry["longDesc"]) == (row.unit, row.text)
+        assert entry.get("rebootRequired", False) == row.reboot
+        assert entry.get("readOnly", False) == row.read_only
+        assert {item["value"]: item["description"] for item in entry.get("values", ())} == (row.choices or {})
+        assert entry["group"] != "Other"
+        assert entry["shortDesc"]
+        assert round(row.default, entry.get("decimalPlaces", 0)) == pytest.approx(row.default)
 
 
-def test_the_checksums_are_those_of_the_files_as_served(rig, ftp_station, of):
+def test_checksums_match_the_served_files(rig, ftp_station, of):
     client = ftp_station(rig)
-    (reports,) = of(rig.command(512, 397), "COMPONENT_METADATA")
-    path = reports.uri.decode().rstrip("\0").removeprefix("mftp://")
+    (metadata,) = of(rig.command(512, 397), "COMPONENT_METADATA")
+    path = metadata.uri.decode().rstrip("\0").removeprefix("mftp://")
     general = client.get(path)
-    assert mavlink_crc32(general) == reports.file_crc
+    assert mavlink_crc32(general) == metadata.file_crc
     (entry,) = json.loads(lzma.decompress(general))["metadataTypes"]
     parameters = client.get(entry["uri"].removeprefix("mftp://"))
     assert (entry["type"], mavlink_crc32(parameters)) == (1, entry["fileCrc"])
     assert lzma.decompress(parameters).decode() == parameter_json()
-    (old,) = of(rig.command(512, 395), "COMPONENT_INFORMATION")
-    assert (old.general_metadata_file_crc, old.general_metadata_uri) == (reports.file_crc, reports.uri)
+    (information,) = of(rig.command(512, 395), "COMPONENT_INFORMATION")
+    assert (information.general_metadata_file_crc, information.general_metadata_uri) == (
+        metadata.file_crc,
+        metadata.uri,
+    )
 
 
-def test_the_same_table_makes_the_same_bytes(files):
+def test_files_are_reproducible(files):
     parameter_files.cache_clear()
     assert Metadata(Version(1, 2, 3), 3).files == files
 
 
-def test_for_another_identity_every_type_is_a_float():
+def test_autopilot_type_generic_has_only_float_parameters():
     published = json.loads(Metadata(Version(1, 2, 3), 0).files["metadata", "parameter.json"])["parameters"]
     assert {row["type"] for row in published} == {"Float"}
-    assert all(row["decimalPlaces"] == 0 for row, own in zip(published, TABLE, strict=True) if own.kind is Kind.INTEGER)
+    assert all(
+        row["decimalPlaces"] == 0
+        for row, parameter in zip(published, TABLE, strict=True)
+        if parameter.kind is Kind.INTEGER
+    )

@@ -220,12 +220,12 @@ def test_no_confirmation_is_lost_on_a_slow_line(make_rig, of):
 def test_a_line_that_takes_nothing_for_a_while_gets_what_it_is_owed(make_rig, of):
     rig = make_rig()
     rig.tick()
-    rig.transport.takes = False
+    rig.transport.is_writable = False
     for index in range(len(TABLE)):
         rig.transport.inbox.append(("station", rig.frame(mavlink.MAVLink_param_request_read_message(1, 1, b"", index))))
     for _ in range(20):
         rig.endpoint.service(rig.now_s, [100])
-    rig.transport.takes = True
+    rig.transport.is_writable = True
     rig.tick_silently()
     replies = rig.give(b"")
     assert [value.param_index for value in of(replies, "PARAM_VALUE")] == list(range(len(TABLE)))

@@ -16,12 +16,12 @@ def message(text=b"x" * 40):
 class Line:
     def __init__(self):
         self.data = b""
-        self.takes = True
+        self.is_writable = True
 
     def __call__(self, data):
-        if self.takes:
+        if self.is_writable:
             self.data += data
-        return self.takes
+        return self.is_writable
 
     def frames(self):
         return mavlink.MAVLink(None).parse_buffer(self.data) or []
@@ -70,11 +70,11 @@ def test_urgent_goes_first():
 def test_a_blocked_line_keeps_answers_drops_telemetry_and_loses_no_sequence_number():
     line = Line()
     outbox = Outbox(line, None)
-    line.takes = False
+    line.is_writable = False
     outbox.push(message(b"answer"), Priority.REPLY)
     outbox.push(message(b"telemetry"), Priority.TELEMETRY)
     outbox.flush(0.0)
-    line.takes = True
+    line.is_writable = True
     outbox.flush(1.0)
     assert [(frame.text, frame.get_seq()) for frame in line.frames()] == [("answer", 0)]
 
@@ -82,11 +82,11 @@ def test_a_blocked_line_keeps_answers_drops_telemetry_and_loses_no_sequence_numb
 def test_what_could_not_leave_for_long_is_forgotten():
     line = Line()
     outbox = Outbox(line, None)
-    line.takes = False
+    line.is_writable = False
     outbox.push(message(b"old"), Priority.URGENT)
     outbox.flush(0.0)
     outbox.flush(60.0)
-    line.takes = True
+    line.is_writable = True
     outbox.push(message(b"new"), Priority.URGENT)
     outbox.flush(60.1)
     assert [frame.text for frame in line.frames()] == ["new"]

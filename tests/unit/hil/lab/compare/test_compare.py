@@ -81,7 +81,7 @@ def test_the_tuned_pid_is_a_good_reference():
     goals = parse_goals("0:0,120:60,720:-30")
     found = {
         name: mean_of(
-            [score_of(pid.sail(scenarios.named(name), seed, goals, 1320.0, pid.TUNED)) for seed in (921, 922)]
+            [score_of(pid.sail(scenarios.find_scenario(name), seed, goals, 1320.0, pid.TUNED)) for seed in (921, 922)]
         )
         for name in ("tank", "sea", "coast")
     }
@@ -125,7 +125,7 @@ def test_a_usage_error_is_one_line(words, capsys):
 def test_the_limit_falls_with_travel_and_with_a_receiver(name):
     from hil.lab.compare.limit import at_travel, limits  # noqa: PLC0415
 
-    curves = [limits(scenarios.named(name), OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
+    curves = [limits(scenarios.find_scenario(name), OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
     for curve in curves:
         rms = [at_travel(curve, travel) for travel in (500.0, 1000.0, 2000.0, 8000.0)]
         assert rms == sorted(rms, reverse=True)

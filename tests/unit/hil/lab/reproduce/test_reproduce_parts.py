@@ -26,7 +26,7 @@ from hil.sim.run_directory import locked_directory
 from hil.sim.truth import Truth
 
 DEG = math.pi / 180.0
-TANK = scenarios.named("tank")
+TANK = scenarios.find_scenario("tank")
 
 
 def test_a_zigzag_turns_at_its_angle_to_either_side():
@@ -39,7 +39,7 @@ def test_a_zigzag_turns_at_its_angle_to_either_side():
 
 
 def test_circles_hold_one_angle_after_the_other():
-    sailed = sail(OCEAN_RAMBLER, scenarios.named("calm"), circles((10.0 * DEG, -30.0 * DEG), 60.0), 120.0, 1)
+    sailed = sail(OCEAN_RAMBLER, scenarios.find_scenario("calm"), circles((10.0 * DEG, -30.0 * DEG), 60.0), 120.0, 1)
     late = np.diff(sailed.heading_low_rad)[-100:] * 10.0
     assert np.degrees(late) == pytest.approx(-1.4541, abs=0.01)  # physics.md section 1
 

@@ -35,11 +35,11 @@ from firmware_py.common.parameters import ParameterSet
 from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import sailing
 from hil.lab.twin.sea import sea_of as drawn
-from hil.ship.scenarios import sea_of
+from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import parse_goals
 
 parameters = ParameterSet()
-sea, task = drawn(sea_of("coast"), 1, 120.0), sailing.task_of(parse_goals("0:0,25:60"))
+sea, task = drawn(parse_scenario("coast"), 1, 120.0), sailing.task_of(parse_goals("0:0,25:60"))
 record, _ = sailing.sail(sailing.boat_of(parameters), LawSettings.of(parameters), sea, task, 120.0)
 print(hashlib.sha256(record.rudder_rad.tobytes()).hexdigest())
 """

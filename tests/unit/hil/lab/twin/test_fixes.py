@@ -13,7 +13,7 @@ from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
 from hil.devices.nmea_text import coordinate
 from hil.lab.twin import devices
 from hil.lab.twin.sea import sea_of as drawn
-from hil.ship.scenarios import sea_of
+from hil.ship.scenarios import parse_scenario
 from hil.sim.device_factory import emulators
 from hil.sim.vehicle_file import standard_vehicle
 from hil.sim.world import World
@@ -44,7 +44,7 @@ def decoded(scenario, seed):
 
 @pytest.mark.parametrize("text", ["sea", "coast", "mission", "ocean-1", "ocean-4", "tank+orbital=0.2", "sea+receiver"])
 def test_fixes_equal_those_decoded_by_the_firmware(text):
-    scenario = sea_of(text)
+    scenario = parse_scenario(text)
     expected = [voyage.row_of(sample) for sample in decoded(scenario, 3)]
     found = voyage.fixes(drawn(scenario, 3, SECONDS), RUDDER, SECONDS)
     assert len(expected) >= SECONDS - 3

@@ -9,7 +9,7 @@ from firmware_py.common.parameters import ParameterSet
 from hil.lab.numeric_core import LawSettings
 from hil.lab.twin import sailing
 from hil.lab.twin.sea import sea_of as drawn
-from hil.ship.scenarios import sea_of
+from hil.ship.scenarios import parse_scenario
 from hil.sim.goals import parse_goals
 
 pytestmark = pytest.mark.timeout(600)  # the loop is compiled first
@@ -22,7 +22,7 @@ SEAS = ("ocean-1", "ocean-4", "calm", "gusts", "swell+kt=0.5:2,delay=2", "sea+fl
 def run_of(number):
     parameters = ParameterSet().replaced("RUD_REVERSE", float(number % 2)).replaced("CTL_PRICE", 1.0 + 0.5 * number)
     goals = parse_goals(("0:0,30:60", "0:170", "20:-90,40:-80,60:0")[number % 3])
-    sea = drawn(sea_of(SEAS[number]), number + 1, SECONDS)
+    sea = drawn(parse_scenario(SEAS[number]), number + 1, SECONDS)
     return sailing.boat_of(parameters), LawSettings.of(parameters), sea, sailing.task_of(goals)
 
 

@@ -8,7 +8,7 @@ from hil.lab.twin import devices, sailing
 from hil.lab.twin import ship as ships
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.hull import GRID_S, Hull
-from hil.ship.scenarios import TABLE, sea_of
+from hil.ship.scenarios import TABLE, parse_scenario
 
 pytestmark = pytest.mark.timeout(600)  # the ship is compiled first
 
@@ -20,7 +20,7 @@ NOISE = "yaw=4,bias=12:600"
     "text", [*(row.name for row in TABLE), "tank+orbital=0.2,compass", f"mission+{KINDER},{NOISE}", "calm+sway,compass"]
 )
 def test_the_hull_equals_that_of_the_harness(text):
-    scenario, seconds = sea_of(text), 10.0
+    scenario, seconds = parse_scenario(text), 10.0
     hull, sea = Hull(scenario, OCEAN_RAMBLER, 3), drawn(scenario, 3, seconds)
     state, waiting, ship = (
         np.zeros(ships.HULL_STATES),
@@ -45,7 +45,7 @@ def test_the_hull_equals_that_of_the_harness(text):
 
 def test_an_invalid_ship_is_refused():
     with pytest.raises(ValueError, match="invalid ship model"):
-        drawn(sea_of("tank"), 1, 10.0, OCEAN_RAMBLER._replace(turning_lag_s=-1.0))
+        drawn(parse_scenario("tank"), 1, 10.0, OCEAN_RAMBLER._replace(turning_lag_s=-1.0))
 
 
 def test_bearings_are_rounded_as_in_sentences():
