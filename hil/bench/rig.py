@@ -73,7 +73,7 @@ class GoalWatch:
     def receive(self, received_s: float, data: bytes) -> None:
         """Process bytes to the servo; a frame counts only with a valid CRC and a complete goal."""
         for packet in self._reader.feed(received_s, data):
-            sync_write = packet.intact and packet.instruction == Instruction.SYNC_WRITE
+            sync_write = packet.is_intact and packet.instruction == Instruction.SYNC_WRITE
             goal = sync_write and packet.parameters[:2] == self._address
             if goal and len(packet.parameters) == GOAL_PARAMETERS:
                 self.times_s.append(received_s)

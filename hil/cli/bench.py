@@ -107,7 +107,7 @@ def _check(arguments: argparse.Namespace) -> None:
 def _measured(names: Sequence[str], setting: Setting, repeats: int) -> dict[str, Finding]:
     """Make all measurements in rounds, so that a busy minute affects only one repeat of a figure."""
     found: dict[str, list[Finding]] = {name: [] for name in names}
-    report, total = progress.part_done(sys.stderr, time.monotonic), repeats * len(names)
+    report, total = progress.task_progress(sys.stderr, time.monotonic), repeats * len(names)
     for turn in range(repeats):
         for number, name in enumerate(names, start=turn * len(names)):
             report(f"{number + 1} of {total}: {TABLE[name].text} ...", number / total)

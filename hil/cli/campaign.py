@@ -92,7 +92,7 @@ def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
     for note in spec.notes:
         print(f"{path}: {note}", file=sys.stderr)
     try:
-        with progress.line(sys.stderr, time.monotonic) as report:
+        with progress.progress_line(sys.stderr, time.monotonic) as report:
             figures = campaign.run(spec, path.parent.resolve(), arguments.out, workers, report, resume=arguments.resume)
     except KeyboardInterrupt:
         if (arguments.out / CAMPAIGN).exists():

@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--prices: give numbers from 0.1 to 10")
     known = {"paper": PAPER, "pid": PID, "ours": OURS}
     chosen: list[Controller] = [known[name] for name in arguments.only or known]
-    with progress.line(sys.stderr, time.monotonic) as report:
+    with progress.progress_line(sys.stderr, time.monotonic) as report:
         controllers = [*chosen, *map(with_price, arguments.prices)]
         rows = compare(task, controllers, lambda done, total, last: report(done, total, done, last))
     limits = _limits(rows) if arguments.limit else None

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         given |= boat.read_parameters(arguments.params)
     recording = _read(arguments.recording)
     parameters, notes = boat.parameters_for(recording, given, ship)
-    report = progress.part_done(sys.stderr, time.monotonic)
+    report = progress.task_progress(sys.stderr, time.monotonic)
     estimates = run_ticks(parameters, recording, lambda done, total: report("estimating", done / total))
     predictions = predict(estimates)
     result = Result(recording, parameters, estimates, judge(estimates, predictions), (*recording.notes, *notes))

@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check("--plot", arguments.plot)
     outputs.check("--out-params", arguments.out_params)
     sources = [Source.parse(text) for text in (*arguments.train, *arguments.validate)]
+    angular = arguments.rudder_unit != "any"
     began_s = time.monotonic()
     recordings = _read(sources, arguments.rudder_unit)
     train, validate = recordings[: len(arguments.train)], recordings[len(arguments.train) :]
@@ -83,11 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
             validate,
             model=arguments.model,
             speed=arguments.speed_scaling,
-            angular=arguments.rudder_unit != "any",
+            angular=angular,
             report=progress.report,
         )
     seconds = time.monotonic() - began_s
-    angular = arguments.rudder_unit != "any"
     text = report.as_text(result, angular=angular)
     if arguments.json is not None:
         data = report.as_json(result, seconds)
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(text)
         print(f"identified in {seconds:.2f} s")
     if arguments.plot is not None:
-        outputs.write("--plot", arguments.plot, _plot(result, text, arguments, angular=angular))
+        outputs.write("--plot", arguments.plot, _draw_plot(result, text, arguments, angular=angular))
     if not result.judgement.usable:
         print("rambler-hil: no model: the logs show no effect of the rudder; see the verdicts", file=sys.stderr)
         return 1
@@ -107,18 +107,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
     """Read each file once, even if several parts of it are used."""
-    whole: dict[Path, Recording] = {}
+    recordings: dict[Path, Recording] = {}
     for source in sources:
-        if source.path not in whole:
-            whole[source.path] = _whole(source.path, unit)
-    return [whole[source.path].part(source) for source in sources]
+        if source.path not in recordings:
+            recordings[source.path] = _read_file(source.path, unit)
+    return [recordings[source.path].part(source) for source in sources]
 
 
-def _whole(path: Path, unit: str) -> Recording:
+def _read_file(path: Path, unit: str) -> Recording:
     """Read a file according to its type."""
     name = path.name.lower()
     if name.removesuffix(".gz").endswith(".bin"):
-        return _log(path)
+        return _read_log(path)
     if name.endswith((".tlog", ".rlog")):
         raise UsageError(
             f"{path}: MAVLink telemetry log; give the onboard .BIN log, or convert it to a table: "
@@ -129,7 +129,7 @@ def _whole(path: Path, unit: str) -> Recording:
     return manoeuvre_file.read(path, unit)
 
 
-def _log(path: Path) -> Recording:
+def _read_log(path: Path) -> Recording:
     """Read a log of Rambler or of ArduPilot."""
     try:
         with open_buffer(path) as data:
@@ -140,21 +140,21 @@ def _log(path: Path) -> Recording:
     return onboard_log.read(path)
 
 
-def _is_page(path: Path) -> bool:
+def _is_html(path: Path) -> bool:
     return path.suffix.lower() == ".html"
 
 
-def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, angular: bool) -> bytes:
+def _draw_plot(result: Identification, text: str, arguments: argparse.Namespace, *, angular: bool) -> bytes:
     from hil.lab.identify.page import draw, page_of  # noqa: PLC0415 - matplotlib is slow to import
 
     train = replace(result.train, file=", ".join(Path(name).name for name in arguments.train)[:60])
     model = result.model()
     gain = f"K {model.turning_ability_1_s:.4g}" + " 1/s" * angular
-    rest = f"T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s² ({result.name})"
-    title = f"{gain}, {rest}"
-    picture = draw((train, *result.validate), title, angular=angular)
-    page = "Identification: " + title
-    return page_of(result, text, picture, page, angular=angular).encode() if _is_page(arguments.plot) else picture
+    other_parameters = f"T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s² ({result.name})"
+    title = f"{gain}, {other_parameters}"
+    image = draw((train, *result.validate), title, angular=angular)
+    page_title = "Identification: " + title
+    return page_of(result, text, image, page_title, angular=angular).encode() if _is_html(arguments.plot) else image
 
 
 class _Progress:

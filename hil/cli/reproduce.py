@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
             (RUNS / ".gitignore").write_text("*\n", encoding="ascii")
     except OSError as error:
         raise UsageError(f"--out {out}: {error.strerror}; give another directory") from None
-    report_progress = progress.part_done(sys.stderr, time.monotonic)
+    report_progress = progress.task_progress(sys.stderr, time.monotonic)
     with locked_directory(out):
         chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, report_progress)
         report_progress("", 1.0)

@@ -121,7 +121,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run_law(arguments: argparse.Namespace) -> int:
     """Search the constants of the law; they are part of the code, so no parameter file is written."""
-    report_progress, first = progress.part_done(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
+    report_progress, first = progress.task_progress(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
     price = law.PRICE if arguments.price is None else arguments.price
     try:
         trials, fresh = (
@@ -160,7 +160,7 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
     parameters, seed, report_progress = (
         _parameters_of(vehicle),
         arguments.seed,
-        progress.part_done(sys.stderr, time.monotonic),
+        progress.task_progress(sys.stderr, time.monotonic),
     )
     model, names = model_of(vehicle), arguments.scenarios
     try:
@@ -230,7 +230,7 @@ def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
     parameters, seed, report_progress = (
         _parameters_of(vehicle),
         arguments.seed,
-        progress.part_done(sys.stderr, time.monotonic),
+        progress.task_progress(sys.stderr, time.monotonic),
     )
     model = model_of(vehicle)
     present = Setting.of(parameters)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hil.devices.dynamixel_frame import (
-    ALERT,
+    ALERT_BIT,
     BROADCAST_ID,
     Fault,
     Instruction,
@@ -130,7 +130,7 @@ class DynamixelEmulator:
         broadcast = packet.device_id == BROADCAST_ID
         if packet.instruction == Instruction.STATUS:
             return
-        if not packet.intact:
+        if not packet.is_intact:
             if own:
                 self._reply(now_s, speaker, Fault.CRC)
             return
@@ -148,7 +148,7 @@ class DynamixelEmulator:
             self._ready_s = max(now_s, self.transmitter.last_s()) + self._boot_s
 
     def _reply(self, now_s: float, speaker: int, fault: Fault, parameters: bytes = b"") -> None:
-        error = fault | (ALERT if self._table[Address.HARDWARE_ERROR] else 0)
+        error = fault | (ALERT_BIT if self._table[Address.HARDWARE_ERROR] else 0)
         delay_s = self._table[Address.RETURN_DELAY] * _DELAY_UNIT_S
         self.transmitter.send(now_s + delay_s, status_packet(speaker, error, parameters))
         # A new baud rate applies from the next packet on.

@@ -1,4 +1,4 @@
-"""Framing of Dynamixel protocol 2.0, the servo's side (ROBOTIS e-Manual, Protocol 2.0)."""
+"""Framing of Dynamixel protocol 2.0 on the side of the servo (ROBOTIS e-Manual, Protocol 2.0)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from hil.devices.timing import ReceiveBuffer
 
 BROADCAST_ID = 254
 _HEADER = b"\xff\xff\xfd\x00"
-_PATTERN, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
-_LENGTH_END = 7  # header, id, length
-_MAX_BODY = 320  # instruction, parameters and CRC; more than any packet that this servo uses
+_STUFFING_PATTERN, _STUFFED_PATTERN = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+_BODY_START = 7  # after header, id and length
+_MAX_BODY_BYTES = 320  # instruction, parameters and CRC; more than any packet that this servo uses
 
 
 class Instruction(IntEnum):
-    """Instructions of this servo; bulk, fast, clear and factory reset are answered as undefined."""
+    """Instructions that this servo supports; all others get an instruction error."""
 
     PING = 0x01
     READ = 0x02
@@ -30,7 +30,7 @@ class Instruction(IntEnum):
 
 
 class Fault(IntEnum):
-    """Error numbers of a status packet; bit 7, the hardware alert, is added on sending."""
+    """Error numbers of a status packet; bit 7, the hardware alert, is set by the sender."""
 
     NONE = 0
     RESULT_FAIL = 1
@@ -42,24 +42,24 @@ class Fault(IntEnum):
     ACCESS = 7
 
 
-ALERT = 0x80
+ALERT_BIT = 0x80
 
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """An instruction packet; `intact` is False when its CRC does not match."""
+    """An instruction packet; `is_intact` is False when its CRC does not match."""
 
     device_id: int
     instruction: int
     parameters: bytes
-    intact: bool = True
+    is_intact: bool = True
 
 
 def status_packet(device_id: int, error: int, parameters: bytes = b"") -> bytes:
     """Return a complete status packet with byte stuffing."""
-    body = (bytes([Instruction.STATUS, error]) + parameters).replace(_PATTERN, _STUFFED)
-    head = _HEADER + bytes([device_id]) + (len(body) + 2).to_bytes(2, "little") + body
-    return head + crc16_8005(head).to_bytes(2, "little")
+    body = (bytes([Instruction.STATUS, error]) + parameters).replace(_STUFFING_PATTERN, _STUFFED_PATTERN)
+    packet = _HEADER + bytes([device_id]) + (len(body) + 2).to_bytes(2, "little") + body
+    return packet + crc16_8005(packet).to_bytes(2, "little")
 
 
 class PacketReader:
@@ -67,31 +67,31 @@ class PacketReader:
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._buffer = ReceiveBuffer(longest=2 * _MAX_BODY)
+        self._buffer = ReceiveBuffer(max_bytes=2 * _MAX_BODY_BYTES)
 
     def feed(self, now_s: float, data: bytes) -> list[Packet]:
-        """Add bytes and return the packets that they complete, damaged ones included."""
+        """Add bytes and return the packets that they complete, including packets with a wrong CRC."""
         self._buffer.append(now_s, data)
-        held = self._buffer.data
-        found: list[Packet] = []
+        buffer = self._buffer.data
+        packets: list[Packet] = []
         while True:
-            start = held.find(_HEADER)
+            start = buffer.find(_HEADER)
             if start < 0:
-                del held[: max(0, len(held) - len(_HEADER) + 1)]
-                return found
-            del held[:start]
-            if len(held) < _LENGTH_END:
-                return found
-            end = _LENGTH_END + int.from_bytes(held[5:7], "little")
-            if not _LENGTH_END + 3 <= end <= _LENGTH_END + _MAX_BODY:
-                del held[: len(_HEADER)]
+                del buffer[: max(0, len(buffer) - len(_HEADER) + 1)]
+                return packets
+            del buffer[:start]
+            if len(buffer) < _BODY_START:
+                return packets
+            end = _BODY_START + int.from_bytes(buffer[5:7], "little")
+            if not _BODY_START + 3 <= end <= _BODY_START + _MAX_BODY_BYTES:
+                del buffer[: len(_HEADER)]
                 continue
-            if len(held) < end:
-                return found
-            packet = _decode(bytes(held[:end]))
-            found.append(packet)
+            if len(buffer) < end:
+                return packets
+            packet = _decode(bytes(buffer[:end]))
+            packets.append(packet)
             # A damaged length may cover the next packet, so only the header is skipped.
-            del held[: end if packet.intact else len(_HEADER)]
+            del buffer[: end if packet.is_intact else len(_HEADER)]
 
     def clear(self) -> None:
         """Discard an incomplete packet."""
@@ -99,6 +99,6 @@ class PacketReader:
 
 
 def _decode(raw: bytes) -> Packet:
-    body = raw[_LENGTH_END:-2].replace(_STUFFED, _PATTERN)
-    intact = crc16_8005(raw[:-2]) == int.from_bytes(raw[-2:], "little")
-    return Packet(raw[4], body[0], body[1:], intact)
+    body = raw[_BODY_START:-2].replace(_STUFFED_PATTERN, _STUFFING_PATTERN)
+    is_intact = crc16_8005(raw[:-2]) == int.from_bytes(raw[-2:], "little")
+    return Packet(raw[4], body[0], body[1:], is_intact)

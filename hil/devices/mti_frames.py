@@ -1,4 +1,4 @@
-"""Frames and values of the Xbus protocol, the device's side (MT Low Level Communication Protocol, MT0101P).
+"""Frames and values of the Xbus protocol on the side of the device (MT Low Level Communication Protocol, MT0101P).
 
 Written from the document and from captures of a real device, independent of the driver's codec.
 """
@@ -12,7 +12,7 @@ from enum import IntEnum
 
 from hil.devices.timing import ReceiveBuffer
 
-_MAX_COMMAND = 5 + 32 * 4  # a list of 32 outputs
+_MAX_COMMAND_BYTES = 5 + 32 * 4  # a list of 32 outputs
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
 
@@ -45,12 +45,12 @@ class Xdi(IntEnum):
 def pack_message(mid: int, data: bytes = b"") -> bytes:
     """Return a complete message, with the long form of the length if necessary."""
     length = bytes([len(data)]) if len(data) < 0xFF else b"\xff" + len(data).to_bytes(2, "big")
-    counted = bytes([0xFF, mid]) + length + data
-    return b"\xfa" + counted + bytes([(0x100 - sum(counted) % 0x100) % 0x100])
+    summed_bytes = bytes([0xFF, mid]) + length + data
+    return b"\xfa" + summed_bytes + bytes([(0x100 - sum(summed_bytes) % 0x100) % 0x100])
 
 
 def pack_values(values: Sequence[float], precision: int) -> bytes:
-    """Encode numbers in precision 0 float, 1 fixed 12.20, 2 fixed 16.32 (fraction first), 3 double."""
+    """Encode numbers; `precision` is 0 float, 1 fixed 12.20, 2 fixed 16.32 (fraction first) or 3 double."""
     if precision == 0:
         return struct.pack(f">{len(values)}f", *values)
     if precision == 3:
@@ -66,40 +66,40 @@ def pack_values(values: Sequence[float], precision: int) -> bytes:
 
 
 class MessageReader:
-    """Finds messages in the bytes from the host; damaged ones are skipped."""
+    """Finds messages in the bytes from the host and skips damaged messages."""
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._buffer = ReceiveBuffer(longest=2 * _MAX_COMMAND)
+        self._buffer = ReceiveBuffer(max_bytes=2 * _MAX_COMMAND_BYTES)
 
     def feed(self, now_s: float, data: bytes) -> list[tuple[int, bytes]]:
         """Add bytes and return (message id, data) of the messages that they complete."""
         self._buffer.append(now_s, data)
-        held = self._buffer.data
-        found: list[tuple[int, bytes]] = []
+        buffer = self._buffer.data
+        messages: list[tuple[int, bytes]] = []
         start = 0
-        while len(held) - start >= 5:
-            length = held[start + 3]
-            if held[start] != 0xFA or held[start + 1] != 0xFF or 5 + length > _MAX_COMMAND:
+        while len(buffer) - start >= 5:
+            length = buffer[start + 3]
+            if buffer[start] != 0xFA or buffer[start + 1] != 0xFF or 5 + length > _MAX_COMMAND_BYTES:
                 start += 1
                 continue
             end = start + 5 + length
-            if len(held) < end:
+            if len(buffer) < end:
                 break
-            if sum(held[start + 1 : end]) % 0x100 == 0:
-                found.append((held[start + 2], bytes(held[start + 4 : end - 1])))
+            if sum(buffer[start + 1 : end]) % 0x100 == 0:
+                messages.append((buffer[start + 2], bytes(buffer[start + 4 : end - 1])))
                 start = end
             else:
                 start += 1
-        del held[:start]
-        return found
+        del buffer[:start]
+        return messages
 
     def clear(self) -> None:
         """Discard an incomplete message."""
         self._buffer.clear()
 
 
-# From the device's frame ENU to the configured one (RotLocal of the user manual MT0605P); keys are the frame bits.
+# Rotations from ENU to the configured frame (RotLocal of the user manual MT0605P); the keys are the frame bits.
 LOCAL_FRAMES: dict[int, Matrix] = {
     0x0: ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     0x4: ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),  # NED
@@ -110,7 +110,7 @@ LOCAL_FRAMES: dict[int, Matrix] = {
 def sensor_in_enu(heading_rad: float, pitch_rad: float, roll_rad: float) -> Matrix:
     """Return the matrix whose columns are the sensor's forward, port and up axes in east, north and up.
 
-    Heading clockwise from north, pitch with the bow up, roll with the starboard side down.
+    Heading is positive clockwise from north, pitch with the bow up, roll with the starboard side down.
     """
     sh, ch = math.sin(heading_rad), math.cos(heading_rad)
     sp, cp = math.sin(pitch_rad), math.cos(pitch_rad)
@@ -129,9 +129,9 @@ def sensor_in_enu(heading_rad: float, pitch_rad: float, roll_rad: float) -> Matr
 
 def euler_deg(local: Matrix, sensor: Matrix) -> tuple[float, float, float]:
     """Return roll, pitch and yaw in degrees of the sensor's axes in a local frame (sequence Z, Y', X'')."""
-    turned = [[sum(local[i][k] * sensor[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
+    sensor_in_local = [[sum(local[i][k] * sensor[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
     return (
-        math.degrees(math.atan2(turned[2][1], turned[2][2])),
-        math.degrees(-math.asin(max(-1.0, min(1.0, turned[2][0])))),
-        math.degrees(math.atan2(turned[1][0], turned[0][0])),
+        math.degrees(math.atan2(sensor_in_local[2][1], sensor_in_local[2][2])),
+        math.degrees(-math.asin(max(-1.0, min(1.0, sensor_in_local[2][0])))),
+        math.degrees(math.atan2(sensor_in_local[1][0], sensor_in_local[0][0])),
     )

@@ -117,7 +117,7 @@ class FrameReader:
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._buffer = ReceiveBuffer(longest=2 * _MAX_COMMAND)
+        self._buffer = ReceiveBuffer(max_bytes=2 * _MAX_COMMAND)
 
     def feed(self, now_s: float, data: bytes) -> list[tuple[int, bytes]]:
         """Add bytes and return (frame id, payload) of the frames that they complete."""

@@ -105,10 +105,10 @@ class ReceiveBuffer:
     The owner removes decoded messages from the front of `data`.
     """
 
-    def __init__(self, *, longest: int, pause_s: float = 0.010) -> None:
-        """Keep at most the last `longest` bytes."""
+    def __init__(self, *, max_bytes: int, pause_s: float = 0.010) -> None:
+        """Keep at most the last `max_bytes` bytes."""
         self.data = bytearray()
-        self._longest = longest
+        self._max_bytes = max_bytes
         self._pause_s = pause_s
         self._received_s = -math.inf
 
@@ -118,7 +118,7 @@ class ReceiveBuffer:
             self.data.clear()
         self._received_s = now_s
         self.data += data
-        del self.data[: max(0, len(self.data) - self._longest)]
+        del self.data[: max(0, len(self.data) - self._max_bytes)]
 
     def clear(self) -> None:
         """Discard all bytes, as in a power failure."""

@@ -65,7 +65,7 @@ class VolzEmulator:
         self._limits_deg = limits_deg
         self._boot_s = boot_s
         self._target_rad = shaft.angle_rad()
-        self._buffer = ReceiveBuffer(longest=16 * _FRAME)
+        self._buffer = ReceiveBuffer(max_bytes=16 * _FRAME)
         self.transmitter = Transmitter(baud)
         self._ready_s = -math.inf
         self._booting = True

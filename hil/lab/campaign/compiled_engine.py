@@ -23,12 +23,12 @@ from hil.sim.vehicle_file import model_of
 BATCH = 256
 READY_S = 1.0
 DEVICES = {"compass": "nmea", "servo": "dynamixel"}
-UNKNOWN_OPTIONS = ("supply", "vessels")
+UNSUPPORTED_OPTIONS = ("supply", "vessels")
 
 
 def refusals(spec: Spec) -> list[str]:
     """Return a line for each item of a specification that the compiled loop does not support."""
-    lines = [f"with.{name}: {REFUSED}" for name in UNKNOWN_OPTIONS if name in spec.options]
+    lines = [f"with.{name}: {REFUSED}" for name in UNSUPPORTED_OPTIONS if name in spec.options]
     lines += [f"{name}: {REFUSED}, or {only}" for name, only in DEVICES.items() if set(spec.values(name)) - {only}]
     if "fault.what" in spec.draws:
         lines.append(f"fault: {REFUSED}")

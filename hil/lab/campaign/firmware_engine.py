@@ -1,4 +1,4 @@
-"""Runs of a campaign with the autopilot process in lockstep, as `rambler-hil run` makes them, or with a fault."""
+"""Simulates the runs of a campaign, with or without a fault, with the autopilot process in lockstep."""
 
 from __future__ import annotations
 
@@ -31,17 +31,19 @@ MAX_REPEATS = 4
 WARNING = 4  # MAV_SEVERITY_WARNING; more severe levels have smaller numbers
 # The log has no effect on the run and is deleted with its directory.
 NO_LOG = {"LOG_ENABLE": 0.0}
-REFUSED = "cannot be combined with [fault]; remove one of them"
-PATHS = re.compile(r"(?<![\w/])/[\w./-]+")
+FAULT_CONFLICT = "cannot be combined with [fault]; remove one of them"
+ABSOLUTE_PATH = re.compile(r"(?<![\w/])/[\w./-]+")
+
+Message = tuple[float, int, str]  # time, severity and text
 
 
 def refusals(spec: Spec) -> list[str]:
     """Return a line for each item of a specification that this engine does not support."""
     if "fault.what" not in spec.draws:
         return []
-    lines = [f"with.{name}: {REFUSED}" for name in UNKNOWN_OPTIONS if name in spec.options]
-    lines += [f"{name}: {REFUSED}" for name in ("compass", "servo") if name in spec.draws]
-    return lines + ([f"vehicle: {REFUSED}"] if spec.vehicle != standard_vehicle() else [])
+    lines = [f"with.{name}: {FAULT_CONFLICT}" for name in UNSUPPORTED_OPTIONS if name in spec.options]
+    lines += [f"{name}: {FAULT_CONFLICT}" for name in ("compass", "servo") if name in spec.draws]
+    return lines + ([f"vehicle: {FAULT_CONFLICT}"] if spec.vehicle != standard_vehicle() else [])
 
 
 def make_ready(row: Row) -> None:
@@ -54,33 +56,33 @@ def simulate(rows: Iterable[Row]) -> Iterator[Outcome]:
 
 
 def _confirmed_outcome(row: Row) -> Outcome:
-    """Simulate a run; accept a failure only if it repeats, since a busy machine can also end a run."""
+    """Simulate a run; accept a failure only if it repeats, because high CPU load can also end a run."""
     outcome = _simulate_without_log(row)
     for _ in range(MAX_REPEATS):
         if outcome.ended == FINISHED:
             return outcome
-        before, outcome = outcome, _simulate_without_log(row)
-        if outcome == before:
+        previous, outcome = outcome, _simulate_without_log(row)
+        if outcome == previous:
             return outcome
     raise HilError(f"run {row.index}: ends differently at each of {MAX_REPEATS + 1} attempts, last: {outcome.ended}")
 
 
 def _simulate_without_log(row: Row) -> Outcome:
     with tempfile.TemporaryDirectory(prefix="rambler-campaign-") as directory:
-        return simulate_into(row, Path(directory) / "run", full=False)
+        return simulate_into(row, Path(directory) / "run", with_logs=False)
 
 
-def simulate_into(row: Row, out: Path, *, full: bool) -> Outcome:
-    """Simulate a run into a directory; `full` adds log and live display and does not change the results."""
+def simulate_into(row: Row, out: Path, *, with_logs: bool) -> Outcome:
+    """Simulate a run into a directory; `with_logs` adds log and live display and does not change the results."""
     try:
-        texts, ended = _run(row, out, full=full), FINISHED
+        texts, ended = _run(row, out, with_logs=with_logs), FINISHED
     except HilError as error:
         # A run that could not start has no outcome.
         if not (out / run_file.NAME).exists():
             raise
-        texts, ended = (), PATHS.sub("...", str(error))
+        texts, ended = (), ABSOLUTE_PATH.sub("...", str(error))
     content = (out / TRUTH_FILE).read_bytes()
-    warnings = tuple(dict.fromkeys(text for _, grade, text in texts if grade <= WARNING))
+    warnings = tuple(dict.fromkeys(text for _, severity, text in texts if severity <= WARNING))
     scores = None
     if ended == FINISHED:
         truth = read(out / TRUTH_FILE)
@@ -88,12 +90,12 @@ def simulate_into(row: Row, out: Path, *, full: bool) -> Outcome:
     return Outcome(hashlib.sha256(content).hexdigest(), scores, warnings, ended)
 
 
-def _run(row: Row, out: Path, *, full: bool) -> tuple[Text, ...]:
+def _run(row: Row, out: Path, *, with_logs: bool) -> tuple[Message, ...]:
     if row.fault is not None:
         # The fault may be in the log itself, so it stays enabled.
         return run_with_fault(row, row.fault, out)
     options = row.options(out)
-    if not full:
+    if not with_logs:
         options = replace(options, settings={**NO_LOG, **options.settings}, live_display=False)
     return runner.run(options).texts
 
@@ -101,17 +103,15 @@ def _run(row: Row, out: Path, *, full: bool) -> tuple[Text, ...]:
 # Campaigns use GUIDED mode only; `rambler-hil drill` covers the faults of other modes.
 FAULTS: Mapping[str, Drill] = {drill.name: drill for drill in BOOK if drill.mode == GUIDED}
 # Options that the devices of DrillBoat do not support.
-UNKNOWN_OPTIONS = ("receiver", "supply", "vessels")
+UNSUPPORTED_OPTIONS = ("receiver", "supply", "vessels")
 
-UNBROKEN = Drill(NO_FAULT, "", "", nothing, nothing, 0.0, 0.0)
-
-Text = tuple[float, int, str]
+NO_DRILL = Drill(NO_FAULT, "", "", nothing, nothing, 0.0, 0.0)
 
 
-def run_with_fault(row: Row, fault: Fault, out: Path) -> tuple[Text, ...]:
+def run_with_fault(row: Row, fault: Fault, out: Path) -> tuple[Message, ...]:
     """Simulate a run with a fault into a directory and return its messages; raise HilError if it ends early."""
     options = row.options(out)
-    drill = FAULTS.get(fault.name, UNBROKEN)
+    drill = FAULTS.get(fault.name, NO_DRILL)
     options = replace(options, scenario=drill.sea(options.scenario))
     with tempfile.TemporaryDirectory(prefix="rambler-fault-") as name, recorded_run(options, START_UTC_S) as book:
         directory = Path(name)
@@ -130,7 +130,7 @@ def run_with_fault(row: Row, fault: Fault, out: Path) -> tuple[Text, ...]:
                 _run_drill(boat, drill, fault, row.seconds)
         finally:
             book.orders, book.arrivals = tuple(map(OrderRecord.of, boat.station.orders)), tuple(boat.station.reached)
-            _keep(directory, out)
+            _copy_results(directory, out)
     return tuple(boat.station.texts)
 
 
@@ -142,8 +142,8 @@ def _run_drill(boat: DrillBoat, drill: Drill, fault: Fault, seconds: float) -> N
     boat.run(max(0.0, seconds - boat.now_s))
 
 
-def _keep(directory: Path, out: Path) -> None:
-    """Copy state, vehicle file and logs of the autopilot to the places of a run directory."""
+def _copy_results(directory: Path, out: Path) -> None:
+    """Copy state, vehicle file and logs of the autopilot into a run directory."""
     shutil.copytree(directory / STATE, out / STATE, ignore=shutil.ignore_patterns("lock"))
     shutil.copy(directory / VEHICLE_NAME, out / VEHICLE_NAME)
     logs = sorted(directory.glob("firmware*.log"))

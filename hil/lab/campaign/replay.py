@@ -55,7 +55,7 @@ def replay(directory: Path, index: int, out: Path) -> Replay:
     row = next(rows(spec, index, index + 1))
     differences = []
     with locked_directory(out), interruptible():
-        outcome = firmware_engine.simulate_into(row, out, full=True)
+        outcome = firmware_engine.simulate_into(row, out, with_logs=True)
         digest = outcome.digest
         if spec.engine == COMPILED:
             (compiled,) = engine_of(spec).simulate([row])

@@ -32,7 +32,7 @@ def read(path: Path) -> Recording:
     text = read_text(path, MOTION)
     if len(text.cells) < MIN_ROWS:
         raise UsageError(f"{path}: {len(text.cells)} rows below the column names; give a recording of several minutes")
-    table = Table(path, text.numbers, text.places, text.notes, whole_milliseconds=False)
+    table = Table(path, text.numbers, text.places, text.notes, detects_milliseconds=False)
     raw = {name: table.column(name, [row[column.place] for row in text.cells]) for name, column in text.places.items()}
     table, raw = rows.in_order(table, raw)
     time_s = _times(table, raw)

@@ -17,20 +17,22 @@ from hil.lab.identify.columns import Column
 from hil.lab.identify.recording import Floats
 
 DAY_S = 86400.0
-SINCE_1970 = (1e-9, 1e-6, 1e-3)
-YEARS_S = (9e8, 5e9)  # of a time since 1970: from 1998 to 2128
-COARSE_ROWS = 2  # median number of rows with the same time, from which the clock is coarse
+EPOCH_UNITS_S = (1e-9, 1e-6, 1e-3)
+EPOCH_RANGE_S = (9e8, 5e9)  # plausible times since 1970: from 1998 to 2128
+MIN_ROWS_PER_TIME = 2  # a clock is coarse if the median number of rows with the same time is at least this
 MINUTE_JUMP = 40.0  # from 59 to 100 at the end of a minute written as hhmmss
 
 
 def seconds_of(texts: list[str]) -> Floats:
-    """Return seconds since the first of ISO 8601 times or times of the day; NaN for other text."""
+    """Convert ISO 8601 times or times of the day to seconds since the first time; NaN for other text."""
     try:
         moments = [datetime.fromisoformat(_as_iso(text.strip())) for text in texts]
         zoned = [moment if moment.tzinfo else moment.replace(tzinfo=UTC) for moment in moments]
         return np.array([(moment - zoned[0]).total_seconds() for moment in zoned])
     except ValueError:
-        return _past_midnight(np.array([number_of(text) if ":" not in text else _time_of_day(text) for text in texts]))
+        return _unwrap_midnight(
+            np.array([number_of(text) if ":" not in text else _time_of_day(text) for text in texts])
+        )
 
 
 def seconds_of_nmea(times: Floats) -> Floats | None:
@@ -48,34 +50,38 @@ def seconds_of_nmea(times: Floats) -> Floats | None:
         return None
     if np.any(np.abs(steps[crossed]) < MINUTE_JUMP):
         return None
-    return _past_midnight(3600.0 * (minutes // 100.0) + 60.0 * (minutes % 100.0) + rest)
+    return _unwrap_midnight(3600.0 * (minutes // 100.0) + 60.0 * (minutes % 100.0) + rest)
 
 
 def unit_since_1970(times: Floats) -> float:
-    """Return the unit of times since 1970 that are finer than seconds, otherwise 1."""
+    """Return the unit in seconds of times since 1970 in ms, us or ns; 1 for all other times."""
     first, last = float(times[0]), float(times[-1])
-    units = [unit for unit in SINCE_1970 if all(YEARS_S[0] < unit * one < YEARS_S[1] for one in (first, last))]
+    units = [
+        unit
+        for unit in EPOCH_UNITS_S
+        if all(EPOCH_RANGE_S[0] < unit * time_value < EPOCH_RANGE_S[1] for time_value in (first, last))
+    ]
     return units[0] if units else 1.0
 
 
 def spread_evenly(times: Floats) -> Floats | None:
-    """Return coarse times, which several rows share, spread evenly up to the next time.
+    """Spread the rows that share a coarse time evenly up to the next time.
 
-    None if no rows, or only a few, have the same time.
+    Returns None if no rows, or only a few, have the same time.
     """
     steps = np.diff(times)
     first = np.flatnonzero(np.concatenate(([True], steps != 0.0)))
     counts = np.diff(np.append(first, times.size))
-    if np.any(steps < 0.0) or first.size < 2 or float(np.median(np.repeat(counts, counts))) < COARSE_ROWS:
+    if np.any(steps < 0.0) or first.size < 2 or float(np.median(np.repeat(counts, counts))) < MIN_ROWS_PER_TIME:
         return None
     spans = np.diff(times[first])
     last = float(np.median(spans / counts[:-1])) * counts[-1]
     # The first and the last time may have fewer rows, at the end and at the beginning of their interval.
-    share = np.arange(times.size) - np.repeat(first, counts)
-    each = np.append(spans, last) / counts
-    each[0] = min(each[0], last / counts[-1])
-    spread = np.repeat(times[first], counts) + share * np.repeat(each, counts)
-    spread[: counts[0]] += spans[0] - each[0] * counts[0]
+    index_in_group = np.arange(times.size) - np.repeat(first, counts)
+    interval_s = np.append(spans, last) / counts
+    interval_s[0] = min(interval_s[0], last / counts[-1])
+    spread = np.repeat(times[first], counts) + index_in_group * np.repeat(interval_s, counts)
+    spread[: counts[0]] += spans[0] - interval_s[0] * counts[0]
     return np.asarray(spread)
 
 
@@ -88,13 +94,13 @@ def number_of(text: str) -> float:
 
 
 def _as_iso(text: str) -> str:
-    """Return a similar date as ISO 8601; with slashes, only a date that starts with the year is unambiguous."""
+    """Convert similar dates to ISO 8601; with slashes, only a date that starts with the year is unambiguous."""
     text = re.sub(r"^(\d{4})/(\d\d?)/(\d\d?)", r"\1-\2-\3", re.sub(r"\s*(UTC|GMT)$", "Z", text))
     text = re.sub(r"^(\d\d?)\.(\d\d?)\.(\d{4})", r"\3-\2-\1", text)
     return re.sub(r"-(\d)(?=[-T ])", r"-0\1", re.sub(r"(?<=:\d\d),(?=\d)", ".", text))
 
 
-def _past_midnight(times: Floats) -> Floats:
+def _unwrap_midnight(times: Floats) -> Floats:
     midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * DAY_S)
     return np.asarray(times + DAY_S * midnights)
 
@@ -102,18 +108,20 @@ def _past_midnight(times: Floats) -> Floats:
 def _time_of_day(text: str) -> float:
     """Return seconds of the day; a preceding date is ignored, since midnight is detected from the times."""
     plain = re.sub(r"^\d\d?([/-])\d\d?\1\d{4}[ T]+", "", text.strip())
-    half = re.search(r"\s*([ap])\.?m\.?$", plain, re.IGNORECASE)
+    meridiem = re.search(r"\s*([ap])\.?m\.?$", plain, re.IGNORECASE)
     try:
-        moment = time.fromisoformat(re.sub(r"^(?=\d:)", "0", plain[: half.start()] if half is not None else plain))
+        moment = time.fromisoformat(
+            re.sub(r"^(?=\d:)", "0", plain[: meridiem.start()] if meridiem is not None else plain)
+        )
     except ValueError:
         return math.nan
-    if half is not None:
-        moment = moment.replace(hour=moment.hour % 12 + 12 * (half[1].lower() == "p"))
+    if meridiem is not None:
+        moment = moment.replace(hour=moment.hour % 12 + 12 * (meridiem[1].lower() == "p"))
     return moment.hour * 3600.0 + moment.minute * 60.0 + moment.second + moment.microsecond * 1e-6
 
 
 # column -> largest accepted size, and the remedy for larger values
-ACCEPTED = {
+COLUMN_LIMITS = {
     "time_s": (1e12, "give seconds"),
     "heading_rad": (1e6, "give radians"),
     "yaw_rate_rad_s": (30.0, "give radians per second, not degrees"),
@@ -125,13 +133,13 @@ ACCEPTED = {
     "lon_rad": (radians(360.01), "give degrees as lon_deg, east positive, or radians as lon_rad"),
 }
 # Columns whose limits are in the unit of the name, and the unit without one.
-NAMED = {"time_s": 1.0, "lat_rad": radians(1.0), "lon_rad": radians(1.0)}
+LIMIT_UNITS = {"time_s": 1.0, "lat_rad": radians(1.0), "lon_rad": radians(1.0)}
 MILLISECOND_S, MIN_MILLISECONDS = 1e-3, 20.0
-MAX_INTERVAL_S = 10.0  # of rows, for a time without unit: larger is too long for a manoeuvre
-MAX_LINES_BELOW = 20  # other lines below the table
+MAX_INTERVAL_S = 10.0  # maximum interval of the rows if the time has no unit
+MAX_LINES_BELOW = 20  # maximum number of lines below the table
 # Texts of missing values.
 MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "nat", "-", "--", "---", "?", "*"))
-TIMES = "give seconds, or times as 2026-05-31 23:59:59.5 or 23:59:59.5"
+TIME_REMEDY = "give seconds, or times as 2026-05-31 23:59:59.5 or 23:59:59.5"
 
 Raw = dict[str, Floats | None]
 
@@ -145,11 +153,11 @@ class Table:
     places: dict[str, Column]
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-    whole_milliseconds: bool = True  # whole seconds with large intervals are assumed to be milliseconds
+    detects_milliseconds: bool = True  # whole seconds with large intervals are assumed to be milliseconds
 
-    def unit(self, name: str, usual: float) -> float:
-        """Return the size of a column's unit; `usual` if the name has no unit."""
-        return self.places[name].unit if self.places[name].known else usual
+    def unit(self, name: str, default: float) -> float:
+        """Return the size of a column's unit; `default` if the name has no unit."""
+        return self.places[name].unit if self.places[name].known else default
 
     def column(self, name: str, texts: list[str]) -> Floats | None:
         """Return the numbers of a column, None for an empty column."""
@@ -172,37 +180,37 @@ class Table:
         """Raise UsageError for values that are not finite or too large."""
         if values is None:
             return
-        most, remedy = ACCEPTED.get(name, (math.inf, ""))
-        most /= self.unit(name, NAMED[name]) if name in NAMED else 1.0
-        wrong = np.flatnonzero(~(np.abs(values) <= most) | ~np.isfinite(values))
-        if wrong.size == 0:
+        limit, remedy = COLUMN_LIMITS.get(name, (math.inf, ""))
+        limit /= self.unit(name, LIMIT_UNITS[name]) if name in LIMIT_UNITS else 1.0
+        invalid = np.flatnonzero(~(np.abs(values) <= limit) | ~np.isfinite(values))
+        if invalid.size == 0:
             return
-        at, label = int(wrong[0]), self.places[name].label
+        at, label = int(invalid[0]), self.places[name].label
         where = f"{self.path}:{self.numbers[at]}"
         text = f"{values[at]:g}" if texts is None else texts[at].strip()
-        more = f" (and {wrong.size - 1} more like it)" if wrong.size > 1 else ""
+        more = f" (and {invalid.size - 1} more like it)" if invalid.size > 1 else ""
         if not np.isfinite(values[at]):
             problem = f"{text[:30]!r} is not a finite number"
             if name == "time_s":
-                raise UsageError(f"{where}: {label} {text[:30]!r} is not a time{more}; {TIMES}")
+                raise UsageError(f"{where}: {label} {text[:30]!r} is not a time{more}; {TIME_REMEDY}")
             raise UsageError(f"{where}: {label} {problem}{more}; remove the row, or empty an optional column")
-        raise UsageError(f"{where}: {label} {text[:30]} is beyond {most:g}{more}; {remedy}")
+        raise UsageError(f"{where}: {label} {text[:30]} is beyond {limit:g}{more}; {remedy}")
 
     def _clock(self, times: Floats, texts: list[str], missing: NDArray[np.bool_]) -> Floats:
         """Return times in seconds; raise UsageError for intervals that are too large for seconds.
 
-        missing: rows without a time; lines below the table are added.
+        `missing` marks the rows without a time; this function also marks the lines below the table.
         """
         column = self.places["time_s"]
-        wanted = np.flatnonzero(~missing)
-        below = _below(times, wanted, texts)
-        missing[wanted[wanted.size - below :]] = True
-        wanted = wanted[: wanted.size - below]
+        timed_rows = np.flatnonzero(~missing)
+        footer_rows = _count_footer_rows(times, timed_rows, texts)
+        missing[timed_rows[timed_rows.size - footer_rows :]] = True
+        timed_rows = timed_rows[: timed_rows.size - footer_rows]
         times = times.copy()
-        if np.isnan(times[wanted]).any():
-            times[wanted] = seconds_of([texts[row] for row in wanted.tolist()])
+        if np.isnan(times[timed_rows]).any():
+            times[timed_rows] = seconds_of([texts[row] for row in timed_rows.tolist()])
             return times
-        seconds = seconds_of_nmea(times[wanted])
+        seconds = seconds_of_nmea(times[timed_rows])
         if seconds is not None and column.known:
             raise UsageError(
                 f"{self.path}: {column.label} jumps by 40 at every full minute, so it contains times of the "
@@ -210,27 +218,27 @@ class Table:
             )
         if seconds is not None:
             self.notes.append(f"column {column.label} contains times of the day as hhmmss")
-            times[wanted] = seconds
-        elif self.whole_milliseconds and column.known and column.unit == 1.0 and _in_milliseconds(times[wanted]):
+            times[timed_rows] = seconds
+        elif self.detects_milliseconds and column.known and column.unit == 1.0 and _in_milliseconds(times[timed_rows]):
             times *= MILLISECOND_S
             self.warnings.append(
-                f"column {column.label} increases by {float(np.median(np.diff(times[wanted]))) / MILLISECOND_S:g} from "
-                "row to row, in whole numbers: milliseconds assumed"
+                f"column {column.label} increases by {float(np.median(np.diff(times[timed_rows]))) / MILLISECOND_S:g} "
+                "from row to row, in whole numbers: milliseconds assumed"
             )
         elif not column.known:
-            unit = unit_since_1970(times[wanted])
+            unit = unit_since_1970(times[timed_rows])
             times *= unit
             if unit != 1.0:
                 self.notes.append(f"column {column.label} counts from 1970 in units of {unit:g} s")
-            self._check_interval(times[wanted])
+            self._check_interval(times[timed_rows])
         return times
 
     def _check_interval(self, times: Floats) -> None:
         """Raise UsageError for times without unit whose intervals are too large for seconds."""
-        usual, label = float(np.median(np.diff(times))), self.places["time_s"].label
-        if usual >= MAX_INTERVAL_S:
+        interval, label = float(np.median(np.diff(times))), self.places["time_s"].label
+        if interval >= MAX_INTERVAL_S:
             raise UsageError(
-                f"{self.path}: the rows are {usual:g} apart in {label}, which has no unit; name the column time_ms, "
+                f"{self.path}: the rows are {interval:g} apart in {label}, which has no unit; name the column time_ms, "
                 "time_us or time_s"
             )
 
@@ -241,9 +249,9 @@ def _in_milliseconds(times: Floats) -> bool:
     return steps.size > 0 and float(np.median(steps)) >= MIN_MILLISECONDS and bool(np.all(times == np.round(times)))
 
 
-def _below(times: Floats, wanted: NDArray[np.intp], texts: list[str]) -> int:
-    """Return the number of last rows with words instead of a time, such as a line of totals."""
-    for count, row in enumerate(wanted[::-1][: MAX_LINES_BELOW + 1].tolist()):
+def _count_footer_rows(times: Floats, timed_rows: NDArray[np.intp], texts: list[str]) -> int:
+    """Return the number of rows at the end without a time, such as a line of totals."""
+    for count, row in enumerate(timed_rows[::-1][: MAX_LINES_BELOW + 1].tolist()):
         if not math.isnan(float(times[row])) or any(character.isdigit() for character in texts[row]):
             return count
     return 0

@@ -24,7 +24,7 @@ from hil.sim.truth import Truth
 Floats = NDArray[np.float64]
 
 TANK = "tank"
-PAPER_SETTINGS = {"CTL_K1": paper.K1, "CTL_K2": paper.K2}
+PAPER_SETTINGS = {"CTL_K1": paper.PAPER_K1, "CTL_K2": paper.PAPER_K2}
 GOALS_DEG = (0.0, 40.0, -20.0, 20.0, -40.0)  # repeated
 WAVE_PERIODS = 2.0  # averaging time of yaw rates, which removes most of the wave yaw
 GOAL_S = 75.0  # long enough for the largest step, 60 deg at 1.45 deg/s, and half a minute of course keeping

@@ -1,16 +1,16 @@
 """Behaviours of the fish (section 3 of the paper): follow, swarm, prey, random, congestion, bulletin board.
 
-An iteration consists of `look`; then, for each stage, `request` for points, their evaluation, and `receive` for the
-values; then `settle`. All fish move at once. Differences to the paper:
+An iteration calls `find_partners` once. Each stage calls `request_points`, evaluates the points and calls
+`store_costs`. At the end, `move_fish` moves all fish at once. Differences from the paper:
 
 * Food. The paper's crowding condition Y_c / n_f > kappa * Y_i assumes food Y > 0, and its result changes with a
   constant that is added to Y. Here the food of a place is the share of the shoal with higher cost: 0 to 1 for any sign
   and scale of the objective. Everything else only compares values, so any strictly increasing function of the objective
   (J, log J, -1/J) gives the same search.
 * All evaluated points, also tries and centres, go to the bulletin board.
-* A move toward a place outside the box stops at its wall, by coordinate, because the optimum may be there. Tries and
-  random moves beyond a wall are mirrored into the box: with wide vision in five dimensions half of them would otherwise
-  end on walls.
+* In a move toward a place outside the box, each coordinate is limited to the box, because the optimum may be on its
+  wall. Tries and random moves beyond a wall are mirrored into the box. Otherwise, with wide vision in five dimensions,
+  half of them would end on walls.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def food(costs: np.ndarray, cost: float) -> float:
 
 
 @inner
-def look(shoal: Shoal, reach: float) -> None:
+def find_partners(shoal: Shoal, vision: float) -> None:
     """Find the partners of every fish (those within its vision), their centre and the best of them."""
     fish, dimensions = shoal.place.shape
     for i in range(fish):
@@ -69,9 +69,9 @@ def look(shoal: Shoal, reach: float) -> None:
                 continue
             square = 0.0
             for k in range(dimensions):
-                way = shoal.place[j, k] - shoal.place[i, k]
-                square += way * way
-            if square > reach * reach:
+                difference = shoal.place[j, k] - shoal.place[i, k]
+                square += difference * difference
+            if square > vision * vision:
                 continue
             count += 1
             for k in range(dimensions):
@@ -85,78 +85,82 @@ def look(shoal: Shoal, reach: float) -> None:
 
 
 @inner
-def request(shoal: Shoal, stage: int, first_try: int, end_try: int, behaviour: Behaviour) -> int:
+def request_points(shoal: Shoal, stage: int, first_try: int, end_try: int, behaviour: Behaviour) -> int:
     """Fill in the points to be evaluated in a stage; return their number."""
     count = 0
     for i in range(shoal.cost.size):
-        here, drawn = shoal.place[i], shoal.uniforms[i]
-        own, partners, leader = behaviour.congestion * shoal.share[i], shoal.partners[i], shoal.leader[i]
-        helped = shoal.move_cost[i] < shoal.cost[i]
-        found = shoal.try_cost[i] < shoal.cost[i]
-        begun = count
-        if helped and behaviour.content:
+        place, uniforms = shoal.place[i], shoal.uniforms[i]
+        crowding, partners, leader = behaviour.congestion * shoal.share[i], shoal.partners[i], shoal.leader[i]
+        has_improved = shoal.move_cost[i] < shoal.cost[i]
+        has_better_try = shoal.try_cost[i] < shoal.cost[i]
+        first_point = count
+        if has_improved and behaviour.content:
             continue
         better = leader != NONE and shoal.cost[leader] < shoal.cost[i]
-        if stage >> FOLLOW_MOVE & 1 and better and shoal.share[leader] > own * shoal.partners[leader]:
+        if stage >> FOLLOW_MOVE & 1 and better and shoal.share[leader] > crowding * shoal.partners[leader]:
             shoal.kind[count] = FOLLOW_MOVE
-            count += toward(here, shoal.place[leader], behaviour.step * drawn[FOLLOW_MOVE], shoal.point[count])
+            count += point_toward(
+                place, shoal.place[leader], behaviour.step * uniforms[FOLLOW_MOVE], shoal.point[count]
+            )
         if stage >> CENTRE & 1 and partners > 0:
             shoal.kind[count] = CENTRE
             copy(shoal.centre[i], shoal.point[count])
             count += 1
-        if stage >> SWARM_MOVE & 1 and partners > 0 and food(shoal.cost, shoal.centre_cost[i]) > own * partners:
+        if stage >> SWARM_MOVE & 1 and partners > 0 and food(shoal.cost, shoal.centre_cost[i]) > crowding * partners:
             shoal.kind[count] = SWARM_MOVE
-            count += toward(here, shoal.centre[i], behaviour.step * drawn[SWARM_MOVE], shoal.point[count])
-        if stage >> TRY & 1 and not found:
+            count += point_toward(place, shoal.centre[i], behaviour.step * uniforms[SWARM_MOVE], shoal.point[count])
+        if stage >> TRY & 1 and not has_better_try:
             for number in range(first_try, end_try):
                 # Random direction, uniform distance within vision.
                 shoal.kind[count] = TRY
-                aside(here, shoal.normals[i, number], behaviour.reach * drawn[MOVES + number], shoal.point[count])
+                point_along(
+                    place, shoal.normals[i, number], behaviour.reach * uniforms[MOVES + number], shoal.point[count]
+                )
                 count += 1
-        if stage >> PREY_MOVE & 1 and found:
+        if stage >> PREY_MOVE & 1 and has_better_try:
             shoal.kind[count] = PREY_MOVE
-            count += toward(here, shoal.try_place[i], behaviour.step * drawn[PREY_MOVE], shoal.point[count])
-        if stage >> RANDOM_MOVE & 1 and not helped:
+            count += point_toward(place, shoal.try_place[i], behaviour.step * uniforms[PREY_MOVE], shoal.point[count])
+        if stage >> RANDOM_MOVE & 1 and not has_improved:
             shoal.kind[count] = RANDOM_MOVE
-            aside(here, shoal.normals[i, -1], behaviour.step * drawn[RANDOM_MOVE], shoal.point[count])
+            point_along(place, shoal.normals[i, -1], behaviour.step * uniforms[RANDOM_MOVE], shoal.point[count])
             count += 1
-        for number in range(begun, count):
+        for number in range(first_point, count):
             shoal.owner[number] = i
     return count
 
 
 @inner
-def toward(here: np.ndarray, target: np.ndarray, distance: float, point: np.ndarray) -> int:
+def point_toward(place: np.ndarray, target: np.ndarray, distance: float, point: np.ndarray) -> int:
     """Fill in the place at a distance toward a target, and return 1; return 0 if the fish is already there."""
     square = 0.0
-    for k in range(here.size):
-        square += (target[k] - here[k]) ** 2
+    for k in range(place.size):
+        square += (target[k] - place[k]) ** 2
     if square == 0.0:
         return 0
     share = distance / math.sqrt(square)
-    for k in range(here.size):
-        point[k] = min(max(here[k] + share * (target[k] - here[k]), 0.0), 1.0)
+    for k in range(place.size):
+        point[k] = min(max(place[k] + share * (target[k] - place[k]), 0.0), 1.0)
     return 1
 
 
 @inner
-def aside(here: np.ndarray, direction: np.ndarray, distance: float, point: np.ndarray) -> None:
+def point_along(place: np.ndarray, direction: np.ndarray, distance: float, point: np.ndarray) -> None:
     """Fill in the place at a distance in a direction of any length."""
     square = 0.0
-    for k in range(here.size):
+    for k in range(place.size):
         square += direction[k] ** 2
     share = distance / math.sqrt(square) if square > 0.0 else 0.0
-    for k in range(here.size):
-        point[k] = mirrored(here[k] + share * direction[k])
+    for k in range(place.size):
+        point[k] = mirror(place[k] + share * direction[k])
 
 
 @inner
-def mirrored(coordinate: float) -> float:
+def mirror(coordinate: float) -> float:
     """Return a coordinate outside the box mirrored into it."""
     if 0.0 <= coordinate <= 1.0:
         return coordinate
-    away = abs(coordinate) % 2.0
-    return 2.0 - away if away > 1.0 else away
+    folded = abs(coordinate) % 2.0
+    return 2.0 - folded if folded > 1.0 else folded
 
 
 @inner
@@ -167,7 +171,7 @@ def copy(source: np.ndarray, target: np.ndarray) -> None:
 
 
 @inner
-def receive(shoal: Shoal, count: int, costs: np.ndarray) -> None:
+def store_costs(shoal: Shoal, count: int, costs: np.ndarray) -> None:
     """Store the costs of the requested points; NaN is worse than all numbers."""
     for number in range(count):
         cost = costs[number]
@@ -184,14 +188,14 @@ def receive(shoal: Shoal, count: int, costs: np.ndarray) -> None:
                 shoal.try_cost[i] = cost
                 copy(point, shoal.try_place[i])
         elif cost < shoal.move_cost[i] or kind == RANDOM_MOVE:
-            # A random move is requested if nothing has helped, and is always made.
+            # A random move is requested if no other move has improved the cost, and is always made.
             shoal.move_cost[i] = cost
             copy(point, shoal.move_place[i])
             shoal.move_kind[i] = kind
 
 
 @inner
-def settle(shoal: Shoal, moves: np.ndarray) -> None:
+def move_fish(shoal: Shoal, moves: np.ndarray) -> None:
     """Move every fish, and count the moves of each behaviour."""
     for i in range(shoal.cost.size):
         kind = shoal.move_kind[i]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hil.lab.compiled import compiled, compiled_here
 from hil.lab.numeric_core import inner
-from hil.lab.swarm.behaviour import begin, copy, look, receive, request, settle
+from hil.lab.swarm.behaviour import begin, copy, find_partners, move_fish, request_points, store_costs
 from hil.lab.swarm.records import BatchObjective, Floats
 from hil.lab.swarm.shoal import Behaviour, Shoal
 
@@ -56,15 +56,15 @@ def turn(shoal: Shoal, course: Course, log: Log, row: int, stage: int, answered:
     if stage == 0:
         log.evaluations[row] = log.evaluations[row - 1]
         begin(shoal)
-        look(shoal, behaviour.reach)
+        find_partners(shoal, behaviour.reach)
     else:
         log.evaluations[row] += answered
-        receive(shoal, answered, log.costs)
+        store_costs(shoal, answered, log.costs)
     if stage == course.stages.shape[0]:
-        settle(shoal, log.moves[row])
+        move_fish(shoal, log.moves[row])
         note(shoal, course, log, row)
         return 0
-    count = request(shoal, course.stages[stage, 0], course.stages[stage, 1], course.stages[stage, 2], behaviour)
+    count = request_points(shoal, course.stages[stage, 0], course.stages[stage, 1], course.stages[stage, 2], behaviour)
     count = min(count, int(course.max_evaluations - log.evaluations[row]))
     place_in_world(shoal, count, course, log)
     return count

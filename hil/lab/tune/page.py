@@ -66,17 +66,17 @@ def draw(report: Report, path: Path) -> None:
 
 def _plane(axes: Any, study: StepStudy) -> Any:
     """Draw the excess of J over k1 and k2 with the paper's gains and the optimum; return the contours."""
-    excess = 100.0 * (study.plane / study.best_itae - 1.0)
+    excess = 100.0 * (study.itae_map / study.best_itae - 1.0)
     palette = colormaps["Blues_r"](np.linspace(0.25, 0.98, len(EXCESS_PERCENT) - 1))
     shades = axes.contourf(study.k1, study.k2, np.clip(excess, 0.0, 499.0), levels=EXCESS_PERCENT, colors=palette)
     axes.contour(study.k1, study.k2, excess, levels=EXCESS_PERCENT[1:-1], colors="white", linewidths=0.6)
     best = study.swarm.best
-    axes.plot(paper.K1, paper.K2, "o", color=GOAL, ms=8, mec="white", clip_on=False, zorder=5)
+    axes.plot(paper.PAPER_K1, paper.PAPER_K2, "o", color=GOAL, ms=8, mec="white", clip_on=False, zorder=5)
     axes.plot(best[0], best[1], "D", color=COMMAND, ms=7, mec="white", clip_on=False, zorder=5)
     box = {"boxstyle": "round,pad=0.25", "fc": "white", "ec": "none", "alpha": 0.85}
     axes.annotate(
         f"the paper's 40, 0.3: +{100.0 * study.excess:.1f} %",
-        (paper.K1, paper.K2), (paper.K1 - 4.0, 4.6), ha="center", fontsize=8, color=GOAL, bbox=box,
+        (paper.PAPER_K1, paper.PAPER_K2), (paper.PAPER_K1 - 4.0, 4.6), ha="center", fontsize=8, color=GOAL, bbox=box,
         arrowprops={"arrowstyle": "-", "color": GOAL},
     )  # fmt: skip
     axes.annotate(

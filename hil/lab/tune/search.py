@@ -38,8 +38,8 @@ class Bound:
 
 # The paper's box for k1 and k2; the gains come first.
 BOUNDS = (
-    Bound("CTL_K1", "k1", paper.LOW[0], paper.HIGH[0]),
-    Bound("CTL_K2", "k2", paper.LOW[1], paper.HIGH[1]),
+    Bound("CTL_K1", "k1", paper.BOX_LOW[0], paper.BOX_HIGH[0]),
+    Bound("CTL_K2", "k2", paper.BOX_LOW[1], paper.BOX_HIGH[1]),
     Bound("EST_TAU_S", "tau_s", 0.5, 30.0, logarithmic=True),
     Bound("RUD_DBAND_DEG", "deadband_deg", 0.0, 5.0),
 )

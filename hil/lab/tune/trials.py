@@ -44,7 +44,9 @@ class Setting:
         return {name: to_single(value) for name, value in zip(NAMES, values, strict=True)}
 
 
-PAPER = Setting(paper.K1, paper.K2, *(TABLE[index_of(name)].default for name in ("EST_TAU_S", "RUD_DBAND_DEG")))
+PAPER = Setting(
+    paper.PAPER_K1, paper.PAPER_K2, *(TABLE[index_of(name)].default for name in ("EST_TAU_S", "RUD_DBAND_DEG"))
+)
 
 
 @dataclass(frozen=True, slots=True)

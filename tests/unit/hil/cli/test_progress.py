@@ -25,7 +25,7 @@ class Clock:
 def output_of(stream, moments):
     """Report at moments (seconds since the beginning, done, done since); return the output."""
     clock = Clock()
-    with progress.line(stream, clock) as report:
+    with progress.progress_line(stream, clock) as report:
         for t_s, done, since in moments:
             clock.now = 100.0 + t_s
             report(done, 1000, since)
@@ -51,11 +51,11 @@ def test_rate_counts_from_the_first_report():
 def test_line_is_cut_to_the_width_of_the_terminal(monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     stream = Terminal()
-    with progress.line(stream, Clock()) as report:
+    with progress.progress_line(stream, Clock()) as report:
         report(0, 24, 0, "")
     assert stream.getvalue() == "\r\x1b[K0 of 24 runs\r\x1b[K"
     stream, clock = Terminal(), Clock()
-    with progress.line(stream, clock) as report:
+    with progress.progress_line(stream, clock) as report:
         report(0, 24, 0)
         clock.now += 10.0
         report(5, 24, 5, "Rambler, swell, seed 2")
@@ -64,13 +64,13 @@ def test_line_is_cut_to_the_width_of_the_terminal(monkeypatch):
 
 @pytest.mark.parametrize(("seconds", "text"), [(59.0, "59 s"), (60.0, "1 min"), (5400.0, "1.5 h")])
 def test_units_of_the_remaining_time(seconds, text):
-    assert progress._time(seconds) == text
+    assert progress._format_duration(seconds) == text
 
 
 def output_of_parts(stream, moments):
     """Report at moments (seconds since the beginning, task, completed part); return the output."""
     clock = Clock()
-    report = progress.part_done(stream, clock)
+    report = progress.task_progress(stream, clock)
     for t_s, task, part in moments:
         clock.now = 100.0 + t_s
         report(task, part)

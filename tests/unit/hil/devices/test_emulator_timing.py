@@ -76,7 +76,7 @@ def test_transfer_time():
 
 
 def test_pause_begins_a_new_message():
-    buffer = ReceiveBuffer(longest=4, pause_s=0.01)
+    buffer = ReceiveBuffer(max_bytes=4, pause_s=0.01)
     buffer.append(1.0, b"ab")
     buffer.append(1.005, b"cde")
     assert buffer.data == b"bcde"

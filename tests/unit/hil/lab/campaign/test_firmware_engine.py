@@ -43,7 +43,7 @@ def test_the_reason_of_an_early_end_contains_no_paths(tmp_path, monkeypatch):
         raise HilError(f"goal 60 deg/h refused; see {options.out}/firmware.log; at 3.5 deg/s")
 
     monkeypatch.setattr(runner, "run", fail)
-    found = firmware_engine.simulate_into(next(rows(read(), 0, 1)), tmp_path / "run", full=False)
+    found = firmware_engine.simulate_into(next(rows(read(), 0, 1)), tmp_path / "run", with_logs=False)
     assert found.ended == "goal 60 deg/h refused; see ...; at 3.5 deg/s"
     assert (found.scores, found.faults) == (None, ())
 
@@ -54,7 +54,7 @@ def test_a_run_that_cannot_start_has_no_outcome(tmp_path, monkeypatch):
 
     monkeypatch.setattr(runner, "run", refuse)
     with pytest.raises(UsageError, match="no room"):
-        firmware_engine.simulate_into(next(rows(read(), 0, 1)), tmp_path / "run", full=False)
+        firmware_engine.simulate_into(next(rows(read(), 0, 1)), tmp_path / "run", with_logs=False)
 
 
 def test_batch_runs_have_no_display_and_no_log_by_default(tmp_path, monkeypatch):
@@ -68,5 +68,5 @@ def test_batch_runs_have_no_display_and_no_log_by_default(tmp_path, monkeypatch)
     plain, logged = read(engine="firmware"), read(engine="firmware", set={"LOG_ENABLE": 1})
     for spec, full in ((plain, False), (logged, False), (plain, True)):
         with pytest.raises(UsageError):
-            firmware_engine.simulate_into(next(rows(spec, 0, 1)), tmp_path, full=full)
+            firmware_engine.simulate_into(next(rows(spec, 0, 1)), tmp_path, with_logs=full)
     assert seen == [(0.0, False), (1.0, False), (None, True)]

@@ -34,7 +34,7 @@ def shoal_of(places, costs, tries=2, seed=1):
     rng.random(out=shoal.uniforms)
     rng.standard_normal(out=shoal.normals)
     behaviour.begin(shoal)
-    behaviour.look(shoal, BEHAVIOUR.reach)
+    behaviour.find_partners(shoal, BEHAVIOUR.reach)
     return shoal
 
 
@@ -43,7 +43,7 @@ def bit(*kinds):
 
 
 def requested(shoal, *kinds, settings=BEHAVIOUR, tries=(0, 2)):
-    count = behaviour.request(shoal, bit(*kinds), *tries, settings)
+    count = behaviour.request_points(shoal, bit(*kinds), *tries, settings)
     return [
         (int(kind), int(owner), point.copy())
         for kind, owner, point in zip(shoal.kind[:count], shoal.owner[:count], shoal.point[:count], strict=True)
@@ -114,7 +114,7 @@ def test_swarming_evaluates_the_centre_and_steps_toward_a_good_one():
     centres = requested(shoal, CENTRE)
     assert [owner for _, owner, _ in centres] == [0, 1, 2]
     # Good for fish 0 (better than 3 of 4), good for 1, without food for 2.
-    behaviour.receive(shoal, 3, np.array([1.5, 2.5, 5.0]))
+    behaviour.store_costs(shoal, 3, np.array([1.5, 2.5, 5.0]))
     moves = requested(shoal, SWARM_MOVE)
     assert [owner for _, owner, _ in moves] == [0, 1]
     for _, owner, point in moves:
@@ -126,7 +126,7 @@ def test_swarming_evaluates_the_centre_and_steps_toward_a_good_one():
 def test_a_crowded_centre_is_avoided():
     shoal = shoal_of(PLACES, COSTS)
     requested(shoal, CENTRE)
-    behaviour.receive(shoal, 3, np.array([1.5, 2.5, 2.5]))
+    behaviour.store_costs(shoal, 3, np.array([1.5, 2.5, 2.5]))
     # Fish 2: food of the centre 0.5 over 2 partners, its own 0.75: up to kappa 1/3.
     assert 2 in [owner for _, owner, _ in requested(shoal, SWARM_MOVE, settings=BEHAVIOUR._replace(congestion=0.33))]
     assert 2 not in [
@@ -137,7 +137,7 @@ def test_a_crowded_centre_is_avoided():
 def test_a_fish_in_the_middle_of_its_partners_stays():
     shoal = shoal_of([(0.5, 0.5), (0.4, 0.5), (0.6, 0.5)], [9.0, 1.0, 1.0])
     requested(shoal, CENTRE)
-    behaviour.receive(shoal, 3, np.array([0.0, np.inf, np.inf]))
+    behaviour.store_costs(shoal, 3, np.array([0.0, np.inf, np.inf]))
     assert requested(shoal, SWARM_MOVE) == []
 
 
@@ -158,7 +158,7 @@ def test_preying_steps_toward_the_best_of_better_tries_only():
     shoal = shoal_of([(0.5, 0.5), (0.1, 0.1)], [1.0, 2.0])
     looked = requested(shoal, TRY)
     assert [owner for _, owner, _ in looked] == [0, 0, 1, 1]
-    behaviour.receive(shoal, 4, np.array([0.9, 0.8, 2.0, np.nan]))
+    behaviour.store_costs(shoal, 4, np.array([0.9, 0.8, 2.0, np.nan]))
     ((kind, owner, point),) = requested(shoal, PREY_MOVE)
     assert (kind, owner) == (PREY_MOVE, 0)
     aim, way = looked[1][2] - 0.5, point - 0.5
@@ -168,7 +168,7 @@ def test_preying_steps_toward_the_best_of_better_tries_only():
 def test_a_fish_with_prey_does_not_try_again():
     shoal = shoal_of([(0.5, 0.5), (0.1, 0.1)], [1.0, 2.0])
     requested(shoal, TRY, tries=(0, 1))
-    behaviour.receive(shoal, 2, np.array([0.5, 3.0]))
+    behaviour.store_costs(shoal, 2, np.array([0.5, 3.0]))
     assert [owner for _, owner, _ in requested(shoal, TRY, tries=(1, 2))] == [1]
 
 
@@ -180,9 +180,9 @@ def test_a_fish_without_a_better_place_moves_at_random():
     ((kind, owner, point),) = requested(shoal, RANDOM_MOVE)
     assert (kind, owner) == (RANDOM_MOVE, 0)
     assert 0.0 < np.linalg.norm(point - 0.5) <= BEHAVIOUR.step
-    behaviour.receive(shoal, 1, np.array([7.0]))
+    behaviour.store_costs(shoal, 1, np.array([7.0]))
     moves = np.zeros(4, np.int64)
-    behaviour.settle(shoal, moves)
+    behaviour.move_fish(shoal, moves)
     assert shoal.cost.tolist() == [7.0, 1.5]
     np.testing.assert_array_equal(shoal.place, [point, (0.15, 0.15)])
     assert moves.tolist() == [1, 0, 0, 1]
@@ -190,9 +190,9 @@ def test_a_fish_without_a_better_place_moves_at_random():
 
 def test_a_step_that_leaves_the_box_ends_at_its_wall():
     point = np.zeros(2)
-    assert behaviour.toward(np.array([0.9, 0.5]), np.array([0.95, 0.5]), 0.3, point) == 1
+    assert behaviour.point_toward(np.array([0.9, 0.5]), np.array([0.95, 0.5]), 0.3, point) == 1
     assert point.tolist() == [1.0, 0.5]
-    assert behaviour.toward(np.array([0.1, 0.1]), np.array([0.0, 0.1]), 0.3, point) == 1
+    assert behaviour.point_toward(np.array([0.1, 0.1]), np.array([0.0, 0.1]), 0.3, point) == 1
     assert point.tolist() == [0.0, 0.1]
 
 
@@ -208,7 +208,7 @@ def test_tries_and_random_steps_are_mirrored_into_the_box():
 
 @given(st.floats(-10.0, 10.0))
 def test_walls_are_mirrors(coordinate):
-    image = behaviour.mirrored(coordinate)
+    image = behaviour.mirror(coordinate)
     assert 0.0 <= image <= 1.0
     # As a zigzag with corners at the whole numbers.
     assert image == pytest.approx(abs(coordinate - 2.0 * round(coordinate / 2.0)), abs=1e-12)
@@ -221,7 +221,7 @@ def test_the_bulletin_board_includes_every_evaluated_point():
     found = requested(shoal, CENTRE, TRY)
     costs = np.full(len(found), 9.0)
     costs[4] = -3.0
-    behaviour.receive(shoal, len(found), costs)
+    behaviour.store_costs(shoal, len(found), costs)
     assert shoal.best_cost[0] == -3.0
     np.testing.assert_array_equal(shoal.best_place, found[4][2])
 
@@ -231,9 +231,9 @@ def test_the_move_that_helps_most_is_taken():
     shoal.owner[:3] = 0
     shoal.kind[:3] = FOLLOW_MOVE, SWARM_MOVE, PREY_MOVE
     shoal.point[:3] = [(0.51, 0.5), (0.52, 0.5), (0.53, 0.5)]
-    behaviour.receive(shoal, 3, np.array([4.0, 2.0, 3.0]))
+    behaviour.store_costs(shoal, 3, np.array([4.0, 2.0, 3.0]))
     moves = np.zeros(4, np.int64)
-    behaviour.settle(shoal, moves)
+    behaviour.move_fish(shoal, moves)
     assert shoal.place[0].tolist() == [0.52, 0.5]
     assert moves.tolist() == [0, 1, 0, 0]
 

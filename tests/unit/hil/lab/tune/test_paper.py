@@ -31,8 +31,8 @@ def test_the_smallest_itae_is_at_the_limit_of_k1(studies):
 
 def test_the_swarm_finds_the_optimum_of_the_map(studies):
     for study in studies.values():
-        assert study.swarm.best_value <= np.min(study.plane) * 1.0001
-        row, column = np.unravel_index(np.argmin(study.plane), study.plane.shape)
+        assert study.swarm.best_value <= np.min(study.itae_map) * 1.0001
+        row, column = np.unravel_index(np.argmin(study.itae_map), study.itae_map.shape)
         assert study.k1[column] == pytest.approx(study.swarm.best[0], abs=1.1)
         assert study.k2[row] == pytest.approx(study.swarm.best[1], abs=0.3)
 
@@ -40,12 +40,12 @@ def test_the_swarm_finds_the_optimum_of_the_map(studies):
 def test_the_same_seed_gives_the_same_result(studies):
     again = paper.study(30.0, OCEAN_RAMBLER, AUTOPILOT, 1)
     assert np.array_equal(again.swarm.best, studies[30.0].swarm.best)
-    assert np.array_equal(again.plane, studies[30.0].plane)
+    assert np.array_equal(again.itae_map, studies[30.0].itae_map)
 
 
 def test_a_slow_ship_has_enough_time():
     slow = type(OCEAN_RAMBLER)(0.002, 200.0, 0.0, 0.0, 5.0)
     parameters = ParameterSet().replaced("MDL_K", 0.002).replaced("MDL_T_S", 200.0).replaced("MDL_ALPHA_S2", 0.0)
     study = paper.study(30.0, slow, autopilot_of(parameters), 1)
-    assert np.all(np.isfinite(study.plane))
+    assert np.all(np.isfinite(study.itae_map))
     assert study.excess >= 0.0
