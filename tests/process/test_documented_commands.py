@@ -136,7 +136,7 @@ def shortened(command, number):
 
 
 def run_here(line, monkeypatch, capsys):
-    """Run a command of `rambler` in this process, which saves its start; return its exit code and what it output."""
+    """Run a command of `rambler` in this process, which saves its start; return its exit code and output."""
     words = [
         name
         for word in shlex.split(line)[1:]

@@ -64,7 +64,7 @@ def address_of(process):
 
 
 def ended(process):
-    """What a run has output until its end, when it has gone well."""
+    """Return the output of a run that ends without an error."""
     output, errors = process.communicate(timeout=100.0)
     assert (process.returncode, errors) == (0, "")
     return output

@@ -1,4 +1,4 @@
-"""A ship that is not as the autopilot was output, for `rig.Sailing`."""
+"""Simulated ships that differ from the ship model of the autopilot, for `rig.Sailing`."""
 
 from functools import partial
 

@@ -53,7 +53,7 @@ def rng():
 
 @pytest.fixture
 def run():
-    """Ask an emulator whenever it wants to be asked; return [(time, bytes)] of what it output."""
+    """Poll an emulator at its due times; return its output as [(time, bytes)]."""
 
     def until(emulator, end_s):
         output = []
