@@ -94,7 +94,7 @@ def test_the_tuned_pid_is_a_good_reference():
 def test_the_command_prints_and_writes_its_results(tmp_path, capsys, monkeypatch):
     """The sea with gusts has no exact limit."""
     monkeypatch.setattr("hil.lab.compare.limit.TRAVEL_WEIGHTS", (0.1, 1.0))
-    monkeypatch.setattr("hil.cli.progress.PIPE_S", math.inf)
+    monkeypatch.setattr("hil.cli.progress.PIPE_INTERVAL_S", math.inf)
     file = tmp_path / "found.json"
     figures = tmp_path / "figures.json"
     words = ["compare", "sea", "gusts", "--only", "ours", "--seeds", "1", "--limit", "--json", str(file)]

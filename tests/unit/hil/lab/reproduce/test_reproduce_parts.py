@@ -180,7 +180,7 @@ def test_the_goals_of_the_heading_control_test_last_to_its_end():
 @pytest.mark.proof
 def test_the_whole_command_writes_everything(tmp_path, capsys, monkeypatch):
     """Runs of a few minutes, so that the values are rough; the proof in tests/process/test_tune.py judges them."""
-    monkeypatch.setattr(progress, "PIPE_S", math.inf)
+    monkeypatch.setattr(progress, "PIPE_INTERVAL_S", math.inf)
     monkeypatch.setattr(reproduce, "QUICK", Effort(150.0, 75.0, 120.0, 30.0, 20, ("tank",), "0:0,2:10", 30.0))
     assert main(["reproduce", "--quick", "--out", str(tmp_path)]) in (0, 1)
     output = capsys.readouterr()

@@ -79,7 +79,7 @@ def test_a_write_error_is_one_line():
 @pytest.fixture(autouse=True)
 def _quiet(monkeypatch):
     """ProgressReport nothing now and then, however slow the machine is."""
-    monkeypatch.setattr(progress, "PIPE_S", math.inf)
+    monkeypatch.setattr(progress, "PIPE_INTERVAL_S", math.inf)
 
 
 NAMES = {"--json": "tune.json", "--plot": "tune.png", "--out-params": "tune.param"}
