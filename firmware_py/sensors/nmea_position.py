@@ -21,6 +21,7 @@ TIME_AND_COURSE = frozenset({"VTG", "ZDA"})
 EPOCH_TIMEOUT_S = 0.5  # an epoch is one burst; a lost sentence must not delay it for long
 TIME_FROZEN_S = 3.0  # receivers above 1 Hz repeat whole seconds; a hanging receiver or a router repeats them for longer
 MAX_SAMPLES = 512
+MAX_HDOP = 1e3  # above it the receiver states no precision; some give 9999
 
 # GGA field 6; dead reckoning (6), manual input (7) and simulation (8) are not used.
 _QUALITIES: Mapping[float, FixType] = {
@@ -163,7 +164,7 @@ class NmeaPosition:
             self._samples.append(PositionSample(epoch.t_s, FixType.NONE, satellites=_whole(values.get("satellites"))))
             return
         self._monitor.note("")
-        course_deg = values.get("cog_deg")
+        course_deg, hdop = values.get("cog_deg"), values.get("hdop")
         self._samples.append(
             PositionSample(
                 t_s=epoch.t_s,
@@ -174,7 +175,7 @@ class NmeaPosition:
                 speed_over_ground_m_s=values.get("sog_m_s"),
                 course_over_ground_rad=None if course_deg is None else wrap_two_pi(radians(course_deg)),
                 satellites=_whole(values.get("satellites")),
-                hdop=values.get("hdop"),
+                hdop=None if hdop is None or hdop > MAX_HDOP else hdop,
                 utc_s=self._utc_of(epoch),
             )
         )

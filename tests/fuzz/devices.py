@@ -131,7 +131,7 @@ RANGES = {
     "roll_rad": (-math.pi, math.pi),
     "pitch_rad": (-math.pi, math.pi),
     "speed_over_ground_m_s": (0.0, 1e4),
-    "hdop": (0.0, 1e4),  # some receivers give 9999 without a fix
+    "hdop": (0.0, 1e3),
     "satellites": (0, 255),
     "utc_s": (0.0, LATEST_UTC_S),
     "charge": (0.0, 1.0),
