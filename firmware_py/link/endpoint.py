@@ -18,7 +18,7 @@ from firmware_py.link.commands.steering import ManualControl, Setpoints
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
 from firmware_py.link.files.server import FileServer
-from firmware_py.link.files.tree import PACKED_PARAMETERS, FileRoot, tree_of
+from firmware_py.link.files.tree import PACKED_PARAMETERS, FileRoot, build_tree
 from firmware_py.link.logs import LogServer
 from firmware_py.link.mission.plan_file import PlanFiles
 from firmware_py.link.mission.server import MissionServer
@@ -344,7 +344,7 @@ class Services:
         extended = ExtendedParameters(context, parameters)
         plan_files = PlanFiles(context, worker)
         sinks = {PACKED_PARAMETERS: parameters.apply_file, **plan_files.sinks()}
-        self.tree = tree_of(root, context.metadata, context.request_handler, plan_files.generated(), sinks)
+        self.tree = build_tree(root, context.metadata, context.request_handler, plan_files.generated(), sinks)
         files = FileServer(context, self.tree, worker)
         logs = LogServer(context, root.catalogue, worker, logging=root.logging)
         self._mission = MissionServer(context)

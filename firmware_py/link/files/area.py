@@ -1,4 +1,4 @@
-"""Gives ground stations access to one directory of the disk, and to nothing outside it.
+"""Access of ground stations to one directory of the disk, and to nothing outside it.
 
 Each directory of a path is opened relative to its parent and without following symbolic links. A path with dots or
 links, or a directory that is replaced during the access, therefore gives no access to other directories.
@@ -28,7 +28,7 @@ _MAX_ENTRIES = 4096
 _CHUNK_BYTES = 1 << 18
 _PARTIAL_NAME = ".part"  # name of an incomplete upload
 
-Parts = tuple[str, ...]
+PathParts = tuple[str, ...]  # relative to a root; the root itself is empty
 
 
 class Entry(NamedTuple):
@@ -53,44 +53,44 @@ class Area:
         self._root = root
         self.writable = writable
 
-    def listing(self, parts: Parts) -> tuple[Entry, ...]:
+    def list_directory(self, parts: PathParts) -> tuple[Entry, ...]:
         """Return the entries of a directory sorted by name, without hidden files, links and devices."""
-        listing: list[Entry] = []
+        entries: list[Entry] = []
         try:
-            with self._open_directory(parts) as directory, os.scandir(directory) as entries:
-                for entry in entries:
-                    if entry.name.startswith(".") or len(listing) >= _MAX_ENTRIES:
+            with self._open_directory(parts) as directory, os.scandir(directory) as scan:
+                for entry in scan:
+                    if entry.name.startswith(".") or len(entries) >= _MAX_ENTRIES:
                         continue
                     status = entry.stat(follow_symlinks=False)
                     if stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode):
                         is_directory = stat.S_ISDIR(status.st_mode)
                         size = 0 if is_directory else status.st_size
-                        listing.append(Entry(entry.name, is_directory, size, max(0, int(status.st_mtime))))
+                        entries.append(Entry(entry.name, is_directory, size, max(0, int(status.st_mtime))))
         except FileNotFoundError:
             if parts:
                 raise
-        return tuple(sorted(listing))
+        return tuple(sorted(entries))
 
-    def open_read(self, parts: Parts) -> PlainFile | PackedFile:
+    def open_read(self, parts: PathParts) -> PlainFile | PackedFile:
         """Open a file; a log that was compressed after it was listed is decompressed."""
         with self._open_directory(parts[:-1]) as directory:
             try:
-                return PlainFile(_open_regular(_name(parts), directory))
+                return PlainFile(_open_regular(_file_name(parts), directory))
             except FileNotFoundError:
                 if self.writable:
                     raise
                 with contextlib.suppress(FileNotFoundError):
-                    return PackedFile(_open_regular(_name(parts) + SUFFIX, directory))
+                    return PackedFile(_open_regular(_file_name(parts) + SUFFIX, directory))
                 raise
 
-    def read_whole(self, parts: Parts) -> bytes:
+    def read_whole(self, parts: PathParts) -> bytes:
         """Return the content of a file; raise OSError if it is larger than MAX_FILE_BYTES."""
         with contextlib.closing(self.open_read(parts)) as file:
             if file.size > MAX_FILE_BYTES:
                 raise OSError(errno.EFBIG, "too large")
             return file.read(0, MAX_FILE_BYTES)
 
-    def checksum(self, parts: Parts) -> int:
+    def checksum(self, parts: PathParts) -> int:
         """Return MAVLink's CRC-32 of a file."""
         with contextlib.closing(self.open_read(parts)) as file:
             checksum, offset = 0, 0
@@ -99,7 +99,7 @@ class Area:
                 offset += len(chunk)
         return checksum
 
-    def store(self, parts: Parts, content: bytes) -> None:
+    def store(self, parts: PathParts, content: bytes) -> None:
         """Write a file atomically."""
         self._check_quota(parts, len(content))
         with self._open_directory(parts[:-1]) as directory:
@@ -109,7 +109,7 @@ class Area:
                 os.write(descriptor, content)
                 os.fsync(descriptor)
                 _check_size(descriptor, len(content))
-                os.rename(_PARTIAL_NAME, _name(parts), src_dir_fd=directory, dst_dir_fd=directory)
+                os.rename(_PARTIAL_NAME, _file_name(parts), src_dir_fd=directory, dst_dir_fd=directory)
                 os.fsync(directory)
             except OSError:
                 with contextlib.suppress(OSError):
@@ -118,45 +118,45 @@ class Area:
             finally:
                 os.close(descriptor)
 
-    def truncate(self, parts: Parts, size: int) -> None:
+    def truncate(self, parts: PathParts, size: int) -> None:
         """Truncate a file to a size; raise OSError if the file is shorter."""
         content = self.read_whole(parts)
         if size > len(content):
             raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
         self.store(parts, content[:size])
 
-    def remove(self, parts: Parts) -> None:
+    def remove(self, parts: PathParts) -> None:
         """Remove a file."""
         with self._open_directory(parts[:-1]) as directory:
             try:
-                os.unlink(_name(parts), dir_fd=directory)
+                os.unlink(_file_name(parts), dir_fd=directory)
             except IsADirectoryError:
                 raise Refusal(Error.FAIL_ERRNO, errno.EISDIR) from None
 
-    def make_directory(self, parts: Parts) -> None:
+    def make_directory(self, parts: PathParts) -> None:
         """Create a directory."""
         if len(parts) >= MAX_DEPTH:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         self._check_quota(parts, 0)
         with self._open_directory(parts[:-1]) as directory:
-            os.mkdir(_name(parts), DIRECTORY_MODE, dir_fd=directory)
+            os.mkdir(_file_name(parts), DIRECTORY_MODE, dir_fd=directory)
 
-    def remove_directory(self, parts: Parts) -> None:
+    def remove_directory(self, parts: PathParts) -> None:
         """Remove an empty directory."""
         with self._open_directory(parts[:-1]) as directory:
-            os.rmdir(_name(parts), dir_fd=directory)
+            os.rmdir(_file_name(parts), dir_fd=directory)
 
-    def rename(self, old: Parts, new: Parts) -> None:
+    def rename(self, old: PathParts, new: PathParts) -> None:
         """Rename a file or directory; raise Refusal with FILE_EXISTS if the new name exists."""
         with self._open_directory(old[:-1]) as source, self._open_directory(new[:-1]) as target:
-            os.stat(_name(old), dir_fd=source, follow_symlinks=False)
+            os.stat(_file_name(old), dir_fd=source, follow_symlinks=False)
             with contextlib.suppress(FileNotFoundError):
-                os.stat(_name(new), dir_fd=target, follow_symlinks=False)
+                os.stat(_file_name(new), dir_fd=target, follow_symlinks=False)
                 raise Refusal(Error.FILE_EXISTS)
-            os.rename(_name(old), _name(new), src_dir_fd=source, dst_dir_fd=target)
+            os.rename(_file_name(old), _file_name(new), src_dir_fd=source, dst_dir_fd=target)
 
     @contextlib.contextmanager
-    def _open_directory(self, parts: Parts) -> Iterator[int]:
+    def _open_directory(self, parts: PathParts) -> Iterator[int]:
         """Open a directory and yield its descriptor."""
         if self.writable:
             self._root.mkdir(DIRECTORY_MODE, exist_ok=True)
@@ -171,13 +171,13 @@ class Area:
         finally:
             os.close(descriptor)
 
-    def _check_quota(self, parts: Parts, more_bytes: int) -> None:
+    def _check_quota(self, parts: PathParts, added_bytes: int) -> None:
         """Raise OSError if the area would exceed its maximum size or number of files."""
-        count, total = 0, more_bytes
-        pending: list[Parts] = [()]
+        count, total = 0, added_bytes
+        pending: list[PathParts] = [()]
         while pending:
             directory = pending.pop()
-            for entry in self.listing(directory):
+            for entry in self.list_directory(directory):
                 path = (*directory, entry.name)
                 count += path != parts
                 total += 0 if path == parts else entry.size
@@ -188,6 +188,7 @@ class Area:
 
 
 def _open_regular(name: str, directory: int) -> int:
+    """Return a descriptor for reading; raise Refusal with FILE_PROTECTED unless it is a regular file."""
     # Without O_NONBLOCK, opening a pipe blocks.
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     descriptor = os.open(name, flags, dir_fd=directory)
@@ -197,9 +198,10 @@ def _open_regular(name: str, directory: int) -> int:
     return descriptor
 
 
-def _name(parts: Parts) -> str:
+def _file_name(parts: PathParts) -> str:
+    """Return the last component of a path; raise Refusal for the area itself."""
     if not parts:
-        raise Refusal(Error.FILE_PROTECTED)  # the area itself
+        raise Refusal(Error.FILE_PROTECTED)
     return parts[-1]
 
 

@@ -1,7 +1,4 @@
-"""The payload of FILE_TRANSFER_PROTOCOL: requests, answers and their numbers.
-
-Source: the MAVLink guide, services/ftp.
-"""
+"""Payload of FILE_TRANSFER_PROTOCOL: encoding of requests and replies (MAVLink guide, services/ftp)."""
 
 from __future__ import annotations
 
@@ -39,7 +36,7 @@ class Opcode(IntEnum):
 
 
 class Error(IntEnum):
-    """Why a request is refused."""
+    """Reasons for a refusal."""
 
     FAIL = 1
     FAIL_ERRNO = 2
@@ -54,17 +51,17 @@ class Error(IntEnum):
 
 
 class Refusal(Exception):  # noqa: N818 - a reply, not a fault of the program
-    """A request that is refused; `number` is the errno that goes with FAIL_ERRNO, `text` is for the operator."""
+    """Refusal of a request: `number` is the errno for FAIL_ERRNO, `text` a STATUSTEXT for the operator."""
 
     def __init__(self, error: Error, number: int = 0, text: str = "") -> None:
-        """Take the code, and details."""
+        """Store the error code, the errno and the text."""
         super().__init__(text or error.name)
         self.error = error
         self.number = number
         self.text = text
 
 
-_OF_ERRNO = {
+_ERROR_OF_ERRNO = {
     errno.ENOENT: Error.FILE_NOT_FOUND,
     errno.ENOTDIR: Error.FILE_NOT_FOUND,
     errno.EEXIST: Error.FILE_EXISTS,
@@ -80,7 +77,7 @@ def refusal_of(failure: Exception) -> Refusal:
     if isinstance(failure, Refusal):
         return failure
     if isinstance(failure, OSError) and failure.errno is not None:
-        error = _OF_ERRNO.get(failure.errno)
+        error = _ERROR_OF_ERRNO.get(failure.errno)
         if error is not None:
             return Refusal(error)
         return Refusal(Error.FAIL_ERRNO, failure.errno & 0xFF)
@@ -88,18 +85,18 @@ def refusal_of(failure: Exception) -> Refusal:
 
 
 class FileRequest(NamedTuple):
-    """One request as it came; the numbers are what they may be."""
+    """One request as received; only `size` is checked."""
 
     sequence: int
     session: int
     opcode: int
     size: int
     offset: int
-    data: bytes  # as long as `size` says
+    data: bytes  # has `size` bytes
 
 
 def parse_request(payload: bytes) -> FileRequest:
-    """Read a payload of 251 bytes; Refusal for a size that it cannot hold."""
+    """Decode a payload of 251 bytes; raise Refusal if its size field exceeds DATA_BYTES."""
     sequence, session, opcode, size, _, _, _, offset, data = PAYLOAD.unpack(payload)
     if size > DATA_BYTES:
         raise Refusal(Error.INVALID_DATA_SIZE)
@@ -108,9 +105,9 @@ def parse_request(payload: bytes) -> FileRequest:
 
 def ack_payload(request: FileRequest, data: bytes = b"", *, offset: int | None = None) -> bytes:
     """Return the ACK of a request as a payload."""
-    at = request.offset if offset is None else offset
+    reply_offset = request.offset if offset is None else offset
     sequence = (request.sequence + 1) & 0xFFFF
-    return PAYLOAD.pack(sequence, request.session, Opcode.ACK, len(data), request.opcode, 0, 0, at, data)
+    return PAYLOAD.pack(sequence, request.session, Opcode.ACK, len(data), request.opcode, 0, 0, reply_offset, data)
 
 
 def nak_payload(request: FileRequest, refusal: Refusal) -> bytes:
@@ -122,7 +119,7 @@ def nak_payload(request: FileRequest, refusal: Refusal) -> bytes:
     return PAYLOAD.pack(sequence, request.session, Opcode.NAK, len(data), request.opcode, 0, 0, request.offset, data)
 
 
-def burst_payload(request: FileRequest, index: int, data: bytes, offset: int, *, last: bool) -> bytes:
-    """Return one part of the answer to a burst read as a payload; each has the next sequence number."""
+def burst_payload(request: FileRequest, index: int, data: bytes, offset: int, *, is_last: bool) -> bytes:
+    """Return part `index` of the reply to a burst read as a payload; each part has the next sequence number."""
     sequence = (request.sequence + 1 + index) & 0xFFFF
-    return PAYLOAD.pack(sequence, request.session, Opcode.ACK, len(data), request.opcode, last, 0, offset, data)
+    return PAYLOAD.pack(sequence, request.session, Opcode.ACK, len(data), request.opcode, is_last, 0, offset, data)

@@ -1,4 +1,4 @@
-"""File transfer: the actions of reading and writing requests."""
+"""Execution of file transfer requests: those that read, and those that write."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 
 from firmware_py.files.packed import PackedFile, PlainFile
 from firmware_py.link.context import LinkContext
-from firmware_py.link.files.area import Area, Parts, mavlink_crc32
+from firmware_py.link.files.area import Area, PathParts, mavlink_crc32
 from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
 from firmware_py.link.files.sessions import (
     IDLE_S,
-    Answers,
-    Burst,
+    BurstRead,
     FileAction,
     FileCall,
     FileSessions,
     FileUpload,
     OpenFile,
+    Replies,
     listing_data,
 )
 from firmware_py.link.files.tree import Origin, Tree, parse_path
@@ -29,24 +29,23 @@ from firmware_py.link.peers import Station
 from firmware_py.link.wire.timeouts import timeouts_of
 from firmware_py.link.wire.worker import Worker
 
-_LISTINGS = 8
-_LISTING_S = 30.0  # a listing is read on, page by page, for so long
-
+_MAX_LISTINGS = 8
+_MAX_LISTING_AGE_S = 30.0  # pages of a listing come from one snapshot of the directory during this time
 _MAX_UPLOADS = 4
 
 
 class ReadingRequests:
-    """Requests that change nothing."""
+    """Requests that do not change files."""
 
-    def __init__(self, tree: Tree, sessions: FileSessions, answers: Answers) -> None:
-        """Take the files, the open sessions and the sender of replies."""
+    def __init__(self, tree: Tree, sessions: FileSessions, replies: Replies) -> None:
+        """Store the files, the open sessions and the sender of replies."""
         self._tree = tree
         self._sessions = sessions
-        self._answers = answers
+        self._replies = replies
         self._listings: OrderedDict[tuple[Station, bytes], tuple[Any, float]] = OrderedDict()
 
     def actions(self) -> Mapping[int, FileAction]:
-        """Return the opcodes carried out here."""
+        """Return the functions that execute the requests, by opcode."""
         return {
             Opcode.NONE: lambda _: b"",
             Opcode.LIST: self._list,
@@ -61,69 +60,68 @@ class ReadingRequests:
         key = (call.client, call.request.data)
         start, with_time = call.request.offset, call.request.opcode == Opcode.LIST_WITH_TIME
 
-        def page(entries: Any) -> bytes:
+        def page_data(entries: Any) -> bytes:
             return listing_data(entries, start, with_time=with_time, room=DATA_BYTES)
 
         listing, listed_s = self._listings.get(key, (None, 0.0))
-        if start and listing is not None and call.now_s - listed_s < _LISTING_S:
-            return page(listing)
+        if start and listing is not None and call.now_s - listed_s < _MAX_LISTING_AGE_S:
+            return page_data(listing)
         parts, _ = parse_path(call.request.data)
 
-        def keep(entries: Any) -> bytes:
-            keep_latest(self._listings, key, (entries, call.now_s), _LISTINGS)
-            return page(entries)
+        def store_listing(entries: Any) -> bytes:
+            keep_latest(self._listings, key, (entries, call.now_s), _MAX_LISTINGS)
+            return page_data(entries)
 
-        self._answers.finish_later(call, partial(self._tree.listing, parts), keep)
+        self._replies.finish_later(call, partial(self._tree.list_directory, parts), store_listing)
         return None
 
     def _open_read(self, call: FileCall) -> None:
         parts, query = parse_path(call.request.data)
-        make = self._tree.generated.get(parts)
-        if make is None:
-            area, within = self._tree.area(parts)
-            source: Callable[[], PlainFile | PackedFile | bytes] = partial(area.open_read, within)
+        generate = self._tree.generated.get(parts)
+        if generate is None:
+            area, area_parts = self._tree.find_area(parts)
+            open_source: Callable[[], PlainFile | PackedFile | bytes] = partial(area.open_read, area_parts)
         else:
-            source = partial(make, query)
-        self._sessions.check_room(call.client, call.request.session, call.now_s)
+            open_source = partial(generate, query)
+        self._sessions.make_room(call.client, call.request.session, call.now_s)
 
-        def opened(content: PlainFile | PackedFile | bytes) -> bytes:
-            reading = OpenFile(parts, content)
+        def open_session(source: PlainFile | PackedFile | bytes) -> bytes:
+            file = OpenFile(parts, source)
             try:
-                self._sessions.check_room(call.client, call.request.session, call.now_s)
+                self._sessions.make_room(call.client, call.request.session, call.now_s)
             except Refusal:
-                reading.close()  # other clients have taken the room meanwhile
+                file.close()  # other clients have opened sessions in the meantime
                 raise
-            self._sessions.open(call.client, call.request.session, reading, call.now_s)
-            return struct.pack("<I", min(reading.size, 0xFFFFFFFF))
+            self._sessions.open(call.client, call.request.session, file, call.now_s)
+            return struct.pack("<I", min(file.size, 0xFFFFFFFF))
 
-        self._answers.finish_later(call, source, opened)
+        self._replies.finish_later(call, open_source, open_session)
 
-    def _reading(self, call: FileCall) -> OpenFile:
+    def _find_open_file(self, call: FileCall) -> OpenFile:
         handle = self._sessions.use(call.client, call.request.session, call.now_s).handle
         if not isinstance(handle, OpenFile):
             raise Refusal(Error.INVALID_SESSION)
         return handle
 
     def _read(self, call: FileCall) -> bytes:
-        return self._reading(call).read(call.request.offset, call.request.size or DATA_BYTES)
+        return self._find_open_file(call).read(call.request.offset, call.request.size or DATA_BYTES)
 
     def _burst_read(self, call: FileCall) -> None:
-        reading = self._reading(call)
-        if call.request.offset >= reading.size:
+        if call.request.offset >= self._find_open_file(call).size:
             raise Refusal(Error.END_OF_FILE)
         session = self._sessions.use(call.client, call.request.session, call.now_s)
         if session.burst is None or session.burst.request != call.request:
-            session.burst = Burst(call.request, call.client)
+            session.burst = BurstRead(call.request, call.client)
         session.burst.client = call.client
 
     def _checksum(self, call: FileCall) -> None:
         parts, query = parse_path(call.request.data)
-        make = self._tree.generated.get(parts)
-        if make is None:
-            area, within = self._tree.area(parts)
-            self._answers.finish_later(call, partial(area.checksum, within), _checksum_data)
+        generate = self._tree.generated.get(parts)
+        if generate is None:
+            area, area_parts = self._tree.find_area(parts)
+            self._replies.finish_later(call, partial(area.checksum, area_parts), _checksum_data)
         else:
-            self._answers.finish_later(call, lambda: mavlink_crc32(make(query)), _checksum_data)
+            self._replies.finish_later(call, lambda: mavlink_crc32(generate(query)), _checksum_data)
 
 
 def _checksum_data(checksum: int) -> bytes:
@@ -131,21 +129,21 @@ def _checksum_data(checksum: int) -> bytes:
 
 
 class WritingRequests:
-    """Requests that change files, and those that end sessions, which stores uploads."""
+    """Requests that change files or end sessions; the end of a session stores its upload."""
 
     def __init__(
-        self, tree: Tree, sessions: FileSessions, answers: Answers, context: LinkContext, worker: Worker
+        self, tree: Tree, sessions: FileSessions, replies: Replies, context: LinkContext, worker: Worker
     ) -> None:
-        """Take the files, the open sessions, the sender of replies, the context and the worker for the disk."""
+        """Store the files, the open sessions, the sender of replies, the context and the worker for the disk."""
         self._tree = tree
         self._sessions = sessions
-        self._answers = answers
+        self._replies = replies
         self._context = context
         self._worker = worker
-        self._storing = 0  # uploads on their way to the disk
+        self._pending_stores = 0  # complete uploads that are being written to the disk
 
     def actions(self) -> Mapping[int, FileAction]:
-        """Return the opcodes carried out here."""
+        """Return the functions that execute the requests, by opcode."""
         return {
             Opcode.TERMINATE: self._terminate,
             Opcode.RESET: self._reset,
@@ -161,40 +159,45 @@ class WritingRequests:
 
     def _create(self, call: FileCall) -> bytes:
         parts, _ = parse_path(call.request.data)
-        self._check_room(call)
+        self._make_room(call)
         if parts not in self._tree.sinks:
-            _, within = self._tree.area(parts, write=True)
-            if not within:
+            _, area_parts = self._tree.find_area(parts, write=True)
+            if not area_parts:
                 raise Refusal(Error.FILE_PROTECTED)
         self._sessions.open(call.client, call.request.session, FileUpload(parts), call.now_s)
         return b""
 
-    def _check_room(self, call: FileCall) -> None:
-        """Make room for an upload, since each takes memory until it is stored; Refusal if that is not possible."""
-        sessions, own = self._sessions, (call.client, call.request.session)
-        sessions.check_room(*own, call.now_s)
-        uploads = [key for key, session in sessions.items() if isinstance(session.handle, FileUpload) and key != own]
-        if len(uploads) + self._storing < _MAX_UPLOADS:
+    def _make_room(self, call: FileCall) -> None:
+        """Discard the least recently used upload if there are too many; raise Refusal if it is not idle.
+
+        An upload is in memory until it is stored.
+        """
+        sessions, own_key = self._sessions, (call.client, call.request.session)
+        sessions.make_room(*own_key, call.now_s)
+        uploads = [
+            key for key, session in sessions.items() if isinstance(session.handle, FileUpload) and key != own_key
+        ]
+        if len(uploads) + self._pending_stores < _MAX_UPLOADS:
             return
         if not uploads or call.now_s - sessions.used_s(*uploads[0]) < IDLE_S:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)
         sessions.discard(*uploads[0])
 
     def _open_write(self, call: FileCall) -> bytes | None:
-        """Open a file as it is, or a new one, since older clients do not create it first."""
+        """Open a file with its present content, or a new file: older clients do not send CREATE first."""
         parts, _ = parse_path(call.request.data)
         if parts in self._tree.sinks:
             self._create(call)
             return struct.pack("<I", 0)
-        self._check_room(call)
-        area, within = self._tree.area(parts, write=True)
+        self._make_room(call)
+        area, area_parts = self._tree.find_area(parts, write=True)
 
-        def opened(content: bytes) -> bytes:
-            self._check_room(call)  # again: other clients may have taken the room meanwhile
+        def open_session(content: bytes) -> bytes:
+            self._make_room(call)  # again: other clients may have begun uploads in the meantime
             self._sessions.open(call.client, call.request.session, FileUpload(parts, content), call.now_s)
             return struct.pack("<I", len(content))
 
-        self._answers.finish_later(call, partial(_content, area, within), opened)
+        self._replies.finish_later(call, partial(_read_existing, area, area_parts), open_session)
         return None
 
     def _write(self, call: FileCall) -> bytes:
@@ -215,91 +218,91 @@ class WritingRequests:
         return b""
 
     def _reset(self, call: FileCall) -> bytes | None:
-        """End all sessions of a client; QGroundControl ends its uploads by it.
+        """End all sessions of a client and store its uploads: QGroundControl ends an upload by RESET.
 
-        A reset long after the last part comes from a program that starts: the upload is incomplete and dropped.
+        A reset long after the last part comes from a restarted client: the upload is incomplete and discarded.
         """
-        uploads, late = [], False
+        uploads, has_stale_upload = [], False
         for number in self._sessions.numbers(call.client):
-            silent_s = call.now_s - self._sessions.used_s(call.client, number)
+            idle_s = call.now_s - self._sessions.used_s(call.client, number)
             handle = self._sessions.end(call.client, number)
-            if isinstance(handle, FileUpload) and silent_s <= timeouts_of(call.client.peer.transport).give_up_s:
+            if isinstance(handle, FileUpload) and idle_s <= timeouts_of(call.client.peer.transport).give_up_s:
                 uploads.append(handle)
             elif handle is not None:
-                late = late or isinstance(handle, FileUpload)
+                has_stale_upload = has_stale_upload or isinstance(handle, FileUpload)
                 handle.close()
-        if late:
+        if has_stale_upload:
             raise Refusal(Error.FAIL, text="Upload aborted: file unchanged")
         if not uploads:
             return b""
         for upload in uploads[:-1]:
-            self._store(call, upload, silent=True)
+            self._store(call, upload, with_reply=False)
         self._store(call, uploads[-1])
         return None
 
-    def _store(self, call: FileCall, upload: FileUpload, *, silent: bool = False) -> None:
-        """Store an upload, and reply when that is done."""
+    def _store(self, call: FileCall, upload: FileUpload, *, with_reply: bool = True) -> None:
+        """Store an upload, or refuse it if it is incomplete, and reply afterwards."""
         if upload.gaps:
-            if not silent:
+            if with_reply:
                 name = "/".join(upload.path)
-                self._answers.finish(call, Refusal(Error.FAIL, text=f"{name}: upload incomplete, send the file again"))
+                self._replies.finish(call, Refusal(Error.FAIL, text=f"{name}: upload incomplete, send the file again"))
             return
         content = bytes(upload.content)
 
-        def stored(result: object) -> None:
-            self._storing -= 1
-            if not silent:
-                self._answers.finish(call, result if isinstance(result, Exception) else b"")
+        def finish_store(result: object) -> None:
+            self._pending_stores -= 1
+            if with_reply:
+                self._replies.finish(call, result if isinstance(result, Exception) else b"")
                 call.peer.outbox.flush(self._context.now_s)
 
-        def put_in_force(reason: str) -> None:
+        def finish_sink(reason: str) -> None:
             name = "/".join(upload.path)
-            stored(Refusal(Error.FAIL, text=f"{name}: {reason}") if reason else None)
+            finish_store(Refusal(Error.FAIL, text=f"{name}: {reason}") if reason else None)
 
         sink = self._tree.sinks.get(upload.path)
         if sink is not None:
-            self._storing += 1
-            sink(content, Origin(*call.client.sender, call.now_s), put_in_force)
+            self._pending_stores += 1
+            sink(content, Origin(*call.client.sender, call.now_s), finish_sink)
             return
-        area, within = self._tree.area(upload.path, write=True)
-        self._storing += 1
-        if not self._worker.submit(partial(area.store, within, content), stored):
-            stored(Refusal(Error.FAIL, text="Disk busy: send the file again"))
+        area, area_parts = self._tree.find_area(upload.path, write=True)
+        self._pending_stores += 1
+        if not self._worker.submit(partial(area.store, area_parts, content), finish_store):
+            finish_store(Refusal(Error.FAIL, text="Disk busy: send the file again"))
 
     def _remove(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        area, within = self._tree.area(parts, write=True)
-        self._answers.finish_later(call, partial(area.remove, within))
+        area, area_parts = self._tree.find_area(parts, write=True)
+        self._replies.finish_later(call, partial(area.remove, area_parts))
 
     def _make_directory(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        if parts and len(parts) == 1 and parts[0] in self._tree.directories():
+        if parts and len(parts) == 1 and parts[0] in self._tree.directory_names():
             raise Refusal(Error.FILE_EXISTS)
-        area, within = self._tree.area(parts, write=True)
-        self._answers.finish_later(call, partial(area.make_directory, within))
+        area, area_parts = self._tree.find_area(parts, write=True)
+        self._replies.finish_later(call, partial(area.make_directory, area_parts))
 
     def _remove_directory(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        area, within = self._tree.area(parts, write=True)
-        self._answers.finish_later(call, partial(area.remove_directory, within))
+        area, area_parts = self._tree.find_area(parts, write=True)
+        self._replies.finish_later(call, partial(area.remove_directory, area_parts))
 
     def _truncate(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        area, within = self._tree.area(parts, write=True)
-        self._answers.finish_later(call, partial(area.truncate, within, call.request.offset))
+        area, area_parts = self._tree.find_area(parts, write=True)
+        self._replies.finish_later(call, partial(area.truncate, area_parts, call.request.offset))
 
     def _rename(self, call: FileCall) -> None:
         old, _, new = call.request.data.partition(b"\0")
-        area, source = self._tree.area(parse_path(old)[0], write=True)
-        other, target = self._tree.area(parse_path(new)[0], write=True)
-        if area is not other:
+        area, source = self._tree.find_area(parse_path(old)[0], write=True)
+        target_area, target = self._tree.find_area(parse_path(new)[0], write=True)
+        if area is not target_area:
             raise Refusal(Error.FILE_PROTECTED)
-        self._answers.finish_later(call, partial(area.rename, source, target))
+        self._replies.finish_later(call, partial(area.rename, source, target))
 
 
-def _content(area: Area, within: Parts) -> bytes:
+def _read_existing(area: Area, parts: PathParts) -> bytes:
     """Return the content of a file, empty if it does not exist."""
     try:
-        return area.read_whole(within)
+        return area.read_whole(parts)
     except FileNotFoundError:
         return b""

@@ -1,4 +1,4 @@
-"""All files that ground stations see, by path: directories of the disk, and files in memory."""
+"""File tree for ground stations: directories of the disk, and files that are generated in memory."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import msgspec
 
 from firmware_py.common.interfaces import RequestHandler
 from firmware_py.common.parameters import format_file
-from firmware_py.link.files.area import MAX_DEPTH, MAX_NAME_LENGTH, Area, Entry, Parts
+from firmware_py.link.files.area import MAX_DEPTH, MAX_NAME_LENGTH, Area, Entry, PathParts
 from firmware_py.link.files.payload import Error, Refusal
 from firmware_py.link.parameters.files import Metadata, pack
 
-Query = Mapping[str, str]  # what stands behind a question mark
-# Returns the content of a file in memory when it is opened. Called on the worker's thread, since 2000 items take too
-# long for the loop: it may read only objects that are replaced as a whole.
+Query = Mapping[str, str]  # options after the question mark of a path
+# Generates the content of a file when it is opened. It runs on the worker's thread, since 2000 mission items take too
+# long for the loop. Therefore it may read only immutable objects.
 Generate = Callable[[Query], bytes]
 
-PACKED_PARAMETERS: Parts = ("@PARAM", "param.pck")
+PACKED_PARAMETERS: PathParts = ("@PARAM", "param.pck")
 
 
 class Origin(msgspec.Struct, frozen=True):
@@ -31,51 +31,53 @@ class Origin(msgspec.Struct, frozen=True):
     now_s: float
 
 
-# Puts an uploaded file in force, and calls back once with the reason of a refusal, or "" when it is done.
+# Applies an uploaded file, and calls the callback once, with the reason of a refusal, or "" after success.
 Sink = Callable[[bytes, Origin, Callable[[str], None]], None]
 
 
 class Tree(msgspec.Struct, frozen=True):
-    """The root: areas by the name of their directory, files in memory and sinks by their whole path."""
+    """Root of the tree: areas by the name of their directory; generated files and sinks by their path."""
 
     areas: Mapping[str, Area] = msgspec.field(default_factory=dict)
-    generated: Mapping[Parts, Generate] = msgspec.field(default_factory=dict)
-    sinks: Mapping[Parts, Sink] = msgspec.field(default_factory=dict)
+    generated: Mapping[PathParts, Generate] = msgspec.field(default_factory=dict)
+    sinks: Mapping[PathParts, Sink] = msgspec.field(default_factory=dict)
 
-    def area(self, parts: Parts, *, write: bool = False) -> tuple[Area, Parts]:
-        """Return the area that a path lies in and the path within it; Refusal where there is none."""
+    def find_area(self, parts: PathParts, *, write: bool = False) -> tuple[Area, PathParts]:
+        """Return the area that contains a path, and the path relative to it; raise Refusal without an area."""
         area = self.areas.get(parts[0]) if parts else None
         if area is None:
-            protected = write and (
-                not parts or parts in self.generated or len(parts) == 1 or parts[0] in self.directories()
+            is_protected = write and (
+                not parts or parts in self.generated or len(parts) == 1 or parts[0] in self.directory_names()
             )
-            raise Refusal(Error.FILE_PROTECTED if protected else Error.FILE_NOT_FOUND)
+            raise Refusal(Error.FILE_PROTECTED if is_protected else Error.FILE_NOT_FOUND)
         if write and not area.writable:
             raise Refusal(Error.FILE_PROTECTED)
         return area, parts[1:]
 
-    def directories(self) -> set[str]:
+    def directory_names(self) -> set[str]:
         """Return the names of the directories in the root."""
         return {*self.areas, *(parts[0] for parts in (*self.generated, *self.sinks) if len(parts) > 1)}
 
-    def listing(self, parts: Parts) -> tuple[Entry, ...]:
-        """Return the entries of a directory; may wait for the disk. Sizes of files in memory are the present ones."""
+    def list_directory(self, parts: PathParts) -> tuple[Entry, ...]:
+        """Return the entries of a directory; may block on the disk. Generated files have their present size."""
         if parts and parts[0] in self.areas:
-            return self.areas[parts[0]].listing(parts[1:])
+            return self.areas[parts[0]].list_directory(parts[1:])
         if not parts:
-            return tuple(sorted([*self._generated_in(()), *(Entry(name, True, 0, 0) for name in self.directories())]))
-        within = self._generated_in(parts)
-        if not within:
+            return tuple(
+                sorted([*self._generated_in(()), *(Entry(name, True, 0, 0) for name in self.directory_names())])
+            )
+        entries = self._generated_in(parts)
+        if not entries:
             raise Refusal(Error.FILE_NOT_FOUND)
-        return tuple(sorted(within))
+        return tuple(sorted(entries))
 
-    def _generated_in(self, parts: Parts) -> list[Entry]:
-        files = ((path, make) for path, make in self.generated.items() if path[:-1] == parts)
-        return [Entry(path[-1], False, len(make({})), 0) for path, make in files]
+    def _generated_in(self, parts: PathParts) -> list[Entry]:
+        files = ((path, generate) for path, generate in self.generated.items() if path[:-1] == parts)
+        return [Entry(path[-1], False, len(generate({})), 0) for path, generate in files]
 
 
-def parse_path(raw: bytes) -> tuple[Parts, Query]:
-    """Read a path as it came, up to its first NUL; Refusal for one that no file can have."""
+def parse_path(raw: bytes) -> tuple[PathParts, Query]:
+    """Decode a path up to its first NUL; raise Refusal for characters, names or depths that are not allowed."""
     text = raw.split(b"\0", 1)[0]
     if not all(0x20 <= byte < 0x7F for byte in text):
         raise Refusal(Error.FAIL_ERRNO, errno.EINVAL)
@@ -90,42 +92,44 @@ def parse_path(raw: bytes) -> tuple[Parts, Query]:
     return parts, {name: value for name, _, value in pairs}
 
 
-def _no_logs() -> Mapping[int, Path]:
+def _find_no_logs() -> Mapping[int, Path]:
     return {}
 
 
 class FileRoot(msgspec.Struct, frozen=True):
-    """The parts of the disk that ground stations may see.
+    """The directories of the disk that ground stations may read.
 
-    `catalogue` finds the logs by number, the newest highest; with `logging` that one is being written. `uploads`
-    is the one directory that may be written to. `background`: the disk is waited for on a thread of its own.
+    `catalogue` returns the paths of the logs by number; the newest has the highest number, and `logging` says that it
+    is being written. Only the directory `uploads` is writable. `background`: disk operations run on a separate thread.
     """
 
-    catalogue: Callable[[], Mapping[int, Path]] = _no_logs
+    catalogue: Callable[[], Mapping[int, Path]] = _find_no_logs
     logs: Path | None = None
     uploads: Path | None = None
     logging: bool = False
     background: bool = False
 
 
-def tree_of(
+def build_tree(
     storage: FileRoot,
     metadata: Metadata,
     request_handler: RequestHandler,
-    more: Mapping[Parts, Generate],
-    sinks: Mapping[Parts, Sink],
+    other_files: Mapping[PathParts, Generate],
+    sinks: Mapping[PathParts, Sink],
 ) -> Tree:
-    """Return all files for file transfer; `more` is generated when it is read, `sinks` apply an upload."""
+    """Return the file tree: logs and uploads of the disk, parameters, metadata, `other_files` and `sinks`."""
     areas = {}
     if storage.logs is not None:
         areas["logs"] = Area(storage.logs, writable=False)
     if storage.uploads is not None:
         areas["uploads"] = Area(storage.uploads, writable=True)
-    made: dict[Parts, Generate] = {path: partial(_same, content) for path, content in metadata.files.items()}
-    made[PACKED_PARAMETERS] = lambda query: pack(request_handler.parameters(), query, metadata.autopilot)
-    made["parameters.param",] = lambda _: format_file(dict(request_handler.parameters().items())).encode()
-    return Tree(areas, {**made, **more}, sinks)
+    generated: dict[PathParts, Generate] = {
+        path: partial(_constant_content, content) for path, content in metadata.files.items()
+    }
+    generated[PACKED_PARAMETERS] = lambda query: pack(request_handler.parameters(), query, metadata.autopilot)
+    generated["parameters.param",] = lambda _: format_file(dict(request_handler.parameters().items())).encode()
+    return Tree(areas, {**generated, **other_files}, sinks)
 
 
-def _same(content: bytes, _: object) -> bytes:
+def _constant_content(content: bytes, _: object) -> bytes:
     return content

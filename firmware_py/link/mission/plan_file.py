@@ -17,7 +17,7 @@ from firmware_py.common.plan import MAX_PLAN_ITEMS, Plan, PlanItem, PlanKind, fi
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
-from firmware_py.link.files.area import Parts
+from firmware_py.link.files.area import PathParts
 from firmware_py.link.files.tree import Generate, Origin, Query, Sink
 from firmware_py.link.mission.items import home_item, item_message, item_of, new_plan_text
 from firmware_py.link.wire.dialect import mavlink
@@ -25,7 +25,7 @@ from firmware_py.link.wire.worker import Worker
 from firmware_py.plans.problem import PlanProblem, PlanResult
 from firmware_py.plans.validation import item_problem, problem_of
 
-PATHS: Mapping[PlanKind, Parts] = {
+PATHS: Mapping[PlanKind, PathParts] = {
     PlanKind.MISSION: ("@MISSION", "mission.dat"),
     PlanKind.FENCE: ("@MISSION", "fence.dat"),
     PlanKind.RALLY: ("@MISSION", "rally.dat"),
@@ -88,11 +88,11 @@ class PlanFiles:
         self._context = context
         self._worker = worker
 
-    def generated(self) -> Mapping[Parts, Generate]:
+    def generated(self) -> Mapping[PathParts, Generate]:
         """Return the files that can be read."""
         return {path: self._maker(kind) for kind, path in PATHS.items()}
 
-    def sinks(self) -> Mapping[Parts, Sink]:
+    def sinks(self) -> Mapping[PathParts, Sink]:
         """Return the files that can be written."""
         return {path: self._sink(kind) for kind, path in PATHS.items()}
 

@@ -12,7 +12,7 @@ from typing import Any
 from firmware_py.common.parameter_row import Kind, Parameter, ParameterError
 from firmware_py.common.parameter_table import GROUPS, INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.link.files.area import Parts, mavlink_crc32
+from firmware_py.link.files.area import PathParts, mavlink_crc32
 from firmware_py.link.telemetry.fields import boot_ms
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
@@ -57,7 +57,7 @@ class Metadata:
             }
         )
         self._general = _compressed(general)
-        self.files: Mapping[Parts, bytes] = {
+        self.files: Mapping[PathParts, bytes] = {
             (DIRECTORY, "general.json"): general,
             (DIRECTORY, "general.json.xz"): self._general,
             (DIRECTORY, "parameter.json"): parameters,

@@ -13,6 +13,7 @@ from firmware_py.log.archive import archive_log
 FAIL, ERRNO, SIZE, SESSION, NO_SESSIONS, END, UNKNOWN, EXISTS, PROTECTED, NOT_FOUND = range(1, 11)
 TERMINATE, RESET, LIST, OPEN, READ, CREATE, WRITE, REMOVE, MKDIR, RMDIR = range(1, 11)
 OPEN_WRITE, TRUNCATE, RENAME, CHECKSUM, BURST, LIST_TIMES = range(11, 17)
+LOG = "logs/00000001.BIN"
 CONTENT = bytes(range(256)) * 5  # not a multiple of the payload size
 
 
@@ -20,9 +21,14 @@ CONTENT = bytes(range(256)) * 5  # not a multiple of the payload size
 def disk(tmp_path):
     for name in ("logs", "uploads"):
         (tmp_path / name).mkdir()
-    (tmp_path / "logs" / "00000001.BIN").write_bytes(CONTENT)
+    (tmp_path / LOG).write_bytes(CONTENT)
     (tmp_path / "secret").write_bytes(b"secret")
     return tmp_path
+
+
+@pytest.fixture
+def uploads(disk):
+    return disk / "uploads"
 
 
 @pytest.fixture
@@ -40,12 +46,22 @@ def test_replies_get_no_reply(client, opcode):
     assert client.all(opcode) == []
 
 
-@pytest.mark.parametrize("opcode", [17, 18, 100, 127, 130, 255])
-def test_unknown_opcodes_are_refused(client, opcode):
-    assert client.ask(opcode).error == (UNKNOWN,)
+@pytest.mark.parametrize(
+    ("opcode", "path", "error"),
+    [
+        *((opcode, "", UNKNOWN) for opcode in (17, 18, 100, 127, 130, 255)),
+        *((LIST, path, NOT_FOUND) for path in ("/none", "/logs/none", "/@PARAM/none", f"/{LOG}")),
+        (READ, "", SESSION),
+        (BURST, "", SESSION),
+    ],
+)
+def test_invalid_request_is_refused(client, opcode, path, error):
+    assert client.ask(opcode, path).error == (error,)
 
 
-def test_a_size_beyond_the_message_is_refused(client):
+def test_size_of_more_than_239_bytes_is_refused(client):
+    client.ask(OPEN, LOG)
+    assert client.ask(READ, size=239).ok
     assert client.ask(READ, size=240).error == (SIZE,)
 
 
@@ -55,27 +71,23 @@ def test_requests_to_other_components_are_ignored(client):
     assert client.rig.tell(message) == []
 
 
-# ---------------------------------------------------------------------- listing
-
-
 def test_the_root_shows_directories_and_files(client):
-    listed = client.list("/")
-    assert [line for line in listed if line[0] == "D"] == ["D@MISSION", "D@PARAM", "Dlogs", "Dmetadata", "Duploads"]
-    (parameters,) = [line for line in listed if line[0] == "F"]
-    assert parameters == f"Fparameters.param\t{len(client.get('parameters.param'))}"
+    parameters = f"Fparameters.param\t{len(client.get('parameters.param'))}"
+    directories = ["D@MISSION", "D@PARAM", "Dlogs", "Dmetadata", "Duploads"]
+    assert sorted(client.list("/")) == [*directories, parameters]
 
 
 def test_listing_with_modification_times(client, disk):
-    os.utime(disk / "logs" / "00000001.BIN", (1_700_000_000, 1_700_000_000))
+    os.utime(disk / LOG, (1_700_000_000, 1_700_000_000))
     assert client.list("logs", LIST_TIMES) == [f"F00000001.BIN\t{len(CONTENT)}\t1700000000"]
     assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]
 
 
 def test_compressed_log_has_both_names(client, disk):
-    (compression,) = [archive_log(disk / "logs" / "00000001.BIN")]
+    (compression,) = [archive_log(disk / LOG)]
     next(compression)
     assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]  # an incomplete archive is not listed
-    client.ask(OPEN, "logs/00000001.BIN")
+    client.ask(OPEN, LOG)
     for _ in compression:
         pass
     assert client.ask(READ, offset=256 * 2, size=200).data == CONTENT[512:712]  # the session keeps the old file open
@@ -83,23 +95,21 @@ def test_compressed_log_has_both_names(client, disk):
     compressed = (disk / "logs" / "00000001.BIN.gz").read_bytes()
     assert client.list("logs") == [f"F00000001.BIN.gz\t{len(compressed)}"]
     assert client.get("logs/00000001.BIN.gz") == compressed
-    assert gzip.decompress(compressed) == client.get("logs/00000001.BIN") == CONTENT
-    assert client.ask(CHECKSUM, "logs/00000001.BIN").ok
+    assert gzip.decompress(compressed) == client.get(LOG) == CONTENT
+    assert client.ask(CHECKSUM, LOG).ok
 
 
-def test_compressed_upload_has_only_its_own_name(client, disk):
-    (disk / "uploads" / "a.gz").write_bytes(b"content")
+def test_compressed_upload_has_only_its_own_name(client, uploads):
+    (uploads / "a.gz").write_bytes(b"content")
     assert client.ask(OPEN, "uploads/a").error == (NOT_FOUND,)
 
 
 def test_pages_of_a_long_listing_come_from_one_snapshot(client, disk):
     for number in range(2, 60):
         (disk / "logs" / f"{number:08d}.BIN").write_bytes(b"")
-    first = client.ask(LIST, "/logs")
-    (disk / "logs" / "00000001.BIN").unlink()  # does not shift the entries of the next page
-    names = first.data.decode().rstrip("\0").split("\0")
-    second = client.ask(LIST, "/logs", offset=len(names))
-    names += second.data.decode().rstrip("\0").split("\0")
+    names = client.ask(LIST, "/logs").data.decode().rstrip("\0").split("\0")
+    (disk / LOG).unlink()  # does not shift the entries of the next page
+    names += client.ask(LIST, "/logs", offset=len(names)).data.decode().rstrip("\0").split("\0")
     assert [name[1:].split("\t")[0] for name in names] == [f"{number:08d}.BIN" for number in range(1, len(names) + 1)]
 
 
@@ -107,21 +117,13 @@ def test_empty_directory_has_no_entries(client):
     assert client.list("/uploads") == []
 
 
-@pytest.mark.parametrize("path", ["/none", "/logs/none", "/@PARAM/none", "/logs/00000001.BIN"])
-def test_listing_needs_a_directory(client, path):
-    assert client.ask(LIST, path).error == (NOT_FOUND,)
-
-
-# ---------------------------------------------------------------------- reading
-
-
-@pytest.mark.parametrize("path", ["/logs/00000001.BIN", "logs/00000001.BIN", "//logs/./00000001.BIN\0"])
+@pytest.mark.parametrize("path", ["/logs/00000001.BIN", LOG, "//logs/./00000001.BIN\0"])
 def test_a_file_is_read_whole(client, path):
     assert client.get(path) == CONTENT
 
 
 def test_read_at_any_offset(client):
-    assert client.ask(OPEN, "logs/00000001.BIN").data == len(CONTENT).to_bytes(4, "little")
+    assert client.ask(OPEN, LOG).data == len(CONTENT).to_bytes(4, "little")
     assert client.ask(READ, offset=300, size=17).data == CONTENT[300:317]
     assert client.ask(READ, offset=len(CONTENT) - 5, size=17).data == CONTENT[-5:]
     assert client.ask(READ, offset=len(CONTENT), size=17).error == (END,)
@@ -130,7 +132,7 @@ def test_read_at_any_offset(client):
 
 @pytest.mark.parametrize("part_bytes", [239, 110, 1])
 def test_burst_sends_parts_of_the_requested_size(client, part_bytes):
-    client.ask(OPEN, "logs/00000001.BIN")
+    client.ask(OPEN, LOG)
     content, sequences, offset = b"", [], 0
     while offset < len(CONTENT):
         parts = client.all(BURST, offset=offset, size=part_bytes)
@@ -147,40 +149,33 @@ def test_burst_sends_parts_of_the_requested_size(client, part_bytes):
 
 
 def test_open_file_keeps_its_size_when_it_grows(client, disk):
-    client.ask(OPEN, "logs/00000001.BIN")
-    with (disk / "logs" / "00000001.BIN").open("ab") as log:
+    client.ask(OPEN, LOG)
+    with (disk / LOG).open("ab") as log:
         log.write(b"more")
     assert client.ask(READ, offset=len(CONTENT)).error == (END,)
 
 
-def test_open_for_writing_creates_the_file(client, disk):
+def test_open_for_writing_creates_the_file(client, uploads):
     assert client.ask(OPEN_WRITE, "uploads/new.plan").data == bytes(4)
     client.ask(WRITE, b"0123")
     assert client.ask(TERMINATE).ok
-    assert (disk / "uploads" / "new.plan").read_bytes() == b"0123"
+    assert (uploads / "new.plan").read_bytes() == b"0123"
     assert client.ask(OPEN_WRITE, "uploads/none/new.plan").ok
     assert not client.ask(TERMINATE).ok
     assert client.ask(OPEN_WRITE, "@PARAM/param.pck").data == bytes(4)
 
 
 def test_reading_needs_an_open_session(client):
-    assert client.ask(READ).error == (SESSION,)
-    assert client.ask(BURST).error == (SESSION,)
-    client.ask(OPEN, "logs/00000001.BIN")
+    client.ask(OPEN, LOG)
     assert client.ask(READ, session=1).error == (SESSION,)
     assert client.ask(TERMINATE).ok
     assert client.ask(READ).error == (SESSION,)
 
 
 def test_checksum_is_the_crc32_of_mavlink(client):
-    expected = zlib.crc32(CONTENT, 0xFFFFFFFF) ^ 0xFFFFFFFF
-    assert client.ask(CHECKSUM, "logs/00000001.BIN").data == expected.to_bytes(4, "little")
-    general = client.get("metadata/general.json")
-    expected = zlib.crc32(general, 0xFFFFFFFF) ^ 0xFFFFFFFF
-    assert client.ask(CHECKSUM, "metadata/general.json").data == expected.to_bytes(4, "little")
-
-
-# ---------------------------------------------------------------------- sessions
+    for path in (LOG, "metadata/general.json"):
+        expected = zlib.crc32(client.get(path), 0xFFFFFFFF) ^ 0xFFFFFFFF
+        assert client.ask(CHECKSUM, path).data == expected.to_bytes(4, "little")
 
 
 def test_each_client_has_separate_sessions(disk, stored, ftp_station):
@@ -188,7 +183,7 @@ def test_each_client_has_separate_sessions(disk, stored, ftp_station):
     (disk / "logs" / "00000002.BIN").write_bytes(b"second")
     first.address = "one"
     second = ftp_station(rig, "two")
-    first.ask(OPEN, "logs/00000001.BIN")
+    first.ask(OPEN, LOG)
     second.ask(OPEN, "logs/00000002.BIN")
     assert first.ask(READ, size=10).data == CONTENT[:10]
     assert second.ask(READ, size=10).data == b"second"
@@ -198,55 +193,55 @@ def test_each_client_has_separate_sessions(disk, stored, ftp_station):
 
 def test_number_of_sessions_is_limited_and_idle_ones_are_closed(client):
     for number in range(6):
-        assert client.ask(OPEN, "logs/00000001.BIN", session=number).ok
-    assert client.ask(OPEN, "logs/00000001.BIN", session=6).error == (NO_SESSIONS,)
-    assert client.ask(OPEN, "logs/00000001.BIN", session=5).ok  # opens the same session again
+        assert client.ask(OPEN, LOG, session=number).ok
+    assert client.ask(OPEN, LOG, session=6).error == (NO_SESSIONS,)
+    assert client.ask(OPEN, LOG, session=5).ok  # opens the same session again
     client.rig.now_s += 11.0
     client.ask(READ, session=0)
-    assert client.ask(OPEN, "logs/00000001.BIN", session=6).ok
+    assert client.ask(OPEN, LOG, session=6).ok
     assert client.ask(READ, session=0).ok
     assert client.ask(READ, session=1).error == (SESSION,)
 
 
-def open_descriptors():
-    return len(list(Path("/proc/self/fd").iterdir()))
-
-
 def test_descriptors_do_not_leak(client):
-    before = open_descriptors()
+    descriptors = len(list(Path("/proc/self/fd").iterdir()))
     for _ in range(50):
-        client.ask(OPEN, "logs/00000001.BIN")
+        client.ask(OPEN, LOG)
         client.ask(LIST, "logs")
-        client.ask(CHECKSUM, "logs/00000001.BIN")
+        client.ask(CHECKSUM, LOG)
         client.ask(CREATE, "uploads/a/b")
         client.ask(OPEN, "logs/none")
     client.ask(RESET)
-    assert open_descriptors() == before
+    assert len(list(Path("/proc/self/fd").iterdir())) == descriptors
 
 
-# ---------------------------------------------------------------------- writing
-
-
-def test_complete_upload_replaces_the_file(client, disk):
-    (disk / "uploads" / "a.plan").write_bytes(b"old")
+def test_complete_upload_replaces_the_file(client, uploads):
+    (uploads / "a.plan").write_bytes(b"old")
     assert client.ask(CREATE, "/uploads/a.plan").ok
     assert client.ask(WRITE, CONTENT[200:400], offset=200).ok  # in any order
     assert client.ask(WRITE, CONTENT[:200]).ok
-    assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
+    assert (uploads / "a.plan").read_bytes() == b"old"
     assert client.ask(TERMINATE).ok
-    assert (disk / "uploads" / "a.plan").read_bytes() == CONTENT[:400]
+    assert (uploads / "a.plan").read_bytes() == CONTENT[:400]
     assert client.list("uploads") == ["Fa.plan\t400"]
 
 
-def test_qgroundcontrol_ends_an_upload_by_a_reset(client, disk):
+@pytest.mark.parametrize(("wait_s", "is_stored"), [(1.0, True), (16.0, False)])
+def test_reset_stores_a_recent_upload_and_discards_an_old_one(client, uploads, texts, wait_s, is_stored):
+    """QGroundControl ends an upload by RESET; a restarted client also sends RESET."""
+    (uploads / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, b"content")
+    client.rig.now_s += wait_s
+    replies = client.rig.tell(client.request(RESET))
+    assert [reply.error for reply in client.replies(replies) if not reply.ok] == ([] if is_stored else [(FAIL,)])
+    assert texts(replies) == ([] if is_stored else ["Upload aborted: file unchanged"])
+    assert (uploads / "a.plan").read_bytes() == (b"content" if is_stored else b"old")
     assert client.ask(RESET).ok
-    assert (disk / "uploads" / "a.plan").read_bytes() == b"content"
 
 
-def test_incomplete_upload_keeps_the_old_file_and_is_reported(client, disk, texts):
-    (disk / "uploads" / "a.plan").write_bytes(b"old")
+def test_incomplete_upload_keeps_the_old_file_and_is_reported(client, uploads, texts):
+    (uploads / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, CONTENT[:200])
     client.ask(WRITE, CONTENT[300:400], offset=300)
@@ -254,12 +249,12 @@ def test_incomplete_upload_keeps_the_old_file_and_is_reported(client, disk, text
     replies = client.rig.tell(client.request(TERMINATE))
     assert [reply.error for reply in client.replies(replies)] == [(FAIL,)]
     assert texts(replies) == ["uploads/a.plan: upload incomplete, send the file again"]
-    assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
+    assert (uploads / "a.plan").read_bytes() == b"old"
     client.ask(CREATE, "/uploads/a.plan")
     for start in (300, 0, 200, 100):  # complete, in another order
         client.ask(WRITE, CONTENT[start : start + 100], offset=start)
     assert client.ask(TERMINATE).ok
-    assert (disk / "uploads" / "a.plan").read_bytes() == CONTENT[:400]
+    assert (uploads / "a.plan").read_bytes() == CONTENT[:400]
 
 
 def test_number_of_gaps_in_an_upload_is_limited(client):
@@ -269,35 +264,25 @@ def test_number_of_gaps_in_an_upload_is_limited(client):
     assert replies[64].error == (FAIL,)
 
 
-def test_late_reset_aborts_the_upload(client, disk, texts):
-    (disk / "uploads" / "a.plan").write_bytes(b"old")
-    client.ask(CREATE, "/uploads/a.plan")
-    client.ask(WRITE, b"the fir")
-    client.rig.now_s += 16.0
-    replies = client.rig.tell(client.request(RESET))
-    assert [reply.error for reply in client.replies(replies)] == [(FAIL,)]
-    assert texts(replies) == ["Upload aborted: file unchanged"]
-    assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
-    assert client.ask(RESET).ok
-
-
-def test_abandoned_upload_keeps_the_old_file(client, disk):
-    (disk / "uploads" / "a.plan").write_bytes(b"old")
+def test_abandoned_upload_is_discarded_after_two_minutes(client, uploads):
+    (uploads / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
     client.ask(WRITE, b"new")
+    client.rig.now_s += 119.0
+    assert client.ask(WRITE, b"more", offset=3).ok
     client.rig.now_s += 121.0
-    assert client.ask(WRITE, b"more", offset=3).error == (SESSION,)
-    assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
+    assert client.ask(WRITE, b"more", offset=7).error == (SESSION,)
+    assert (uploads / "a.plan").read_bytes() == b"old"
 
 
-def test_file_is_extended_truncated_renamed_and_removed(client, disk):
+def test_file_is_extended_truncated_renamed_and_removed(client, uploads):
     client.put("uploads/a.plan", b"0123456789")
     assert client.ask(OPEN_WRITE, "uploads/a.plan").data == (10).to_bytes(4, "little")
     client.ask(WRITE, b"ABC", offset=8)
     assert client.ask(TERMINATE).ok
-    assert (disk / "uploads" / "a.plan").read_bytes() == b"01234567ABC"
+    assert (uploads / "a.plan").read_bytes() == b"01234567ABC"
     assert client.ask(TRUNCATE, "uploads/a.plan", offset=4).ok
-    assert (disk / "uploads" / "a.plan").read_bytes() == b"0123"
+    assert (uploads / "a.plan").read_bytes() == b"0123"
     assert client.ask(TRUNCATE, "uploads/a.plan", offset=400).error == (ERRNO, 22)
     assert client.ask(MKDIR, "uploads/d").ok
     assert client.ask(MKDIR, "uploads/d").error == (EXISTS,)
@@ -315,90 +300,77 @@ def test_file_is_extended_truncated_renamed_and_removed(client, disk):
 @pytest.mark.parametrize(
     ("opcode", "path"),
     [
-        (CREATE, "logs/a"),
-        (CREATE, "a"),
-        (CREATE, "uploads"),
-        (CREATE, "metadata/general.json"),
-        (CREATE, "parameters.param"),
-        (OPEN_WRITE, "logs/00000001.BIN"),
-        (REMOVE, "logs/00000001.BIN"),
-        (REMOVE, "parameters.param"),
-        (REMOVE, "/"),
-        (TRUNCATE, "logs/00000001.BIN"),
-        (RENAME, "logs/00000001.BIN\0uploads/a"),
-        (RENAME, "uploads/a\0logs/a"),
-        (MKDIR, "logs/d"),
-        (MKDIR, "d"),
-        (RMDIR, "logs"),
-        (RMDIR, "uploads"),
+        *((CREATE, path) for path in ("logs/a", "a", "uploads", "metadata/general.json", "parameters.param")),
+        *((opcode, LOG) for opcode in (OPEN_WRITE, REMOVE, TRUNCATE)),
+        *((REMOVE, path) for path in ("parameters.param", "/")),
+        *((RENAME, paths) for paths in (f"{LOG}\0uploads/a", "uploads/a\0logs/a")),
+        *((MKDIR, path) for path in ("logs/d", "d")),
+        *((RMDIR, path) for path in ("logs", "uploads")),
     ],
 )
 def test_only_uploads_are_writable(client, disk, opcode, path):
-    before = sorted(disk.rglob("*"))
+    paths = sorted(disk.rglob("*"))
     assert client.ask(opcode, path).error == (PROTECTED,)
-    assert sorted(disk.rglob("*")) == before
-    assert (disk / "logs" / "00000001.BIN").read_bytes() == CONTENT
+    assert sorted(disk.rglob("*")) == paths
+    assert (disk / LOG).read_bytes() == CONTENT
 
 
-def test_size_limits_of_uploads(client, disk):
-    (disk / "uploads" / "a").write_bytes(bytes((1 << 20) - 1))
+def test_size_limits_of_uploads(client, uploads):
+    (uploads / "a").write_bytes(bytes((1 << 20) - 1))
     client.ask(OPEN_WRITE, "uploads/a")
     assert client.ask(WRITE, b"x", offset=(1 << 20) - 1).ok
     assert client.ask(WRITE, b"x", offset=1 << 20).error == (ERRNO, 27)
     assert client.ask(WRITE, b"x", offset=0xFFFFFFFF).error == (ERRNO, 27)
     for number in range(15):
-        (disk / "uploads" / str(number)).write_bytes(bytes(1 << 20))
+        (uploads / str(number)).write_bytes(bytes(1 << 20))
     assert client.ask(TERMINATE).ok  # the uploads now have 16 MiB, the limit
     assert client.put("uploads/b", b"one more").error == (ERRNO, 28)
-    assert sorted(path.name for path in (disk / "uploads").iterdir()) == sorted(["a", *map(str, range(15))])
+    assert sorted(path.name for path in uploads.iterdir()) == sorted(["a", *map(str, range(15))])
 
 
-def test_number_of_open_uploads_is_limited_and_idle_ones_are_closed(client, disk):
+def test_number_of_open_uploads_is_limited_and_idle_ones_are_closed(client, uploads):
     for number in range(4):
         assert client.ask(CREATE, f"uploads/{number}", session=number).ok
         assert client.ask(WRITE, b"x", session=number).ok
     assert client.ask(CREATE, "uploads/4", session=4).error == (NO_SESSIONS,)
-    assert client.ask(OPEN, "logs/00000001.BIN", session=4).ok
+    assert client.ask(OPEN, LOG, session=4).ok
     assert client.ask(CREATE, "uploads/3", session=3).ok  # opens the same session again
     client.rig.now_s += 11.0
     assert client.ask(CREATE, "uploads/4", session=4).ok
     assert client.ask(WRITE, b"x", session=0).error == (SESSION,)
     assert client.ask(RESET).ok
-    assert sorted(path.name for path in (disk / "uploads").iterdir()) == ["1", "2", "3", "4"]
+    assert sorted(path.name for path in uploads.iterdir()) == ["1", "2", "3", "4"]
 
 
 def test_simultaneous_bursts_are_all_completed(client):
     for number in range(3):
-        client.ask(OPEN, "logs/00000001.BIN", session=number)
+        client.ask(OPEN, LOG, session=number)
     requests = [client.request(BURST, size=20, session=number) for number in range(3)]
     replies = client.rig.tell(*requests)
     assert sum(bytes(message.payload)[6] for message in replies) == 3
     assert sum(bytes(message.payload)[4] for message in replies) == 3 * len(CONTENT)
 
 
-def test_number_of_files_is_limited(client, disk):
+def test_number_of_files_is_limited(client, uploads):
     for number in range(128):
-        (disk / "uploads" / str(number)).touch()
+        (uploads / str(number)).touch()
     assert client.put("uploads/b", b"").error == (ERRNO, 28)
     assert client.ask(MKDIR, "uploads/b").error == (ERRNO, 28)
     assert client.put("uploads/5", b"replacement").ok
 
 
-# ---------------------------------------------------------------------- retries
-
-
 @pytest.mark.parametrize("opcode", [CREATE, MKDIR])
-def test_retry_gets_the_same_reply_and_is_not_executed_again(client, disk, opcode):
+def test_retry_gets_the_same_reply_and_is_not_executed_again(client, uploads, opcode):
     first = client.ask(opcode, "uploads/a", sequence=7)
     client.ask(WRITE, b"content", sequence=8)
     assert vars(client.ask(opcode, "uploads/a", sequence=7)) == vars(first)
     client.ask(TERMINATE, sequence=9)
     if opcode == CREATE:
-        assert (disk / "uploads" / "a").read_bytes() == b"content"
+        assert (uploads / "a").read_bytes() == b"content"
     assert client.ask(opcode, "uploads/a", sequence=7).ok
     if opcode == CREATE:
         assert client.ask(TERMINATE, sequence=9).ok  # a duplicate; no session is open
-        assert (disk / "uploads" / "a").read_bytes() == b"content"
+        assert (uploads / "a").read_bytes() == b"content"
 
 
 def test_retry_of_a_removal_succeeds(client):
@@ -409,13 +381,13 @@ def test_retry_of_a_removal_succeeds(client):
 
 
 def test_restarted_client_gets_no_stored_reply(client):
-    client.ask(OPEN, "logs/00000001.BIN", sequence=0)
+    client.ask(OPEN, LOG, sequence=0)
     client.ask(TERMINATE, sequence=1)
-    assert client.ask(OPEN, "logs/00000001.BIN", sequence=0).ok
+    assert client.ask(OPEN, LOG, sequence=0).ok
     assert client.ask(READ, sequence=2).ok
 
 
-def test_transfer_over_a_link_with_losses_duplicates_and_reordering(client, disk):
+def test_transfer_over_a_link_with_losses_duplicates_and_reordering(client, uploads):
     """A quarter of the requests and of the replies is lost; old requests arrive again at any time."""
     rng, sent = random.Random(3), []
 
@@ -446,15 +418,12 @@ def test_transfer_over_a_link_with_losses_duplicates_and_reordering(client, disk
         read += reply[12 : 12 + reply[4]]
     assert read == content
     send_until_reply(TERMINATE)
-    assert {path.name: path.read_bytes() for path in (disk / "uploads").iterdir()} == {"a": content}
-
-
-# ---------------------------------------------------------------------- slow links
+    assert {path.name: path.read_bytes() for path in uploads.iterdir()} == {"a": content}
 
 
 def test_burst_does_not_stop_telemetry_on_a_slow_link(disk, stored, of):
     rig, client = stored(byte_rate=5760.0, radio=True)
-    client.ask(OPEN, "logs/00000001.BIN")
+    client.ask(OPEN, LOG)
     client.all(BURST, size=239)
     parts, heartbeats, attitudes = [], 0, 0
     for tick in range(1, 40):
@@ -469,7 +438,7 @@ def test_burst_does_not_stop_telemetry_on_a_slow_link(disk, stored, of):
 
 
 def test_blocked_link_does_not_keep_the_endpoint_busy(client):
-    client.ask(OPEN, "logs/00000001.BIN")
+    client.ask(OPEN, LOG)
     client.rig.transport.is_writable = False
     client.rig.give(client.rig.frame(client.request(BURST, size=1)))
     assert not client.rig.endpoint.busy
@@ -478,52 +447,36 @@ def test_blocked_link_does_not_keep_the_endpoint_busy(client):
     assert len(client.rig.give(b"")) > 100
 
 
-# ---------------------------------------------------------------------- paths outside the root
-
-
 @pytest.mark.parametrize(
     "path",
     [
-        "../secret",
-        "/../secret",
-        "logs/../../secret",
-        "uploads/../secret",
-        "uploads/..",
-        "uploads/link",
-        "uploads/directory_link/secret",
-        "uploads/pipe",
-        "uploads/.hidden",
-        "/etc/passwd",
-        "logs//etc/passwd",
-        "\\..\\secret",
-        "uploads/" + "n" * 65,
-        "uploads/" + "d/" * 9 + "f",
-        "uploads/a\x01b",
-        b"uploads/\xff",
-        "uploads/a\0/../../secret",
+        *("../secret", "/../secret", "logs/../../secret", "uploads/../secret", "uploads/..", "\\..\\secret"),
+        *("uploads/link", "uploads/directory_link/secret", "uploads/pipe", "uploads/.hidden"),
+        *("/etc/passwd", "logs//etc/passwd", "uploads/a\0/../../secret"),
+        *("uploads/" + "n" * 65, "uploads/" + "d/" * 9 + "f", "uploads/a\x01b", b"uploads/\xff"),
     ],
 )
-def test_paths_outside_the_root_are_not_accessible(client, disk, path):
-    (disk / "uploads" / "link").symlink_to(disk / "secret")
-    (disk / "uploads" / "directory_link").symlink_to(disk)
-    (disk / "uploads" / ".hidden").write_bytes(b"hidden")
-    os.mkfifo(disk / "uploads" / "pipe")
+def test_paths_outside_the_root_are_not_accessible(client, disk, uploads, path):
+    (uploads / "link").symlink_to(disk / "secret")
+    (uploads / "directory_link").symlink_to(disk)
+    (uploads / ".hidden").write_bytes(b"hidden")
+    os.mkfifo(uploads / "pipe")
     for opcode in (OPEN, OPEN_WRITE, CHECKSUM, TRUNCATE, MKDIR, RMDIR, LIST):
         reply = client.ask(opcode, path)
         # The server cuts a path at a NUL; the rest is inside the root and may be created.
         assert not reply.ok or opcode in (MKDIR, RMDIR) or (opcode == OPEN_WRITE and "\0" in str(path))
     for name in ("link", "directory_link"):
-        assert (disk / "uploads" / name).is_symlink()
+        assert (uploads / name).is_symlink()
     assert (disk / "secret").read_bytes() == b"secret"
     assert not any("link" in entry for entry in client.list("uploads"))
     assert {entry.name for entry in disk.iterdir()} == {"logs", "uploads", "secret"}
 
 
-def test_upload_replaces_a_symbolic_link_and_does_not_follow_it(client, disk):
-    (disk / "uploads" / "link").symlink_to(disk / "secret")
+def test_upload_replaces_a_symbolic_link_and_does_not_follow_it(client, disk, uploads):
+    (uploads / "link").symlink_to(disk / "secret")
     assert client.put("uploads/link", b"new").ok
     assert (disk / "secret").read_bytes() == b"secret"
-    assert not (disk / "uploads" / "link").is_symlink()
+    assert not (uploads / "link").is_symlink()
 
 
 def test_without_storage_only_generated_files_are_listed(rig, ftp_station):
@@ -534,8 +487,8 @@ def test_without_storage_only_generated_files_are_listed(rig, ftp_station):
 
 def test_repeated_sequence_numbers_do_not_return_old_content(client, disk):
     for content in (b"first", b"second", b"third"):
-        (disk / "logs" / "00000001.BIN").unlink()  # a new inode, so that a file still open keeps its content
-        (disk / "logs" / "00000001.BIN").write_bytes(content)
-        client.ask(OPEN, "logs/00000001.BIN", sequence=1)
+        (disk / LOG).unlink()  # a new inode, so that a file still open keeps its content
+        (disk / LOG).write_bytes(content)
+        client.ask(OPEN, LOG, sequence=1)
         assert client.ask(READ, offset=0, size=20).data == content
         assert client.ask(TERMINATE, sequence=9).ok
