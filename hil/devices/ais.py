@@ -1,4 +1,4 @@
-"""An AIS transponder of class B on board: it forwards messages of other ships and its own.
+"""The boat's AIS transponder of class B, which forwards its own messages and those of other ships.
 
 Ships send at the intervals of ITU-R M.1371-5, by class, speed and anchoring. A message is lost if the ship is out of
 range, with a given probability, or if the channel or the serial line is full.
@@ -19,12 +19,12 @@ from hil.devices.ais_frames import Bits
 from hil.devices.emulator import METRES_PER_DEGREE, Whereabouts
 from hil.devices.timing import Transmitter
 
-STATIC_S = 360.0
-SLOTS_PER_S = 75.0  # of both channels; with FM the nearer of two ships in one slot is received
-CAPTURE = 0.35  # share of the range within which a ship is received in a full channel
-OWN_S = 30.0
+STATIC_INTERVAL_S = 360.0
+SLOTS_PER_S = 75.0  # of both channels; if two ships use one slot, FM receives the nearer one
+CAPTURE_FRACTION = 0.35  # share of the range within which a ship is received in a full channel
+OWN_INTERVAL_S = 30.0
 AT_ANCHOR = 1
-LEAP_M = 37_000.0
+JUMP_M = 37_000.0
 OWN_SIZE, SHIP_SIZE, YACHT_SIZE = (1, 1, 1, 1), (150, 30, 14, 14), (8, 4, 2, 2)
 CARGO, SAILING = 70, 36
 
@@ -50,7 +50,7 @@ class Ship(Protocol):
 
     @property
     def station(self) -> str:
-        """Class A or B, or mark."""
+        """Equipment: A, B (class) or mark (aid to navigation)."""
 
     @property
     def at_anchor(self) -> bool:
@@ -91,7 +91,7 @@ class AisEmulator:
         lost: float = 0.1,
         baud: int = 38_400,
     ) -> None:
-        """Place the ships around the boat's start; each starts to send at a random time."""
+        """Start with the ships around start_deg; each sends first at a random time. `lost` is a probability."""
         self._whereabouts = whereabouts
         self._start_deg = start_deg
         self._ships = tuple(ships)
@@ -104,12 +104,12 @@ class AisEmulator:
         self._slots = SLOTS_PER_S
         self._slots_s = 0.0
         self.unsent = 0  # messages without a slot
-        # Time, ship (-1: the boat itself), whether it is static data, number of messages so far.
+        # Time, ship (-1: the boat itself), static data (else position), number of messages so far.
         self._due: list[tuple[float, int, bool, int]] = [(1.0, -1, False, 0)]
         for number, ship in enumerate(self._ships):
             self._due.append((float(rng.uniform(0.0, interval_s(ship))), number, False, 0))
             if ship.station != "mark":
-                self._due.append((float(rng.uniform(0.0, STATIC_S)), number, True, 0))
+                self._due.append((float(rng.uniform(0.0, STATIC_INTERVAL_S)), number, True, 0))
         heapq.heapify(self._due)
 
     def receive(self, now_s: float, data: bytes) -> None:
@@ -122,65 +122,67 @@ class AisEmulator:
     def take_output(self, now_s: float) -> bytes:
         """Create the messages that are due and return the complete sentences."""
         while self._due[0][0] <= now_s:
-            due_s, number, static, count = heapq.heappop(self._due)
-            every_s = OWN_S if number < 0 else STATIC_S if static else interval_s(self._ships[number])
-            heapq.heappush(self._due, (due_s + every_s, number, static, count + 1))
-            for data in self._sentences(due_s, number, count, static=static):
+            report_s, number, is_static, count = heapq.heappop(self._due)
+            period_s = OWN_INTERVAL_S if number < 0 else STATIC_INTERVAL_S
+            if number >= 0 and not is_static:
+                period_s = interval_s(self._ships[number])
+            heapq.heappush(self._due, (report_s + period_s, number, is_static, count + 1))
+            for data in self._sentences(report_s, number, count, is_static=is_static):
                 self._sent += 1
-                self.transmitter.send(due_s, data)
+                self.transmitter.send(report_s, data)
         return self.transmitter.take(now_s)
 
-    def _sentences(self, t_s: float, number: int, count: int, *, static: bool) -> Iterator[bytes]:
-        """Yield the sentences that the boat receives of a station now."""
+    def _sentences(self, t_s: float, number: int, count: int, *, is_static: bool) -> Iterator[bytes]:
+        """Yield the sentences of a station that the transponder receives now."""
         if number < 0:
-            yield ais_frames.sentences(self._own(), own=True)
+            yield ais_frames.sentences(self._own_report(), own=True)
             return
         ship = self._ships[number]
         if not self._is_received(ship, t_s):
             return
-        for bits in _identity(ship) if static else (self._position(ship, t_s, count),):
+        for bits in _static_reports(ship) if is_static else (self._position_report(ship, t_s, count),):
             data = ais_frames.sentences(bits, channel="AB"[self._sent % 2], sequence=self._sent)
-            yield _broken(data, count) if ship.trick == "absurd" else data
+            yield _damage(data, count) if ship.trick == "absurd" else data
 
     def _is_received(self, ship: Ship, t_s: float) -> bool:
-        """Return whether a ship is in range, has a slot or is the nearer one in it, and its message is not lost."""
+        """Return whether a message is received: in range, in a free slot or from near, and not lost."""
         north_m, east_m = ship.position_m(t_s)
-        own_north_m, own_east_m = self._own_m()
+        own_north_m, own_east_m = self._own_position_m()
         distance_m = math.hypot(north_m - own_north_m, east_m - own_east_m)
         if distance_m > self._range_m:
             return False
         self._slots = min(SLOTS_PER_S, self._slots + (t_s - self._slots_s) * SLOTS_PER_S)
         self._slots_s = t_s
-        if self._slots < 1.0 and distance_m > CAPTURE * self._range_m:
+        if self._slots < 1.0 and distance_m > CAPTURE_FRACTION * self._range_m:
             self.unsent += 1
             return False
         self._slots = max(0.0, self._slots - 1.0)
         return self._rng.random() >= self._lost
 
-    def _own_m(self) -> tuple[float, float]:
+    def _own_position_m(self) -> tuple[float, float]:
         latitude_deg, longitude_deg = self._whereabouts.latitude_deg(), self._whereabouts.longitude_deg()
-        narrowing = math.cos(math.radians(self._start_deg[0]))
+        cos_latitude = math.cos(math.radians(self._start_deg[0]))
         return (
             (latitude_deg - self._start_deg[0]) * METRES_PER_DEGREE,
-            (longitude_deg - self._start_deg[1]) * METRES_PER_DEGREE * narrowing,
+            (longitude_deg - self._start_deg[1]) * METRES_PER_DEGREE * cos_latitude,
         )
 
-    def _own(self) -> Bits:
+    def _own_report(self) -> Bits:
         knots = self._whereabouts.speed_over_ground_m_s() * KNOTS_PER_METRE_PER_SECOND
         course_deg = math.degrees(self._whereabouts.course_over_ground_rad()) % 360.0
-        place = self._whereabouts.latitude_deg(), self._whereabouts.longitude_deg()
-        return ais_frames.position_b(self._own_mmsi, *place, knots, course_deg)
+        position = self._whereabouts.latitude_deg(), self._whereabouts.longitude_deg()
+        return ais_frames.position_b(self._own_mmsi, *position, knots, course_deg)
 
-    def _position(self, ship: Ship, t_s: float, count: int) -> Bits:
+    def _position_report(self, ship: Ship, t_s: float, count: int) -> Bits:
         north_m, east_m = ship.position_m(t_s)
         if ship.trick == "leaps" and count % 2:
-            north_m += LEAP_M
+            north_m += JUMP_M
         latitude_deg = self._start_deg[0] + north_m / METRES_PER_DEGREE
-        narrowing = math.cos(math.radians(self._start_deg[0]))
-        longitude_deg = self._start_deg[1] + east_m / (METRES_PER_DEGREE * narrowing)
+        cos_latitude = math.cos(math.radians(self._start_deg[0]))
+        longitude_deg = self._start_deg[1] + east_m / (METRES_PER_DEGREE * cos_latitude)
         knots = ship.speed_m_s * KNOTS_PER_METRE_PER_SECOND
         if ship.trick == "absurd":
-            return _absurd(ship, latitude_deg, longitude_deg, count)
+            return _invalid_report(ship, latitude_deg, longitude_deg, count)
         if ship.station == "mark":
             return ais_frames.mark(ship.mmsi, ship.name, latitude_deg, longitude_deg)
         second = int(self._whereabouts.utc_s()) % 60
@@ -192,26 +194,26 @@ class AisEmulator:
         )
 
 
-def _identity(ship: Ship) -> tuple[Bits, ...]:
+def _static_reports(ship: Ship) -> tuple[Bits, ...]:
     if ship.station == "B":
         return ais_frames.static_b(ship.mmsi, ship.name, "", SAILING, YACHT_SIZE)
     return (ais_frames.static_a(ship.mmsi, ship.name, f"C{ship.mmsi % 100000}", CARGO, SHIP_SIZE),)
 
 
-def _absurd(ship: Ship, latitude_deg: float, longitude_deg: float, count: int) -> Bits:
-    """Return a position report with impossible numbers, or with those for unavailable values."""
+def _invalid_report(ship: Ship, latitude_deg: float, longitude_deg: float, count: int) -> Bits:
+    """Return a position report with values out of range or with the codes of unavailable values."""
     speed_kn, course_deg, heading_deg = ais_frames.NO_SPEED, ais_frames.NO_COURSE, ais_frames.NO_HEADING
-    places = (
+    positions = (
         (ais_frames.NO_LATITUDE_DEG, ais_frames.NO_LONGITUDE_DEG),
         (-95.0, 10.0),
         (latitude_deg, 222.0),
         (ais_frames.NO_LATITUDE_DEG, longitude_deg),
     )
     mmsi = 0 if count % 7 == 6 else ship.mmsi
-    return ais_frames.position_a(mmsi, *places[count % 4], speed_kn, course_deg, heading_deg)
+    return ais_frames.position_a(mmsi, *positions[count % 4], speed_kn, course_deg, heading_deg)
 
 
-def _broken(data: bytes, count: int) -> bytes:
+def _damage(data: bytes, count: int) -> bytes:
     """Return sentences, some of them truncated, changed or mixed with random bytes."""
     if count % 5 == 1:
         return data[: len(data) // 2]

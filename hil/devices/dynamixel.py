@@ -1,7 +1,7 @@
 """A Robotis Dynamixel XW540-T260 on a half-duplex line: packets, control table, protections.
 
 Position modes (3, 4, 5) move the shaft; the others accept their goals without motion. Profile velocity and acceleration
-are stored only: the slew is the shaft's. Comments mark choices where the e-Manual gives none.
+have no effect: the shaft determines the slew. Comments mark choices where the e-Manual states no behaviour.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from hil.devices.timing import Transmitter, transfer_s
 
 _DELAY_UNIT_S = 2e-6
 _WATCHDOG_UNIT_S = 0.020
-_TRIPPED = 0xFF  # the register reads -1
-_GOALS = (Address.GOAL_PWM, Address.GOAL_CURRENT, Address.GOAL_VELOCITY, Address.GOAL_POSITION)
+_WATCHDOG_TRIPPED = 0xFF  # the register reads -1
+_GOAL_ADDRESSES = (Address.GOAL_PWM, Address.GOAL_CURRENT, Address.GOAL_VELOCITY, Address.GOAL_POSITION)
 
 # Result of an instruction: error number and parameters of the reply, or None for no reply.
 _Result = tuple[Fault, bytes] | None
@@ -54,7 +54,7 @@ class DynamixelEmulator:
         overload_s: float = 3.0,
         boot_s: float = 0.5,
     ) -> None:
-        """Start powered with torque off; ValueError for an invalid id, baud rate or delay."""
+        """Start powered with torque off; raise ValueError for an invalid id, baud rate or delay."""
         if not (0 <= device_id <= 252 and baud in BAUD_RATES and 0 <= return_delay <= 254):
             raise ValueError(f"id {device_id}, {baud} baud or return delay {return_delay} is out of range")
         self.collision_count = 0
@@ -125,32 +125,32 @@ class DynamixelEmulator:
     # ------------------------------------------------------------------ packets
 
     def _handle(self, now_s: float, packet: Packet) -> None:
-        speaker = self._table[Address.ID]  # a new id applies after the reply to the write that changed it
-        own = packet.device_id == speaker
-        broadcast = packet.device_id == BROADCAST_ID
+        sender_id = self._table[Address.ID]  # a new id applies after the reply to the write that changed it
+        is_own = packet.device_id == sender_id
+        is_broadcast = packet.device_id == BROADCAST_ID
         if packet.instruction == Instruction.STATUS:
             return
         if not packet.is_intact:
-            if own:
-                self._reply(now_s, speaker, Fault.CRC)
+            if is_own:
+                self._reply(now_s, sender_id, Fault.CRC)
             return
         self._instruction_s = now_s
-        if not (own or broadcast):
+        if not (is_own or is_broadcast):
             return
         execute = self._executors.get(packet.instruction)
         result = (Fault.INSTRUCTION, b"") if execute is None else execute(now_s, packet)
         level = self._table[Address.STATUS_RETURN_LEVEL]
-        needed = _LEVELS.get(packet.instruction, 2)
-        if result is not None and level >= needed and (own or packet.instruction in _ANSWERED_BROADCASTS):
-            self._reply(now_s, speaker, *result)
+        min_level = _MIN_RETURN_LEVELS.get(packet.instruction, 2)
+        if result is not None and level >= min_level and (is_own or packet.instruction in _ANSWERED_BROADCASTS):
+            self._reply(now_s, sender_id, *result)
         if packet.instruction == Instruction.REBOOT:
             self._restart_ram()
             self._ready_s = max(now_s, self.transmitter.last_s()) + self._boot_s
 
-    def _reply(self, now_s: float, speaker: int, fault: Fault, parameters: bytes = b"") -> None:
+    def _reply(self, now_s: float, sender_id: int, fault: Fault, parameters: bytes = b"") -> None:
         error = fault | (ALERT_BIT if self._table[Address.HARDWARE_ERROR] else 0)
         delay_s = self._table[Address.RETURN_DELAY] * _DELAY_UNIT_S
-        self.transmitter.send(now_s + delay_s, status_packet(speaker, error, parameters))
+        self.transmitter.send(now_s + delay_s, status_packet(sender_id, error, parameters))
         # A new baud rate applies from the next packet on.
         self.transmitter.baud = BAUD_RATES[self._table[Address.BAUD_RATE]]
 
@@ -161,37 +161,37 @@ class DynamixelEmulator:
         if len(packet.parameters) != 4:
             return Fault.LENGTH, b""
         self.motor.measure(now_s)
-        address, count = _words(packet.parameters)
+        address, count = _first_words(packet.parameters)
         data = self._table.read(address, count)
         return (Fault.ACCESS, b"") if data is None else (Fault.NONE, data)
 
     def _write(self, now_s: float, packet: Packet) -> _Result:
-        return self._store(now_s, packet.parameters[:2], packet.parameters[2:]), b""
+        return self._write_registers(now_s, packet.parameters[:2], packet.parameters[2:]), b""
 
     def _reg_write(self, _now_s: float, packet: Packet) -> _Result:
-        parts = self._accept(packet.parameters[:2], packet.parameters[2:])
-        if isinstance(parts, Fault):
-            return parts, b""
-        self._registered = parts
+        writes = self._check_write(packet.parameters[:2], packet.parameters[2:])
+        if isinstance(writes, Fault):
+            return writes, b""
+        self._registered = writes
         self._table[Address.REGISTERED] = 1
         return Fault.NONE, b""
 
     def _action(self, now_s: float, _packet: Packet) -> _Result:
         if not self._registered:
             return Fault.INSTRUCTION, b""
-        parts, self._registered = self._registered, []
+        writes, self._registered = self._registered, []
         self._table[Address.REGISTERED] = 0
         # The registers may have changed since the write was registered, so it is checked again.
-        fault = next((fault for row, value in parts if (fault := self._judge(row, value))), Fault.NONE)
+        fault = next((fault for row, value in writes if (fault := self._fault_of_write(row, value))), Fault.NONE)
         if not fault:
-            self._apply(now_s, parts)
+            self._apply(now_s, writes)
         return fault, b""
 
     def _reboot(self, _now_s: float, _packet: Packet) -> _Result:
         return Fault.NONE, b""
 
     def _sync_read(self, now_s: float, packet: Packet) -> _Result:
-        """Reply if addressed; the servo is alone on its line, so it need not wait for other replies."""
+        """Reply if addressed; without other servos on the line there are no other replies to wait for."""
         if packet.device_id != BROADCAST_ID or self._table[Address.ID] not in packet.parameters[4:]:
             return None
         return self._read(now_s, Packet(packet.device_id, Instruction.READ, packet.parameters[:4]))
@@ -199,11 +199,11 @@ class DynamixelEmulator:
     def _sync_write(self, now_s: float, packet: Packet) -> _Result:
         if packet.device_id != BROADCAST_ID or len(packet.parameters) < 4:
             return None
-        _, count = _words(packet.parameters)
+        _, count = _first_words(packet.parameters)
         blocks = packet.parameters[4:]
         for start in range(0, len(blocks) - count, count + 1):
             if blocks[start] == self._table[Address.ID]:
-                self._store(now_s, packet.parameters[:2], blocks[start + 1 : start + 1 + count])
+                self._write_registers(now_s, packet.parameters[:2], blocks[start + 1 : start + 1 + count])
         return None
 
     # ------------------------------------------------------------------ registers
@@ -211,38 +211,38 @@ class DynamixelEmulator:
     def _read_table(self, address: int, count: int) -> bytes:
         return self._table.read(address, count) or b""
 
-    def _store(self, now_s: float, address: bytes, data: bytes) -> Fault:
-        parts = self._accept(address, data)
-        if isinstance(parts, Fault):
-            return parts
-        self._apply(now_s, parts)
+    def _write_registers(self, now_s: float, address: bytes, data: bytes) -> Fault:
+        writes = self._check_write(address, data)
+        if isinstance(writes, Fault):
+            return writes
+        self._apply(now_s, writes)
         return Fault.NONE
 
-    def _accept(self, address: bytes, data: bytes) -> list[tuple[Register, int]] | Fault:
-        """Check a write as a whole: with one invalid register it has no effect."""
+    def _check_write(self, address: bytes, data: bytes) -> list[tuple[Register, int]] | Fault:
+        """Split a write into registers; return the first fault if one of them is invalid."""
         if len(address) < 2:
             return Fault.LENGTH
-        parts = self._table.parse(int.from_bytes(address, "little"), data)
-        if isinstance(parts, Fault):
-            return parts
-        return next((fault for row, value in parts if (fault := self._judge(row, value))), parts)
+        writes = self._table.parse(int.from_bytes(address, "little"), data)
+        if isinstance(writes, Fault):
+            return writes
+        return next((fault for row, value in writes if (fault := self._fault_of_write(row, value))), writes)
 
-    def _judge(self, row: Register, value: int) -> Fault:
-        tripped = self._table[Address.BUS_WATCHDOG] == _TRIPPED
-        if tripped and (row.address in _GOALS or (row.address == Address.BUS_WATCHDOG and value != 0)):
+    def _fault_of_write(self, row: Register, value: int) -> Fault:
+        is_tripped = self._table[Address.BUS_WATCHDOG] == _WATCHDOG_TRIPPED
+        if is_tripped and (row.address in _GOAL_ADDRESSES or (row.address == Address.BUS_WATCHDOG and value != 0)):
             return Fault.RANGE
         if row.address == Address.TORQUE and value == 1 and self.motor.is_shut_down():
-            return Fault.RESULT_FAIL  # the e-Manual says only that REBOOT alone brings torque back
-        return self._table.judge(row, value)
+            return Fault.RESULT_FAIL  # the e-Manual states only that REBOOT restores the torque
+        return self._table.fault_of_write(row, value)
 
-    def _apply(self, now_s: float, parts: list[tuple[Register, int]]) -> None:
-        for row, value in parts:
-            before = self._table[row.address]
+    def _apply(self, now_s: float, writes: list[tuple[Register, int]]) -> None:
+        for row, value in writes:
+            previous = self._table[row.address]
             self._table[row.address] = value
-            if row.address == Address.TORQUE and value != before:
+            if row.address == Address.TORQUE and value != previous:
                 self.motor.set_torque(now_s, on=bool(value))
             elif row.address == Address.GOAL_POSITION:
-                self.motor.go()
+                self.motor.move_to_goal()
 
     def _restart_ram(self) -> None:
         self._table.reset_ram()
@@ -252,9 +252,9 @@ class DynamixelEmulator:
     # ------------------------------------------------------------------ protections
 
     def _watchdog_s(self) -> float:
-        """Return when the bus watchdog trips without an instruction."""
+        """Return when the bus watchdog trips if no instruction arrives."""
         units = self._table.values[Address.BUS_WATCHDOG]
-        if not units or units == _TRIPPED or not self._table.values[Address.TORQUE]:
+        if not units or units == _WATCHDOG_TRIPPED or not self._table.values[Address.TORQUE]:
             return math.inf
         return self._instruction_s + units * _WATCHDOG_UNIT_S
 
@@ -262,17 +262,17 @@ class DynamixelEmulator:
         if now_s < self._ready_s:
             return
         if now_s >= self._watchdog_s():
-            self._table[Address.BUS_WATCHDOG] = _TRIPPED
+            self._table[Address.BUS_WATCHDOG] = _WATCHDOG_TRIPPED
             self._table[Address.PROFILE_ACCELERATION] = 0
             self._table[Address.PROFILE_VELOCITY] = 0
             self.motor.stop()
         self.motor.observe(now_s)
 
 
-_LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1, Instruction.SYNC_READ: 1}
+_MIN_RETURN_LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1, Instruction.SYNC_READ: 1}
 _ANSWERED_BROADCASTS = (Instruction.PING, Instruction.SYNC_READ)
 
 
-def _words(parameters: bytes) -> tuple[int, int]:
+def _first_words(parameters: bytes) -> tuple[int, int]:
     """Return the first two little-endian words."""
     return int.from_bytes(parameters[:2], "little"), int.from_bytes(parameters[2:4], "little")

@@ -89,7 +89,7 @@ _WRITABLE = (
 REGISTERS = {row[0]: Register(row[0], row[1], False, row[2]) for row in _READ_ONLY}
 REGISTERS |= {row[0]: Register(row[0], row[1], True, *row[2:]) for row in _WRITABLE}
 _OPERATING_MODES = (0, 1, 3, 4, 5, 16)
-_OWNER = {row.address + offset: row for row in REGISTERS.values() for offset in range(row.size)}
+_REGISTER_AT = {row.address + offset: row for row in REGISTERS.values() for offset in range(row.size)}
 
 
 class ControlTable:
@@ -100,7 +100,7 @@ class ControlTable:
         self.values = {address: row.initial for address, row in REGISTERS.items()}  # read only; set items of the table
         self._image = bytearray(TABLE_END)  # the bytes of the values on the line
         for address, row in REGISTERS.items():
-            self._put(address, row.initial)
+            self._store(address, row.initial)
 
     def __getitem__(self, address: int) -> int:
         """Return the value of a register, signed if it can be negative."""
@@ -109,14 +109,14 @@ class ControlTable:
     def __setitem__(self, address: int, value: int) -> None:
         """Set a register regardless of its access; the value is truncated to its size."""
         if value != self.values[address]:
-            self._put(address, value)
+            self._store(address, value)
 
-    def _put(self, address: int, value: int) -> None:
+    def _store(self, address: int, value: int) -> None:
         size = REGISTERS[address].size
-        whole = value & (1 << 8 * size) - 1
-        signed = value < 0 and whole >> (8 * size - 1)
-        self.values[address] = whole - (1 << 8 * size) if signed else whole
-        self._image[address : address + size] = whole.to_bytes(size, "little")
+        unsigned = value & (1 << 8 * size) - 1
+        signed = value < 0 and unsigned >> (8 * size - 1)
+        self.values[address] = unsigned - (1 << 8 * size) if signed else unsigned
+        self._image[address : address + size] = unsigned.to_bytes(size, "little")
 
     def reset_ram(self) -> None:
         """Reset the RAM area to its initial values, as in a restart."""
@@ -130,31 +130,31 @@ class ControlTable:
         The unused bytes between registers read as zero.
         """
         span = range(address, address + count)
-        if not span or span.stop > TABLE_END or _OWNER.keys().isdisjoint(span):
+        if not span or span.stop > TABLE_END or _REGISTER_AT.keys().isdisjoint(span):
             return None
         return bytes(self._image[address : span.stop])
 
     def parse(self, address: int, data: bytes) -> list[tuple[Register, int]] | Fault:
         """Split data into complete registers and their values, or return the fault."""
-        parts = []
+        writes = []
         while data:
             row = REGISTERS.get(address)
             if row is None:
                 # An address within a register is a length fault, outside of all registers an access fault.
-                return Fault.LENGTH if address in _OWNER else Fault.ACCESS
+                return Fault.LENGTH if address in _REGISTER_AT else Fault.ACCESS
             if len(data) < row.size:
                 return Fault.LENGTH
-            parts.append((row, int.from_bytes(data[: row.size], "little", signed=row.low < 0)))
+            writes.append((row, int.from_bytes(data[: row.size], "little", signed=row.low < 0)))
             address, data = address + row.size, data[row.size :]
-        return parts or Fault.LENGTH
+        return writes or Fault.LENGTH
 
-    def judge(self, row: Register, value: int) -> Fault:
-        """Return the fault of writing a value now, by the table alone."""
-        locked = row.address < RAM_START and self[Address.TORQUE]
-        if not row.writable or locked:
+    def fault_of_write(self, row: Register, value: int) -> Fault:
+        """Return the fault of writing a value now, as far as the table determines it."""
+        is_locked = row.address < RAM_START and self[Address.TORQUE]
+        if not row.writable or is_locked:
             return Fault.ACCESS
-        mode_unknown = row.address == Address.OPERATING_MODE and value not in _OPERATING_MODES
-        if not row.low <= value <= row.high or mode_unknown:
+        is_unknown_mode = row.address == Address.OPERATING_MODE and value not in _OPERATING_MODES
+        if not row.low <= value <= row.high or is_unknown_mode:
             return Fault.RANGE
         low, high = self._limits(row)
         return Fault.NONE if low <= value <= high else Fault.LIMIT
@@ -163,11 +163,11 @@ class ControlTable:
         """Return the limits of this register that other registers set."""
         if row.address == Address.GOAL_POSITION and self[Address.OPERATING_MODE] == 3:
             return self[Address.MIN_POSITION], self[Address.MAX_POSITION]
-        bound_by = _BOUNDS.get(row.address)
-        return (row.low, row.high) if bound_by is None else (-self[bound_by], self[bound_by])
+        limit_address = _LIMIT_REGISTERS.get(row.address)
+        return (row.low, row.high) if limit_address is None else (-self[limit_address], self[limit_address])
 
 
-_BOUNDS: dict[int, Address] = {
+_LIMIT_REGISTERS: dict[int, Address] = {
     Address.GOAL_PWM: Address.PWM_LIMIT,
     Address.GOAL_CURRENT: Address.CURRENT_LIMIT,
     Address.GOAL_VELOCITY: Address.VELOCITY_LIMIT,

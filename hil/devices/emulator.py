@@ -1,4 +1,4 @@
-"""The interface of all emulated devices.
+"""Interfaces of the emulated devices and of the parts of the world that they measure or move.
 
 Time is an argument, so the same emulator runs in real time and in lockstep. An emulator exchanges bytes only; sensors
 and actuators are small Protocols that the world implements.
@@ -25,7 +25,7 @@ class Emulator(Protocol):
         """Return when the device next has output or samples the world; infinity for never."""
 
     def take_output(self, now_s: float) -> bytes:
-        """Take the samples that are due; return and remove all bytes complete at now_s, in order, often none."""
+        """Take the samples that are due; return and remove the bytes that are complete at now_s, in order."""
 
 
 class Device(Emulator, Protocol):

@@ -1,4 +1,4 @@
-"""Line faults and device failures: a wrapper that corrupts the bytes of any emulator."""
+"""Faults of a serial line and of its device: a wrapper that corrupts the bytes of any emulator."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from hil.devices.emulator import Emulator
 
-_MAX_GARBAGE = 16
+_MAX_GARBAGE_BYTES = 16
 
-Span = tuple[float, float]
+Span = tuple[float, float]  # begin and end, s
 
 
 class Impaired:
@@ -18,8 +18,8 @@ class Impaired:
 
     `drop`, `flip` (one bit) and `duplicate` are probabilities per byte, in both directions; `garbage` is the
     probability per message of 1 to 16 random bytes before it. `silent` suppresses the output, `deaf` the commands to
-    the device; `frozen` repeats the last message at the device's rate. All may be changed at any time; the spans (from,
-    to, in seconds) do the same by time.
+    the device; `frozen` repeats the last message at the device's rate. All may be changed at any time. During the
+    spans the line is silent, deaf or frozen.
     """
 
     def __init__(
@@ -51,8 +51,8 @@ class Impaired:
         self._last_message = b""
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Forward commands, corrupted, unless deaf."""
-        if not (self.deaf or _within(now_s, self.deaf_spans)):
+        """Corrupt and forward commands, unless the line is deaf."""
+        if not (self.deaf or _is_within(now_s, self.deaf_spans)):
             self._emulator.receive(now_s, self._corrupt(data))
 
     def next_output_s(self) -> float:
@@ -60,14 +60,14 @@ class Impaired:
         return self._emulator.next_output_s()
 
     def take_output(self, now_s: float) -> bytes:
-        """Return the remaining bytes of the device."""
+        """Return the output of the device, corrupted; no bytes while silent."""
         data = self._emulator.take_output(now_s)
         if not data:
             return b""
-        if self.frozen or _within(now_s, self.frozen_spans):
+        if self.frozen or _is_within(now_s, self.frozen_spans):
             data = self._last_message or data
         self._last_message = data
-        if self.silent or _within(now_s, self.silent_spans):
+        if self.silent or _is_within(now_s, self.silent_spans):
             return b""
         return self._corrupt(data)
 
@@ -76,16 +76,16 @@ class Impaired:
             return data
         corrupted = bytearray()
         if self._rng.random() < self.garbage:
-            corrupted += self._rng.bytes(int(self._rng.integers(1, _MAX_GARBAGE + 1)))
+            corrupted += self._rng.bytes(int(self._rng.integers(1, _MAX_GARBAGE_BYTES + 1)))
         chances = self._rng.random((len(data), 3))
         bits = self._rng.integers(0, 8, len(data))
         for byte, (drop, flip, duplicate), bit in zip(data, chances, bits, strict=True):
             if drop < self.drop:
                 continue
-            kept = byte ^ (1 << int(bit)) if flip < self.flip else byte
-            corrupted += bytes([kept]) * (2 if duplicate < self.duplicate else 1)
+            received = byte ^ (1 << int(bit)) if flip < self.flip else byte
+            corrupted += bytes([received]) * (2 if duplicate < self.duplicate else 1)
         return bytes(corrupted)
 
 
-def _within(now_s: float, spans: Sequence[Span]) -> bool:
+def _is_within(now_s: float, spans: Sequence[Span]) -> bool:
     return any(begin_s <= now_s < end_s for begin_s, end_s in spans)

@@ -1,4 +1,4 @@
-"""The network behind an Iridium modem: signal, gateway with its queue, and costs."""
+"""The Iridium network as a modem uses it: signal, gateway with a message queue, and costs."""
 
 from __future__ import annotations
 
@@ -27,39 +27,39 @@ class Outcome:
 
     duration_s: float
     status: int
-    counted: bool  # the modem increments its message number
+    increments_number: bool  # of the messages of the modem
     message: tuple[int, bytes] | None
-    waiting: int
+    queued: int
 
 
 @dataclass(slots=True)
 class Bill:
-    """Credits of the provider: whole credits for each message either way, one for a check of an empty mailbox."""
+    """Credits charged by the provider for messages from and to the boat and for checks of an empty mailbox."""
 
     from_boat: int = 0
     to_boat: int = 0
-    looks: int = 0
+    mailbox_checks: int = 0
 
     @property
     def total(self) -> int:
         """All credits."""
-        return self.from_boat + self.to_boat + self.looks
+        return self.from_boat + self.to_boat + self.mailbox_checks
 
 
 class IridiumNetwork:
-    """Transfers messages with random failures; all chances are drawn from `numbers`.
+    """Transfers messages with random failures, which are drawn from `rng`.
 
-    `failed` is the share of sessions that fail, `lost_answers` the share of those whose message arrives although the
-    modem gets a failure. `signal` returns the bars at a time, `lost_rings` is the share of alerts that are lost.
+    `failed` is the share of sessions that fail, `lost_replies` the share of these whose message arrives although the
+    modem gets a failure. `signal` returns the bars at a time, `lost_alerts` is the share of alerts that are lost.
     """
 
     def __init__(
         self,
-        numbers: np.random.Generator,
+        rng: np.random.Generator,
         *,
         failed: float = 0.0,
-        lost_answers: float = 0.0,
-        lost_rings: float = 0.0,
+        lost_replies: float = 0.0,
+        lost_alerts: float = 0.0,
         duration_s: tuple[float, float] = (6.0, 25.0),
         signal: Callable[[float], int] = clear_sky,
     ) -> None:
@@ -71,59 +71,60 @@ class IridiumNetwork:
         # Time, number of the modem, message.
         self.delivered: deque[tuple[float, int, bytes]] = deque()
         self.attempts = 0
-        self._numbers = numbers
-        self._lost_answers, self._lost_rings = lost_answers, lost_rings
+        self._rng = rng
+        self._lost_replies, self._lost_alerts = lost_replies, lost_alerts
         self._duration_s = duration_s
         self._queue: deque[tuple[int, bytes]] = deque()
-        self._number = int(numbers.integers(0, 65536))
-        self._rings = 0
+        self._number = int(rng.integers(0, 65536))
+        self._alerts = 0
 
     def send(self, message: bytes) -> None:
-        """Queue a message to the boat; ValueError for an invalid length."""
+        """Queue a message to the boat; raise ValueError for an invalid length."""
         if not 1 <= len(message) <= 270:
             raise ValueError(f"a message to the boat has 1 to 270 bytes, not {len(message)}")
         self._number = (self._number + 1) & 0xFFFF
         self._queue.append((self._number, message))
-        self._rings += 1
+        self._alerts += 1
 
     @property
-    def waiting(self) -> int:
-        """The number of messages for the boat."""
+    def queued(self) -> int:
+        """Number of messages for the boat in the queue."""
         return len(self._queue)
 
-    def take_ring(self, now_s: float) -> bool:
+    def take_alert(self, now_s: float) -> bool:
         """Return whether the modem receives an alert now; without a signal the alert is lost."""
-        if not self._rings:
+        if not self._alerts:
             return False
-        self._rings -= 1
-        return self.signal(now_s) > 0 and float(self._numbers.random()) >= self._lost_rings
+        self._alerts -= 1
+        return self.signal(now_s) > 0 and float(self._rng.random()) >= self._lost_alerts
 
-    def session(self, now_s: float, number: int, message: bytes) -> Outcome:
-        """Make a session with the modem's message, an empty one for none."""
+    def run_session(self, now_s: float, number: int, message: bytes) -> Outcome:
+        """Run a session; an empty message stands for no message from the boat."""
         self.attempts += 1
-        duration_s = float(self._numbers.uniform(*self._duration_s))
-        chance, lot = float(self._numbers.random()), float(self._numbers.random())
+        duration_s = float(self._rng.uniform(*self._duration_s))
+        failure_draw, arrival_draw = float(self._rng.random()), float(self._rng.random())
         if self.signal(now_s) == 0:
-            return Outcome(duration_s, NO_SERVICE, counted=False, message=None, waiting=0)
-        if chance < self.failed:
-            if message and lot < self._lost_answers:
+            return Outcome(duration_s, NO_SERVICE, increments_number=False, message=None, queued=0)
+        if failure_draw < self.failed:
+            if message and arrival_draw < self._lost_replies:
                 self._deliver(now_s, number, message)
-                return Outcome(duration_s, NOT_COMPLETED, counted=False, message=None, waiting=0)
-            status = _FAILURES[int(self._numbers.integers(0, len(_FAILURES)))]
-            return Outcome(duration_s, status, counted=False, message=None, waiting=0)
+                return Outcome(duration_s, NOT_COMPLETED, increments_number=False, message=None, queued=0)
+            status = _FAILURES[int(self._rng.integers(0, len(_FAILURES)))]
+            return Outcome(duration_s, status, increments_number=False, message=None, queued=0)
         if message:
             self._deliver(now_s, number, message)
         received = self._queue.popleft() if self._queue else None
         if received is not None:
             self.bill.to_boat += self._charge(now_s, len(received[1]))
         elif not message:
-            self.bill.looks += self._charge(now_s, 1)
-        return Outcome(duration_s, 0, counted=True, message=received, waiting=len(self._queue))
+            self.bill.mailbox_checks += self._charge(now_s, 1)
+        return Outcome(duration_s, 0, increments_number=True, message=received, queued=len(self._queue))
 
     def _deliver(self, now_s: float, number: int, message: bytes) -> None:
         self.delivered.append((now_s, number, message))
         self.bill.from_boat += self._charge(now_s, len(message))
 
     def _charge(self, now_s: float, size_bytes: int) -> int:
+        """Add a charge, rounded up to whole credits, and return it."""
         self.charges.append((now_s, math.ceil(size_bytes / CREDIT_BYTES)))
         return self.charges[-1][1]

@@ -1,4 +1,4 @@
-"""Messages of satellite modems as files: one directory for each direction, named like attachments of gateways."""
+"""Messages of satellite modems as files, one directory for each direction; names as of attachments of the gateway."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ _MAX_BYTES = 1960  # of a message of any modem
 
 
 class MessagePost:
-    """One of the two directories; a message that was read is moved to `taken` in it."""
+    """One of the two directories; messages that were read are moved to its subdirectory `taken`."""
 
-    def __init__(self, directory: Path, which: str) -> None:
-        """Create the directory if necessary; OSError when that fails."""
-        self.directory = directory / which
-        self._taken = self.directory / TAKEN
-        self._taken.mkdir(parents=True, exist_ok=True)
+    def __init__(self, directory: Path, direction: str) -> None:
+        """Create the directory if necessary; raise OSError if that fails."""
+        self.directory = directory / direction
+        self._taken_directory = self.directory / TAKEN
+        self._taken_directory.mkdir(parents=True, exist_ok=True)
         self._reported: set[str] = set()
-        self.problems: list[str] = []  # of files that are skipped, each once
+        self.problems: list[str] = []  # one text for each file that is skipped
 
     def put(self, imei: str, number: int, message: bytes) -> bool:
         """Write a message atomically; return False if it was written before."""
         name = f"{imei}_{number:06d}.sbd"
-        for place in (self.directory / name, self._taken / name):
-            if place.is_file() and place.read_bytes() == message:
+        for path in (self.directory / name, self._taken_directory / name):
+            if path.is_file() and path.read_bytes() == message:
                 return False
-        fresh = self.directory / f".{name}.{os.getpid()}"
-        fresh.write_bytes(message)
-        fresh.replace(self.directory / name)
+        temporary = self.directory / f".{name}.{os.getpid()}"
+        temporary.write_bytes(message)
+        temporary.replace(self.directory / name)
         return True
 
     def take(self) -> Iterator[tuple[str, int, bytes]]:
-        """Yield IMEI, number and content of the messages, the oldest first, and move them away.
+        """Yield IMEI, number and content of the messages, the oldest first, and move them to `taken`.
 
         Other files, such as links, are skipped and reported as a problem.
         """
-        found = []
+        messages = []
         try:
             names = [path.name for path in self.directory.iterdir() if _NAME.fullmatch(path.name)]
         except OSError as error:
@@ -58,20 +58,20 @@ class MessagePost:
                 self._skip(name, error.strerror or "")
                 continue
             if stat.S_ISREG(status.st_mode) and status.st_size <= _MAX_BYTES:
-                found.append((status.st_mtime_ns, name))
+                messages.append((status.st_mtime_ns, name))
             else:
                 self._skip(name, f"not a file of at most {_MAX_BYTES} bytes")
-        for _, name in sorted(found):
+        for _, name in sorted(messages):
             path = self.directory / name
             try:
                 content = path.read_bytes()
-                path.replace(self._taken / name)
+                path.replace(self._taken_directory / name)
             except OSError as error:
                 self._skip(name, error.strerror or "")
                 continue
             yield name[:IMEI_DIGITS], int(name[IMEI_DIGITS + 1 : -4]), content
 
-    def _skip(self, name: str, why: str) -> None:
+    def _skip(self, name: str, reason: str) -> None:
         if name not in self._reported:
             self._reported.add(name)
-            self.problems.append(f"{name} is skipped: {why}")
+            self.problems.append(f"{name} is skipped: {reason}")

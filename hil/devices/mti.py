@@ -1,8 +1,8 @@
-"""An Xsens MTi AHRS: after power-up it measures with the stored output configuration.
+"""An Xsens MTi AHRS, which after power-up measures with the stored output configuration.
 
 Sources: MT Low Level Communication Protocol Documentation MT0101P, MTi User Manual MT0605P, mtidocs.movella.com
-"States". Choices where they give none: a message with a bad checksum is ignored; a command for another state is
-ignored, an unknown one is answered with Error 4; a rate above the maximum is reduced to it.
+"States". Choices where these state no behaviour: a message with a bad checksum is ignored; a command for another state
+is ignored, an unknown one is answered with Error 4; a rate above the maximum is reduced to it.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from hil.devices.mti_frames import (
 )
 from hil.devices.timing import Pace, Transmitter
 
-_ANSWER_DELAY_S = 0.002
+_REPLY_DELAY_S = 0.002
 _WAKE_UP_WINDOW_S = 0.5
 _MAX_RATE_HZ = 100  # MTi 1-series
 _DEVICE_ID = 0x0360_1234
 _WITH_EACH_MESSAGE = 0xFFFF
-_ALWAYS = (Xdi.PACKET_COUNTER, Xdi.SAMPLE_TIME_FINE, Xdi.STATUS)
+_IN_EVERY_MESSAGE = (Xdi.PACKET_COUNTER, Xdi.SAMPLE_TIME_FINE, Xdi.STATUS)
 # Factory configuration: ENU, with the usual outputs.
 _FACTORY_OUTPUT = ((Xdi.PACKET_COUNTER, 0xFFFF), (Xdi.SAMPLE_TIME_FINE, 0xFFFF), (Xdi.EULER, 100), (Xdi.STATUS, 0xFFFF))
 _INVALID_MESSAGE, _INVALID_PARAMETER = 4, 33
@@ -69,7 +69,7 @@ class MtiEmulator:
         settle_s: float = 0.2,
         baud: int = 115200,
     ) -> None:
-        """Start powered and measuring, with the factory's outputs."""
+        """Start powered and measuring, with the factory configuration."""
         self.temperature_c = 20.0
         self.pitch_deg = 0.0
         self.roll_deg = 0.0
@@ -101,11 +101,11 @@ class MtiEmulator:
             Mid.OUTPUT_CONFIG: self._output_config,
             Mid.WAKEUP_ACK: self._wake_up_ack,
         }
-        self._measure(0.0)
+        self._start_measurement(0.0)
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Process commands."""
-        self._pass_time(now_s)
+        self._update_state(now_s)
         if self._state is _State.OFF or not data:
             return
         for mid, content in self._reader.feed(now_s, data):
@@ -113,7 +113,7 @@ class MtiEmulator:
             if command is not None:
                 command(now_s, content)
             elif self._state is _State.CONFIG:
-                self._refuse(now_s, _INVALID_MESSAGE)
+                self._reply_error(now_s, _INVALID_MESSAGE)
 
     def next_output_s(self) -> float:
         """Return when the next message is sampled or complete, or the state changes."""
@@ -122,7 +122,7 @@ class MtiEmulator:
 
     def take_output(self, now_s: float) -> bytes:
         """Take the samples that are due and return the complete messages."""
-        self._pass_time(now_s)
+        self._update_state(now_s)
         if self._pace is not None:
             for sample_s in self._pace.take(now_s):
                 self.transmitter.send(sample_s, self._data_message(sample_s))
@@ -138,8 +138,8 @@ class MtiEmulator:
 
     # ------------------------------------------------------------------ states
 
-    def _pass_time(self, now_s: float) -> None:
-        """Wake up, and measure if no host requests the configuration."""
+    def _update_state(self, now_s: float) -> None:
+        """Wake up after power-on; measure if no host acknowledges in time."""
         while self._change_s <= now_s:
             change_s, self._change_s = self._change_s, math.inf
             if self._state is _State.OFF:
@@ -148,9 +148,9 @@ class MtiEmulator:
                 self._change_s = change_s + _WAKE_UP_WINDOW_S
             else:
                 self.transmitter.send(change_s, pack_message(Mid.CONFIGURATION, bytes(118)))
-                self._measure(change_s)
+                self._start_measurement(change_s)
 
-    def _measure(self, now_s: float) -> None:
+    def _start_measurement(self, now_s: float) -> None:
         self._state = _State.MEASUREMENT
         self._change_s = math.inf
         self._measuring_since_s = now_s
@@ -171,17 +171,17 @@ class MtiEmulator:
         if self._state in (_State.CONFIG, _State.MEASUREMENT):
             self._state = _State.CONFIG
             self._pace = None
-            self._answer(now_s, Mid.GOTO_CONFIG)
+            self._reply(now_s, Mid.GOTO_CONFIG)
 
     def _goto_measurement(self, now_s: float, _content: bytes) -> None:
         if self._state in (_State.CONFIG, _State.MEASUREMENT):
-            self._answer(now_s, Mid.GOTO_MEASUREMENT)
+            self._reply(now_s, Mid.GOTO_MEASUREMENT)
             if self._state is _State.CONFIG:
-                self._measure(now_s)
+                self._start_measurement(now_s)
 
     def _req_did(self, now_s: float, _content: bytes) -> None:
         if self._state is _State.CONFIG:
-            self._answer(now_s, Mid.REQ_DID, _DEVICE_ID.to_bytes(4, "big"))
+            self._reply(now_s, Mid.REQ_DID, _DEVICE_ID.to_bytes(4, "big"))
 
     def _output_config(self, now_s: float, content: bytes) -> None:
         if self._state is not _State.CONFIG:
@@ -189,14 +189,14 @@ class MtiEmulator:
         if content:
             outputs = self._supported(content)
             if outputs is None:
-                self._refuse(now_s, _INVALID_PARAMETER)
+                self._reply_error(now_s, _INVALID_PARAMETER)
                 return
             self._output = outputs
             self.stored += 1
-        self._answer(now_s, Mid.OUTPUT_CONFIG, b"".join(struct.pack(">HH", *row) for row in self._output))
+        self._reply(now_s, Mid.OUTPUT_CONFIG, b"".join(struct.pack(">HH", *row) for row in self._output))
 
     def _supported(self, content: bytes) -> tuple[tuple[int, int], ...] | None:
-        """Return the outputs with the rates of this device; None if it does not have one of them."""
+        """Return the requested outputs with the rates of this device; None if one of them is not supported."""
         if len(content) % 4:
             return None
         outputs = []
@@ -204,32 +204,32 @@ class MtiEmulator:
             kind = identifier & 0xFFF0
             if kind not in tuple(Xdi) or (kind == Xdi.EULER and identifier & 0xC not in LOCAL_FRAMES):
                 return None
-            fastest = 1 if kind == Xdi.TEMPERATURE else _MAX_RATE_HZ
-            rate_hz = fastest if rate in (0, _WITH_EACH_MESSAGE) else rate
-            outputs.append((identifier, _WITH_EACH_MESSAGE if kind in _ALWAYS else min(rate_hz, fastest)))
+            max_rate_hz = 1 if kind == Xdi.TEMPERATURE else _MAX_RATE_HZ
+            rate_hz = max_rate_hz if rate in (0, _WITH_EACH_MESSAGE) else rate
+            outputs.append((identifier, _WITH_EACH_MESSAGE if kind in _IN_EVERY_MESSAGE else min(rate_hz, max_rate_hz)))
         return tuple(outputs)
 
-    def _refuse(self, now_s: float, code: int) -> None:
-        self.transmitter.send(now_s + _ANSWER_DELAY_S, pack_message(Mid.ERROR, bytes([code])))
+    def _reply_error(self, now_s: float, code: int) -> None:
+        self.transmitter.send(now_s + _REPLY_DELAY_S, pack_message(Mid.ERROR, bytes([code])))
 
-    def _answer(self, now_s: float, command: Mid, content: bytes = b"") -> None:
-        self.transmitter.send(now_s + _ANSWER_DELAY_S, pack_message(command + 1, content))
+    def _reply(self, now_s: float, command: Mid, content: bytes = b"") -> None:
+        self.transmitter.send(now_s + _REPLY_DELAY_S, pack_message(command + 1, content))
 
     # ------------------------------------------------------------------ data
 
     def _data_message(self, now_s: float) -> bytes:
         """Return one MTData2; a slower output, such as the temperature, is only in every n-th message."""
-        fastest = max(rate for _, rate in self._output if rate != _WITH_EACH_MESSAGE)
+        max_rate_hz = max(rate for _, rate in self._output if rate != _WITH_EACH_MESSAGE)
         data = b""
         for identifier, rate in self._output:
-            if rate != _WITH_EACH_MESSAGE and self._count % max(1, round(fastest / rate)):
+            if rate != _WITH_EACH_MESSAGE and self._count % max(1, round(max_rate_hz / rate)):
                 continue
-            value = self._value(now_s, identifier)
+            value = self._encode_output(now_s, identifier)
             data += struct.pack(">HB", identifier, len(value)) + value
         self._count += 1
         return pack_message(Mid.MTDATA2, data)
 
-    def _value(self, now_s: float, identifier: int) -> bytes:
+    def _encode_output(self, now_s: float, identifier: int) -> bytes:
         kind, frame, precision = identifier & 0xFFF0, identifier & 0xC, identifier & 0x3
         if kind == Xdi.PACKET_COUNTER:
             return (self._count & 0xFFFF).to_bytes(2, "big")
@@ -240,17 +240,19 @@ class MtiEmulator:
         if kind == Xdi.TEMPERATURE:
             return pack_values([self.temperature_c + self._noise(0.05)], precision)
         if kind == Xdi.RATE_OF_TURN:
-            return pack_values([rate + self._noise(self._turn_noise_rad_s) for rate in self._turn_rad_s()], precision)
-        angles = euler_deg(LOCAL_FRAMES[frame], self._sensor(noisy=True))
+            return pack_values(
+                [rate + self._noise(self._turn_noise_rad_s) for rate in self._gyroscope_rates()], precision
+            )
+        angles = euler_deg(LOCAL_FRAMES[frame], self._sensor_matrix(noisy=True))
         return pack_values(angles, precision)
 
     def _status(self, now_s: float) -> int:
-        settled = now_s - self._measuring_since_s >= self._settle_s
+        is_settled = now_s - self._measuring_since_s >= self._settle_s
         status = self.clipped
         status |= _SELF_TEST if self.self_test_passed else 0
-        return status | (_FILTER_VALID if self.filter_valid and settled else 0)
+        return status | (_FILTER_VALID if self.filter_valid and is_settled else 0)
 
-    def _sensor(self, *, noisy: bool) -> Matrix:
+    def _sensor_matrix(self, *, noisy: bool) -> Matrix:
         heading_deg = math.degrees(self._attitude.heading_rad()) - self._declination_deg
         pitch_deg, roll_deg = self.pitch_deg, self.roll_deg
         if noisy:
@@ -259,10 +261,10 @@ class MtiEmulator:
             roll_deg += self._noise(self._tilt_noise_deg)
         return sensor_in_enu(math.radians(heading_deg), math.radians(pitch_deg), math.radians(roll_deg))
 
-    def _turn_rad_s(self) -> tuple[float, ...]:
-        """Return the gyroscope rates: a turn to starboard is about the downward axis, in sensor coordinates."""
-        up_in_sensor = self._sensor(noisy=False)[2]
-        return tuple(-self._attitude.yaw_rate_rad_s() * part for part in up_in_sensor)
+    def _gyroscope_rates(self) -> tuple[float, ...]:
+        """Return the three gyroscope rates; a turn to starboard is positive about the downward axis."""
+        up_in_sensor = self._sensor_matrix(noisy=False)[2]
+        return tuple(-self._attitude.yaw_rate_rad_s() * component for component in up_in_sensor)
 
     def _noise(self, deviation: float) -> float:
         return self._rng.normal(0.0, deviation)

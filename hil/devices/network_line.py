@@ -1,4 +1,4 @@
-"""A line that is a network link to an autopilot on another computer."""
+"""A network link to an autopilot on another computer."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ import contextlib
 import socket
 
 DEFAULT_PORT = 5760
-CONNECT_S = 10.0
+CONNECT_TIMEOUT_S = 10.0
 _READ_SIZE = 65_536
-KINDS = ("tcp", "udpout", "udpin")
+PROTOCOLS = ("tcp", "udpout", "udpin")
 
 
 class NetworkLineError(OSError):
-    """A link that cannot be opened; the text names it and the reason."""
+    """The link cannot be opened; the text contains its URL and the reason."""
 
 
 class NetworkLine:
-    """The interface of a PtyLine on TCP or UDP, for the link of the operator.
+    """A TCP or UDP link with the interface of a PtyLine, for the ground station.
 
     `tcp:HOST:PORT` and `udpout:HOST:PORT` connect to the autopilot; `udpin:HOST:PORT` waits for it and sends to the
-    last sender. HOST alone is tcp:HOST:5760.
+    last sender. `HOST` stands for tcp:HOST:5760.
     """
 
     def __init__(self, url: str) -> None:
-        """Open the link; NetworkLineError when that fails."""
+        """Open the link; raise NetworkLineError if that fails."""
         self.overrun_bytes = 0
         self.total_read = 0
         self.total_written = 0
-        kind, host, port = _parts(url)
+        kind, host, port = _parse_url(url)
         self._peer: tuple[str, int] | None = (host, port) if kind == "udpout" else None
-        self._datagrams = kind != "tcp"
+        self._is_udp = kind != "tcp"
         try:
             if kind == "tcp":
-                self._socket = socket.create_connection((host, port), CONNECT_S)
+                self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT_S)
             else:
                 self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 self._socket.bind((host, port) if kind == "udpin" else ("", 0))
@@ -41,8 +41,8 @@ class NetworkLine:
         self._socket.setblocking(False)
 
     @property
-    def plugged(self) -> bool:
-        """Whether the link is open."""
+    def is_plugged(self) -> bool:
+        """True while the link is open."""
         return self._socket.fileno() >= 0
 
     def fileno(self) -> int:
@@ -57,7 +57,7 @@ class NetworkLine:
         """Return the received bytes, without waiting."""
         data = b""
         try:
-            if self._datagrams:
+            if self._is_udp:
                 data, sender = self._socket.recvfrom(_READ_SIZE)
                 self._peer = (sender[0], sender[1])
             elif not (data := self._socket.recv(_READ_SIZE)):
@@ -66,7 +66,7 @@ class NetworkLine:
             return b""
         except OSError:
             # A refused datagram means that the peer is not up yet; a failed stream is closed.
-            if not self._datagrams:
+            if not self._is_udp:
                 self.close()
         self.total_read += len(data)
         return data
@@ -75,7 +75,7 @@ class NetworkLine:
         """Send bytes and return the number sent."""
         sent = 0
         with contextlib.suppress(OSError):
-            if not self._datagrams:
+            if not self._is_udp:
                 sent = self._socket.send(data)
             elif self._peer is not None:
                 sent = self._socket.sendto(data, self._peer)
@@ -84,9 +84,10 @@ class NetworkLine:
         return sent
 
 
-def _parts(url: str) -> tuple[str, str, int]:
+def _parse_url(url: str) -> tuple[str, str, int]:
+    """Return protocol, host and port; raise NetworkLineError for an invalid URL."""
     kind, *rest = url.split(":")
-    if kind not in KINDS:
+    if kind not in PROTOCOLS:
         kind, rest = "tcp", [kind, *rest]
     host, port = [*rest, str(DEFAULT_PORT)][:2]
     if not host or len(rest) > 2 or not port.isdecimal() or not 0 < int(port) < 65_536:

@@ -9,14 +9,14 @@ import numpy as np
 
 from firmware_py.common.angles import degrees
 from hil.devices.emulator import Attitude
-from hil.devices.nmea_text import bearing, decimals_of, hemisphere, whole_sentence
+from hil.devices.nmea_text import bearing, decimals_of, hemisphere_letter, whole_sentence
 from hil.devices.timing import Pace, Transmitter
 
 Kind = Literal["HDT", "HDG", "HDM"]
 
 
 class NmeaCompassEmulator:
-    """A compass that sends HDT, HDG or HDM (and ROT) at its own rate.
+    """A compass that sends HDT, HDG or HDM, and with `rot` also ROT, at its own rate.
 
     Each period it samples the attitude and sends the sentence; the bytes are complete after the transfer time.
     `declination_deg` is that of the location (true minus magnetic, east positive); `variation_deg` and `deviation_deg`
@@ -42,7 +42,7 @@ class NmeaCompassEmulator:
         rate_noise_deg_s: float = 0.05,
         baud: int = 38400,
     ) -> None:
-        """Start at phase_s; ValueError for an invalid rate, resolution or kind."""
+        """Start at phase_s; raise ValueError for an invalid rate, resolution or kind of sentence."""
         if sentence not in ("HDT", "HDG", "HDM"):
             raise ValueError(f"sentence {sentence} is not supported; use HDT, HDG or HDM")
         if not (math.isfinite(rate_hz) and rate_hz > 0.0 and resolution_deg > 0.0):
@@ -63,7 +63,7 @@ class NmeaCompassEmulator:
         self.transmitter = Transmitter(baud)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Ignore input: the receiver is not connected."""
+        """Ignore input: the sensor has no receiver."""
 
     def next_output_s(self) -> float:
         """Return when the next sample is taken or the next sentence is complete."""
@@ -86,16 +86,16 @@ class NmeaCompassEmulator:
     def _fields(self, true_deg: float) -> str:
         magnetic_deg = true_deg - self._declination_deg
         if self._kind == "HDT":
-            return f"{self._print(true_deg)},T"
+            return f"{self._format(true_deg)},T"
         if self._kind == "HDM":
-            return f"{self._print(magnetic_deg)},M"
+            return f"{self._format(magnetic_deg)},M"
         raw_deg = magnetic_deg - (self._deviation_deg or 0.0)
-        return f"{self._print(raw_deg)},{_correction(self._deviation_deg)},{_correction(self._variation_deg)}"
+        return f"{self._format(raw_deg)},{_correction(self._deviation_deg)},{_correction(self._variation_deg)}"
 
-    def _print(self, angle_deg: float) -> str:
+    def _format(self, angle_deg: float) -> str:
         return f"{bearing(angle_deg, self._resolution_deg):.{self._decimals}f}"
 
 
 def _correction(angle_deg: float | None) -> str:
     """Return `x.x,E` or `x.x,W`, or two empty fields for an unknown value."""
-    return "," if angle_deg is None else f"{abs(angle_deg):.1f},{hemisphere(angle_deg, 'E', 'W')}"
+    return "," if angle_deg is None else f"{abs(angle_deg):.1f},{hemisphere_letter(angle_deg, 'E', 'W')}"

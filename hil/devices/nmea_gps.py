@@ -8,7 +8,7 @@ import numpy as np
 
 from firmware_py.common.angles import KNOTS_PER_METRE_PER_SECOND, degrees
 from hil.devices.emulator import METRES_PER_DEGREE, Whereabouts
-from hil.devices.nmea_text import bearing, clock_and_date, coordinate, whole_sentence
+from hil.devices.nmea_text import bearing, format_clock_and_date, format_coordinate, whole_sentence
 from hil.devices.timing import Pace, Transmitter
 
 POSITION_NOISE_M = 1.5
@@ -18,7 +18,7 @@ _HDOP = 0.9
 _ALTITUDE_M = 2.0
 _GEOID_M = 17.5
 _KILOMETRES_PER_HOUR = 3.6
-_SAMPLE_S = 0.1  # a filtered velocity is sampled more often than it is sent
+_SAMPLE_S = 0.1  # of the velocity filter
 
 
 class NmeaGpsEmulator:
@@ -46,7 +46,7 @@ class NmeaGpsEmulator:
         talker: str = "GP",
         baud: int = 9600,
     ) -> None:
-        """Start at phase_s; ValueError for a rate that is not positive."""
+        """Start at phase_s; raise ValueError for a rate that is not positive."""
         if not (math.isfinite(rate_hz) and rate_hz > 0.0):
             raise ValueError(f"the rate must be positive, not {rate_hz} Hz")
         self.fix = True
@@ -54,7 +54,7 @@ class NmeaGpsEmulator:
         self._rng = rng
         self._position_noise_m = position_noise_m
         self._velocity_noise_m_s = velocity_noise_m_s
-        self._keep = math.exp(-1.0 / (rate_hz * NOISE_TIME_S))
+        self._correlation = math.exp(-1.0 / (rate_hz * NOISE_TIME_S))
         self._error_m = rng.normal(0.0, position_noise_m, 2)
         self._latency_s = latency_s
         self._filter = VelocityFilter(velocity_filter_s, phase_s) if velocity_filter_s > 0.0 else None
@@ -80,11 +80,11 @@ class NmeaGpsEmulator:
         return self.transmitter.take(now_s)
 
     def _sentences(self, epoch_s: float) -> bytes:
-        clock, date = clock_and_date(self._whereabouts.utc_s())
-        # The noise is drawn with and without a fix, so that a gap does not change the rest of the run.
-        position = self._position()
-        speed_m_s, course_deg = self._velocity()
-        if not self.fix or (self._gaps is not None and self._gaps.cover(epoch_s)):
+        clock, date = format_clock_and_date(self._whereabouts.utc_s())
+        # The noise is also drawn without a fix, so that a gap does not change the rest of the run.
+        position = self._measure_position()
+        speed_m_s, course_deg = self._measure_velocity()
+        if not self.fix or (self._gaps is not None and self._gaps.is_gap(epoch_s)):
             bodies = (
                 f"RMC,{clock},V,,,,,,,{date},,,N",
                 f"GGA,{clock},,,,,0,00,99.99,,,,,,",
@@ -100,34 +100,36 @@ class NmeaGpsEmulator:
             )
         return b"".join(whole_sentence(self._talker + body) for body in bodies)
 
-    def _position(self) -> str:
+    def _measure_position(self) -> str:
+        """Return latitude and longitude as NMEA fields."""
         step = self._rng.normal(0.0, self._position_noise_m, 2)
-        self._error_m = self._keep * self._error_m + math.sqrt(1.0 - self._keep**2) * step
+        self._error_m = self._correlation * self._error_m + math.sqrt(1.0 - self._correlation**2) * step
         latitude_deg = self._whereabouts.latitude_deg()
-        narrowing = max(math.cos(math.radians(latitude_deg)), 1e-3)
-        longitude_deg = self._whereabouts.longitude_deg() + self._error_m[1] / (METRES_PER_DEGREE * narrowing)
+        cos_latitude = max(math.cos(math.radians(latitude_deg)), 1e-3)
+        longitude_deg = self._whereabouts.longitude_deg() + self._error_m[1] / (METRES_PER_DEGREE * cos_latitude)
         latitude_deg += self._error_m[0] / METRES_PER_DEGREE
         longitude_deg = (longitude_deg + 180.0) % 360.0 - 180.0
-        north = coordinate(latitude_deg, degree_digits=2, letters=("N", "S"))
-        east = coordinate(longitude_deg, degree_digits=3, letters=("E", "W"))
+        north = format_coordinate(latitude_deg, degree_digits=2, letters=("N", "S"))
+        east = format_coordinate(longitude_deg, degree_digits=3, letters=("E", "W"))
         return f"{north},{east}"
 
-    def _velocity(self) -> tuple[float, float]:
-        sensed = _velocity_of(self._whereabouts) if self._filter is None else self._filter.velocity_m_s
+    def _measure_velocity(self) -> tuple[float, float]:
+        """Return speed in m/s and course in degrees."""
+        velocity = _velocity_north_east(self._whereabouts) if self._filter is None else self._filter.velocity_m_s
         error_north, error_east = self._rng.normal(0.0, self._velocity_noise_m_s, 2)
-        north_m_s = sensed[0] + error_north
-        east_m_s = sensed[1] + error_east
+        north_m_s = velocity[0] + error_north
+        east_m_s = velocity[1] + error_east
         return math.hypot(north_m_s, east_m_s), degrees(math.atan2(east_m_s, north_m_s))
 
 
 class VelocityFilter:
-    """The velocity filter of a receiver: first order, with its own samples."""
+    """First-order velocity filter of a receiver, with ten samples a second."""
 
     def __init__(self, time_s: float, start_s: float) -> None:
-        """Start with the first sample."""
+        """Start at start_s; time_s is the time constant."""
         self._pace = Pace(_SAMPLE_S, start_s=start_s)
-        self._share = -math.expm1(-_SAMPLE_S / time_s)
-        self._begun = False
+        self._weight = -math.expm1(-_SAMPLE_S / time_s)
+        self._has_sample = False
         self.velocity_m_s = (0.0, 0.0)
 
     @property
@@ -138,38 +140,38 @@ class VelocityFilter:
     def take(self, now_s: float, whereabouts: Whereabouts) -> None:
         """Take the samples that are due."""
         for _ in self._pace.take(now_s):
-            north_m_s, east_m_s = _velocity_of(whereabouts)
-            before_north, before_east = self.velocity_m_s if self._begun else (north_m_s, east_m_s)
-            self._begun = True
+            north_m_s, east_m_s = _velocity_north_east(whereabouts)
+            previous_north, previous_east = self.velocity_m_s if self._has_sample else (north_m_s, east_m_s)
+            self._has_sample = True
             self.velocity_m_s = (
-                before_north + self._share * (north_m_s - before_north),
-                before_east + self._share * (east_m_s - before_east),
+                previous_north + self._weight * (north_m_s - previous_north),
+                previous_east + self._weight * (east_m_s - previous_east),
             )
 
 
 class Gaps:
-    """Times without a fix: gaps and the times between are drawn from exponential distributions."""
+    """Times without a fix; the durations with and without a fix have exponential distributions."""
 
-    def __init__(self, lost: float, mean_s: float, rng: np.random.Generator) -> None:
-        """Start with a fix, unless `lost` (share of the time) is 1; mean_s is the mean length of a gap."""
-        self._lost, self._mean_s = lost, mean_s
+    def __init__(self, lost_share: float, mean_s: float, rng: np.random.Generator) -> None:
+        """Start with a fix, unless `lost_share`, the share of the time without a fix, is 1; mean_s is the mean gap."""
+        self._lost_share, self._mean_s = lost_share, mean_s
         self._rng = rng
-        self._missing = lost >= 1.0
-        self._until_s = math.inf if lost <= 0.0 or lost >= 1.0 else self._draw_duration_s()
+        self._is_gap = lost_share >= 1.0
+        self._until_s = math.inf if lost_share <= 0.0 or lost_share >= 1.0 else self._draw_duration_s()
 
-    def cover(self, now_s: float) -> bool:
-        """Return whether there is no fix now; times must increase."""
+    def is_gap(self, now_s: float) -> bool:
+        """Return whether there is no fix at now_s; now_s must not decrease."""
         while now_s >= self._until_s:
-            self._missing = not self._missing
+            self._is_gap = not self._is_gap
             self._until_s += self._draw_duration_s()
-        return self._missing
+        return self._is_gap
 
     def _draw_duration_s(self) -> float:
-        between_s = self._mean_s * (1.0 - self._lost) / self._lost
-        return float(self._rng.exponential(self._mean_s if self._missing else between_s))
+        mean_fix_s = self._mean_s * (1.0 - self._lost_share) / self._lost_share
+        return float(self._rng.exponential(self._mean_s if self._is_gap else mean_fix_s))
 
 
-def _velocity_of(whereabouts: Whereabouts) -> tuple[float, float]:
+def _velocity_north_east(whereabouts: Whereabouts) -> tuple[float, float]:
     speed_m_s = whereabouts.speed_over_ground_m_s()
     course_rad = whereabouts.course_over_ground_rad()
     return speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)

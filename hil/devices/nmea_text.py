@@ -27,23 +27,23 @@ def bearing(angle_deg: float, resolution_deg: float) -> float:
     return 0.0 if 360.0 - rounded_deg < 0.5 * resolution_deg else rounded_deg
 
 
-def hemisphere(value: float, positive: str, negative: str) -> str:
-    """Return the letter for a signed value."""
+def hemisphere_letter(value: float, positive: str, negative: str) -> str:
+    """Return the letter of a signed value; 0 counts as positive."""
     return negative if value < 0.0 else positive
 
 
-def coordinate(angle_deg: float, *, degree_digits: int, letters: tuple[str, str]) -> str:
+def format_coordinate(angle_deg: float, *, degree_digits: int, letters: tuple[str, str]) -> str:
     """Return `ddmm.mmmmm,X`, rounded before it is split so that the minutes are never 60."""
     units = round(abs(angle_deg) * 60.0 * 1e5)
-    degrees, rest = divmod(units, 60 * 100_000)
-    minutes, fraction = divmod(rest, 100_000)
-    return f"{degrees:0{degree_digits}d}{minutes:02d}.{fraction:05d},{hemisphere(angle_deg, *letters)}"
+    degrees, remainder = divmod(units, 60 * 100_000)
+    minutes, fraction = divmod(remainder, 100_000)
+    return f"{degrees:0{degree_digits}d}{minutes:02d}.{fraction:05d},{hemisphere_letter(angle_deg, *letters)}"
 
 
-def clock_and_date(utc_s: float) -> tuple[str, str]:
+def format_clock_and_date(utc_s: float) -> tuple[str, str]:
     """Return `hhmmss.ss` and `ddmmyy`, rounded together so that the date belongs to the time."""
     day, hundredths = divmod(round(utc_s * 100.0), _HUNDREDTHS_PER_DAY)
-    seconds, rest = divmod(hundredths, 100)
+    seconds, remainder = divmod(hundredths, 100)
     hours, minutes = seconds // 3600, seconds // 60 % 60
     date = datetime.fromtimestamp(day * 86_400, tz=UTC)
-    return f"{hours:02d}{minutes:02d}{seconds % 60:02d}.{rest:02d}", date.strftime("%d%m%y")
+    return f"{hours:02d}{minutes:02d}{seconds % 60:02d}.{remainder:02d}", date.strftime("%d%m%y")

@@ -1,25 +1,25 @@
-"""User calibration of a TCM: samples during a turn, then a score (TCM User Manual, 7.3.10 to 7.3.18)."""
+"""User calibration of a TCM (TCM User Manual, 7.3.10 to 7.3.18)."""
 
 from __future__ import annotations
 
 import math
 
 OPTIONS = frozenset({10, 20, 30, 40, 100, 110})
-SAMPLE_S = 0.1
-SCORING_S = 2.0
-ABORTED = 179.8
+SAMPLE_INTERVAL_S = 0.1
+SCORING_TIME_S = 2.0
+ABORTED_SCORE = 179.8
 _FULL_TURN_DEG = 360.0
 
 
 class UserCalibration:
-    """Takes a sample after each part of a turn; `good` is the score after a complete one."""
+    """Takes `points` samples, evenly spaced over a full turn, then reports `final_score`."""
 
-    def __init__(self, now_s: float, points: int, good: float) -> None:
+    def __init__(self, now_s: float, points: int, final_score: float) -> None:
         """Start without samples."""
-        self.next_s = now_s + SAMPLE_S
+        self.next_s = now_s + SAMPLE_INTERVAL_S
         self.count = 0
         self._points = points
-        self._good = good
+        self._final_score = final_score
         self._spacing_deg = _FULL_TURN_DEG / points
         self._last_deg: float | None = None
 
@@ -27,8 +27,8 @@ class UserCalibration:
         """Process a heading; return the number of a new sample, and the score after the last one."""
         if self.count == self._points:
             self.next_s = math.inf
-            return None, self._good
-        self.next_s += SAMPLE_S
+            return None, self._final_score
+        self.next_s += SAMPLE_INTERVAL_S
         turned_deg = (
             None if self._last_deg is None else abs(math.remainder(heading_deg - self._last_deg, _FULL_TURN_DEG))
         )
@@ -37,5 +37,5 @@ class UserCalibration:
         self._last_deg = heading_deg
         self.count += 1
         if self.count == self._points:
-            self.next_s += SCORING_S
+            self.next_s += SCORING_TIME_S
         return self.count, None

@@ -1,4 +1,4 @@
-"""Framing and tables of the PNI binary protocol, the module's side (TCM User Manual, chapter 7).
+"""Framing and tables of the PNI binary protocol on the side of the module (TCM User Manual, chapter 7).
 
 Byte count and CRC are always big endian; numbers in a payload follow the setting kBigEndian.
 """
@@ -12,8 +12,8 @@ from enum import IntEnum
 from hil.devices.crc import crc16_1021
 from hil.devices.timing import ReceiveBuffer
 
-_OVERHEAD = 5  # byte count, frame id, CRC
-_MAX_COMMAND = 270  # kSetFIRFilters with 32 taps, the longest command
+_OVERHEAD_BYTES = 5  # byte count, frame id, CRC
+_MAX_COMMAND_BYTES = 270  # kSetFIRFilters with 32 taps, the longest command
 
 
 class Frame(IntEnum):
@@ -77,25 +77,25 @@ SETTINGS: dict[int, Setting] = {
 }
 
 
-_POLLED = 1  # acquisition mode
+_POLLED_MODE = 1  # value of `mode`
 
 
 @dataclass(frozen=True, slots=True)
 class ModuleSettings:
-    """Settings that kSave stores and that a power cycle resets to the stored ones."""
+    """Settings that kSave stores; a power cycle restores the stored ones."""
 
     components: tuple[int, ...] = ()
     config: dict[int, float] = field(default_factory=lambda: {key: row.factory for key, row in SETTINGS.items()})
-    mode: int = _POLLED
+    mode: int = _POLLED_MODE
     flush: int = 0
     acquire_s: float = 0.0
     interval_s: float = 0.0
-    pushing: bool = False
+    is_continuous: bool = False
 
     def pack(self, codes: str, *values: float) -> bytes:
         """Encode numbers in the configured byte order; `codes` as in struct."""
-        whole = [value if code == "f" else int(value) for code, value in zip(codes, values, strict=True)]
-        return struct.pack(self._order() + codes, *whole)
+        numbers = [value if code == "f" else int(value) for code, value in zip(codes, values, strict=True)]
+        return struct.pack(self._order() + codes, *numbers)
 
     def unpack(self, codes: str, payload: bytes) -> tuple[float, ...] | None:
         """Decode numbers in the configured byte order; None for a wrong number of bytes."""
@@ -108,39 +108,39 @@ class ModuleSettings:
 
 def pack_frame(frame: int, payload: bytes = b"") -> bytes:
     """Return a complete frame."""
-    head = (len(payload) + _OVERHEAD).to_bytes(2, "big") + bytes([frame]) + payload
-    return head + crc16_1021(head).to_bytes(2, "big")
+    body = (len(payload) + _OVERHEAD_BYTES).to_bytes(2, "big") + bytes([frame]) + payload
+    return body + crc16_1021(body).to_bytes(2, "big")
 
 
 class FrameReader:
-    """Finds frames in the bytes from the host; damaged ones are skipped."""
+    """Finds frames in the bytes from the host and skips damaged frames."""
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._buffer = ReceiveBuffer(max_bytes=2 * _MAX_COMMAND)
+        self._buffer = ReceiveBuffer(max_bytes=2 * _MAX_COMMAND_BYTES)
 
     def feed(self, now_s: float, data: bytes) -> list[tuple[int, bytes]]:
         """Add bytes and return (frame id, payload) of the frames that they complete."""
         self._buffer.append(now_s, data)
-        held = self._buffer.data
-        found: list[tuple[int, bytes]] = []
+        buffer = self._buffer.data
+        frames: list[tuple[int, bytes]] = []
         start = 0
-        while len(held) - start >= _OVERHEAD:
-            count = int.from_bytes(held[start : start + 2], "big")
-            if not _OVERHEAD <= count <= _MAX_COMMAND:
+        while len(buffer) - start >= _OVERHEAD_BYTES:
+            count = int.from_bytes(buffer[start : start + 2], "big")
+            if not _OVERHEAD_BYTES <= count <= _MAX_COMMAND_BYTES:
                 start += 1
                 continue
-            if len(held) - start < count:
+            if len(buffer) - start < count:
                 break
-            body = bytes(held[start : start + count - 2])
-            check = held[start + count - 2 : start + count]
+            body = bytes(buffer[start : start + count - 2])
+            check = buffer[start + count - 2 : start + count]
             if crc16_1021(body) == int.from_bytes(check, "big"):
-                found.append((body[2], body[3:]))
+                frames.append((body[2], body[3:]))
                 start += count
             else:
                 start += 1
-        del held[:start]
-        return found
+        del buffer[:start]
+        return frames
 
     def clear(self) -> None:
         """Discard an incomplete frame."""

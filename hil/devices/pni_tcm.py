@@ -1,4 +1,4 @@
-"""A PNI TCM compass module: it sends only on request, or continuously when started.
+"""A PNI TCM compass module, which sends on request or continuously.
 
 Source: PNI TCM User Manual (binary protocol) and its examples. The manual defines no error reply: a frame with a bad
 CRC, an unknown id or a value out of range is ignored.
@@ -15,14 +15,14 @@ import numpy as np
 from firmware_py.common.angles import degrees
 from hil.devices.emulator import Attitude
 from hil.devices.nmea_text import bearing
-from hil.devices.pni_calibration import ABORTED, OPTIONS, UserCalibration
+from hil.devices.pni_calibration import ABORTED_SCORE, OPTIONS, UserCalibration
 from hil.devices.pni_frames import SETTINGS, Config, Frame, FrameReader, ModuleSettings, pack_frame
 from hil.devices.timing import Pace, Transmitter
 
 _MIN_INTERVAL_S = 1.0 / 30.0  # the module samples at up to 30 Hz
 _MAX_INTERVAL_S = 3600.0
 _MILS_PER_DEGREE = 6400.0 / 360.0
-_ANSWER_DELAY_S = 0.002
+_REPLY_DELAY_S = 0.002
 _MODULE_TYPE, _REVISION = b"TCM5", b"1208"  # the example of the manual
 _FIELD_HORIZONTAL_UT, _FIELD_DOWN_UT = 20.0, 43.0  # a mid-latitude field
 
@@ -56,9 +56,9 @@ class PniTcmEmulator:
         self.roll_deg = 0.0
         self.distorted = False
         self.calibration_score = 0.6  # of the next user calibration
-        self.calibrated = False  # by a calibration that was saved
+        self.calibrated = False  # True after a calibration was saved
         self._calibration: UserCalibration | None = None
-        self._scored = False
+        self._has_score = False
         self._attitude = attitude
         self._rng = rng
         self._noise_deg = noise_deg
@@ -92,14 +92,14 @@ class PniTcmEmulator:
 
     def next_output_s(self) -> float:
         """Return when the next output is sampled or the next frame is complete."""
-        push_s = math.inf if self._pace is None else self._pace.next_s
+        output_s = math.inf if self._pace is None else self._pace.next_s
         sample_s = math.inf if self._calibration is None else self._calibration.next_s
-        return min(push_s, sample_s, self.transmitter.next_s())
+        return min(output_s, sample_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
         """Take the samples that are due and return the complete frames."""
         while self._calibration is not None and self._calibration.next_s <= now_s:
-            self._calibrate(self._calibration)
+            self._sample_calibration(self._calibration)
         if self._pace is not None:
             for sample_s in self._pace.take(now_s):
                 self.transmitter.send(sample_s, self._data_frame())
@@ -133,17 +133,17 @@ class PniTcmEmulator:
 
     def _get_mod_info(self, now_s: float, payload: bytes) -> None:
         if not payload:
-            self._answer(now_s, Frame.MOD_INFO_RESP, _MODULE_TYPE + _REVISION)
+            self._reply(now_s, Frame.MOD_INFO_RESP, _MODULE_TYPE + _REVISION)
 
     def _set_data_components(self, now_s: float, payload: bytes) -> None:
         components = tuple(payload[1:])
         if payload and payload[0] == len(components) and all(key in self._components for key in components):
             self._settings = replace(self._settings, components=components)
-            self._pace_pushes(now_s)
+            self._restart_output(now_s)
 
     def _get_data(self, now_s: float, payload: bytes) -> None:
         if not payload:
-            self.transmitter.send(now_s + _ANSWER_DELAY_S, self._data_frame())
+            self.transmitter.send(now_s + _REPLY_DELAY_S, self._data_frame())
 
     def _set_config(self, now_s: float, payload: bytes) -> None:
         setting = SETTINGS.get(payload[0]) if payload else None
@@ -152,43 +152,43 @@ class PniTcmEmulator:
         value = self._settings.unpack(setting.code, payload[1:])
         if value is not None and setting.low <= value[0] <= setting.high:
             self._settings = replace(self._settings, config={**self._settings.config, payload[0]: value[0]})
-            self._answer(now_s, Frame.SET_CONFIG_DONE)
+            self._reply(now_s, Frame.SET_CONFIG_DONE)
 
     def _get_config(self, now_s: float, payload: bytes) -> None:
         setting = SETTINGS.get(payload[0]) if len(payload) == 1 else None
         if setting is not None:
             value = self._settings.pack(setting.code, self._settings.config[payload[0]])
-            self._answer(now_s, Frame.CONFIG_RESP, payload + value)
+            self._reply(now_s, Frame.CONFIG_RESP, payload + value)
 
     def _save(self, now_s: float, payload: bytes) -> None:
         if not payload:
             self._saved = self._settings
-            self.calibrated |= self._scored
-            self._answer(now_s, Frame.SAVE_DONE, self._settings.pack("H", 0))
+            self.calibrated |= self._has_score
+            self._reply(now_s, Frame.SAVE_DONE, self._settings.pack("H", 0))
 
     def _start_cal(self, now_s: float, payload: bytes) -> None:
         option = self._settings.unpack("I", payload)
         if option is not None and option[0] in OPTIONS and self._settings.config[Config.AUTOMATIC]:
             points = int(self._settings.config[Config.POINTS])
             self._calibration = UserCalibration(now_s, points, self.calibration_score)
-            self._scored = False
+            self._has_score = False
 
     def _stop_cal(self, now_s: float, payload: bytes) -> None:
         if not payload and self._calibration is not None:
-            self._score(now_s, ABORTED)
+            self._send_score(now_s, ABORTED_SCORE)
 
-    def _calibrate(self, calibration: UserCalibration) -> None:
+    def _sample_calibration(self, calibration: UserCalibration) -> None:
         sample_s = calibration.next_s
         count, score = calibration.update(degrees(self._magnetic_rad()))
         if count is not None:
-            self._answer(sample_s, Frame.CAL_SAMPLE_COUNT, self._settings.pack("I", count))
+            self._reply(sample_s, Frame.CAL_SAMPLE_COUNT, self._settings.pack("I", count))
         if score is not None:
-            self._scored = True
-            self._score(sample_s, score)
+            self._has_score = True
+            self._send_score(sample_s, score)
 
-    def _score(self, now_s: float, score: float) -> None:
+    def _send_score(self, now_s: float, score: float) -> None:
         self._calibration = None
-        self._answer(now_s, Frame.CAL_SCORE, self._settings.pack("ffffff", score, 0.0, 99.99, 0.1, 0.1, 1.0))
+        self._reply(now_s, Frame.CAL_SCORE, self._settings.pack("ffffff", score, 0.0, 99.99, 0.1, 0.1, 1.0))
 
     def _set_acq_params(self, now_s: float, payload: bytes) -> None:
         values = self._settings.unpack("BBff", payload)
@@ -199,44 +199,44 @@ class PniTcmEmulator:
             self._settings = replace(
                 self._settings, mode=int(mode), flush=int(flush), acquire_s=acquire_s, interval_s=interval_s
             )
-            self._pace_pushes(now_s)
-            self._answer(now_s, Frame.SET_ACQ_PARAMS_DONE)
+            self._restart_output(now_s)
+            self._reply(now_s, Frame.SET_ACQ_PARAMS_DONE)
 
     def _get_acq_params(self, now_s: float, payload: bytes) -> None:
         if not payload:
-            have = self._settings
-            packed = self._settings.pack("BBff", have.mode, have.flush, have.acquire_s, have.interval_s)
-            self._answer(now_s, Frame.ACQ_PARAMS_RESP, packed)
+            settings = self._settings
+            packed = self._settings.pack("BBff", settings.mode, settings.flush, settings.acquire_s, settings.interval_s)
+            self._reply(now_s, Frame.ACQ_PARAMS_RESP, packed)
 
     def _start_continuous(self, now_s: float, payload: bytes) -> None:
         if not payload:
-            self._settings = replace(self._settings, pushing=True)
-            self._pace_pushes(now_s)
+            self._settings = replace(self._settings, is_continuous=True)
+            self._restart_output(now_s)
 
     def _stop_continuous(self, now_s: float, payload: bytes) -> None:
         if not payload:
-            self._settings = replace(self._settings, pushing=False)
-            self._pace_pushes(now_s)
+            self._settings = replace(self._settings, is_continuous=False)
+            self._restart_output(now_s)
 
     def _power_down(self, now_s: float, payload: bytes) -> None:
         if not payload:
-            self._answer(now_s, Frame.POWER_DOWN_DONE)
+            self._reply(now_s, Frame.POWER_DOWN_DONE)
             self._asleep = True
             self._pace = None
 
-    # ------------------------------------------------------------------ inside
+    # ------------------------------------------------------------------ measurement and output
 
     def _component_table(self) -> dict[int, tuple[str, Callable[[], float]]]:
         return {
-            5: ("f", lambda: self._as_set(self._heading_deg())),
+            5: ("f", lambda: self._in_configured_unit(self._heading_deg())),
             7: ("f", lambda: self.temperature_c + self._noise(0.05)),
             8: ("B", lambda: int(self.distorted)),
             9: ("B", lambda: 1),  # user calibration is done
             21: ("f", lambda: -math.sin(math.radians(self.pitch_deg)) + self._noise(0.002)),
             22: ("f", lambda: math.sin(math.radians(self.roll_deg)) + self._noise(0.002)),
             23: ("f", lambda: 1.0 + self._noise(0.002)),
-            24: ("f", lambda: self._as_set(self.pitch_deg + self._noise(self._tilt_noise_deg))),
-            25: ("f", lambda: self._as_set(self.roll_deg + self._noise(self._tilt_noise_deg))),
+            24: ("f", lambda: self._in_configured_unit(self.pitch_deg + self._noise(self._tilt_noise_deg))),
+            25: ("f", lambda: self._in_configured_unit(self.roll_deg + self._noise(self._tilt_noise_deg))),
             27: ("f", lambda: _FIELD_HORIZONTAL_UT * math.cos(self._magnetic_rad()) + self._noise(0.05)),
             28: ("f", lambda: -_FIELD_HORIZONTAL_UT * math.sin(self._magnetic_rad()) + self._noise(0.05)),
             29: ("f", lambda: _FIELD_DOWN_UT + self._noise(0.05)),
@@ -253,20 +253,22 @@ class PniTcmEmulator:
         self._ready_s = power_s + self._boot_s
         self._settings = self._saved
         self._calibration = None
-        self._scored = False
-        self._pace_pushes(self._ready_s)
+        self._has_score = False
+        self._restart_output(self._ready_s)
 
-    def _pace_pushes(self, now_s: float) -> None:
-        """Start or stop continuous output at now_s, by the settings."""
-        have = self._settings
-        if not (have.pushing and have.mode == self._push_mode and have.components and math.isfinite(now_s)):
+    def _restart_output(self, now_s: float) -> None:
+        """Start or stop continuous output at now_s as configured."""
+        settings = self._settings
+        if not (
+            settings.is_continuous and settings.mode == self._push_mode and settings.components and math.isfinite(now_s)
+        ):
             self._pace = None
             return
-        period_s = max(have.interval_s, _MIN_INTERVAL_S)
+        period_s = max(settings.interval_s, _MIN_INTERVAL_S)
         self._pace = Pace(period_s, start_s=now_s + period_s, error_ppm=self._error_ppm)
 
-    def _answer(self, now_s: float, frame: Frame, payload: bytes = b"") -> None:
-        self.transmitter.send(now_s + _ANSWER_DELAY_S, pack_frame(frame, payload))
+    def _reply(self, now_s: float, frame: Frame, payload: bytes = b"") -> None:
+        self.transmitter.send(now_s + _REPLY_DELAY_S, pack_frame(frame, payload))
 
     def _data_frame(self) -> bytes:
         payload = bytes([len(self._settings.components)])
@@ -275,7 +277,7 @@ class PniTcmEmulator:
             payload += bytes([key]) + self._settings.pack(code, measure())
         return pack_frame(Frame.DATA_RESP, payload)
 
-    def _as_set(self, angle_deg: float) -> float:
+    def _in_configured_unit(self, angle_deg: float) -> float:
         return angle_deg * _MILS_PER_DEGREE if self._settings.config[Config.MILS] else angle_deg
 
     def _noise(self, deviation: float) -> float:

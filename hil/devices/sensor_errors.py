@@ -1,4 +1,4 @@
-"""Faulty sensors: the truth with an error that may be changed at any time."""
+"""True quantities with an error that may be changed at any time, for faulty sensors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class AttitudeWithError:
 
 
 class WhereaboutsWithError:
-    """A Whereabouts with the position error `north_m`; speed and course are true, as with multipath or spoofing."""
+    """A Whereabouts with the position error `north_m`; speed and course are true, as with multipath."""
 
     def __init__(self, whereabouts: Whereabouts) -> None:
         """Start without an error."""

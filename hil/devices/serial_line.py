@@ -1,4 +1,4 @@
-"""A line that is a real serial adapter, with the float computer at its other end."""
+"""A serial adapter of this computer, with the float computer at its other end."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ _READ_SIZE = 65_536
 
 
 class SerialLineError(OSError):
-    """An adapter that cannot be opened; the text names it and the reason."""
+    """The adapter cannot be opened; the text contains its path and the reason."""
 
 
 class SerialLine:
-    """The interface of a PtyLine on an adapter of this computer; the transfer takes its real time.
+    """A serial adapter with the interface of a PtyLine; the transfer takes its real time.
 
     Bytes that the adapter cannot accept are counted (`overrun_bytes`), as on a pty. If the adapter is unplugged,
-    `plugged` is False from then on.
+    `is_plugged` is False from then on.
     """
 
     def __init__(self, path: str, baud: int) -> None:
-        """Open the adapter exclusively; SerialLineError when that fails."""
+        """Open the adapter exclusively; raise SerialLineError if that fails."""
         self.overrun_bytes = 0
         self.total_read = 0
         self.total_written = 0
@@ -36,8 +36,8 @@ class SerialLine:
         self._poll.register(self._descriptor, select.POLLHUP | select.POLLERR)
 
     @property
-    def plugged(self) -> bool:
-        """Whether the adapter is present."""
+    def is_plugged(self) -> bool:
+        """True while the adapter is present."""
         return self._descriptor >= 0
 
     def fileno(self) -> int:
@@ -52,13 +52,13 @@ class SerialLine:
     def read(self) -> bytes:
         """Return the received bytes, without waiting."""
         try:
-            data = os.read(self._descriptor, _READ_SIZE) if self.plugged else b""
+            data = os.read(self._descriptor, _READ_SIZE) if self.is_plugged else b""
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError:
             data = b""
-        if not data and self.plugged and self._poll.poll(0):
-            self.close()  # ready without a byte: hung up
+        if not data and self.is_plugged and self._poll.poll(0):
+            self.close()  # an event without data: the adapter is unplugged
         self.total_read += len(data)
         return data
 
@@ -66,7 +66,7 @@ class SerialLine:
         """Write bytes and return the number accepted."""
         sent = 0
         try:
-            while self.plugged and sent < len(data):
+            while self.is_plugged and sent < len(data):
                 sent += os.write(self._descriptor, data[sent:])
         except (BlockingIOError, InterruptedError):
             pass

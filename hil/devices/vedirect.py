@@ -1,4 +1,4 @@
-"""A Victron charger or battery monitor on its VE.Direct port: text blocks, one a second.
+"""A Victron charger or battery monitor that sends text blocks on its VE.Direct port, one a second.
 
 Currents and powers are means since the previous block, as in the converters of such devices. Resolutions are those of
 the protocol: 1 mV, 1 mA, 1 W, 0.1 %.
@@ -74,14 +74,17 @@ class Kind(Enum):
     MONITOR = "monitor"
 
 
-def block(fields: dict[str, object]) -> bytes:
+def encode_block(fields: dict[str, object]) -> bytes:
     """Return a complete block with its checksum."""
     body = b"".join(f"\r\n{label}\t{value}".encode("ascii") for label, value in fields.items()) + _CHECKSUM
     return body + bytes([-sum(body) & 0xFF])
 
 
 class VeDirectEmulator:
-    """A device on a power plant, with a charger's error code and whether a monitor's state of charge is known."""
+    """A device on a power plant.
+
+    `error` is the error code of a charger; without `is_soc_known` a monitor reports no state of charge.
+    """
 
     def __init__(
         self,
@@ -99,8 +102,8 @@ class VeDirectEmulator:
         self._kind = kind
         self._pace = Pace(PERIOD_S, start_s=phase_s, error_ppm=frequency_error_ppm)
         self.transmitter = Transmitter(baud)
-        self._before = (0.0, plant.totals)  # time and totals of the last block
-        self._history = False
+        self._previous = (0.0, plant.totals)  # time and totals of the last block
+        self._history_is_due = False
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Ignore input."""
@@ -111,25 +114,25 @@ class VeDirectEmulator:
 
     def take_output(self, now_s: float) -> bytes:
         """Take the measurements that are due and return the complete blocks."""
-        for turn_s in self._pace.take(now_s):
-            self.plant.advance_to(turn_s)
-            self.transmitter.send(turn_s, self._block(turn_s))
+        for block_s in self._pace.take(now_s):
+            self.plant.advance_to(block_s)
+            self.transmitter.send(block_s, self._measure(block_s))
         return self.transmitter.take(now_s)
 
-    def _block(self, turn_s: float) -> bytes:
+    def _measure(self, block_s: float) -> bytes:
         totals, voltage_v = self.plant.totals, self.plant.voltage_v
-        before_s, before = self._before
+        previous_s, previous = self._previous
         # The plant advances by whole seconds: one in each period, or none with a fast clock.
-        elapsed_s = max(1.0, float(int(turn_s) - int(before_s)))
-        self._before = (turn_s, totals)
-        battery_a = (totals.battery_c - before.battery_c) / elapsed_s
-        load_a = (totals.load_c - before.load_c) / elapsed_s
+        elapsed_s = max(1.0, float(int(block_s) - int(previous_s)))
+        self._previous = (block_s, totals)
+        battery_a = (totals.battery_c - previous.battery_c) / elapsed_s
+        load_a = (totals.load_c - previous.load_c) / elapsed_s
         millivolts = round(voltage_v * 1e3)
         if self._kind is Kind.MONITOR:
-            return self._monitor(millivolts, battery_a, totals)
+            return self._monitor_blocks(millivolts, battery_a, totals)
         with_load = self._kind is Kind.CHARGER_WITH_LOAD
-        panel_w = (totals.panel_j - before.panel_j) / elapsed_s
-        return block(
+        panel_w = (totals.panel_j - previous.panel_j) / elapsed_s
+        return encode_block(
             {
                 "PID": "0xA053",
                 "FW": "161",
@@ -152,8 +155,8 @@ class VeDirectEmulator:
             }
         )
 
-    def _monitor(self, millivolts: int, battery_a: float, totals: Flows) -> bytes:
-        measured = block(
+    def _monitor_blocks(self, millivolts: int, battery_a: float, totals: Flows) -> bytes:
+        measured = encode_block(
             {
                 "PID": "0xA389",
                 "V": millivolts,
@@ -170,10 +173,10 @@ class VeDirectEmulator:
                 "MON": 0,
             }
         )
-        self._history = not self._history
-        if not self._history:
+        self._history_is_due = not self._history_is_due
+        if not self._history_is_due:
             return measured
-        return measured + block(
+        return measured + encode_block(
             {
                 "H1": 0,
                 "H7": millivolts,

@@ -42,7 +42,7 @@ def wired(paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehi
             except SerialLineError as error:
                 option = next(option for option, device in ADAPTERS.items() if device == name)
                 raise UsageError(f"--{option.replace('_', '-')} {error}") from None
-            devices[name].transmitter.on_a_wire = True
+            devices[name].transmitter.is_on_real_line = True
         yield lines
 
 

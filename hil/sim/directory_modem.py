@@ -22,9 +22,9 @@ _KIND = "sbd:"
 class DirectoryModem:
     """An emulator: the modem, and a poll of the directory each second."""
 
-    def __init__(self, directory: Path, numbers: np.random.Generator) -> None:
+    def __init__(self, directory: Path, rng: np.random.Generator) -> None:
         """Take the directory for both directions; OSError when it cannot be used."""
-        self.network = IridiumNetwork(numbers, duration_s=_SESSION_S)
+        self.network = IridiumNetwork(rng, duration_s=_SESSION_S)
         self.modem = IridiumModem(self.network)
         self._out, self._in = MessagePost(directory, FROM_BOAT), MessagePost(directory, TO_BOAT)
         self._poll_s = 0.0
@@ -50,7 +50,7 @@ class DirectoryModem:
         return self.modem.take_output(now_s)
 
 
-def modem_of(links: Iterable[str], numbers: np.random.Generator) -> DirectoryModem | None:
+def modem_of(links: Iterable[str], rng: np.random.Generator) -> DirectoryModem | None:
     """Return the modem of the link `sbd:DIR`, None without one; UsageError for two, or an unusable directory."""
     directories = [link.removeprefix(_KIND) for link in links if link.startswith(_KIND)]
     if not directories:
@@ -58,7 +58,7 @@ def modem_of(links: Iterable[str], numbers: np.random.Generator) -> DirectoryMod
     if len(directories) > 1:
         raise UsageError("--link sbd:DIR is given twice; give it once")
     try:
-        return DirectoryModem(Path(directories[0]), numbers)
+        return DirectoryModem(Path(directories[0]), rng)
     except OSError as error:
         raise UsageError(f"--link sbd:{directories[0]}: {error.strerror}; give a directory for its messages") from None
 

@@ -149,7 +149,7 @@ class LockstepServer:
         elif not self._has_unread():
             self._board.advance(min(deadline_s, limit_s), self._patience)
         for port in self._board.ports:
-            if isinstance(port.line, PtyLine) and not port.line.arrived():
+            if isinstance(port.line, PtyLine) and not port.line.wait_for_posted():
                 raise LockstepError(f"bytes for the autopilot have not arrived at {port.path.name}")
         now_s = self._board.world.now_s
         if paced:
@@ -188,7 +188,7 @@ class LockstepServer:
     def _receive_bytes(self, written: list[int]) -> None:
         for index, total in enumerate(written):
             port, line = self._ports[index], self._ports[index].line
-            if not (isinstance(line, PtyLine) and line.plugged):
+            if not (isinstance(line, PtyLine) and line.is_plugged):
                 self._received[index] = total  # bytes in transit are lost with the cable
                 continue
             if total < self._received[index]:  # the port was reopened after the cable was plugged in again

@@ -55,7 +55,7 @@ class RealTimeServer:
     def _check_lines(self) -> None:
         """Raise HilError for a line that was unplugged, in reading or in writing; the other lines stay usable."""
         for fd, port in self._ports.items():
-            if not port.line.plugged:
+            if not port.line.is_plugged:
                 del self._ports[fd]
                 raise HilError(f"the line of {port.path.name} is gone: check its adapter or its link")
 

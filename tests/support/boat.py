@@ -98,7 +98,7 @@ class RealTime:
         now_s = min(self._now_s(), end_s)
         while board.advance(now_s):
             pass
-        plugged = {port.line.fileno(): port for port in board.ports if port.line.plugged}
+        plugged = {port.line.fileno(): port for port in board.ports if port.line.is_plugged}
         wait_s = min(board.next_output_s(), end_s) - self._now_s()
         for descriptor in select.select(list(plugged), [], [], max(0.0, min(wait_s, LOOK_S)))[0]:
             board.receive(plugged[descriptor], plugged[descriptor].line.read())

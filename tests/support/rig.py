@@ -191,7 +191,7 @@ class Sailing:
         self.fix_error_m = keep * self.fix_error_m + math.sqrt(1.0 - keep**2) * self.rng.normal(0.0, FIX_NOISE_M, 2)
         north_m, east_m = self.hull.position_in_waves_m(0.0)
         v_north, v_east = map(float, self.velocity_m_s + self.rng.normal(0.0, self.receiver.noise_m_s, 2))
-        if self.gaps.cover(self.t_s):
+        if self.gaps.is_gap(self.t_s):
             return None
         error_north_m, error_east_m = (float(part) for part in np.add(self.fix_error_m, self.jump_m))
         place = placed(float(north_m) + error_north_m, float(east_m) + error_east_m)

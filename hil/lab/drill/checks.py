@@ -138,7 +138,7 @@ def _torque_deviation(boat: DrillBoat, report_s: float) -> str:
     boat.run(max(0.0, report_s + TORQUE_OFF_S - boat.now_s))
     start_deg, end_s = boat.rudder_deg(), boat.now_s + MIN_REST_S
     while boat.now_s < end_s:
-        if boat.servo.motor.pulls():
+        if boat.servo.motor.is_driving():
             return f"servo torque on {boat.now_s - report_s:.1f} s after the report"
         if abs(boat.rudder_deg() - start_deg) > MOVED_DEG:
             return f"rudder moves {boat.now_s - report_s:.1f} s after the report"

@@ -302,7 +302,7 @@ def fixes_of(scenario: Scenario, seed: int, epochs: int, first_s: float, period_
         fixes[:, NORTH_ERROR_M + axis] = errors_m
     fixes[:, NORTH_ERROR_M_S : EAST_ERROR_M_S + 1] = 0.0 + bought.noise_m_s * steps[:, 2:]
     for k in range(epochs if bought.lost > 0.0 else 0):
-        fixes[k, NO_FIX] = gaps.cover(first_s + k * period_s)
+        fixes[k, NO_FIX] = gaps.is_gap(first_s + k * period_s)
     return fixes
 
 

@@ -1,66 +1,36 @@
-"""A world small enough to hold in one hand, for the emulators' tests."""
+"""A boat with constant state and a loop that runs an emulator, for the tests of the emulators."""
 
 import math
-from dataclasses import dataclass
+from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 
-@dataclass
-class Boat:
-    """Fulfils Attitude and Whereabouts."""
+class Boat(SimpleNamespace):
+    """An Attitude and a Whereabouts with constant quantities."""
 
-    heading: float = 0.0
-    rate: float = 0.0
-    latitude: float = 35.5
-    longitude: float = -120.25
-    speed: float = 0.4
-    course: float = 0.0
-    utc: float = 1_700_000_000.0
-
-    def heading_rad(self):
-        return self.heading
-
-    def yaw_rate_rad_s(self):
-        return self.rate
-
-    def latitude_deg(self):
-        return self.latitude
-
-    def longitude_deg(self):
-        return self.longitude
-
-    def speed_over_ground_m_s(self):
-        return self.speed
-
-    def course_over_ground_rad(self):
-        return self.course
-
-    def utc_s(self):
-        return self.utc
+    def __init__(self):
+        super().__init__(heading=math.radians(98.3), rate=0.0, latitude=35.5, longitude=-120.25, speed=0.4, course=0.0)
+        self.utc_s = lambda: 1_700_000_000.0
+        self.heading_rad, self.yaw_rate_rad_s = lambda: self.heading, lambda: self.rate
+        self.latitude_deg, self.longitude_deg = lambda: self.latitude, lambda: self.longitude
+        self.speed_over_ground_m_s, self.course_over_ground_rad = lambda: self.speed, lambda: self.course
 
 
 @pytest.fixture
 def boat():
-    return Boat(heading=math.radians(98.3))
-
-
-@pytest.fixture
-def rng():
-    return np.random.default_rng(7)
+    return Boat()
 
 
 @pytest.fixture
 def run():
     """Poll an emulator at its due times; return its output as [(time, bytes)]."""
 
-    def until(emulator, end_s):
+    def run_until(emulator, end_s):
         output = []
         while (due_s := emulator.next_output_s()) <= end_s:
-            data = emulator.take_output(due_s)
-            if data:
+            if data := emulator.take_output(due_s):
                 output.append((due_s, data))
         return output
 
-    return until
+    return run_until

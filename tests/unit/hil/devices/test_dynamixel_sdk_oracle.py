@@ -1,4 +1,4 @@
-"""The maker's own library drives the emulator, through a port that runs on the emulator's time."""
+"""The emulator works with the library of its maker, dynamixel_sdk, in simulated time."""
 
 import math
 
@@ -13,7 +13,7 @@ BAUD = 57_600
 
 
 class EmulatedPort:
-    """What dynamixel_sdk asks of a PortHandler."""
+    """The methods of a PortHandler that dynamixel_sdk calls."""
 
     def __init__(self, servo, shaft):
         self.is_using = False
@@ -23,7 +23,7 @@ class EmulatedPort:
         self._deadline_s = 0.0
         self._inbox = bytearray()
 
-    def getBaudRate(self):  # noqa: N802 - the library's name
+    def getBaudRate(self):  # noqa: N802 - name of the library
         return BAUD
 
     def clearPort(self):  # noqa: N802
@@ -77,14 +77,14 @@ def sdk():
     return dynamixel_sdk.PacketHandler(2.0)
 
 
-def test_ping_and_broadcast_ping(sdk, port):
+def test_ping_and_broadcast_ping_return_the_model(sdk, port):
     assert sdk.ping(port, 1) == (1170, dynamixel_sdk.COMM_SUCCESS, 0)
     assert sdk.ping(port, 2)[1] == dynamixel_sdk.COMM_RX_TIMEOUT
-    found, result = sdk.broadcastPing(port)
-    assert (result, found) == (dynamixel_sdk.COMM_SUCCESS, {1: [1170, 45]})
+    servos, result = sdk.broadcastPing(port)
+    assert (result, servos) == (dynamixel_sdk.COMM_SUCCESS, {1: [1170, 45]})
 
 
-def test_turn_and_read_back(sdk, port, shaft):
+def test_goal_position_is_reached_and_read(sdk, port, shaft):
     assert sdk.write1ByteTxRx(port, 1, 64, 1) == (dynamixel_sdk.COMM_SUCCESS, 0)
     assert sdk.write4ByteTxRx(port, 1, 116, 2389) == (dynamixel_sdk.COMM_SUCCESS, 0)
     port.pass_time(port.now_s + 2.0)
@@ -94,15 +94,7 @@ def test_turn_and_read_back(sdk, port, shaft):
     assert (voltage, result, error) == (pytest.approx(120, abs=2), dynamixel_sdk.COMM_SUCCESS, 0)
 
 
-def test_errors_by_the_library(sdk, port):
-    sdk.write1ByteTxRx(port, 1, 64, 1)
-    _, error = sdk.write1ByteTxRx(port, 1, 9, 0)
-    assert error == dynamixel_sdk.protocol2_packet_handler.ERRNUM_ACCESS
-    _, error = sdk.write4ByteTxRx(port, 1, 116, 4096)
-    assert error == dynamixel_sdk.protocol2_packet_handler.ERRNUM_DATA_LIMIT
-
-
-def test_reboot(sdk, port, servo):
+def test_reboot_clears_a_hardware_error(sdk, port, servo):
     servo.inject_error(0x04)
     _, result, error = sdk.ping(port, 1)
     assert (result, error) == (dynamixel_sdk.COMM_SUCCESS, 0x80)
@@ -112,7 +104,7 @@ def test_reboot(sdk, port, servo):
     assert sdk.ping(port, 1) == (1170, dynamixel_sdk.COMM_SUCCESS, 0)
 
 
-def test_group_sync_read_and_write(sdk, port):
+def test_group_sync_write_is_read_by_group_sync_read(sdk, port):
     sdk.write1ByteTxRx(port, 1, 64, 1)
     writer = dynamixel_sdk.GroupSyncWrite(port, sdk, 116, 4)
     writer.addParam(1, (2100).to_bytes(4, "little"))
@@ -122,21 +114,3 @@ def test_group_sync_read_and_write(sdk, port):
     reader.addParam(1)
     assert reader.txRxPacket() == dynamixel_sdk.COMM_SUCCESS
     assert reader.getData(1, 132, 4) == 2100
-
-
-def test_reg_write_and_action(sdk, port, shaft):
-    sdk.write1ByteTxRx(port, 1, 64, 1)
-    assert sdk.regWriteTxRx(port, 1, 116, 4, list((2100).to_bytes(4, "little"))) == (dynamixel_sdk.COMM_SUCCESS, 0)
-    assert shaft.angle_rad() == 0.0
-    sdk.action(port, 1)
-    port.pass_time(port.now_s + 1.0)
-    assert shaft.angle_rad() > 0.0
-
-
-def test_byte_stuffing(sdk, port):
-    value = int.from_bytes(b"\xff\xff\xfd\xff", "little")
-    packet = bytes.fromhex("FFFFFD00010A00031400FFFFFDFDFF")
-    crc = sdk.updateCRC(0, packet, len(packet))
-    port.writePort(packet + crc.to_bytes(2, "little"))
-    port.pass_time(port.now_s + 0.1)
-    assert sdk.read4ByteTxRx(port, 1, 20) == (value, dynamixel_sdk.COMM_SUCCESS, 0)

@@ -1,4 +1,4 @@
-"""An operator's link to an autopilot on another computer, against plain sockets."""
+"""The link of a ground station on TCP and UDP sockets."""
 
 import socket
 from contextlib import closing
@@ -8,14 +8,18 @@ import pytest
 from hil.devices.network_line import NetworkLine, NetworkLineError
 
 
-def come(line, wanted):
-    """Read until so much has come; loopback needs a moment, so the socket is waited on."""
+def wait_and_read(line):
+    """Wait until the socket has data or is closed, then read once."""
+    line._socket.settimeout(5.0)
+    line._socket.recv(1, socket.MSG_PEEK)
+    line._socket.setblocking(False)
+    return line.read()
+
+
+def read_bytes(line, count):
     data = b""
-    while len(data) < wanted:
-        line._socket.settimeout(5.0)
-        line._socket.recv(1, socket.MSG_PEEK)
-        line._socket.setblocking(False)
-        data += line.read()
+    while len(data) < count:
+        data += wait_and_read(line)
     return data
 
 
@@ -34,30 +38,27 @@ def datagrams():
         yield far
 
 
-def test_tcp(listener):
+def test_tcp_transfers_bytes_until_the_peer_closes(listener):
     port = listener.getsockname()[1]
     with closing(NetworkLine(f"127.0.0.1:{port}")) as line:
         far, _ = listener.accept()
         assert line.write(b"hello") == 5
         assert far.recv(9) == b"hello"
         far.sendall(b"world")
-        assert come(line, 5) == b"world"
+        assert read_bytes(line, 5) == b"world"
         assert line.read() == b""
-        assert line.plugged
+        assert line.is_plugged
         far.close()
-        line._socket.settimeout(5.0)
-        line._socket.recv(1, socket.MSG_PEEK)
-        line._socket.setblocking(False)
-        assert line.read() == b""
-        assert not line.plugged
+        assert wait_and_read(line) == b""
+        assert not line.is_plugged
 
 
-def test_udpout(datagrams):
+def test_udpout_sends_and_receives(datagrams):
     with closing(NetworkLine(f"udpout:127.0.0.1:{datagrams.getsockname()[1]}")) as line:
         assert line.write(b"hello") == 5
         data, sender = datagrams.recvfrom(9)
         datagrams.sendto(data[::-1], sender)
-        assert come(line, 5) == b"olleh"
+        assert read_bytes(line, 5) == b"olleh"
 
 
 def test_udpin_sends_to_the_last_sender(datagrams):
@@ -68,17 +69,17 @@ def test_udpin_sends_to_the_last_sender(datagrams):
         assert line.write(b"unused") == 0
         assert line.overrun_bytes == 6
         datagrams.sendto(b"here", ("127.0.0.1", port))
-        assert come(line, 4) == b"here"
+        assert read_bytes(line, 4) == b"here"
         line.write(b"there")
         assert datagrams.recv(9) == b"there"
 
 
 @pytest.mark.parametrize("url", ["", "tcp:", "host:0", "host:1:2", "udpout:host:70000", "udpin:host:x"])
-def test_invalid_urls(url):
+def test_invalid_url_is_rejected(url):
     with pytest.raises(NetworkLineError, match="write HOST"):
         NetworkLine(url)
 
 
-def test_connection_refused(datagrams):
+def test_refused_connection_raises_an_error(datagrams):
     with pytest.raises(NetworkLineError, match="127"):
         NetworkLine(f"127.0.0.1:{datagrams.getsockname()[1]}")

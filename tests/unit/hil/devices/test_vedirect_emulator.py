@@ -35,21 +35,21 @@ def parse_blocks(data):
     return blocks
 
 
-def test_charger(plant):
+def test_charger_reports_panel_and_battery_power(plant):
     output = parse_blocks(collect_output(VeDirectEmulator(plant, Kind.CHARGER), 20.5))
     assert len(output) == 21
     assert "IL" not in output[-1]
-    out_w = int(output[-1]["V"]) * int(output[-1]["I"]) * 1e-6
-    assert out_w == pytest.approx(0.97 * int(output[-1]["PPV"]), abs=0.6)
+    battery_w = int(output[-1]["V"]) * int(output[-1]["I"]) * 1e-6
+    assert battery_w == pytest.approx(0.97 * int(output[-1]["PPV"]), abs=0.6)
 
 
-def test_charger_with_loads(plant):
+def test_charger_with_load_output_reports_the_load(plant):
     last = parse_blocks(collect_output(VeDirectEmulator(plant, Kind.CHARGER_WITH_LOAD), 20.5))[-1]
     assert int(last["V"]) * int(last["IL"]) * 1e-6 == pytest.approx(4.0, abs=0.02)
     assert int(last["V"]) * (int(last["I"]) + int(last["IL"])) * 1e-6 == pytest.approx(0.97 * int(last["PPV"]), abs=0.6)
 
 
-def test_monitor(plant):
+def test_monitor_sends_the_history_in_every_second_block(plant):
     monitor = VeDirectEmulator(plant, Kind.MONITOR)
     monitor.is_soc_known = False
     output = parse_blocks(collect_output(monitor, 4.5))

@@ -256,7 +256,7 @@ def test_an_autopilot_that_hangs_or_ends_is_an_error(tmp_path):
 
 
 def test_bytes_that_do_not_arrive_are_an_error(tmp_path, monkeypatch):
-    monkeypatch.setattr(PtyLine, "arrived", lambda _line: False)
+    monkeypatch.setattr(PtyLine, "wait_for_posted", lambda _line: False)
     with make_board(tmp_path, a=Beacon()) as board:
         autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], [(1.0, {})])
         with pytest.raises(LockstepError, match="have not arrived at a"):

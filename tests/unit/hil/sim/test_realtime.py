@@ -92,7 +92,7 @@ def test_an_unplugged_adapter_is_an_error_once(tmp_path):
         server = RealTimeServer(board)
         os.close(float_end)
         line.write(b"tick;")
-        assert not line.plugged
+        assert not line.is_plugged
         with pytest.raises(HilError, match="the line of a is gone"):
             server.serve(0.01)
         server.serve(0.02)

@@ -28,7 +28,7 @@ def names(frames):
 
 def sail(hours):
     """Sail some hours with a report each, faults, commands and 30 % of sessions that fail; judge each hour."""
-    boat = SatelliteBoat(key=KEY, failed=0.3, lost_answers=0.2, lost_rings=0.3, seed=7)
+    boat = SatelliteBoat(key=KEY, failed=0.3, lost_replies=0.2, lost_alerts=0.3, seed=7)
     messages, obeyed, faults, frames = [], 0, [], []
     for hour in range(hours):
         boat.run_to(3600.0 * hour + 1800.0, idle_s=60.0)
@@ -248,7 +248,7 @@ def test_failures_are_followed_by_longer_pauses():
 
 
 def test_a_gateway_that_may_have_charged_each_try_does_not_use_up_the_day():
-    boat = SatelliteBoat(failed=1.0, lost_answers=1.0)
+    boat = SatelliteBoat(failed=1.0, lost_replies=1.0)
     boat.run(DAY_S / 2, idle_s=120)
     status = boat.status()
     assert boat.network.bill.total <= status.day_credits <= 45

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from firmware_py.common.angles import radians
 from firmware_py.sensors.nmea_fields import latitude, longitude
 from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
-from hil.devices.nmea_text import coordinate
+from hil.devices.nmea_text import format_coordinate
 from hil.lab.twin import devices
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import parse_scenario
@@ -58,5 +58,5 @@ def test_fixes_equal_those_decoded_by_the_firmware(text):
 @example(0.013)  # minutes / 60 differs from minutes * (1 / 60)
 def test_a_coordinate_is_decoded_as_it_is_printed(angle_deg):
     for letters, digits, read in (("NS", 2, latitude), ("EW", 3, longitude)):
-        fields = coordinate(angle_deg, degree_digits=digits, letters=tuple(letters)).split(",")
+        fields = format_coordinate(angle_deg, degree_digits=digits, letters=tuple(letters)).split(",")
         assert devices.decoded_coordinate(angle_deg) == radians(read(0)(fields))
