@@ -19,8 +19,8 @@ from firmware_py import ROOT, commit_of, version_text
 from firmware_py.common.system_errors import system_error_text
 from firmware_py.files.standard_streams import keep_standard_streams
 
-# command -> (module, one line of help). A module is imported only when it is used, so that the autopilot does not
-# load the bench tools.
+# command -> (module, one line of help). Only the module of the command is imported: the autopilot does not load the
+# bench tools.
 COMMANDS = {
     "run": ("firmware_py.cli.run", "run the autopilot with the devices of a vehicle file"),
     "status": ("firmware_py.cli.status", "show the state of the autopilot on this computer"),
@@ -48,9 +48,8 @@ COMMANDS = {
     ),
 }
 
-
-# Python's own modules for all hashes of hashlib; if one is missing, OpenSSL is needed.
-_OWN_HASHES = (
+# Python's own modules for all hashes of hashlib. If one is missing, hashlib needs OpenSSL.
+_PYTHON_HASHES = (
     "_md5",
     "_sha1",
     "_sha3",
@@ -59,8 +58,8 @@ _OWN_HASHES = (
 )
 
 _END_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGHUP)
-_M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 1 << 16  # mallopt(3)
-_LIBRARY_BYTES = 80 << 20  # address space of numpy's library and its buffer
+_M_MMAP_THRESHOLD, _MMAP_THRESHOLD_BYTES = -3, 1 << 16  # mallopt(3)
+_NUMPY_BYTES = 80 << 20  # address space of the library of numpy and its buffer
 
 
 class UsageError(Exception):
@@ -68,7 +67,7 @@ class UsageError(Exception):
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line with the remedy."""
+    """Parser that reports an error as one line with the remedy."""
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{self.prog}: {message}; see {self.prog} -h")
@@ -80,22 +79,22 @@ def _reduce_memory() -> None:
     hashlib uses Python's own hashes: OpenSSL takes 4 MiB and 30 ms for one SHA-256. A fixed threshold makes the C
     library return large blocks to the system; by default the threshold grows with the blocks that imports use.
     """
-    import ctypes  # noqa: PLC0415 - libffi keeps a file open, which must not become a standard stream
+    import ctypes  # noqa: PLC0415 - libffi opens a file, which must not become a standard stream
 
-    if "_hashlib" not in sys.modules and all(map(importlib.util.find_spec, _OWN_HASHES)):
+    if "_hashlib" not in sys.modules and all(map(importlib.util.find_spec, _PYTHON_HASHES)):
         sys.modules["_hashlib"] = None  # type: ignore[assignment] # None: cannot be imported
     with contextlib.suppress(AttributeError):  # another C library than glibc
-        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _MMAP_THRESHOLD_BYTES)
 
 
 def _check_memory_limit() -> None:
-    """Raise MemoryError if the limit is too low for numpy's library, which would end the process with code 1."""
+    """Raise MemoryError if the memory limit is too low for the library of numpy, which would exit with code 1."""
     if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
         return
     import mmap  # noqa: PLC0415 - a limit is rare
 
     try:
-        mmap.mmap(-1, _LIBRARY_BYTES, flags=mmap.MAP_PRIVATE).close()
+        mmap.mmap(-1, _NUMPY_BYTES, flags=mmap.MAP_PRIVATE).close()
     except OSError:
         raise MemoryError from None
 
@@ -103,9 +102,9 @@ def _check_memory_limit() -> None:
 def _import_dialect() -> None:
     """Import pymavlink before other large modules, and delete its unused parts.
 
-    Later imports then reuse that memory; deleted last it left 1.5 MiB of gaps.
+    Later imports then reuse that memory. Deletion after them would leave 1.5 MiB of unusable gaps.
     """
-    if "pymavlink" in sys.modules:  # imported by a caller, which may use all of it
+    if "pymavlink" in sys.modules:  # the importer may use all of it
         return
     from firmware_py.link.wire.dialect import forget_what_is_not_used  # noqa: PLC0415 - only used by `run`
 
@@ -118,21 +117,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     command_name = next((word for word in words if word in COMMANDS), None)
     if command_name != "run":
-        return _run(words, command_name)
-    # Until `run` handles them: an earlier run may have left the rudder deflected, and this one makes it safe.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
+        return _run_command(words, command_name)
+    # The signals wait until `run` handles them, which makes the rudder safe: an earlier run may have left it deflected.
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
     try:
-        return _run(words, command_name)
+        return _run_command(words, command_name)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
-def _run(words: list[str], command_name: str | None) -> int:
+def _run_command(words: list[str], command_name: str | None) -> int:
     """Import the module of the command and run it."""
     for stream in (sys.stdout, sys.stderr):  # a path may contain characters that the terminal lacks
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no threads for numpy's library
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no threads in the library of numpy
     gc.disable()  # imports create no garbage; collection takes a tenth of the start time
     if command_name == "run":
         _reduce_memory()

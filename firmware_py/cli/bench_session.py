@@ -1,4 +1,4 @@
-"""Reads the devices of a vehicle without the control loop, for `listen` and `check`."""
+"""Read the devices of a vehicle without the control loop, for `listen` and `check`."""
 
 from __future__ import annotations
 
@@ -33,43 +33,44 @@ from firmware_py.vehicle import DeviceEntry, Vehicle
 
 POLL_INTERVAL_S = 0.1
 # The servo is polled with torque off, so that listening does not move it.
-RELEASED = RudderCommand(0.0, torque_on=False)
+RELEASE_COMMAND = RudderCommand(0.0, torque_on=False)
 
 Sample = HeadingSample | PositionSample | RudderFeedback | PowerSample | VesselPosition | VesselIdentity
 
 
 @dataclass(slots=True)
 class BenchDevice:
-    """One device: its driver or the error, and the samples received."""
+    """A device: its driver or the error, the number of samples, the time of the first and the last sample."""
 
     role: str
     driver_name: str
     port: str
     driver: Compass | Position | Rudder | Power | Vessels | None = None
     error: str = ""
-    count: int = 0
-    first_s: float | None = None
-    last: Sample | None = None
+    sample_count: int = 0
+    first_sample_s: float | None = None
+    last_sample: Sample | None = None
     health: DeviceHealth | None = None
     line: Line | None = field(default=None, repr=False)
 
     def rate_hz(self) -> float | None:
-        """Return the samples per second since the first one; None before the second."""
-        if self.last is None or self.first_s is None or self.count < 2 or self.last.t_s <= self.first_s:
+        """Return the mean sample rate; None before the second sample."""
+        if self.last_sample is None or self.first_sample_s is None or self.sample_count < 2:
             return None
-        return (self.count - 1) / (self.last.t_s - self.first_s)
+        duration_s = self.last_sample.t_s - self.first_sample_s
+        return (self.sample_count - 1) / duration_s if duration_s > 0.0 else None
 
     def values(self) -> dict[str, Any]:
-        """Return the latest sample in degrees."""
-        return {} if self.last is None else _VALUES[type(self.last)](self.last)
+        """Return the values of the last sample by name, angles in degrees."""
+        return {} if self.last_sample is None else _FORMATTERS[type(self.last_sample)](self.last_sample)
 
     def record(self) -> dict[str, Any]:
-        """Return the state of the device and its latest sample."""
+        """Return the state of the device and the values of its last sample."""
         state = device_values(self.role, self.driver_name, self.port, self.health, self.rate_hz(), self.error)
         return state | self.values()
 
 
-_VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
+_FORMATTERS: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
     HeadingSample: heading_values,
     PositionSample: position_values,
     RudderFeedback: rudder_values,
@@ -80,7 +81,7 @@ _VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
 
 
 def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
-    """Open the port that the devices share and give each a view of it; on failure set the error of all."""
+    """Open the port that these devices share and create their drivers; on failure set the error of each device."""
     devices = [BenchDevice(section, entry.driver, entry.port) for section, entry in group]
     line = line_of(group[0][1].port, group[0][1].baud)
     try:
@@ -99,10 +100,10 @@ def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
 
 
 class BenchSession:
-    """The devices of a vehicle; those that cannot be opened carry the error."""
+    """The devices of a vehicle; a device whose port cannot be opened has an error text."""
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """Open each port; a failure is stored in the device."""
+        """Open each port; a failure sets the error of its devices."""
         self._clock = RealClock()
         groups: dict[str, list[tuple[str, DeviceEntry]]] = {}
         for section in ("compass", "rudder", "compass_b", "power", "power_b", "position", "ais"):
@@ -111,18 +112,18 @@ class BenchSession:
         self.devices = [device for group in groups.values() for device in open_devices(group)]
 
     def listen(self, seconds: float | None) -> Iterator[Sequence[Sample]]:
-        """Yield the new samples ten times a second, for the given seconds or without end."""
+        """Yield the new samples ten times a second, until `seconds` have passed; None: without end."""
         clock = self._clock
         while seconds is None or clock.now_s() < seconds:
             end_s = clock.now_s() + POLL_INTERVAL_S
             for device in self.devices:
                 if device.role == "rudder" and device.driver is not None:
-                    device.driver.command(RELEASED, clock.now_s())  # type: ignore[union-attr]
-            fresh: list[Sample] = []
+                    device.driver.command(RELEASE_COMMAND, clock.now_s())  # type: ignore[union-attr]
+            samples: list[Sample] = []
             while True:
                 now_s = clock.now_s()
                 for device in self.devices:
-                    fresh += self._collect(device, now_s)
+                    samples += self._receive(device, now_s)
                 if now_s >= end_s:
                     break
                 fds = [device.driver.fileno() for device in self.devices if device.driver is not None]
@@ -130,18 +131,19 @@ class BenchSession:
             for device in self.devices:
                 if device.line is not None:
                     device.line.reopen(clock.now_s())
-            yield fresh
+            yield samples
 
-    def _collect(self, device: BenchDevice, now_s: float) -> Sequence[Sample]:
+    def _receive(self, device: BenchDevice, now_s: float) -> Sequence[Sample]:
+        """Return the new samples of a device and update its statistics."""
         if device.driver is None:
             return ()
         device.driver.receive(now_s)
         samples: Sequence[Sample] = device.driver.poll()
         device.health = device.driver.health(now_s)
         if samples:
-            device.first_s = samples[0].t_s if device.first_s is None else device.first_s
-            device.count += len(samples)
-            device.last = samples[-1]
+            device.first_sample_s = samples[0].t_s if device.first_sample_s is None else device.first_sample_s
+            device.sample_count += len(samples)
+            device.last_sample = samples[-1]
         return samples
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from firmware_py.cli import calibrate_rudder
 from firmware_py.cli.errors import print_error
-from firmware_py.cli.logged_ticks import read_ticks, with_parameters
+from firmware_py.cli.logged_ticks import read_ticks, track_parameters
 from firmware_py.common.angles import degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet, format_file
 from firmware_py.estimate import deviation_filter
@@ -21,16 +21,16 @@ from firmware_py.log.dataflash import LogError
 from firmware_py.log.reader import LoggedTick
 
 INSUFFICIENT_DATA = 1
-_LIMITS = (
+_NOTES = (
     "CMP_DEV_A includes the leeway; the bearing of a known mark separates them.",
     "A speed that varies with the heading by 1 % appears as 0.6 deg of CMP_DEV_B or CMP_DEV_C.",
 )
 
 
-def swing_of(ticks: Iterable[LoggedTick]) -> DeviationEstimator:
-    """Return the compass swing of logged ticks; raise ValueError for an unreadable checkpoint."""
+def estimate_deviation(ticks: Iterable[LoggedTick]) -> DeviationEstimator:
+    """Estimate the compass deviation from logged ticks; raise ValueError for an unreadable checkpoint."""
     estimator = DeviationEstimator(ParameterSet())
-    for tick, parameters, _armed in with_parameters(ticks):
+    for tick, parameters, _armed in track_parameters(ticks):
         estimator.set_parameters(parameters)
         estimator.take(tick.inputs)
     return estimator
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return 0 with a proposal, 1 without enough data, 2 if a log or the rudder cannot be used."""
+    """Return 0 with a proposal, 1 without enough data, 2 if a log cannot be read or the rudder does not work."""
     report = calibrate_rudder.report if arguments.what == "rudder" else _compass
     try:
         code, proposal = report(arguments, read_ticks(arguments.file))
@@ -65,15 +65,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _compass(arguments: argparse.Namespace, ticks: Iterable[LoggedTick]) -> tuple[int, Mapping[str, float]]:
-    estimator = swing_of(ticks)
+    estimator = estimate_deviation(ticks)
     result = estimator.result()
-    print(json.dumps(_record(estimator, result)) if arguments.json else "\n".join(_lines(estimator, result)))
+    print(
+        json.dumps(_json_record(estimator, result)) if arguments.json else "\n".join(_report_lines(estimator, result))
+    )
     if result is None or not result.ready:
         return INSUFFICIENT_DATA, {}
     return 0, {name: round(degrees(value), 2) for name, value in zip(NAMES, result.coefficients_rad, strict=True)}
 
 
-def _record(estimator: DeviationEstimator, result: DeviationEstimate | None) -> dict[str, Any]:
+def _json_record(estimator: DeviationEstimator, result: DeviationEstimate | None) -> dict[str, Any]:
     sectors = estimator.state.sectors
     if result is None:
         return {"ready": False, "minutes": 0, "sectors": list(sectors)}
@@ -83,54 +85,54 @@ def _record(estimator: DeviationEstimator, result: DeviationEstimate | None) -> 
         "minutes": sum(sectors),
         "sectors": list(sectors),
         "in_force_deg": {name: estimator.parameters[name] for name in NAMES},
-        "proposed_deg": _by_name(result.coefficients_rad),
-        "sd_deg": _by_name(result.sds_rad),
+        "proposed_deg": _degrees_by_name(result.coefficients_rad),
+        "sd_deg": _degrees_by_name(result.sds_rad),
         "worst_sd_deg": round(degrees(result.sd_rad), 3),
         "off_deg": round(degrees(result.off_rad), 3),
-        "residual_before_deg": _residual(report.residual_before_rad),
-        "residual_after_deg": _residual(report.residual_after_rad),
+        "residual_before_deg": _rounded_deg(report.residual_before_rad),
+        "residual_after_deg": _rounded_deg(report.residual_after_rad),
         "mounting_deg": round(_mounting_deg(estimator, result), 3),
     }
 
 
-def _residual(residual_rad: float | None) -> float | None:
+def _rounded_deg(residual_rad: float | None) -> float | None:
     return None if residual_rad is None else round(degrees(residual_rad), 3)
 
 
 def _mounting_deg(estimator: DeviationEstimator, result: DeviationEstimate) -> float:
-    """Return the mounting angle with the same effect as coefficient A."""
+    """Return the mounting angle (CMP_OFFSET_DEG) that has the effect of coefficient A."""
     return degrees(wrap_pi(radians(estimator.parameters["CMP_OFFSET_DEG"]) + result.coefficients_rad[0]))
 
 
-def _by_name(values: Iterable[float]) -> dict[str, float]:
+def _degrees_by_name(values: Iterable[float]) -> dict[str, float]:
     return {name: round(degrees(value), 3) for name, value in zip(NAMES, values, strict=True)}
 
 
-def _lines(estimator: DeviationEstimator, result: DeviationEstimate | None) -> Iterator[str]:
+def _report_lines(estimator: DeviationEstimator, result: DeviationEstimate | None) -> Iterator[str]:
     sectors = estimator.state.sectors
-    sailed = sum(minutes > 0 for minutes in sectors)
-    yield f"{sum(sectors)} minutes of steady motion in {sailed} of {deviation_filter.SECTORS} sectors"
+    covered = sum(minutes > 0 for minutes in sectors)
+    yield f"{sum(sectors)} minutes of steady motion in {covered} of {deviation_filter.SECTORS} sectors"
     if result is None:
         yield "no minute with headings and velocity over ground: no estimate"
         return
     yield f"{'':<10} in force  proposed  sd (deg)"
     for name, value, sd in zip(NAMES, result.coefficients_rad, result.sds_rad, strict=True):
         yield f"{name:<10} {estimator.parameters[name]:8.2f}  {degrees(value):8.2f}  {degrees(sd):8.2f}"
-    in_force = deviation_of(estimator.parameters, "CMP")
+    present = deviation_of(estimator.parameters, "CMP")
     yield "compass    in force  proposed"
     for heading_deg in range(0, 360, 45):
-        curves = (in_force, result.coefficients_rad)
-        before, after = (degrees(deviation_rad(curve, radians(heading_deg))) for curve in curves)
-        yield f"{heading_deg:7d}    {before:8.2f}  {after:8.2f}"
-    off_deg, sd_deg = degrees(result.off_rad), degrees(result.sd_rad)
-    yield f"error in force up to {off_deg:.2f} deg; sd of the proposal up to {sd_deg:.2f} deg"
+        curves = (present, result.coefficients_rad)
+        present_deg, proposed_deg = (degrees(deviation_rad(curve, radians(heading_deg))) for curve in curves)
+        yield f"{heading_deg:7d}    {present_deg:8.2f}  {proposed_deg:8.2f}"
+    max_change_deg, sd_deg = degrees(result.off_rad), degrees(result.sd_rad)
+    yield f"error in force up to {max_change_deg:.2f} deg; sd of the proposal up to {sd_deg:.2f} deg"
     report = estimator.report()
     if report.residual_before_rad is not None and report.residual_after_rad is not None:
         before_deg, after_deg = degrees(report.residual_before_rad), degrees(report.residual_after_rad)
         yield f"rms residual {before_deg:.1f} deg in force, {after_deg:.1f} deg with the proposal"
     offset_deg, mounting_deg = estimator.parameters["CMP_OFFSET_DEG"], _mounting_deg(estimator, result)
     yield f"alignment: CMP_OFFSET_DEG {mounting_deg:.2f} (now {offset_deg:.2f}) acts like CMP_DEV_A; set only one"
-    yield from _LIMITS
+    yield from _NOTES
     if not result.ready:
         yield (
             f"not enough data: {deviation_filter.MIN_SECTORS} sectors and an sd of "

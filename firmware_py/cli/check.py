@@ -15,8 +15,8 @@ from firmware_py.cli.state_owner import state_directory_of
 from firmware_py.common.records import DeviceState, FixType, PositionSample
 from firmware_py.vehicle import Vehicle, VehicleError, load
 
-LISTEN_S = 3.0
-# Of a device. The first message is often cut: the port was opened within it.
+LISTEN_TIME_S = 3.0
+# Per device. The first message is often incomplete, since the port is opened at any time.
 MAX_BAD_MESSAGES, MAX_BAD_FRACTION = 2, 0.05
 
 
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         return print_error("check", error)
     worst = Level.PASS
     records = []
-    for finding in _findings(vehicle, directory, (*vehicle.link_urls, *arguments.link)):
+    for finding in _run_checks(vehicle, directory, (*vehicle.link_urls, *arguments.link)):
         worst = max(worst, finding.level, key=list(Level).index)
         if arguments.json:
             records.append(
@@ -58,11 +58,10 @@ def run(arguments: argparse.Namespace) -> int:
     return int(worst is Level.FAIL)
 
 
-def _findings(vehicle: Vehicle, directory: Path, urls: tuple[str, ...]) -> Iterator[Finding]:
-    parameters = preflight.parameters_in_force(
-        vehicle, directory, lambda _problem: None
-    )  # check_parameters reports them
-    return preflight.every(
+def _run_checks(vehicle: Vehicle, directory: Path, urls: tuple[str, ...]) -> Iterator[Finding]:
+    # check_parameters reports the problems.
+    parameters = preflight.parameters_in_force(vehicle, directory, lambda _problem: None)
+    return preflight.chain_checks(
         lambda: preflight.check_parameters(vehicle, directory),
         lambda: preflight.check_state(directory),
         lambda: preflight.check_storage(directory, parameters),
@@ -76,15 +75,16 @@ def _findings(vehicle: Vehicle, directory: Path, urls: tuple[str, ...]) -> Itera
 def _check_devices(vehicle: Vehicle) -> Iterator[Finding]:
     session = BenchSession(vehicle)
     try:
-        for _ in session.listen(LISTEN_S):
+        for _ in session.listen(LISTEN_TIME_S):
             pass
-        yield from map(_device_finding, session.devices)
+        yield from map(check_device, session.devices)
     finally:
         session.close()
 
 
-def _device_finding(device: BenchDevice) -> Finding:
-    where = f"{device.driver_name} on {device.port}"
+def check_device(device: BenchDevice) -> Finding:
+    """Return the finding of a device after listening to it."""
+    label = f"{device.driver_name} on {device.port}"
     health = device.health
 
     def finding(level: Level, text: str) -> Finding:
@@ -92,20 +92,19 @@ def _device_finding(device: BenchDevice) -> Finding:
 
     if device.error:
         return finding(Level.FAIL, device.error)
-    if device.role == "ais" and health is not None and not device.count and not health.rejected:
-        return finding(Level.WARN, f"{where}: no vessel received; check antenna and baud rate if vessels are near")
-    if not device.count or health is None:
+    if device.role == "ais" and health is not None and not device.sample_count and not health.rejected:
+        return finding(Level.WARN, f"{label}: no vessel received; check antenna and baud rate if vessels are near")
+    if not device.sample_count or health is None:
         state = health.text if health is not None else ""
-        return finding(Level.FAIL, f"{where}: {state or 'silent; check power, wiring and baud rate'}")
+        return finding(Level.FAIL, f"{label}: {state or 'silent; check power, wiring and baud rate'}")
     values = ", ".join(f"{name} {value}" for name, value in device.values().items() if value is not None)
-    text = f"{where}: {device.rate_hz() or 0.0:.1f} Hz, {values}"
+    text = f"{label}: {device.rate_hz() or 0.0:.1f} Hz, {values}"
     if health.state is not DeviceState.RUNNING:
         return finding(Level.FAIL, f"{text}; {health.text or health.state.name.lower()}")
     if health.rejected > health.accepted:
-        bad = f"{health.rejected} bad messages; check wiring and baud rate"
-        return finding(Level.FAIL, f"{text}; {bad}")
+        return finding(Level.FAIL, f"{text}; {health.rejected} bad messages; check wiring and baud rate")
     if health.rejected > max(MAX_BAD_MESSAGES, MAX_BAD_FRACTION * health.accepted):
         return finding(Level.WARN, f"{text}; {health.rejected} bad messages; check the wiring")
-    if isinstance(device.last, PositionSample) and device.last.fix is FixType.NONE:
+    if isinstance(device.last_sample, PositionSample) and device.last_sample.fix is FixType.NONE:
         return finding(Level.WARN, f"{text}; no fix yet; check that the antenna has a clear view of the sky")
     return finding(Level.PASS, text)

@@ -11,7 +11,7 @@ from firmware_py.devices import CAPTURE_FORMATS, decode
 from firmware_py.files.reading import read_regular
 from firmware_py.sensors.decode import format_text
 
-MAX_BYTES = 256 << 20  # several days of compass data
+MAX_BYTES = 256 << 20  # compass data of several days
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print one line for each result."""
+    """Print one line for each message or error of the capture."""
     try:
         data = read_regular(arguments.file, MAX_BYTES)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""params/MESSAGES.md: messages sent and received and commands accepted, from the tables and code of the link."""
+"""params/MESSAGES.md: messages sent and received, and commands accepted, from the tables and the code of the link."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ from firmware_py.link.telemetry.table import TABLE as TELEMETRY
 from firmware_py.link.telemetry.table import TelemetryRow
 from firmware_py.link.wire.dialect import mavlink
 
-_STREAMS = {
+_STREAM_NAMES = {
     value: name.removeprefix("MAV_DATA_STREAM_")
     for name, value in vars(mavlink).items()
     if name.startswith("MAV_DATA_STREAM_") and name != "MAV_DATA_STREAM_ENUM_END"
 }
+# Lower-case name of a message class -> its name.
+_CLASS_NAMES = {kind.__name__.lower(): kind.__name__ for kind in mavlink.mavlink_map.values()}
 
 
 class _NoAutopilot:
-    """A substitute for the autopilot, to list the messages that a link handles."""
+    """Substitute for the autopilot: an endpoint needs one to list the messages that it handles."""
 
     compass_swing = CompassSwing()
 
@@ -53,7 +55,7 @@ class _NoAutopilot:
 
 
 def markdown() -> str:
-    """Return the page."""
+    """Return the page as Markdown."""
     lines = [
         "# Messages and commands of the link",
         "",
@@ -64,11 +66,11 @@ def markdown() -> str:
         "By COMMAND_LONG and COMMAND_INT; others are acknowledged UNSUPPORTED. A refused command changes nothing;",
         "a STATUSTEXT gives the reason. A retry (confirmation above 0) or a duplicate is acknowledged, not repeated.",
         "",
-        *_table(("number", "MAV_CMD", "effect"), [(str(row.command), row.name, row.text) for row in COMMANDS]),
+        *_format_table(("number", "MAV_CMD", "effect"), [(str(row.command), row.name, row.text) for row in COMMANDS]),
         "",
         "## Modes",
         "",
-        *_table(("custom_mode", "name"), [(str(int(row.mode)), row.name) for row in MODES]),
+        *_format_table(("custom_mode", "name"), [(str(int(row.mode)), row.name) for row in MODES]),
         "",
         "## Telemetry",
         "",
@@ -76,29 +78,30 @@ def markdown() -> str:
         "satellite link. SET_MESSAGE_INTERVAL changes the rate on one link, and REQUEST_DATA_STREAM that of a stream",
         "(on a radio link up to the fast rates). A message without valid data (no fix, no heading) is not sent.",
         "",
-        *_table(("number", "message", "fast", "radio", "stream"), [_telemetry(row) for row in TELEMETRY]),
+        *_format_table(("number", "message", "fast", "radio", "stream"), [_telemetry_cells(row) for row in TELEMETRY]),
         "",
         "## Messages received",
         "",
-        *_table(("number", "message", "effect"), list(_received())),
+        *_format_table(("number", "message", "effect"), list(_received_messages())),
         "",
         "## Replies",
         "",
-        "Sent on request or on an event, besides telemetry: " + ", ".join(replies()) + ".",
+        "Sent on request or on an event, besides telemetry: " + ", ".join(list_replies()) + ".",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+def _format_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [f"| {' | '.join(row)} |" for row in (titles, ["---"] * len(titles), *rows)]
 
 
-def _telemetry(row: TelemetryRow) -> tuple[str, ...]:
-    stream = "" if row.stream is None else _STREAMS[row.stream]
+def _telemetry_cells(row: TelemetryRow) -> tuple[str, ...]:
+    stream = "" if row.stream is None else _STREAM_NAMES[row.stream]
     return (str(row.number), row.name, f"{row.fast_hz:g}", f"{row.radio_hz:g}", stream)
 
 
-def _received() -> Iterator[tuple[str, str, str]]:
+def _received_messages() -> Iterator[tuple[str, str, str]]:
+    """Yield number, name and effect of each message that an endpoint handles."""
     endpoint = Endpoint((), _NoAutopilot(), utc_s=lambda: 0.0, version=Version())
     for number, handler in sorted(endpoint.handlers.items()):
         service = getattr(handler, "__self__", None)
@@ -106,24 +109,21 @@ def _received() -> Iterator[tuple[str, str, str]]:
         yield str(number), mavlink.mavlink_map[number].msgname, text.strip().partition("\n")[0]
 
 
-def replies() -> list[str]:
-    """Return the names of the messages that the code of the link creates, except telemetry."""
+def list_replies() -> list[str]:
+    """Return the names of the messages that the code of the link constructs, except telemetry."""
     numbers: set[int] = set()
-    by_class = {kind.__name__: number for number, kind in mavlink.mavlink_map.items()}
+    number_of_class = {kind.__name__: number for number, kind in mavlink.mavlink_map.items()}
     for path in Path(*link.__path__).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Attribute) and node.attr.lower() in _LOWER:
-                numbers.add(by_class[_LOWER[node.attr.lower()]])
+            if isinstance(node, ast.Attribute) and node.attr.lower() in _CLASS_NAMES:
+                numbers.add(number_of_class[_CLASS_NAMES[node.attr.lower()]])
             elif isinstance(node, ast.Subscript) and ast.unparse(node.value) == "mavlink.mavlink_map":
-                numbers |= set(_numbers(node.slice))
+                numbers |= set(_integer_constants(node.slice))
     numbers -= {row.number for row in TELEMETRY}
-    return [f"{mavlink.mavlink_map[number].msgname}" for number in sorted(numbers)]
+    return [mavlink.mavlink_map[number].msgname for number in sorted(numbers)]
 
 
-_LOWER = {kind.__name__.lower(): kind.__name__ for kind in mavlink.mavlink_map.values()}
-
-
-def _numbers(node: ast.AST) -> Iterator[int]:
-    for part in ast.walk(node):
-        if isinstance(part, ast.Constant) and isinstance(part.value, int):
-            yield part.value
+def _integer_constants(node: ast.AST) -> Iterator[int]:
+    for child in ast.walk(node):
+        if isinstance(child, ast.Constant) and isinstance(child.value, int):
+            yield child.value

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Listen; return 1 if a device sent nothing."""
+    """Print the devices once a second; return 1 if a device sent nothing."""
     if arguments.seconds is not None and not 0.0 < arguments.seconds < 1e7:
         return print_error("listen", "--seconds must be a positive number of seconds")
     try:
@@ -32,15 +32,15 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         for poll, _ in enumerate(session.listen(arguments.seconds), start=1):
             if poll % POLLS_PER_PRINT == 0:
-                _print(session, as_json=arguments.json)
+                _print_devices(session, as_json=arguments.json)
     except KeyboardInterrupt:
         pass
     finally:
         session.close()
-    return 0 if all(device.count for device in session.devices) else 1
+    return 0 if all(device.sample_count for device in session.devices) else 1
 
 
-def _print(session: BenchSession, *, as_json: bool) -> None:
+def _print_devices(session: BenchSession, *, as_json: bool) -> None:
     for device in session.devices:
         record = device.record()
         print(json.dumps(record) if as_json else device_line(record), flush=True)

@@ -1,4 +1,4 @@
-"""Ticks of logs with the parameters in force and the arming state."""
+"""Read the ticks of logs, and track the parameters in force and the arming state."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from firmware_py.log.reader import LoggedTick, read_log
 
 
 def read_ticks(paths: Iterable[Path]) -> Iterator[LoggedTick]:
-    """Yield the ticks of all logs in order. Raise LogError with the name of the log."""
+    """Yield the ticks of all logs in order; raise LogError with the name of the log."""
     for path in paths:
         try:
             yield from read_log(path)
@@ -22,30 +22,30 @@ def read_ticks(paths: Iterable[Path]) -> Iterator[LoggedTick]:
             raise LogError(f"{path}: {error}") from error
 
 
-def with_parameters(ticks: Iterable[LoggedTick]) -> Iterator[tuple[LoggedTick, ParameterSet, bool]]:
-    """Yield each tick with the parameters in force and the arming state.
+def track_parameters(ticks: Iterable[LoggedTick]) -> Iterator[tuple[LoggedTick, ParameterSet, bool]]:
+    """Yield each tick with the parameters in force and whether the boat is armed.
 
-    Requests count as accepted, except for parameters that this version does not know. Raise ValueError for an
-    unreadable checkpoint.
+    Assume that the autopilot accepted every request; ignore parameters that this version does not know. Raise
+    ValueError for an unreadable checkpoint.
     """
-    parameters, armed = ParameterSet(), False
+    parameters, is_armed = ParameterSet(), False
     for tick in ticks:
         if tick.checkpoint is not None:
             try:
                 state = state_from_text(tick.checkpoint)[0]
             except ValueError as error:
                 raise ValueError(f"a checkpoint in the log cannot be read ({error})") from error
-            parameters, armed = state.parameters, state.modes.armed
+            parameters, is_armed = state.parameters, state.modes.armed
         for request in tick.inputs.requests:
             if isinstance(request.intent, SetParameter):
-                parameters = _with(parameters, request.intent)
+                parameters = _set_parameter(parameters, request.intent)
             elif isinstance(request.intent, Arm):
-                armed = request.intent.armed
-        yield tick, parameters, armed
+                is_armed = request.intent.armed
+        yield tick, parameters, is_armed
 
 
-def _with(parameters: ParameterSet, intent: SetParameter) -> ParameterSet:
+def _set_parameter(parameters: ParameterSet, intent: SetParameter) -> ParameterSet:
     try:
         return parameters.replaced(intent.name, intent.value)
-    except ParameterError:  # of another version
+    except ParameterError:  # a parameter of another version
         return parameters

@@ -8,7 +8,7 @@ from firmware_py.common.parameters import format_value
 
 
 def markdown() -> str:
-    """Return the page: a table of two columns for each group."""
+    """Return the page as Markdown, with a table for each group."""
     lines = [
         "# Parameters",
         "",
@@ -16,17 +16,18 @@ def markdown() -> str:
     ]
     for group in sorted(set(GROUPS.values())):
         lines += ["", f"## {group}", "", "| parameter | meaning |", "| --- | --- |"]
-        lines += [_line(row) for row in TABLE if GROUPS[row.name.split("_")[0]] == group]
+        lines += [_format_row(row) for row in TABLE if GROUPS[row.name.split("_")[0]] == group]
     return "\n".join(lines) + "\n"
 
 
-def _line(row: Parameter) -> str:
-    values = f"{format_value(row.default)} {row.unit}".rstrip()
+def _format_row(row: Parameter) -> str:
+    """Return the table row of a parameter."""
+    properties = f"{format_value(row.default)} {row.unit}".rstrip()
     text = row.text
     if row.choices:
         text += f"<br>Values: {row.allowed_values()}."
     else:
-        values += f"<br>{row.minimum:g} to {row.maximum:g}"
+        properties += f"<br>{row.minimum:g} to {row.maximum:g}"
     text += " Takes effect at the next start." if row.reboot else ""
     text += " Read-only." if row.read_only else ""
-    return f"| `{row.name}`<br>{values} | {text} |"
+    return f"| `{row.name}`<br>{properties} | {text} |"

@@ -17,8 +17,10 @@ from firmware_py.files.reading import read_text
 from firmware_py.link.parameters.files import parameter_json
 from firmware_py.vehicle import MAX_BYTES
 
-FINDING = 1  # exit code: errors in the file
-_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_]{{0,{2 * MAX_NAME_LENGTH}}}")  # a file name has a dot or a slash
+INVALID_FILE = 1  # exit code: errors in the file
+_PARAMETER_NAME = re.compile(
+    rf"[A-Za-z][A-Za-z0-9_]{{0,{2 * MAX_NAME_LENGTH}}}"
+)  # unlike a file name, without dot or slash
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,26 +48,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _qgc_file(values: Mapping[str, float]) -> str:
-    """Return the text of a QGroundControl parameter file."""
-    head = "# Onboard parameters for Vehicle 1\n#\n# Vehicle-Id Component-Id Name Value Type\n"
-    kinds = {name: int(TABLE[INDEX[name]].kind) for name in values}
-    return head + "".join(f"1\t1\t{name}\t{value:.18g}\t{kinds[name]}\n" for name, value in values.items())
+def format_qgc_file(values: Mapping[str, float]) -> str:
+    """Return the content of a QGroundControl parameter file."""
+    header = "# Onboard parameters for Vehicle 1\n#\n# Vehicle-Id Component-Id Name Value Type\n"
+    types = {name: int(TABLE[INDEX[name]].kind) for name in values}
+    return header + "".join(f"1\t1\t{name}\t{value:.18g}\t{types[name]}\n" for name, value in values.items())
 
 
-_FORMATS: Mapping[str, Callable[[Mapping[str, float]], str]] = {"plain": format_file, "qgc": _qgc_file}
+_FORMATS: Mapping[str, Callable[[Mapping[str, float]], str]] = {"plain": format_file, "qgc": format_qgc_file}
 
 
-def _messages() -> str:
-    # Imported here: the whole link.
-    from firmware_py.cli import link_page  # noqa: PLC0415
+def _messages_page() -> str:
+    from firmware_py.cli import link_page  # noqa: PLC0415 - it imports the whole link
 
     return link_page.markdown()
 
 
-def _texts() -> str:
-    # Imported here: the whole firmware.
-    from firmware_py.cli import text_page  # noqa: PLC0415
+def _texts_page() -> str:
+    from firmware_py.cli import text_page  # noqa: PLC0415 - it imports the whole firmware
 
     return text_page.markdown()
 
@@ -73,8 +73,8 @@ def _texts() -> str:
 _PAGES: Mapping[str, Callable[[], str]] = {
     "markdown": parameter_page.markdown,
     "faults": faults.markdown,
-    "messages": _messages,
-    "texts": _texts,
+    "messages": _messages_page,
+    "texts": _texts_page,
     "metadata": lambda: f"{parameter_json()}\n",
 }
 
@@ -96,18 +96,18 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             values = parse_file(read_text(arguments.file, MAX_BYTES), str(arguments.file))
         except FileNotFoundError as error:
-            if arguments.save is None and _NAME.fullmatch(str(arguments.file)):
+            if arguments.save is None and _PARAMETER_NAME.fullmatch(str(arguments.file)):
                 return _explain(str(arguments.file))
             return print_error("params", f"{arguments.file}: cannot be read: {error.strerror}")
         except OSError as error:
             return print_error("params", f"{arguments.file}: cannot be read: {error.strerror}")
         except ParameterError as error:
-            return print_error("params", error, FINDING)
-    return _report(arguments.file, values) if arguments.save is None else _save(arguments, values)
+            return print_error("params", error, INVALID_FILE)
+    return _print_changes(arguments.file, values) if arguments.save is None else _save(arguments, values)
 
 
 def _explain(name: str) -> int:
-    """Print a row of the table; for an unknown name, similar names."""
+    """Print the row of a parameter, or an error with similar names."""
     index = INDEX.get(name.upper())
     if index is None:
         return print_error("params", f"no parameter or file {name!r}; similar parameters: {', '.join(near(name))}")
@@ -125,7 +125,8 @@ def _explain(name: str) -> int:
     return 0
 
 
-def _report(path: Path, values: Mapping[str, float]) -> int:
+def _print_changes(path: Path, values: Mapping[str, float]) -> int:
+    """Print the values that differ from their defaults."""
     defaults = {row.name: row.default for row in TABLE}
     changed = {name: value for name, value in values.items() if value != defaults[name]}
     for name, value in changed.items():
@@ -135,7 +136,8 @@ def _report(path: Path, values: Mapping[str, float]) -> int:
 
 
 def _save(arguments: argparse.Namespace, values: Mapping[str, float]) -> int:
-    # A station that loads the file must not set read-only parameters.
+    """Write all parameters to a file: these values, and defaults for the others."""
+    # Without read-only parameters, which a ground station that loads the file must not set.
     rows = [row for row in TABLE if not row.read_only]
     written = {row.name: values.get(row.name, row.default) for row in rows}
     try:

@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         "load": _load,
         "show": _show,
         "save": _save,
-        "items": _items,
+        "items": _print_items,
     }[arguments.plan_command]
     try:
         command(arguments)
@@ -70,20 +70,20 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _items(_arguments: argparse.Namespace) -> None:
+def _print_items(_arguments: argparse.Namespace) -> None:
     print(markdown(), end="")
 
 
 def _read_plans(path: Path, *, home: bool) -> tuple[Plan, ...]:
-    """Read a plan file up to the size limit."""
+    """Read a plan file; raise PlanFileError for one that is unreadable, too large or invalid."""
     try:
         content = read_regular(path, MAX_BYTES)
     except OSError as error:
         raise PlanFileError(f"{path}: {error.strerror}; give a readable file") from None
-    return read_plan_file(content, str(path), home=home, note=_note)
+    return read_plan_file(content, str(path), home=home, note=_print_note)
 
 
-def _note(text: str) -> None:
+def _print_note(text: str) -> None:
     print(text, file=sys.stderr)
 
 
@@ -92,11 +92,11 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.json:
         _print_json(plans)
         return
-    outside = _warn_of_fence(arguments, arguments.file, Plans(), plans)
+    new_breaches = _warn_of_breaches(arguments, arguments.file, Plans(), plans)
     for plan in plans:
-        count = sum(breach.kind is plan.kind for breach in outside)
-        finding = f"{count} outside the fence" if count else "all valid"
-        print(f"{arguments.file}: {plan.kind.name.lower()}: {_count(plan)}, {finding}")
+        count = sum(breach.kind is plan.kind for breach in new_breaches)
+        verdict = f"{count} outside the fence" if count else "all valid"
+        print(f"{arguments.file}: {plan.kind.name.lower()}: {_count_text(plan)}, {verdict}")
 
 
 def _load(arguments: argparse.Namespace) -> None:
@@ -109,7 +109,7 @@ def _load(arguments: argparse.Namespace) -> None:
             store = Store(arguments.state)
         except StoreError as error:
             raise StoreError(f"{error}, or upload the plan with a ground station") from None
-        before = load_plans(store, lambda _: None)
+        previous = load_plans(store, lambda _: None)
         for plan in plans:
             store.save(PLAN_FILES[plan.kind], to_text(plan).encode())
         store.close()
@@ -118,9 +118,11 @@ def _load(arguments: argparse.Namespace) -> None:
     if store.failure:
         raise StoreError(f"state directory {arguments.state}: {store.failure}; free space and load it again")
     for plan in plans:
-        removed = len(before.of(plan.kind).items) if not plan.items else 0
-        print(f"{arguments.state}: {plan.kind.name.lower()}: {_count(plan)}" + f", {removed} removed" * bool(removed))
-    _warn_of_fence(arguments, arguments.state, before, plans)
+        removed = len(previous.of(plan.kind).items) if not plan.items else 0
+        print(
+            f"{arguments.state}: {plan.kind.name.lower()}: {_count_text(plan)}" + f", {removed} removed" * bool(removed)
+        )
+    _warn_of_breaches(arguments, arguments.state, previous, plans)
 
 
 def _show(arguments: argparse.Namespace) -> None:
@@ -130,10 +132,10 @@ def _show(arguments: argparse.Namespace) -> None:
         _print_json(plans)
         return
     for plan in plans:
-        print(f"{plan.kind.name.lower()}: {_count(plan)}" + (f", id {plan.identity:08x}" if plan.items else ""))
-        first = int(plan.kind is PlanKind.MISSION)  # home is item 0
-        for number, item in enumerate(plan.items, start=first):
-            print(_line(number, item, first))
+        print(f"{plan.kind.name.lower()}: {_count_text(plan)}" + (f", id {plan.identity:08x}" if plan.items else ""))
+        first_number = int(plan.kind is PlanKind.MISSION)  # home is item 0
+        for number, item in enumerate(plan.items, start=first_number):
+            print(_format_item(number, item, first_number))
 
 
 def _save(arguments: argparse.Namespace) -> None:
@@ -144,35 +146,36 @@ def _save(arguments: argparse.Namespace) -> None:
         arguments.file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise PlanFileError(f"{arguments.file}: {error.strerror}; give another file") from None
-    written = [plans.of(kind) for kind in PlanKind] if is_plan_file else [plans.of(KINDS[arguments.kind])]
-    for plan in written:
-        print(f"{arguments.file}: {plan.kind.name.lower()}: {_count(plan)}")
+    saved_plans = [plans.of(kind) for kind in PlanKind] if is_plan_file else [plans.of(KINDS[arguments.kind])]
+    for plan in saved_plans:
+        print(f"{arguments.file}: {plan.kind.name.lower()}: {_count_text(plan)}")
 
 
-# ------------------------------------------------------------------------------------ helpers
-
-
-def _warn_of_fence(arguments: argparse.Namespace, source: Path, before: Plans, plans: Iterable[Plan]) -> list[Breach]:
-    """Report and return the breaches of the fence that new plans would cause together with the present ones."""
+def _warn_of_breaches(
+    arguments: argparse.Namespace, source: Path, previous: Plans, plans: Iterable[Plan]
+) -> list[Breach]:
+    """Print and return the breaches of the fence after these plans replace the previous ones."""
     for plan in plans:
-        before = before.replaced(plan)
-    outside = [breach for breach in breaches(before) if breach is not None]
-    for breach in outside:
-        first = int(breach.kind is PlanKind.MISSION and not arguments.no_home)
-        _note(f"{source}: warning: {breach.message(first)}")
-    return outside
+        previous = previous.replaced(plan)
+    new_breaches = [breach for breach in breaches(previous) if breach is not None]
+    for breach in new_breaches:
+        first_number = int(breach.kind is PlanKind.MISSION and not arguments.no_home)
+        _print_note(f"{source}: warning: {breach.message(first_number)}")
+    return new_breaches
 
 
 def _stored_plans(directory: Path) -> Plans:
-    """Read the stored plans as the autopilot would; it may be running."""
+    """Read the stored plans as the next start would, also while an autopilot runs."""
     check_directory(directory)
     check_readable(directory)
     plans = Plans()
     for name in PLAN_FILES.values():
         stored = examine(directory, name)
         if stored.damage:
-            used = "no plan remains" if stored.content is None else "the other slot is used, perhaps an older plan"
-            print(f"{directory}: {stored.damage}: {used}", file=sys.stderr)
+            consequence = (
+                "no plan remains" if stored.content is None else "the other slot is used, perhaps an older plan"
+            )
+            print(f"{directory}: {stored.damage}: {consequence}", file=sys.stderr)
         if stored.content is None:
             continue
         try:
@@ -185,30 +188,30 @@ def _stored_plans(directory: Path) -> Plans:
     return plans
 
 
-def _count(plan: Plan) -> str:
+def _count_text(plan: Plan) -> str:
     return "1 item" if len(plan.items) == 1 else f"{len(plan.items)} items"
 
 
-def _name(item: PlanItem) -> str:
+def _item_name(item: PlanItem) -> str:
     row = ROWS.get(item.command)
     return str(item.command) if row is None else row.name
 
 
-def _line(number: int, item: PlanItem, first: int) -> str:
-    target = first if item.command == Command.JUMP else 0  # numbers as printed
-    params = " ".join(f"{value:g}" for value in (item.params[0] + target, *item.params[1:]))
-    place = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_place(item.command) else ""
-    return f"{number:>5}  {_name(item)}  {params}{place}"
+def _format_item(number: int, item: PlanItem, first_number: int) -> str:
+    offset = first_number if item.command == Command.JUMP else 0  # DO_JUMP: number of the target as printed
+    params = " ".join(f"{value:g}" for value in (item.params[0] + offset, *item.params[1:]))
+    position = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_place(item.command) else ""
+    return f"{number:>5}  {_item_name(item)}  {params}{position}"
 
 
 def _print_json(plans: Iterable[Plan]) -> None:
-    print(json.dumps({plan.kind.name.lower(): [_fields(item) for item in plan.items] for plan in plans}))
+    print(json.dumps({plan.kind.name.lower(): [item_fields(item) for item in plan.items] for plan in plans}))
 
 
-def _fields(item: PlanItem) -> Mapping[str, Any]:
-    """Return an item for JSON, with null for NaN."""
+def item_fields(item: PlanItem) -> Mapping[str, Any]:
+    """Return the fields of an item for JSON, with null for NaN."""
     params = [None if math.isnan(value) else value for value in item.params]
-    fields: dict[str, Any] = {"command": item.command, "name": _name(item), "frame": item.frame, "params": params}
+    fields: dict[str, Any] = {"command": item.command, "name": _item_name(item), "frame": item.frame, "params": params}
     fields["autocontinue"] = item.autocontinue
     if has_place(item.command):
         fields |= {"latitude_deg": round(item.x * 1e-7, 7), "longitude_deg": round(item.y * 1e-7, 7)}

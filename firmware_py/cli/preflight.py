@@ -16,7 +16,7 @@ import msgspec
 
 from firmware_py.assemble.devices import shared_port_warnings
 from firmware_py.assemble.wiring import vehicle_parameters
-from firmware_py.cli.state_owner import foreign_file, user_text
+from firmware_py.cli.state_owner import describe_user, find_foreign_files
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
@@ -46,13 +46,13 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.status_file import Freshness, find
 from firmware_py.vehicle import Vehicle
 
-MODEM_S, MODEM_STEP_S = 12.0, 0.05  # a lost first reply is repeated after ten seconds
+MAX_MODEM_REPLY_S, MODEM_POLL_S = 12.0, 0.05  # the modem driver repeats a request after ten seconds
 SLOW_SYNC_S, MAX_SYNC_S = 0.2, 1.0
-WRITE_BYTES = 4096
+TEST_WRITE_BYTES = 4096
 
 
 class Level(Enum):
-    """Severity of a finding. A WARN does not prevent a voyage; the operator should know of it."""
+    """Severity of a finding. WARN does not prevent a voyage, but the operator should know of it."""
 
     PASS = "pass"  # noqa: S105 - no password
     WARN = "warn"
@@ -60,7 +60,7 @@ class Level(Enum):
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One finding; `values` are added to the JSON output."""
+    """Result of a check; `values` are added to the JSON output."""
 
     level: Level
     subject: str
@@ -68,10 +68,10 @@ class Finding(msgspec.Struct, frozen=True):
     values: dict[str, Any] = msgspec.field(default_factory=dict)
 
 
-def parameters_in_force(vehicle: Vehicle, directory: Path, say: Callable[[str], None]) -> ParameterSet:
-    """Return the parameters of the next start; `say` receives the problems of stored ones."""
+def parameters_in_force(vehicle: Vehicle, directory: Path, report_problem: Callable[[str], None]) -> ParameterSet:
+    """Return the parameters of the next start; pass problems of stored parameters to `report_problem`."""
     parameters = vehicle_parameters(vehicle)
-    for name, value in load_parameters(StateFiles(directory), say)[0].items():
+    for name, value in load_parameters(StateFiles(directory), report_problem)[0].items():
         parameters = parameters.replaced(name, value)
     return parameters
 
@@ -89,7 +89,7 @@ def check_parameters(vehicle: Vehicle, directory: Path) -> Iterator[Finding]:
 
 
 def _check_loiter_radius(parameters: ParameterSet) -> Iterator[Finding]:
-    """Warn of a loiter circle that a boat with these model parameters leaves in a current."""
+    """Warn if a boat with these model parameters would leave the loiter circle in a current."""
     settings = TaskSettings.of(parameters)
     circle_m, min_radius_m = settings.station_radius_m, loiter_placement.min_radius_m(settings)
     if circle_m < min_radius_m:
@@ -99,22 +99,22 @@ def _check_loiter_radius(parameters: ParameterSet) -> Iterator[Finding]:
 
 def check_state(directory: Path) -> Iterator[Finding]:
     """Check the stored state, and whether an autopilot uses it now."""
-    found = find(directory, machine_s())
-    if found.freshness is Freshness.RUNNING:
+    status = find(directory, machine_s())
+    if status.freshness is Freshness.RUNNING:
         text = (
-            f"{directory} is used by an autopilot (process {found.content['pid']}), which has the ports; stop it first"
+            f"{directory} is used by an autopilot (process {status.content['pid']}), which has the ports; stop it first"
         )
         yield Finding(Level.WARN, "state", text)
     if not directory.is_dir():
-        if not os.path.lexists(directory):  # check_storage reports anything else in its place
+        if not os.path.lexists(directory):  # else check_storage reports the file
             yield Finding(Level.PASS, "state", f"{directory} will be created at the first start")
         return
     if not os.access(directory, os.R_OK | os.X_OK):
-        owner = user_text(directory.stat().st_uid)
+        owner = describe_user(directory.stat().st_uid)
         yield Finding(Level.FAIL, "state", f"{directory}: permission denied; run this as {owner}, or as root (sudo)")
         return
-    if foreign := foreign_file(directory):
-        yield Finding(Level.FAIL, "state", foreign)
+    if problem := find_foreign_files(directory):
+        yield Finding(Level.FAIL, "state", problem)
     files, problems = StateFiles(directory), list[str]()
     report_damage(files, problems.append)
     plans = load_plans(files, problems.append)
@@ -139,18 +139,20 @@ def check_state(directory: Path) -> Iterator[Finding]:
 def check_storage(directory: Path, parameters: ParameterSet) -> Iterator[Finding]:
     """Check the time of a write and the free space for logs.
 
-    If the directory does not exist, this writes to its parent: the user of this command need not be the user of the
-    autopilot, and would own the directory.
+    If the directory does not exist, this writes to its parent: a directory created here would belong to the user of
+    this command, who may be another user than that of the autopilot.
     """
-    place = next(path for path in (directory.absolute(), *directory.absolute().parents) if os.path.lexists(path))
+    existing_path = next(
+        path for path in (directory.absolute(), *directory.absolute().parents) if os.path.lexists(path)
+    )
     try:
-        with tempfile.NamedTemporaryFile(dir=place) as file:
-            begun_s = time.monotonic()
-            file.write(b"\0" * WRITE_BYTES)
+        with tempfile.NamedTemporaryFile(dir=existing_path) as file:
+            start_s = time.monotonic()
+            file.write(b"\0" * TEST_WRITE_BYTES)
             file.flush()
             os.fsync(file.fileno())
-            sync_s = time.monotonic() - begun_s
-        free_mb = shutil.disk_usage(place).free / 1e6
+            sync_s = time.monotonic() - start_s
+        free_mb = shutil.disk_usage(existing_path).free / 1e6
         logs = directory / LOG_DIRECTORY
         if logs.exists() and not logs.is_dir():
             yield Finding(Level.FAIL, "storage", f"{logs} is not a directory: no log can be written; move it away")
@@ -167,8 +169,8 @@ def check_storage(directory: Path, parameters: ParameterSet) -> Iterator[Finding
         level, text = Level.WARN, f"{text}; LOG_KEEP_MB {keep_mb:g} does not fit; the oldest logs are deleted earlier"
     yield Finding(level, "storage", text, {"free_mb": round(free_mb, 1), "logs_mb": round(logs_mb, 1)})
     level = Level.FAIL if sync_s > MAX_SYNC_S else Level.WARN if sync_s > SLOW_SYNC_S else Level.PASS
-    slow = "" if level is Level.PASS else "; acknowledgements are delayed; replace a slow or worn card"
-    yield Finding(level, "storage", f"4 kB written in {1e3 * sync_s:.1f} ms{slow}", {"sync_s": round(sync_s, 4)})
+    remedy = "" if level is Level.PASS else "; acknowledgements are delayed; replace a slow or worn card"
+    yield Finding(level, "storage", f"4 kB written in {1e3 * sync_s:.1f} ms{remedy}", {"sync_s": round(sync_s, 4)})
 
 
 def check_clocks() -> Iterator[Finding]:
@@ -201,66 +203,67 @@ def check_priority() -> Iterator[Finding]:
 
 def check_links(urls: Sequence[str], directory: Path) -> Iterator[Finding]:
     """Open all links as the autopilot would, and report those that accept commands from anyone."""
-    signing = Signing(time.time, _keep_nothing)
+    signing = Signing(time.time, _ignore_key)
     signing.restore(StateFiles(directory).examine(SIGNING_FILE))
     gate = Gate(signing)
     if not urls:
         yield Finding(Level.WARN, "links", "none: no ground station can connect; add some to [link] urls")
-    with ExitStack() as opened:
+    with ExitStack() as exit_stack:
         for url in urls:
-            yield from _check_link(url, gate, opened)
+            yield from _check_link(url, gate, exit_stack)
 
 
-def _keep_nothing(content: bytes, *, both_slots: bool = False) -> None:
-    """Ignore a change: this command writes no key."""
+def _ignore_key(content: bytes, *, both_slots: bool = False) -> None:
+    """Store nothing, since this command changes no key."""
 
 
-def _check_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
-    shared: list[Finding] = []
+def _check_link(url: str, gate: Gate, exit_stack: ExitStack) -> Iterator[Finding]:
+    """Open a link, which `exit_stack` closes, and report its problems."""
+    port_findings: list[Finding] = []
 
     def open_line(path: str, baud: int) -> SerialPort:
         line = SerialPort(path, baud)
         line.open()
-        opened.callback(line.close)
-        shared.extend(Finding(Level.FAIL, "links", text, {"url": url}) for text in shared_port_warnings([line]))
+        exit_stack.callback(line.close)
+        port_findings.extend(Finding(Level.FAIL, "links", text, {"url": url}) for text in shared_port_warnings([line]))
         return line
 
     try:
         if url.startswith(NMEA):
-            opened.callback(open_output(url, open_line).close)
-            yield from shared
+            exit_stack.callback(open_output(url, open_line).close)
+            yield from port_findings
             yield Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
             return
         transport = open_transport(url, open_line)
     except (LinkError, PortError) as error:
         yield Finding(Level.FAIL, "links", str(error), {"url": url})
         return
-    opened.callback(transport.close)
-    yield from shared
+    exit_stack.callback(transport.close)
+    yield from port_findings
     if isinstance(transport, Satellite):
         yield _check_modem(url, transport)
     if is_open_to_anyone(gate, transport):
-        other = "" if isinstance(transport, Satellite) else " or listen on 127.0.0.1"
-        text = f"{url}: accepts commands from anyone; set a key (`rambler key set`){other}"
+        alternative = "" if isinstance(transport, Satellite) else " or listen on 127.0.0.1"
+        text = f"{url}: accepts commands from anyone; set a key (`rambler key set`){alternative}"
         yield Finding(Level.WARN, "links", text, {"url": url})
     elif not isinstance(transport, Satellite):
         yield Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
 
 
 def _check_modem(url: str, transport: MessageTransport) -> Finding:
-    """Wait for the modem's serial number, its first reply."""
-    end_s = machine_s() + MODEM_S
+    """Wait for the serial number of the modem, which it sends in its first reply."""
+    end_s = machine_s() + MAX_MODEM_REPLY_S
     while (now_s := machine_s()) < end_s:
         transport.poll(now_s)
         transport.receive(transport.descriptors()[0])
         if imei := transport.satellite_status(now_s).imei:
             return Finding(Level.PASS, "links", f"{url}: modem {imei} answers", {"url": url, "imei": imei})
-        time.sleep(MODEM_STEP_S)
+        time.sleep(MODEM_POLL_S)
     text = f"{url}: no modem answers; check its power, wiring and baud rate"
     return Finding(Level.FAIL, "links", text, {"url": url})
 
 
-def every(*checks: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+def chain_checks(*checks: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
     """Yield the findings of all checks as they arrive."""
     for check in checks:
         yield from check()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 from firmware_py import ROOT, commit_of, version_text
+from firmware_py.cli.errors import print_error
 from firmware_py.core.state_codec import state_from_text
 from firmware_py.core.step import step
 from firmware_py.log.dataflash import LogError
@@ -21,26 +21,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return 0 if every rudder command is bit-identical, else 1."""
+    """Return 0 if every rudder command is bit-identical, 1 if not, 2 for a log that cannot be replayed."""
     try:
         report = replay_log(arguments.log, state_from_text, step)
     except LogError as error:
-        return _refused(str(error))
+        return _print_error(str(error))
     except Exception as error:  # noqa: BLE001 - one line, whatever the file contains
-        return _refused(f"{arguments.log}: cannot be read ({type(error).__name__}: {error})")
-    if arguments.json:
-        print(json.dumps(report.as_dict()))
-    else:
-        print(_text(report))
+        return _print_error(f"{arguments.log}: cannot be read ({type(error).__name__}: {error})")
+    print(json.dumps(report.as_dict()) if arguments.json else _format_report(report))
     return 0 if report.identical else 1
 
 
-def _refused(reason: str) -> int:
-    print(f"rambler replay: {' '.join(reason.split())}", file=sys.stderr)
-    return 2
+def _print_error(reason: str) -> int:
+    """Print a reason, which may contain line breaks, as one line."""
+    return print_error("replay", " ".join(reason.split()))
 
 
-def _text(report: ReplayReport) -> str:
+def _format_report(report: ReplayReport) -> str:
     reading = report.reading
     lines = [f"{report.ticks} ticks, {report.compared} recomputed"]
     if report.gaps:
@@ -50,19 +47,19 @@ def _text(report: ReplayReport) -> str:
     if reading.tail_bytes:
         lines.append(f"the last tick is incomplete: {reading.tail_bytes} bytes ignored")
     lines += [f"note: {note}" for note in reading.notes]
-    if (first := report.first_difference) is not None:
+    if (difference := report.first_difference) is not None:
         lines.append(
             f"{report.differences} commands differ, by up to {report.largest_rad:.2g} rad; the first at tick "
-            f"{first.tick} ({first.t_s:.3f} s): logged {first.logged.shaft_rad!r} rad, "
-            f"recomputed {first.recomputed.shaft_rad!r} rad"
+            f"{difference.tick} ({difference.t_s:.3f} s): logged {difference.logged.shaft_rad!r} rad, "
+            f"recomputed {difference.recomputed.shaft_rad!r} rad"
         )
-        lines += _other_version(reading.software)
+        lines += _version_note(reading.software)
     lines.append("every rudder command is bit-identical" if report.identical else "NOT identical")
     return "\n".join(lines)
 
 
-def _other_version(software: str) -> list[str]:
-    """Return a note if another version wrote the log: a difference is then expected."""
+def _version_note(software: str) -> list[str]:
+    """Return a note if another version wrote the log, since a difference is then expected."""
     own = version_text("rambler", commit_of(ROOT))
     if software == own:
         return []

@@ -1,4 +1,4 @@
-"""`rambler report`: a page of the boat's logs, written by `rambler-hil report` (without the extra [hil])."""
+"""`rambler report`: write a page of logs with `rambler-hil report`; works without the extra [hil]."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import sys
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("places", metavar="LOG|STATE", nargs="+", help="onboard logs, or a state directory")
+    parser.add_argument("paths", metavar="LOG|STATE", nargs="+", help="onboard logs, or a state directory")
     parser.add_argument("--out", metavar="FILE", help="output file (default: report.html)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return the exit code of `rambler-hil report`; 0 when the page is written."""
-    words = [] if arguments.out is None else ["--out", arguments.out]
-    # A process, since the firmware does not import the harness.
+    """Return the exit code of `rambler-hil report`: 0 if the page is written."""
+    options = [] if arguments.out is None else ["--out", arguments.out]
+    # As a process, since the firmware must not import the harness.
     process = subprocess.run(  # noqa: S603 - fixed arguments and paths
-        [sys.executable, "-m", "hil", "report", *words, "--", *arguments.places],
+        [sys.executable, "-m", "hil", "report", *options, "--", *arguments.paths],
         check=False,
         stderr=subprocess.PIPE,
         text=True,

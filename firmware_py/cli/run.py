@@ -30,9 +30,9 @@ from firmware_py.system.signals import Signals
 from firmware_py.system.watchdogs import WatchdogError
 from firmware_py.vehicle import VehicleError, load
 
-RETRY_DELAY_S = 5.0  # of a failed start under a service manager
-CLOSE_S = 2.0  # for closing everything except a stuck part
-SHUT_DOWN = 10  # exit code after a shut-down command: a supervisor should not restart the autopilot
+RETRY_DELAY_S = 5.0  # from a failed start to the exit, under a service manager
+MAX_CLOSE_S = 2.0  # for closing everything that is not stuck
+EXIT_SHUT_DOWN = 10  # exit code after a shut-down command; the service manager does not restart the autopilot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--lockstep", metavar="SOCKET", help=argparse.SUPPRESS)
     parser.add_argument("--status", action="store_true", help=argparse.SUPPRESS)
-    # For the harness: exit with the parent process, which owns the simulated ports.
+    # For the harness: exit when the parent process ends, which owns the simulated ports.
     parser.add_argument("--with-parent", metavar="PID", type=int, help=argparse.SUPPRESS)
 
 
@@ -71,8 +71,8 @@ def default_state_directory(name: str) -> Path:
     try:
         if not root.is_absolute():
             if root.parts:
-                ignored = f"XDG_STATE_HOME={root} is not absolute and is ignored"
-                print(f"rambler: {ignored}; give an absolute path, or --state", file=sys.stderr)
+                text = f"XDG_STATE_HOME={root} is not absolute and is ignored; give an absolute path, or --state"
+                print(f"rambler: {text}", file=sys.stderr)
             root = Path.home() / ".local" / "state"
     except RuntimeError:
         raise VehicleError("no home directory for the state; give a directory with --state") from None
@@ -81,7 +81,7 @@ def default_state_directory(name: str) -> Path:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run until a signal or a shut-down command; a restart command replaces the process."""
-    # Signals are handled before any port is opened, so that the rudder is made safe in every case.
+    # Signals are handled before a port is opened, so that a signal always makes the rudder safe.
     with exact_modes(), Signals() as signals:
         if arguments.with_parent is not None and not realtime.end_with_parent(arguments.with_parent):
             return 0
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
                 lockstep=arguments.lockstep,
                 status=arguments.status,
                 runtime=runtime_directory(os.environ),
-                # The GPS of the harness shows simulated time.
+                # The GPS of the harness sends simulated time.
                 may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
             )
             _check_owner(options)
@@ -105,18 +105,18 @@ def run(arguments: argparse.Namespace) -> int:
             _delay_exit(str(error), signals)
             return code
         assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
-        code = _steer(assembly, supervision, signals, real_time=arguments.lockstep is None)
+        code = _run_loop(assembly, supervision, signals, real_time=arguments.lockstep is None)
         restart = assembly.parts.autopilot.restart
         if code != 0 or restart is None or signals.stopping:
             return code
         if not restart.shutdown:
             signals.hold()
             realtime.restart_program()
-        return SHUT_DOWN
+        return EXIT_SHUT_DOWN
 
 
 def _check_owner(options: Options) -> None:
-    """Raise StoreError if root uses the state of another user, who could not use files written by root.
+    """Raise StoreError if root uses the state of another user, who could not read files written by root.
 
     With --wait, as in a service, the autopilot starts in any case.
     """
@@ -126,14 +126,14 @@ def _check_owner(options: Options) -> None:
         return  # it will be created, or opening it reports the error
     if options.wait or os.geteuid() != 0 or owner_uid == 0:
         return
-    from firmware_py.cli.state_owner import user_text  # noqa: PLC0415 - it imports this module
+    from firmware_py.cli.state_owner import describe_user  # noqa: PLC0415 - it imports this module
 
-    owner = user_text(owner_uid)
+    owner = describe_user(owner_uid)
     raise StoreError(f"state directory {options.state_directory} belongs to {owner}; run this as that user (sudo -u)")
 
 
 def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:
-    """Start the watchdogs; close the assembly if one fails."""
+    """Start the watchdogs; close the assembly and raise WatchdogError if one fails."""
     try:
         return Supervision(
             assembly.parts,
@@ -148,18 +148,19 @@ def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision
         raise
 
 
-def _delay_exit(why: str, signals: Signals) -> None:
-    """Delay the exit under a service manager, which would restart the program at once and forever."""
+def _delay_exit(reason: str, signals: Signals) -> None:
+    """Delay the exit under a service manager, which would otherwise restart the program in a fast loop."""
     manager = ServiceManager(os.environ)
     end_s = time.monotonic() + (RETRY_DELAY_S if manager.present else 0.0)
-    manager.notify_status(why)
+    manager.notify_status(reason)
     while time.monotonic() < end_s and not signals.stopping:
         time.sleep(0.1)
 
 
-def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, real_time: bool) -> int:
+def _run_loop(assembly: Assembly, supervision: Supervision, signals: Signals, *, real_time: bool) -> int:
+    """Run the control loop until it ends; return the exit code. The rudder is then safe and everything closed."""
     assembly.parts.signal_events = signals.take_events
-    # After all threads have started: the others run at lower priority, the files thread at ordinary priority.
+    # After all threads have started, since it also sets their priorities.
     for refusal in realtime.prepare(ordinary=(FILES_THREAD,), real_time=real_time):
         assembly.console.line(refusal)
     try:
@@ -167,7 +168,7 @@ def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, re
     except StuckError as error:
         supervision.end_with_error(str(error))
         assembly.console.line(f"rambler run: {error}; rudder safe, restarting")
-        _leave(assembly)
+        _exit_stuck(assembly)
     except ClockError as error:
         assembly.console.line(f"rambler run: {error}")
         return 0 if signals.stopping else 1
@@ -184,9 +185,9 @@ def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, re
         assembly.close()
 
 
-def _leave(assembly: Assembly) -> NoReturn:
-    """End the process although a part of it is stuck; close the rest within CLOSE_S."""
-    closing = threading.Thread(target=assembly.close, daemon=True)
-    closing.start()
-    closing.join(CLOSE_S)
+def _exit_stuck(assembly: Assembly) -> NoReturn:
+    """End the process although a thread is stuck; close the rest within MAX_CLOSE_S."""
+    thread = threading.Thread(target=assembly.close, daemon=True)
+    thread.start()
+    thread.join(MAX_CLOSE_S)
     os._exit(EXIT_STUCK)

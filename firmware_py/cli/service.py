@@ -26,15 +26,17 @@ _PROPERTIES: Mapping[str, str] = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     commands = parser.add_subparsers(dest="service_command", metavar="WHAT", required=True)
-    show = commands.add_parser("print", help="print the files that install would write, with their paths")
-    put = commands.add_parser(
+    print_parser = commands.add_parser("print", help="print the files that install would write, with their paths")
+    install_parser = commands.add_parser(
         "install", help="write the files, create the user and enable the service; does not start it"
     )
-    status = commands.add_parser(
+    status_parser = commands.add_parser(
         "status", help="show whether the service is installed, enabled and running; exit code 0 if it runs"
     )
-    take = commands.add_parser("remove", help="stop the service and remove its files; keeps the state directory")
-    for command in (show, put):
+    remove_parser = commands.add_parser(
+        "remove", help="stop the service and remove its files; keeps the state directory"
+    )
+    for command in (print_parser, install_parser):
         command.add_argument(
             "vehicle", metavar="VEHICLE.toml", type=Path, help="vehicle file, such as /etc/rambler/boat.toml"
         )
@@ -55,17 +57,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--view-token", metavar="FILE", type=Path, help="token file for --view (see rambler view --token)"
         )
         command.add_argument("--program", metavar="FILE", type=Path, help="program to run (default: this one)")
-    for command in (put, take):
+    for command in (install_parser, remove_parser):
         command.add_argument(
             "--root", metavar="DIR", type=Path, default=Path("/"), help="root directory of a system image (default: /)"
         )
-    status.add_argument("--json", action="store_true", help="print JSON")
+    status_parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a subcommand; return 2 with one line on standard error if it fails."""
     command: Callable[[argparse.Namespace], int] = {
-        "print": _print, "install": _install, "status": _status, "remove": _remove,
+        "print": _print_files, "install": _install, "status": _print_status, "remove": _remove,
     }[arguments.service_command]  # fmt: skip
     try:
         return command(arguments)
@@ -74,8 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
 
 
-def _print(arguments: argparse.Namespace) -> int:
-    for file in service_files(_service_of(arguments)):
+def _print_files(arguments: argparse.Namespace) -> int:
+    for file in service_files(_make_service(arguments)):
         print(f"# {file.path}\n{file.text}")
     return 0
 
@@ -83,7 +85,7 @@ def _print(arguments: argparse.Namespace) -> int:
 def _install(arguments: argparse.Namespace) -> int:
     _check_root(arguments.root)
     load(arguments.root / str(arguments.vehicle).lstrip("/") if arguments.root != Path("/") else arguments.vehicle)
-    service = _service_of(arguments)
+    service = _make_service(arguments)
     check(service, arguments.root)
     install(service, arguments.root, print)
     names = NAME if service.page is None else f"{NAME} {PAGE}"
@@ -97,7 +99,7 @@ def _remove(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _status(arguments: argparse.Namespace) -> int:
+def _print_status(arguments: argparse.Namespace) -> int:
     text = run_program(["systemctl", "show", NAME, "--property", ",".join(_PROPERTIES)])
     values = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
     status = {key: values.get(name, "") for name, key in _PROPERTIES.items()}
@@ -113,15 +115,19 @@ def _status(arguments: argparse.Namespace) -> int:
     return 0 if status["active"] == "active" else 1
 
 
-def _service_of(arguments: argparse.Namespace) -> Service:
-    program = _program() if arguments.program is None else (str(_absolute(arguments.program)),)
+def _make_service(arguments: argparse.Namespace) -> Service:
+    program = _find_program() if arguments.program is None else (str(_absolute_path(arguments.program)),)
     return Service(
-        program, _absolute(arguments.vehicle), _absolute(arguments.state), arguments.watchdog, _page_of(arguments)
+        program,
+        _absolute_path(arguments.vehicle),
+        _absolute_path(arguments.state),
+        arguments.watchdog,
+        _make_page(arguments),
     )
 
 
-def _page_of(arguments: argparse.Namespace) -> Page | None:
-    token = None if arguments.view_token is None else _absolute(arguments.view_token)
+def _make_page(arguments: argparse.Namespace) -> Page | None:
+    token = None if arguments.view_token is None else _absolute_path(arguments.view_token)
     if arguments.view is None:
         if token is not None:
             raise InstallError("--view-token needs --view")
@@ -133,19 +139,20 @@ def _page_of(arguments: argparse.Namespace) -> Page | None:
     return Page(arguments.view, token)
 
 
-def _program() -> tuple[str, ...]:
-    """Return the command of this program without following links, which an update changes."""
+def _find_program() -> tuple[str, ...]:
+    """Return the command that runs this program. Links are not resolved, since an update changes them."""
     script = shutil.which(sys.argv[0])
     if script is not None and Path(script).name == NAME:
         return (os.path.abspath(script),)  # noqa: PTH100 - resolve() would follow links
     return (sys.executable, "-m", "firmware_py")
 
 
-def _absolute(path: Path) -> Path:
+def _absolute_path(path: Path) -> Path:
     return Path(os.path.abspath(path))  # noqa: PTH100 - resolve() would follow links
 
 
 def _check_root(root: Path) -> None:
+    """Raise InstallError if this user may not change the system or the directory is missing."""
     if root == Path("/") and not may_change_system():
         raise InstallError("this changes the system; run it as root (sudo)")
     if not root.is_dir():

@@ -1,6 +1,6 @@
-"""`rambler state`: export the state of an autopilot to one file, and import it into that of a stopped one.
+"""`rambler state`: export the state of an autopilot to one file, and replace that of a stopped autopilot by the file.
 
-The file contains the key only with --with-key; without it the import keeps the key of the directory.
+The file contains the signing key only with --with-key. Without it, the import keeps the key of the directory.
 """
 
 from __future__ import annotations
@@ -46,28 +46,28 @@ from firmware_py.system.state_export import MAX_EXPORT_BYTES, BrokenExportError,
 from firmware_py.system.store import Store
 
 # Decoders of the records; they return notes and raise ValueError.
-_RECORDS: Final[Mapping[str, Callable[[bytes], tuple[object, tuple[str, ...]]]]] = {
+DECODERS: Final[Mapping[str, Callable[[bytes], tuple[object, tuple[str, ...]]]]] = {
     ENDINGS_FILE: endings_from_bytes,
     RESUME_FILE: resume_from_bytes,
     SATELLITE_FILE: satellite_from_bytes,
 }
-FINDING = 1  # exit code: exported, but a file was damaged
-_Say = Callable[[str], None]
+DAMAGED_FILE = 1  # exit code: exported, but a file was damaged
+_Warn = Callable[[str], None]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     commands = parser.add_subparsers(dest="state_command", metavar="WHAT", required=True)
-    out = commands.add_parser(
+    export_parser = commands.add_parser(
         "export", help="write parameters, plans, mode and goal to one file; the autopilot may be running"
     )
-    into = commands.add_parser("import", help="replace the state of a stopped autopilot by such a file")
-    out.add_argument("file", metavar="FILE", type=Path, help="output file; an existing one is replaced")
-    into.add_argument("file", metavar="FILE", type=Path, help="file written by `rambler state export`")
-    out.add_argument(
+    import_parser = commands.add_parser("import", help="replace the state of a stopped autopilot by such a file")
+    export_parser.add_argument("file", metavar="FILE", type=Path, help="output file; an existing one is replaced")
+    import_parser.add_argument("file", metavar="FILE", type=Path, help="file written by `rambler state export`")
+    export_parser.add_argument(
         "--with-key", action="store_true", help="include the signing key: anyone with the file can command the boat"
     )
-    for command in (out, into):
+    for command in (export_parser, import_parser):
         command.add_argument("--state", metavar="DIR", type=Path, required=True, help="state directory")
         command.add_argument("--json", action="store_true", help="print JSON")
 
@@ -120,21 +120,19 @@ def _export(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise StoreError(f"{arguments.file}: cannot be written: {error.strerror}") from None
     sizes = {name: "nothing" if content is None else f"{len(content)} bytes" for name, content in files.items()}
-    _report(arguments, sizes)
-    return FINDING if damaged else 0
+    _print_files(arguments, sizes)
+    return DAMAGED_FILE if damaged else 0
 
 
 def _check_key(directory: Path, stored: Stored) -> None:
     """Raise StoreError for a key that cannot be read."""
-    finding = find_key(stored)
-    if finding.state is KeyState.LOST:
-        raise StoreError(
-            f"state directory {directory}: {finding.problem}; run this as its owner, or without --with-key"
-        )
+    key = find_key(stored)
+    if key.state is KeyState.LOST:
+        raise StoreError(f"state directory {directory}: {key.problem}; run this as its owner, or without --with-key")
 
 
 def _without_current_run(content: bytes | None) -> bytes | None:
-    """Return the record of endings without the current run, which does not end on the other computer."""
+    """Remove the current run from the record of endings, since it does not end on the other computer."""
     if content is None:
         return None
     try:
@@ -151,7 +149,7 @@ def _without_current_run(content: bytes | None) -> bytes | None:
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    """Replace the state by a file; one rename commits all of it, even if the rest is interrupted."""
+    """Replace the state by a file. One rename commits the import; an interruption after it does no harm."""
     directory = arguments.state
     check_owner(directory)
     try:
@@ -160,91 +158,92 @@ def _import(arguments: argparse.Namespace) -> int:
         raise StoreError(f"{arguments.file}: cannot be read: {error.strerror}") from None
     for name in sorted(export.files.keys() - set(STATE_NAMES)):
         _warn(f"{arguments.file}: {name} ignored: written by another version")
-    _check_contents(export, _warn)
-    before = {name: examine(directory, name).content for name in STATE_NAMES}
-    wanted = _begin_import(directory, export)
+    check_contents(export, _warn)
+    previous = {name: examine(directory, name).content for name in STATE_NAMES}
+    new_files = _begin_import(directory, export)
     try:
         with exact_modes():
-            store = Store(directory)  # copies the import into the slots; if this is killed, the autopilot does it
+            store = Store(directory)  # copies the import into the slots; after an interruption the next start does
             store.close()
     except StoreError as error:
         raise StoreError(f"{error}; the import is complete and takes effect at the next start") from None
     if store.start_problem:
         raise StoreError(store.start_problem)
-    changes = {name: _change(before[name], wanted[name]) for name in wanted}
-    _report(arguments, {SIGNING_FILE: "not in the file, unchanged", **changes})
+    changes = {name: _describe_change(previous[name], new_files[name]) for name in new_files}
+    _print_files(arguments, {SIGNING_FILE: "not in the file, unchanged", **changes})
     return 0
 
 
 def _begin_import(directory: Path, export: Export) -> Mapping[str, bytes | None]:
-    """Commit the import and return its files. Raise StoreError if nothing was imported."""
+    """Commit the import and return its files; raise StoreError if nothing was imported."""
     lock = DirectoryLock(directory)
     lock.acquire(strict=True)
     try:
-        wanted = {name: export.files.get(name) for name in STATE_NAMES if name != SIGNING_FILE}
+        new_files = {name: export.files.get(name) for name in STATE_NAMES if name != SIGNING_FILE}
         if export.files.get(SIGNING_FILE):
-            wanted[SIGNING_FILE] = _key_in_force(export, stored_key(directory))
+            new_files[SIGNING_FILE] = _renew_key(export, stored_key(directory))
         with exact_modes():
-            begin_import(directory, Export(wanted, export.about))
+            begin_import(directory, Export(new_files, export.about))
     except OSError as error:
         raise StoreError(f"state directory {directory}: nothing was imported: {error.strerror}") from None
     finally:
         lock.release()
-    return wanted
+    return new_files
 
 
-def _check_contents(export: Export, say: _Say) -> None:
-    """Raise BrokenExportError for files that the next start could not use; `say` receives the notes."""
+def check_contents(export: Export, warn: _Warn) -> None:
+    """Raise BrokenExportError for files that the next start could not use; pass notes to `warn`."""
     for kind, name in PLAN_FILES.items():
         if (content := export.content(name)) is not None:
-            with _usable(name):
+            with _reject_errors(name):
                 for note in checked_plan(kind, content.decode("ascii", "replace"))[1]:
-                    say(f"{name}: {note}")
-    read_parameters(export.content(PARAMETER_FILE), say)
-    for name, read in _RECORDS.items():
+                    warn(f"{name}: {note}")
+    read_parameters(export.content(PARAMETER_FILE), warn)
+    for name, read in DECODERS.items():
         if (content := export.content(name)) is not None:
-            with _usable(name):
+            with _reject_errors(name):
                 for note in read(content)[1]:
-                    say(f"{name}: {note}")
+                    warn(f"{name}: {note}")
     key = export.content(SIGNING_FILE)
     if key is not None and find_key(Stored(key)).state is not KeyState.PRESENT:
         raise BrokenExportError(f"cannot be used: {SIGNING_FILE}: not a signing key; nothing was imported")
 
 
 @contextlib.contextmanager
-def _usable(name: str) -> Iterator[None]:
+def _reject_errors(name: str) -> Iterator[None]:
+    """Raise BrokenExportError if the decoder of this file raises an error."""
     try:
         yield
     except (ValueError, RecursionError) as error:
         raise BrokenExportError(f"cannot be used: {name}: {error}; nothing was imported") from None
 
 
-def _key_in_force(export: Export, present: Stored) -> bytes:
-    """Return the key with current timestamps, so that frames signed earlier are not accepted again."""
+def _renew_key(export: Export, stored: Stored) -> bytes:
+    """Return the record of the key with present timestamps, so that frames signed earlier are not accepted again."""
     record = find_key(Stored(export.content(SIGNING_FILE))).record
-    saved: list[bytes] = []
+    saved_contents: list[bytes] = []
 
     def save(content: bytes, *, both_slots: bool = False) -> None:
         del both_slots  # an import is written to both slots
-        saved.append(content)
+        saved_contents.append(content)
 
     signing = Signing(time.time, save)
-    signing.restore(present)
+    signing.restore(stored)
     if record is None or not signing.set_key(record.key, max(record.timestamp, timestamp_of(time.time()))):
         raise BrokenExportError(f"cannot be used: {SIGNING_FILE}: its timestamp is out of range")
-    return saved[-1]
+    return saved_contents[-1]
 
 
-def _change(before: bytes | None, after: bytes | None) -> str:
-    if after is None:
-        return "nothing" if before is None else f"nothing, instead of {len(before)} bytes"
-    size = f"{len(after)} bytes"
-    if before is None:
+def _describe_change(previous: bytes | None, new: bytes | None) -> str:
+    if new is None:
+        return "nothing" if previous is None else f"nothing, instead of {len(previous)} bytes"
+    size = f"{len(new)} bytes"
+    if previous is None:
         return size
-    return f"{size}, as before" if before == after else f"{size}, instead of {len(before)}"
+    return f"{size}, as before" if previous == new else f"{size}, instead of {len(previous)}"
 
 
-def _report(arguments: argparse.Namespace, texts: Mapping[str, str]) -> None:
+def _print_files(arguments: argparse.Namespace, texts: Mapping[str, str]) -> None:
     if arguments.json:
         print(json.dumps({"file": str(arguments.file), "state": str(arguments.state), "names": texts}))
         return

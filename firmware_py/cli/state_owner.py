@@ -1,4 +1,4 @@
-"""Location and owner of a state directory: that of the service, or of a user."""
+"""Location and owner of the state directory of the service, or of a user."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from firmware_py.vehicle import Vehicle
 
 
 def state_directory_of(file: Path, vehicle: Vehicle) -> Path:
-    """Return the state directory of a vehicle file: that of its service, else the default of `rambler run`."""
+    """Return the state directory of the service with this vehicle file, else the default of `rambler run`."""
     try:
         service = installation_of(UNIT)
     except UpdateError:  # not installed
@@ -29,16 +29,16 @@ def check_directory(directory: Path) -> None:
     """Raise StoreError if the directory does not exist."""
     if directory.is_dir():
         return
-    what, remedy = "does not exist", f", or create it: mkdir -p {shlex.quote(str(directory))}"
+    problem, remedy = "does not exist", f", or create it: mkdir -p {shlex.quote(str(directory))}"
     if directory.exists():
-        what, remedy = "is a file", ""
-    raise StoreError(f"state directory {directory} {what}; give that of `rambler run --state`{remedy}")
+        problem, remedy = "is a file", ""
+    raise StoreError(f"state directory {directory} {problem}; give that of `rambler run --state`{remedy}")
 
 
 def check_readable(directory: Path) -> None:
     """Raise StoreError if this user cannot read the directory."""
     if not os.access(directory, os.R_OK | os.X_OK):
-        owner = user_text(directory.stat().st_uid)
+        owner = describe_user(directory.stat().st_uid)
         raise StoreError(f"state directory {directory} permission denied; run this as {owner}, or as root (sudo)")
 
 
@@ -46,23 +46,26 @@ def check_owner(directory: Path) -> None:
     """Raise StoreError if the directory belongs to another user."""
     owner_uid = directory.stat().st_uid
     if os.geteuid() != owner_uid:
-        raise StoreError(f"state directory {directory} belongs to {user_text(owner_uid)}; run this as that user")
+        raise StoreError(f"state directory {directory} belongs to {describe_user(owner_uid)}; run this as that user")
 
 
-def foreign_file(directory: Path) -> str:
-    """Return an error text if a file in the directory has another owner than the directory, else an empty text."""
+def find_foreign_files(directory: Path) -> str:
+    """Return an error text if files in the directory have another owner than the directory, else an empty text."""
     owner_uid = directory.stat().st_uid
     paths = [*directory.glob("*"), *directory.glob("logs/**/*")]
-    foreign = [path for path in paths if path.lstat().st_uid != owner_uid and path.name != "lost+found"]
-    if not foreign:
+    foreign_paths = [path for path in paths if path.lstat().st_uid != owner_uid and path.name != "lost+found"]
+    if not foreign_paths:
         return ""
-    file_owner, more = user_text(foreign[0].lstat().st_uid), f" and {len(foreign) - 1} more" if foreign[1:] else ""
-    owner = user_text(owner_uid)
+    file_owner, others = (
+        describe_user(foreign_paths[0].lstat().st_uid),
+        f" and {len(foreign_paths) - 1} more" if foreign_paths[1:] else "",
+    )
+    owner = describe_user(owner_uid)
     remedy = f"chown -R --reference={directory} {directory}"
-    return f"{foreign[0]}{more} owned by {file_owner}, the autopilot runs as {owner}; {remedy}"
+    return f"{foreign_paths[0]}{others} owned by {file_owner}, the autopilot runs as {owner}; {remedy}"
 
 
-def user_text(uid: int) -> str:
+def describe_user(uid: int) -> str:
     """Return the name of a user for a message."""
     try:
         return f"user {pwd.getpwuid(uid).pw_name}"

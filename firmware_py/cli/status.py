@@ -21,10 +21,10 @@ from firmware_py.system.readings import device_line, values_line
 from firmware_py.system.slots import examine
 from firmware_py.system.status_file import FoundStatus, Freshness, find, find_all
 
-# Printed in the first line; the other sections are lines of names and values.
-_HEADING = ("status", "reason", "age_s", "user", "vehicle", "state_directory", "written_machine_s")
+# Keys of the first line. The other keys are printed as names and values.
+_FIRST_LINE_KEYS = ("status", "reason", "age_s", "user", "vehicle", "state_directory", "written_machine_s")
 _INDENT = "  "
-_LAST_ENDINGS = 3  # the JSON output has all
+_MAX_PRINTED_ENDINGS = 3  # the JSON output contains all
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,49 +36,49 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return 0 for a running autopilot, 1 for an old status or none, 2 if --state is missing or wrong."""
+    """Return 0 if an autopilot runs, 1 for an old status or none, 2 if --state is missing or wrong."""
     directory = arguments.state
     if directory is not None:
-        found = find(directory, machine_s())
-        # An autopilot that has lost its disk still has a status.
-        if found.freshness is Freshness.ABSENT and not os.path.isdir(directory):  # noqa: PTH112 - never raises
+        file_status = find(directory, machine_s())
+        # The status is elsewhere: it exists even if the autopilot has lost the disk of its state directory.
+        if file_status.freshness is Freshness.ABSENT and not os.path.isdir(directory):  # noqa: PTH112 - never raises
             return print_error("status", f"{directory} is not a directory; give that of `rambler run --state`")
     else:
-        all_found = find_all(machine_s())
-        running = {name: one for name, one in all_found.items() if one.freshness is Freshness.RUNNING} or all_found
-        if len(running) > 1:
-            places = ", ".join(sorted(str(one.content.get("state_directory", one.reason)) for one in running.values()))
-            return print_error("status", f"several autopilots run here; choose one with --state: {places}")
-        found = next(iter(running.values()), FoundStatus(Freshness.ABSENT, reason="no autopilot runs here"))
-        if "state_directory" in found.content:
-            directory = Path(found.content["state_directory"])
-    status = _whole(found, directory)
+        statuses = list(find_all(machine_s()).values())
+        candidates = [entry for entry in statuses if entry.freshness is Freshness.RUNNING] or statuses
+        if len(candidates) > 1:
+            directories = ", ".join(sorted(str(row.content.get("state_directory", row.reason)) for row in candidates))
+            return print_error("status", f"several autopilots run here; choose one with --state: {directories}")
+        file_status = next(iter(candidates), FoundStatus(Freshness.ABSENT, reason="no autopilot runs here"))
+        if "state_directory" in file_status.content:
+            directory = Path(file_status.content["state_directory"])
+    status = _complete_status(file_status, directory)
     if arguments.json:
         print(json.dumps(status))
     else:
         try:
-            print("\n".join(_lines(status)))
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):  # of another version than this program
+            print("\n".join(_status_lines(status)))
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):  # the status of another version
             print(f"{status['status']}; status of another version, use --json")
-    return 0 if found.freshness is Freshness.RUNNING else 1
+    return 0 if file_status.freshness is Freshness.RUNNING else 1
 
 
-def _whole(found: FoundStatus, directory: Path | None) -> dict[str, Any]:
-    """Return the status with its age, the endings of earlier runs and the disk space."""
+def _complete_status(file_status: FoundStatus, directory: Path | None) -> dict[str, Any]:
+    """Add the age of the status, the endings of earlier runs and the disk space."""
     status: dict[str, Any] = {
-        "status": found.freshness.value,
-        "reason": found.reason,
-        "age_s": None if found.age_s is None else round(found.age_s, 1),
-        **found.content,
+        "status": file_status.freshness.value,
+        "reason": file_status.reason,
+        "age_s": None if file_status.age_s is None else round(file_status.age_s, 1),
+        **file_status.content,
     }
     if directory is not None:
-        status |= {"state_directory": os.path.realpath(directory), "disk": _disk(directory)}
-        status["endings"] = _endings(directory)
+        status |= {"state_directory": os.path.realpath(directory), "disk": _disk_space(directory)}
+        status["endings"] = _read_endings(directory)
     return status
 
 
-def _endings(directory: Path) -> dict[str, Any]:
-    """Return the endings of earlier runs, stored in the state directory."""
+def _read_endings(directory: Path) -> dict[str, Any]:
+    """Read the endings of earlier runs from the state directory."""
     stored = examine(directory, ENDINGS_FILE)
     if stored.content is None:
         return {"error": stored.damage} if stored.damage else {}
@@ -89,39 +89,42 @@ def _endings(directory: Path) -> dict[str, Any]:
     return {"counts": dict(endings.counts), "last": [asdict(ending) for ending in endings.last]}
 
 
-def _disk(directory: Path) -> dict[str, Any]:
+def _disk_space(directory: Path) -> dict[str, Any]:
     try:
         usage = shutil.disk_usage(directory)
     except OSError as error:
         return {"error": error.strerror}
-    # Without the space reserved for root.
+    # usage.free excludes the space reserved for root.
     return {"free_mb": round(usage.free / 1e6, 1), "total_mb": round(usage.total / 1e6, 1)}
 
 
-def _lines(status: Mapping[str, Any]) -> Iterator[str]:
+def _status_lines(status: Mapping[str, Any]) -> Iterator[str]:
     age = "" if status["age_s"] is None else f", updated {status['age_s']:g} s ago"
     reason = f": {status['reason']}" if status["reason"] else ""
     user = f" by user {status['user']}" if "user" in status else ""
     name = f"{status.get('vehicle', 'autopilot')} in {status.get('state_directory', '?')}"
     yield f"{name}: {status['status']}{age}{user}{reason}"
-    yield from _block("endings", list(_ending_lines(status.get("endings", {}))))
+    yield from _label_lines("endings", list(_ending_lines(status.get("endings", {}))))
     if "mode" not in status:
         return
     faults = [
-        f"{row['severity']} {row['fault']} for {_duration(row['since_s'])}: {row['text']}" for row in status["faults"]
+        f"{row['severity']} {row['fault']} for {_format_duration(row['since_s'])}: {row['text']}"
+        for row in status["faults"]
     ]
-    yield from _block("faults", faults or ["none"])
-    yield from _block("devices", [device_line(row) for row in status["devices"]])
-    yield from _block("links", [line for row in status["links"] for line in _link_lines(row)] or ["none"])
-    single = {
-        name: value for name, value in status.items() if not isinstance(value, (dict, list)) and name not in _HEADING
+    yield from _label_lines("faults", faults or ["none"])
+    yield from _label_lines("devices", [device_line(row) for row in status["devices"]])
+    yield from _label_lines("links", [line for row in status["links"] for line in _link_lines(row)] or ["none"])
+    scalars = {
+        name: value
+        for name, value in status.items()
+        if not isinstance(value, (dict, list)) and name not in _FIRST_LINE_KEYS
     }
-    yield from _block("now", [values_line({name: value for name, value in single.items() if value != ""})])
+    yield from _label_lines("now", [values_line({name: value for name, value in scalars.items() if value != ""})])
     for name, value in status.items():
         if isinstance(value, dict) and value and name != "endings":
-            rows = value.get("nearest", []) if name == "traffic" else []
-            plain = {key: item for key, item in value.items() if key != "nearest"}
-            yield from _block(name, [values_line(plain), *(f"{_INDENT}{values_line(row)}" for row in rows)])
+            nearest = value.get("nearest", []) if name == "traffic" else []
+            values = {key: item for key, item in value.items() if key != "nearest"}
+            yield from _label_lines(name, [values_line(values), *(f"{_INDENT}{values_line(row)}" for row in nearest)])
 
 
 def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
@@ -130,10 +133,12 @@ def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
         yield endings["error"]
     if endings.get("counts"):
         yield ", ".join(f"{why} {count}" for why, count in endings["counts"].items())
-    for ending in reversed(endings.get("last", [])[-_LAST_ENDINGS:]):
-        known = is_possible(ending["utc_s"])
-        when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(ending["utc_s"])) if known else "at an unknown time"
-        yield f"{_INDENT}{when}  {ending['why']}{ending['text'] and ', '}{ending['text']}"
+    for ending in reversed(endings.get("last", [])[-_MAX_PRINTED_ENDINGS:]):
+        has_time = is_possible(ending["utc_s"])
+        time_text = (
+            time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(ending["utc_s"])) if has_time else "at an unknown time"
+        )
+        yield f"{_INDENT}{time_text}  {ending['why']}{ending['text'] and ', '}{ending['text']}"
 
 
 def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
@@ -151,7 +156,9 @@ def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
 
 def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
     """Yield the state of a satellite modem, its sessions and their cost."""
-    age = "none yet" if satellite["session_age_s"] is None else f"last {_duration(satellite['session_age_s'])} ago"
+    age = (
+        "none yet" if satellite["session_age_s"] is None else f"last {_format_duration(satellite['session_age_s'])} ago"
+    )
     blocked = f", blocked: {satellite['blocked_reason']}" if satellite["hindrance"] else ""
     signal = "unknown" if satellite["signal"] is None else f"{satellite['signal']} of 5"
     yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames queued"
@@ -171,12 +178,12 @@ def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
         yield _INDENT + "refused " + ", ".join(f"{count} {reason}" for reason, count in satellite["refused"].items())
 
 
-def _block(name: str, lines: list[str]) -> Iterator[str]:
+def _label_lines(name: str, lines: list[str]) -> Iterator[str]:
     for number, line in enumerate(lines):
         yield f"{'' if number else name:<13} {line}"
 
 
-def _duration(seconds: float | None) -> str:
+def _format_duration(seconds: float | None) -> str:
     if seconds is None:
         return "?"
     return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_py.assemble import texts as start
-from firmware_py.core import texts as navigation
+from firmware_py.assemble import texts as start_texts
+from firmware_py.core import texts as navigation_texts
 from firmware_py.faults.table import TABLE as FAULTS
-from firmware_py.guidance import texts as vessels
-from firmware_py.link import texts as links
-from firmware_py.link.commands import texts as commands
-from firmware_py.link.mission import texts as plans
-from firmware_py.link.satellite import texts as satellite
+from firmware_py.guidance import texts as vessel_texts
+from firmware_py.link import texts as link_texts
+from firmware_py.link.commands import texts as command_texts
+from firmware_py.link.mission import texts as plan_texts
+from firmware_py.link.satellite import texts as satellite_texts
 
 SECTIONS: Mapping[str, Mapping[str, tuple[str, str]]] = {
-    "Modes, navigation and sensors": navigation.TEXTS,
-    "Other vessels": vessels.TEXTS,
-    "Commands and refusals": commands.TEXTS,
-    "Plans, files and logs": plans.TEXTS,
-    "Satellite messages": satellite.TEXTS,
-    "Start, storage and updates": start.TEXTS,
-    "Keys and links": links.TEXTS,
+    "Modes, navigation and sensors": navigation_texts.TEXTS,
+    "Other vessels": vessel_texts.TEXTS,
+    "Commands and refusals": command_texts.TEXTS,
+    "Plans, files and logs": plan_texts.TEXTS,
+    "Satellite messages": satellite_texts.TEXTS,
+    "Start, storage and updates": start_texts.TEXTS,
+    "Keys and links": link_texts.TEXTS,
 }
 _INTRODUCTION = """# Texts
 
@@ -41,14 +41,14 @@ receives the last five warnings, except those of cleared faults; old ones begin 
 
 
 def markdown() -> str:
-    """Return the page."""
+    """Return the page as Markdown."""
     lines = [f"| [{row.text}](FAULTS.md#{fault.name.lower()}) | {row.recovery} |" for fault, row in FAULTS.items()]
     for title, texts in SECTIONS.items():
         lines += ["", f"## {title}", "", "| text | meaning | what to do |", "| --- | --- | --- |"]
-        lines += [f"| {_escaped(text)} | {meaning} | {remedy} |" for text, (meaning, remedy) in sorted(texts.items())]
+        lines += [f"| {_escape(text)} | {meaning} | {remedy} |" for text, (meaning, remedy) in sorted(texts.items())]
     return _INTRODUCTION + "\n".join(lines) + "\n"
 
 
-def _escaped(text: str) -> str:
-    """Return a text with the special characters of Markdown escaped."""
+def _escape(text: str) -> str:
+    """Escape the special characters of Markdown."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace(">", "&gt;").replace("_", "\\_")

@@ -16,9 +16,9 @@ from firmware_py.install.update import SIGNERS, Permissions, await_trial, roll_b
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("bundle", metavar="BUNDLE", type=Path, nargs="?", help="a bundle, made by `make bundle`")
-    what.add_argument("--back", action="store_true", help="return to the previous version")
+    choice = parser.add_mutually_exclusive_group(required=True)
+    choice.add_argument("bundle", metavar="BUNDLE", type=Path, nargs="?", help="a bundle, made by `make bundle`")
+    choice.add_argument("--back", action="store_true", help="return to the previous version")
     parser.add_argument(
         "--armed", action="store_true", help="update even while armed; the rudder is centred during the restart"
     )
@@ -35,27 +35,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return 0 after a passed trial, 1 if the version was rolled back or is still on trial, 2 if refused."""
+    """Return 0 if the trial passed, 1 if the version was rolled back or is still on trial, 2 for an error."""
     signers = arguments.signers or (SIGNERS if os.path.lexists(SIGNERS) else None)  # also a dangling link
-    may = Permissions(armed=arguments.armed, older=arguments.older)
+    permissions = Permissions(armed=arguments.armed, older=arguments.older)
     try:
         installation = installation_of(arguments.unit)
         if installation.blocked_reason:
             return print_error("update", installation.blocked_reason)
         if arguments.back:
-            roll_back(installation, may, _say)
+            roll_back(installation, permissions, _print_line)
         else:
-            update(installation, arguments.bundle, signers, may, _say)
+            update(installation, arguments.bundle, signers, permissions, _print_line)
     except UpdateError as error:
         return print_error("update", error)
     except OSError as error:
         return print_error(
             "update", f"{error.filename or 'the disk'}: {error.strerror}; the installed version is unchanged"
         )
-    return 0 if await_trial(installation, _say) else 1
+    return 0 if await_trial(installation, _print_line) else 1
 
 
-def _say(text: str) -> None:
+def _print_line(text: str) -> None:
     """Print a line. A closed terminal or a full disk must not interrupt the update."""
     with suppress(OSError):
         print(text, flush=True)

@@ -27,9 +27,9 @@ from firmware_py.view.history import History
 from firmware_py.view.model import plan_rows
 from firmware_py.view.server import Hub, ViewServer
 
-POLL_S, POLL_HARNESS_S = 0.5, 0.1  # the autopilot writes once a second, the harness may run faster
+POLL_INTERVAL_S, HARNESS_POLL_INTERVAL_S = 0.5, 0.1  # the autopilot writes once a second, the harness may run faster
 NICENESS = 15
-CLOSING_S = 0.5  # for sending the end to the browsers
+CLOSE_DELAY_S = 0.5  # for sending the end of the stream to the browsers
 _REMEDIES = {fault.name: row.remedy.replace("`", "") for fault, row in FAULTS.items()}
 
 
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="file with the access token; required for access from other computers",
     )
-    # For the harness: read its lines from standard input, and use another port if this one is in use.
+    # For the harness: read its lines from standard input; use another port if this one is in use.
     parser.add_argument("--with-parent", metavar="PID", type=int, help=argparse.SUPPRESS)
 
 
@@ -62,30 +62,33 @@ def run(arguments: argparse.Namespace) -> int:
             return 0
         history = History()
         feed = Feed(
-            history, lambda: _find_status(arguments.state), lambda: _plans(_directory(arguments.state)), _REMEDIES
+            history,
+            lambda: _find_status(arguments.state),
+            lambda: _read_plans(_find_directory(arguments.state)),
+            _REMEDIES,
         )
         hub = Hub(history.whole)
         try:
-            server = _server(arguments.listen, arguments.token, hub, any_port=by_harness)
+            server = _open_server(arguments.listen, arguments.token, hub, any_port=by_harness)
         except ViewError as error:
             return print_error("view", error)
         os.nice(NICENESS)
-        print(f"page: {_address(server)}", flush=True)
+        print(f"page: {_format_url(server)}", flush=True)
         ended = threading.Event()
         if by_harness:
-            threading.Thread(target=_listen_to, args=(feed, ended), daemon=True).start()
+            threading.Thread(target=_read_harness, args=(feed, ended), daemon=True).start()
         threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.5}, daemon=True).start()
         while not signals.stopping and not ended.is_set():
             hub.publish(lambda: (feed.poll(), history.epoch))
-            time.sleep(POLL_HARNESS_S if by_harness else POLL_S)
+            time.sleep(HARNESS_POLL_INTERVAL_S if by_harness else POLL_INTERVAL_S)
         hub.publish(lambda: (feed.poll(), history.epoch))
-        hub.close(over=by_harness)  # otherwise the service may restart while the boat sails
-        time.sleep(CLOSING_S)
+        hub.close(over=by_harness)  # a service may restart: the voyage is not over
+        time.sleep(CLOSE_DELAY_S)
         server.server_close()
     return 0
 
 
-def _server(listen: str, token_file: Path | None, hub: Hub, *, any_port: bool) -> ViewServer:
+def _open_server(listen: str, token_file: Path | None, hub: Hub, *, any_port: bool) -> ViewServer:
     try:
         host, port, loopback = listen_address(listen, with_token=token_file is not None)
     except ViewError as error:
@@ -101,13 +104,13 @@ def _server(listen: str, token_file: Path | None, hub: Hub, *, any_port: bool) -
         return ViewServer((host, 0), guard, hub)
 
 
-def _address(server: ViewServer) -> str:
+def _format_url(server: ViewServer) -> str:
     host, port = str(server.server_address[0]), server.server_address[1]
     url_host = f"[{host}]" if ":" in host else host
     return f"http://{url_host}:{port}/" + ("?token=..." if server.guard.token else "")
 
 
-def _listen_to(feed: Feed, ended: threading.Event) -> None:
+def _read_harness(feed: Feed, ended: threading.Event) -> None:
     """Read the lines of the harness until it closes the pipe."""
     while line := sys.stdin.buffer.readline(MAX_LINE_BYTES):
         feed.take_line(line)
@@ -117,23 +120,23 @@ def _listen_to(feed: Feed, ended: threading.Event) -> None:
 def _find_status(state: Path | None) -> FoundStatus:
     if state is not None:
         return find(state, machine_s())
-    running = [one for one in find_all(machine_s()).values() if one.freshness is Freshness.RUNNING]
+    running = [status for status in find_all(machine_s()).values() if status.freshness is Freshness.RUNNING]
     if len(running) == 1:
         return running[0]
     reason = "several autopilots run here; choose one with --state" if running else "no autopilot runs here"
     return FoundStatus(Freshness.ABSENT, reason=reason)
 
 
-def _directory(state: Path | None) -> Path | None:
+def _find_directory(state: Path | None) -> Path | None:
     if state is not None:
         return state
-    found = _find_status(None)
-    return Path(found.content["state_directory"]) if found.content else None
+    content = _find_status(None).content
+    return Path(content["state_directory"]) if content else None
 
 
-def _plans(directory: Path | None) -> Mapping[str, Any]:
+def _read_plans(directory: Path | None) -> Mapping[str, Any]:
     """Return the readable plans of a state directory."""
-    found: dict[str, Any] = {}
+    rows_by_kind: dict[str, Any] = {}
     for kind in PlanKind:
         if directory is None:
             break
@@ -141,7 +144,7 @@ def _plans(directory: Path | None) -> Mapping[str, Any]:
             stored = examine(directory, PLAN_FILES[kind])
             if stored.content is not None:
                 plan, _ = checked_plan(kind, stored.content.decode("ascii", "replace"))
-                found[kind.name.lower()] = plan_rows(plan)
+                rows_by_kind[kind.name.lower()] = plan_rows(plan)
         except (OSError, ValueError):
-            continue  # the autopilot reports it
-    return found
+            continue  # the autopilot reports a damaged plan
+    return rows_by_kind

@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from firmware_py.cli.run import SHUT_DOWN
+from firmware_py.cli.run import EXIT_SHUT_DOWN
 from support.harness import replays
 
 ACCEPTED, REJECTED, FAILED = (
@@ -106,4 +106,4 @@ def test_shut_down_ends_the_process_with_a_code_of_its_own(boot, free_ports, con
     program = boot("boat", f"tcpin:127.0.0.1:{port}")
     station = connect(f"tcp:127.0.0.1:{port}")
     assert station.command(REBOOT, 2) == ACCEPTED
-    assert program.exit_code() == SHUT_DOWN
+    assert program.exit_code() == EXIT_SHUT_DOWN

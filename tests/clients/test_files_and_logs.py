@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.cli.params import _qgc_file
+from firmware_py.cli.params import format_qgc_file
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import format_file, parse_file
 from firmware_py.link.parameters.files import parameter_json
@@ -171,6 +171,6 @@ def move_parameters(home, client):
 
 def test_a_file_of_qgroundcontrols_kind_is_read_back():
     values = {row.name: row.default for row in TABLE}
-    text = _qgc_file(values)
+    text = format_qgc_file(values)
     assert "1\t1\tBOOT_ARM\t0\t6" in text.splitlines()
     assert parse_file(text, "file") == values

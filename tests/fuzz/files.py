@@ -12,9 +12,8 @@ from types import SimpleNamespace
 
 from firmware_py.assemble.stored_state import resume
 from firmware_py.assemble.wiring import vehicle_parameters
-from firmware_py.cli.plan import _fields as plan_item_fields
-from firmware_py.cli.state import _RECORDS as RECORDS
-from firmware_py.cli.state import _check_contents as check_contents
+from firmware_py.cli.plan import item_fields
+from firmware_py.cli.state import DECODERS, check_contents
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import MAX_PROBLEMS, ParameterSet, format_file, parse_file
@@ -72,7 +71,7 @@ def check_plan(plan):
     """A plan that was taken is kept, and written into files, as it is."""
     assert problem_of(plan) is None
     assert plan_from_text(plan_to_text(plan)) == (plan, ())
-    json.dumps([plan_item_fields(item) for item in plan.items], allow_nan=False)
+    json.dumps([item_fields(item) for item in plan.items], allow_nan=False)
 
 
 def plan_file(data):
@@ -249,7 +248,7 @@ def state_import(data):
         report_damage(store, messages.append)
         check_values(load_parameters(store, messages.append)[0])
         load_plans(store, messages.append)
-        for record, read in RECORDS.items():
+        for record, read in DECODERS.items():
             with contextlib.suppress(ValueError):
                 read(store.load(record) or b"")
     for line in messages:

@@ -83,10 +83,10 @@ def status_file(data):
         found = find(state, NOW_S, (Path(name),))
         assert found.content or found.reason
         check_line(found.reason or "none")
-        message = command._whole(found, state)
+        message = command._complete_status(found, state)
         json.dumps(message, allow_nan=False)
         with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, OverflowError):  # as the command does
-            for one in command._lines(message):
+            for one in command._status_lines(message):
                 assert one.isprintable()
         with contextlib.suppress(UpdateError), patch.object(update, "find", lambda *_: found):
             update._check_unarmed(state, update.Permissions())

@@ -1,4 +1,4 @@
-"""Boats with the real autopilot aboard, closed whatever becomes of the test."""
+"""Boats with the real autopilot, closed after each test."""
 
 import contextlib
 import threading
@@ -12,43 +12,43 @@ from support.service_boat import ITEMS, SETTINGS, ServiceBoat
 
 @pytest.fixture
 def make_boat(tmp_path):
-    """Make boats, each in a directory of its own; they are not started yet."""
-    with contextlib.ExitStack() as open_boats:
+    """Return a function that makes a boat in its own directory without starting it."""
+    with contextlib.ExitStack() as boats:
 
         def make(name="boat", **options):
             (tmp_path / name).mkdir()
-            return open_boats.enter_context(Boat(tmp_path / name, **options))
+            return boats.enter_context(Boat(tmp_path / name, **options))
 
         yield make
 
 
 @pytest.fixture
 def fault_bench(make_boat):
-    """Make boats in lockstep and start the autopilot."""
+    """Return a function that makes a boat in lockstep and starts the autopilot."""
     return lambda name="boat", **options: make_boat(name, **options).start()
 
 
 @pytest.fixture
 def make_service(make_boat):
-    """Make a boat that lives in a thread of its own, and its service."""
-    ended, threads = threading.Event(), []
+    """Return a context manager of a service; its boat runs in a thread."""
+    is_over, threads = threading.Event(), []
 
     @contextlib.contextmanager
-    def make(**more):
+    def make(**options):
         boat = make_boat(speed=None, settings=SETTINGS, without=("link",), plans=[mission_file(*ITEMS)])
         boat.time.begin(boat.board, None)
 
-        def live():
-            while not ended.is_set():
+        def run_boat():
+            while not is_over.is_set():
                 boat.time.step(boat.board, boat.now_s + 0.05)
 
-        service = ServiceBoat(boat, **more)
-        threads.append(threading.Thread(target=live))
+        service = ServiceBoat(boat, **options)
+        threads.append(threading.Thread(target=run_boat))
         threads[-1].start()
         with service.manager, service.station.socket:
             yield service
 
     yield make
-    ended.set()
+    is_over.set()
     for thread in threads:
         thread.join()

@@ -1,7 +1,7 @@
-"""The computer's watchdog hears of the loop alone: whatever hangs, the signs of life end, and nothing disarms it.
+"""Hardware watchdog: only the loop feeds it, a hang ends the keep-alives, and only an orderly end disarms it.
 
-A terminal stands in for the device: it shows what is written to it and when, and takes no ioctl. That the kernel starts
-the computer after the timeout is the driver's part and is not tested here.
+A pseudo-terminal replaces the device: it records what is written and when, and accepts no ioctl. The restart of the
+computer after the timeout is done by the kernel driver and is not tested here.
 """
 
 import os
@@ -19,13 +19,13 @@ from firmware_py.system.watchdogs import INTERVAL_S, TIMEOUT_S
 from support.paths import ROOT
 from support.program import Program
 
-SIGN, DISARM = b"\0", b"V"
-UNDER_WAY_S = 5.0
-LATE_S = 1.5  # on a busy machine
+KEEP_ALIVE, DISARM = b"\0", b"V"
+RUN_S = 5.0
+MAX_LATENESS_S = 1.5  # of a keep-alive on a busy machine
 
 
-class Watched:
-    """A boat under way in real time whose autopilot feeds a watchdog."""
+class WatchedBoat:
+    """A boat in real time whose autopilot feeds a watchdog."""
 
     def __init__(self, boat, directory):
         self._boat, self.hangs = boat, directory / "hangs"
@@ -33,11 +33,11 @@ class Watched:
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        self.written = []  # what was written to the watchdog, each with its time
-        words = ["run", boat.directory / "boat.toml", "--state", boat.state, "--watchdog", os.ttyname(self._slave)]
-        more = {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", "HANG_DIRECTORY": str(self.hangs)}
-        command = [sys.executable, str(Path(ROOT) / "tests/support/hanging.py"), *map(str, words)]
-        self.program = Program("boat", command, directory, env={**os.environ, **more})
+        self.written = []  # (time, data) of each write to the watchdog
+        arguments = ["run", boat.directory / "boat.toml", "--state", boat.state, "--watchdog", os.ttyname(self._slave)]
+        environment = {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", "HANG_DIRECTORY": str(self.hangs)}
+        command = [sys.executable, str(Path(ROOT) / "tests/support/hanging.py"), *map(str, arguments)]
+        self.program = Program("boat", command, directory, env={**os.environ, **environment})
         boat.time.begin(boat.board, None)
 
     def close(self):
@@ -46,7 +46,7 @@ class Watched:
         os.close(self._slave)
 
     def sail(self, seconds):
-        """Let time go by."""
+        """Run the boat and record the writes."""
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
             self._boat.time.step(self._boat.board, self._boat.now_s + 0.05)
@@ -61,50 +61,50 @@ class Watched:
             assert time.monotonic() < give_up_s, self.program.text()
             self.sail(0.1)
 
-    def signs(self):
+    def keep_alives(self):
         return b"".join(data for _, data in self.written)
 
 
 @pytest.fixture
 def watched(make_boat, tmp_path):
     boat = make_boat(speed=None, without=("link",))
-    one = Watched(boat, tmp_path)
+    boat_with_watchdog = WatchedBoat(boat, tmp_path)
     try:
-        one.sail_until(lambda: one.written)
-        yield one
+        boat_with_watchdog.sail_until(lambda: boat_with_watchdog.written)
+        yield boat_with_watchdog
     finally:
-        one.close()
+        boat_with_watchdog.close()
 
 
-def test_the_watchdog_is_disarmed_only_at_an_orderly_end(watched):
-    watched.sail(INTERVAL_S + LATE_S)
-    assert set(watched.signs()) == set(SIGN)
+def test_watchdog_is_disarmed_only_at_an_orderly_end(watched):
+    watched.sail(INTERVAL_S + MAX_LATENESS_S)
+    assert set(watched.keep_alives()) == set(KEEP_ALIVE)
     watched.program.send_signal(signal.SIGTERM)
     watched.sail_until(lambda: not watched.program.running())
     watched.sail(0.1)
     assert watched.program.exit_code() == 0
-    assert watched.signs().endswith(DISARM)
-    assert watched.signs().count(DISARM) == 1
+    assert watched.keep_alives().endswith(DISARM)
+    assert watched.keep_alives().count(DISARM) == 1
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("how", ["stopped", "killed", "tick"])
-def test_a_hang_of_any_kind_leaves_the_watchdog_armed_and_unfed(watched, how):
-    """`pytest -m proof tests/process/test_hardware_watchdog.py -s`: it stands still, is gone, or computes for ever."""
-    watched.sail(UNDER_WAY_S)
+@pytest.mark.parametrize("kind", ["stopped", "killed", "tick"])
+def test_hang_leaves_the_watchdog_armed_without_keep_alives(watched, kind):
+    """`pytest -m proof tests/process/test_hardware_watchdog.py -s`: stopped, killed, or in an endless computation."""
+    watched.sail(RUN_S)
     times_s = [t_s for t_s, _ in watched.written]
     longest_s = max(after - before for before, after in pairwise(times_s))
     hung_s = time.monotonic()
-    if how == "tick":
+    if kind == "tick":
         (watched.hangs / "tick").touch()
     else:
-        watched.program.send_signal(signal.SIGSTOP if how == "stopped" else signal.SIGKILL)
+        watched.program.send_signal(signal.SIGSTOP if kind == "stopped" else signal.SIGKILL)
     watched.sail(TIMEOUT_S + 2.0)
     last_s = watched.written[-1][0]
     print(
-        f"{how}: a sign at most every {longest_s:.2f} s, the last one {last_s - hung_s:+.2f} s from then: "
-        f"restarted {last_s + TIMEOUT_S - hung_s:.1f} s after"
+        f"{kind}: keep-alives at most {longest_s:.2f} s apart, the last one {last_s - hung_s:+.2f} s after the hang; "
+        f"computer restarts {last_s + TIMEOUT_S - hung_s:.1f} s after the hang"
     )
-    assert longest_s < INTERVAL_S + LATE_S
-    assert -INTERVAL_S - LATE_S < last_s - hung_s < LATE_S
-    assert set(watched.signs()) == set(SIGN)
+    assert longest_s < INTERVAL_S + MAX_LATENESS_S
+    assert -INTERVAL_S - MAX_LATENESS_S < last_s - hung_s < MAX_LATENESS_S
+    assert set(watched.keep_alives()) == set(KEEP_ALIVE)

@@ -5,7 +5,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from firmware_py.cli.export.messages import messages
+from firmware_py.cli.export.messages import read_messages
 from firmware_py.common.plan import PlanKind
 from firmware_py.log.ardupilot_state import FENCE_OFF, FENCE_ON
 from firmware_py.log.disk import log_files
@@ -113,5 +113,5 @@ def test_a_mission_with_every_kind_of_item_is_completed(tmp_path):
 def fence_events(out):
     """Return the fence events of the log in order: enabled and disabled."""
     logs = [path for _, path in sorted(log_files(out / "state" / "logs").items())]
-    found = [row.values["Id"] for path in logs for row in messages(path.read_bytes(), {"EV"})]
+    found = [row.values["Id"] for path in logs for row in read_messages(path.read_bytes(), {"EV"})]
     return [event for event, _ in groupby(found) if event in {FENCE_ON, FENCE_OFF}]

@@ -1,4 +1,4 @@
-"""The seas of physics.md section 6, through the real autopilot on ptys; figures from the truth alone."""
+"""Heading keeping in the seas of physics.md: compiled loop and autopilot, scored on the true state alone."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from hil.cli.compare import as_entries
 from hil.lab.compare.runs import OURS, Task, compare
 from hil.lab.compare.score import mean_of, score_of
 from hil.lab.twin import sailing
-from hil.lab.twin.sea import sea_of as drawn
+from hil.lab.twin.sea import sea_of
 from hil.report.figure_file import key_of
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
@@ -18,18 +18,18 @@ from hil.sim.runner import run
 from hil.sim.vehicle_file import standard_vehicle
 from support import voyage
 
-# What is asked for: rms [deg], rudder travel [deg/h].
-MUST = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "weak": (1.3, 1450.0)}
+# Required: rms [deg], rudder travel [deg/h].
+LIMITS = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "weak": (1.3, 1450.0)}
 
 
 @pytest.mark.parametrize(("name", "limits"), [("sea", (1.9, 3000.0))])
-def test_waves_move_the_rudder_little(name, limits):
-    """One short run of the compiled loop: the limits leave room for chance, the proof below leaves none.
+def test_heading_and_rudder_travel_in_waves_are_within_limits(name, limits):
+    """One short run; the limits are wider than those of the proof below, which averages over ten seeds.
 
-    Before the first turn the speed is not known: the model is at 0.5 m/s where the boat makes 0.9.
+    Before the first turn the model assumes a speed of 0.5 m/s; the boat makes 0.9 m/s.
     """
     values, goals = voyage.parameters_with(), parse_goals("0:60")
-    sea = drawn(scenarios.find_scenario(name), 11, 340.0)
+    sea = sea_of(scenarios.find_scenario(name), 11, 340.0)
     record, _ = sailing.sail(sailing.boat_of(values), LawSettings.of(values), sea, sailing.task_of(goals), 340.0)
     score = score_of(sailing.truth_of(record, goals))
     assert score.rms_deg <= limits[0]
@@ -40,18 +40,18 @@ def test_waves_move_the_rudder_little(name, limits):
 
 @pytest.mark.proof
 @pytest.mark.timeout(3600)
-def test_the_task_in_the_four_seas_over_ten_seeds(figures):
-    task = Task(tuple(MUST), tuple(range(1, 11)), parse_goals("0:0,120:60,720:-30"), 1320.0)
-    sailed = compare(task, [OURS], lambda *_: None)
-    figures.merge(as_entries(sailed, figures.source))
-    rows = {row.scenario: row for row in sailed}
+def test_task_in_four_seas_meets_the_requirements(figures):
+    task = Task(tuple(LIMITS), tuple(range(1, 11)), parse_goals("0:0,120:60,720:-30"), 1320.0)
+    rows_of_task = compare(task, [OURS], lambda *_: None)
+    figures.merge(as_entries(rows_of_task, figures.source))
+    rows = {row.scenario: row for row in rows_of_task}
     for name, row in rows.items():
         mean = row.mean
         print(name, mean)
-        # Weak lies at the limit of what compass and receiver tell (docs/explanation/capabilities.md).
-        share = 1.1 if name == "weak" else 1.0
-        assert mean.rms_deg <= share * MUST[name][0]
-        assert mean.travel_deg_per_h <= MUST[name][1]
+        # In the sea "weak" the information of the sensors is the limit (docs/explanation/capabilities.md).
+        factor = 1.1 if name == "weak" else 1.0
+        assert mean.rms_deg <= factor * LIMITS[name][0]
+        assert mean.travel_deg_per_h <= LIMITS[name][1]
         assert abs(mean.mean_deg) <= 0.2
     assert rows["tank"].mean.overshoot_deg <= 3.0
     assert rows["sea"].mean.overshoot_deg <= 3.0
@@ -60,8 +60,8 @@ def test_the_task_in_the_four_seas_over_ten_seeds(figures):
     assert rows["sea"].mean.near_s <= 30.0
 
 
-# Seas that nothing was chosen in; seeds far from those above. Name, sea, how K and T of the ship differ, rms limit.
-OTHERS = [
+# Seas and seeds that were not used for tuning: name, sea, factors of K and T of the ship, rms limit.
+OTHER_SEAS = [
     ("fast, short waves", ("sea", 1.2, 2.0, 6.0, -4.0, 2.0, 0.2), 1.0, 1.0, 2.2),
     ("slow, long swell", ("swell", 0.25, 10.0, 15.0, 2.0, 1.0, 0.1), 1.0, 1.0, 4.0),
     ("K high, T low", ("sea", 0.9, 6.0, 4.0, 5.0, 2.0, 0.3), 1.3, 0.7, 1.9),
@@ -71,12 +71,12 @@ OTHERS = [
 
 @pytest.mark.proof
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize(("name", "sea", "k", "t", "limit_deg"), OTHERS, ids=[row[0] for row in OTHERS])
-def test_other_seas_and_other_ships(tmp_path, figures, name, sea, k, t, limit_deg):
+@pytest.mark.parametrize(("name", "sea", "k", "t", "limit_deg"), OTHER_SEAS, ids=[row[0] for row in OTHER_SEAS])
+def test_other_seas_and_ships_are_within_limits(tmp_path, figures, name, sea, k, t, limit_deg):
     scores = []
     for seed in (501, 502, 503):
         scenario = scenarios.Scenario(sea[0], name, *sea[1:])
-        # The autopilot keeps the model of the tank; the ship is another.
+        # The autopilot has the model of the tank, the ship another one.
         options = RunOptions(
             scenario,
             900.0,

@@ -13,7 +13,7 @@ from firmware_py.files.packed import SUFFIX
 from firmware_py.log.open_file import open_buffer
 
 EXTRA: Final = "rambler-autopilot[export]"
-# format -> module and description; a module is imported only when it is used.
+# format -> module and description. Only the module of the format is imported.
 FORMATS: Final[Mapping[str, tuple[str, str]]] = {
     "csv": ("table", "one row per tick"),
     "parquet": ("table", "the same, for pandas, polars and DuckDB"),
@@ -34,25 +34,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return 0 if the file is written, 1 for a log without ticks (or without positions, for a track), 2 on error."""
-    kind, log = arguments.to, arguments.log
-    out = arguments.out or Path(f"{log.name.removesuffix(SUFFIX).removesuffix('.BIN')}.{kind}")
+    """Return 0 if the file is written, 1 for a log without ticks (for a track: without positions), 2 for an error."""
+    file_format, log = arguments.to, arguments.log
+    out = arguments.out or Path(f"{log.name.removesuffix(SUFFIX).removesuffix('.BIN')}.{file_format}")
     if log.exists() and out.exists() and out.samefile(log):
         return print_error("export", f"{out} is the log itself; use another --out")
-    part = out.with_name(f"{out.name}.part")
-    module = importlib.import_module(f"firmware_py.cli.export.{FORMATS[kind][0]}")
+    partial_path = out.with_name(f"{out.name}.part")
+    module = importlib.import_module(f"firmware_py.cli.export.{FORMATS[file_format][0]}")
     try:
         with open_buffer(log) as buffer:
-            written = module.write(kind, buffer, part, out)
-        if not written:
-            part.unlink(missing_ok=True)
-            return print_error("export", f"{log}: nothing to export as {kind}: no tick, or no position", code=1)
-        part.replace(out)
+            summary = module.write(file_format, buffer, partial_path, out)
+        if not summary:
+            partial_path.unlink(missing_ok=True)
+            return print_error("export", f"{log}: nothing to export as {file_format}: no tick, or no position", code=1)
+        partial_path.replace(out)
     except ImportError as error:
-        return print_error("export", f"--to {kind} needs {error.name}; install {EXTRA}")
+        return print_error("export", f"--to {file_format} needs {error.name}; install {EXTRA}")
     except OSError as error:
-        part.unlink(missing_ok=True)
-        what = error.filename or f"{log} to {out}"
-        return print_error("export", f"{what}: {error.strerror or error}; check the log and --out")
-    print(f"{out}: {written}")
+        partial_path.unlink(missing_ok=True)
+        subject = error.filename or f"{log} to {out}"
+        return print_error("export", f"{subject}: {error.strerror or error}; check the log and --out")
+    print(f"{out}: {summary}")
     return 0

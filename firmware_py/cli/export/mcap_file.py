@@ -1,4 +1,4 @@
-"""MCAP for Foxglove: each log message as JSON on a topic of its name; position and texts in Foxglove's own schemas.
+"""Write MCAP for Foxglove: each log message as JSON on a topic of its name, position and texts in schemas of Foxglove.
 
 Foxglove allows one type per field, so unknown values are omitted, not null. A layout file for Foxglove is written next
 to the MCAP file.
@@ -11,7 +11,7 @@ import math
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.cli.export.messages import Message, messages
+from firmware_py.cli.export.messages import Message, read_messages
 from firmware_py.common.records import Severity
 from firmware_py.log.dataflash import Buffer
 from firmware_py.log.log_time import utc_offset_s
@@ -20,7 +20,7 @@ LAYOUT_SUFFIX: Final = ".layout.json"
 _POSITION, _LOG = "/position", "/log"
 _STAMP: Final = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 _NUMBER: Final = {"type": "number"}
-# Foxglove's own schemas.
+# Topic -> schema of Foxglove.
 _SCHEMAS: Final = {
     _POSITION: (
         "foxglove.LocationFix",
@@ -51,27 +51,28 @@ def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
     """Write the file and the layout next to `out`; return a summary, empty without messages."""
     from mcap.writer import Writer  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415 - an extra
 
-    shift_s = utc_offset_s(buffer) or 0.0
+    offset_s = utc_offset_s(buffer) or 0.0
     channels: dict[str, int] = {}
     count = 0
     with path.open("wb") as file:
         writer: Any = Writer(file)
         writer.start(profile="", library="rambler export")
-        for message in messages(buffer):
-            time_ns = max(0, round((message.t_s + shift_s) * 1e9))
-            for topic, values in _published(message, time_ns):
+        for message in read_messages(buffer):
+            time_ns = max(0, round((message.t_s + offset_s) * 1e9))
+            for topic, values in _topics_of(message, time_ns):
                 if topic not in channels:
-                    channels[topic] = _channel(writer, topic, values)
-                data = json.dumps(_known(values), allow_nan=False).encode()
+                    channels[topic] = _register_channel(writer, topic, values)
+                data = json.dumps(_drop_unknown(values), allow_nan=False).encode()
                 writer.add_message(channels[topic], log_time=time_ns, publish_time=time_ns, data=data)
                 count += 1
         writer.finish()
     if count:
-        out.with_name(out.name + LAYOUT_SUFFIX).write_text(json.dumps(_layout(), indent=1), encoding="ascii")
+        out.with_name(out.name + LAYOUT_SUFFIX).write_text(json.dumps(_make_layout(), indent=1), encoding="ascii")
     return f"{count} messages on {len(channels)} topics; layout in {out.name + LAYOUT_SUFFIX}" if count else ""
 
 
-def _channel(writer: Any, topic: str, values: dict[str, Any]) -> int:
+def _register_channel(writer: Any, topic: str, values: dict[str, Any]) -> int:
+    """Register the schema and the channel of a topic; return the number of the channel."""
     name, properties = _SCHEMAS.get(topic) or (
         f"rambler.{topic[1:]}",
         {key: {"type": "string"} if isinstance(value, str) else _NUMBER for key, value in values.items()},
@@ -81,25 +82,26 @@ def _channel(writer: Any, topic: str, values: dict[str, Any]) -> int:
     return int(writer.register_channel(topic=topic, message_encoding="json", schema_id=number))
 
 
-def _published(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]]]:
+def _topics_of(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]]]:
+    """Return the topics of a message with their values: that of its name, and one of Foxglove for POS and MSG."""
     values = message.values
     topics = [(f"/{message.name}", values)]
     stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
     if message.name == "POS":
-        place = {"latitude": values["Lat"], "longitude": values["Lng"], "altitude": values["Alt"]}
+        position = {"latitude": values["Lat"], "longitude": values["Lng"], "altitude": values["Alt"]}
         unknown = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
-        topics.append((_POSITION, {"timestamp": stamp, "frame_id": "earth", **place, **unknown}))
+        topics.append((_POSITION, {"timestamp": stamp, "frame_id": "earth", **position, **unknown}))
     elif message.name == "MSG":
         level = _LEVELS.get(int(values.get("Sev") or 0), 1)
         topics.append((_LOG, {"timestamp": stamp, "level": level, "message": values["Message"], "name": "rambler"}))
     return topics
 
 
-def _known(values: dict[str, Any]) -> dict[str, Any]:
+def _drop_unknown(values: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if not isinstance(value, float) or math.isfinite(value)}
 
 
-def _layout() -> dict[str, Any]:
+def _make_layout() -> dict[str, Any]:
     """Return a layout for Foxglove: map and texts on the left, plots on the right."""
     panels: dict[str, Any] = {
         "map!rambler": {"layer": "map", "topicColors": {}, "followTopic": _POSITION, "zoomLevel": 15},

@@ -1,4 +1,4 @@
-"""The messages of a log in plain units."""
+"""Read the messages of a log, with values in degrees, metres and seconds."""
 
 from __future__ import annotations
 
@@ -8,45 +8,54 @@ from typing import Any, Final, NamedTuple
 from firmware_py.log.dataflash import FMT_TYPE, Buffer, Format, Parser, text_of
 
 _SCALES: Final = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
-_TEXTS: Final = frozenset("nNZ")
-_MICROSECONDS: Final = 1e-6
+_TEXT_KINDS: Final = frozenset("nNZ")
+_MICROSECOND_S: Final = 1e-6
 
 
 class Message(NamedTuple):
-    """One record: name, process time, and values by column."""
+    """A log record: name, process time in seconds, and values by column."""
 
     name: str
     t_s: float
     values: dict[str, Any]
 
 
-def messages(buffer: Buffer, names: Collection[str] | None = None) -> Iterator[Message]:
-    """Yield the records that have a time, of the given names or of all, without parts of longer texts."""
-    selected: dict[int, tuple[Format, bool]] = {}  # by number; a later file header may reuse it
-    for found, at in Parser(buffer):
-        selection = selected.get(found.number)
-        if selection is None or selection[0] is not found:
-            whole = "TimeUS" in found.labels and "Part" not in found.labels and not found.name.startswith("FMT")
-            selection = selected[found.number] = (found, whole and (names is None or found.name in names))
+def read_messages(buffer: Buffer, names: Collection[str] | None = None) -> Iterator[Message]:
+    """Yield the records with these names, or all, that have a time and are not parts of longer texts."""
+    selections: dict[int, tuple[Format, bool]] = {}  # by number, which a later file header may reuse
+    for message_format, offset in Parser(buffer):
+        selection = selections.get(message_format.number)
+        if selection is None or selection[0] is not message_format:
+            is_complete = (
+                "TimeUS" in message_format.labels
+                and "Part" not in message_format.labels
+                and not message_format.name.startswith("FMT")
+            )
+            selection = selections[message_format.number] = (
+                message_format,
+                is_complete and (names is None or message_format.name in names),
+            )
         if selection[1]:
-            values = _values(found, buffer, at)
-            yield Message(found.name, values["TimeUS"] * _MICROSECONDS, values)
+            values = _unpack_values(message_format, buffer, offset)
+            yield Message(message_format.name, values["TimeUS"] * _MICROSECOND_S, values)
 
 
-def declared(buffer: Buffer) -> set[str]:
+def read_declared_names(buffer: Buffer) -> set[str]:
     """Return the names of all message formats in the header of a log."""
     names = set()
-    for found, at in Parser(buffer):
-        if found.number != FMT_TYPE:
+    for message_format, offset in Parser(buffer):
+        if message_format.number != FMT_TYPE:
             break
-        names.add(text_of(found.unpack(buffer, at)[2]))
+        names.add(text_of(message_format.unpack(buffer, offset)[2]))
     return names
 
 
-def _values(found: Format, buffer: Buffer, at: int) -> dict[str, Any]:
+def _unpack_values(message_format: Format, buffer: Buffer, offset: int) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    for label, kind, value in zip(found.labels, found.values, found.unpack(buffer, at), strict=True):
-        if kind in _TEXTS:
+    for label, kind, value in zip(
+        message_format.labels, message_format.values, message_format.unpack(buffer, offset), strict=True
+    ):
+        if kind in _TEXT_KINDS:
             values[label] = text_of(value)
         elif isinstance(value, bytes):
             continue

@@ -1,4 +1,4 @@
-"""GPX and KML: the track, and the mission and fence in force at the end."""
+"""Write GPX or KML: the track, and the mission and fence in force at the end of the log."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.cli.export.messages import Message, declared, messages
+from firmware_py.cli.export.messages import Message, read_declared_names, read_messages
 from firmware_py.common.angles import degrees, radians
 from firmware_py.common.geodesy import Place
 from firmware_py.log.dataflash import Buffer
@@ -22,7 +22,7 @@ _GPX, _KML = "http://www.topografix.com/GPX/1/1", "http://www.opengis.net/kml/2.
 # AC_PolyFenceType
 _POLYGONS: Final = {98: "inclusion", 97: "exclusion"}
 _CIRCLES: Final = {92: "inclusion", 93: "exclusion"}
-_CORNERS: Final = 36  # of a circle
+_CIRCLE_CORNERS: Final = 36  # of a circle
 _MAX_GAP_S: Final = 60.0  # a longer gap splits the track
 _HALF_TURN_DEG: Final = 180.0
 
@@ -46,10 +46,10 @@ class Tracks:
     points: list[Point] = field(default_factory=list)
     mission: list[dict[str, Any]] = field(default_factory=list)
     fence: list[dict[str, Any]] = field(default_factory=list)
-    shift_s: float | None = None
+    offset_s: float | None = None
 
-    def legs(self) -> Iterator[list[Point]]:
-        """Yield the parts of the track between long gaps and crossings of the 180th meridian."""
+    def split_legs(self) -> Iterator[list[Point]]:
+        """Split the track at long gaps and at crossings of the 180th meridian."""
         leg: list[Point] = []
         for point in self.points:
             gap = bool(leg) and not 0.0 <= point.t_s - leg[-1].t_s <= _MAX_GAP_S
@@ -60,149 +60,157 @@ class Tracks:
         if leg:
             yield leg
 
-    def time(self, point: Point) -> str:
-        """Return the time in UTC; empty if the log has no date."""
-        if self.shift_s is None:
+    def format_time(self, point: Point) -> str:
+        """Return the time of a fix in UTC (ISO 8601), empty if the log has no date."""
+        if self.offset_s is None:
             return ""
-        moment = dt.datetime.fromtimestamp(point.t_s + self.shift_s, tz=dt.UTC)
+        moment = dt.datetime.fromtimestamp(point.t_s + self.offset_s, tz=dt.UTC)
         return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def write(kind: str, buffer: Buffer, path: Path, _out: Path) -> str:
     """Write the tracks; return a summary, empty without fixes."""
-    tracks = gather(buffer)
+    tracks = read_tracks(buffer)
     if not tracks.points:
         return ""
-    tree = ET.ElementTree((_gpx if kind == "gpx" else _kml)(tracks))
+    tree = ET.ElementTree((make_gpx if kind == "gpx" else make_kml)(tracks))
     ET.indent(tree)
     tree.write(path, encoding="utf-8", xml_declaration=True)
     fixes = f"{len(tracks.points)} fixes"
-    if "CMD" not in declared(buffer):
+    if "CMD" not in read_declared_names(buffer):
         return f"{fixes}; mission and fence are not in logs of that version"
     return f"{fixes}, {len(tracks.mission)} waypoints, {len(tracks.fence)} fence points"
 
 
-def gather(buffer: Buffer) -> Tracks:
+def read_tracks(buffer: Buffer) -> Tracks:
     """Read fixes, mission and fence of a log."""
-    tracks = Tracks(shift_s=utc_offset_s(buffer))
-    for message in messages(buffer, {"FIX", "CMD", "FNCE"}):
+    tracks = Tracks(offset_s=utc_offset_s(buffer))
+    for message in read_messages(buffer, {"FIX", "CMD", "FNCE"}):
         values = message.values
         if message.name == "FIX":
-            place = (degrees(values["LatR"]), _longitude_deg(degrees(values["LngR"])))
-            if abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0:  # NaN is neither
+            place = (degrees(values["LatR"]), normalise_longitude_deg(degrees(values["LngR"])))
+            if abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0:  # also false for NaN
                 altitude_m = values.get("Alt", 0.0)
                 tracks.points.append(Point(values["T"], *place, altitude_m if altitude_m == altitude_m else 0.0))  # noqa: PLR0124
         elif message.name == "CMD":
-            _append(tracks.mission, message, "CNum")
+            _append_item(tracks.mission, message, "CNum")
         else:
-            _append(tracks.fence, message, "Seq")
-    tracks.mission = [one for one in tracks.mission if one["Lat"] or one["Lng"]]
+            _append_item(tracks.fence, message, "Seq")
+    tracks.mission = [item for item in tracks.mission if item["Lat"] or item["Lng"]]
     return tracks
 
 
-def _append(plan: list[dict[str, Any]], message: Message, number: str) -> None:
-    """Append an item; a lower number begins a new plan."""
-    if plan and message.values[number] <= plan[-1][number]:
+def _append_item(plan: list[dict[str, Any]], message: Message, number_key: str) -> None:
+    """Append an item to a plan. A number that does not increase begins a new plan."""
+    if plan and message.values[number_key] <= plan[-1][number_key]:
         plan.clear()
     plan.append(message.values)
 
 
-def _child(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:
+def _add_element(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:
     element = ET.SubElement(parent, tag, attributes)
     element.text = text or None
     return element
 
 
-def _gpx(tracks: Tracks) -> ET.Element:
+def make_gpx(tracks: Tracks) -> ET.Element:
+    """Return a GPX document: the mission as waypoints and the track."""
     root = ET.Element("gpx", {"xmlns": _GPX, "version": "1.1", "creator": "rambler export"})
     for item in tracks.mission:
-        waypoint = _child(root, "wpt", lat=f"{item['Lat']:.7f}", lon=f"{_longitude_deg(item['Lng']):.7f}")
-        _child(waypoint, "name", _title(item))
-    track = _child(root, "trk")
-    _child(track, "name", "Rambler")
-    for leg in tracks.legs():
-        segment = _child(track, "trkseg")
+        waypoint = _add_element(
+            root, "wpt", lat=f"{item['Lat']:.7f}", lon=f"{normalise_longitude_deg(item['Lng']):.7f}"
+        )
+        _add_element(waypoint, "name", _item_title(item))
+    track = _add_element(root, "trk")
+    _add_element(track, "name", "Rambler")
+    for leg in tracks.split_legs():
+        segment = _add_element(track, "trkseg")
         for point in leg:
-            element = _child(segment, "trkpt", lat=f"{point.latitude_deg:.7f}", lon=f"{point.longitude_deg:.7f}")
-            _child(element, "ele", f"{point.altitude_m:.1f}")
-            if time := tracks.time(point):
-                _child(element, "time", time)
+            element = _add_element(segment, "trkpt", lat=f"{point.latitude_deg:.7f}", lon=f"{point.longitude_deg:.7f}")
+            _add_element(element, "ele", f"{point.altitude_m:.1f}")
+            if time := tracks.format_time(point):
+                _add_element(element, "time", time)
     return root
 
 
-def _kml(tracks: Tracks) -> ET.Element:
+def make_kml(tracks: Tracks) -> ET.Element:
+    """Return a KML document: track, mission and fence."""
     root = ET.Element("kml", {"xmlns": _KML})
-    document = _child(root, "Document")
-    _child(document, "name", "Rambler")
-    for leg in tracks.legs():
-        _line(document, " to ".join(filter(None, map(tracks.time, (leg[0], leg[-1])))) or "Track", _places(leg))
+    document = _add_element(root, "Document")
+    _add_element(document, "name", "Rambler")
+    for leg in tracks.split_legs():
+        _add_line(
+            document,
+            " to ".join(filter(None, map(tracks.format_time, (leg[0], leg[-1])))) or "Track",
+            _positions_of(leg),
+        )
     mission = [(item["Lng"], item["Lat"]) for item in tracks.mission]
     if len(mission) > 1:
-        for part in _split(mission):
-            _line(document, "Mission", part)
+        for line in _split_at_meridian(mission):
+            _add_line(document, "Mission", line)
     for item, place in zip(tracks.mission, mission, strict=True):
-        placemark = _child(document, "Placemark")
-        _child(placemark, "name", _title(item))
-        _child(_child(placemark, "Point"), "coordinates", _coordinates([place]))
-    for (kind, count), group in groupby(tracks.fence, lambda one: (one["Type"], one["Count"])):
+        placemark = _add_element(document, "Placemark")
+        _add_element(placemark, "name", _item_title(item))
+        _add_element(_add_element(placemark, "Point"), "coordinates", _coordinates([place]))
+    for (kind, count), group in groupby(tracks.fence, lambda item: (item["Type"], item["Count"])):
         if kind in _CIRCLES:
-            for one in group:
-                _ring(document, _CIRCLES[kind], _circle(one["Lat"], one["Lng"], one["Radius"]))
+            for item in group:
+                _add_ring(document, _CIRCLES[kind], _circle_corners(item["Lat"], item["Lng"], item["Radius"]))
         elif kind in _POLYGONS:
-            corners = [(one["Lng"], one["Lat"]) for one in group]
+            corners = [(item["Lng"], item["Lat"]) for item in group]
             for first in range(0, len(corners) - int(count) + 1, int(count)):
-                _ring(document, _POLYGONS[kind], corners[first : first + int(count)])
+                _add_ring(document, _POLYGONS[kind], corners[first : first + int(count)])
     return root
 
 
-def _ring(document: ET.Element, kind: str, corners: Sequence[MapPoint]) -> None:
-    parts = list(_split([*corners, corners[0]]))
-    if len(parts) > 1:  # as an outline: a polygon cannot cross the 180th meridian
-        for part in parts:
-            _line(document, f"Fence, {kind}", part)
+def _add_ring(document: ET.Element, kind: str, corners: Sequence[MapPoint]) -> None:
+    parts = list(_split_at_meridian([*corners, corners[0]]))
+    if len(parts) > 1:  # lines, since a polygon cannot cross the 180th meridian
+        for line in parts:
+            _add_line(document, f"Fence, {kind}", line)
         return
-    placemark = _child(document, "Placemark")
-    _child(placemark, "name", f"Fence, {kind}")
-    outer = _child(_child(_child(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
-    _child(outer, "coordinates", _coordinates(parts[0]))
+    placemark = _add_element(document, "Placemark")
+    _add_element(placemark, "name", f"Fence, {kind}")
+    outer = _add_element(_add_element(_add_element(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
+    _add_element(outer, "coordinates", _coordinates(parts[0]))
 
 
-def _longitude_deg(longitude_deg: float) -> float:
+def normalise_longitude_deg(longitude_deg: float) -> float:
     """Return a longitude below 180 degrees, as GPX 1.1 requires."""
     return -_HALF_TURN_DEG if round(longitude_deg, 7) >= _HALF_TURN_DEG else longitude_deg
 
 
-def _split(places: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
-    """Yield the parts of a line on either side of the 180th meridian, each extended to it."""
-    part = [places[0]]
+def _split_at_meridian(places: Sequence[MapPoint]) -> Iterator[list[MapPoint]]:
+    """Split a line at the 180th meridian; each part ends on the meridian."""
+    line = [places[0]]
     for before, place in pairwise(places):
         if abs(place[0] - before[0]) > _HALF_TURN_DEG:
             edge_deg = math.copysign(_HALF_TURN_DEG, before[0])
             change_deg = place[0] + 2.0 * edge_deg - before[0]
             fraction = (edge_deg - before[0]) / change_deg if change_deg else 0.0
             latitude_deg = before[1] + fraction * (place[1] - before[1])
-            yield [*part, (edge_deg, latitude_deg)]
-            part = [(-edge_deg, latitude_deg)]
-        part.append(place)
-    yield part
+            yield [*line, (edge_deg, latitude_deg)]
+            line = [(-edge_deg, latitude_deg)]
+        line.append(place)
+    yield line
 
 
-def _circle(latitude_deg: float, longitude_deg: float, radius_m: float) -> list[MapPoint]:
+def _circle_corners(latitude_deg: float, longitude_deg: float, radius_m: float) -> list[MapPoint]:
     centre = Place(radians(latitude_deg), radians(longitude_deg))
-    angles = (math.tau * corner / _CORNERS for corner in range(_CORNERS))
+    angles = (math.tau * corner / _CIRCLE_CORNERS for corner in range(_CIRCLE_CORNERS))
     places = (centre.at_offset(radius_m * math.cos(angle), radius_m * math.sin(angle)) for angle in angles)
     return [(degrees(place.longitude_rad), degrees(place.latitude_rad)) for place in places]
 
 
-def _line(document: ET.Element, name: str, places: Sequence[MapPoint]) -> None:
-    placemark = _child(document, "Placemark")
-    _child(placemark, "name", name)
-    line = _child(placemark, "LineString")
-    _child(line, "tessellate", "1")
-    _child(line, "coordinates", _coordinates(places))
+def _add_line(document: ET.Element, name: str, places: Sequence[MapPoint]) -> None:
+    placemark = _add_element(document, "Placemark")
+    _add_element(placemark, "name", name)
+    line = _add_element(placemark, "LineString")
+    _add_element(line, "tessellate", "1")
+    _add_element(line, "coordinates", _coordinates(places))
 
 
-def _places(points: Sequence[Point]) -> list[MapPoint]:
+def _positions_of(points: Sequence[Point]) -> list[MapPoint]:
     return [(point.longitude_deg, point.latitude_deg) for point in points]
 
 
@@ -210,6 +218,6 @@ def _coordinates(places: Sequence[MapPoint]) -> str:
     return " ".join(f"{longitude_deg:.7f},{latitude_deg:.7f},0" for longitude_deg, latitude_deg in places)
 
 
-def _title(item: dict[str, Any]) -> str:
+def _item_title(item: dict[str, Any]) -> str:
     row = ROWS.get(int(item["CId"]))
     return f"{item['CNum']} {row.name if row else item['CId']}"

@@ -12,57 +12,54 @@ from firmware_py.estimate.deviation import NAMES
 from support.paths import REPLAY
 from support.swing import voyage
 
-LOG = REPLAY / "tank_pni_volz.BIN"
 
+@pytest.fixture
+def calibrate(monkeypatch, capsys):
+    """Calibrate the compass from the log of a voyage; return the exit code and the output."""
 
-def output(monkeypatch, capsys, *words, **how):
-    monkeypatch.setattr(logged_ticks, "read_log", lambda _path: voyage(**how))
-    code = main(["calibrate", "compass", "any.BIN", *words])
-    return code, capsys.readouterr().out
+    def run(*words, **options):
+        monkeypatch.setattr(logged_ticks, "read_log", lambda _path: voyage(**options))
+        code = main(["calibrate", "compass", "any.BIN", *words])
+        return code, capsys.readouterr().out
+
+    return run
 
 
 @pytest.mark.parametrize("restart", [False, True])
-def test_compass_report_compares_proposal_and_values_in_force(monkeypatch, capsys, restart):
-    code, text = output(monkeypatch, capsys, "--json", restart=restart)
-    found = json.loads(text)
-    assert (code, found["ready"]) == (0, True)
-    assert found["in_force_deg"]["CMP_DEV_B"] == 2.0
-    assert found["proposed_deg"]["CMP_DEV_A"] == pytest.approx(5.0, abs=0.3)
-    assert found["proposed_deg"]["CMP_DEV_B"] == pytest.approx(0.0, abs=0.5)
-    assert found["off_deg"] == pytest.approx(7.0, abs=0.7)
-    assert found["mounting_deg"] == pytest.approx(found["proposed_deg"]["CMP_DEV_A"], abs=0.01)
-    assert found["residual_after_deg"] < 0.2 * found["residual_before_deg"]
+def test_compass_report_compares_proposal_and_values_in_force(calibrate, restart):
+    code, text = calibrate("--json", restart=restart)
+    values = json.loads(text)
+    assert (code, values["ready"]) == (0, True)
+    assert values["in_force_deg"]["CMP_DEV_B"] == 2.0
+    assert values["proposed_deg"]["CMP_DEV_A"] == pytest.approx(5.0, abs=0.3)
+    assert values["proposed_deg"]["CMP_DEV_B"] == pytest.approx(0.0, abs=0.5)
+    assert values["off_deg"] == pytest.approx(7.0, abs=0.7)
+    assert values["mounting_deg"] == pytest.approx(values["proposed_deg"]["CMP_DEV_A"], abs=0.01)
+    assert values["residual_after_deg"] < 0.2 * values["residual_before_deg"]
 
 
-def test_proposal_is_saved_as_parameter_file(monkeypatch, capsys, tmp_path):
+def test_proposal_is_printed_and_saved_as_parameter_file(calibrate, tmp_path):
     path = tmp_path / "deviation.parm"
-    code, text = output(monkeypatch, capsys, "--save", str(path))
+    code, text = calibrate("--save", str(path))
     assert code == 0
-    assert "CMP_DEV_A      0.00" in text
-    assert "leeway" in text
-    assert "alignment: CMP_OFFSET_DEG " in text
+    assert all(part in text for part in ("CMP_DEV_A      0.00", "leeway", "alignment: CMP_OFFSET_DEG "))
     assert list(parse_file(path.read_text(), "-")) == list(NAMES)
 
 
-def test_insufficient_data_gives_no_proposal_and_no_file(monkeypatch, capsys, tmp_path):
+def test_insufficient_data_gives_no_proposal_and_no_file(calibrate, tmp_path):
     path = tmp_path / "deviation.parm"
-    code, text = output(monkeypatch, capsys, "--save", str(path), legs=3)
-    assert code == 1
-    assert "not enough data" in text
-    assert not path.exists()
+    code, text = calibrate("--save", str(path), legs=3)
+    assert (code, "not enough data" in text, path.exists()) == (1, True, False)
 
 
-def test_parameters_set_during_the_log_are_in_force(monkeypatch, capsys):
-    run = (SetParameter("CMP_DEV_C", -3.0), SetParameter("NO_SUCH", 1.0))
-    _, text = output(monkeypatch, capsys, "--json", legs=3, requests=run)
+def test_parameters_set_during_the_log_are_in_force(calibrate):
+    intents = (SetParameter("CMP_DEV_C", -3.0), SetParameter("NO_SUCH", 1.0))
+    _, text = calibrate("--json", legs=3, requests=intents)
     assert json.loads(text)["in_force_deg"]["CMP_DEV_C"] == -3.0
 
 
-def test_log_without_motion_gives_no_estimate(capsys):
-    assert main(["calibrate", "compass", str(LOG)]) == 1
+def test_log_without_motion_and_unreadable_log(capsys, tmp_path):
+    assert main(["calibrate", "compass", str(REPLAY / "tank_pni_volz.BIN")]) == 1
     assert "sectors" in capsys.readouterr().out
-
-
-def test_unreadable_log_is_a_one_line_error(capsys, tmp_path):
     assert main(["calibrate", "compass", str(tmp_path / "none.BIN")]) == 2
     assert "none.BIN" in capsys.readouterr().err

@@ -10,12 +10,12 @@ from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
 DAY_UTC_S = 1_798_761_600.0  # 2027-01-01
 
 
-def minutes(begin_utc_s, count, **values):
-    """Rows of the thin log, a minute each."""
+def minutes(start_utc_s, count, **values):
+    """Return rows of the thin log, one a minute. A callable value gets the number of the row."""
     data = b""
     for number in range(1, count + 1):
-        given = {name: value(number) if callable(value) else value for name, value in values.items()}
-        row = Minute(begin_utc_s + 60.0 * number, 60.0, 0, True, 0, **given)
+        fields = {name: value(number) if callable(value) else value for name, value in values.items()}
+        row = Minute(start_utc_s + 60.0 * number, 60.0, 0, True, 0, **fields)
         data += SAILING.pack(60.0 * number, row) + UPKEEP.pack(60.0 * number, row)
     return data
 
@@ -27,11 +27,11 @@ MEASURED = {"servo_v": 12.0, "steering_j": 30.0, "battery_v": 12.5, "load_w": 5.
 def energy(tmp_path, capsys):
     """Run the command on a thin log in a state directory."""
 
-    def run(data, *more, name="00000001.BIN"):
+    def run(data, *words, name="00000001.BIN"):
         thin = tmp_path / "logs" / "thin"
         thin.mkdir(parents=True, exist_ok=True)
         (thin / name).write_bytes(HEAD + data)
-        code = main(["energy", str(tmp_path), *more])
+        code = main(["energy", str(tmp_path), *words])
         return code, capsys.readouterr().out
 
     return run
@@ -57,8 +57,8 @@ def test_days_begin_at_midnight_utc_and_undated_minutes_are_separate(energy):
 
 
 def test_minutes_before_clock_setting_belong_to_the_day(energy):
-    begun, then = minutes(0.0, 3, **MEASURED), minutes(DAY_UTC_S, 60, **MEASURED)
-    days = json.loads(energy(begun + then[len(begun) :], "--json")[1])["days"]
+    undated, dated = minutes(0.0, 3, **MEASURED), minutes(DAY_UTC_S, 60, **MEASURED)
+    days = json.loads(energy(undated + dated[len(undated) :], "--json")[1])["days"]
     assert [(day["day"], day["logged_h"], day["load"]["wh"]) for day in days] == [("2027-01-01", 1.0, 5.0)]
 
 
@@ -69,9 +69,7 @@ def test_unmeasured_time_is_extrapolated_and_marked(energy):
     assert day["servo"] == {"wh": 5.0, "measured_h": 10.0, "estimated": False}
     assert day["rest"]["estimated"]
     code, out = energy(data)
-    assert code == 0
-    assert "~50.00" in out
-    assert " 5.00" in out
+    assert (code, "~50.00" in out, " 5.00" in out) == (0, True, True)
 
 
 def test_rest_needs_a_monitor_or_rest_w(energy):
@@ -87,10 +85,10 @@ def test_servo_without_power_reading_is_unknown(energy):
     assert (day["servo"], day["rest"], day["load"]["wh"]) == (None, None, 5.0)
 
 
-@pytest.mark.parametrize("cut", [1, 40, 200])
-def test_incomplete_row_is_ignored(energy, cut):
-    whole = minutes(DAY_UTC_S, 60, **MEASURED)
-    (day,) = json.loads(energy(whole[:-cut], "--json")[1])["days"]
+@pytest.mark.parametrize("cut_bytes", [1, 40, 200])
+def test_incomplete_row_is_ignored(energy, cut_bytes):
+    data = minutes(DAY_UTC_S, 60, **MEASURED)
+    (day,) = json.loads(energy(data[:-cut_bytes], "--json")[1])["days"]
     assert day["logged_h"] in (pytest.approx(59 / 60, abs=1e-4), pytest.approx(58 / 60, abs=1e-4))
 
 
@@ -102,8 +100,9 @@ def test_missing_records_and_bad_arguments(energy, tmp_path, capsys):
 
 
 def test_column_of_another_type_is_ignored(energy):
-    values, place = UPKEEP.type.values, UPKEEP.type.labels.split(",").index("Load")
-    odd = HEAD.replace(values.encode(), f"{values[:place]}n{values[place + 1 :]}".encode())  # four letters, not a float
-    assert odd != HEAD
-    (day,) = json.loads(energy(odd + minutes(DAY_UTC_S, 60, **MEASURED), "--json")[1])["days"]
+    values, index = UPKEEP.type.values, UPKEEP.type.labels.split(",").index("Load")
+    changed_values = f"{values[:index]}n{values[index + 1 :]}"  # n: a text of four characters
+    changed_header = HEAD.replace(values.encode(), changed_values.encode())
+    assert changed_header != HEAD
+    (day,) = json.loads(energy(changed_header + minutes(DAY_UTC_S, 60, **MEASURED), "--json")[1])["days"]
     assert (day["load"], day["solar"]["wh"]) == (None, pytest.approx(8.0))

@@ -28,120 +28,118 @@ def log(tmp_path_factory):
 
 @pytest.fixture
 def export(log, tmp_path):
-    def exported(kind):
-        out = tmp_path / f"boat.{kind}"
-        assert main(["export", str(log), "--to", kind, "--out", str(out)]) == 0
+    """Export the log in a format; return the path of the output."""
+
+    def run(file_format):
+        out = tmp_path / f"boat.{file_format}"
+        assert main(["export", str(log), "--to", file_format, "--out", str(out)]) == 0
         assert not list(tmp_path.glob("*.part"))
         return out
 
-    return exported
+    return run
+
+
+@pytest.fixture
+def csv_rows(export):
+    with export("csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def mcap_messages(export):
+    """Schema, channel and message of each message of an MCAP file."""
+    reader = pytest.importorskip("mcap.reader")
+    with export("mcap").open("rb") as file:
+        return list(reader.make_reader(file).iter_messages())
 
 
 def test_concatenated_logs_are_all_exported(log, tmp_path, capsys):
     """The second header describes all messages again."""
-    both = tmp_path / "both.BIN"
-    both.write_bytes(2 * log.read_bytes())
-    for kind in ("csv", "gpx", "kml"):
-        assert main(["export", str(both), "--to", kind, "--out", str(tmp_path / kind)]) == 0
+    path = tmp_path / "both.BIN"
+    path.write_bytes(2 * log.read_bytes())
+    for file_format in ("csv", "gpx", "kml"):
+        assert main(["export", str(path), "--to", file_format, "--out", str(tmp_path / file_format)]) == 0
     assert f"{2 * TICKS} rows" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("program", "words"), [(main, ["export", "--to", "csv"]), (hil_main, ["report"])])
 def test_output_never_overwrites_the_log(program, words, log, tmp_path, capsys):
-    mine = tmp_path / "00000001.BIN"
+    path = tmp_path / "00000001.BIN"
     content = log.read_bytes()
-    mine.write_bytes(content)
-    (tmp_path / "link").symlink_to(mine)
-    for out in (mine, tmp_path / "link"):
-        assert program([*words, str(mine), "--out", str(out)]) == 2
+    path.write_bytes(content)
+    (tmp_path / "link").symlink_to(path)
+    for out in (path, tmp_path / "link"):
+        assert program([*words, str(path), "--out", str(out)]) == 2
         assert "another" in capsys.readouterr().err
-        assert mine.read_bytes() == content
+        assert path.read_bytes() == content
 
 
-def test_csv_has_one_row_per_tick(export):
-    with export("csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == TICKS
-    assert (rows[5]["mode"], rows[5]["armed"], rows[200]["armed"]) == ("GUIDED", "False", "True")
-    assert float(rows[5]["heading_deg"]) == pytest.approx(57.29578, abs=1e-4)
-    assert float(rows[5]["latitude_deg"]) == pytest.approx(40.10705, abs=1e-4)
-    assert rows[6]["latitude_deg"] == ""  # no fix came with that tick
+def test_csv_has_one_row_per_tick(csv_rows):
+    assert len(csv_rows) == TICKS
+    assert (csv_rows[5]["mode"], csv_rows[5]["armed"], csv_rows[200]["armed"]) == ("GUIDED", "False", "True")
+    assert float(csv_rows[5]["heading_deg"]) == pytest.approx(57.29578, abs=1e-4)
+    assert float(csv_rows[5]["latitude_deg"]) == pytest.approx(40.10705, abs=1e-4)
+    assert csv_rows[6]["latitude_deg"] == ""  # a tick without a fix
 
 
-def test_parquet_has_the_same_table(export):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    table = parquet.read_table(export("parquet"))
-    with export("csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert table.column_names == list(rows[0])
+def test_parquet_has_the_same_table(export, csv_rows):
+    table = pytest.importorskip("pyarrow.parquet").read_table(export("parquet"))
+    assert table.column_names == list(csv_rows[0])
     for name in ("time_s", "rudder_deg", "utc_s", "battery_v"):
-        expected = [float(row[name]) if row[name] else None for row in rows]
+        expected = [float(row[name]) if row[name] else None for row in csv_rows]
         assert table.column(name).to_pylist() == pytest.approx(expected)
     assert set(table.column("mode").to_pylist()) == {"GUIDED"}
 
 
-def test_mcap_has_every_message_with_gps_time(export):
-    reader = pytest.importorskip("mcap.reader")
-    path = export("mcap")
-    first, topics, places = None, set(), []
-    with path.open("rb") as file:
-        for schema, channel, message in reader.make_reader(file).iter_messages():
-            first = first or message.log_time
-            topics.add(channel.topic)
-            assert channel.message_encoding == "json"
-            if channel.topic == "/position":
-                assert schema.name == "foxglove.LocationFix"
-                places.append(json.loads(message.data))
-    assert first * 1e-9 == pytest.approx(1.7e9, abs=2.0)  # the receiver's date
-    assert places[0]["latitude"] == pytest.approx(40.10705, abs=1e-4)
-    assert {"/ATT", "/CTL", "/NAV", "/log", "/BAT"} <= topics
+def test_mcap_has_every_message_with_gps_time(mcap_messages):
+    assert {channel.message_encoding for _, channel, _ in mcap_messages} == {"json"}
+    assert mcap_messages[0][2].log_time * 1e-9 == pytest.approx(1.7e9, abs=2.0)  # the date of the receiver
+    schema, _, message = next(row for row in mcap_messages if row[1].topic == "/position")
+    assert schema.name == "foxglove.LocationFix"
+    assert json.loads(message.data)["latitude"] == pytest.approx(40.10705, abs=1e-4)
+    assert {"/ATT", "/CTL", "/NAV", "/log", "/BAT"} <= {channel.topic for _, channel, _ in mcap_messages}
 
 
-# Of Foxglove's own reader of JSON schemas: a field has one of these types, and no choice between two.
+# The reader of Foxglove accepts one of these types per field, and no alternatives.
 JSON_TYPES = ("boolean", "string", "number", "integer", "object", "array")
-PATH = re.compile(r"(/\w+)(?:\{(\w+)==\d+\})?\.(\w+)")
+FIELD_PATH = re.compile(r"(/\w+)(?:\{(\w+)==\d+\})?\.(\w+)")
 
 
-def test_mcap_messages_match_their_schemas(export):
-    reader = pytest.importorskip("mcap.reader")
-    lacking, validators = 0, {}
-    with export("mcap").open("rb") as file:
-        for schema, _, message in reader.make_reader(file).iter_messages():
-            values = json.loads(message.data)
-            if schema.name not in validators:
-                described = json.loads(schema.data) | {"additionalProperties": False}
-                assert all(field["type"] in JSON_TYPES for field in described["properties"].values()), schema.name
-                jsonschema.Draft202012Validator.check_schema(described)
-                validators[schema.name] = jsonschema.Draft202012Validator(described)
-            validators[schema.name].validate(values)
-            lacking += len(values) < len(validators[schema.name].schema["properties"])
-    assert lacking, "nothing was unknown, so that nothing was tested"
+def test_mcap_messages_match_their_schemas(mcap_messages):
+    incomplete, validators = 0, {}
+    for schema, _, message in mcap_messages:
+        values = json.loads(message.data)
+        if schema.name not in validators:
+            content = json.loads(schema.data) | {"additionalProperties": False}
+            assert all(field["type"] in JSON_TYPES for field in content["properties"].values()), schema.name
+            jsonschema.Draft202012Validator.check_schema(content)
+            validators[schema.name] = jsonschema.Draft202012Validator(content)
+        validators[schema.name].validate(values)
+        incomplete += len(values) < len(validators[schema.name].schema["properties"])
+    assert incomplete, "the log must contain messages with unknown values"
 
 
-def test_layout_refers_to_existing_fields(export):
-    reader = pytest.importorskip("mcap.reader")
-    path = export("mcap")
-    fields, output = {}, {}
-    with path.open("rb") as file:
-        for schema, channel, message in reader.make_reader(file).iter_messages():
-            fields[channel.topic] = (schema.name, json.loads(schema.data)["properties"])
-            output.setdefault(channel.topic, set()).update(json.loads(message.data))
-    layout = json.loads((path.parent / "boat.mcap.layout.json").read_text())
+def test_layout_refers_to_existing_fields(mcap_messages, tmp_path):
+    schemas, fields = {}, {}
+    for schema, channel, message in mcap_messages:
+        schemas[channel.topic] = (schema.name, json.loads(schema.data)["properties"])
+        fields.setdefault(channel.topic, set()).update(json.loads(message.data))
+    layout = json.loads((tmp_path / "boat.mcap.layout.json").read_text())
     panels = layout["configById"]
     lines = [line["value"] for panel in panels.values() for line in panel.get("paths", ())]
     assert len(lines) >= 9
     for line in lines:
-        topic, filtered, field = PATH.fullmatch(line).groups()
-        for one in filter(None, (filtered, field)):
-            assert fields[topic][1][one]["type"] == "number", line
-            assert one in output[topic], line
-    assert fields[panels["map!rambler"]["followTopic"]][0] == "foxglove.LocationFix"
-    assert fields[panels["RosOut!rambler"]["topicToRender"]][0] == "foxglove.Log"
+        topic, filter_field, field = FIELD_PATH.fullmatch(line).groups()
+        for name in filter(None, (filter_field, field)):
+            assert schemas[topic][1][name]["type"] == "number", line
+            assert name in fields[topic], line
+    assert schemas[panels["map!rambler"]["followTopic"]][0] == "foxglove.LocationFix"
+    assert schemas[panels["RosOut!rambler"]["topicToRender"]][0] == "foxglove.Log"
     assert sorted(leaves(layout["layout"])) == sorted(panels)
 
 
 def leaves(node):
-    """The panels of a layout's tree of splits."""
+    """Return the panels of the tree of a layout."""
     if isinstance(node, str):
         return [node]
     assert node["direction"] in {"row", "column"}
@@ -150,43 +148,42 @@ def leaves(node):
 
 
 def test_gpx_has_track_in_utc_and_mission(export):
-    found = gpxpy.parse(export("gpx").read_text(encoding="utf-8"))
-    ((segment,),) = [track.segments for track in found.tracks]
+    gpx = gpxpy.parse(export("gpx").read_text(encoding="utf-8"))
+    ((segment,),) = [track.segments for track in gpx.tracks]
     assert len(segment.points) == TICKS // 5
-    first = segment.points[0]
-    assert (first.latitude, first.elevation) == pytest.approx((40.10705, 3.0), abs=1e-4)
-    assert first.time.isoformat().startswith("2023-11-14T22:13:20")
-    assert [one.name for one in found.waypoints] == ["1 NAV_WAYPOINT"]
+    point = segment.points[0]
+    assert (point.latitude, point.elevation) == pytest.approx((40.10705, 3.0), abs=1e-4)
+    assert point.time.isoformat().startswith("2023-11-14T22:13:20")
+    assert [waypoint.name for waypoint in gpx.waypoints] == ["1 NAV_WAYPOINT"]
 
 
-def test_kml_has_track_mission_and_fence_and_is_valid(export):
+def test_kml_is_valid_and_has_track_mission_and_fence(export):
     path = export("kml")
     assert fastkml.validator.validate(file_to_validate=path)
     (document,) = fastkml.kml.KML.parse(path).features
     track, _, polygon, circle = document.features
     assert track.geometry.coords[0] == pytest.approx((-11.45916, 40.10705, 0.0), abs=1e-4)
-    assert [one.name for one in document.features[1:]] == ["1 NAV_WAYPOINT", "Fence, inclusion", "Fence, exclusion"]
+    assert [row.name for row in document.features[1:]] == ["1 NAV_WAYPOINT", "Fence, inclusion", "Fence, exclusion"]
     corners = polygon.geometry.exterior.coords
     assert (len(corners), corners[0]) == (4, corners[-1])
-    degrees = [(north, east) for east, north, _ in circle.geometry.exterior.coords]
-    assert (len(degrees), degrees[0]) == (37, degrees[-1])
-    for north, east in degrees:  # 50 m about a place beside the equator
+    positions = [(north, east) for east, north, _ in circle.geometry.exterior.coords]
+    assert (len(positions), positions[0]) == (37, positions[-1])
+    for north, east in positions:  # 50 m around a position near the equator
         assert math.hypot(north - 7e-7, east - 8e-7) * 111_195.0 == pytest.approx(50.0, rel=1e-3)
 
 
 def test_missing_library_names_the_extra(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert main(["export", str(log), "--to", "parquet", "--out", str(tmp_path / "x.parquet")]) == 2
-    assert "pip" not in (error := capsys.readouterr().err)
-    assert "pyarrow" in error
-    assert "rambler-autopilot[export]" in error
+    error = capsys.readouterr().err
+    assert ("pip" in error, "pyarrow" in error, "rambler-autopilot[export]" in error) == (False, True, True)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("kind", ["csv", "gpx"])
-def test_empty_log_is_a_finding_and_leaves_no_file(kind, tmp_path, capsys):
+@pytest.mark.parametrize("file_format", ["csv", "gpx"])
+def test_empty_log_is_a_finding_and_leaves_no_file(file_format, tmp_path, capsys):
     (tmp_path / "empty.BIN").write_bytes(header(TYPES, 0))
-    assert main(["export", str(tmp_path / "empty.BIN"), "--to", kind, "--out", str(tmp_path / "out")]) == 1
+    assert main(["export", str(tmp_path / "empty.BIN"), "--to", file_format, "--out", str(tmp_path / "out")]) == 1
     assert "nothing to export" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["empty.BIN"]
 
@@ -196,19 +193,19 @@ def test_missing_log_is_a_one_line_error(tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_log_version_without_plans_is_reported(tmp_path, capsys):
-    old = tmp_path / "old.BIN"
-    old.write_bytes((REPLAY / "mission_failsafe.BIN").read_bytes().replace(b"CMD\0", b"OLD\0", 1))  # no message CMD
-    for kind in ("gpx", "kml"):
-        assert main(["export", str(old), "--to", kind, "--out", str(tmp_path / kind)]) == 0
-        output = capsys.readouterr().out
-        assert re.search(r": \d+ fixes; mission and fence are not in logs of that version\n$", output)
+@pytest.mark.parametrize("file_format", ["gpx", "kml"])
+def test_log_version_without_plans_is_reported(file_format, tmp_path, capsys):
+    path = tmp_path / "old.BIN"
+    path.write_bytes((REPLAY / "mission_failsafe.BIN").read_bytes().replace(b"CMD\0", b"OLD\0", 1))
+    assert main(["export", str(path), "--to", file_format, "--out", str(tmp_path / "out")]) == 0
+    text = r": \d+ fixes; mission and fence are not in logs of that version\n$"
+    assert re.search(text, capsys.readouterr().out)
 
 
-def test_full_disk_names_the_output(log, tmp_path, capsys, monkeypatch):
-    def full(*_words):
+def test_full_disk_error_names_the_output(log, tmp_path, capsys, monkeypatch):
+    def raise_full(*_arguments):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("firmware_py.cli.export.table.write", full)
+    monkeypatch.setattr("firmware_py.cli.export.table.write", raise_full)
     assert main(["export", str(log), "--to", "csv", "--out", str(tmp_path / "a.csv")]) == 2
     assert f"{tmp_path / 'a.csv'}: No space left on device" in capsys.readouterr().err

@@ -27,19 +27,14 @@ def state(tmp_path):
 
 
 @pytest.fixture
-def typed(monkeypatch):
-    """Write bytes to standard input."""
-
-    def give(data):
-        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
-
-    return give
+def set_input(monkeypatch):
+    """Replace standard input by bytes."""
+    return lambda data: monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
 
 
 @pytest.fixture
-def keyed(state, typed, capsys):
-    """A state directory with a key."""
-    typed(PASSPHRASE)
+def state_with_key(state, set_input, capsys):
+    set_input(PASSPHRASE)
     assert main(["key", "set", "--state", str(state)]) == 0
     capsys.readouterr()
     return state
@@ -51,6 +46,7 @@ def key_in(directory):
 
 
 def refused(capsys, *words):
+    """Return the one-line error."""
     assert main(["key", *map(str, words)]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
@@ -58,30 +54,29 @@ def refused(capsys, *words):
     return line
 
 
-def state_of(capsys, directory):
+def shown_state(capsys, directory):
     assert main(["key", "show-state", "--state", str(directory), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
-def test_key_is_set_shown_as_state_only_and_removed(state, typed, capsys):
-    assert state_of(capsys, state) == {"state": "absent", "problem": "", "readable_by_others": []}
-    typed(PASSPHRASE + b"\n")
+def test_key_is_set_shown_as_state_only_and_removed(state, set_input, capsys):
+    assert shown_state(capsys, state) == {"state": "absent", "problem": "", "readable_by_others": []}
+    set_input(PASSPHRASE + b"\n")
     assert main(["key", "set", "--state", str(state)]) == 0
-    assert capsys.readouterr().out == f"{state}: present\n"
-    assert key_in(state) == KEY
-    files = sorted(state.glob("signing.key.*"))
-    assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}
-    assert [KEY.hex().encode() in path.read_bytes() for path in files] == [True, True]
     assert main(["key", "show-state", "--state", str(state)]) == 0
-    assert capsys.readouterr().out == f"{state}: present\n"
+    assert capsys.readouterr().out == 2 * f"{state}: present\n"
+    assert key_in(state) == KEY
+    paths = sorted(state.glob("signing.key.*"))
+    assert {stat.S_IMODE(path.stat().st_mode) for path in paths} == {0o600}
+    assert [KEY.hex().encode() in path.read_bytes() for path in paths] == [True, True]
     assert main(["key", "remove", "--state", str(state), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"state": "absent"}
-    assert not any(KEY.hex().encode() in path.read_bytes() for path in files)
+    assert not any(KEY.hex().encode() in path.read_bytes() for path in paths)
 
 
 @pytest.mark.parametrize("data", [b"two words", b"two words\n", b"two words\r\n"])
-def test_passphrase_is_read_from_file_or_standard_input(data, state, typed, tmp_path):
-    typed(data)
+def test_passphrase_is_read_from_file_or_standard_input(data, state, set_input, tmp_path):
+    set_input(data)
     assert main(["key", "set", "--state", str(state)]) == 0
     assert key_in(state) == sha256(b"two words").digest()
     (tmp_path / "words").write_bytes(data.replace(b"two", b"deux"))
@@ -89,18 +84,16 @@ def test_passphrase_is_read_from_file_or_standard_input(data, state, typed, tmp_
     assert key_in(state) == sha256(b"deux words").digest()
 
 
-def test_hex_digits_are_a_key_only_with_the_option(state, typed):
+def test_hex_digits_are_a_key_only_with_the_option(state, set_input):
     digits = "0123456789abcdefABCDEF9876543210" * 2
-    typed(digits.encode())
-    assert main(["key", "set", "--state", str(state)]) == 0
-    assert key_in(state) == sha256(digits.encode()).digest()
-    typed(digits.encode())
-    assert main(["key", "set", "--hex", "--state", str(state)]) == 0
-    assert key_in(state) == bytes.fromhex(digits)
+    for words, key in (([], sha256(digits.encode()).digest()), (["--hex"], bytes.fromhex(digits))):
+        set_input(digits.encode())
+        assert main(["key", "set", *words, "--state", str(state)]) == 0
+        assert key_in(state) == key
 
 
 @pytest.mark.parametrize(
-    ("data", "more", "reason"),
+    ("data", "words", "reason"),
     [
         (b"", (), "the input must be one line of text"),
         (b"\n", (), "the input must be one line of text"),
@@ -112,101 +105,98 @@ def test_hex_digits_are_a_key_only_with_the_option(state, typed):
         (b"0" * 64, ("--hex",), "a key must not be all zeros"),
     ],
 )
-def test_invalid_key_is_refused_and_the_old_one_stays(data, more, reason, keyed, typed, capsys):
-    typed(data)
-    assert reason in refused(capsys, "set", "--state", keyed, *more)
-    assert key_in(keyed) == KEY
+def test_invalid_key_is_refused_and_the_old_one_stays(data, words, reason, state_with_key, set_input, capsys):
+    set_input(data)
+    assert reason in refused(capsys, "set", "--state", state_with_key, *words)
+    assert key_in(state_with_key) == KEY
 
 
-def test_key_is_never_an_argument(state, capsys):
+def test_key_as_argument_is_refused(state, capsys):
     assert "-h" in refused(capsys, "set", "seaworthy", "--state", state)
     assert key_in(state) is None
 
 
-@pytest.mark.parametrize("words", [("show-state",), ("remove",), ("set", "--key-file", "none")])
-def test_missing_directory_or_key_file_is_an_error(words, tmp_path, state, capsys):
+@pytest.mark.parametrize(
+    "words", [("show-state",), ("remove",), ("set", "--key-file", "none")], ids=lambda words: words[0]
+)
+def test_missing_directory_or_key_file_is_refused(words, tmp_path, state, capsys):
     assert "does not exist" in refused(capsys, *words, "--state", tmp_path / "none")
     assert not (tmp_path / "none").exists()
     if words[0] == "set":
         assert "give a readable file" in refused(capsys, *words, "--state", state)
 
 
-def test_key_of_a_running_autopilot_is_not_changed(keyed, typed, capsys):
-    autopilot = Store(keyed)
+@pytest.mark.parametrize("command", ["set", "remove"])
+def test_key_of_a_running_autopilot_is_not_changed(command, state_with_key, set_input, capsys):
+    autopilot = Store(state_with_key)
     try:
-        typed(b"another")
-        assert "end that one, or set the key over a trusted link" in refused(capsys, "set", "--state", keyed)
-        assert "end that one, or set the key over a trusted link" in refused(capsys, "remove", "--state", keyed)
-        assert state_of(capsys, keyed)["state"] == "present"
+        set_input(b"another")
+        assert "end that one, or set the key over a trusted link" in refused(capsys, command, "--state", state_with_key)
+        assert shown_state(capsys, state_with_key)["state"] == "present"
     finally:
         autopilot.close()
-    assert key_in(keyed) == KEY
+    assert key_in(state_with_key) == KEY
 
 
-def test_only_the_owner_changes_the_key(state, typed, capsys, monkeypatch):
+@pytest.mark.parametrize("command", ["set", "remove"])
+def test_only_the_owner_changes_the_key(command, state, set_input, capsys, monkeypatch):
     """The autopilot does not accept files of another user, not even of root: the key would be lost."""
     monkeypatch.setattr(os, "geteuid", lambda: 54321)
-    typed(PASSPHRASE)
-    assert "run this as that user" in refused(capsys, "set", "--state", state)
-    assert "run this as that user" in refused(capsys, "remove", "--state", state)
+    set_input(PASSPHRASE)
+    assert "run this as that user" in refused(capsys, command, "--state", state)
 
 
-def test_full_standard_output_is_a_disk_error(keyed, capsys, monkeypatch):
+def test_full_standard_output_is_a_disk_error(state_with_key, capsys, monkeypatch):
     with Path("/dev/full").open("wb", buffering=0) as full:
         monkeypatch.setattr("sys.stdout", io.TextIOWrapper(full, write_through=True))
-        assert main(["key", "show-state", "--state", str(keyed)]) == 2
+        assert main(["key", "show-state", "--state", str(state_with_key)]) == 2
     assert capsys.readouterr().err.startswith("rambler: a disk is full (see df)")
 
 
-def test_lost_key_has_a_cause_and_can_be_removed(keyed, capsys):
-    for path in keyed.glob("signing.key.*"):
+def test_lost_key_has_a_cause_and_can_be_removed(state_with_key, capsys):
+    for path in state_with_key.glob("signing.key.*"):
         path.write_bytes(b"")
         path.chmod(0o644)
-    assert state_of(capsys, keyed) == {
-        "state": "lost",
-        "problem": "signing.key.0 is damaged, signing.key.1 is damaged",
-        "readable_by_others": ["signing.key.0", "signing.key.1"],
-    }
-    assert main(["key", "remove", "--state", str(keyed)]) == 0
-    assert find_key(stored_key(keyed)).state is KeyState.ABSENT
+    problem = "signing.key.0 is damaged, signing.key.1 is damaged"
+    names = ["signing.key.0", "signing.key.1"]
+    assert shown_state(capsys, state_with_key) == {"state": "lost", "problem": problem, "readable_by_others": names}
+    assert main(["key", "remove", "--state", str(state_with_key)]) == 0
+    assert find_key(stored_key(state_with_key)).state is KeyState.ABSENT
 
 
-def test_key_of_another_user_is_unreadable_not_lost(keyed, capsys, monkeypatch):
-    def refuse(*_words):
+def test_key_of_another_user_is_unreadable_not_lost(state_with_key, capsys, monkeypatch):
+    def raise_denied(*_arguments):
         raise PermissionError(13, "denied")
 
     monkeypatch.setattr(os, "geteuid", lambda: 54321)
-    monkeypatch.setattr("os.read", refuse)
-    result = state_of(capsys, keyed)
-    assert result["state"] == "unreadable"
-    assert result["problem"].startswith(
-        "signing.key.0 cannot be read (denied), signing.key.1 cannot be read (denied); run this as"
-    )
+    monkeypatch.setattr("os.read", raise_denied)
+    result = shown_state(capsys, state_with_key)
+    problem = "signing.key.0 cannot be read (denied), signing.key.1 cannot be read (denied); run this as"
+    assert (result["state"], result["problem"].startswith(problem)) == ("unreadable", True)
 
 
-def test_write_error_is_reported(state, typed, capsys, monkeypatch):
-    typed(PASSPHRASE)
-
-    def no_room(*_words):
+def test_write_error_is_reported(state, set_input, capsys, monkeypatch):
+    def raise_full(*_arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, "pwrite", no_room)
+    set_input(PASSPHRASE)
+    monkeypatch.setattr(os, "pwrite", raise_full)
     assert "signing.key cannot be stored" in refused(capsys, "set", "--state", state)
-    assert state_of(capsys, state)["state"] == "absent"
+    assert shown_state(capsys, state)["state"] == "absent"
 
 
-@pytest.mark.parametrize(("again", "code"), [("seaworthy", 0), ("seawrothy", 2)])
-def test_terminal_asks_for_the_passphrase_twice(again, code, state, capsys, monkeypatch):
+@pytest.mark.parametrize(("second_entry", "code"), [("seaworthy", 0), ("seawrothy", 2)])
+def test_terminal_asks_for_the_passphrase_twice(second_entry, code, state, capsys, monkeypatch):
     keyboard, terminal = pty.openpty()
-    answers, prompts = iter(("seaworthy", again)), []
+    entries, prompts = iter(("seaworthy", second_entry)), []
 
-    def ask(prompt):
+    def read_entry(prompt):
         prompts.append(prompt)
-        return next(answers)
+        return next(entries)
 
     with os.fdopen(terminal, encoding="utf-8") as stdin:
         monkeypatch.setattr("sys.stdin", stdin)
-        monkeypatch.setattr("getpass.getpass", ask)
+        monkeypatch.setattr("getpass.getpass", read_entry)
         assert main(["key", "set", "--state", str(state)]) == code
     os.close(keyboard)
     assert prompts == ["Passphrase: ", "Passphrase again: "]

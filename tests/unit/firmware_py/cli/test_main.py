@@ -14,6 +14,7 @@ import pytest
 from firmware_py.__main__ import COMMANDS, main
 from firmware_py.cli.run import default_state_directory
 from firmware_py.common.parameter_table import TABLE
+from firmware_py.system.serial_port import SerialPort
 from hil.__main__ import main as hil_main
 from support.paths import REPLAY, ROOT
 
@@ -31,11 +32,11 @@ baud = 115200
 
 @pytest.fixture
 def vehicle(tmp_path):
-    """Write a vehicle file with the given ports."""
+    """Write a vehicle file with these ports; return its path as a string."""
 
-    def write(compass="/dev/none-a", rudder="/dev/none-b", more=""):
+    def write(compass="/dev/none-a", rudder="/dev/none-b", more="", old="", new=""):
         path = tmp_path / "boat.toml"
-        path.write_text(VEHICLE.format(compass=compass, rudder=rudder) + more)
+        path.write_text((VEHICLE.format(compass=compass, rudder=rudder) + more).replace(old, new))
         return str(path)
 
     return write
@@ -44,27 +45,25 @@ def vehicle(tmp_path):
 @pytest.fixture
 def ports():
     """Two serial ports: ptys."""
-    ends = [pty.openpty() for _ in range(2)]
-    yield [os.ttyname(slave) for _, slave in ends]
-    for pair in ends:
-        for end in pair:
-            os.close(end)
+    pairs = [pty.openpty() for _ in range(2)]
+    yield [os.ttyname(slave) for _, slave in pairs]
+    for descriptor in (end for pair in pairs for end in pair):
+        os.close(descriptor)
 
 
 def one_line_error(capsys, arguments, code=2):
     assert main(arguments) == code
     captured = capsys.readouterr()
     assert captured.out == ""
-    lines = captured.err.splitlines()
-    assert len(lines) == 1, captured.err
-    return lines[0]
+    (line,) = captured.err.splitlines()
+    return line
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help(command, capsys):
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main([command, "-h"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     assert COMMANDS[command][1][1:] in capsys.readouterr().out.replace("\n", " ")
 
 
@@ -73,45 +72,31 @@ def test_usage_error_is_one_line_with_remedy(arguments, capsys):
     assert "-h" in one_line_error(capsys, arguments)
 
 
-def test_run_refuses_a_wrong_vehicle_file(capsys, tmp_path, vehicle):
-    assert "no such vehicle file" in one_line_error(capsys, ["run", str(tmp_path / "none.toml")])
-    path = vehicle(more="[parameters]\nCTL_K9 = 1\n")
-    assert "unknown parameter 'CTL_K9'" in one_line_error(capsys, ["run", path])
+def test_run_refuses_a_wrong_vehicle_file_port_or_link(capsys, tmp_path, vehicle, ports):
+    def error(path, *words):
+        return one_line_error(capsys, ["run", path, "--state", str(tmp_path / "state"), *words])
 
-
-def test_run_refuses_wrong_driver_options(capsys, vehicle, ports, tmp_path):
-    path = vehicle(*ports)
-    text = (tmp_path / "boat.toml").read_text().replace("baud = 4800", 'baud = 4800\nsentences = ["HDX"]')
-    (tmp_path / "boat.toml").write_text(text)
-    assert "[compass]" in one_line_error(capsys, ["run", path, "--state", str(tmp_path / "state")])
-
-
-def test_run_refuses_a_missing_port_and_one_in_use(capsys, vehicle, ports, tmp_path):
-    state = ["--state", str(tmp_path / "state")]
-    assert "no such port" in one_line_error(capsys, ["run", vehicle(), *state])
-    from firmware_py.system.serial_port import SerialPort  # noqa: PLC0415 - the one that has it first
-
-    other = SerialPort(ports[1], 115200)
-    other.open()
+    assert "no such vehicle file" in error(str(tmp_path / "none.toml"))
+    assert "unknown parameter 'CTL_K9'" in error(vehicle(more="[parameters]\nCTL_K9 = 1\n"))
+    options = 'baud = 4800\nsentences = ["HDX"]'
+    assert "[compass]" in error(vehicle(*ports, old="baud = 4800", new=options))
+    assert "no such port" in error(vehicle())
+    assert "udpout" in error(vehicle(*ports), "--link", "pigeon:1")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other_socket:
+        other_socket.bind(("127.0.0.1", 0))
+        assert "in use" in error(vehicle(*ports), "--link", f"udpin:127.0.0.1:{other_socket.getsockname()[1]}")
+    other_port = SerialPort(ports[1], 115200)
+    other_port.open()
     try:
-        assert "in use" in one_line_error(capsys, ["run", vehicle(*ports), *state])
+        assert "in use" in error(vehicle(*ports))
     finally:
-        other.close()
-
-
-def test_run_refuses_a_wrong_link_and_one_in_use(capsys, vehicle, ports, tmp_path):
-    state = ["--state", str(tmp_path / "state")]
-    assert "udpout" in one_line_error(capsys, ["run", vehicle(*ports), *state, "--link", "pigeon:1"])
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        url = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
-        assert "in use" in one_line_error(capsys, ["run", vehicle(*ports), *state, "--link", url])
+        other_port.close()
 
 
 def test_params_prints_the_table_and_checks_files(capsys, tmp_path):
     assert main(["params"]) == 0
-    printed = capsys.readouterr().out
-    assert all(row.name in printed and row.text in printed for row in TABLE)
+    table = capsys.readouterr().out
+    assert all(row.name in table and row.text in table for row in TABLE)
     file = tmp_path / "boat.param"
     file.write_text("CTL_K1 41\n")
     assert main(["params", str(file)]) == 0
@@ -133,58 +118,62 @@ def test_decode_prints_json_lines(capsys, tmp_path):
     file = tmp_path / "capture.nmea"
     file.write_text("$HEHDT,341.8,T*21\r\n$HEHDT,341.8,T*22\r\n")
     assert main(["decode", "nmea", str(file), "--json"]) == 0
-    first, second = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
     assert (first["line"], first["type"], first["heading_true_deg"]) == (1, "heading", 341.8)
     assert (second["line"], second["type"], second["error"]) == (2, "error", "checksum")
     assert "cannot be read" in one_line_error(capsys, ["decode", "nmea", str(tmp_path / "none")])
     file.write_text("a wrong file\n")
-    assert one_line_error(capsys, ["decode", "nmea", str(file)], 0).endswith(
-        f"{file}: no nmea message in 13 bytes; check KIND"
-    )
+    text = f"{file}: no nmea message in 13 bytes; check KIND"
+    assert one_line_error(capsys, ["decode", "nmea", str(file)], 0).endswith(text)
 
 
 def test_check_prints_each_finding_and_fails_for_silent_devices(capsys, vehicle, ports, tmp_path, monkeypatch):
-    monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.2)
+    monkeypatch.setattr("firmware_py.cli.check.LISTEN_TIME_S", 0.2)
     assert main(["check", vehicle(*ports), "--state", str(tmp_path / "state")]) == 1
-    lines = capsys.readouterr().out.splitlines()
-    found = {line.split()[1]: line.split()[0] for line in lines}
-    assert found["compass"] == found["rudder"] == "FAIL"
-    assert found["storage"] == found["clock"] == found["parameters"] == "PASS"
-    assert any("silent; check power, wiring and baud rate" in line for line in lines)
+    text = capsys.readouterr().out
+    levels = {subject: level for level, subject, *_ in map(str.split, text.splitlines())}
+    assert levels["compass"] == levels["rudder"] == "FAIL"
+    assert levels["storage"] == levels["clock"] == levels["parameters"] == "PASS"
+    assert "silent; check power, wiring and baud rate" in text
 
 
-def test_listen_and_check_include_a_second_compass(capsys, vehicle, monkeypatch, tmp_path):
-    monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.2)
+def test_listen_and_check_report_missing_ports_and_a_second_compass(capsys, vehicle, monkeypatch, tmp_path):
+    monkeypatch.setattr("firmware_py.cli.check.LISTEN_TIME_S", 0.2)
     path = vehicle(more='[compass_b]\ndriver = "pni_tcm"\nport = "/dev/none-c"\nbaud = 38400\n')
     assert main(["listen", path, "--seconds", "1.05", "--json"]) == 1
-    assert '"device": "compass_b", "driver": "pni_tcm"' in capsys.readouterr().out
+    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(record["device"], record["state"]) for record in records] == [
+        (name, "absent") for name in ("compass", "rudder", "compass_b")
+    ]
+    assert "no such port" in records[0]["error"]
+    assert records[2]["driver"] == "pni_tcm"
+    assert "--seconds" in one_line_error(capsys, ["listen", path, "--seconds", "-1"])
     assert main(["check", path, "--state", str(tmp_path / "state")]) == 1
     assert "FAIL  compass_b" in capsys.readouterr().out
 
 
-def test_listen_reports_missing_ports(capsys, vehicle):
-    assert main(["listen", vehicle(), "--seconds", "1.05", "--json"]) == 1
-    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert {record["device"]: record["state"] for record in records} == {"compass": "absent", "rudder": "absent"}
-    assert "no such port" in records[0]["error"]
-    assert "--seconds" in one_line_error(capsys, ["listen", vehicle(), "--seconds", "-1"])
+def run_in_shell(command):
+    """Return the exit code and standard error of a shell command."""
+    process = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    return process.returncode, process.stderr
 
 
 def test_example_on_a_full_disk_leaves_no_file(tmp_path):
-    command = f"ulimit -f 0; exec {sys.executable} -m firmware_py example {tmp_path / 'boat.toml'}"
-    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (
-        2,
-        f"rambler: {tmp_path / 'boat.toml'}: File too large; use another path\n",
-    )
+    path = tmp_path / "boat.toml"
+    result = run_in_shell(f"ulimit -f 0; exec {sys.executable} -m firmware_py example {path}")
+    assert result == (2, f"rambler: {path}: File too large; use another path\n")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("words", ["firmware_py plan items", "hil scenarios"])
 def test_closed_standard_streams_become_dev_null(words):
-    command = f"exec {sys.executable} -m {words} <&- >&-"
-    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert run_in_shell(f"exec {sys.executable} -m {words} <&- >&-") == (0, "")
+
+
+def test_ctypes_is_not_imported_before_the_standard_streams_are_checked():
+    """libffi opens a file with ctypes, which would become a closed standard input."""
+    code = "import sys, firmware_py.__main__; sys.exit('ctypes' in sys.modules)"
+    assert run_in_shell(f'exec {sys.executable} -c "{code}"') == (0, "")
 
 
 @pytest.mark.parametrize(("program", "word"), [(main, "replay"), (hil_main, "report")])
@@ -213,30 +202,21 @@ def test_name_that_is_not_utf_8_is_a_one_line_error(words, tmp_path, monkeypatch
 
 def test_relative_state_home_is_reported_and_ignored(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(Path, "home", lambda: tmp_path / "home")
-    monkeypatch.setenv("XDG_STATE_HOME", "some/where")
-    assert default_state_directory("Boat 1") == tmp_path / "home/.local/state/rambler/boat-1"
+    default = tmp_path / "home/.local/state/rambler/boat-1"
     text = "rambler: XDG_STATE_HOME=some/where is not absolute and is ignored; give an absolute path, or --state\n"
-    assert capsys.readouterr().err == text
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert default_state_directory("Boat 1") == tmp_path / "rambler/boat-1"
-    monkeypatch.setenv("XDG_STATE_HOME", "")
-    assert default_state_directory("Boat 1") == tmp_path / "home/.local/state/rambler/boat-1"
-    assert capsys.readouterr().err == ""
+    cases = (("some/where", default, text), (str(tmp_path), tmp_path / "rambler/boat-1", ""), ("", default, ""))
+    for value, directory, error in cases:
+        monkeypatch.setenv("XDG_STATE_HOME", value)
+        assert default_state_directory("Boat 1") == directory
+        assert capsys.readouterr().err == error
 
 
 @pytest.mark.parametrize("words", [("run",), ("check",), ("calibrate", "rudder")])
 def test_user_without_home_directory_needs_state(words, vehicle, monkeypatch, capsys):
-    def nowhere():
+    def raise_error():
         raise RuntimeError("Could not determine home directory.")
 
     monkeypatch.delenv("XDG_STATE_HOME", raising=False)
-    monkeypatch.setattr(Path, "home", nowhere)
-    assert "no home directory for the state; give a directory with --state" in one_line_error(
-        capsys, [*words, vehicle()]
-    )
-
-
-def test_ctypes_is_not_imported_before_the_standard_streams_are_checked():
-    """libffi opens a file with ctypes, which would become a closed standard input."""
-    code = "import sys, firmware_py.__main__; sys.exit('ctypes' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+    monkeypatch.setattr(Path, "home", raise_error)
+    text = "no home directory for the state; give a directory with --state"
+    assert text in one_line_error(capsys, [*words, vehicle()])

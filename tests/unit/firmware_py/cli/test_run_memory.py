@@ -1,7 +1,4 @@
-"""What `rambler run` leaves alone, for it is small that way: OpenSSL, and what of pymavlink nothing onboard uses.
-
-This is given back before all that is large is imported, which then lies where it was.
-"""
+"""Memory of `rambler run`: OpenSSL and the texts of pymavlink are not loaded; pymavlink is imported before numpy."""
 
 import subprocess
 import sys
@@ -26,7 +23,6 @@ print(codec.decode(frame).custom_mode, len(mavlink.enums), hasattr(mavlink.MAVLi
 
 
 def test_openssl_is_not_loaded_and_frames_work_without_pymavlink_texts():
-    ended = subprocess.run(
-        [sys.executable, "-c", PROGRAM], cwd=ROOT, check=True, capture_output=True, text=True, timeout=60
-    )
-    assert ended.stdout.splitlines() == ["2 ba7816bf False", "True", "15 0 False"], ended.stderr
+    command = [sys.executable, "-c", PROGRAM]
+    process = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, timeout=60)
+    assert process.stdout.splitlines() == ["2 ba7816bf False", "True", "15 0 False"], process.stderr

@@ -16,8 +16,8 @@ EXAMPLE = ROOT / "params/shared_port_volz.toml"
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
-    """A vehicle file, a link to it, another file, and a service with the first; and a home directory."""
+def folder(tmp_path, monkeypatch):
+    """A home directory, a service with boat.toml, a link to boat.toml, and another vehicle file."""
     monkeypatch.setattr("firmware_py.cli.state_owner.UNIT", tmp_path / "rambler.service")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
     for name in ("boat.toml", "other.toml"):
@@ -28,19 +28,19 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("name", "of_the_service"), [("boat.toml", True), ("link.toml", True), ("other.toml", False)])
-def test_state_directory_is_that_of_the_service(place, name, of_the_service):
-    found = state_directory_of(place / name, load(EXAMPLE))
-    assert (found == Path("/srv/boat")) == of_the_service
-    assert (place / "home" in found.parents) != of_the_service
+@pytest.mark.parametrize(("name", "is_of_service"), [("boat.toml", True), ("link.toml", True), ("other.toml", False)])
+def test_state_directory_is_that_of_the_service_with_the_same_vehicle_file(folder, name, is_of_service):
+    directory = state_directory_of(folder / name, load(EXAMPLE))
+    assert (directory == Path("/srv/boat")) == is_of_service
+    assert (folder / "home" in directory.parents) != is_of_service
 
 
-def test_state_directory_without_service_is_that_of_the_user(place):
-    (place / "rambler.service").unlink()
-    assert place / "home" in state_directory_of(place / "boat.toml", load(EXAMPLE)).parents
+def test_state_directory_without_service_is_that_of_the_user(folder):
+    (folder / "rambler.service").unlink()
+    assert folder / "home" in state_directory_of(folder / "boat.toml", load(EXAMPLE)).parents
 
 
-def test_unreadable_state_is_not_a_lost_key(tmp_path, monkeypatch):
+def test_unreadable_state_is_a_permission_failure_not_a_lost_key(tmp_path, monkeypatch):
     monkeypatch.setattr(preflight.os, "access", lambda *_: False)
     (finding,) = preflight.check_state(tmp_path)
     assert (finding.level, "(sudo)" in finding.text) == (preflight.Level.FAIL, True)
@@ -51,8 +51,7 @@ def test_unreadable_state_is_not_a_lost_key(tmp_path, monkeypatch):
     [("plan", "show"), ("plan", "save", "OUT.plan"), ("state", "export", "OUT.state")],
     ids=lambda words: words[1],
 )
-def test_unreadable_state_is_refused(tmp_path, monkeypatch, capsys, words):
-    """And nothing is saved."""
+def test_unreadable_state_is_refused_and_nothing_is_written(tmp_path, monkeypatch, capsys, words):
     monkeypatch.setattr("firmware_py.cli.state_owner.os.access", lambda *_: False)
     monkeypatch.chdir(tmp_path)
     assert main([*words, "--state", str(tmp_path)]) == 2
@@ -68,18 +67,18 @@ def test_damage_is_reported_once(tmp_path, capsys):
     assert capsys.readouterr().err.count("no plan remains") == 1
 
 
-def test_files_of_another_user_are_found(tmp_path, monkeypatch):
-    """Root leaves such files after running the autopilot by hand on the state of the service."""
-    theirs, status = ["parameters.param.0", "00000001.BIN"], Path.lstat
+def test_files_of_another_user_fail_the_check(tmp_path, monkeypatch):
+    """Root leaves such files if it runs the autopilot by hand on the state of the service."""
+    foreign_names, lstat = ["parameters.param.0", "00000001.BIN", "lost+found"], Path.lstat
     (tmp_path / "logs/thin").mkdir(parents=True)
     for name in ("parameters.param.0", "resume.state.0", "lost+found", "logs/00000001.BIN", "logs/thin/00000002.BIN"):
         (tmp_path / name).touch()
     assert "chown" not in str(list(preflight.check_state(tmp_path)))
     monkeypatch.setattr(
-        Path, "lstat", lambda self: SimpleNamespace(st_uid=1) if self.name in (*theirs, "lost+found") else status(self)
+        Path, "lstat", lambda self: SimpleNamespace(st_uid=1) if self.name in foreign_names else lstat(self)
     )
     finding, *_ = preflight.check_state(tmp_path)
     assert finding.level is preflight.Level.FAIL
     assert f"{tmp_path / 'parameters.param.0'} and 1 more owned by user" in finding.text
-    theirs.clear()
+    foreign_names[:] = ["lost+found"]
     assert "chown" not in str(list(preflight.check_state(tmp_path)))

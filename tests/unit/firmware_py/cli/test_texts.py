@@ -1,4 +1,4 @@
-"""Each STATUSTEXT has an entry on the page of texts, and each entry a text."""
+"""Each STATUSTEXT has an entry on the page of texts, and each entry belongs to a STATUSTEXT."""
 
 import re
 
@@ -28,38 +28,39 @@ COMPOSED = (
 )
 
 
-def words(form):
-    """Return a text without its placeholders."""
-    return re.sub(r"<[^<>]*>|PreArm", "", form)
+def without_placeholders(text):
+    """Return a text without placeholders and PreArm."""
+    return re.sub(r"<[^<>]*>|PreArm", "", text)
 
 
 @pytest.fixture(scope="module")
-def forms():
-    """Each text and its location. Texts of placeholders only forward a text created elsewhere."""
-    found = {form: place for form, place in status_texts() if re.search("[a-z]{3}", words(form))}
-    return found | dict.fromkeys(COMPOSED, "")
+def texts():
+    """Location by text, without texts of placeholders only: these forward a text created elsewhere."""
+    locations = {
+        text: location for text, location in status_texts() if re.search("[a-z]{3}", without_placeholders(text))
+    }
+    return locations | dict.fromkeys(COMPOSED, "")
 
 
-def test_every_text_has_an_entry(forms):
-    missing = [f"{form!r} ({place})" for form, place in forms.items() if not any(entries_of(form))]
+def test_every_text_has_an_entry(texts):
+    missing = [f"{text!r} ({location})" for text, location in texts.items() if not any(matching_entries(text))]
     assert not missing, (
-        "texts without an entry: give each a row (text, meaning, what to do) in texts.py "
-        "beside the code that sends it, with <words> for what is put in, then `make pages`:\n"
-        + "\n".join(sorted(missing))
+        "texts without an entry: add a row (text, meaning, what to do) to texts.py beside the code that sends it, "
+        "with <words> as placeholders, then `make pages`:\n" + "\n".join(sorted(missing))
     )
 
 
-def entries_of(form):
-    """Yield the entries that describe a text."""
-    return (text for text, pattern in PATTERNS.items() if pattern.fullmatch(form))
+def matching_entries(text):
+    """Yield the entries whose pattern matches a text."""
+    return (entry for entry, pattern in PATTERNS.items() if pattern.fullmatch(text))
 
 
-def test_every_entry_has_a_text(forms):
-    described = {text for form in forms for text in entries_of(form)}
-    assert set(ENTRIES) - described == set()
+def test_every_entry_has_a_text(texts):
+    described_entries = {entry for text in texts for entry in matching_entries(text)}
+    assert set(ENTRIES) - described_entries == set()
 
 
 def test_every_entry_has_meaning_and_remedy():
-    for text, parts in ENTRIES.items():
-        assert words(text).strip(" :,.;"), text
-        assert all(part.strip() for part in parts), text
+    for text, row in ENTRIES.items():
+        assert without_placeholders(text).strip(" :,.;"), text
+        assert all(cell.strip() for cell in row), text

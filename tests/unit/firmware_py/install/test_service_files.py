@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.cli.example import NAMES
-from firmware_py.cli.run import RETRY_DELAY_S, SHUT_DOWN
+from firmware_py.cli.example import FILE_NAMES
+from firmware_py.cli.run import EXIT_SHUT_DOWN, RETRY_DELAY_S
 from firmware_py.core.liveness import DEVICES_S
 from firmware_py.install.service_files import (
     STATE,
@@ -50,7 +50,7 @@ def test_unit_restarts_without_limit_except_after_shut_down():
     unit = parse(unit_text(SERVICE))
     service = unit["Service"]
     assert (service["Type"], service["Restart"], unit["Unit"]["StartLimitIntervalSec"]) == ("notify", "always", "0")
-    assert service["RestartPreventExitStatus"] == service["SuccessExitStatus"] == str(SHUT_DOWN)
+    assert service["RestartPreventExitStatus"] == service["SuccessExitStatus"] == str(EXIT_SHUT_DOWN)
     assert unit["Install"]["WantedBy"] == "multi-user.target"
     # Twice a sign of life may be lost, at the slowest rate of the loop, too.
     assert seconds(service["WatchdogSec"]) > 2.0 * (WATCHDOG_INTERVAL_S + 1.0)
@@ -144,13 +144,13 @@ def test_paths_hidden_from_the_service(path, expected):
 
 
 def test_examples_and_pages_are_packaged():
-    for name in ("REFERENCE.md", "FAULTS.md", "MESSAGES.md", "TEXTS.md", *NAMES.values()):
+    for name in ("REFERENCE.md", "FAULTS.md", "MESSAGES.md", "TEXTS.md", *FILE_NAMES.values()):
         assert example(name).is_file()
     with pytest.raises(FileNotFoundError):
         example("missing")
 
 
-@pytest.mark.parametrize("kind", NAMES)
+@pytest.mark.parametrize("kind", FILE_NAMES)
 def test_example_is_a_vehicle_file_and_never_overwrites(tmp_path, kind, capsys):
     path = tmp_path / "new" / "boat.toml"
     assert main(["example", str(path), "--kind", kind]) == 0
@@ -162,7 +162,7 @@ def test_example_is_a_vehicle_file_and_never_overwrites(tmp_path, kind, capsys):
 
 
 def test_example_has_no_active_settings_of_one_boat(tmp_path, capsys):
-    for kind in NAMES:
+    for kind in FILE_NAMES:
         path = tmp_path / kind
         assert main(["example", str(path), "--kind", kind]) == 0
         vehicle = load(path)
@@ -170,7 +170,7 @@ def test_example_has_no_active_settings_of_one_boat(tmp_path, capsys):
         assert vehicle.link_urls == ("udpin:127.0.0.1:14550",)
         for device in (vehicle.compass, vehicle.position, vehicle.rudder):
             assert re.fullmatch("/dev/serial/by-path/[A-Z]+", device.port)
-    assert {path.name for path in tmp_path.iterdir()} == set(NAMES)
+    assert {path.name for path in tmp_path.iterdir()} == set(FILE_NAMES)
     assert main(["example", str(tmp_path)]) == 2
     assert "is a directory; give a file name" in capsys.readouterr().err
 

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.cli.link_page import replies
+from firmware_py.cli.link_page import list_replies
 from firmware_py.link.telemetry.table import TABLE
 from firmware_py.link.wire.frames import Codec, stamp, to_mavlink1
 from support.link import of_type
@@ -18,7 +18,7 @@ NUMBERS = {kind.msgname: number for number, kind in mavlink.mavlink_map.items()}
 @pytest.fixture(scope="module")
 def sent_numbers():
     """Numbers of all messages that the boat sends; a fixture, since the sources of the link are parsed for them."""
-    return sorted({row.number for row in TABLE} | {NUMBERS[name] for name in replies()})
+    return sorted({row.number for row in TABLE} | {NUMBERS[name] for name in list_replies()})
 
 
 class OldStation:
