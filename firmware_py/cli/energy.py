@@ -28,7 +28,7 @@ _TITLES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("path", metavar="STATE|LOG", nargs="+", type=Path, help="state directory, or thin logs")
+    parser.add_argument("where", metavar="STATE|LOG", nargs="+", type=Path, help="state directory, or thin logs")
     parser.add_argument(
         "--rest-w",
         type=float,
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     if rest_w is not None and not 0.0 <= rest_w <= 1e5:
         return print_error("energy", "--rest-w must be 0 to 100000 W")
     paths: list[Path] = []
-    for path in arguments.path:
+    for path in arguments.where:
         paths += thin_logs(path / LOG_DIRECTORY) if path.is_dir() else [path]
     try:
         daily = days(rows(paths))

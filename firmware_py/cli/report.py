@@ -10,7 +10,7 @@ import sys
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("paths", metavar="LOG|STATE", nargs="+", help="onboard logs, or a state directory")
+    parser.add_argument("places", metavar="LOG|STATE", nargs="+", help="onboard logs, or a state directory")
     parser.add_argument("--out", metavar="FILE", help="output file (default: report.html)")
 
 
@@ -19,7 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     options = [] if arguments.out is None else ["--out", arguments.out]
     # As a process, since the firmware must not import the harness.
     process = subprocess.run(  # noqa: S603 - fixed arguments and paths
-        [sys.executable, "-m", "hil", "report", *options, "--", *arguments.paths],
+        [sys.executable, "-m", "hil", "report", *options, "--", *arguments.places],
         check=False,
         stderr=subprocess.PIPE,
         text=True,
