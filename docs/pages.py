@@ -145,8 +145,8 @@ def _allowed(meaning: OptionMeaning) -> str:
 def sentence_table() -> str:
     """Return the table of NMEA 0183 sentences with their decoded values and users."""
     users = {
-        "`[compass]`": {*nmea_compass.HEADING_SENTENCES, *nmea_compass.SIDE_SENTENCES},
-        "`[position]`": {*nmea_position.FIX_SENTENCES, *nmea_position.TIME_AND_COURSE},
+        "`[compass]`": {*nmea_compass.HEADING_SENTENCES, *nmea_compass.ADDITIONAL_SENTENCES},
+        "`[position]`": {*nmea_position.FIX_SENTENCES, *nmea_position.OTHER_SENTENCES},
         "`rambler-hil identify`": nmea_capture.USED,
     }
     rows = []

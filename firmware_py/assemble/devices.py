@@ -10,7 +10,7 @@ from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Positio
 from firmware_py.common.records import DeviceRole
 from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, calibrator_of
 from firmware_py.sensors.line_tee import LineTee
-from firmware_py.sensors.relabelled import Relabelled
+from firmware_py.sensors.second_sensor import SecondSensor
 from firmware_py.system.network_line import TcpLine, UdpLine
 from firmware_py.system.port_users import port_users
 from firmware_py.system.serial_port import PortError, SerialPort
@@ -49,7 +49,7 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
         position = POSITIONS[entry.driver].make(shared["position"], entry.options)
     if (entry_b := vehicle.compass_b) is not None:
         driver = COMPASSES[entry_b.driver].make(_line(entry_b, lines), entry_b.options)
-        second = Relabelled(driver, DeviceRole.COMPASS_B)
+        second = SecondSensor(driver, DeviceRole.COMPASS_B)
     power = _power_monitors(vehicle, lines)
     vessels = None
     if (ais := vehicle.ais) is not None:
@@ -81,7 +81,7 @@ def line_views_of(line: ByteLine, count: int) -> list[ByteLine]:
     if count == 1:
         return [line]
     tee = LineTee(line)
-    return [tee.first, *line_views_of(tee.second, count - 1)]
+    return [tee.first_view, *line_views_of(tee.second_view, count - 1)]
 
 
 def line_of(port: str, baud: int) -> Line:
@@ -101,7 +101,7 @@ def _power_monitors(vehicle: Vehicle, lines: list[Line]) -> tuple[Power, ...]:
     for entry, role in ((vehicle.power, DeviceRole.POWER), (vehicle.power_b, DeviceRole.POWER_B)):
         if entry is not None:
             monitor = POWERS[entry.driver].make(_line(entry, lines), entry.options)
-            made.append(monitor if role is DeviceRole.POWER else Relabelled(monitor, role))
+            made.append(monitor if role is DeviceRole.POWER else SecondSensor(monitor, role))
     return tuple(made)
 
 

@@ -1,1 +1,1 @@
-"""Compass and position drivers, and the decoder that runs captures through their code."""
+"""Drivers of compass, position, power and AIS devices, and the decoder of captures, which uses their code."""

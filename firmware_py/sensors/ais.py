@@ -11,17 +11,17 @@ from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.common.vessels import VesselIdentity, VesselReport, merge
-from firmware_py.sensors.ais_messages import MAX_MMSI, reports_of
+from firmware_py.sensors.ais_messages import MAX_MMSI, decode_reports
 from firmware_py.sensors.ais_payload import read_payload
 from firmware_py.sensors.ais_sentences import Assembler, Message, SentenceFinder
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import RANGE, MessageError
 
-# The two channels have 75 slots a second; the burst covers one read in the slowest loop.
+# The two channels have 75 time slots a second; the burst is one read of the slowest loop.
 MAX_SENTENCES_HZ, MAX_SENTENCE_BURST = 80.0, 100
 MAX_REPORTS_PER_TICK = 40
 MAX_PENDING_REPORTS = 256
-SILENT_AFTER_S = 600.0  # at sea there may be no other vessel in range
+SILENT_AFTER_S = 600.0  # for minutes, no other vessel may be in range
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +36,12 @@ class AisOptions:
     )
 
     def __post_init__(self) -> None:
-        """Check the number."""
+        """Check the range."""
         check(self)
 
 
 class AisReceiver:
-    """Returns the newest reports of other vessels, in the order of their first reception.
+    """Returns the newest reports of other vessels, ordered by the arrival of the first pending one.
 
     The loop reads AIS once a tick after all sensors for steering, and AIS data do not wake it. Reads (4096 bytes a
     tick), sentences and reports are limited; the rest is dropped and counted. Pending reports of one vessel are merged.
@@ -54,8 +54,8 @@ class AisReceiver:
         self._own_mmsi = options.own_mmsi
         self._learns_own_mmsi = not options.own_mmsi
         self._monitor = DeviceMonitor(line, DeviceRole.AIS, SILENT_AFTER_S)
-        self._finder, self._assembler = SentenceFinder(), Assembler()
-        self._budget = TokenBucket(MAX_SENTENCE_BURST, MAX_SENTENCES_HZ)
+        self._sentence_finder, self._assembler = SentenceFinder(), Assembler()
+        self._sentence_budget = TokenBucket(MAX_SENTENCE_BURST, MAX_SENTENCES_HZ)
         self._pending: dict[tuple[type[VesselReport], int], VesselReport] = {}
 
     def fileno(self) -> int:
@@ -63,16 +63,16 @@ class AisReceiver:
         return -1
 
     def receive(self, now_s: float) -> None:
-        """Read and decode the received bytes within the budget; now_s is their time stamp."""
+        """Read and decode the received bytes within the sentence budget; now_s is their time stamp."""
         if self._monitor.notice_reopening():
-            self._finder, self._assembler = SentenceFinder(), Assembler()
+            self._sentence_finder, self._assembler = SentenceFinder(), Assembler()
         data = self._line.read()
         if not data:
             return
         self._monitor.note_bytes(now_s)
         dropped = 0
-        for body, checksum in self._finder.feed(data):
-            if self._budget.spend_one(now_s):
+        for body, checksum in self._sentence_finder.feed(data):
+            if self._sentence_budget.spend_one(now_s):
                 self._handle(body, checksum, now_s)
             else:
                 dropped += 1
@@ -93,7 +93,7 @@ class AisReceiver:
     def _handle(self, body: bytes, checksum: int, now_s: float) -> None:
         try:
             message = self._assembler.add(body, checksum, now_s)
-            reports = () if message is None else self._reports(message, now_s)
+            reports = () if message is None else self._decode_message(message, now_s)
         except MessageError as error:
             self._monitor.reject(now_s, str(error))
             return
@@ -111,16 +111,16 @@ class AisReceiver:
             else:
                 self._pending[key] = report
 
-    def _reports(self, message: Message, now_s: float) -> tuple[VesselReport, ...]:
+    def _decode_message(self, message: Message, now_s: float) -> tuple[VesselReport, ...]:
         """Return the reports of a message; a message of the boat itself has none and gives its MMSI."""
         payload = read_payload(message.payload, message.fill_bits)
         if payload is None:
             return ()
-        if message.own:
+        if message.is_own:
             if self._learns_own_mmsi:
                 self._own_mmsi = payload.mmsi
             self._monitor.accept(now_s)
             return ()
         if payload.mmsi == self._own_mmsi:
             raise MessageError(RANGE, f"another station uses the boat's MMSI {payload.mmsi:09d}")
-        return reports_of(payload, now_s)
+        return decode_reports(payload, now_s)

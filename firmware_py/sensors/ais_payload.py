@@ -1,7 +1,7 @@
 """Decodes the bits of an AIS payload into numbers and texts by a table of fields.
 
-Source: ITU-R M.1371-5, annex 8. The table has only the fields that the boat uses, and for each type the lengths of
-messages that contain all of them.
+Source: ITU-R M.1371-5, annex 8. The table contains only the fields that the autopilot uses, and for each message
+type the lengths of messages that contain all of them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import msgspec
 
 from firmware_py.sensors.message_error import MALFORMED, MessageError
 
-# The minimum contains type, MMSI and part number; the maximum is five sentences.
+# The minimum contains message type, MMSI and part number; the maximum is five sentences of 62 characters.
 MIN_CHARACTERS, MAX_CHARACTERS = 7, 5 * 62
 _ARMOUR = b"0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVW`abcdefghijklmnopqrstuvw"
 _BASE64 = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
@@ -122,18 +122,18 @@ class Payload(msgspec.Struct, frozen=True):
 def read_payload(characters: bytes, fill_bits: int) -> Payload | None:
     """Decode a payload; None for a type that is not used; raises MessageError for an invalid one."""
     if not characters:
-        return None  # some receivers report an empty slot this way
+        return None  # some receivers report an empty time slot this way
     if not MIN_CHARACTERS <= len(characters) <= MAX_CHARACTERS or characters.translate(None, _ARMOUR):
         raise MessageError(MALFORMED, "payload has invalid characters or an invalid length")
-    length = 6 * len(characters) - fill_bits
+    bit_count = 6 * len(characters) - fill_bits
     packed = binascii.a2b_base64(characters.translate(_TO_BASE64) + b"A" * (-len(characters) % 4))
     packed_bits = int.from_bytes(packed)
-    width = 8 * len(packed)
+    packed_width = 8 * len(packed)
 
-    def read_number(start: int, size: int) -> int:
-        count = abs(size)
-        value = packed_bits >> (width - start - count) & ((1 << count) - 1)
-        return value - (1 << count) if size < 0 and value >> (count - 1) else value
+    def read_number(start: int, signed_width: int) -> int:
+        width = abs(signed_width)
+        value = packed_bits >> (packed_width - start - width) & ((1 << width) - 1)
+        return value - (1 << width) if signed_width < 0 and value >> (width - 1) else value
 
     message_type = read_number(0, 6)
     part = read_number(38, 2) if message_type == 24 else 0
@@ -143,16 +143,17 @@ def read_payload(characters: bytes, fill_bits: int) -> Payload | None:
     layout = LAYOUTS.get(message_type)
     if layout is None:
         return None
-    if not layout.min_bits <= length <= layout.max_bits:
+    if not layout.min_bits <= bit_count <= layout.max_bits:
         raise MessageError(
-            MALFORMED, f"{length} bits for a message of type {24 if message_type == TYPE_24_PART_B else message_type}"
+            MALFORMED,
+            f"{bit_count} bits for a message of type {24 if message_type == TYPE_24_PART_B else message_type}",
         )
     numbers = {name: read_number(*bits) for name, bits in layout.fields.items()}
-    texts = {name: _text(read_number(*bits), bits[1]) for name, bits in layout.texts.items()}
+    texts = {name: _decode_text(read_number(*bits), bits[1]) for name, bits in layout.texts.items()}
     return Payload(message_type, read_number(8, 30), numbers, texts)
 
 
-def _text(value: int, size: int) -> str:
-    """Decode a text of six-bit characters, which ends at the first @."""
-    characters = (_CHARACTERS[value >> shift & 63] for shift in range(size - 6, -1, -6))
+def _decode_text(value: int, width: int) -> str:
+    """Decode a text of six-bit characters; the first @ ends it."""
+    characters = (_CHARACTERS[value >> shift & 63] for shift in range(width - 6, -1, -6))
     return "".join(characters).partition("@")[0].rstrip()

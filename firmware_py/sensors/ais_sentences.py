@@ -14,18 +14,19 @@ from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError
 
 MAX_SENTENCE_LENGTH = 120  # 82 in the standard; some stations send longer ones
 MAX_PARTS = 5
-MAX_INCOMPLETE = 16  # incomplete messages; the oldest is dropped
-PART_WAIT_S = 10.0
+MAX_INCOMPLETE = 16  # incomplete messages; then the oldest is dropped
+MAX_MESSAGE_S = 10.0  # from the first to the last part of a message
 
+_DIGITS = frozenset(b"%d" % digit for digit in range(10))
 _SENTENCE = re.compile(rb"!([A-Z]{2}VD[MO],[0-9A-Za-z:;<=>?@`,]{1,%d})\*([0-9A-Fa-f]{2})" % MAX_SENTENCE_LENGTH)
 
 
 class Message(msgspec.Struct, frozen=True):
-    """The payload of a message and its number of fill bits; `own`: sent by this boat."""
+    """The payload of a message and its number of fill bits; `is_own`: sent by this boat."""
 
     payload: bytes
     fill_bits: int
-    own: bool
+    is_own: bool
 
 
 class SentenceFinder:
@@ -33,21 +34,21 @@ class SentenceFinder:
 
     def __init__(self) -> None:
         """Start with an empty buffer."""
-        self._rest = b""
+        self._incomplete_sentence = b""
 
     def feed(self, data: bytes) -> Iterator[tuple[bytes, int]]:
-        """Add bytes; yield the body and the stated checksum of each complete sentence."""
-        buffer = self._rest + data
+        """Add bytes; yield the body and the checksum of each complete sentence."""
+        buffer = self._incomplete_sentence + data
         end = 0
         for match in _SENTENCE.finditer(buffer):
             end = match.end()
             yield match[1], int(match[2], 16)
         start = buffer.rfind(b"!", max(end, len(buffer) - MAX_SENTENCE_LENGTH - 10))
-        self._rest = buffer[start:] if start >= 0 else b""
+        self._incomplete_sentence = buffer[start:] if start >= 0 else b""
 
 
 @dataclass(slots=True)
-class _Incomplete:
+class _IncompleteMessage:
     """A message with missing parts."""
 
     started_s: float
@@ -60,11 +61,11 @@ class Assembler:
 
     def __init__(self) -> None:
         """Start without incomplete messages."""
-        self._incomplete: dict[tuple[bytes, ...], _Incomplete] = {}
+        self._incomplete: dict[tuple[bytes, ...], _IncompleteMessage] = {}
 
-    def add(self, body: bytes, stated: int, now_s: float) -> Message | None:
+    def add(self, body: bytes, checksum: int, now_s: float) -> Message | None:
         """Return the message that a sentence completes, None while parts are missing; raises MessageError."""
-        if functools.reduce(operator.xor, body) != stated:
+        if functools.reduce(operator.xor, body) != checksum:
             raise MessageError(CHECKSUM, "checksum")
         fields = body.split(b",")
         if len(fields) != 7 or not all(number in _DIGITS for number in (fields[1], fields[2], fields[6][:1])):
@@ -73,30 +74,27 @@ class Assembler:
         fill_bits = int(fields[6][:1])
         if not (1 <= part <= count <= MAX_PARTS and fill_bits <= 5):
             raise MessageError(MALFORMED, "part number or number of fill bits is invalid")
-        own = address.endswith(b"VDO")
+        is_own = address.endswith(b"VDO")
         if count == 1:
-            return Message(payload, fill_bits, own)
+            return Message(payload, fill_bits, is_own)
         key = (address, fields[1], fields[3], fields[4])
-        joined = self._join(key, part, payload, now_s)
+        joined_payload = self._join(key, part, payload, now_s)
         if part < count:
             return None
         del self._incomplete[key]
-        return Message(joined, fill_bits, own)
+        return Message(joined_payload, fill_bits, is_own)
 
     def _join(self, key: tuple[bytes, ...], part: int, payload: bytes, now_s: float) -> bytes:
         """Add a part to its message and return the payload so far."""
         incomplete = self._incomplete.get(key)
         if part == 1:
             if len(self._incomplete) >= MAX_INCOMPLETE and incomplete is None:
-                del self._incomplete[min(self._incomplete, key=lambda one: self._incomplete[one].started_s)]
-            self._incomplete[key] = _Incomplete(now_s, payload, 1)
+                del self._incomplete[min(self._incomplete, key=lambda oldest: self._incomplete[oldest].started_s)]
+            self._incomplete[key] = _IncompleteMessage(now_s, payload, 1)
             return payload
-        if incomplete is None or incomplete.parts != part - 1 or now_s - incomplete.started_s > PART_WAIT_S:
+        if incomplete is None or incomplete.parts != part - 1 or now_s - incomplete.started_s > MAX_MESSAGE_S:
             self._incomplete.pop(key, None)
             raise MessageError(MALFORMED, "earlier parts of the message are missing")
         incomplete.payload += payload
         incomplete.parts = part
         return incomplete.payload
-
-
-_DIGITS = frozenset(b"%d" % digit for digit in range(10))

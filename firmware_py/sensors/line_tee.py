@@ -1,4 +1,4 @@
-"""One port for two drivers: a satellite compass sends headings and positions on one line."""
+"""Sharing of one port by two drivers: a satellite compass sends headings and positions on one line."""
 
 from __future__ import annotations
 
@@ -6,42 +6,42 @@ from collections.abc import Callable
 
 from firmware_py.common.interfaces import ByteLine
 
-READ_LIMIT = 4096
-QUEUE_LIMIT = 65536  # a second driver that does not read must not fill the memory
+MAX_READ_BYTES = 4096
+MAX_QUEUED_BYTES = 65536  # a second driver that does not read must not fill the memory
 
 
 class LineTee:
     """Passes every byte of a line to two views.
 
-    Only `first` reads the port and owns its descriptor; `second` returns the bytes that `first` has read, so it is
-    served after `first`. Both may write.
+    Only `first_view` reads the port and has its descriptor; `second_view` returns the bytes that `first_view` has read,
+    so its driver is called after that of `first_view`. Both may write.
     """
 
     def __init__(self, line: ByteLine) -> None:
-        """Share the line; only the views may read it."""
+        """Create both views; only they may read the line."""
         self._line = line
         self._openings = line.openings
         self._queue = bytearray()
-        self.first: ByteLine = _View(line, self._pull, line.fileno)
-        self.second: ByteLine = _View(line, self._take, lambda: -1)
+        self.first_view: ByteLine = _View(line, self._read_port, line.fileno)
+        self.second_view: ByteLine = _View(line, self._read_queue, lambda: -1)
 
-    def _pull(self) -> bytes:
+    def _read_port(self) -> bytes:
         """Read the port and queue a copy for the second view."""
-        self._forget_old()
+        self._discard_stale_bytes()
         data = self._line.read()
         self._queue += data
-        if len(self._queue) > QUEUE_LIMIT:
-            del self._queue[:-QUEUE_LIMIT]
+        if len(self._queue) > MAX_QUEUED_BYTES:
+            del self._queue[:-MAX_QUEUED_BYTES]
         return data
 
-    def _take(self) -> bytes:
+    def _read_queue(self) -> bytes:
         """Return bytes that the first view has read."""
-        self._forget_old()
-        data = bytes(self._queue[:READ_LIMIT])
-        del self._queue[:READ_LIMIT]
+        self._discard_stale_bytes()
+        data = bytes(self._queue[:MAX_READ_BYTES])
+        del self._queue[:MAX_READ_BYTES]
         return data
 
-    def _forget_old(self) -> None:
+    def _discard_stale_bytes(self) -> None:
         """Drop bytes from before the line was opened again."""
         if self._line.openings != self._openings:
             self._openings = self._line.openings
@@ -49,7 +49,7 @@ class LineTee:
 
 
 class _View:
-    """The line as seen by one driver, with its own `read` and `fileno`."""
+    """The line of one driver, with its own `read` and `fileno`."""
 
     def __init__(self, line: ByteLine, read: Callable[[], bytes], fileno: Callable[[], int]) -> None:
         self._line = line

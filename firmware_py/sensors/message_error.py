@@ -20,7 +20,7 @@ class MessageError(ValueError):
         self.error = error
 
 
-def within(value: float, low: float, high: float, name: str = "") -> float:
+def check_range(value: float, low: float, high: float, name: str = "") -> float:
     """Return the value, or raise MessageError if it is outside [low, high] or NaN."""
     if low <= value <= high:
         return value

@@ -20,8 +20,8 @@ from firmware_py.sensors.mti_reading import Reading, read_data
 
 REPLY_TIMEOUT_S = 0.5  # without an acknowledgement for this time, the set-up starts again
 DATA_TIMEOUT_S = 1.0  # without an orientation, or after a rejected command, the set-up starts again after this time
-WAKE_UP_S = 0.05  # between the reply to a wake-up and the first command
-MAX_SAMPLES = 512
+WAKE_UP_S = 0.05  # pause between the reply to a wake-up message and the first command
+MAX_SAMPLES = 512  # between two polls
 
 _EULER_ANGLES_NED = DataId.EULER_ANGLES | Frame.NED
 
@@ -39,7 +39,7 @@ class MtiOptions:
 
 
 class _Step(IntEnum):
-    """The steps of the set-up; each waits for its acknowledgement."""
+    """A step of the set-up, which ends with its acknowledgement."""
 
     GO_TO_CONFIG = 0
     ASK_OUTPUT = 1
@@ -80,7 +80,7 @@ class MtiCompass:
     """
 
     def __init__(self, line: ByteLine, options: MtiOptions) -> None:
-        """Initialise; the first `receive` starts the set-up."""
+        """Store line and options; the first `receive` starts the set-up."""
         self._line = line
         self._required = required_output(options.rate_hz)
         self._data_timeout_s = max(DATA_TIMEOUT_S, 3.0 / options.rate_hz)
@@ -91,13 +91,13 @@ class MtiCompass:
             _Step.GO_TO_CONFIG: xbus.encode(Message.GO_TO_CONFIG),
             _Step.ASK_OUTPUT: xbus.encode(Message.OUTPUT_CONFIGURATION),
             _Step.SET_OUTPUT: xbus.encode(
-                Message.OUTPUT_CONFIGURATION, xbus.output_configuration(self._required.items())
+                Message.OUTPUT_CONFIGURATION, xbus.encode_output_configuration(self._required.items())
             ),
             _Step.GO_TO_MEASUREMENT: xbus.encode(Message.GO_TO_MEASUREMENT),
         }
         self._accepted_output = self._required  # the configuration accepted by the device; its rates may differ
         self._step = _Step.GO_TO_CONFIG
-        self._is_command_sent = False  # the command of this step
+        self._is_command_sent = False  # of the present step
         self._due_s = 0.0  # time of the next command or of the timeout
         self._fault = ""
 
@@ -110,13 +110,13 @@ class MtiCompass:
         if self._monitor.notice_reopening():
             self._framer = xbus.framer()
             self._fault = ""
-            self._begin(now_s)
+            self._restart_set_up(now_s)
         data = self._line.read()
         if data:
             self._monitor.note_bytes(now_s)
             for packet in self._framer.feed(data):
                 self._handle_packet(packet, now_s)
-        self._set_up(now_s)
+        self._continue_set_up(now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
         """Return the samples since the last poll, oldest first."""
@@ -128,29 +128,29 @@ class MtiCompass:
         """Return the state; FAULTY while the status word of the device reports a fault."""
         return self._monitor.health(now_s, self._fault)
 
-    def _begin(self, due_s: float) -> None:
+    def _restart_set_up(self, due_s: float) -> None:
         self._step = _Step.GO_TO_CONFIG
         self._is_command_sent = False
         self._due_s = due_s
 
-    def _go_to_step(self, step: _Step, now_s: float) -> None:
+    def _enter_step(self, step: _Step, now_s: float) -> None:
         """Go to a step: its command is due at once, or in MEASURING after the data timeout."""
         self._step = step
         self._is_command_sent = False
         self._due_s = now_s + self._data_timeout_s if step is _Step.MEASURING else now_s
 
-    def _set_up(self, now_s: float) -> None:
+    def _continue_set_up(self, now_s: float) -> None:
         """Send the next command when it is due; after a timeout start again."""
         if now_s < self._due_s or not self._line.connected:
             return
         if self._is_command_sent or self._step is _Step.MEASURING:
-            self._begin(now_s)
+            self._restart_set_up(now_s)
         self._is_command_sent = self._line.write(self._commands[self._step])
         self._due_s = now_s + REPLY_TIMEOUT_S
 
     def _handle_packet(self, packet: Packet, now_s: float) -> None:
         if packet.fault:
-            # A run without a header is noise, or another protocol.
+            # Skipped bytes without a header are noise or another protocol.
             if packet.fault == CHECKSUM:
                 self._monitor.reject(now_s, CHECKSUM)
             return
@@ -161,7 +161,7 @@ class MtiCompass:
                 self._handle_reading(read_data(data), now_s)
             elif message == Message.WAKE_UP:
                 self._line.write(xbus.encode(Message.WAKE_UP_ACK))
-                self._begin(now_s + WAKE_UP_S)
+                self._restart_set_up(now_s + WAKE_UP_S)
             elif message == Message.ERROR:
                 self._handle_error(xbus.error_text(data), now_s)
             elif self._is_command_sent and message == _ACKNOWLEDGEMENTS[self._step]:
@@ -172,31 +172,31 @@ class MtiCompass:
     def _handle_error(self, text: str, now_s: float) -> None:
         self._monitor.reject(now_s, text)
         if self._step is not _Step.MEASURING:
-            self._begin(now_s + DATA_TIMEOUT_S)
+            self._restart_set_up(now_s + DATA_TIMEOUT_S)
 
     def _handle_acknowledgement(self, data: bytes, now_s: float) -> None:
         if self._step is _Step.GO_TO_CONFIG:
-            self._go_to_step(_Step.ASK_OUTPUT, now_s)
+            self._enter_step(_Step.ASK_OUTPUT, now_s)
         elif self._step is _Step.ASK_OUTPUT:
-            has_it = xbus.parse_output_configuration(data) in (self._required, self._accepted_output)
-            self._go_to_step(_Step.GO_TO_MEASUREMENT if has_it else _Step.SET_OUTPUT, now_s)
+            is_configured = xbus.parse_output_configuration(data) in (self._required, self._accepted_output)
+            self._enter_step(_Step.GO_TO_MEASUREMENT if is_configured else _Step.SET_OUTPUT, now_s)
         elif self._step is _Step.SET_OUTPUT:
             self._handle_configuration(xbus.parse_output_configuration(data), now_s)
         else:
-            self._go_to_step(_Step.MEASURING, now_s)
+            self._enter_step(_Step.MEASURING, now_s)
 
     def _handle_configuration(self, configuration: dict[int, int], now_s: float) -> None:
         """Check the configuration that the device has set: other rates are accepted, other data are not."""
         if {_EULER_ANGLES_NED, int(DataId.STATUS_WORD)} <= configuration.keys():
             self._accepted_output = configuration
-            self._go_to_step(_Step.GO_TO_MEASUREMENT, now_s)
+            self._enter_step(_Step.GO_TO_MEASUREMENT, now_s)
         else:
             self._monitor.note("gives no Euler angles and status: no AHRS model?")
-            self._begin(now_s + DATA_TIMEOUT_S)
+            self._restart_set_up(now_s + DATA_TIMEOUT_S)
 
     def _handle_reading(self, reading: Reading, now_s: float) -> None:
         if reading.frame is None:
-            return  # a message may contain part of the data
+            return  # a message may contain only a part of the data
         if reading.frame is not Frame.NED:
             self._monitor.note(f"Euler angles in {reading.frame.name}, not in NED")
             return
@@ -207,10 +207,10 @@ class MtiCompass:
         if self._step is _Step.MEASURING:
             self._due_s = now_s + self._data_timeout_s
         if reading.is_valid and reading.heading_magnetic_deg is not None:
-            self._samples.append(_sample(reading, reading.heading_magnetic_deg, now_s))
+            self._samples.append(_make_sample(reading, reading.heading_magnetic_deg, now_s))
 
 
-def _sample(reading: Reading, heading_magnetic_deg: float, now_s: float) -> HeadingSample:
+def _make_sample(reading: Reading, heading_magnetic_deg: float, now_s: float) -> HeadingSample:
     return HeadingSample(
         t_s=now_s,
         heading_rad=wrap_two_pi(radians(heading_magnetic_deg)),

@@ -1,9 +1,8 @@
 """Binary protocol Xbus of Xsens (Movella) MTi motion trackers: framing, states, output configuration.
 
-Sources: MTi User Manual MT0605P, section 5.3 (message structure, GoToConfig,
-GoToMeasurement, SetOutputConfiguration, MTData2); MT Low Level Communication Protocol
-Documentation MT0101P, 2019.A (data identifiers, formats, Error); mtidocs.movella.com,
-"States" (WakeUp). All numbers are big endian.
+Sources: MTi User Manual MT0605P, section 5.3 (message structure, GoToConfig, GoToMeasurement, SetOutputConfiguration,
+MTData2); MT Low Level Communication Protocol Documentation MT0101P, 2019.A (data identifiers, formats, Error);
+mtidocs.movella.com, "States" (WakeUp). All numbers are big endian.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from firmware_py.sensors.binary_framing import PacketFramer
 from firmware_py.sensors.message_error import MALFORMED, MessageError
 
 _PREAMBLE, _BUS_ID = 0xFA, 0xFF  # 0xFF is the address of a single device on a line
-_EXTENDED = 0xFF  # a length byte of 255: two bytes of length follow
-EACH_MESSAGE = 0xFFFF  # the rate of data that are in every message
+_EXTENDED_LENGTH = 0xFF  # a length byte of 255: two bytes of length follow
+EACH_MESSAGE = 0xFFFF  # the rate of a value that is in every message
 
 
 class Message(IntEnum):
-    """Message ids; an acknowledgement is its command's id plus one."""
+    """Message ids; the id of an acknowledgement is that of its command plus one."""
 
     DEVICE_ID = 0x01
     CONFIGURATION = 0x0D
@@ -37,7 +36,7 @@ class Message(IntEnum):
     WAKE_UP_ACK = 0x3F
     ERROR = 0x42
     WARNING = 0x43
-    CALIBRATION = 0x91  # eMTS, for the maker's own software
+    CALIBRATION = 0x91  # eMTS, for the software of the manufacturer
     OUTPUT_CONFIGURATION = 0xC0  # empty: requests the list; otherwise sets it
     OUTPUT_CONFIGURATION_ACK = 0xC1
 
@@ -83,7 +82,7 @@ _HEADER = re.compile(
 _MAX_HEADER_SIZE = 6
 
 # The codes of the Error message.
-_ERRORS: Mapping[int, str] = {
+_ERROR_TEXTS: Mapping[int, str] = {
     3: "period out of range",
     4: "message invalid or not known",
     30: "timer overflow: rate too high",
@@ -99,7 +98,7 @@ _ERRORS: Mapping[int, str] = {
 
 def encode(message: int, data: bytes = b"") -> bytes:
     """Return the packet of a command; raises ValueError for more than the 254 bytes of the short form."""
-    if len(data) >= _EXTENDED:
+    if len(data) >= _EXTENDED_LENGTH:
         raise ValueError(f"a command has at most 254 bytes, not {len(data)}")
     body = bytes((_BUS_ID, message, len(data))) + data
     return bytes((_PREAMBLE,)) + body + bytes((-sum(body) & 0xFF,))
@@ -111,7 +110,7 @@ def framer() -> PacketFramer:
 
 
 def _packet_size(header: bytes) -> int:
-    if header[3] == _EXTENDED:
+    if header[3] == _EXTENDED_LENGTH:
         return _MAX_HEADER_SIZE + int.from_bytes(header[4:6], "big") + 1
     return 4 + header[3] + 1
 
@@ -138,7 +137,7 @@ class _ByteSum:
             del self._sums[:count]
 
     def is_packet(self, _buffer: bytearray, begin: int, end: int) -> bool:
-        """Return whether buffer[begin:end] is a whole packet."""
+        """Return whether buffer[begin:end] is a complete packet."""
         return (self._sums[end] - self._sums[begin + 1]) & 0xFF == 0
 
 
@@ -149,10 +148,10 @@ def message_id(packet: bytes) -> int:
 
 def payload(packet: bytes) -> bytes:
     """Return the data of a packet."""
-    return packet[_MAX_HEADER_SIZE if packet[3] == _EXTENDED else 4 : -1]
+    return packet[_MAX_HEADER_SIZE if packet[3] == _EXTENDED_LENGTH else 4 : -1]
 
 
-def output_configuration(rows: Iterable[tuple[int, int]]) -> bytes:
+def encode_output_configuration(rows: Iterable[tuple[int, int]]) -> bytes:
     """Return the data of an OUTPUT_CONFIGURATION from rows of data identifier and rate in Hz."""
     return b"".join(struct.pack(">HH", *row) for row in rows)
 
@@ -181,5 +180,5 @@ def error_text(data: bytes) -> str:
     """Return the text of an ERROR message: its code and, if known, the meaning."""
     if not data:
         return "device error without a code"
-    meaning = _ERRORS.get(data[0])
+    meaning = _ERROR_TEXTS.get(data[0])
     return f"device error {data[0]}" + (f": {meaning}" if meaning else "")

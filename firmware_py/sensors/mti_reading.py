@@ -1,4 +1,4 @@
-"""Converts and checks one data message of an MTi.
+"""Converts a data message of an MTi and checks its ranges.
 
 Sources: MT0101P (formats of the values, units), MT0605P, section 4.13 (status word) and its table of yaw by reference
 frame.
@@ -17,8 +17,8 @@ from collections.abc import Callable, Iterator, Mapping
 import msgspec
 
 from firmware_py.common.angles import degrees, radians
-from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
-from firmware_py.sensors.message_error import MALFORMED, MessageError, within
+from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, round_values
+from firmware_py.sensors.message_error import MALFORMED, MessageError, check_range
 from firmware_py.sensors.mti_protocol import (
     FORMAT_BITS,
     DataId,
@@ -32,23 +32,23 @@ from firmware_py.sensors.mti_protocol import (
 )
 
 _PRECISION_BITS, _FRAME_BITS = 0x3, 0xC
-_MAX_PITCH_DEG = 80.0  # near 90 degrees heading and roll have the same axis
+_MAX_PITCH_DEG = 80.0  # near 90 degrees, heading and roll turn about the same axis
 _MAX_TURN_RAD_S = 40.0  # the largest range of a gyroscope is 2000 deg/s, 35 rad/s
 
 # Bits of the status word.
 _SELF_TEST_PASSED, _FILTER_VALID = 1 << 0, 1 << 1
-_CLIPPED_GYROSCOPE = 0b111 << 11
-_CLIPPED: Mapping[str, int] = {
+_GYROSCOPE_CLIPPING_BITS = 0b111 << 11
+_CLIPPING_BITS: Mapping[str, int] = {
     "accelerometer": 0b111 << 8,
-    "gyroscope": _CLIPPED_GYROSCOPE,
+    "gyroscope": _GYROSCOPE_CLIPPING_BITS,
     "magnetometer": 0b111 << 14,
 }
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """The values of a data message; None if the message does not have them.
+    """The values of a data message; None for a value that it does not contain.
 
-    `frame` is None without Euler angles; angles in frames other than NED are left out.
+    `frame` is None without Euler angles. Angles in other frames than NED are None.
     """
 
     frame: Frame | None
@@ -67,17 +67,17 @@ class Reading(msgspec.Struct, frozen=True):
     @property
     def fault(self) -> str:
         """The fault that the device reports, empty for none."""
-        return "" if self.status is None else status_fault(self.status)
+        return "" if self.status is None else status_fault_text(self.status)
 
 
-def status_fault(status: int) -> str:
+def status_fault_text(status: int) -> str:
     """Return the faults in a status word, the most severe first; empty for none."""
     faults = []
     if not status & _FILTER_VALID:
         faults.append("orientation not valid")
     if not status & _SELF_TEST_PASSED:
         faults.append("self-test failed")
-    clipped = [name for name, bits in _CLIPPED.items() if status & bits]
+    clipped = [name for name, bits in _CLIPPING_BITS.items() if status & bits]
     if clipped:
         faults.append(f"out of range: {', '.join(clipped)}")
     return "; ".join(faults)
@@ -93,13 +93,15 @@ def read_data(data: bytes) -> Reading:
     for identifier, value in parse_items(data).items():
         kind, precision = identifier & ~FORMAT_BITS, identifier & _PRECISION_BITS
         if kind == DataId.EULER_ANGLES:
-            frame, euler_deg = _frame(identifier), _euler_deg(value, precision)
+            frame, euler_deg = _read_frame(identifier), _read_euler_deg(value, precision)
         elif kind == DataId.RATE_OF_TURN:
-            turn_rad_s = _numbers(value, precision, 3, "rate of turn")
+            turn_rad_s = _unpack_numbers(value, precision, 3, "rate of turn")
             for number in turn_rad_s:
-                within(number, -_MAX_TURN_RAD_S, _MAX_TURN_RAD_S, "rate of turn")
+                check_range(number, -_MAX_TURN_RAD_S, _MAX_TURN_RAD_S, "rate of turn")
         elif kind == DataId.TEMPERATURE:
-            temperature_c = within(_numbers(value, precision, 1, "temperature")[0], -100.0, 150.0, "temperature")
+            temperature_c = check_range(
+                _unpack_numbers(value, precision, 1, "temperature")[0], -100.0, 150.0, "temperature"
+            )
         elif kind == DataId.STATUS_WORD:
             if len(value) != 4:
                 raise MessageError(MALFORMED, "status word malformed")
@@ -107,27 +109,29 @@ def read_data(data: bytes) -> Reading:
     if euler_deg is None or frame is not Frame.NED:
         return Reading(frame, None, None, None, None, temperature_c, status)
     roll_deg, pitch_deg, yaw_deg = euler_deg
-    clipped = status is not None and bool(status & _CLIPPED_GYROSCOPE)
-    yaw_rate_deg_s = None if turn_rad_s is None or clipped else _yaw_rate_deg_s(roll_deg, pitch_deg, turn_rad_s)
-    return Reading(frame, yaw_deg % 360.0, pitch_deg, _upright_deg(roll_deg), yaw_rate_deg_s, temperature_c, status)
+    is_clipped = status is not None and bool(status & _GYROSCOPE_CLIPPING_BITS)
+    yaw_rate_deg_s = (
+        None if turn_rad_s is None or is_clipped else _compute_yaw_rate_deg_s(roll_deg, pitch_deg, turn_rad_s)
+    )
+    return Reading(frame, yaw_deg % 360.0, pitch_deg, _boat_roll_deg(roll_deg), yaw_rate_deg_s, temperature_c, status)
 
 
-def _euler_deg(value: bytes, precision: int) -> tuple[float, ...]:
-    roll_deg, pitch_deg, yaw_deg = _numbers(value, precision, 3, "Euler angles")
-    within(roll_deg, -180.0, 180.0, "roll")
-    within(pitch_deg, -90.0, 90.0, "pitch")
-    within(yaw_deg, -180.0, 180.0, "yaw")
+def _read_euler_deg(value: bytes, precision: int) -> tuple[float, ...]:
+    roll_deg, pitch_deg, yaw_deg = _unpack_numbers(value, precision, 3, "Euler angles")
+    check_range(roll_deg, -180.0, 180.0, "roll")
+    check_range(pitch_deg, -90.0, 90.0, "pitch")
+    check_range(yaw_deg, -180.0, 180.0, "yaw")
     return roll_deg, pitch_deg, yaw_deg
 
 
-def _frame(identifier: int) -> Frame:
+def _read_frame(identifier: int) -> Frame:
     try:
         return Frame(identifier & _FRAME_BITS)
     except ValueError:
         raise MessageError(MALFORMED, "frame of the Euler angles is unknown") from None
 
 
-def _yaw_rate_deg_s(roll_deg: float, pitch_deg: float, turn_rad_s: tuple[float, ...]) -> float | None:
+def _compute_yaw_rate_deg_s(roll_deg: float, pitch_deg: float, turn_rad_s: tuple[float, ...]) -> float | None:
     """Return the rate of the heading of a tilted device from its gyroscopes, None for a nearly vertical device.
 
     The gyroscope axes are those of the device; the frame bits do not apply to them. If the label is up, the z axis
@@ -140,7 +144,7 @@ def _yaw_rate_deg_s(roll_deg: float, pitch_deg: float, turn_rad_s: tuple[float, 
     return degrees((y_rad_s * math.sin(roll_rad) + z_rad_s * math.cos(roll_rad)) / math.cos(pitch_rad))
 
 
-def _upright_deg(roll_deg: float) -> float:
+def _boat_roll_deg(roll_deg: float) -> float:
     """Return the roll of the boat: if the label of the device is up, its roll in NED differs by 180 degrees.
 
     Heading and pitch do not differ, because roll is the last of the three rotations. A capsized boat cannot be
@@ -151,7 +155,7 @@ def _upright_deg(roll_deg: float) -> float:
     return roll_deg + 180.0 if roll_deg < -90.0 else roll_deg
 
 
-def _numbers(value: bytes, precision: int, count: int, name: str) -> tuple[float, ...]:
+def _unpack_numbers(value: bytes, precision: int, count: int, name: str) -> tuple[float, ...]:
     """Unpack `count` numbers of one of the four precisions, or raise MessageError."""
     size, unpack = _PRECISIONS[precision]
     if len(value) != size * count:
@@ -168,7 +172,7 @@ def _fixed_12_20(raw: bytes) -> float:
 
 
 def _fixed_16_32(raw: bytes) -> float:
-    """Convert six bytes: four of the fraction, then two of the integer part."""
+    """Convert six bytes: four bytes of the fraction, then two of the integer part."""
     return int.from_bytes(raw[4:] + raw[:4], "big", signed=True) / float(1 << 32)
 
 
@@ -199,10 +203,10 @@ def _result(packet: bytes) -> Result:
     values = msgspec.structs.asdict(reading)
     values["frame"] = None if reading.frame is None else reading.frame.name
     values["status"] = None if reading.status is None else f"{reading.status:08X}"
-    if reading.heading_magnetic_deg is None:  # another frame or none: only the present values
+    if reading.heading_magnetic_deg is None:  # another frame or no Euler angles
         return {"type": "other", **head, **{name: value for name, value in values.items() if value is not None}}
     fault = {"fault": reading.fault} if reading.fault else {}
-    return {"type": "heading", **head, **values_of("heading", values), **fault}
+    return {"type": "heading", **head, **round_values("heading", values), **fault}
 
 
 CAPTURE_FORMAT = CaptureFormat("mti", _decode_capture)

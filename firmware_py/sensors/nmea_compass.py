@@ -13,19 +13,19 @@ from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_reader import NmeaReader
-from firmware_py.sensors.nmea_sentences import Decoded, Numbers
+from firmware_py.sensors.nmea_sentences import DecodedSentence, Numbers
 
 HEADING_SENTENCES = ("HDG", "HDT", "HDM", "THS", "PASHR")
-SIDE_SENTENCES = ("ROT", "XDR")
+ADDITIONAL_SENTENCES = ("ROT", "XDR")
 TURN_RATE_HOLD_S = 1.0
 ATTITUDE_HOLD_S = 2.5  # XDR has a period of 1 s
 MIN_TRUE_HEADINGS = 3
 TRUE_HOLD_S = 2.0
-MAX_DEVIATION_DEG = 3.0
+MAX_DEVIATION_DEG = 3.0  # a larger deviation may be the variation
 SAME_HEADING_S, SAME_HEADING_DEG = 0.3, 1.5  # maximum differences between two sentences of one heading
 MAX_SAMPLES = 512  # more than in one read of 4096 bytes
 
-# THS: A autonomous, E estimated (a satellite compass coasting on its gyro); not manual, simulated or invalid.
+# THS: autonomous (A) and estimated (E: a satellite compass that uses its gyro); not manual, simulated or invalid.
 _THS_MODES = frozenset("AE")
 
 
@@ -55,22 +55,22 @@ class NmeaCompass:
     """
 
     def __init__(self, line: ByteLine, options: NmeaCompassOptions) -> None:
-        """Read the line."""
+        """Store line and options."""
         self._line = line
         self._monitor = DeviceMonitor(line, DeviceRole.COMPASS)
         self._reader = NmeaReader(
             line,
             self._monitor,
-            {*(options.sentences or HEADING_SENTENCES), *SIDE_SENTENCES},
+            {*(options.sentences or HEADING_SENTENCES), *ADDITIONAL_SENTENCES},
             require_checksum=options.require_checksum,
         )
         self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
-        self._turn: tuple[float, float] | None = None  # time, rad/s
-        self._attitude: dict[str, tuple[float, float]] = {}  # time, rad
+        self._turn_rate: tuple[float, float] | None = None  # time, rate [rad/s]
+        self._attitude: dict[str, tuple[float, float]] = {}  # time and angle [rad] by name
         self._true_count = 0
         self._true_s = 0.0
-        self._stated: tuple[float, float, float] | None = None  # time, true heading and variation of HDG
-        self._is_derived = False  # whether other true headings contain the variation of HDG
+        self._stated_variation: tuple[float, float, float] | None = None  # time, true heading and variation of HDG
+        self._uses_stated_variation = False  # whether other true headings contain the variation of HDG
 
     def fileno(self) -> int:
         """Return the descriptor of the line, or -1."""
@@ -80,7 +80,7 @@ class NmeaCompass:
         """Decode the received bytes with the time stamp now_s."""
         if self._monitor.notice_reopening():
             self._reader.restart()
-            self._turn = None
+            self._turn_rate = None
             self._attitude.clear()
             self._true_count = 0
         for sentence, decoded in self._reader.read(now_s):
@@ -105,43 +105,43 @@ class NmeaCompass:
         """Return the state; only headings count as accepted, sentences without one are not counted."""
         return self._monitor.health(now_s)
 
-    def _handle_turn(self, decoded: Decoded, now_s: float) -> None:
+    def _handle_turn(self, decoded: DecodedSentence, now_s: float) -> None:
         turn_rate_deg_min = decoded.numbers["turn_rate_deg_min"]
         if turn_rate_deg_min is None or decoded.letters["status"] != "A":
-            self._turn = None
+            self._turn_rate = None
         else:
-            self._turn = (now_s, radians(turn_rate_deg_min / 60.0))
+            self._turn_rate = (now_s, radians(turn_rate_deg_min / 60.0))
 
     def _yaw_rate_rad_s(self, now_s: float) -> float | None:
-        if self._turn is None or now_s - self._turn[0] > TURN_RATE_HOLD_S:
+        if self._turn_rate is None or now_s - self._turn_rate[0] > TURN_RATE_HOLD_S:
             return None
-        return self._turn[1]
+        return self._turn_rate[1]
 
     def _attitude_rad(self, name: str, numbers: Numbers, now_s: float) -> float | None:
-        """Return an angle of the sentence itself, otherwise that of the last XDR."""
+        """Return an angle of the sentence, else that of the last XDR; None if that is too old."""
         if name in numbers:
             return _radians(numbers[name])
         t_s, angle_rad = self._attitude.get(name, (-math.inf, 0.0))
         return angle_rad if now_s - t_s <= ATTITUDE_HOLD_S else None
 
     def _variation_of(self, true_deg: float, now_s: float) -> float | None:
-        """Return the variation in a true heading: that of HDG if both headings agree."""
-        if self._stated is None or now_s - self._stated[0] > TRUE_HOLD_S:
+        """Return the variation contained in a true heading: that of HDG if both headings agree, else None."""
+        if self._stated_variation is None or now_s - self._stated_variation[0] > TRUE_HOLD_S:
             return None
-        stated_s, stated_deg, variation_deg = self._stated
+        stated_s, stated_deg, variation_deg = self._stated_variation
         if now_s - stated_s <= SAME_HEADING_S:
-            self._is_derived = abs((true_deg - stated_deg + 180.0) % 360.0 - 180.0) <= SAME_HEADING_DEG
-        return variation_deg if self._is_derived else None
+            self._uses_stated_variation = abs((true_deg - stated_deg + 180.0) % 360.0 - 180.0) <= SAME_HEADING_DEG
+        return variation_deg if self._uses_stated_variation else None
 
     def _handle_heading(self, address: str, numbers: Numbers, now_s: float) -> None:
         true_deg, magnetic_deg = numbers.get("heading_true_deg"), numbers.get("heading_magnetic_deg")
         variation_deg, deviation_deg = numbers.get("variation_deg"), numbers.get("deviation_deg")
         if deviation_deg is not None and abs(deviation_deg) > MAX_DEVIATION_DEG and not variation_deg:
-            true_deg, variation_deg = None, deviation_deg  # a large deviation may be the variation
+            true_deg, variation_deg = None, deviation_deg
         if true_deg is not None and variation_deg is None:
             variation_deg = self._variation_of(true_deg, now_s)
         elif true_deg is not None and variation_deg is not None:
-            self._stated = (now_s, true_deg, variation_deg)
+            self._stated_variation = (now_s, true_deg, variation_deg)
         heading_deg = magnetic_deg if true_deg is None else true_deg
         if heading_deg is None:
             self._monitor.note(f"{address}: no heading")

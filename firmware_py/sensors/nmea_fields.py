@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.angles import METRES_PER_SECOND_PER_KNOT
 from firmware_py.common.calendar import full_year
-from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError, within
+from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError, check_range
 
 Fields = Sequence[str]
 Reader = Callable[[Fields], float | None]
@@ -38,13 +38,13 @@ def to_number(text: str) -> float | None:
         return None
     if _NUMBER.fullmatch(text):
         return float(text)
-    apart = _SPLIT_NEGATIVE.fullmatch(text)
-    if apart:
-        return -float(f"{apart[1] or 0}.{apart[2]}")
+    negative = _SPLIT_NEGATIVE.fullmatch(text)
+    if negative:
+        return -float(f"{negative[1] or 0}.{negative[2]}")
     raise MessageError(MALFORMED, "not a number")
 
 
-def number(index: int, low: float, high: float, *, unit: str = "", scale: float = 1.0) -> Reader:
+def number_field(index: int, low: float, high: float, *, unit: str = "", scale: float = 1.0) -> Reader:
     """Return a reader of a number in [low, high]; with `unit` the next field must be that letter."""
 
     def read(fields: Fields) -> float | None:
@@ -53,12 +53,12 @@ def number(index: int, low: float, high: float, *, unit: str = "", scale: float 
             return None
         if unit and fields[index + 1] != unit:
             raise MessageError(MALFORMED, f"unit is not {unit}")
-        return within(value, low, high) * scale
+        return check_range(value, low, high) * scale
 
     return read
 
 
-def speed(index: int, unit: str = "") -> Reader:
+def speed_field(index: int, unit: str = "") -> Reader:
     """Return a reader of a speed in m/s; the unit letter (N, K, M or S) is `unit` or the next field."""
 
     def read(fields: Fields) -> float | None:
@@ -68,12 +68,12 @@ def speed(index: int, unit: str = "") -> Reader:
         factor = _METRES_PER_SECOND.get(unit or fields[index + 1])
         if factor is None:
             raise MessageError(MALFORMED, "not a unit of speed")
-        return within(value * factor, 0.0, MAX_SPEED_M_S)
+        return check_range(value * factor, 0.0, MAX_SPEED_M_S)
 
     return read
 
 
-def signed(index: int, limit: float, signs: Mapping[str, float]) -> Reader:
+def signed_field(index: int, limit: float, signs: Mapping[str, float]) -> Reader:
     """Return a reader of a magnitude up to `limit` with its sign letter in the next field; zero needs none."""
 
     def read(fields: Fields) -> float | None:
@@ -85,38 +85,38 @@ def signed(index: int, limit: float, signs: Mapping[str, float]) -> Reader:
             if value == 0.0 and not fields[index + 1]:
                 return 0.0
             raise MessageError(MALFORMED, f"direction is not {' or '.join(signs)}")
-        return sign * within(value, 0.0, limit)
+        return sign * check_range(value, 0.0, limit)
 
     return read
 
 
-def _coordinate(index: int, shape: re.Pattern[str], limit_deg: float, signs: Mapping[str, float]) -> Reader:
+def _coordinate_field(index: int, pattern: re.Pattern[str], limit_deg: float, signs: Mapping[str, float]) -> Reader:
     def read(fields: Fields) -> float | None:
         if not fields[index]:
             return None
-        match = shape.fullmatch(fields[index])
+        match = pattern.fullmatch(fields[index])
         sign = signs.get(fields[index + 1])
         if match is None or sign is None:
             raise MessageError(MALFORMED, "not degrees and minutes")
         minutes = float(match[2])
         if minutes >= 60.0:
             raise MessageError(RANGE, "minutes out of range")
-        return sign * within(float(match[1]) + minutes / 60.0, 0.0, limit_deg)
+        return sign * check_range(float(match[1]) + minutes / 60.0, 0.0, limit_deg)
 
     return read
 
 
-def latitude(index: int) -> Reader:
+def latitude_field(index: int) -> Reader:
     """Return a reader of ddmm.mmm and N or S in the next field as degrees, north positive."""
-    return _coordinate(index, _LATITUDE, 90.0, {"N": 1.0, "S": -1.0})
+    return _coordinate_field(index, _LATITUDE, 90.0, {"N": 1.0, "S": -1.0})
 
 
-def longitude(index: int) -> Reader:
+def longitude_field(index: int) -> Reader:
     """Return a reader of dddmm.mmm or ddmm.mmm and E or W in the next field as degrees, east positive."""
-    return _coordinate(index, _LONGITUDE, 180.0, {"E": 1.0, "W": -1.0})
+    return _coordinate_field(index, _LONGITUDE, 180.0, {"E": 1.0, "W": -1.0})
 
 
-def time_of_day(index: int) -> Reader:
+def time_of_day_field(index: int) -> Reader:
     """Return a reader of hhmmss.sss as seconds since midnight UTC; a leap second is allowed."""
 
     def read(fields: Fields) -> float | None:
@@ -133,12 +133,12 @@ def time_of_day(index: int) -> Reader:
     return read
 
 
-def utc_of_short_date(time_index: int, date_index: int) -> Reader:
+def short_date_field(time_index: int, date_index: int) -> Reader:
     """Return a reader of a time and ddmmyy as seconds since 1970-01-01 UTC; the year is nearest to this version's.
 
     An invalid date gives None, because the position in the same sentence is still valid.
     """
-    read_time = time_of_day(time_index)
+    read_time = time_of_day_field(time_index)
 
     def read(fields: Fields) -> float | None:
         seconds = read_time(fields)
@@ -153,16 +153,16 @@ def utc_of_short_date(time_index: int, date_index: int) -> Reader:
     return read
 
 
-def utc_of_long_date(time_index: int, day_index: int) -> Reader:
+def long_date_field(time_index: int, day_index: int) -> Reader:
     """Return a reader of a time and the fields day, month, year (1980 to 2099) as seconds since 1970-01-01 UTC."""
-    read_time = time_of_day(time_index)
+    read_time = time_of_day_field(time_index)
 
     def read(fields: Fields) -> float | None:
         seconds = read_time(fields)
         parts = fields[day_index : day_index + 3]
         if not all(parts) or not any(part.strip("0") for part in parts):
             return None
-        day, month, year = (int(within(to_number(part) or 0.0, 1, 9999)) for part in parts)
+        day, month, year = (int(check_range(to_number(part) or 0.0, 1, 9999)) for part in parts)
         return _utc_s(year, month, day, seconds)
 
     return read
@@ -173,5 +173,5 @@ def _utc_s(year: int, month: int, day: int, seconds: float | None) -> float | No
         days = dt.date(year, month, day).toordinal() - _EPOCH_ORDINAL
     except ValueError:
         raise MessageError(RANGE, "date out of range") from None
-    within(year, FIRST_YEAR, 2099)
+    check_range(year, FIRST_YEAR, 2099)
     return None if seconds is None else days * SECONDS_PER_DAY + seconds

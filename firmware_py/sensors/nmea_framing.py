@@ -46,8 +46,8 @@ class NmeaFramer:
     """Splits a stream into sentences and resynchronises after garbage.
 
     `$` and `!` always start a sentence, also inside another one, which is then MALFORMED. A start without an address of
-    capitals and digits is skipped, like everything between sentences (binary protocols, prefixes of a logger). The
-    result does not depend on the sizes of the pieces.
+    capitals and digits is skipped, like all bytes between sentences (binary protocols, time stamps of a logger). The
+    result does not depend on how the stream is divided into calls of `feed`.
     """
 
     def __init__(self) -> None:
@@ -65,17 +65,17 @@ class NmeaFramer:
             start = match.start()
             self._line += buffer.count(b"\n", position, start)
             position = start
-            ending = _BODY_END.search(buffer, start + 1)
-            stop = ending.start() if ending else len(buffer)
+            end = _BODY_END.search(buffer, start + 1)
+            stop = end.start() if end else len(buffer)
             if stop - start - 1 > MAX_BODY_LENGTH:
-                self._append(sentences, bytes(buffer[start + 1 : start + 1 + MAX_BODY_LENGTH]), MALFORMED)
+                self._append_sentence(sentences, bytes(buffer[start + 1 : start + 1 + MAX_BODY_LENGTH]), MALFORMED)
                 position = stop
                 continue
-            if ending is None or (buffer[stop] == ord("*") and len(buffer) < stop + 3):
+            if end is None or (buffer[stop] == ord("*") and len(buffer) < stop + 3):
                 break
             body = bytes(buffer[start + 1 : stop])
-            fault, position = self._check(body, stop)
-            self._append(sentences, body, fault)
+            fault, position = self._check_body(body, stop)
+            self._append_sentence(sentences, body, fault)
         else:
             self._line += buffer.count(b"\n", position)
             position = len(buffer)
@@ -86,18 +86,18 @@ class NmeaFramer:
         """Return the sentences that the end of a capture completes."""
         return self.feed(b"\n\n")
 
-    def _append(self, sentences: list[Sentence], body: bytes, fault: str) -> None:
+    def _append_sentence(self, sentences: list[Sentence], body: bytes, fault: str) -> None:
         match = _ADDRESS.match(body)
         if match:
-            words = body.decode("latin-1").split(",")
-            sentences.append(Sentence(self._line, words[0], tuple(words[1:]), fault))
+            parts = body.decode("latin-1").split(",")
+            sentences.append(Sentence(self._line, parts[0], tuple(parts[1:]), fault))
 
-    def _check(self, body: bytes, stop: int) -> tuple[str, int]:
+    def _check_body(self, body: bytes, stop: int) -> tuple[str, int]:
         """Return the fault of a body that ends at `stop`, and the position after it."""
-        ending = self._buffer[stop]
-        if ending in b"\r\n":
+        end_byte = self._buffer[stop]
+        if end_byte in b"\r\n":
             return NO_CHECKSUM, stop
-        if ending != ord("*"):
+        if end_byte != ord("*"):
             return MALFORMED, stop
         high, low = self._buffer[stop + 1 : stop + 3]
         if high not in _HEX_DIGITS:

@@ -14,14 +14,14 @@ from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, Positi
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_fields import SECONDS_PER_DAY
 from firmware_py.sensors.nmea_reader import NmeaReader
-from firmware_py.sensors.nmea_sentences import Decoded
+from firmware_py.sensors.nmea_sentences import DecodedSentence
 
 FIX_SENTENCES = frozenset({"RMC", "GGA", "GNS", "GLL"})
-TIME_AND_COURSE = frozenset({"VTG", "ZDA"})
+OTHER_SENTENCES = frozenset({"VTG", "ZDA"})
 EPOCH_TIMEOUT_S = 0.5  # an epoch is one burst; a lost sentence must not delay it for long
-TIME_FROZEN_S = 3.0  # receivers above 1 Hz repeat whole seconds; a hanging receiver or a router repeats them for longer
-MAX_SAMPLES = 512
-MAX_HDOP = 1e3  # above it the receiver states no precision; some give 9999
+MAX_REPEATED_TIME_S = 3.0  # some receivers repeat whole seconds at rates above 1 Hz; a hanging one does so for longer
+MAX_SAMPLES = 512  # between two polls
+MAX_HDOP = 1e3  # larger values mean unknown; some receivers send 9999
 
 # GGA field 6; dead reckoning (6), manual input (7) and simulation (8) are not used.
 _QUALITIES: Mapping[float, FixType] = {
@@ -46,30 +46,30 @@ class _Epoch:
     """The merged sentences of one instant; `t_s` is the arrival of the last one."""
 
     t_s: float
-    has_time: bool = False  # VTG has no time and may come first
+    has_time: bool = False  # whether a sentence with a time has arrived; VTG has none
     time_of_day_s: float | None = None
     kinds: set[str] = field(default_factory=set)
     fixes: list[FixType] = field(default_factory=list)
     values: dict[str, float] = field(default_factory=dict)
     is_emitted: bool = False
 
-    def is_over(self, kind: str, decoded: Decoded, now_s: float) -> bool:
-        """Return whether a sentence belongs to the next epoch."""
+    def is_ended_by(self, kind: str, decoded: DecodedSentence, now_s: float) -> bool:
+        """Return whether a sentence belongs to the next epoch, not to this one."""
         if kind in self.kinds:
             return True
         if kind == "VTG":
             return now_s - self.t_s > EPOCH_TIMEOUT_S
         return self.has_time and decoded.numbers["time_of_day_s"] != self.time_of_day_s
 
-    def add(self, kind: str, decoded: Decoded, now_s: float) -> None:
-        """Merge a sentence."""
+    def add(self, kind: str, decoded: DecodedSentence, now_s: float) -> None:
+        """Merge a sentence into the epoch."""
         self.t_s = now_s
         self.kinds.add(kind)
         self.values.update({name: value for name, value in decoded.numbers.items() if value is not None})
         if kind in FIX_SENTENCES:
             self.has_time = True
             self.time_of_day_s = decoded.numbers["time_of_day_s"]
-            self.fixes.append(_stated_fix(decoded))
+            self.fixes.append(_fix_of(decoded))
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,25 +86,25 @@ class NmeaPosition:
     repeated kind starts the next epoch. An epoch is complete when all kinds of the previous epoch have arrived, when
     the next one starts, or EPOCH_TIMEOUT_S after its last sentence; its time stamp is the arrival of that sentence.
     The fix is NONE if any sentence reports no valid fix (status V, quality 0, a mode without a measured position), or
-    if the time of day does not advance: the position of a hanging receiver must not be used. The date is that of RMC,
+    if the time of day does not advance, because a hanging receiver repeats an old position. The date is that of RMC,
     otherwise of ZDA; without a date the UTC is extrapolated from the last one.
     """
 
     def __init__(self, line: ByteLine, options: NmeaPositionOptions) -> None:
-        """Read the line."""
+        """Store line and options."""
         self._line = line
         self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
         self._reader = NmeaReader(
             line,
             self._monitor,
-            FIX_SENTENCES | TIME_AND_COURSE,
+            FIX_SENTENCES | OTHER_SENTENCES,
             require_checksum=options.require_checksum,
         )
         self._samples: deque[PositionSample] = deque(maxlen=MAX_SAMPLES)
         self._epoch: _Epoch | None = None
-        self._expected: frozenset[str] = frozenset()
-        self._utc: tuple[float, float] | None = None  # time of arrival, UTC
-        self._time: tuple[float, float] | None = None  # the last time of day and its first arrival
+        self._expected_kinds: frozenset[str] = frozenset()
+        self._last_utc: tuple[float, float] | None = None  # time of arrival, UTC
+        self._last_time_of_day: tuple[float, float] | None = None  # the last time of day, and when it first arrived
 
     def fileno(self) -> int:
         """Return the descriptor of the line, or -1."""
@@ -114,14 +114,14 @@ class NmeaPosition:
         """Decode the received bytes with the time stamp now_s."""
         if self._monitor.notice_reopening():
             self._reader.restart()
-            self._epoch = self._utc = self._time = None
-            self._expected = frozenset()
+            self._epoch = self._last_utc = self._last_time_of_day = None
+            self._expected_kinds = frozenset()
         for sentence, decoded in self._reader.read(now_s):
             self._monitor.accept(now_s)
             if sentence.kind == "ZDA":
                 self._note_utc(decoded.numbers["utc_s"], now_s)
             else:
-                self._join(sentence.kind, decoded, now_s)
+                self._add_to_epoch(sentence.kind, decoded, now_s)
         if self._epoch is not None and now_s - self._epoch.t_s > EPOCH_TIMEOUT_S:
             self._emit(self._epoch)
 
@@ -135,16 +135,16 @@ class NmeaPosition:
         """Return the state; every valid position sentence counts as accepted, also one without a fix."""
         return self._monitor.health(now_s)
 
-    def _join(self, kind: str, decoded: Decoded, now_s: float) -> None:
+    def _add_to_epoch(self, kind: str, decoded: DecodedSentence, now_s: float) -> None:
         """Add a sentence to its epoch; complete the previous one if necessary."""
         epoch = self._epoch
-        if epoch is None or epoch.is_over(kind, decoded, now_s):
+        if epoch is None or epoch.is_ended_by(kind, decoded, now_s):
             if epoch is not None and epoch.fixes:
                 self._emit(epoch)
-                self._expected = frozenset(epoch.kinds)
+                self._expected_kinds = frozenset(epoch.kinds)
             epoch = self._epoch = _Epoch(now_s)
         epoch.add(kind, decoded, now_s)
-        if self._expected and epoch.kinds >= self._expected:
+        if self._expected_kinds and epoch.kinds >= self._expected_kinds:
             self._emit(epoch)
 
     def _emit(self, epoch: _Epoch) -> None:
@@ -161,7 +161,7 @@ class NmeaPosition:
             reason = reason or "position invalid: no fix"
         if reason:
             self._monitor.note(reason)
-            self._samples.append(PositionSample(epoch.t_s, FixType.NONE, satellites=_whole(values.get("satellites"))))
+            self._samples.append(PositionSample(epoch.t_s, FixType.NONE, satellites=_to_int(values.get("satellites"))))
             return
         self._monitor.note("")
         course_deg, hdop = values.get("cog_deg"), values.get("hdop")
@@ -174,36 +174,36 @@ class NmeaPosition:
                 altitude_m=values.get("altitude_m"),
                 speed_over_ground_m_s=values.get("sog_m_s"),
                 course_over_ground_rad=None if course_deg is None else wrap_two_pi(radians(course_deg)),
-                satellites=_whole(values.get("satellites")),
+                satellites=_to_int(values.get("satellites")),
                 hdop=None if hdop is None or hdop > MAX_HDOP else hdop,
                 utc_s=self._utc_of(epoch),
             )
         )
 
     def _is_time_frozen(self, epoch: _Epoch) -> bool:
-        """Return whether the receiver repeats an old time of day."""
+        """Return whether the time of day has not advanced for MAX_REPEATED_TIME_S."""
         if epoch.time_of_day_s is None:
             return False
-        if self._time is None or self._time[0] != epoch.time_of_day_s:
-            self._time = (epoch.time_of_day_s, epoch.t_s)
-        return epoch.t_s - self._time[1] > TIME_FROZEN_S
+        if self._last_time_of_day is None or self._last_time_of_day[0] != epoch.time_of_day_s:
+            self._last_time_of_day = (epoch.time_of_day_s, epoch.t_s)
+        return epoch.t_s - self._last_time_of_day[1] > MAX_REPEATED_TIME_S
 
     def _note_utc(self, utc_s: float | None, now_s: float) -> None:
         if utc_s is not None:
-            self._utc = (now_s, utc_s)
+            self._last_utc = (now_s, utc_s)
 
     def _utc_of(self, epoch: _Epoch) -> float | None:
-        """Return the UTC of an epoch: as stated, or its time of day on the day nearest to the expected UTC."""
+        """Return the UTC of an epoch: as received, or its time of day on the day nearest to the expected UTC."""
         stated_s = epoch.values.get("utc_s")
-        if stated_s is not None or self._utc is None or epoch.time_of_day_s is None:
+        if stated_s is not None or self._last_utc is None or epoch.time_of_day_s is None:
             self._note_utc(stated_s, epoch.t_s)
             return stated_s
-        expected_s = self._utc[1] + epoch.t_s - self._utc[0]
+        expected_s = self._last_utc[1] + epoch.t_s - self._last_utc[0]
         days = round((expected_s - epoch.time_of_day_s) / SECONDS_PER_DAY)
         return days * SECONDS_PER_DAY + epoch.time_of_day_s
 
 
-def _stated_fix(decoded: Decoded) -> FixType:
+def _fix_of(decoded: DecodedSentence) -> FixType:
     """Return the fix type of one sentence."""
     if "quality" in decoded.numbers:
         return _QUALITIES.get(decoded.numbers["quality"] or 0.0, FixType.NONE)
@@ -215,5 +215,5 @@ def _stated_fix(decoded: Decoded) -> FixType:
     return max(_MODES.get(letter, FixType.NONE) for letter in mode)
 
 
-def _whole(value: float | None) -> int | None:
+def _to_int(value: float | None) -> int | None:
     return None if value is None else int(value)

@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.sensors.decode import CaptureFormat, Result, chunks, values_of
+from firmware_py.sensors.decode import CaptureFormat, Result, round_values, split_chunks
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import NO_CHECKSUM, MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer, Sentence
-from firmware_py.sensors.nmea_sentences import IGNORED, Decoded, decode_sentence
+from firmware_py.sensors.nmea_sentences import IGNORED, DecodedSentence, decode_sentence
 
-MAX_UNKNOWN_TRANSDUCERS = 32  # reported names that are stored
+MAX_UNKNOWN_TRANSDUCERS = 32  # number of reported names; others are not reported
 
 
-def _unreported(decoded: Decoded, reported: set[str]) -> str:
-    """Return the unknown transducers of a sentence that were not reported yet, and add them to `reported`."""
-    if len(reported) >= MAX_UNKNOWN_TRANSDUCERS:
+def _add_unknown_transducers(decoded: DecodedSentence, reported_names: set[str]) -> str:
+    """Add the unknown transducers of a sentence to `reported_names`; return the added ones as text, else empty."""
+    if len(reported_names) >= MAX_UNKNOWN_TRANSDUCERS:
         return ""
-    new = [name for name in decoded.unknown if name not in reported]
-    reported.update(new)
-    return ", ".join(dict.fromkeys(new))
+    new_names = [name for name in decoded.unknown if name not in reported_names]
+    reported_names.update(new_names)
+    return ", ".join(dict.fromkeys(new_names))
 
 
 class NmeaReader:
@@ -34,27 +34,27 @@ class NmeaReader:
         *,
         require_checksum: bool = True,
     ) -> None:
-        """Read sentences of these kinds; without a checksum only if it is not required."""
+        """Select kinds of sentences; `require_checksum` rejects sentences without a checksum."""
         self._line = line
         self._monitor = monitor
         self._kinds = frozenset(kinds)
         self._require_checksum = require_checksum
         self._framer = NmeaFramer()
-        self._reported: set[str] = set()
+        self._reported_names: set[str] = set()
 
     def restart(self) -> None:
-        """Discard an incomplete sentence."""
+        """Discard an incomplete sentence: the line was reopened."""
         self._framer = NmeaFramer()
 
-    def read(self, now_s: float) -> list[tuple[Sentence, Decoded]]:
+    def read(self, now_s: float) -> list[tuple[Sentence, DecodedSentence]]:
         """Return the valid sentences of the selected kinds that have arrived."""
         data = self._line.read()
         if not data:
             return []
         self._monitor.note_bytes(now_s)
-        sentences: list[tuple[Sentence, Decoded]] = []
+        sentences: list[tuple[Sentence, DecodedSentence]] = []
         for sentence in self._framer.feed(data):
-            if not self._passes(sentence, now_s):
+            if not self._is_usable(sentence, now_s):
                 continue
             try:
                 decoded = decode_sentence(sentence)
@@ -62,15 +62,15 @@ class NmeaReader:
                 self._monitor.reject(now_s, str(error))
                 continue
             if decoded is not None:
-                if decoded.unknown and (names := _unreported(decoded, self._reported)):
+                if decoded.unknown and (names := _add_unknown_transducers(decoded, self._reported_names)):
                     self._monitor.reject(now_s, f"unknown transducer: {names}", count=0)
                 sentences.append((sentence, decoded))
         return sentences
 
-    def _passes(self, sentence: Sentence, now_s: float) -> bool:
-        """Return whether a sentence is of a selected kind and valid; damaged ones of any kind are counted."""
+    def _is_usable(self, sentence: Sentence, now_s: float) -> bool:
+        """Return whether a sentence has a selected kind and no fault; faults of all kinds are counted."""
         is_selected = sentence.kind in self._kinds
-        # A missing checksum is not damage, so it is counted only for the selected kinds.
+        # A missing checksum does not prove damage, so it is counted only for the selected kinds.
         if sentence.fault == NO_CHECKSUM and not (is_selected and self._require_checksum):
             return is_selected
         if sentence.fault:
@@ -83,13 +83,13 @@ class NmeaReader:
 
 
 def _decode_capture(data: bytes) -> Iterator[Result]:
-    framer, reported = NmeaFramer(), set[str]()
-    for chunk in chunks(data):
-        yield from (_result(sentence, reported) for sentence in framer.feed(chunk))
-    yield from (_result(sentence, reported) for sentence in framer.finish())
+    framer, reported_names = NmeaFramer(), set[str]()
+    for chunk in split_chunks(data):
+        yield from (_decode_sentence(sentence, reported_names) for sentence in framer.feed(chunk))
+    yield from (_decode_sentence(sentence, reported_names) for sentence in framer.finish())
 
 
-def _result(sentence: Sentence, reported: set[str]) -> Result:
+def _decode_sentence(sentence: Sentence, reported_names: set[str]) -> Result:
     head = {"line": sentence.line}
     name = {"sentence": sentence.address}
     if sentence.fault:
@@ -101,9 +101,16 @@ def _result(sentence: Sentence, reported: set[str]) -> Result:
     if decoded is None:
         ignored = IGNORED.get(sentence.kind)
         return {**head, "type": "other", **name, **({"detail": f"{ignored}: not used"} if ignored else {})}
-    values = values_of(decoded.topic, decoded.numbers)
-    new = _unreported(decoded, reported)
-    return {**head, "type": decoded.topic, **name, **values, **decoded.letters, **({"unknown": new} if new else {})}
+    values = round_values(decoded.topic, decoded.numbers)
+    new_names = _add_unknown_transducers(decoded, reported_names)
+    return {
+        **head,
+        "type": decoded.topic,
+        **name,
+        **values,
+        **decoded.letters,
+        **({"unknown": new_names} if new_names else {}),
+    }
 
 
 CAPTURE_FORMAT = CaptureFormat("nmea", _decode_capture)

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from firmware_py.sensors.message_error import MALFORMED, MessageError, within
+from firmware_py.sensors.message_error import MALFORMED, MessageError, check_range
 from firmware_py.sensors.nmea_fields import Fields, to_number
 
-MAX_NAME_LETTERS = 20  # of an unknown transducer in a report
+MAX_NAME_CHARACTERS = 20  # of an unknown transducer in a report
 
 
 class Quantity(NamedTuple):
@@ -64,9 +64,9 @@ UNITS: Mapping[tuple[str, str], tuple[float, float]] = {
     ("S", "N"): (1852.0 / 3600.0, 0.0),
     ("S", "S"): (0.44704, 0.0),
 }
-_HECTOPASCALS = 500.0  # a higher pressure in "bar" is in hPa: some programs write 1013.2,B
-_VALUES = {(row.kind, name): value for value, row in QUANTITIES.items() for name in row.names}
-_KINDS = {name: kind for kind, name in _VALUES if len(name) > 1}
+_MIN_HECTOPASCALS = 500.0  # a higher pressure in "bar" is in hPa: some programs write 1013.2,B
+_QUANTITY_NAMES = {(row.kind, name): value for value, row in QUANTITIES.items() for name in row.names}
+_KINDS_BY_NAME = {name: kind for kind, name in _QUANTITY_NAMES if len(name) > 1}
 
 
 def read_transducers(fields: Fields) -> tuple[dict[str, float | None], tuple[str, ...]]:
@@ -79,30 +79,30 @@ def read_transducers(fields: Fields) -> tuple[dict[str, float | None], tuple[str
     unknown: list[str] = []
     start = 0
     while start < len(fields):
-        ahead = range(start, min(start + 5, len(fields)))
-        end = next((at for at in ahead if fields[at].strip().upper() in _KINDS), start + 3)
-        group = [fields[at] if start <= at < len(fields) else "" for at in range(end - 3, end + 1)]
+        candidates = range(start, min(start + 5, len(fields)))
+        end = next((index for index in candidates if fields[index].strip().upper() in _KINDS_BY_NAME), start + 3)
+        group = [fields[index] if start <= index < len(fields) else "" for index in range(end - 3, end + 1)]
         start = end + 1
         kind, text, unit, name = group
         kind, name = kind.strip(), name.strip().upper().removesuffix("#0")  # the first of several instances
-        value = _VALUES.get((kind or _KINDS.get(name, ""), name))
-        if value is None:
+        quantity_name = _QUANTITY_NAMES.get((kind or _KINDS_BY_NAME.get(name, ""), name))
+        if quantity_name is None:
             if any(group):
-                unknown.append(f"{group[3][:MAX_NAME_LETTERS] or 'no name'} (type {kind[:3]}, unit {unit[:3]})")
-        elif numbers.get(value) is None:
-            numbers[value] = _number(value, text, unit)
+                unknown.append(f"{group[3][:MAX_NAME_CHARACTERS] or 'no name'} (type {kind[:3]}, unit {unit[:3]})")
+        elif numbers.get(quantity_name) is None:
+            numbers[quantity_name] = _convert(quantity_name, text, unit)
     return numbers, tuple(unknown)
 
 
-def _number(value: str, text: str, unit: str) -> float | None:
-    quantity = QUANTITIES[value]
+def _convert(quantity_name: str, text: str, unit: str) -> float | None:
+    quantity = QUANTITIES[quantity_name]
     number = to_number(text)
     if number is None:
         return None
-    if quantity.kind == "P" and unit == "B" and number >= _HECTOPASCALS:
+    if quantity.kind == "P" and unit == "B" and number >= _MIN_HECTOPASCALS:
         unit = "H"
     try:
         factor, offset = UNITS[quantity.kind, unit]
     except KeyError:
-        raise MessageError(MALFORMED, f"{value} has an unknown unit") from None
-    return within(number * factor + offset, quantity.low, quantity.high, value)
+        raise MessageError(MALFORMED, f"{quantity_name} has an unknown unit") from None
+    return check_range(number * factor + offset, quantity.low, quantity.high, quantity_name)

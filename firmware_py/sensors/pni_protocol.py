@@ -13,7 +13,7 @@ from enum import IntEnum
 from firmware_py.common.crc16 import xmodem
 from firmware_py.sensors.binary_framing import PacketCheck, PacketFramer
 
-# Byte count (all components of a TRAX together take less than 128), then a known frame id.
+# Byte count (all components of a TRAX together have less than 128 bytes), then a known frame id.
 _HEADER = re.compile(rb"\x00[\x05-\x80][\x01-\x1f\x24\x25\x2b\x2c\x34\x35\x4f-\x51\x6b-\x6e\x77-\x79\x80-\x82]")
 
 
@@ -49,9 +49,10 @@ class Component(IntEnum):
     ROLL = 25
 
 
-# 9 calibration status, 21-23 accelerometer, 27-29 magnetometer, 74-76 gyro, 77 quaternion, 79 heading status.
-_FLOATS = (5, 7, 21, 22, 23, 24, 25, 27, 28, 29, 74, 75, 76)
-_SIZES: Mapping[int, int] = {**dict.fromkeys(_FLOATS, 4), 8: 1, 9: 1, 77: 16, 79: 1}
+# Other components: 9 calibration status, 21-23 accelerometer, 27-29 magnetometer, 74-76 gyro,
+# 77 quaternion, 79 heading status.
+_FLOAT_COMPONENTS = (5, 7, 21, 22, 23, 24, 25, 27, 28, 29, 74, 75, 76)
+_COMPONENT_SIZES: Mapping[int, int] = {**dict.fromkeys(_FLOAT_COMPONENTS, 4), 8: 1, 9: 1, 77: 16, 79: 1}
 
 
 def encode(frame_id: int, payload: bytes = b"") -> bytes:
@@ -62,10 +63,10 @@ def encode(frame_id: int, payload: bytes = b"") -> bytes:
 
 def framer() -> PacketFramer:
     """Return a framer for this protocol."""
-    return PacketFramer(_HEADER, 3, lambda header: header[1], PacketCheck(_is_whole))
+    return PacketFramer(_HEADER, 3, lambda header: header[1], PacketCheck(_is_checksum_valid))
 
 
-def _is_whole(packet: bytes) -> bool:
+def _is_checksum_valid(packet: bytes) -> bool:
     return bool(xmodem(packet[:-2]) == int.from_bytes(packet[-2:], "big"))
 
 
@@ -89,7 +90,7 @@ def parse_data(data: bytes) -> dict[int, float] | None:
     values: dict[int, float] = {}
     index = 1
     for _ in range(data[0]):
-        size = _SIZES.get(data[index], 0) if index < len(data) else 0
+        size = _COMPONENT_SIZES.get(data[index], 0) if index < len(data) else 0
         raw = data[index + 1 : index + 1 + size]
         if not size or len(raw) < size:
             return None

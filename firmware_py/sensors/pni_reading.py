@@ -1,4 +1,4 @@
-"""Converts and checks one DATA frame of a PNI compass."""
+"""Converts a DATA frame of a PNI compass and checks its ranges."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import msgspec
 
-from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
-from firmware_py.sensors.message_error import MALFORMED, MessageError, within
+from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, round_values
+from firmware_py.sensors.message_error import MALFORMED, MessageError, check_range
 from firmware_py.sensors.pni_protocol import Component, Frame, frame_id, framer, parse_data, payload
 
 # Component, minimum, maximum in degrees or degrees Celsius.
@@ -37,7 +37,7 @@ def read_data(data: bytes) -> Reading:
     for component, low, high in _RANGES:
         value = values.get(component)
         if value is not None:
-            within(value, low, high, component.name.lower())
+            check_range(value, low, high, component.name.lower())
     distortion = values.get(Component.DISTORTION)
     return Reading(
         values.get(Component.HEADING),
@@ -56,7 +56,7 @@ def _result(packet: bytes) -> Result:
     frame = frame_id(packet)
     if frame == Frame.DATA:
         reading = read_data(payload(packet))
-        return {"type": "heading", "frame_id": frame, **values_of("heading", msgspec.structs.asdict(reading))}
+        return {"type": "heading", "frame_id": frame, **round_values("heading", msgspec.structs.asdict(reading))}
     if frame == Frame.MODULE_INFO:
         return {"type": "module_info", "frame_id": frame, "module": _printable(payload(packet))}
     return {"type": "other", "frame_id": frame}

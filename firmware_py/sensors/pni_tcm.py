@@ -27,11 +27,11 @@ from firmware_py.sensors.pni_protocol import Component, Frame
 from firmware_py.sensors.pni_reading import Reading, read_data
 
 COMMAND_INTERVAL_S = 0.05  # the module confirms within milliseconds and has no error reply
-DATA_TIMEOUT_S = 1.0  # without a heading for this time, the module is configured again
-MAX_SAMPLES = 512
+DATA_TIMEOUT_S = 1.0  # after this time without a heading, the module is configured again
+MAX_SAMPLES = 512  # between two polls
 
 _COMPONENTS = (Component.HEADING, Component.PITCH, Component.ROLL, Component.DISTORTION, Component.TEMPERATURE)
-_TRUE_NORTH, _BIG_ENDIAN, _MILS = 2, 6, 15  # configuration ids; nothing is saved, so the flash does not wear
+_TRUE_NORTH_ID, _BIG_ENDIAN_ID, _MILS_ID = 2, 6, 15  # configuration ids
 
 _CONFIRMATIONS = (Frame.SET_CONFIG_DONE, Frame.SET_ACQUISITION_DONE)
 
@@ -52,7 +52,7 @@ class PniOptions:
         check(self)
 
 
-def set_up_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
+def configuration_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
     """Return the commands that make a module in any state push its magnetic heading in degrees at a rate.
 
     `push_mode` is the acquisition mode for push: 0 in the manuals of the TCM and Prime ("polling mode" false), 1 in
@@ -60,9 +60,9 @@ def set_up_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
     """
     return (
         pni.encode(Frame.STOP_CONTINUOUS),
-        pni.encode(Frame.SET_CONFIG, bytes((_BIG_ENDIAN, 1))),
-        pni.encode(Frame.SET_CONFIG, bytes((_TRUE_NORTH, 0))),
-        pni.encode(Frame.SET_CONFIG, bytes((_MILS, 0))),  # 6400 mils per turn could pass for degrees
+        pni.encode(Frame.SET_CONFIG, bytes((_BIG_ENDIAN_ID, 1))),
+        pni.encode(Frame.SET_CONFIG, bytes((_TRUE_NORTH_ID, 0))),
+        pni.encode(Frame.SET_CONFIG, bytes((_MILS_ID, 0))),  # some headings in mils are in the range of degrees
         pni.encode(Frame.SET_DATA_COMPONENTS, bytes((len(_COMPONENTS), *_COMPONENTS))),
         # Mode; no flush of the filters; acquisition time 0; the interval between frames.
         pni.encode(Frame.SET_ACQUISITION, struct.pack(">BBff", push_mode, 0, 0.0, 1.0 / rate_hz)),
@@ -73,26 +73,26 @@ def set_up_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
 class PniCompass:
     """Configures the module, returns its magnetic headings, and configures it again if they stop.
 
-    The configuration is not saved in the module, so after a power loss it is silent. After 1 s without a heading the
-    driver sends the commands again, one every 50 ms or after the confirmation of the previous one, and waits for 1 s;
-    this repeats without limit. Until the first heading, every other round uses the other push mode. A module that
-    reports power-up is configured at once.
+    The configuration is not saved, which spares the flash memory, so after a power loss the module is silent. After 1 s
+    without a heading the driver sends the commands again, one every 50 ms or after the confirmation of the previous
+    one, and waits for 1 s; this repeats without limit. Until the first heading, the two push modes are used in turn. A
+    module that reports power-up is configured at once.
     """
 
     def __init__(self, line: ByteLine, options: PniOptions) -> None:
-        """Initialise; the first `receive` starts the set-up."""
+        """Store line and options; the first `receive` starts the set-up."""
         rate_hz = options.rate_hz
         self._line = line
-        self._rounds = (set_up_frames(rate_hz, 0), set_up_frames(rate_hz, 1))
-        self._frames = self._rounds[0]
+        self._configurations = (configuration_frames(rate_hz, 0), configuration_frames(rate_hz, 1))
+        self._frames = self._configurations[0]
         self._data_timeout_s = max(DATA_TIMEOUT_S, 3.0 / rate_hz)
         self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / rate_hz))
         self._framer = pni.framer()
         self._samples: deque[HeadingSample] = deque(maxlen=MAX_SAMPLES)
         self._step = 0  # index of the next frame; after the last one the driver waits for data
         self._due_s = 0.0  # time of the next frame or of the timeout
-        self._answered = False  # whether there were headings after a set-up since the port was opened
-        self._distorted = False
+        self._has_headings = False  # whether there were headings after a set-up since the port was opened
+        self._is_field_distorted = False
         self._calibration: PniCalibration | None = None
         self._last_calibration = Calibration()
 
@@ -104,16 +104,16 @@ class PniCompass:
         """Decode the received bytes with the time stamp now_s, and send at most one command."""
         if self._monitor.notice_reopening():
             self._framer = pni.framer()
-            self._distorted = self._answered = False
+            self._is_field_distorted = self._has_headings = False
             self._calibration = None
-            self._begin(now_s)
+            self._restart_set_up(now_s)
         data = self._line.read()
         if data:
             self._monitor.note_bytes(now_s)
             for packet in self._framer.feed(data):
                 self._handle_packet(packet, now_s)
         if self._calibration is None:
-            self._set_up(now_s)
+            self._continue_set_up(now_s)
         else:
             self._continue_calibration(self._calibration, now_s)
 
@@ -125,7 +125,7 @@ class PniCompass:
 
     def health(self, now_s: float) -> DeviceHealth:
         """Return the state; FAULTY while the module reports a distorted magnetic field."""
-        return self._monitor.health(now_s, "magnetic field distorted" if self._distorted else "")
+        return self._monitor.health(now_s, "magnetic field distorted" if self._is_field_distorted else "")
 
     def calibrate(self, now_s: float) -> bool:
         """Start the 2D user calibration; False if it is running or the port is closed."""
@@ -140,7 +140,7 @@ class PniCompass:
         return self._last_calibration
 
     def cancel(self) -> None:
-        """End it without a result."""
+        """Cancel the calibration; it has no result."""
         if self._calibration is not None:
             self._line.write(pni.encode(Frame.STOP_CAL))
             self._calibration = None
@@ -154,27 +154,27 @@ class PniCompass:
         self._last_calibration = calibration.report
         if calibration.report.state is not CalibrationState.RUNNING:
             self._calibration = None
-            self._begin(now_s)
+            self._restart_set_up(now_s)
 
-    def _begin(self, now_s: float) -> None:
+    def _restart_set_up(self, now_s: float) -> None:
         self._step = 0
         self._due_s = now_s
 
-    def _set_up(self, now_s: float) -> None:
+    def _continue_set_up(self, now_s: float) -> None:
         """Send the next command when it is due; after the last, wait for headings."""
         if now_s < self._due_s or not self._line.connected:
             return
         if self._step == len(self._frames):
-            if not self._answered:
-                self._frames = self._rounds[self._frames is self._rounds[0]]
-            self._begin(now_s)
+            if not self._has_headings:
+                self._frames = self._configurations[self._frames is self._configurations[0]]
+            self._restart_set_up(now_s)
         if self._line.write(self._frames[self._step]):
             self._step += 1
         self._due_s = now_s + (self._data_timeout_s if self._step == len(self._frames) else COMMAND_INTERVAL_S)
 
     def _handle_packet(self, packet: Packet, now_s: float) -> None:
         if packet.fault:
-            # A run without a header is noise, or another protocol.
+            # Skipped bytes without a header are noise or another protocol.
             if packet.fault == CHECKSUM:
                 self._monitor.reject(now_s, CHECKSUM)
             return
@@ -188,9 +188,9 @@ class PniCompass:
                 self._last_calibration = Calibration(
                     CalibrationState.FAILED, 0, "Compass calibration failed: the compass lost power"
                 )
-            self._begin(now_s)
+            self._restart_set_up(now_s)
         elif self._calibration is not None:
-            self._calibration.take(frame_id, pni.payload(packet.data), now_s)
+            self._calibration.handle_frame(frame_id, pni.payload(packet.data), now_s)
         elif frame_id in _CONFIRMATIONS and self._step < len(self._frames):
             self._due_s = now_s
 
@@ -200,19 +200,19 @@ class PniCompass:
         except MessageError as error:
             self._monitor.reject(now_s, str(error))
             return
-        self._distorted = bool(reading.distortion)
+        self._is_field_distorted = bool(reading.distortion)
         if reading.heading_magnetic_deg is None:
             self._monitor.note("data without heading")
             return
         self._monitor.accept(now_s)
         self._monitor.note("")
         if self._step == len(self._frames):
-            self._answered = True
+            self._has_headings = True
             self._due_s = now_s + self._data_timeout_s
-        self._samples.append(_sample(reading, reading.heading_magnetic_deg, now_s))
+        self._samples.append(_make_sample(reading, reading.heading_magnetic_deg, now_s))
 
 
-def _sample(reading: Reading, heading_magnetic_deg: float, now_s: float) -> HeadingSample:
+def _make_sample(reading: Reading, heading_magnetic_deg: float, now_s: float) -> HeadingSample:
     return HeadingSample(
         t_s=now_s,
         heading_rad=wrap_two_pi(radians(heading_magnetic_deg)),

@@ -15,9 +15,9 @@ from firmware_py.sensors.binary_framing import Packet
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
 
-MAX_SAMPLES = 64  # one read of 4096 bytes holds 40
-MAX_POSITION_ERROR_M = 50.0  # the assumption of estimate.position; exceeded after a cold start or under jamming
-_NOT_ENABLED = "no NAV-PVT: enable UBX-NAV-PVT in the receiver"
+MAX_SAMPLES = 64  # one read of 4096 bytes contains 40
+MAX_POSITION_ERROR_M = 50.0  # assumed by estimate.position; exceeded after a cold start or under jamming
+_NOT_ENABLED_TEXT = "no NAV-PVT: enable UBX-NAV-PVT in the receiver"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class UbxPosition:
     """
 
     def __init__(self, line: ByteLine) -> None:
-        """Read the line."""
+        """Store the line."""
         self._line = line
         self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
         self._framer = ubx.framer()
@@ -52,7 +52,7 @@ class UbxPosition:
             return
         self._monitor.note_bytes(now_s)
         if b"$G" in data:
-            self._monitor.note_unused(_NOT_ENABLED)
+            self._monitor.note_unused(_NOT_ENABLED_TEXT)
         for packet in self._framer.feed(data):
             self._handle_packet(packet, now_s)
 
@@ -71,8 +71,8 @@ class UbxPosition:
             if packet.fault == CHECKSUM:
                 self._monitor.reject(now_s, CHECKSUM)
             return
-        if ubx.message(packet.data) != ubx.NAV_PVT:
-            self._monitor.note_unused(_NOT_ENABLED)
+        if ubx.message_id(packet.data) != ubx.NAV_PVT:
+            self._monitor.note_unused(_NOT_ENABLED_TEXT)
             return
         try:
             solution = ubx.parse_nav_pvt(ubx.payload(packet.data))
@@ -90,10 +90,10 @@ class UbxPosition:
             solution = ubx.NavPvt(FixType.NONE, solution.satellites)
         else:
             self._monitor.note("no fix" if solution.fix is FixType.NONE else "")
-        self._samples.append(_sample(solution, now_s))
+        self._samples.append(_make_sample(solution, now_s))
 
 
-def _sample(solution: ubx.NavPvt, now_s: float) -> PositionSample:
+def _make_sample(solution: ubx.NavPvt, now_s: float) -> PositionSample:
     return PositionSample(
         t_s=now_s,
         fix=solution.fix,

@@ -15,18 +15,18 @@ import msgspec
 
 from firmware_py.common.records import FixType
 from firmware_py.sensors.binary_framing import PacketFramer
-from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
-from firmware_py.sensors.message_error import MALFORMED, MessageError, within
+from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, round_values
+from firmware_py.sensors.message_error import MALFORMED, MessageError, check_range
 
 NAV_PVT = 0x0107
-_NAV_PVT_SIZE = 84  # of u-blox 7; 92 since u-blox 8, which has a flag for an invalid position
-_FLAGS3, _FLAGS3_SINCE = 78, 92
+_NAV_PVT_SIZE = 84  # of u-blox 7; later models send 92, with a flag for an invalid position
+_FLAGS3_OFFSET, _FLAGS3_MIN_SIZE = 78, 92
 
 # B5 62, class and id, then the length, little endian, below 2560 (RXM-RAWX of 72 measurements is 2320).
 _HEADER = re.compile(rb"\xb5\x62..[\x00-\xff][\x00-\x09]", re.DOTALL)
 _NAV_PVT = struct.Struct("<IHBBBBBBIiBBBBiiiiIIiiiiiIIH")
 _FIX_TYPES = {2: FixType.FIX_2D, 3: FixType.FIX_3D, 4: FixType.FIX_3D}  # 1: dead reckoning only, 5: time only
-_CARRIER = {1: FixType.RTK_FLOAT, 2: FixType.RTK_FIXED}
+_CARRIER_FIXES = {1: FixType.RTK_FLOAT, 2: FixType.RTK_FIXED}
 
 
 class NavPvt(msgspec.Struct, frozen=True):
@@ -73,14 +73,14 @@ class _Fletcher:
             del self._sums[:count], self._sums_of_sums[:count]
 
     def is_packet(self, buffer: bytearray, begin: int, end: int) -> bool:
-        """Return whether buffer[begin:end] is a whole packet."""
+        """Return whether buffer[begin:end] is a complete packet."""
         begin, end = begin + 2, end - 2
         first = self._sums[end] - self._sums[begin]
         second = self._sums_of_sums[end] - self._sums_of_sums[begin] - (end - begin) * self._sums[begin]
         return buffer[end] == first & 0xFF and buffer[end + 1] == second & 0xFF
 
 
-def message(packet: bytes) -> int:
+def message_id(packet: bytes) -> int:
     """Return class and id of a packet as one number."""
     return int.from_bytes(packet[2:4], "big")
 
@@ -97,11 +97,11 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
     fields = _NAV_PVT.unpack_from(data)
     fix_type, flags, satellites = fields[10], fields[11], fields[13]
     fix = _FIX_TYPES.get(fix_type, FixType.NONE)
-    invalid = len(data) >= _FLAGS3_SINCE and data[_FLAGS3] & 1
-    if not flags & 1 or invalid or fix is FixType.NONE:
+    is_invalid = len(data) >= _FLAGS3_MIN_SIZE and data[_FLAGS3_OFFSET] & 1
+    if not flags & 1 or is_invalid or fix is FixType.NONE:
         return NavPvt(FixType.NONE, satellites)
     if fix is FixType.FIX_3D:
-        fix = _CARRIER.get(flags >> 6, FixType.DGPS if flags & 2 else fix)
+        fix = _CARRIER_FIXES.get(flags >> 6, FixType.DGPS if flags & 2 else fix)
     lon_deg, lat_deg, altitude_m = fields[14] * 1e-7, fields[15] * 1e-7, fields[17] * 1e-3
     sog_m_s, cog_deg = fields[23] * 1e-3, fields[24] * 1e-5
     for name, value, low, high in (
@@ -111,7 +111,7 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
         ("speed", sog_m_s, 0.0, 200.0),
         ("course", cog_deg, 0.0, 360.0),
     ):
-        within(value, low, high, f"NAV-PVT {name}")
+        check_range(value, low, high, f"NAV-PVT {name}")
     accuracy_m = fields[18] * 1e-3
     return NavPvt(fix, satellites, lat_deg, lon_deg, altitude_m, sog_m_s, cog_deg, _utc_s(fields), accuracy_m)
 
@@ -135,12 +135,12 @@ def _decode_capture(data: bytes) -> Iterator[Result]:
 
 
 def _result(packet: bytes) -> Result:
-    number = message(packet)
+    number = message_id(packet)
     if number != NAV_PVT:
         return {"type": "other", "message": f"{number >> 8:02X}-{number & 0xFF:02X}"}
     solution = msgspec.structs.asdict(parse_nav_pvt(payload(packet)))
     fix = {"fix": solution.pop("fix").name}
-    return {"type": "position", "message": "NAV-PVT", **fix, **values_of("position", solution)}
+    return {"type": "position", "message": "NAV-PVT", **fix, **round_values("position", solution)}
 
 
 CAPTURE_FORMAT = CaptureFormat("ubx", _decode_capture)

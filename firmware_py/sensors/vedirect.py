@@ -1,4 +1,4 @@
-"""Driver of a Victron charger or battery monitor on its VE.Direct port; it only reads."""
+"""Driver of a Victron charger or battery monitor on its VE.Direct port, which it only reads."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.vedirect_blocks import Block, BlockFramer, Measurement, read_measurement
 
-MAX_SAMPLES = 64  # one read of 4096 bytes holds 60
-SILENT_AFTER_S = 5.0  # one block per second; every other block of a monitor is its history
+MAX_SAMPLES = 64  # one read of 4096 bytes contains 60
+SILENT_AFTER_S = 5.0  # one block per second; every second block of a monitor contains its history
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class VeDirectPower:
     """Returns one sample per block with measurements, of any device type."""
 
     def __init__(self, line: ByteLine) -> None:
-        """Read the line."""
+        """Store the line."""
         self._line = line
         self._monitor = DeviceMonitor(line, DeviceRole.POWER, SILENT_AFTER_S)
         self._framer = BlockFramer()
@@ -71,10 +71,10 @@ class VeDirectPower:
         if measurement is not None:
             self._fault = f"charger reports error {measurement.error}" if measurement.error else ""
             self._monitor.note(f"alarm, reason code {measurement.alarm}" if measurement.alarm else "")
-            self._samples.append(_sample(measurement, now_s))
+            self._samples.append(_make_sample(measurement, now_s))
 
 
-def _sample(measurement: Measurement, now_s: float) -> PowerSample:
+def _make_sample(measurement: Measurement, now_s: float) -> PowerSample:
     return PowerSample(
         t_s=now_s,
         voltage_v=measurement.voltage_v,

@@ -1,8 +1,8 @@
 """Text protocol of Victron's VE.Direct port: blocks of labelled values, each with a checksum.
 
-A field is CR LF, the label, a tab and the value. The byte after the last label, Checksum, makes the sum of all bytes of
-the block 0 modulo 256. Replies of the hexadecimal protocol, from a colon to a line feed, may occur between the fields
-and are ignored. Source: Victron, VE.Direct Protocol, version 3.32.
+A field is CR LF, the label, a tab and the value. The last label is Checksum; the byte after it makes the sum of all
+bytes of the block 0 modulo 256. Replies of the hexadecimal protocol, from a colon to a line feed, may occur between the
+fields and are ignored. Source: Victron, VE.Direct Protocol, version 3.32.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from collections.abc import Iterator, Mapping
 
 import msgspec
 
-from firmware_py.sensors.decode import CaptureFormat, Result, chunks, values_of
-from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError, within
+from firmware_py.sensors.decode import CaptureFormat, Result, round_values, split_chunks
+from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError, check_range
 
 MAX_BLOCK_BYTES = 1024  # 22 fields of 43 bytes at most
 _END = b"\r\nChecksum\t"
-_HEX = re.compile(rb":[0-9A-F]*\n")
+_HEX_REPLY = re.compile(rb":[0-9A-F]*\n")
 _FIELD = re.compile(r"[A-Za-z0-9#_]{1,9}\t[ -~]{0,40}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
-_UNKNOWN = "---"
+_UNKNOWN_VALUE = "---"
 
 
 class Block(msgspec.Struct, frozen=True):
@@ -47,9 +47,9 @@ class Measurement(msgspec.Struct, frozen=True):
 
 
 class BlockFramer:
-    """Splits a stream into blocks; the result does not depend on the sizes of the pieces.
+    """Splits a stream into blocks; the result does not depend on how it is divided into calls of `feed`.
 
-    An incomplete first block, from before the port was opened, is skipped.
+    The first block is skipped if it is incomplete: its start was sent before the port was opened.
     """
 
     def __init__(self) -> None:
@@ -63,9 +63,9 @@ class BlockFramer:
         blocks: list[Block] = []
         while (end := self._buffer.find(_END)) >= 0 and len(self._buffer) > end + len(_END):
             size = end + len(_END) + 1
-            whole = bytes(self._buffer[:size])
+            block_bytes = bytes(self._buffer[:size])
             del self._buffer[:size]
-            block = _block(whole)
+            block = _parse_block(block_bytes)
             if self._is_aligned or not block.fault:
                 blocks.append(block)
             self._is_aligned = True
@@ -77,9 +77,9 @@ class BlockFramer:
         return blocks
 
 
-def _block(data: bytes) -> Block:
+def _parse_block(data: bytes) -> Block:
     """Parse the bytes of a block including its checksum."""
-    body = _HEX.sub(b"", data[: -len(_END) - 1])
+    body = _HEX_REPLY.sub(b"", data[: -len(_END) - 1])
     if sum(body) + sum(data[-len(_END) - 1 :]) & 0xFF:
         return Block({}, CHECKSUM)
     lines = body.decode("latin-1").split("\r\n")
@@ -101,33 +101,33 @@ _QUANTITIES = (
 
 def read_measurement(block: Block) -> Measurement | None:
     """Return the values of a block, None for one without (history of a monitor); raises MessageError."""
-    values = {field: _number(block, label, unit, low, high) for label, field, unit, low, high in _QUANTITIES}
-    error, alarm = _number(block, "ERR", 1.0, 0.0, 255.0), _number(block, "AR", 1.0, 0.0, 65535.0)
+    values = {field: _read_number(block, label, unit, low, high) for label, field, unit, low, high in _QUANTITIES}
+    error, alarm = _read_number(block, "ERR", 1.0, 0.0, 255.0), _read_number(block, "AR", 1.0, 0.0, 65535.0)
     if all(value is None for value in values.values()) and error is None:
         return None
-    in_alarm = block.fields.get("Alarm", "OFF").upper() == "ON"
-    return Measurement(**values, error=int(error or 0), alarm=int(alarm or 0) if in_alarm else 0)
+    has_alarm = block.fields.get("Alarm", "OFF").upper() == "ON"
+    return Measurement(**values, error=int(error or 0), alarm=int(alarm or 0) if has_alarm else 0)
 
 
-def _number(block: Block, label: str, unit: float, low: float, high: float) -> float | None:
-    text = block.fields.get(label, _UNKNOWN)
-    if text == _UNKNOWN:
+def _read_number(block: Block, label: str, unit: float, low: float, high: float) -> float | None:
+    text = block.fields.get(label, _UNKNOWN_VALUE)
+    if text == _UNKNOWN_VALUE:
         return None
     if not _NUMBER.fullmatch(text):
         raise MessageError(MALFORMED, f"{label} {text[:12]!r} is not a number")
-    return within(int(text) * unit, low, high, label)
+    return check_range(int(text) * unit, low, high, label)
 
 
 def _decode_capture(data: bytes) -> Iterator[Result]:
     framer = BlockFramer()
     line = 0
-    for chunk in chunks(data):
+    for chunk in split_chunks(data):
         for block in framer.feed(chunk):
             line += 1
-            yield {"line": line, **_result(block)}
+            yield {"line": line, **_decode_block(block)}
 
 
-def _result(block: Block) -> Result:
+def _decode_block(block: Block) -> Result:
     if block.fault:
         return {"type": "error", "error": block.fault}
     try:
@@ -140,7 +140,7 @@ def _result(block: Block) -> Result:
     known = {name: value for name, value in values.items() if value is not None}
     return {
         "type": "power",
-        **values_of("power", known),
+        **round_values("power", known),
         "charger_error": measurement.error,
         "alarm": measurement.alarm,
     }

@@ -45,7 +45,7 @@ from firmware_py.link.telemetry.identity import Version
 from firmware_py.log.disk import LocalDisk
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import LoopParts, run
-from firmware_py.sensors.relabelled import Relabelled
+from firmware_py.sensors.second_sensor import SecondSensor
 from firmware_py.sensors.vedirect import VeDirectPower
 from firmware_py.system.clock import TickTimer
 from firmware_py.system.fault_barrier import FaultBarrier
@@ -464,7 +464,7 @@ class Months:
             compass=Shifted(Compass(world), begin_s),
             position=with_dates(Shifted(Receiver(world), begin_s), clock, self.directory, say),
             rudder=Shifted(Servo(world), begin_s),
-            power=(charger, Relabelled(monitor, DeviceRole.POWER_B)),
+            power=(charger, SecondSensor(monitor, DeviceRole.POWER_B)),
             link=endpoint,
             recorder=recorder,
             store=store,

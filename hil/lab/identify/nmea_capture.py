@@ -16,7 +16,7 @@ from firmware_py.common.angles import radians
 from firmware_py.files.reading import open_regular
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer
-from firmware_py.sensors.nmea_sentences import Decoded, decode_sentence
+from firmware_py.sensors.nmea_sentences import DecodedSentence, decode_sentence
 from hil.errors import UsageError
 from hil.lab.identify.onboard_log import Pair, smoothed_speed
 from hil.lab.identify.recording import MIN_ROWS, Recording
@@ -104,7 +104,7 @@ def _gathered(data: bytes) -> tuple[list[Pair], dict[str, list[Pair]], int]:
     return times, series, faults
 
 
-def _take(decoded: Decoded, kind: str, place: float, times: list[Pair], series: dict[str, list[Pair]]) -> None:
+def _take(decoded: DecodedSentence, kind: str, place: float, times: list[Pair], series: dict[str, list[Pair]]) -> None:
     numbers = decoded.numbers
     now_s = numbers.get("time_of_day_s")
     if now_s is not None and (not times or now_s != times[-1][1]):

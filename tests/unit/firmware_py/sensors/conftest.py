@@ -1,4 +1,4 @@
-"""A line, a checksum made by hand, and the real recordings."""
+"""Fixtures of the driver tests: a serial line, messages with independently computed checksums, recordings."""
 
 import math
 import struct
@@ -14,26 +14,33 @@ def line():
     return FakeLine()
 
 
-@pytest.fixture
-def make_line():
-    return FakeLine
-
-
-def checksummed(body):
-    value = 0
+def nmea_sentence(body):
+    checksum = 0
     for byte in body.encode("latin-1"):
-        value ^= byte
-    return f"${body}*{value:02X}\r\n".encode("latin-1")
+        checksum ^= byte
+    return f"${body}*{checksum:02X}\r\n".encode("latin-1")
 
 
 @pytest.fixture
 def nmea():
-    """Make a sentence from its body."""
-    return checksummed
+    """Function that makes a sentence from its body."""
+    return nmea_sentence
 
 
-def crc_by_hand(data):
-    """CRC-16, polynomial 0x1021, init 0, not reflected, bit by bit."""
+@pytest.fixture
+def deliver(line):
+    """Function that delivers data (bytes, or bodies of sentences) to a driver on `line` and returns its samples."""
+
+    def deliver(driver, *data, now_s=1.0):
+        line.inbox += b"".join(nmea_sentence(item) if isinstance(item, str) else item for item in data)
+        driver.receive(now_s)
+        return driver.poll()
+
+    return deliver
+
+
+def crc16(data):
+    """CRC-16, polynomial 0x1021, initial value 0, not reflected, bit by bit."""
     crc = 0
     for byte in data:
         crc ^= byte << 8
@@ -44,25 +51,23 @@ def crc_by_hand(data):
 
 def pni_frame(frame_id, payload=b""):
     body = struct.pack(">HB", len(payload) + 5, frame_id) + payload
-    return body + struct.pack(">H", crc_by_hand(body))
+    return body + struct.pack(">H", crc16(body))
 
 
 def pni_data(heading_deg, pitch_deg=1.5, roll_deg=-2.5, distortion=0, temperature_c=18.0):
-    payload = struct.pack(
-        ">BBfBfBfBBBf", 5, 5, heading_deg, 24, pitch_deg, 25, roll_deg, 8, distortion, 7, temperature_c
-    )
-    return pni_frame(5, payload)
+    values = (5, 5, heading_deg, 24, pitch_deg, 25, roll_deg, 8, distortion, 7, temperature_c)
+    return pni_frame(5, struct.pack(">BBfBfBfBBBf", *values))
 
 
 @pytest.fixture
 def pni():
-    """Make a frame of a PNI module."""
+    """Function that makes a frame of a PNI module."""
     return pni_frame
 
 
 @pytest.fixture
 def pni_heading():
-    """Make a data frame of a PNI module."""
+    """Function that makes a DATA frame of a PNI module."""
     return pni_data
 
 
@@ -96,25 +101,25 @@ def nav_pvt(
 
 @pytest.fixture
 def ubx():
-    """Make a UBX packet."""
+    """Function that makes a UBX packet."""
     return ubx_packet
 
 
 @pytest.fixture
 def solution():
-    """Make a NAV-PVT packet."""
+    """Function that makes a NAV-PVT packet."""
     return nav_pvt
 
 
 @pytest.fixture
 def recordings():
-    """The folder of real recordings, or skip."""
+    """The folder of recordings; skip the test without it."""
     if not DATA.is_dir():
-        pytest.skip("the recordings of tests/data are not here")
+        pytest.skip("the recordings of tests/data are missing")
     return DATA
 
 
 @pytest.fixture
 def near():
-    """Compare an angle in radians with one in degrees."""
+    """Function that compares an angle in radians with one in degrees."""
     return lambda angle_rad, angle_deg: math.isclose(math.degrees(angle_rad), angle_deg, abs_tol=1e-9)

@@ -1,4 +1,4 @@
-"""What recorded AIS messages tell, held against two other decoders: pyais, and gpsd's where it is installed."""
+"""Decoding of AIS messages: recordings compared with pyais and, if installed, gpsd; limits of single values."""
 
 import json
 import math
@@ -11,101 +11,89 @@ from pyais.exceptions import AISBaseException
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
-from firmware_py.sensors.ais_messages import reports_of
+from firmware_py.sensors.ais_messages import decode_reports
 from firmware_py.sensors.ais_payload import Payload, read_payload
 from firmware_py.sensors.ais_sentences import Assembler, SentenceFinder
 from firmware_py.sensors.message_error import MessageError
 from support.paths import DATA
 
 RECORDINGS = sorted((DATA / "ais").iterdir())
-READ = {1, 2, 3, 4, 5, 18, 19, 21, 24, 27}
+DECODED_TYPES = {1, 2, 3, 4, 5, 18, 19, 21, 24, 27}
 KNOT = 1852.0 / 3600.0
 
 
 def messages(path):
-    """Yield the sentences of each message of a recording, with its reports or the MessageError."""
+    """Yield each message of a recording with its payload, and its reports or the MessageError."""
     finder, assembler = SentenceFinder(), Assembler()
-    for line in path.read_bytes().splitlines(keepends=True):
-        for body, checksum in finder.feed(line):
-            try:
-                message = assembler.add(body, checksum, 0.0)
-            except MessageError:
-                continue
-            if message is None:
-                continue
-            try:
-                payload = read_payload(message.payload, message.fill_bits)
-                yield message, payload, () if payload is None else reports_of(payload, 0.0)
-            except MessageError as error:
-                yield message, None, error
+    for body, checksum in finder.feed(path.read_bytes()):
+        try:
+            message = assembler.add(body, checksum, 0.0)
+        except MessageError:
+            continue
+        if message is None:
+            continue
+        try:
+            payload = read_payload(message.payload, message.fill_bits)
+            yield message, payload, () if payload is None else decode_reports(payload, 0.0)
+        except MessageError as error:
+            yield message, None, error
 
 
-def theirs(message):
-    """What pyais reads of the same payload."""
-    letters = message.payload.decode()
-    sentence = f"AIVDM,1,1,,A,{letters},{message.fill_bits}"
-    check = 0
+def decode_with_pyais(message):
+    sentence = f"AIVDM,1,1,,A,{message.payload.decode()},{message.fill_bits}"
+    checksum = 0
     for byte in sentence.encode():
-        check ^= byte
-    return pyais.decode(f"!{sentence}*{check:02X}".encode()).asdict()
+        checksum ^= byte
+    return pyais.decode(f"!{sentence}*{checksum:02X}".encode()).asdict()
 
 
-def known(value, unknown):
-    return None if value is None or value in unknown else value
-
-
-def check_position(ours, expected, kind):
-    assert ours.mmsi == int(expected["mmsi"])
-    assert degrees(ours.latitude_rad) == pytest.approx(expected["lat"], abs=1e-5)
-    assert degrees(ours.longitude_rad) == pytest.approx(expected["lon"], abs=1e-5)
-    assert ours.accurate == bool(expected["accuracy"])
-    coarse = kind == 27
-    speed = known(expected.get("speed"), (63,) if coarse else (102.3,))
-    assert ours.speed_m_s == (None if speed is None else pytest.approx(speed * KNOT))
-    course = expected.get("course")
-    # pyais gives the number as it is; what is no course is none.
-    assert ours.course_rad == (
-        None if course is None or course >= 360.0 else pytest.approx(math.radians(course), abs=1e-9)
-    )
-    heading = expected.get("heading")
-    assert ours.heading_rad == (None if heading is None or heading >= 360 else pytest.approx(math.radians(heading)))
-    assert ours.status == int(expected.get("status", 15))
+def check_position(report, expected, message_type):
+    assert degrees(report.latitude_rad) == pytest.approx(expected["lat"], abs=1e-5)
+    assert degrees(report.longitude_rad) == pytest.approx(expected["lon"], abs=1e-5)
+    assert report.accurate == bool(expected["accuracy"])
+    speed, course, heading = (expected.get(name) for name in ("speed", "course", "heading"))
+    has_speed = speed is not None and speed != (63 if message_type == 27 else 102.3)
+    assert report.speed_m_s == (pytest.approx(speed * KNOT) if has_speed else None)
+    # pyais does not check the range of the course.
+    has_course = course is not None and course < 360.0
+    assert report.course_rad == (pytest.approx(math.radians(course), abs=1e-9) if has_course else None)
+    has_heading = heading is not None and heading < 360
+    assert report.heading_rad == (pytest.approx(math.radians(heading)) if has_heading else None)
+    assert report.status == int(expected.get("status", 15))
     turn = expected.get("turn")
-    if isinstance(turn, float) and math.isfinite(turn) and ours.turn_rad_s is not None:
-        assert degrees(ours.turn_rad_s) * 60.0 == pytest.approx(turn, abs=0.6)  # theirs is rounded
+    if isinstance(turn, float) and math.isfinite(turn) and report.turn_rad_s is not None:
+        assert degrees(report.turn_rad_s) * 60.0 == pytest.approx(turn, abs=0.6)  # pyais rounds
 
 
-def check_identity(ours, expected):
-    """The texts are the same to the first letter that is none; theirs are stripped at both ends."""
-    assert ours.mmsi == int(expected["mmsi"])
+def check_identity(report, expected):
     name = expected.get("shipname", expected.get("name"))
     if name is not None:
-        assert ours.name.strip() == name.partition("@")[0].strip()  # theirs may go on behind the end
-    assert ours.call_sign.strip() == expected.get("callsign", "").strip()
+        assert report.name.strip() == name.partition("@")[0].strip()  # pyais continues after the end of the text
+    assert report.call_sign.strip() == expected.get("callsign", "").strip()
     if "ship_type" in expected:
-        assert ours.ship_type == expected["ship_type"]
-    if ours.dimensions_m is not None:
-        assert ours.dimensions_m == tuple(expected[f"to_{side}"] for side in ("bow", "stern", "port", "starboard"))
+        assert report.ship_type == expected["ship_type"]
+    if report.dimensions_m is not None:
+        assert report.dimensions_m == tuple(expected[f"to_{side}"] for side in ("bow", "stern", "port", "starboard"))
 
 
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
-def test_recordings_are_read_as_pyais_reads_them(path):
+def test_recordings_are_decoded_as_by_pyais(path):
     compared = 0
     for message, payload, reports in messages(path):
         if payload is None and not isinstance(reports, MessageError):
-            continue  # of a type that is not read
+            continue  # the type is not decoded
         try:
-            expected = theirs(message)
+            expected = decode_with_pyais(message)
         except AISBaseException:
             assert isinstance(reports, MessageError)
             continue
         if isinstance(reports, MessageError):
-            # The one that is: a place that is none.
             assert abs(expected["lat"]) > 90.0 or abs(expected["lon"]) > 180.0
             continue
-        assert expected["msg_type"] == min(payload.message_type, 24) or payload.message_type == expected["msg_type"]
+        assert expected["msg_type"] in {payload.message_type, min(payload.message_type, 24)}
         for report in reports:
             compared += 1
+            assert report.mmsi == int(expected["mmsi"])
             if isinstance(report, VesselPosition):
                 check_position(report, expected, payload.message_type)
             else:
@@ -115,37 +103,9 @@ def test_recordings_are_read_as_pyais_reads_them(path):
     assert compared >= 20
 
 
-def test_the_recordings_hold_every_type():
-    kinds = {payload.message_type for path in RECORDINGS for _, payload, _ in messages(path) if payload is not None}
-    assert kinds >= READ
-
-
-@pytest.mark.skipif(shutil.which("gpsdecode") is None, reason="gpsdecode is not installed (Debian: gpsd-clients)")
-@pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
-def test_recordings_are_read_as_gpsd_reads_them_to_the_last_bit(path):
-    lines = b"".join(line + b"\n" for line in path.read_bytes().splitlines() if line.startswith(b"!"))
-    output = subprocess.run(["gpsdecode", "-j", "-u"], input=lines, capture_output=True, check=True).stdout
-    expected = {}
-    for line in output.splitlines():
-        one = json.loads(line)
-        if one.get("class") == "AIS" and one["type"] in READ:
-            expected.setdefault((one["type"], one["mmsi"], one.get("lon"), one.get("lat")), []).append(one)
-    compared = 0
-    for _, payload, _ in messages(path):
-        if payload is None:
-            continue
-        ours = {GPSD_NAMES.get(name, name): value for name, value in (payload.numbers | payload.texts).items()}
-        candidates = expected.get((min(payload.message_type, 24), payload.mmsi, ours.get("lon"), ours.get("lat")))
-        if payload.message_type == 27:
-            candidates = expected.get((27, payload.mmsi, ours["lon"], ours["lat"]))
-        if not candidates:
-            continue  # of a length that gpsd refuses, or the first part of two that it waits for
-        shared = [name for name in ours if all(name in one for one in candidates)]
-        wanted = {name: ours[name].strip() if isinstance(ours[name], str) else ours[name] for name in shared}
-        found = [{name: plain(one[name]) for name in shared} for one in candidates]
-        assert wanted in found
-        compared += bool(shared)
-    assert compared >= 8
+def test_recordings_contain_every_decoded_type():
+    types = {payload.message_type for path in RECORDINGS for _, payload, _ in messages(path) if payload is not None}
+    assert types >= DECODED_TYPES
 
 
 GPSD_NAMES = {
@@ -158,13 +118,40 @@ GPSD_NAMES = {
 }
 
 
-def plain(value):
+def normalise(value):
     return value.strip() if isinstance(value, str) else int(value)
 
 
-def payload(kind, mmsi=211000000, **numbers):
+@pytest.mark.skipif(shutil.which("gpsdecode") is None, reason="gpsdecode is not installed (Debian: gpsd-clients)")
+@pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
+def test_recordings_are_decoded_as_by_gpsd(path):
+    lines = b"".join(line + b"\n" for line in path.read_bytes().splitlines() if line.startswith(b"!"))
+    output = subprocess.run(["gpsdecode", "-j", "-u"], input=lines, capture_output=True, check=True).stdout
+    expected = {}
+    for message in map(json.loads, output.splitlines()):
+        if message.get("class") == "AIS" and message["type"] in DECODED_TYPES:
+            key = (message["type"], message["mmsi"], message.get("lon"), message.get("lat"))
+            expected.setdefault(key, []).append(message)
+    compared = 0
+    for _, payload, _ in messages(path):
+        if payload is None:
+            continue
+        values = {GPSD_NAMES.get(name, name): value for name, value in (payload.numbers | payload.texts).items()}
+        message_type = 27 if payload.message_type == 27 else min(payload.message_type, 24)
+        candidates = expected.get((message_type, payload.mmsi, values.get("lon"), values.get("lat")))
+        if not candidates:
+            continue  # gpsd rejects the length, or waits for the second part
+        shared = [name for name in values if all(name in candidate for candidate in candidates)]
+        assert {name: normalise(values[name]) for name in shared} in [
+            {name: normalise(candidate[name]) for name in shared} for candidate in candidates
+        ]
+        compared += bool(shared)
+    assert compared >= 8
+
+
+def payload(message_type, mmsi=211000000, **numbers):
     position = {"latitude": 54 * 600_000, "longitude": 10 * 600_000, "accurate": 1}
-    return Payload(kind, mmsi, {**position, "speed": 123, "course": 2713, "heading": 270, **numbers}, {})
+    return Payload(message_type, mmsi, {**position, "speed": 123, "course": 2713, "heading": 270, **numbers}, {})
 
 
 @pytest.mark.parametrize(
@@ -179,45 +166,42 @@ def payload(kind, mmsi=211000000, **numbers):
         ({"turn": 127}, "turn_rad_s"),
     ],
 )
-def test_a_number_for_not_available_or_without_a_meaning_is_unknown(numbers, field):
-    (report,) = reports_of(payload(1, **numbers), 0.0)
+def test_unavailable_and_undefined_numbers_become_none(numbers, field):
+    (report,) = decode_reports(payload(1, **numbers), 0.0)
     assert getattr(report, field) is None
 
 
-def test_a_position_that_is_not_available_is_no_report_and_one_that_is_nowhere_is_refused():
-    assert reports_of(payload(1, latitude=91 * 600_000, longitude=181 * 600_000), 0.0) == ()
-    for wrong in ({"latitude": 600_000 * 92}, {"longitude": -600_000 * 200}, {"latitude": -(90 * 600_000 + 1)}):
-        with pytest.raises(MessageError, match="invalid"):
-            reports_of(payload(18, **wrong), 0.0)
-
-
-@pytest.mark.parametrize("mmsi", [0, 1_000_000_000, (1 << 30) - 1])
-def test_a_number_that_no_vessel_has_is_refused(mmsi):
-    with pytest.raises(MessageError, match="invalid"):
-        reports_of(payload(1, mmsi), 0.0)
-
-
-def test_the_fastest_speed_is_one_and_a_turn_has_its_side():
-    (report,) = reports_of(payload(1, speed=1022, turn=-20), 0.0)
+def test_largest_valid_speed_and_sign_of_the_turn():
+    (report,) = decode_reports(payload(1, speed=1022, turn=-20), 0.0)
     assert report.speed_m_s == pytest.approx(102.2 * KNOT)
     assert degrees(report.turn_rad_s) * 60.0 == pytest.approx(-((20 / 4.733) ** 2))
     assert (report.kind, report.accurate) == (VesselKind.CLASS_A, True)
 
 
-def test_the_mother_ship_of_a_craft_is_not_its_size():
+@pytest.mark.parametrize(
+    "invalid",
+    [
+        *(payload(18, latitude=latitude) for latitude in (600_000 * 92, -(90 * 600_000 + 1))),
+        payload(18, longitude=-600_000 * 200),
+        *(payload(1, mmsi) for mmsi in (0, 1_000_000_000, (1 << 30) - 1)),
+    ],
+)
+def test_impossible_position_or_mmsi_is_rejected(invalid):
+    with pytest.raises(MessageError, match="invalid"):
+        decode_reports(invalid, 0.0)
+
+
+def test_dimensions_of_an_auxiliary_craft_are_unknown():
     numbers = {"ship_type": 36, "to_bow": 5, "to_stern": 6, "to_port": 1, "to_starboard": 2}
-    identities = [
-        reports_of(Payload(25, mmsi, numbers, {"call_sign": "AB"}), 0.0)[0] for mmsi in (211000000, 982110000)
-    ]
-    assert identities == [
-        VesselIdentity(0.0, 211000000, "", "AB", 36, (5, 6, 1, 2)),
-        VesselIdentity(0.0, 982110000, "", "AB", 36, None),
-    ]
+    for mmsi, dimensions_m in ((211000000, (5, 6, 1, 2)), (982110000, None)):
+        (identity,) = decode_reports(Payload(25, mmsi, numbers, {"call_sign": "AB"}), 0.0)
+        assert identity == VesselIdentity(0.0, mmsi, "", "AB", 36, dimensions_m)
 
 
-@pytest.mark.parametrize("mmsi", [970000001, 972603802, 974001001])
-def test_a_distress_beacon_calls_before_it_has_a_position(mmsi):
-    nowhere = payload(1, mmsi, latitude=91 * 600_000, longitude=181 * 600_000, status=14)
-    assert reports_of(nowhere, 5.0) == (VesselIdentity(5.0, mmsi),)
-    (report,) = reports_of(payload(1, mmsi, status=14), 5.0)
-    assert report.status == 14
+def test_message_without_a_position_is_no_report_except_of_a_distress_beacon():
+    unavailable = {"latitude": 91 * 600_000, "longitude": 181 * 600_000}
+    assert decode_reports(payload(1, **unavailable), 0.0) == ()
+    for mmsi in (970000001, 972603802, 974001001):
+        assert decode_reports(payload(1, mmsi, **unavailable, status=14), 5.0) == (VesselIdentity(5.0, mmsi),)
+        (report,) = decode_reports(payload(1, mmsi, status=14), 5.0)
+        assert report.status == 14

@@ -1,49 +1,51 @@
-"""AIS sentences found in streams, and messages of several of them."""
+"""Finding of AIS sentences in a stream, and joining of multi-part messages."""
 
 import pytest
 
-from firmware_py.sensors.ais_sentences import MAX_INCOMPLETE, Assembler, SentenceFinder
+from firmware_py.sensors.ais_sentences import MAX_INCOMPLETE, MAX_MESSAGE_S, Assembler, SentenceFinder
 from firmware_py.sensors.message_error import MessageError
 
-ONE = b"!AIVDM,1,1,,B,15M67FC000G?ufbE`FepT@3n00Sa,0*5C\r\n"
+SENTENCE = b"!AIVDM,1,1,,B,15M67FC000G?ufbE`FepT@3n00Sa,0*5C\r\n"
 
 
 def sentence(body):
-    check = 0
+    checksum = 0
     for byte in body:
-        check ^= byte
-    return b"!%s*%02X\r\n" % (body, check)
+        checksum ^= byte
+    return b"!%s*%02X\r\n" % (body, checksum)
 
 
 def part(number, count=2, sequence=b"3", channel=b"A", payload=b"0123456789"):
     return sentence(b"AIVDM,%d,%d,%s,%s,%s,0" % (count, number, sequence, channel, payload))
 
 
-def joined(stream, now_s=0.0, assembler=None):
+def assemble(stream, now_s=0.0, assembler=None):
     assembler = assembler or Assembler()
-    taken = [assembler.add(body, stated, now_s) for body, stated in SentenceFinder().feed(stream)]
-    return [message for message in taken if message is not None]
+    messages = [assembler.add(body, checksum, now_s) for body, checksum in SentenceFinder().feed(stream)]
+    return [message for message in messages if message is not None]
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 33, 1000])
-def test_sentences_are_found_however_the_stream_is_cut_and_whatever_stands_between(size):
-    stream = b"\\s:r,c:1*5B\\" + ONE + b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n!!!AIVDM,\x00\xff" + ONE + b"!AIVDM,1,1"
-    finder, found = SentenceFinder(), []
+def test_finder_skips_other_bytes_and_does_not_depend_on_the_chunks(size):
+    stream = (
+        b"\\s:r,c:1*5B\\" + SENTENCE + b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n!!!AIVDM,\x00\xff" + SENTENCE + b"!AIVDM,1,1"
+    )
+    finder, bodies = SentenceFinder(), []
     for start in range(0, len(stream), size):
-        found += finder.feed(stream[start : start + size])
-    assert [body for body, _ in found] == [ONE[1:-5]] * 2
+        bodies += [body for body, _ in finder.feed(stream[start : start + size])]
+    assert bodies == [SENTENCE[1:-5]] * 2
 
 
-def test_what_never_ends_is_not_kept():
+def test_finder_does_not_store_endless_sentences():
     finder = SentenceFinder()
     for _ in range(1000):
         assert list(finder.feed(b"!AIVDM,1,1,," + b"A" * 400)) == []
-    assert len(finder._rest) < 200
+    assert len(finder._incomplete_sentence) < 200
 
 
-def test_parts_are_joined_those_of_others_between_them():
-    stream = part(1, payload=b"AAA") + part(1, sequence=b"4", payload=b"CCC") + ONE + part(2, payload=b"BBB")
-    assert [message.payload for message in joined(stream)] == [b"15M67FC000G?ufbE`FepT@3n00Sa", b"AAABBB"]
+def test_interleaved_messages_are_joined():
+    stream = part(1, payload=b"AAA") + part(1, sequence=b"4", payload=b"CCC") + SENTENCE + part(2, payload=b"BBB")
+    assert [message.payload for message in assemble(stream)] == [b"15M67FC000G?ufbE`FepT@3n00Sa", b"AAABBB"]
 
 
 @pytest.mark.parametrize(
@@ -57,23 +59,35 @@ def test_parts_are_joined_those_of_others_between_them():
         part(2, 1),
         sentence(b"AIVDM,1,1,,A,1234567,9"),
         sentence(b"AIVDM,1,1,,A,1234567"),
-        ONE.replace(b"15M", b"16M"),
+        SENTENCE.replace(b"15M", b"16M"),
+    ],
+    ids=[
+        "no first part",
+        "gap",
+        "other channel",
+        "part 0",
+        "six parts",
+        "part 2 of 1",
+        "fill bits",
+        "fields",
+        "checksum",
     ],
 )
-def test_what_does_not_belong_together_is_refused(stream):
+def test_invalid_sentences_and_missing_parts_are_rejected(stream):
     with pytest.raises(MessageError):
-        joined(stream)
+        assemble(stream)
 
 
-def test_a_part_that_comes_too_late_is_none():
+def test_late_part_is_rejected():
     assembler = Assembler()
-    assert joined(part(1), 0.0, assembler) == []
+    assert assemble(part(1) + part(1, sequence=b"4"), 0.0, assembler) == []
+    assert len(assemble(part(2), MAX_MESSAGE_S, assembler)) == 1
     with pytest.raises(MessageError):
-        joined(part(2), 11.0, assembler)
+        assemble(part(2, sequence=b"4"), MAX_MESSAGE_S + 1.0, assembler)
 
 
-def test_beginnings_without_an_end_are_bounded():
+def test_number_of_incomplete_messages_is_limited():
     assembler = Assembler()
     for number in range(1000):
-        joined(part(1, sequence=b"%d" % (number % 10), channel=b"%d" % number), float(number), assembler)
-    assert len(assembler._incomplete) <= MAX_INCOMPLETE
+        assemble(part(1, sequence=b"%d" % (number % 10), channel=b"%d" % number), float(number), assembler)
+    assert len(assembler._incomplete) == MAX_INCOMPLETE

@@ -1,4 +1,4 @@
-"""`decode` on every recording, value by value, and on what is refused."""
+"""`decode`: every value of the recordings, the keys of the results, and invalid messages."""
 
 import json
 import math
@@ -10,11 +10,11 @@ from firmware_py.devices import CAPTURE_FORMATS, decode
 from firmware_py.sensors.decode import format_text
 from support.paths import DATA
 
-NMEA_FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
+NMEA_FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is missing"]
 METRES_PER_SECOND = {"N": 1852 / 3600, "K": 1 / 3.6, "M": 1.0}
 
-# Names of the expected files: our name, and the factor to it.
-NAMES = {
+# Names in the expected files: name in the results, and factor to its unit.
+RESULT_NAMES = {
     "sensor_deg": ("sensor_deg", 1.0),
     "deviation_deg": ("deviation_deg", 1.0),
     "variation_deg": ("variation_deg", 1.0),
@@ -42,22 +42,22 @@ NAMES = {
 
 
 def expected_values(values):
-    """The values of an expected file under our names and in our units."""
+    """Return the values of an expected file with the names and units of the results."""
     values = dict(values)
-    found = {}
+    converted = {}
     if "wind_speed" in values:
-        found["wind_speed_m_s"] = values.pop("wind_speed") * METRES_PER_SECOND[values["unit"]]
+        converted["wind_speed_m_s"] = values.pop("wind_speed") * METRES_PER_SECOND[values["unit"]]
     values.pop("unit", None)
     if isinstance(values.get("status"), list):
         values["status"] = values["status"][0]
     for name, value in values.items():
-        ours, factor = NAMES[name]
-        found[ours] = value if value is None or factor is None else value * factor
-    return found
+        result_name, factor = RESULT_NAMES[name]
+        converted[result_name] = value if value is None or factor is None else value * factor
+    return converted
 
 
 @pytest.mark.parametrize("name", NMEA_FILES)
-def test_every_value_of_every_recording(recordings, name):
+def test_recordings_give_the_expected_values(recordings, name):
     expected = json.loads((recordings / "nmea" / "expected" / f"{name}.json").read_text())
     results = list(decode("nmea", (recordings / "nmea" / name).read_bytes()))
     assert len(results) == expected["sentences"]
@@ -76,7 +76,7 @@ def test_every_value_of_every_recording(recordings, name):
                 assert result[key] == value, (line, key)
             compared += 1
     assert compared or not any(len(row) > 3 for row in expected["values"])
-    # And nothing else: what states a heading here states one there, and the refused are the refused there.
+    # Headings and errors occur only in the expected lines.
     keys = {"heading_true_deg", "heading_magnetic_deg", "heading_mag_deg"}
     headings = [result["line"] for result in results if keys & result.keys()]
     assert headings == [row[0] for row in expected["values"] if len(row) > 3 and keys & row[3].keys()]
@@ -85,16 +85,16 @@ def test_every_value_of_every_recording(recordings, name):
 
 
 @pytest.mark.parametrize("name", ["avnav_20160815_excerpt.nmea", "gpsd_bundg_zeus_9.nmea"])
-def test_every_rudder_angle_of_the_plotters(recordings, name):
+def test_rudder_angles_of_plotters_have_the_right_sign(recordings, name):
     data = (recordings / "nmea" / name).read_bytes()
-    written = re.findall(rb",(-?[0-9]+\.)(-?)([0-9]+),D,RUDDER\*", data)
+    texts = re.findall(rb",(-?[0-9]+\.)(-?)([0-9]+),D,RUDDER\*", data)
     expected = [
-        float(whole + digits) * (-1 if minus and not whole.startswith(b"-") else 1) for whole, minus, digits in written
+        float(whole + digits) * (-1 if minus and not whole.startswith(b"-") else 1) for whole, minus, digits in texts
     ]
-    found = [result["rudder_deg"] for result in decode("nmea", data) if "rudder_deg" in result]
-    assert found == pytest.approx(expected)
-    assert len(found) > 100
-    assert min(found) < 0.0 < max(found)
+    angles_deg = [result["rudder_deg"] for result in decode("nmea", data) if "rudder_deg" in result]
+    assert angles_deg == pytest.approx(expected)
+    assert len(angles_deg) > 100
+    assert min(angles_deg) < 0.0 < max(angles_deg)
 
 
 @pytest.mark.parametrize(
@@ -115,39 +115,29 @@ def test_every_rudder_angle_of_the_plotters(recordings, name):
                                    "status": "A"}),
     ],
 )  # fmt: skip
-def test_results_are_as_the_contract_says(raw, result):
+def test_nmea_results(raw, result):
     assert list(decode("nmea", raw)) == [result]
 
 
-def test_an_unknown_transducer_is_reported_once(nmea):
+def test_unknown_transducer_is_reported_once(nmea):
     results = list(decode("nmea", nmea("SDXDR,C,23.1,C,WTHI,A,1.0,D,ROLL") * 3 + nmea("SDXDR,C,1.0,C,WTLO")))
-    assert [result.get("unknown") for result in results] == [
-        "WTHI (type C, unit C)",
-        None,
-        None,
-        "WTLO (type C, unit C)",
-    ]
+    first, second = "WTHI (type C, unit C)", "WTLO (type C, unit C)"
+    assert [result.get("unknown") for result in results] == [first, None, None, second]
     assert [result.get("roll_deg") for result in results] == [1.0, 1.0, 1.0, None]
 
 
-def test_a_sentence_without_a_use_is_named_as_such(nmea):
-    answer, unheard_of = decode("nmea", nmea("PAMTR,EN,1,1") + nmea("GPABC,1"))
-    assert (answer["type"], answer["detail"]) == ("other", "commands to an Airmar instrument and its replies: not used")
-    assert unheard_of == {"line": 2, "type": "other", "sentence": "GPABC"}
+def test_ignored_sentence_is_named_and_an_unknown_one_is_not(nmea):
+    ignored, unknown = decode("nmea", nmea("PAMTR,EN,1,1") + nmea("GPABC,1"))
+    assert ignored["type"] == "other"
+    assert ignored["detail"].endswith("not used")
+    assert unknown == {"line": 2, "type": "other", "sentence": "GPABC"}
 
 
-def test_a_value_out_of_range_is_an_error_with_a_detail(nmea):
-    (result,) = decode("nmea", nmea("HEHDT,400,T"))
-    assert (result["error"], result["detail"]) == ("range", "HEHDT: heading_true_deg 400 out of range")
-    assert format_text(result) == "line 1: error HEHDT range (HEHDT: heading_true_deg 400 out of range)"
-
-
-def test_pni(pni, pni_heading):
+def test_pni_results(pni, pni_heading):
     capture = (
         pni(2, b"TCM51208") + pni_heading(98.5) + b"junk" + pni_heading(math.nan) + pni(19) + pni_heading(1.0)[:-1]
     )
-    results = list(decode("pni", capture))
-    assert results == [
+    assert list(decode("pni", capture)) == [
         {"line": 1, "offset": 0, "type": "module_info", "frame_id": 2, "module": "TCM51208"},
         {"line": 2, "offset": 13, "type": "heading", "frame_id": 5, "heading_magnetic_deg": 98.5, "pitch_deg": 1.5,
          "roll_deg": -2.5, "temperature_c": 18.0, "distortion": False, "magnetic_deg": 98.5},
@@ -158,42 +148,43 @@ def test_pni(pni, pni_heading):
     ]  # fmt: skip
 
 
-def test_ubx(ubx, solution):
-    results = list(decode("ubx", solution() + ubx(0x0120, bytes(16)) + solution(fix_type=0)))
-    assert [result["type"] for result in results] == ["position", "other", "position"]
-    assert (results[0]["lat_deg"], results[0]["lon_deg"], results[0]["fix"]) == (-34.9062263, 138.6081197, "FIX_3D")
-    assert results[1]["message"] == "01-20"
-    assert (results[2]["lat_deg"], results[2]["fix"]) == (None, "NONE")
+def test_ubx_results(ubx, solution):
+    valid, other, no_fix = decode("ubx", solution() + ubx(0x0120, bytes(16)) + solution(fix_type=0))
+    assert (valid["type"], valid["lat_deg"], valid["lon_deg"]) == ("position", -34.9062263, 138.6081197)
+    assert (valid["fix"], no_fix["fix"], no_fix["lat_deg"]) == ("FIX_3D", "NONE", None)
+    assert (other["type"], other["message"]) == ("other", "01-20")
 
 
-def test_a_ubx_recording_whole(recordings):
+def test_ubx_recording_has_errors_only_at_its_ends(recordings):
     data = (recordings / "ubx" / "gpsd_ublox-neo-m8n.log").read_bytes()
     results = list(decode("ubx", data))
-    # The comment at its head is not UBX, its last packet is cut, and between them there is nothing but packets.
+    # The file begins with a comment, and its last packet is truncated.
     errors = [(result["offset"], result["error"]) for result in results if result["type"] == "error"]
     assert errors == [(0, "malformed"), (data.rindex(b"\xb5\x62"), "checksum")]
     assert results[0]["bytes"] == data.index(b"\xb5\x62")
 
 
 @pytest.mark.parametrize("kind", CAPTURE_FORMATS)
-def test_every_result_is_one_line_of_json_and_of_text(recordings, kind):
+def test_results_can_be_written_as_json_and_as_one_line(recordings, kind):
     data = b"".join(path.read_bytes() for path in sorted((recordings / "nmea").glob("pynmeagps_*.log")))
     for result in decode(kind, data):
         assert json.loads(json.dumps(result, allow_nan=False)) == result
         assert "\n" not in format_text(result)
 
 
-def test_text_for_people():
-    texts = [format_text(result) for result in decode("nmea", b"$IIHDG,70.6,,,,W*2F\r\n$GNFOO,,*4F\r\n")]
-    assert texts == [
-        (
-            "line 1: heading IIHDG sensor_deg 70.6, deviation_deg -, variation_deg -, heading_magnetic_deg 70.6, "
-            "heading_true_deg -"
-        ),
-        "line 2: other GNFOO",
-    ]
+@pytest.mark.parametrize(
+    ("raw", "text"),
+    [
+        (b"$GNFOO,,*4F\r\n", "line 1: other GNFOO"),
+        (b"$GPHDT,,*4F\r\n", "line 1: heading GPHDT heading_true_deg -"),
+        (b"$GPROT,35.6,A*01\r\n", "line 1: turn_rate GPROT turn_rate_deg_min 35.6, status A"),
+        (b"$HEHDT,400,T*35\r\n", "line 1: error HEHDT range (HEHDT: heading_true_deg 400 out of range)"),
+    ],
+)  # fmt: skip
+def test_text_of_results(raw, text):
+    assert [format_text(result) for result in decode("nmea", raw)] == [text]
 
 
-def test_an_unknown_kind_is_refused_with_the_known_ones():
+def test_unknown_format_is_rejected_with_the_known_ones():
     with pytest.raises(ValueError, match="nmea, pni, mti, ubx"):
         decode("seatalk", b"")

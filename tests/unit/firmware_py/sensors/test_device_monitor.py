@@ -1,9 +1,9 @@
-"""From STARTING to RUNNING to SILENT and back, and the one line of text."""
+"""States and texts of the device monitor."""
 
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
-from firmware_py.sensors.device_monitor import MAX_TEXT_LENGTH, SILENT_AFTER_S, DeviceMonitor
+from firmware_py.sensors.device_monitor import ERROR_HOLD_S, MAX_TEXT_LENGTH, SILENT_AFTER_S, DeviceMonitor
 
 
 @pytest.fixture
@@ -13,7 +13,7 @@ def monitor(line):
     return monitor
 
 
-def test_the_states_follow_the_messages(line, monitor):
+def test_state_depends_on_messages_fault_and_port(line, monitor):
     assert monitor.health(0.0).state is DeviceState.STARTING
     monitor.accept(1.0)
     assert monitor.health(1.0 + SILENT_AFTER_S).state is DeviceState.RUNNING
@@ -21,8 +21,9 @@ def test_the_states_follow_the_messages(line, monitor):
     monitor.accept(9.0)
     assert monitor.health(9.0, fault="magnet").state is DeviceState.FAULTY
     line.unplug()
-    assert monitor.health(9.0, fault="magnet").state is DeviceState.ABSENT
-    assert line.name in monitor.health(9.0).text
+    health = monitor.health(9.0, fault="magnet")
+    assert health.state is DeviceState.ABSENT
+    assert line.name in health.text
     line.plug()
     assert monitor.notice_reopening()
     assert not monitor.notice_reopening()
@@ -30,7 +31,7 @@ def test_the_states_follow_the_messages(line, monitor):
     assert (health.state, health.accepted, health.rejected) == (DeviceState.STARTING, 2, 0)
 
 
-def test_the_text_is_the_last_error_then_the_note_then_a_hint(monitor):
+def test_text_is_the_recent_error_else_the_note_else_a_hint(monitor):
     assert monitor.health(0.0).text == ""
     monitor.note_bytes(0.0)
     assert "baud rate" in monitor.health(0.0).text
@@ -38,14 +39,14 @@ def test_the_text_is_the_last_error_then_the_note_then_a_hint(monitor):
     assert monitor.health(0.0).text == "no fix"
     monitor.reject(0.0, "checksum")
     monitor.accept(0.0)
-    assert monitor.health(9.0).text == "checksum"
-    assert monitor.health(11.0).text == "no fix"
+    assert monitor.health(ERROR_HOLD_S).text == "checksum"
+    assert monitor.health(ERROR_HOLD_S + 0.01).text == "no fix"
     monitor.note("")
     assert monitor.health(1.0).rejected == 1
     assert monitor.health(12.0).text == ""
 
 
-def test_texts_from_the_outside_are_bounded_and_printable(line, monitor):
+def test_external_texts_are_truncated_and_printable(line, monitor):
     line.name = "/dev/\x1b[2J\u2028" + "x" * 500
     monitor.reject(0.0, "a\nb\0c\xff" + "x" * 500)
     texts = [monitor.health(0.0).text, monitor.health(0.0, fault="\n" * 500).text]
@@ -54,12 +55,13 @@ def test_texts_from_the_outside_are_bounded_and_printable(line, monitor):
     for text in texts:
         assert len(text) <= MAX_TEXT_LENGTH
         assert text.isascii()
-        assert text.isprintable() or not text
+        assert text.isprintable()
 
 
-def test_a_device_that_speaks_every_five_seconds_is_not_silent_in_between(line, monitor):
+def test_device_with_bursts_every_five_seconds_is_not_silent_between_them(monitor):
     for burst in range(20):
-        for part in range(3):
-            assert monitor.health(5.0 * burst + 0.1 * part - 0.01).state is not DeviceState.SILENT or burst == 1
-            monitor.accept(5.0 * burst + 0.1 * part)
+        for message in range(3):
+            now_s = 5.0 * burst + 0.1 * message
+            assert monitor.health(now_s - 0.01).state is not DeviceState.SILENT or burst == 1
+            monitor.accept(now_s)
     assert monitor.health(110.0).state is DeviceState.SILENT

@@ -1,6 +1,4 @@
-"""Xbus messages as the manual has them, bytes and sums worked out by hand."""
-
-import struct
+"""Xbus messages compared with the manual and with bytes computed by hand."""
 
 import pytest
 
@@ -17,13 +15,13 @@ def long_form(message, data):
     return b"\xfa" + body + bytes([-sum(body) & 0xFF])
 
 
-def cut(stream):
+def split(stream):
     framer = xbus.framer()
     return [*framer.feed(stream), *framer.finish()]
 
 
 @pytest.mark.parametrize(
-    ("message", "wire"),
+    ("message", "frame"),
     [
         (Message.GO_TO_CONFIG, "FAFF3000D1"),
         (Message.GO_TO_MEASUREMENT, "FAFF1000F1"),
@@ -31,46 +29,44 @@ def cut(stream):
         (Message.OUTPUT_CONFIGURATION, "FAFFC00041"),
     ],
 )
-def test_commands_are_those_of_the_manual(message, wire):
-    assert xbus.encode(message) == bytes.fromhex(wire)
+def test_commands_are_those_of_the_manual(message, frame):
+    assert xbus.encode(message) == bytes.fromhex(frame)
 
 
-def test_a_command_of_more_than_the_short_form_is_refused():
+def test_command_longer_than_the_short_form_is_rejected():
     assert len(xbus.encode(0xC0, bytes(254))) == 259
     with pytest.raises(ValueError, match="254"):
         xbus.encode(0xC0, bytes(255))
 
 
-def test_a_short_answer_is_seen_with_its_last_byte():
+def test_message_is_complete_with_its_last_byte():
     framer = xbus.framer()
     assert framer.feed(bytes.fromhex("FAFF3100")) == []
     (packet,) = framer.feed(b"\xd0")
     assert (xbus.message_id(packet.data), xbus.payload(packet.data)) == (Message.GO_TO_CONFIG_ACK, b"")
 
 
-def test_the_long_form_of_the_length_is_read_however_it_is_cut():
-    message = long_form(Message.MT_DATA2, bytes(700))
-    framer = xbus.framer()
-    (packet,) = [found for place in range(len(message)) for found in framer.feed(message[place : place + 1])]
-    assert xbus.payload(packet.data) == bytes(700)
-    assert cut(long_form(Message.MT_DATA2, bytes(2048)))[0].fault == ""
-    assert cut(long_form(Message.MT_DATA2, bytes(2049)))[0].fault == MALFORMED
+def test_long_form_has_at_most_2048_bytes():
+    for size in (700, 2048):
+        (packet,) = split(long_form(Message.MT_DATA2, bytes(size)))
+        assert xbus.payload(packet.data) == bytes(size)
+    assert split(long_form(Message.MT_DATA2, bytes(2049)))[0].fault == MALFORMED
 
 
-def test_a_wrong_sum_is_a_checksum_error_and_the_next_message_is_found():
+def test_wrong_sum_is_a_checksum_error_and_the_next_message_is_decoded():
     damaged = bytearray(DATA)
     damaged[8] ^= 0x10
-    bad, good = cut(bytes(damaged) + DATA)
+    bad, good = split(bytes(damaged) + DATA)
     assert (bad.fault, bad.size, good.data) == (CHECKSUM, len(DATA), DATA)
 
 
-def test_what_no_device_says_is_noise():
-    (run,) = cut(xbus.encode(Message.GO_TO_CONFIG) + b"$HEHDT,341.8,T*21\r\n")
-    assert run.fault == MALFORMED
+def test_commands_and_other_protocols_are_noise():
+    (skipped,) = split(xbus.encode(Message.GO_TO_CONFIG) + b"$HEHDT,341.8,T*21\r\n")
+    assert skipped.fault == MALFORMED
 
 
-def test_items_are_taken_apart():
-    (packet,) = cut(DATA)
+def test_items_of_a_data_message():
+    (packet,) = split(DATA)
     items = xbus.parse_items(xbus.payload(packet.data))
     assert {identifier: value.hex() for identifier, value in items.items()} == {
         0x1020: "1234",
@@ -82,28 +78,33 @@ def test_items_are_taken_apart():
 
 
 @pytest.mark.parametrize("size", [1, 2, 4, 6, 20])
-def test_items_that_end_early_are_malformed(size):
+def test_truncated_items_are_malformed(size):
     with pytest.raises(MessageError, match="malformed"):
         xbus.parse_items(bytes.fromhex("E020040000000380200C000000000000000000000000")[:size])
 
 
-def test_an_output_configuration_goes_there_and_back():
+def test_output_configuration_is_encoded_and_parsed():
     rows = {0xE020: EACH_MESSAGE, 0x2034: 10}
-    wire = xbus.output_configuration(rows.items())
-    assert wire == bytes.fromhex("E020FFFF2034000A")
-    assert xbus.parse_output_configuration(wire) == rows
+    data = xbus.encode_output_configuration(rows.items())
+    assert data == bytes.fromhex("E020FFFF2034000A")
+    assert xbus.parse_output_configuration(data) == rows
     with pytest.raises(MessageError):
-        xbus.parse_output_configuration(wire[:-1])
+        xbus.parse_output_configuration(data[:-1])
 
 
 @pytest.mark.parametrize(
     ("data", "text"),
     [
         (b"\x21", "device error 33: parameter invalid"),
-        (struct.pack(">B", 99), "device error 99"),
+        (b"\x63", "device error 99"),
         (b"", "device error without a code"),
         (b"\x29\x00", "device error 41: more data than the baud rate carries"),
     ],
 )
-def test_errors_are_reported_with_their_meaning(data, text):
+def test_text_of_device_errors(data, text):
     assert xbus.error_text(data) == text
+
+
+def test_known_device_errors():
+    known = {code for code in range(256) if ":" in xbus.error_text(bytes([code]))}
+    assert known == {3, 4, 30, 32, 33, 35, 36, 40, 41, 42}

@@ -1,4 +1,4 @@
-"""What passes from a line to a driver, and what is counted on the way."""
+"""NMEA reader of the drivers: selection of sentences, counted faults, texts."""
 
 import pytest
 
@@ -12,38 +12,39 @@ def monitor(line):
     return DeviceMonitor(line, DeviceRole.COMPASS)
 
 
-def kinds(found):
-    return [sentence.kind for sentence, _ in found]
-
-
-def test_only_the_wanted_pass_and_damage_of_any_kind_counts(line, monitor, nmea):
+@pytest.fixture
+def read(line, monitor, nmea):
+    """Function that delivers sentences and bytes to a reader of HDT and returns the kinds of its sentences."""
     reader = NmeaReader(line, monitor, {"HDT"})
-    line.inbox += nmea("HEHDT,1,T") + nmea("GPGSV,1,1,00") + nmea("HCHDM,1,M")
-    line.inbox += b"$GPGSV,1,1,00*00\r\n$GPGSV,1,1,00\r\n$HEHDT,1,T\r\n$HEHDT,1,T*00\r\n"
-    assert kinds(reader.read(1.0)) == ["HDT"]
-    # A GSV without a checksum is not counted: it is not a selected kind.
+
+    def read(*data, now_s=1.0):
+        line.inbox += b"".join(nmea(item) if isinstance(item, str) else item for item in data)
+        return [sentence.kind for sentence, _ in reader.read(now_s)]
+
+    read.reader = reader
+    return read
+
+
+def test_selected_sentences_are_returned_and_faults_of_all_kinds_counted(read, monitor):
+    faulty = b"$GPGSV,1,1,00*00\r\n$GPGSV,1,1,00\r\n$HEHDT,1,T\r\n$HEHDT,1,T*00\r\n"
+    assert read("HEHDT,1,T", "GPGSV,1,1,00", "HCHDM,1,M", faulty) == ["HDT"]
+    # A GSV without a checksum is not counted: its kind is not selected.
     assert monitor.health(1.0).rejected == 3
-    assert reader.read(1.1) == []
+    assert read() == []
 
 
-def test_a_restart_forgets_what_was_begun(line, monitor, nmea):
-    reader = NmeaReader(line, monitor, {"HDT"})
-    line.inbox += nmea("HEHDT,1,T")[:8]
-    reader.read(1.0)
-    reader.restart()
-    line.inbox += nmea("HEHDT,1,T")[8:]
-    assert reader.read(1.1) == []
-    assert monitor.health(1.1).rejected == 0
+def test_restart_discards_an_incomplete_sentence(read, monitor, nmea):
+    read(nmea("HEHDT,1,T")[:8])
+    read.reader.restart()
+    assert read(nmea("HEHDT,1,T")[8:]) == []
+    assert monitor.health(1.0).rejected == 0
 
 
-def test_sentences_of_another_device_are_distinguished_from_a_wrong_baud_rate(line, monitor, nmea):
-    reader = NmeaReader(line, monitor, {"HDT"})
+def test_sentences_of_another_device_are_distinguished_from_a_wrong_baud_rate(read, monitor):
     monitor.notice_reopening()
-    line.inbox += b"\x80\xfe\x00"
-    reader.read(1.0)
+    read(b"\x80\xfe\x00")
     assert monitor.health(1.0).text == "data not understood: wrong baud rate?"
-    line.inbox += nmea("GPGSV,1,1,00")
-    reader.read(1.1)
+    read("GPGSV,1,1,00", now_s=1.1)
     assert monitor.health(1.1).text == "only GPGSV and similar: port of another device?"
     monitor.accept(1.2)
     assert monitor.health(1.2).text == ""

@@ -1,4 +1,4 @@
-"""Whole sentences against vectors of the makers and against pynmeagps as the oracle."""
+"""Decoding of NMEA sentences compared with examples of manufacturers and with pynmeagps."""
 
 import pytest
 from pynmeagps import NMEAReader
@@ -6,6 +6,7 @@ from pynmeagps import NMEAReader
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer
 from firmware_py.sensors.nmea_sentences import TABLE, decode_sentence
+from firmware_py.sensors.nmea_transducers import QUANTITIES
 
 
 def decode(raw):
@@ -20,19 +21,15 @@ def decode(raw):
         (b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n", 98.3, 85.7),
         (b"$INHDG,180,5,W,10,W*6D\r\n", 175.0, 165.0),
         (b"$IIHDG,70.6,,,,W*2F\r\n", 70.6, None),
+        ("HCHDG,350,5,E,10,E", 355.0, 5.0),
+        ("HCHDG,5,5,W,10,W", 0.0, 350.0),
+        ("HCHDG,360.0,,,0.0,E", 0.0, 0.0),
     ],
 )
-def test_hdg_adds_east_and_subtracts_west(raw, magnetic_deg, true_deg):
-    numbers = decode(raw).numbers
+def test_hdg_adds_east_subtracts_west_and_wraps_at_north(nmea, raw, magnetic_deg, true_deg):
+    numbers = decode(raw if isinstance(raw, bytes) else nmea(raw)).numbers
     assert numbers["heading_magnetic_deg"] == pytest.approx(magnetic_deg)
-    assert numbers["heading_true_deg"] == (true_deg if true_deg is None else pytest.approx(true_deg))
-
-
-@pytest.mark.parametrize(
-    ("body", "true_deg"), [("HCHDG,350,5,E,10,E", 5.0), ("HCHDG,5,5,W,10,W", 350.0), ("HCHDG,360.0,,,0.0,E", 0.0)]
-)
-def test_hdg_wraps_at_north(nmea, body, true_deg):
-    assert decode(nmea(body)).numbers["heading_true_deg"] == true_deg
+    assert numbers["heading_true_deg"] == (None if true_deg is None else pytest.approx(true_deg))
 
 
 @pytest.mark.parametrize(
@@ -80,11 +77,11 @@ def test_hdg_wraps_at_north(nmea, body, true_deg):
         ("IIDBK,29.2,f,8.90,M,4.9,F", {"depth_below_keel_m": 8.9}),
     ],
 )  # fmt: skip
-def test_values(nmea, body, numbers):
-    found = decode(nmea(body)).numbers
-    assert set(found) == set(numbers)
+def test_values_of_sentences(nmea, body, numbers):
+    decoded = decode(nmea(body)).numbers
+    assert set(decoded) == set(numbers)
     for name, value in numbers.items():
-        assert found[name] == (value if value is None else pytest.approx(value)), name
+        assert decoded[name] == (value if value is None else pytest.approx(value)), name
 
 
 @pytest.mark.parametrize(
@@ -96,12 +93,12 @@ def test_values(nmea, body, numbers):
      "GPRMC,115631,A,5229.6446,N,00518.6558,E,XXXXX,78.0,150816,1.0,E,A",
      "IIXDR,A,95,D,RUDDER", "IIXDR,A,9,P,RUDDER", "IIXDR,A,x,D,RUDDER"],
 )  # fmt: skip
-def test_sentences_that_are_refused(nmea, body):
-    with pytest.raises(MessageError) as refusal:
+def test_invalid_sentences_are_rejected(nmea, body):
+    with pytest.raises(MessageError) as rejected:
         decode(nmea(body))
-    assert refusal.value.error in {"malformed", "range"}
-    assert str(refusal.value).startswith(body[:5])
-    assert str(refusal.value).isascii()
+    assert rejected.value.error in {"malformed", "range"}
+    assert str(rejected.value).startswith(body[:5])
+    assert str(rejected.value).isascii()
 
 
 AIRMAR = {"air_pressure_pa": 101640.0, "wind_chill_relative_c": 24.4, "wind_chill_theoretical_c": 23.9,
@@ -110,7 +107,7 @@ AIRMAR = {"air_pressure_pa": 101640.0, "wind_chill_relative_c": 24.4, "wind_chil
 
 @pytest.mark.parametrize(
     ("body", "numbers"),
-    [  # as the documents of docs/reference/nmea-sentences.md have them
+    [  # from the documents that docs/reference/nmea-sentences.md lists
         ("YXXDR,A,1.2,D,PTCH,A,-3.4,D,ROLL", {"pitch_deg": 1.2, "roll_deg": -3.4}),
         ("YXXDR, A,0.1,D,PTCH, A,-2.0,D,ROLL", {"pitch_deg": 0.1, "roll_deg": -2.0}),
         ("YXXDR,C,24.4,C,WCHR,C,23.9,C,WCHT,C,25.1,C,HINX,P,1.0164,B,STNP", AIRMAR),
@@ -139,42 +136,58 @@ AIRMAR = {"air_pressure_pa": 101640.0, "wind_chill_relative_c": 24.4, "wind_chil
         ("IIXDR,10.7,C,AIRTEMP,A,0.5,D,HEEL", {"air_temperature_c": 10.7, "heel_deg": 0.5}),
     ],
 )  # fmt: skip
-def test_transducers_of_real_instruments(nmea, body, numbers):
-    found = decode(nmea(body))
-    assert found.unknown == ()
-    assert found.numbers == {name: value if value is None else pytest.approx(value) for name, value in numbers.items()}
+def test_transducers_of_instruments(nmea, body, numbers):
+    decoded = decode(nmea(body))
+    assert decoded.unknown == ()
+    assert decoded.numbers == {
+        name: value if value is None else pytest.approx(value) for name, value in numbers.items()
+    }
 
 
-def test_a_transducer_that_is_not_known_is_named_beside_the_values_of_the_others(nmea):
-    found = decode(nmea("WIXDR,A,302,D,0,A,320,D,1,S,0.1,M,0,S,0.2,M,1,U,11.99,V,BRDV,G,5,,"))
-    assert found.numbers == {"wind_angle_deg": 320.0, "wind_speed_m_s": 0.2}
-    assert found.unknown == (
-        "0 (type A, unit D)",
-        "0 (type S, unit M)",
-        "BRDV (type U, unit V)",
-        "no name (type G, unit )",
-    )
+def test_unknown_transducers_are_named(nmea):
+    decoded = decode(nmea("WIXDR,A,302,D,0,A,320,D,1,S,0.1,M,0,S,0.2,M,1,U,11.99,V,BRDV,G,5,,"))
+    assert decoded.numbers == {"wind_angle_deg": 320.0, "wind_speed_m_s": 0.2}
+    unknown = "0 (type A, unit D)|0 (type S, unit M)|BRDV (type U, unit V)|no name (type G, unit )"
+    assert decoded.unknown == tuple(unknown.split("|"))
 
 
 @pytest.mark.parametrize(
     "body", ["YXXDR,A,181,D,PTCH", "YXXDR,C,1,D,WCHR", "YXXDR,P,1.6,B,STNP", "YXXDR,P,300,B,STNP", "YXXDR,C, 7,C,WCHR"]
 )
-def test_a_known_transducer_with_a_value_that_cannot_be_is_refused(nmea, body):
+def test_known_transducer_with_an_invalid_value_is_rejected(nmea, body):
     with pytest.raises(MessageError, match=r"^YXXDR: \w+"):
         decode(nmea(body))
 
 
-def test_unknown_sentences_and_other_sentences_of_the_same_name_are_no_error(nmea):
+def test_limits_of_the_transducers():
+    limits = {
+        (-180.0, 180.0): "pitch_deg roll_deg heel_deg leeway_deg",
+        (-90.0, 90.0): "trim_deg rudder_deg",
+        (-360.0, 360.0): "yaw_deg",
+        (0.0, 360.0): "wind_angle_deg",
+        (0.0, 200.0): "wind_speed_m_s",
+        (-100.0, 100.0): "air_temperature_c inside_temperature_c",
+        (-10.0, 100.0): "water_temperature_c",
+        (-150.0, 100.0): "wind_chill_relative_c wind_chill_theoretical_c",
+        (-150.0, 150.0): "heat_index_c",
+        (5e4, 1.5e5): "air_pressure_pa",
+        (0.0, 100.0): "humidity_percent inside_humidity_percent",
+    }
+    expected = {name: limit for limit, names in limits.items() for name in names.split()}
+    assert {name: (row.low, row.high) for name, row in QUANTITIES.items()} == expected
+
+
+def test_sentences_that_are_not_in_the_table_are_none(nmea):
     assert decode(nmea("GPGSV,1,1,00")) is None
     assert decode(nmea("GPHDTX,1")) is None
     assert decode(nmea("PASHR,ARR,1,3,12,160159.00,123.45,123.45,-123.45,12.34")) is None
 
 
-def test_no_row_reads_past_its_fewest_fields(nmea):
+def test_minimum_number_of_fields_is_sufficient(nmea):
     for kind, layout in TABLE.items():
         address = kind if kind[0] == "P" else "GP" + kind
         empty = decode(nmea(address + "," * layout.min_fields))
-        if empty is not None:  # PASHR without a T is another sentence
+        if empty is not None:  # PASHR without T is another sentence
             assert all(value is None for value in empty.numbers.values()), kind
 
 
@@ -196,30 +209,25 @@ PYNMEAGPS_NAMES = {
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "gpsd_bundg_zeus_9.nmea",
-        "avnav_20160815_excerpt.nmea",
-        "gpsd_rst39.nmea",
-        "gpsd_hemi.nmea",
-        "pynmeagps_nmea4.log",
-    ],
-)
-def test_pynmeagps_reads_the_same(recordings, nmea, name):
-    seen = {}
+    "file",
+    ["gpsd_bundg_zeus_9.nmea", "avnav_20160815_excerpt.nmea", "gpsd_rst39.nmea", "gpsd_hemi.nmea",
+     "pynmeagps_nmea4.log"],
+)  # fmt: skip
+def test_recordings_are_decoded_as_by_pynmeagps(recordings, nmea, file):
+    counts = {}
     compared = 0
-    for sentence in NmeaFramer().feed((recordings / "nmea" / name).read_bytes()):
+    for sentence in NmeaFramer().feed((recordings / "nmea" / file).read_bytes()):
         names = PYNMEAGPS_NAMES.get(sentence.kind)
-        if names is None or sentence.fault or seen.get(sentence.kind, 0) > 60:  # the library is slow
+        if names is None or sentence.fault or counts.get(sentence.kind, 0) > 60:  # the library is slow
             continue
-        seen[sentence.kind] = seen.get(sentence.kind, 0) + 1
+        counts[sentence.kind] = counts.get(sentence.kind, 0) + 1
         message = NMEAReader.parse(nmea(",".join((sentence.address, *sentence.fields))))
         numbers = decode_sentence(sentence).numbers
-        for theirs, ours in names.items():
-            value = getattr(message, theirs)
+        for library_name, name in names.items():
+            value = getattr(message, library_name)
             if value == "":
-                assert numbers[ours] is None, (sentence, ours)
+                assert numbers[name] is None, (sentence, name)
             else:
-                assert numbers[ours] == pytest.approx(float(value), abs=1e-8), (sentence, ours)
+                assert numbers[name] == pytest.approx(float(value), abs=1e-8), (sentence, name)
             compared += 1
     assert compared > 4

@@ -1,4 +1,4 @@
-"""The PNI compass calibrates itself while it is turned, and gives headings again afterwards, however it ends."""
+"""Calibration of the PNI compass: start, results, and headings after every end."""
 
 import math
 import struct
@@ -10,28 +10,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.records import CalibrationState
-from firmware_py.sensors.pni_calibration import POINTS, PniCalibration
+from firmware_py.sensors.pni_calibration import POINT_COUNT, PniCalibration
 from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 from hil.devices.pni_tcm import PniTcmEmulator
 
-RUNNING, DONE, FAILED = CalibrationState.RUNNING, CalibrationState.DONE, CalibrationState.FAILED
+NONE, RUNNING, DONE, FAILED = CalibrationState
 
 
-class Bench:
-    """A compass on a turntable, stepped in 20 ms."""
+class Turntable:
+    """A compass on a turntable, simulated in steps of 20 ms."""
 
-    def __init__(self, line, deg_s=10.0):
-        self.line, self.deg_s = line, deg_s
-        self.now_s = 0.0
+    def __init__(self, line):
+        self.line, self.rate_deg_s, self.now_s = line, 10.0, 0.0
         self.compass = PniCompass(line, PniOptions())
         attitude = SimpleNamespace(
-            heading_rad=lambda: math.radians(self.deg_s * self.now_s % 360.0), yaw_rate_rad_s=lambda: 0.0
+            heading_rad=lambda: math.radians(self.rate_deg_s * self.now_s % 360.0), yaw_rate_rad_s=lambda: 0.0
         )
         self.module = PniTcmEmulator(attitude, np.random.default_rng(1), noise_deg=0.0)
         self.reports = []
 
     def run(self, seconds):
-        """Return the headings that came."""
+        """Return the samples of this time."""
         samples = []
         for _ in range(round(seconds * 50)):
             self.now_s += 0.02
@@ -44,66 +43,62 @@ class Bench:
             self.reports.append(self.compass.calibration())
         return samples
 
+    def assert_ended(self, state, text):
+        """Check the result, and that there are headings again."""
+        report = self.compass.calibration()
+        assert (report.state, text in report.text) == (state, True)
+        assert len(self.run(3.0)) > 20
+
 
 @pytest.fixture
-def bench(line):
-    made = Bench(line)
-    assert len(made.run(3.0)) > 10
-    assert made.compass.calibrate(made.now_s)
-    return made
+def turntable(line):
+    """A turntable whose compass has just started its calibration."""
+    turntable = Turntable(line)
+    assert len(turntable.run(3.0)) > 10
+    assert turntable.compass.calibrate(turntable.now_s)
+    return turntable
 
 
-def test_a_full_circle_is_sampled_scored_saved_and_headings_come_again(bench):
-    bench.run(45.0)
-    assert bench.compass.calibration().state is DONE
-    assert bench.compass.calibration().text == "Compass calibrated and saved: score 0.6"
-    assert bench.module.calibrated
-    percents = [report.percent for report in bench.reports if report.state is RUNNING]
+def test_full_circle_is_sampled_scored_and_saved(turntable):
+    turntable.run(45.0)
+    assert bytes.fromhex("00090A000000145CF9") in turntable.line.written  # the frame in the manual
+    assert turntable.module.calibrated
+    percents = [report.percent for report in turntable.reports if report.state is RUNNING]
     assert percents == sorted(percents)
-    assert len(set(percents)) >= POINTS
-    assert len(bench.run(3.0)) > 20
+    assert len(set(percents)) >= POINT_COUNT
+    turntable.assert_ended(DONE, "Compass calibrated and saved: score 0.6")
 
 
-def test_the_manuals_own_frame_starts_it(bench):
-    bench.run(2.0)
-    assert bytes.fromhex("00090A000000145CF9") in bench.line.written
+def test_bad_score_is_not_saved(turntable):
+    turntable.module.calibration_score = 5.25
+    turntable.compass.cancel()
+    assert turntable.compass.calibrate(turntable.now_s)
+    turntable.run(45.0)
+    assert not turntable.module.calibrated
+    turntable.assert_ended(FAILED, "score 5.2")
 
 
-def test_a_bad_score_is_not_saved(bench):
-    bench.module.calibration_score = 5.25
-    bench.compass.cancel()
-    assert bench.compass.calibrate(bench.now_s)
-    bench.run(45.0)
-    assert bench.compass.calibration().state is FAILED
-    assert "score 5.2" in bench.compass.calibration().text
-    assert not bench.module.calibrated
-    assert len(bench.run(3.0)) > 20
+def test_calibration_without_turning_ends_after_the_time_limit(turntable):
+    turntable.rate_deg_s = 0.0
+    turntable.run(602.0)
+    turntable.assert_ended(FAILED, "timeout after")
 
 
-def test_one_that_is_not_turned_ends_in_time(bench):
-    bench.deg_s = 0.0
-    bench.run(602.0)
-    assert bench.compass.calibration().state is FAILED
-    assert "timeout after" in bench.compass.calibration().text
-    assert len(bench.run(3.0)) > 20
+def test_running_calibration_can_be_cancelled_and_not_started_again(turntable):
+    turntable.run(10.0)
+    assert not turntable.compass.calibrate(turntable.now_s)
+    turntable.compass.cancel()
+    turntable.run(1.0)
+    turntable.assert_ended(NONE, "")
+    assert turntable.compass.calibrate(turntable.now_s)
 
 
-def test_it_can_be_called_off_and_begun_once_at_a_time(bench):
-    bench.run(10.0)
-    assert not bench.compass.calibrate(bench.now_s)
-    bench.compass.cancel()
-    assert len(bench.run(4.0)) > 20
-    assert bench.compass.calibration().state is CalibrationState.NONE
-    assert bench.compass.calibrate(bench.now_s)
-
-
-def test_a_power_cut_ends_it(bench):
-    bench.run(5.0)
-    bench.module.power_cycle(bench.now_s, 0.5)
-    bench.line.inbox += bytes.fromhex("000517") + b"\x9b\x23"  # noise where the power came back
-    bench.run(610.0)
-    assert bench.compass.calibration().state is FAILED
-    assert len(bench.run(3.0)) > 20
+def test_power_cut_ends_the_calibration(turntable):
+    turntable.run(5.0)
+    turntable.module.power_cycle(turntable.now_s, 0.5)
+    turntable.line.inbox += bytes.fromhex("000517") + b"\x9b\x23"  # a damaged power-up frame
+    turntable.run(610.0)
+    turntable.assert_ended(FAILED, "")
 
 
 FRAMES = st.tuples(
@@ -113,13 +108,13 @@ FRAMES = st.tuples(
 
 
 @given(st.lists(FRAMES, max_size=20))
-def test_whatever_the_module_says_only_a_good_score_is_saved(frames):
+def test_only_a_good_score_is_saved_after_any_frames(frames):
     calibration = PniCalibration(0.0)
-    good = False
-    for step, (number, payload) in enumerate(frames):
-        running = calibration.report.state is RUNNING
-        calibration.take(number, payload, 1.0 + step)
-        if running and number == 18 and len(payload) == 24:
-            good = good or 0.0 <= struct.unpack_from(">f", payload)[0] <= 2.0
+    has_good_score = False
+    for step, (frame_id, payload) in enumerate(frames):
+        is_running = calibration.report.state is RUNNING
+        calibration.handle_frame(frame_id, payload, 1.0 + step)
+        if is_running and frame_id == 18 and len(payload) == 24:
+            has_good_score = has_good_score or 0.0 <= struct.unpack_from(">f", payload)[0] <= 2.0
         assert 0 <= calibration.report.percent <= 100
-        assert good or calibration.report.state is not DONE
+        assert has_good_score or calibration.report.state is not DONE

@@ -1,4 +1,4 @@
-"""A receiver whose weeks have rolled over, and one that says what cannot be."""
+"""Correction of the time of a receiver after a week number rollover, and its reports."""
 
 import datetime as dt
 
@@ -9,6 +9,7 @@ from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Fi
 from firmware_py.sensors.receiver_time import MIN_AGREEING_FIXES, DatedPosition
 
 NOW_S = dt.datetime(2026, 11, 22, tzinfo=dt.UTC).timestamp()
+GPS_EPOCH_S = dt.datetime(1980, 1, 6, tzinfo=dt.UTC).timestamp()
 
 
 class Receiver:
@@ -22,7 +23,7 @@ class Receiver:
         self.received_s = now_s
 
     def poll(self):
-        samples = [PositionSample(float(place), FixType.FIX_3D, utc_s=utc_s) for place, utc_s in enumerate(self.utc_s)]
+        samples = [PositionSample(float(index), FixType.FIX_3D, utc_s=utc_s) for index, utc_s in enumerate(self.utc_s)]
         self.utc_s = []
         return samples
 
@@ -30,44 +31,44 @@ class Receiver:
         return DeviceHealth(now_s, DeviceRole.POSITION, DeviceState.RUNNING, 1, 0)
 
 
-class Dated:
-    """A receiver on a computer whose clock, newest log and operator the test has in hand."""
+class Setup:
+    """A receiver, the clock of the computer, and the reports to the operator."""
 
-    def __init__(self, clock_s, last_s=0.0):
+    def __init__(self, clock_s):
         self.receiver, self.reports = Receiver(), []
-        self.position = DatedPosition(self.receiver, lambda: clock_s, last_s, self.reports.append)
+        self.position = DatedPosition(self.receiver, lambda: clock_s, 0.0, self.reports.append)
 
-    def times(self, *utc_s):
+    def corrected(self, *utc_s):
         self.receiver.utc_s = utc_s
         return [sample.utc_s for sample in self.position.poll()]
 
 
-def test_it_is_the_receiver_in_all_else():
-    dated = Dated(NOW_S)
-    dated.position.receive(3.0)
-    assert (dated.position.fileno(), dated.receiver.received_s) == (7, 3.0)
-    assert dated.position.health(4.0).role is DeviceRole.POSITION
-    assert dated.times(NOW_S, None, NOW_S + 2.0) == [NOW_S, None, NOW_S + 2.0]
-    assert dated.reports == []
+def test_other_data_of_the_receiver_are_unchanged():
+    setup = Setup(NOW_S)
+    setup.position.receive(3.0)
+    assert (setup.position.fileno(), setup.receiver.received_s) == (7, 3.0)
+    assert setup.position.health(4.0).role is DeviceRole.POSITION
+    assert setup.corrected(NOW_S, None, NOW_S + 2.0) == [NOW_S, None, NOW_S + 2.0]
+    assert setup.reports == []
 
 
-def test_a_week_rollover_is_corrected_from_the_first_fix_and_reported_once():
-    dated = Dated(NOW_S + 2.0)
+def test_week_rollover_is_corrected_from_the_first_fix_and_reported_once():
+    setup = Setup(NOW_S + 2.0)
     early = [NOW_S - ROLLOVER_S + second for second in range(20)]
-    assert dated.times(*early) == [NOW_S + second for second in range(20)]
-    assert dated.reports == ["GPS week rollover: 2007-04-08 corrected to 2026-11-22"]
-    assert dated.times(*[NOW_S] * MIN_AGREEING_FIXES) == [NOW_S] * MIN_AGREEING_FIXES
-    assert dated.reports[1:] == ["GPS date recovered"]
+    assert setup.corrected(*early) == [NOW_S + second for second in range(20)]
+    assert setup.reports == ["GPS week rollover: 2007-04-08 corrected to 2026-11-22"]
+    assert setup.corrected(*[NOW_S] * MIN_AGREEING_FIXES) == [NOW_S] * MIN_AGREEING_FIXES
+    assert setup.reports[1:] == ["GPS date recovered"]
 
 
-def test_an_invalid_date_is_removed_and_reported_once():
-    dated = Dated(0.0)
-    assert dated.times(*[315_964_800.0] * 30) == [None] * 30
-    assert dated.reports == ["GPS date 1980-01-06 invalid: time not used"]
+def test_impossible_date_is_removed_and_reported_once():
+    setup = Setup(0.0)
+    assert setup.corrected(*[GPS_EPOCH_S] * 30) == [None] * 30
+    assert setup.reports == ["GPS date 1980-01-06 invalid: time not used"]
 
 
-@pytest.mark.parametrize("count", range(1, MIN_AGREEING_FIXES))
-def test_what_a_receiver_says_as_it_starts_is_not_worth_a_word(count):
-    dated = Dated(NOW_S)
-    assert dated.times(*[315_964_800.0] * count, NOW_S) == [None] * count + [NOW_S]
-    assert dated.reports == []
+@pytest.mark.parametrize("count", [1, MIN_AGREEING_FIXES - 1])
+def test_few_wrong_dates_during_the_start_are_not_reported(count):
+    setup = Setup(NOW_S)
+    assert setup.corrected(*[GPS_EPOCH_S] * count, NOW_S) == [None] * count + [NOW_S]
+    assert setup.reports == []

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from firmware_py.common.angles import radians
-from firmware_py.sensors.nmea_fields import latitude, longitude
+from firmware_py.sensors.nmea_fields import latitude_field, longitude_field
 from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
 from hil.devices.nmea_text import format_coordinate
 from hil.lab.twin import devices
@@ -57,6 +57,6 @@ def test_fixes_equal_those_decoded_by_the_firmware(text):
 @example(36.99999999)
 @example(0.013)  # minutes / 60 differs from minutes * (1 / 60)
 def test_a_coordinate_is_decoded_as_it_is_printed(angle_deg):
-    for letters, digits, read in (("NS", 2, latitude), ("EW", 3, longitude)):
+    for letters, digits, read in (("NS", 2, latitude_field), ("EW", 3, longitude_field)):
         fields = format_coordinate(angle_deg, degree_digits=digits, letters=tuple(letters)).split(",")
         assert devices.decoded_coordinate(angle_deg) == radians(read(0)(fields))

@@ -1,4 +1,4 @@
-"""A second device of the same kind: a driver whose samples and health are marked as those of the second."""
+"""Second compass or power monitor: marks the samples and health of a driver as those of the second device."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Sensor(Device, Protocol[SampleT_co]):
         """Return the samples since the last poll, oldest first."""
 
 
-class Relabelled(Generic[SampleT]):
-    """A wrapper of a compass or power monitor."""
+class SecondSensor(Generic[SampleT]):
+    """A driver of a second compass or power monitor."""
 
     def __init__(self, sensor: Sensor[SampleT], role: DeviceRole) -> None:
-        """Wrap a driver; `role` is that of the second device."""
+        """Store the driver; `role` is the role of its health records."""
         self._sensor: Sensor[SampleT] = sensor
         self._role = role
 
