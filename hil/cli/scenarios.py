@@ -44,5 +44,5 @@ def run(arguments: argparse.Namespace) -> int:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     print("\n" + "\n".join(mixtures))
     print("\nDisturbances for any scenario: `rambler-hil run SCENARIO --with NAME[=NUMBER:...],...`; default off:\n")
-    print(disturbance_options.listing())
+    print(disturbance_options.describe_options())
     return 0

@@ -3,7 +3,8 @@
     output = heading - (A + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi) - h cos psi,   then a first-order lag
 
 Deviation is positive to the east, so the compass reads less (Handbook of Magnetic Compass Adjustment, NGA 2004). The
-handbook gives it over the compass heading; here it depends on the true heading, which differs by products of
+handbook gives it as a function of the compass heading; here it is one of the true heading. The difference is of second
+order in the coefficients.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ class CompassErrors:
     """The heading output of the compass, unwrapped, one grid step at a time."""
 
     def __init__(self, errors: Compass, step_s: float, roll: WaveYaw) -> None:
-        """Take the coefficients; `roll` is the heel error on north, which varies with the waves."""
+        """Start without lag; `roll` is the heel error on a northerly heading, which varies with the waves."""
         coefficients_deg = (errors.a_deg, errors.b_deg, errors.c_deg, errors.d_deg, errors.e_deg)
         self._coefficients = tuple(radians(angle_deg) for angle_deg in coefficients_deg)
         self._lag_s = errors.lag_s
         self._lag_gain = 1.0 if errors.lag_s <= 0.0 else -math.expm1(-step_s / errors.lag_s)
         self._step_s = step_s
         self._roll = roll
-        self.roll_share = 1.0  # falls with the waves in a calm
+        self.roll_share = 1.0  # ratio of the waves to their mean
         self._output_rad: float | None = None
 
     def step(self, heading_rad: float) -> None:

@@ -1,7 +1,7 @@
-"""The options of `--with`: one row for each disturbance, with its source; how they are read and printed.
+"""The options of `--with`: a table of the disturbances with their sources, parsing and printing.
 
-Each number of an option has a range and most a default (hil/ship/disturbances.py). The row names the source of a
-number where there is one; "assumed" marks a number without a source, with a range that is plausible for such boats.
+Each number of an option has a range, and most have a default (hil/ship/disturbances.py). The row states the source of a
+number; "assumed" marks a number without a source, with a range that is plausible for such boats.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from hil.ship.disturbances import (
 )
 
 MAX_TEXT_LENGTH = 500
-RECORDED = "recorded on a wave-propelled vessel of 5 m, 186 h"
+RECORDING_SOURCE = "recorded on a wave-propelled vessel of 5 m, 186 h"
 
 
 class DisturbanceError(ValueError):
-    """A list of options that cannot be read; the text lists the valid ones."""
+    """A list of options cannot be parsed; the text lists the valid ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ TABLE: tuple[Option, ...] = (
         Slide,
         "slide",
         "outward sway in turns",
-        "Wang et al. 2018, eq. 1 to 3: regressions of Zhou and Clarke, made for ships, so the share is open",
+        "Wang et al. 2018, eq. 1 to 3: regressions of Zhou and Clarke, made for ships, so the share is uncertain",
     ),
     Option(
         "orbital",
@@ -78,7 +78,7 @@ TABLE: tuple[Option, ...] = (
         "wave orbital motion moves the receiver along and across the waves, correlated with the wave yaw unless that "
         "has its own period",
         "linear waves: pi Hs / 2T, 0.39 m/s for 2 m at 8 s; spread at the peak 9 to 16 deg in "
-        "swell, 24 deg in a wind sea (Goda and Suzuki 1975: s = 75, 25, 10), wider beside it",
+        "swell, 24 deg in a wind sea (Goda and Suzuki 1975: s = 75, 25, 10), wider beside the peak",
     ),
     Option(
         "speed",
@@ -122,85 +122,85 @@ TABLE: tuple[Option, ...] = (
         Vessels,
         "vessels",
         "other ships on straight tracks, placed for a boat that steers north from the start, as received by AIS",
-        "intervals: ITU-R M.1371-5; range and losses assumed: an antenna of 2 m hears ships some 20 nautical miles off",
+        "intervals: ITU-R M.1371-5; range and losses assumed: an antenna at 2 m receives some 20 nautical miles",
     ),
     Option(
         "yaw",
         Yaw,
         "yaw",
         "white noise of the yaw acceleration: the heading diffuses",
-        f"{RECORDED}: 0.4 to 10 deg^2/s, typically 2",
+        f"{RECORDING_SOURCE}: 0.4 to 10 deg^2/s, typically 2",
     ),
     Option(
         "waves",
         OwnWaves,
         "own_waves",
         "the wave yaw has its own period instead of the scenario's",
-        f"{RECORDED}: 1.9 to 3.6 s, damping 0.09 to 0.59, where the receiver moves with 5.5 to 8.5 s",
+        f"{RECORDING_SOURCE}: 1.9 to 3.6 s, damping 0.09 to 0.59, where the receiver moves with 5.5 to 8.5 s",
     ),
     Option(
         "bias",
         Bias,
         "bias",
         "standard deviation and time constant of the rudder bias, instead of the scenario's",
-        f"{RECORDED}: 8 to 15 deg, 900 to 3500 s",
+        f"{RECORDING_SOURCE}: 8 to 15 deg, 900 to 3500 s",
     ),
 )
 BY_NAME: Mapping[str, Option] = {row.name: row for row in TABLE}
 
 
 def parse(text: str, base: Disturbances | None = None) -> Disturbances:
-    """Parse "float=0.3:0.6,leeway=8,sway"; options replace those of `base`. Raise DisturbanceError with one line."""
+    """Parse "float=0.3:0.6,leeway=8,sway", which replaces options of `base`. Raise DisturbanceError with one line."""
     disturbances = base or Disturbances()
     if len(text) > MAX_TEXT_LENGTH:
         raise DisturbanceError(f"{len(text)} characters of options; the maximum is {MAX_TEXT_LENGTH}")
-    seen: set[str] = set()
+    names: set[str] = set()
     for piece in text.split(","):
-        name, equals, numbers = piece.strip().partition("=")
+        name, equals, values = piece.strip().partition("=")
         row = BY_NAME.get(name)
         if row is None:
             raise DisturbanceError(
                 f"unknown option {name[:30]!r}; use one of {', '.join(BY_NAME)}; rambler-hil scenarios describes them"
             )
-        if name in seen:
+        if name in names:
             raise DisturbanceError(f"option {name!r} is given twice")
-        seen.add(name)
-        disturbances = replace(disturbances, **{row.field: _record(row, numbers.split(":") if equals else [])})
+        names.add(name)
+        disturbances = replace(disturbances, **{row.field: _parse_record(row, values.split(":") if equals else [])})
     return disturbances
 
 
 def text_of(disturbances: Disturbances) -> str:
-    """Return the text that parse reads back to the same disturbances; empty if there are none."""
+    """Format disturbances for parse; empty if there are none."""
     pieces = []
     for row in TABLE:
         record = getattr(disturbances, row.field)
         if record is not None:
             pieces.append(
-                f"{row.name}=" + ":".join(_formatted(getattr(record, one.name), 9) for one in fields(row.record))
+                f"{row.name}=" + ":".join(_format(getattr(record, number.name), 9) for number in fields(row.record))
             )
     return ",".join(pieces)
 
 
 def names_of(disturbances: Disturbances) -> list[str]:
-    """Return the names of the options that are present."""
+    """Return the names of the options of these disturbances."""
     return [row.name for row in TABLE if getattr(disturbances, row.field) is not None]
 
 
-def numbers(name: str) -> tuple[str, ...]:
+def number_names(name: str) -> tuple[str, ...]:
     """Return the names of the numbers of an option."""
-    return tuple(one.name for one in fields(BY_NAME[name].record))
+    return tuple(number.name for number in fields(BY_NAME[name].record))
 
 
-def written(name: str, values: Mapping[str, float | str | None]) -> str:
-    """Format an option for parse; a number of None takes its default."""
-    defaults: dict[str, Any] = {one.name: one.default for one in fields(BY_NAME[name].record)}
-    texts = (_formatted(defaults[key] if value is None else value, 9) for key, value in values.items())
+def format_option(name: str, values: Mapping[str, float | str | None]) -> str:
+    """Format an option for parse; None stands for the default of a number."""
+    defaults: dict[str, Any] = {number.name: number.default for number in fields(BY_NAME[name].record)}
+    texts = (_format(defaults[key] if value is None else value, 9) for key, value in values.items())
     return f"{name}={':'.join(texts)}"
 
 
-def needed(row: Option) -> tuple[str, ...]:
+def required_numbers(row: Option) -> tuple[str, ...]:
     """Return the names of the numbers of an option that have no default."""
-    return tuple(one.name for one in fields(row.record) if one.default is MISSING)
+    return tuple(number.name for number in fields(row.record) if number.default is MISSING)
 
 
 def description_rows(disturbances: Disturbances) -> list[tuple[str, str]]:
@@ -210,44 +210,45 @@ def description_rows(disturbances: Disturbances) -> list[tuple[str, str]]:
         record = getattr(disturbances, row.field)
         if record is not None:
             values = [
-                f"{_words(one)} {_formatted(getattr(record, one.name))}{_unit(one)}" for one in fields(row.record)
+                f"{_label(number)} {_format(getattr(record, number.name))}{_unit_suffix(number)}"
+                for number in fields(row.record)
             ]
             rows.append((f"{row.name}: {row.text}", ", ".join(values)))
     return rows
 
 
-def listing() -> str:
+def describe_options() -> str:
     """Return the table as text for the terminal."""
     lines = []
     for row in TABLE:
-        lines.append(f"{_usage(row)}")
+        lines.append(f"{_describe_syntax(row)}")
         lines.append(f"    {row.text}")
-        for one in fields(row.record):
-            default = "required" if one.default is MISSING else f"default {_formatted(one.default)}"
-            lines.append(f"    {_words(one)}: {_allowed(one)}, {default}")
+        for number in fields(row.record):
+            default = "required" if number.default is MISSING else f"default {_format(number.default)}"
+            lines.append(f"    {_label(number)}: {_describe_range(number)}, {default}")
         lines.append(f"    source: {row.source}")
     return "\n".join(lines)
 
 
-def _record(row: Option, texts: list[str]) -> Any:
+def _parse_record(row: Option, texts: list[str]) -> Any:
     known = fields(row.record)
     if len(texts) > len(known):
-        raise DisturbanceError(f"option {row.name}: {len(texts)} numbers are too many; write {_usage(row)}")
-    values = {one.name: _value(row, one, text) for one, text in zip(known, texts, strict=False)}
-    missing = [one for one in known if one.name not in values and one.default is MISSING]
+        raise DisturbanceError(f"option {row.name}: {len(texts)} numbers are too many; write {_describe_syntax(row)}")
+    values = {number.name: _parse_number(row, number, text) for number, text in zip(known, texts, strict=False)}
+    missing = [number for number in known if number.name not in values and number.default is MISSING]
     if missing:
-        raise DisturbanceError(f"option {row.name}: {_words(missing[0])} is missing; write {_usage(row)}")
+        raise DisturbanceError(f"option {row.name}: {_label(missing[0])} is missing; write {_describe_syntax(row)}")
     return row.record(**values)
 
 
-def _value(row: Option, one: Any, text: str) -> float | str:
-    if "choices" in one.metadata:
-        if text not in one.metadata["choices"]:
+def _parse_number(row: Option, number: Any, text: str) -> float | str:
+    if "choices" in number.metadata:
+        if text not in number.metadata["choices"]:
             raise DisturbanceError(
-                f"option {row.name}: unknown {_words(one)} {text[:20]!r}; use one of {_allowed(one)}"
+                f"option {row.name}: unknown {_label(number)} {text[:20]!r}; use one of {_describe_range(number)}"
             )
         return text
-    low, high = one.metadata["low"], one.metadata["high"]
+    low, high = number.metadata["low"], number.metadata["high"]
     try:
         value = float(text)
     except ValueError:
@@ -255,34 +256,35 @@ def _value(row: Option, one: Any, text: str) -> float | str:
     # Written so that NaN fails the comparison.
     if not low <= value <= high:
         raise DisturbanceError(
-            f"option {row.name}: {_words(one)} {text[:20]!r} must be {_allowed(one)}; write {_usage(row)}"
+            f"option {row.name}: {_label(number)} {text[:20]!r} must be {_describe_range(number)}; "
+            f"write {_describe_syntax(row)}"
         )
     return value
 
 
-def _allowed(one: Any) -> str:
+def _describe_range(number: Any) -> str:
     """Return the range of a number, or the list of names."""
-    if "choices" in one.metadata:
-        return ", ".join(one.metadata["choices"])
-    return f"{one.metadata['low']:g} to {one.metadata['high']:g}{_unit(one)}"
+    if "choices" in number.metadata:
+        return ", ".join(number.metadata["choices"])
+    return f"{number.metadata['low']:g} to {number.metadata['high']:g}{_unit_suffix(number)}"
 
 
-def _formatted(value: float | str, digits: int = 6) -> str:
+def _format(value: float | str, digits: int = 6) -> str:
     return value if isinstance(value, str) else f"{value:.{digits}g}"
 
 
-def _usage(row: Option) -> str:
+def _describe_syntax(row: Option) -> str:
     """Return the syntax of an option; brackets mark numbers that may be omitted, from the end."""
     text = ""
-    for place, one in reversed(list(enumerate(fields(row.record)))):
-        part = ("=" if place == 0 else ":") + str(one.name).upper() + text
-        text = part if one.default is MISSING else f"[{part}]"
+    for index, number in reversed(list(enumerate(fields(row.record)))):
+        piece = ("=" if index == 0 else ":") + str(number.name).upper() + text
+        text = piece if number.default is MISSING else f"[{piece}]"
     return row.name + text
 
 
-def _words(one: Any) -> str:
-    """Return a field's name without its unit."""
-    name = str(one.name)
+def _label(number: Any) -> str:
+    """Return the name of a field without its unit."""
+    name = str(number.name)
     for suffix in ("_rad_s", "_m_s", "_deg2_s", "_deg", "_km", "_s"):
         if name.endswith(suffix):
             name = name[: -len(suffix)]
@@ -290,6 +292,6 @@ def _words(one: Any) -> str:
     return name.replace("_", " ")
 
 
-def _unit(one: Any) -> str:
-    unit = one.metadata.get("unit", "-")
+def _unit_suffix(number: Any) -> str:
+    unit = number.metadata.get("unit", "-")
     return "" if unit == "-" else f" {unit}"

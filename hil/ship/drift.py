@@ -16,11 +16,11 @@ class RudderDrift:
         self, spread_rad: float, step_s: float, numbers: NormalNumbers, memory_s: float = TIME_CONSTANT_S
     ) -> None:
         """Start in the stationary state; spread_rad is the standard deviation, memory_s the time constant."""
-        self._keep = math.exp(-step_s / memory_s)
-        self._add_rad = spread_rad * math.sqrt(1.0 - self._keep**2)
+        self._correlation = math.exp(-step_s / memory_s)
+        self._noise_rad = spread_rad * math.sqrt(1.0 - self._correlation**2)
         self._numbers = numbers
         self.angle_rad = spread_rad * numbers.draw()
 
     def step(self) -> None:
         """Advance one grid step."""
-        self.angle_rad = self._keep * self.angle_rad + self._add_rad * self._numbers.draw()
+        self.angle_rad = self._correlation * self.angle_rad + self._noise_rad * self._numbers.draw()

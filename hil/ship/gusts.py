@@ -1,6 +1,6 @@
-"""Gusts of wind on the float's side, as a rudder-equivalent angle.
+"""Gusts of wind on the side of the float, as a rudder-equivalent angle.
 
-Each gust is a pulse of the form strength/2 (1 - cos(2 pi t / length)), the discrete gust of aircraft certification
+Each gust is a pulse peak/2 (1 - cos(2 pi t / length)), the discrete gust of aircraft certification
 (14 CFR 25.341). Gusts come at random times and do not overlap.
 """
 
@@ -12,20 +12,20 @@ import numpy as np
 
 from firmware_py.common.angles import TWO_PI
 
-PAUSE_S = 60.0  # between gusts: mean of an exponential distribution
+MEAN_PAUSE_S = 60.0  # between gusts: mean of an exponential distribution
 MIN_LENGTH_S, MAX_LENGTH_S = 10.0, 40.0
 
 
 class Gusts:
     """A rudder-equivalent angle, zero between gusts; peaks are Rayleigh distributed, all to one side."""
 
-    def __init__(self, strength_rad: float, step_s: float, source: np.random.Generator) -> None:
+    def __init__(self, strength_rad: float, step_s: float, rng: np.random.Generator) -> None:
         """Start in a pause; strength_rad is the root mean square of the peaks."""
         self._strength_rad = strength_rad
         self._step_s = step_s
-        self._source = source
+        self._rng = rng
         self._step = 0
-        self._begin, self._length, self._peak_rad = 0, 1, 0.0
+        self._start_step, self._length_steps, self._peak_rad = 0, 1, 0.0
         if strength_rad != 0.0:
             self._draw()
         self.angle_rad = 0.0
@@ -35,14 +35,16 @@ class Gusts:
         if self._strength_rad == 0.0:
             return
         self._step += 1
-        since = self._step - self._begin
-        if since >= self._length:
+        gust_step = self._step - self._start_step
+        if gust_step >= self._length_steps:
             self._draw()
-            since = self._step - self._begin
-        self.angle_rad = 0.0 if since < 0 else 0.5 * self._peak_rad * (1.0 - math.cos(TWO_PI * since / self._length))
+            gust_step = self._step - self._start_step
+        self.angle_rad = (
+            0.0 if gust_step < 0 else 0.5 * self._peak_rad * (1.0 - math.cos(TWO_PI * gust_step / self._length_steps))
+        )
 
     def _draw(self) -> None:
         """Draw start, length and peak of the next gust."""
-        self._begin = self._step + round(self._source.exponential(PAUSE_S) / self._step_s)
-        self._length = max(1, round(self._source.uniform(MIN_LENGTH_S, MAX_LENGTH_S) / self._step_s))
-        self._peak_rad = self._strength_rad * math.sqrt(self._source.exponential(1.0))
+        self._start_step = self._step + round(self._rng.exponential(MEAN_PAUSE_S) / self._step_s)
+        self._length_steps = max(1, round(self._rng.uniform(MIN_LENGTH_S, MAX_LENGTH_S) / self._step_s))
+        self._peak_rad = self._strength_rad * math.sqrt(self._rng.exponential(1.0))

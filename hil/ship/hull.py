@@ -1,8 +1,8 @@
-"""The hull in a scenario's sea, on a fixed grid of time.
+"""The hull in the sea of a scenario, on a fixed grid of time.
 
 The state advances on the grid k * GRID_S; between grid points values are read from the state at the start of the grid
-step. A reading depends on its time alone, not on how a run is cut into calls. So a run is identical, bit for bit, at
-any speed and with any traffic on the links.
+step. A reading depends on its time alone, not on the times of other calls. So a run is identical, bit for bit, at any
+speed and with any traffic on the links.
 """
 
 from __future__ import annotations
@@ -28,9 +28,7 @@ from hil.ship.yaw_noise import YawNoise, largest_rate_rad_s
 
 STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND
-
-
-STEERAGE_M_S = 0.05  # below it K and T keep their values of this speed, except that K falls to zero with the speed
+STEERAGE_M_S = 0.05  # below this speed T is constant and K is proportional to the speed
 
 
 class PureDelay:
@@ -38,12 +36,12 @@ class PureDelay:
 
     def __init__(self, delay_s: float, step_s: float, start: float = 0.0) -> None:
         """Round the delay to the nearest step."""
-        self._waiting = deque([start] * round(delay_s / step_s))
+        self._values = deque([start] * round(delay_s / step_s))
 
     def step(self, value: float) -> float:
         """Add the value of this step and return the delayed one."""
-        self._waiting.append(value)
-        return self._waiting.popleft()
+        self._values.append(value)
+        return self._values.popleft()
 
 
 class Hull:
@@ -56,23 +54,23 @@ class Hull:
     def __init__(self, scenario: Scenario, model: KtModel, seed: int) -> None:
         """Start at the origin heading north, at the scenario's speed, with the rudder amidships."""
         disturbances = scenario.disturbances
-        self._ship = _ship_of(model, scenario, disturbances)
-        self._model = self._ship.at_speed(scenario.speed_m_s)
-        fastest = self._model
+        self._ship_model = _ship_model_of(model, scenario, disturbances)
+        self._model = self._ship_model.at_speed(scenario.speed_m_s)
+        fastest_model = self._model
         if disturbances.wave_speed is not None:
-            fastest = self._ship.at_speed(MAX_SPEED_RATIO * scenario.speed_m_s)
+            fastest_model = self._ship_model.at_speed(MAX_SPEED_RATIO * scenario.speed_m_s)
         noise_rad_s = 0.0
         if (yaw := disturbances.yaw) is not None:
-            noise_rad_s = largest_rate_rad_s(yaw.diffusion_deg2_s, fastest.turning_lag_s)
-        self._plant = KtPlant(fastest, GRID_S, disturbance_rad_s=noise_rad_s)
+            noise_rad_s = largest_rate_rad_s(yaw.diffusion_deg2_s, fastest_model.turning_lag_s)
+        self._plant = KtPlant(fastest_model, GRID_S, disturbance_rad_s=noise_rad_s)
         self._plant.set_model(self._model)
         bias = disturbances.bias or Bias(scenario.drift_deg, TIME_CONSTANT_S)
         numbers = NormalNumbers(generator(seed, Stream.DRIFT))
         self._drift = RudderDrift(radians(bias.sd_deg), GRID_S, numbers, bias.memory_s)
         self._gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))
-        own = disturbances.own_waves or OwnWaves(scenario.wave_period_s, DAMPING)
+        wave_yaw = disturbances.own_waves or OwnWaves(scenario.wave_period_s, DAMPING)
         numbers = NormalNumbers(generator(seed, Stream.WAVES))
-        self._waves = WaveYaw(radians(scenario.wave_yaw_deg), own.period_s, GRID_S, numbers, own.damping)
+        self._waves = WaveYaw(radians(scenario.wave_yaw_deg), wave_yaw.period_s, GRID_S, numbers, wave_yaw.damping)
         self._orbit = Orbit(
             scenario.orbital_m_s,
             scenario.wave_period_s,
@@ -87,16 +85,16 @@ class Hull:
         self._steps = 0
         self._mean_speed_m_s = self.speed_m_s = scenario.speed_m_s
         self._rudder_rad = 0.0
-        self._waves_share = 1.0
+        self._wave_ratio = 1.0
         self._add_disturbances(scenario, seed)
 
     def _add_disturbances(self, scenario: Scenario, seed: int) -> None:
         """Create the models of the disturbances that are present."""
         disturbances = scenario.disturbances
         self._delay = None if disturbances.delay is None else PureDelay(disturbances.delay.delay_s, GRID_S)
-        self._noise: YawNoise | None = None
+        self._yaw_noise: YawNoise | None = None
         if (yaw := disturbances.yaw) is not None:
-            self._noise = YawNoise(yaw.diffusion_deg2_s, GRID_S, NormalNumbers(generator(seed, Stream.YAW)))
+            self._yaw_noise = YawNoise(yaw.diffusion_deg2_s, GRID_S, NormalNumbers(generator(seed, Stream.YAW)))
         self._float: FollowingFloat | None = None
         if (body := disturbances.float_body) is not None:
             self._float = FollowingFloat(body.own_frequency_rad_s, body.damping, GRID_S)
@@ -116,9 +114,11 @@ class Hull:
                 (NormalNumbers(generator(seed, Stream.ORBIT)), NormalNumbers(generator(seed, Stream.ORBIT_ALONE))),
                 orbital.damping,
             )
-        self._speed: SpeedInWaves | None = None
+        self._wave_speed: SpeedInWaves | None = None
         if disturbances.wave_speed is not None:
-            self._speed = SpeedInWaves(disturbances.wave_speed, GRID_S, NormalNumbers(generator(seed, Stream.SPEED)))
+            self._wave_speed = SpeedInWaves(
+                disturbances.wave_speed, GRID_S, NormalNumbers(generator(seed, Stream.SPEED))
+            )
         self._compass: CompassErrors | None = None
         if disturbances.compass is not None:
             # Without waves there is no roll.
@@ -134,11 +134,11 @@ class Hull:
         """
         if self._delay is not None:
             rudder_rad = self._delay.step(rudder_rad)
-        before_rad = self._plant.heading_rad
+        previous_rad = self._plant.heading_rad
         self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._offset_rad())
-        if self._noise is not None:
-            self._plant.yaw_rate_rad_s += self._noise.jump_rad_s(self._model.turning_lag_s)
-        middle_rad = 0.5 * (before_rad + self._plant.heading_rad)
+        if self._yaw_noise is not None:
+            self._plant.yaw_rate_rad_s += self._yaw_noise.jump_rad_s(self._model.turning_lag_s)
+        middle_rad = 0.5 * (previous_rad + self._plant.heading_rad)
         if self._sideways is not None:
             self._track.sideways_m_s = self._sideways.step(middle_rad, self._plant.yaw_rate_rad_s, self.speed_m_s)
         self._track.step(middle_rad, (self._steps + 0.5) * GRID_S, GRID_S)
@@ -152,22 +152,22 @@ class Hull:
             self._float.step(middle_rad)
         if self._short_crested is not None:
             self._short_crested.step()
-        if self._speed is not None:
-            self._update_speed(self._speed)
+        if self._wave_speed is not None:
+            self._update_speed(self._wave_speed)
         if self._compass is not None:
             self._compass.step(self.heading_rad(0.0))
 
     def add_heading(self, angle_rad: float) -> None:
-        """Turn the hull at once, as a collision does."""
+        """Change the heading at once, as a collision does."""
         self._plant.heading_rad += angle_rad
 
     def _update_speed(self, speed: SpeedInWaves) -> None:
         speed.step(self._steps * GRID_S)
-        self._waves_share = speed.waves
+        self._wave_ratio = speed.waves
         if self._compass is not None:
             self._compass.roll_share = speed.waves
         self.speed_m_s = self._track.speed_m_s = self._mean_speed_m_s * speed.speed
-        model = self._ship.at_speed(max(self.speed_m_s, STEERAGE_M_S))
+        model = self._ship_model.at_speed(max(self.speed_m_s, STEERAGE_M_S))
         if self.speed_m_s < STEERAGE_M_S:
             model = model._replace(turning_ability_1_s=model.turning_ability_1_s * self.speed_m_s / STEERAGE_M_S)
         self._model = model
@@ -187,14 +187,14 @@ class Hull:
         return body.heading_rad + offset_s * (body.yaw_rate_rad_s + 0.5 * offset_s * acceleration)
 
     def heading_low_rad(self, offset_s: float) -> float:
-        """Return the hull's heading without wave yaw, unwrapped: the direction of its way, except for leeway."""
+        """Return the hull's heading without wave yaw, unwrapped: the direction of its motion, except for leeway."""
         return self.glider_heading_rad(offset_s)
 
     def heading_rad(self, offset_s: float) -> float:
         """Return the heading of a perfect compass, unwrapped."""
-        if self._float is None and self._speed is None:
+        if self._float is None and self._wave_speed is None:
             return self.heading_low_rad(offset_s) + self._waves.angle_rad(offset_s)
-        return self.float_heading_rad(offset_s) + self._waves_share * self._waves.angle_rad(offset_s)
+        return self.float_heading_rad(offset_s) + self._wave_ratio * self._waves.angle_rad(offset_s)
 
     def compass_heading_rad(self, offset_s: float) -> float:
         """Return the heading output of the compass, unwrapped; perfect unless the disturbance `compass` is present."""
@@ -209,9 +209,9 @@ class Hull:
         """Return the output of a perfect gyroscope beside the compass."""
         body = self._float
         if body is None:
-            return self.yaw_rate_low_rad_s(offset_s) + self._waves_share * self._waves.rate_rad_s(offset_s)
+            return self.yaw_rate_low_rad_s(offset_s) + self._wave_ratio * self._waves.rate_rad_s(offset_s)
         low_rad_s = body.yaw_rate_rad_s + offset_s * body.yaw_acceleration(self._plant.heading_rad)
-        return low_rad_s + self._waves_share * self._waves.rate_rad_s(offset_s)
+        return low_rad_s + self._wave_ratio * self._waves.rate_rad_s(offset_s)
 
     def velocity_m_s(self, offset_s: float) -> tuple[float, float]:
         """Return the velocity over the ground, north and east."""
@@ -230,7 +230,7 @@ class Hull:
             if self._short_crested is None
             else self._short_crested.velocity_m_s(offset_s, self.float_heading_rad(offset_s)),
         )
-        share = self._waves_share
+        share = self._wave_ratio
         return north_m_s + share * wave_north_m_s, east_m_s + share * wave_east_m_s
 
     def position_in_waves_m(self, offset_s: float) -> tuple[float, float]:
@@ -241,7 +241,7 @@ class Hull:
             if self._short_crested is None
             else self._short_crested.position_m(offset_s, self.float_heading_rad(offset_s)),
         )
-        share = self._waves_share
+        share = self._wave_ratio
         return north_m + share * wave_north_m, east_m + share * wave_east_m
 
     def _yaw_acceleration(self) -> float:
@@ -260,8 +260,8 @@ class Hull:
         return self._drift.angle_rad + self._gusts.angle_rad
 
 
-def _ship_of(model: KtModel, scenario: Scenario, disturbances: Disturbances) -> KtModel:
-    """Return the ship's model at the model's reference speed: with the rudder bias and the model mismatch."""
+def _ship_model_of(model: KtModel, scenario: Scenario, disturbances: Disturbances) -> KtModel:
+    """Return the model of the ship, with rudder bias and model mismatch, at the reference speed of `model`."""
     ship = model._replace(rudder_offset_rad=model.rudder_offset_rad + radians(scenario.bias_deg))
     if (other := disturbances.other_ship) is None:
         return ship

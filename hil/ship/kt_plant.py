@@ -1,4 +1,4 @@
-"""The heading of the hull: the K-T equation on a fixed grid of time steps."""
+"""Heading and yaw rate of the hull by the K-T equation, on a fixed grid of time."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 
 from firmware_py.model.kt import KtModel, rk4_step, steady_yaw_rate
 
-LARGEST_STEP_S = 0.05
-STEP_PER_TIME_CONSTANT = 0.2  # fourth-order Runge-Kutta is stable to 2.8 and accurate to 1e-5 here
-LARGEST_RUDDER_RAD = 1.6  # larger than any rudder angle; bounds the yaw rate and so the fastest time constant
+MAX_STEP_S = 0.05
+MAX_STEP_PER_TIME_CONSTANT = 0.2  # fourth-order Runge-Kutta is stable to 2.8 and accurate to 1e-5 here
+MAX_RUDDER_RAD = 1.6  # larger than any rudder angle; bounds the yaw rate and so the fastest time constant
 MAX_INNER_STEPS = 10_000
 
 
@@ -60,17 +60,19 @@ def inner_steps(model: KtModel, step_s: float, yaw_rate_rad_s: float = 0.0, dist
     """Return the number of Runge-Kutta steps in a grid step.
 
     The yaw rate never exceeds the larger of its initial value and the steady turn at the largest rudder, plus the
-    disturbance. So the shortest time constant, T / (1 + 3 alpha r^2), is known beforehand. Raises ValueError for a
+    disturbance. So the shortest time constant, T / (1 + 3 alpha r^2), is known in advance. Raises ValueError for a
     model that is not physical or needs more than MAX_INNER_STEPS.
     """
     numbers = (model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad)
     if not all(math.isfinite(number) for number in numbers) or model.turning_lag_s <= 0.0 or model.norrbin_s2 < 0.0:
         raise ValueError(f"invalid ship model {model}: T must be positive, alpha not negative, and all numbers finite")
-    reach_rad = LARGEST_RUDDER_RAD + abs(model.rudder_offset_rad)
-    fastest_rad_s = steady_yaw_rate(reach_rad, abs(model.turning_ability_1_s), model.norrbin_s2)
-    rate_rad_s = max(abs(yaw_rate_rad_s), fastest_rad_s) + disturbance_rad_s
-    constant_s = model.turning_lag_s / (1.0 + 3.0 * model.norrbin_s2 * rate_rad_s * rate_rad_s)
-    count = math.ceil(step_s / min(LARGEST_STEP_S, STEP_PER_TIME_CONSTANT * constant_s))
+    max_rudder_rad = MAX_RUDDER_RAD + abs(model.rudder_offset_rad)
+    steady_rad_s = steady_yaw_rate(max_rudder_rad, abs(model.turning_ability_1_s), model.norrbin_s2)
+    rate_rad_s = max(abs(yaw_rate_rad_s), steady_rad_s) + disturbance_rad_s
+    time_constant_s = model.turning_lag_s / (1.0 + 3.0 * model.norrbin_s2 * rate_rad_s * rate_rad_s)
+    count = math.ceil(step_s / min(MAX_STEP_S, MAX_STEP_PER_TIME_CONSTANT * time_constant_s))
     if count > MAX_INNER_STEPS:
-        raise ValueError(f"invalid ship model {model}: its shortest time constant, {constant_s:.2g} s, is too short")
+        raise ValueError(
+            f"invalid ship model {model}: its shortest time constant, {time_constant_s:.2g} s, is too short"
+        )
     return count

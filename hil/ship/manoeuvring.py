@@ -1,4 +1,4 @@
-"""Planar motion with sway and current (the paper's eq. 1-2), as plain functions that numba compiles too.
+"""Planar motion with sway and current (the paper's eq. 1-2), as plain functions that numba can also compile.
 
     dx/dt = U cos(psi) - v sin(psi) + current north      dpsi/dt = r
     dy/dt = U sin(psi) + v cos(psi) + current east
@@ -19,7 +19,7 @@ from hil.ship.regressions import SwayModel
 
 State = tuple[float, float, float, float, float]
 
-STEP_PER_SWAY_TIME = 0.2
+MAX_STEP_PER_SWAY_TIME = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +34,9 @@ class Motion:
 
 
 class Manoeuvre:
-    """A hull with turn, sway and current, one step of fixed length at a time.
+    """A hull with yaw, sway and current, in steps of fixed length.
 
-    Without a sway model v stays 0. Raises ValueError for a model that is not physical.
+    Without a sway model v is 0. Raises ValueError for a model that is not physical.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Manoeuvre:
         current_m_s: tuple[float, float] = (0.0, 0.0),
         start: Motion | None = None,
     ) -> None:
-        """Take the model at the boat's speed; the current is a velocity north and east."""
+        """Start at the origin or at `start`; `model` is that at the boat's speed, the current is north and east."""
         self.motion = Motion() if start is None else start
         self._model = model
         speed_m_s = model.speed_m_s
@@ -55,14 +55,14 @@ class Manoeuvre:
         count = inner_steps(model, step_s, self.motion.yaw_rate_rad_s)
         if sway is not None:
             self._ratios = sway_ratios(sway, speed_m_s)
-            count = max(count, math.ceil(step_s * abs(self._ratios[1]) / STEP_PER_SWAY_TIME))
+            count = max(count, math.ceil(step_s * abs(self._ratios[1]) / MAX_STEP_PER_SWAY_TIME))
         self._current_m_s = current_m_s
         self._inner_steps, self._inner_s = count, step_s / count
 
     def step(self, rudder_rad: float) -> Motion:
         """Advance one step at a constant rudder."""
-        model, now = self._model, self.motion
-        state = (now.north_m, now.east_m, now.heading_rad, now.yaw_rate_rad_s, now.sway_m_s)
+        model, motion = self._model, self.motion
+        state = (motion.north_m, motion.east_m, motion.heading_rad, motion.yaw_rate_rad_s, motion.sway_m_s)
         for _ in range(self._inner_steps):
             state = planar_step(
                 state,
@@ -83,7 +83,7 @@ class Manoeuvre:
 
 
 def sway_ratios(sway: SwayModel, speed_m_s: float) -> tuple[float, float]:
-    """Return drive [m/s] and damping [1/s] of dv/dt = drive r + damping v at a speed; both are proportional to it."""
+    """Return drive [m/s] and damping [1/s] of dv/dt = drive r + damping v; both are proportional to the speed."""
     return (
         -sway.surge_mass_kg * speed_m_s / sway.sway_mass_kg,
         sway.sway_damping_kg_s(speed_m_s) / sway.sway_mass_kg,
@@ -125,9 +125,9 @@ def planar_step(
     )
     half_s = 0.5 * step_s
     d1 = planar_rates(state, constants)
-    d2 = planar_rates(_along(state, d1, half_s), constants)
-    d3 = planar_rates(_along(state, d2, half_s), constants)
-    d4 = planar_rates(_along(state, d3, step_s), constants)
+    d2 = planar_rates(_extrapolate(state, d1, half_s), constants)
+    d3 = planar_rates(_extrapolate(state, d2, half_s), constants)
+    d4 = planar_rates(_extrapolate(state, d3, step_s), constants)
     return (
         state[0] + step_s * (d1[0] + 2.0 * d2[0] + 2.0 * d3[0] + d4[0]) / 6.0,
         state[1] + step_s * (d1[1] + 2.0 * d2[1] + 2.0 * d3[1] + d4[1]) / 6.0,
@@ -155,7 +155,7 @@ def planar_rates(
     )
 
 
-def _along(state: State, rates: State, step_s: float) -> State:
+def _extrapolate(state: State, rates: State, step_s: float) -> State:
     return (
         state[0] + step_s * rates[0],
         state[1] + step_s * rates[1],
@@ -181,7 +181,7 @@ class SteadyTurn:
 def steady_turn(model: KtModel, rudder_rad: float, sway: SwayModel | None = None) -> SteadyTurn:
     """Return the steady turn at a constant rudder.
 
-    Raises ValueError when the sway model has no damping at this speed.
+    Raises ValueError if the sway model has no damping at this speed.
     """
     rate_rad_s = steady_yaw_rate(rudder_rad - model.rudder_offset_rad, model.turning_ability_1_s, model.norrbin_s2)
     sway_m_s = 0.0

@@ -6,11 +6,11 @@ from enum import IntEnum
 
 import numpy as np
 
-BLOCK = 1024
+BLOCK_SIZE = 1024
 
 
 class Stream(IntEnum):
-    """Numbers of the streams; a new stream does not change the numbers of the others."""
+    """Streams of random numbers; a new stream does not change the numbers of the others."""
 
     WAVES = 0
     DRIFT = 1
@@ -40,13 +40,13 @@ def generator(seed: int, stream: Stream) -> np.random.Generator:
 class NormalNumbers:
     """Standard normal numbers one at a time, drawn in blocks because a single draw is slow."""
 
-    def __init__(self, source: np.random.Generator) -> None:
-        """Take the generator to draw from."""
-        self._source = source
-        self._waiting: list[float] = []
+    def __init__(self, rng: np.random.Generator) -> None:
+        """Start with an empty block."""
+        self._rng = rng
+        self._numbers: list[float] = []
 
     def draw(self) -> float:
         """Return the next number."""
-        if not self._waiting:
-            self._waiting = self._source.standard_normal(BLOCK).tolist()
-        return self._waiting.pop()
+        if not self._numbers:
+            self._numbers = self._rng.standard_normal(BLOCK_SIZE).tolist()
+        return self._numbers.pop()

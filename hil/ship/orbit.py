@@ -2,9 +2,9 @@
 
 The waves of a short-crested sea spread about their mean direction, so the velocity has a component along it and one
 across, independent at a point. The yaw comes from the same waves: a slender float at an angle chi to a wave is turned
-in proportion to sin(2 chi). So the turning component is the one along in a quartering sea, the one across with the
-waves ahead, abeam or astern, and a mixture in between. The yaw rate is proportional to the water velocity, as for a
-float whose turn the water damps.
+in proportion to sin(2 chi). So the component along the waves turns the float in a quartering sea, the component across
+with the waves ahead, abeam or astern, and a combination in between. The yaw rate is proportional to the water velocity,
+because the water damps the yaw of the float.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Orbit:
         self, velocity_m_s: float, period_s: float, toward_rad: float, step_s: float, numbers: NormalNumbers
     ) -> None:
         """Start in the stationary state; without a velocity or a period there are no waves."""
-        calm = velocity_m_s <= 0.0 or period_s <= 0.0
+        is_calm = velocity_m_s <= 0.0 or period_s <= 0.0
         # Narrow band: displacement = velocity / angular frequency.
-        spread_m = 0.0 if calm else velocity_m_s * period_s / TWO_PI
+        spread_m = 0.0 if is_calm else velocity_m_s * period_s / TWO_PI
         self._process = WaveYaw(spread_m, period_s, step_s, numbers)
         self._north, self._east = math.cos(toward_rad), math.sin(toward_rad)
 
@@ -72,31 +72,31 @@ class ShortCrestedOrbit:
         self._along_m, self._across_m = spread_m * math.sqrt(1.0 - across * across), spread_m * across
         self._toward_rad = toward_rad
         process, spread = yaw
-        self._own = None if spread > 0.0 else WaveYaw(1.0, period_s, step_s, numbers[1], damping)
-        self._yaw, self._per_yaw = (process, 1.0 / spread) if self._own is None else (self._own, 1.0)
-        self._rest = WaveYaw(1.0, period_s, step_s, numbers[0], damping)
+        self._independent = None if spread > 0.0 else WaveYaw(1.0, period_s, step_s, numbers[1], damping)
+        self._yaw, self._per_yaw = (process, 1.0 / spread) if self._independent is None else (self._independent, 1.0)
+        self._uncorrelated = WaveYaw(1.0, period_s, step_s, numbers[0], damping)
 
     def step(self) -> None:
         """Advance one grid step; the owner of the yaw process advances that one."""
-        self._rest.step()
-        if self._own is not None:
-            self._own.step()
+        self._uncorrelated.step()
+        if self._independent is not None:
+            self._independent.step()
 
     def position_m(self, offset_s: float, heading_rad: float) -> tuple[float, float]:
         """Return the displacement north and east of a hull on a heading."""
-        yaw, rest = self._per_yaw * self._yaw.angle_rad(offset_s), self._rest.angle_rad(offset_s)
-        return self._turned(yaw, rest, heading_rad)
+        yaw, uncorrelated = self._per_yaw * self._yaw.angle_rad(offset_s), self._uncorrelated.angle_rad(offset_s)
+        return self._to_north_east(yaw, uncorrelated, heading_rad)
 
     def velocity_m_s(self, offset_s: float, heading_rad: float) -> tuple[float, float]:
         """Return the velocity north and east of a hull on a heading."""
-        return self._turned(
-            self._per_yaw * self._yaw.rate_rad_s(offset_s), self._rest.rate_rad_s(offset_s), heading_rad
+        return self._to_north_east(
+            self._per_yaw * self._yaw.rate_rad_s(offset_s), self._uncorrelated.rate_rad_s(offset_s), heading_rad
         )
 
-    def _turned(self, with_yaw: float, rest: float, heading_rad: float) -> tuple[float, float]:
+    def _to_north_east(self, correlated: float, uncorrelated: float, heading_rad: float) -> tuple[float, float]:
         twice_rad = 2.0 * (self._toward_rad - heading_rad)
         sine, cosine = math.sin(twice_rad), math.cos(twice_rad)
-        along_m = self._along_m * (sine * with_yaw + cosine * rest)
-        across_m = self._across_m * (cosine * with_yaw - sine * rest)
-        ahead, aside = math.cos(self._toward_rad), math.sin(self._toward_rad)
-        return along_m * ahead - across_m * aside, along_m * aside + across_m * ahead
+        along_m = self._along_m * (sine * correlated + cosine * uncorrelated)
+        across_m = self._across_m * (cosine * correlated - sine * uncorrelated)
+        cosine_toward, sine_toward = math.cos(self._toward_rad), math.sin(self._toward_rad)
+        return along_m * cosine_toward - across_m * sine_toward, along_m * sine_toward + across_m * cosine_toward

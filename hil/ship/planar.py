@@ -17,7 +17,7 @@ class Tide:
     """
 
     def __init__(self, speed_m_s: float, toward_rad: float, period_s: float = 0.0, rotary: float = 0.0) -> None:
-        """Take the ellipse; a period of 0 is a steady current."""
+        """Set the ellipse; a period of 0 is a steady current."""
         self._north_m_s = speed_m_s * math.cos(toward_rad)
         self._east_m_s = speed_m_s * math.sin(toward_rad)
         self._period_s = period_s
@@ -43,7 +43,7 @@ class PlanarMotion:
     """
 
     def __init__(self, speed_m_s: float, tide: Tide) -> None:
-        """Take the speed through the water and the current."""
+        """Start at the origin."""
         self.north_m = 0.0
         self.east_m = 0.0
         self.speed_m_s = speed_m_s

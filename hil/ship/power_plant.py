@@ -1,9 +1,9 @@
-"""Panels, battery and loads of a boat: the measurements of a charger and a battery monitor, and their true values.
+"""Panels, battery and loads of a boat: the true values of what a charger and a battery monitor measure.
 
 The sun's elevation follows from time and place; the panels lie flat. The irradiance of a clear sky is Haurwitz's
 (Journal of Meteorology 2, 1945: 1098 sin h exp(-0.057 / sin h) W/m2). Clouds have exponential lengths and transmit a
-share that is drawn for each. The charger gives the battery the power that the loads leave, until it is full. The
-battery is an open-circuit voltage, a function of its charge, behind a resistance.
+share that is drawn for each. The battery receives the power that the loads do not use, until it is full. The
+model of the battery is an open-circuit voltage, a function of its charge, and a series resistance.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ import numpy as np
 from hil.ship.disturbances import Supply
 
 STEP_S = 1.0
-EFFICIENCY = 0.97  # of a charger, by data sheets 0.96 to 0.98
+CHARGER_EFFICIENCY = 0.97  # of a charger; data sheets state 0.96 to 0.98
 RESISTANCE_OHM = 0.03
-CLOUD_S = 600.0  # mean length of a cloud
-EDGE_S = 10.0  # time constant of the change between cloud and clear sky
-TRANSMISSION = (0.1, 0.6)  # share of the irradiance that a cloud lets through
+MEAN_CLOUD_S = 600.0  # mean length of a cloud
+SKY_TIME_CONSTANT_S = 10.0  # time constant of the change between cloud and clear sky
+CLOUD_TRANSMISSION = (0.1, 0.6)  # range of the share of the irradiance that a cloud transmits
 DAY_S = 86_400.0
 _YEAR_S = 365.2422 * DAY_S
 _TILT_RAD = math.radians(23.44)
 _SOLSTICE_S = 10.0 * DAY_S  # before the year's end
 # Four cells of lithium iron phosphate: open-circuit voltage by state of charge.
 _CHARGES = (0.0, 0.05, 0.1, 0.2, 0.4, 0.7, 0.9, 0.99, 1.0)
-_REST_V = (10.0, 12.0, 12.8, 12.9, 13.1, 13.2, 13.3, 13.5, 13.8)
+_OPEN_CIRCUIT_V = (10.0, 12.0, 12.8, 12.9, 13.1, 13.2, 13.3, 13.5, 13.8)
 _NOMINAL_V = 12.8
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Position of the panels, and the time at which the run begins."""
+    """Position of the panels, and UTC at time 0."""
 
     latitude_deg: float
     longitude_deg: float
@@ -59,17 +59,15 @@ class Totals:
 class PowerPlant:
     """Power model in steps of one second; `servo_j` returns the energy that the servo has used so far."""
 
-    def __init__(
-        self, supply: Supply, place: Place, chances: np.random.Generator, servo_j: Callable[[], float]
-    ) -> None:
-        """Begin at time 0 with a clear sky."""
-        self._supply, self._place, self._chances, self._servo_j = supply, place, chances, servo_j
+    def __init__(self, supply: Supply, place: Place, rng: np.random.Generator, servo_j: Callable[[], float]) -> None:
+        """Start at time 0 with a clear sky."""
+        self._supply, self._place, self._rng, self._servo_j = supply, place, rng, servo_j
         self._step = 0
-        self._servo_before_j = servo_j()
-        self._cloudy, self._transmission, self._sky = False, 1.0, 1.0
-        self._until_s = self._draw_duration_s()
+        self._previous_servo_j = servo_j()
+        self._is_cloudy, self._target_transmission, self._sky_transmission = False, 1.0, 1.0
+        self._sky_change_s = self._draw_duration_s()
         self.charge = supply.charge
-        self.voltage_v = float(np.interp(self.charge, _CHARGES, _REST_V))
+        self.voltage_v = float(np.interp(self.charge, _CHARGES, _OPEN_CIRCUIT_V))
         self.panel_v = 0.0
         self.totals = Totals()
 
@@ -95,52 +93,56 @@ class PowerPlant:
         self._change_sky(t_s)
         sine = math.sin(self.elevation_rad(t_s))
         clear_w_m2 = 1098.0 * sine * math.exp(-0.057 / sine) if sine > 1e-3 else 0.0
-        offered_w = EFFICIENCY * self._supply.panel_w * self._sky * clear_w_m2 / 1000.0
+        available_w = CHARGER_EFFICIENCY * self._supply.panel_w * self._sky_transmission * clear_w_m2 / 1000.0
         servo_j = self._servo_j()
-        servo_w = (servo_j - self._servo_before_j) / STEP_S
-        self._servo_before_j = servo_j
+        servo_w = (servo_j - self._previous_servo_j) / STEP_S
+        self._previous_servo_j = servo_j
         load_w = self._supply.load_w + servo_w
-        full, empty = self.charge >= 1.0, self.charge <= 0.0
-        charger_w = min(offered_w, load_w) if full else offered_w
+        is_full, is_empty = self.charge >= 1.0, self.charge <= 0.0
+        charger_w = min(available_w, load_w) if is_full else available_w
         net_w = charger_w - load_w
-        rest_v = float(np.interp(self.charge, _CHARGES, _REST_V))
+        open_circuit_v = float(np.interp(self.charge, _CHARGES, _OPEN_CIRCUIT_V))
         # V = E + R I and I = P / V.
-        self.voltage_v = 0.5 * (rest_v + math.sqrt(max(0.0, rest_v * rest_v + 4.0 * RESISTANCE_OHM * net_w)))
-        self.panel_v = 0.0 if sine <= 0.0 else 18.0 + 2.0 * self._sky
+        self.voltage_v = 0.5 * (
+            open_circuit_v + math.sqrt(max(0.0, open_circuit_v * open_circuit_v + 4.0 * RESISTANCE_OHM * net_w))
+        )
+        self.panel_v = 0.0 if sine <= 0.0 else 18.0 + 2.0 * self._sky_transmission
         current_a = net_w / self.voltage_v
         capacity_c = self._supply.battery_wh / _NOMINAL_V * 3600.0
         self.charge = min(1.0, max(0.0, self.charge + current_a * STEP_S / capacity_c))
-        before = self.totals
+        previous = self.totals
         self.totals = replace(
-            before,
-            panel_j=before.panel_j + charger_w / EFFICIENCY * STEP_S,
-            charger_j=before.charger_j + charger_w * STEP_S,
-            load_j=before.load_j + load_w * STEP_S,
+            previous,
+            panel_j=previous.panel_j + charger_w / CHARGER_EFFICIENCY * STEP_S,
+            charger_j=previous.charger_j + charger_w * STEP_S,
+            load_j=previous.load_j + load_w * STEP_S,
             servo_j=servo_j,
-            into_battery_j=before.into_battery_j + max(0.0, net_w) * STEP_S,
-            out_of_battery_j=before.out_of_battery_j + max(0.0, -net_w) * STEP_S,
-            battery_c=before.battery_c + current_a * STEP_S,
-            load_c=before.load_c + load_w / self.voltage_v * STEP_S,
-            empty_s=before.empty_s + (STEP_S if empty and net_w < 0.0 else 0.0),
+            into_battery_j=previous.into_battery_j + max(0.0, net_w) * STEP_S,
+            out_of_battery_j=previous.out_of_battery_j + max(0.0, -net_w) * STEP_S,
+            battery_c=previous.battery_c + current_a * STEP_S,
+            load_c=previous.load_c + load_w / self.voltage_v * STEP_S,
+            empty_s=previous.empty_s + (STEP_S if is_empty and net_w < 0.0 else 0.0),
         )
 
     def _change_sky(self, t_s: float) -> None:
-        while t_s >= self._until_s:
-            self._cloudy = not self._cloudy
-            self._transmission = float(self._chances.uniform(*TRANSMISSION)) if self._cloudy else 1.0
-            self._until_s += self._draw_duration_s()
-        self._sky += (self._transmission - self._sky) * -math.expm1(-STEP_S / EDGE_S)
+        while t_s >= self._sky_change_s:
+            self._is_cloudy = not self._is_cloudy
+            self._target_transmission = float(self._rng.uniform(*CLOUD_TRANSMISSION)) if self._is_cloudy else 1.0
+            self._sky_change_s += self._draw_duration_s()
+        self._sky_transmission += (self._target_transmission - self._sky_transmission) * -math.expm1(
+            -STEP_S / SKY_TIME_CONSTANT_S
+        )
 
     def _draw_duration_s(self) -> float:
         """Draw the duration of the present sky, cloudy or clear."""
         share = self._supply.clouds
         if share <= 0.0:
             return math.inf
-        mean_s = CLOUD_S if self._cloudy else CLOUD_S * (1.0 - share) / share
-        return float(self._chances.exponential(mean_s)) + STEP_S
+        mean_s = MEAN_CLOUD_S if self._is_cloudy else MEAN_CLOUD_S * (1.0 - share) / share
+        return float(self._rng.exponential(mean_s)) + STEP_S
 
 
-def figures(plant: PowerPlant) -> dict[str, float]:
+def energy_figures(plant: PowerPlant) -> dict[str, float]:
     """Return the energies so far in watt-hours, for the figures of a run."""
     totals = plant.totals
     return {

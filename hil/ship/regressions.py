@@ -47,7 +47,7 @@ class HullForm:
 
     @classmethod
     def from_mass(cls, length_m: float, beam_m: float, draft_m: float, mass_kg: float) -> HullForm:
-        """Compute the block coefficient from the mass, for a float that carries all of it at this draft."""
+        """Compute the block coefficient from the mass, which the float displaces at this draft."""
         box_kg = SEA_WATER_KG_M3 * length_m * beam_m * draft_m
         return cls(length_m, beam_m, draft_m, mass_kg, mass_kg / box_kg if box_kg > 0.0 else math.nan)
 
@@ -78,7 +78,7 @@ def sway_model(hull: HullForm, density_kg_m3: float = SEA_WATER_KG_M3) -> SwayMo
     added_surge_kg = surge_added_mass_ratio(hull) * hull.mass_kg
     added_sway_kg = -0.5 * density_kg_m3 * hull.length_m**3 * sway_acceleration_derivative(hull)
     damping_kg_m = 0.5 * density_kg_m3 * hull.length_m**2 * sway_velocity_derivative(hull)
-    warnings = list(outside(hull))
+    warnings = list(envelope_warnings(hull))
     if added_surge_kg < 0.0:
         warnings.append(f"Zhou gives a negative surge added mass, {added_surge_kg:.3g} kg; taken as 0")
         added_surge_kg = 0.0
@@ -114,7 +114,7 @@ def sway_velocity_derivative(hull: HullForm) -> float:
     return -math.pi * (hull.draft_m / hull.length_m) ** 2 * (1.0 + block_term)
 
 
-def outside(hull: HullForm) -> tuple[str, ...]:
+def envelope_warnings(hull: HullForm) -> tuple[str, ...]:
     """Return a warning for each quantity outside the envelope of merchant ships."""
     quantities = {
         "length / beam": hull.length_m / hull.beam_m,

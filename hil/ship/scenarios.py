@@ -1,4 +1,4 @@
-"""The scenarios of simulated runs: one row each."""
+"""Table of the scenarios of simulated runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hil.ship.disturbances import NO_DISTURBANCES, Disturbances
 
 
 class UnknownScenarioError(ValueError):
-    """A scenario name that is not in the table; the text lists the valid ones."""
+    """A scenario name is not in the table; the text lists the valid names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ TABLE: tuple[Scenario, ...] = (
     Scenario(
         "surge", "the swell, with wave orbital motion of the receiver", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0, orbital_m_s=0.4
     ),
-    # The voyages of docs/explanation/capabilities.md combine several disturbances.
+    # These voyages of docs/explanation/capabilities.md combine several disturbances.
     Scenario(
         "ocean-1",
         "a trade wind sea: float on an umbilical, some leeway, a realistic receiver",
@@ -192,12 +192,12 @@ def description_rows(scenario: Scenario) -> list[tuple[str, str]]:
         ("wave period", f"{scenario.wave_period_s:g} s" if scenario.wave_period_s else "no waves"),
         ("wave yaw, standard deviation", f"{scenario.wave_yaw_deg:g} deg"),
         ("rudder bias", f"{scenario.bias_deg:g} deg, varying by {scenario.drift_deg:g} deg (standard deviation)"),
-        ("current", _current(scenario)),
+        ("current", _describe_current(scenario)),
         *disturbance_options.description_rows(scenario.disturbances),
     ]
 
 
-def _current(scenario: Scenario) -> str:
+def _describe_current(scenario: Scenario) -> str:
     if not scenario.current_m_s:
         return "none"
     steady = f"{scenario.current_m_s:g} m/s toward {scenario.current_toward_deg:g} deg"

@@ -27,7 +27,7 @@ class ServoShaft:
         high_stop_rad: float = DEFAULT_STOP_RAD,
         now_s: float = 0.0,
     ) -> None:
-        """Start at rest, released; ValueError for stops in the wrong order or a negative slew."""
+        """Start at rest and released; raise ValueError for stops in the wrong order or a negative slew."""
         if not low_stop_rad < high_stop_rad:
             raise ValueError(f"the stops are in the wrong order: {low_stop_rad} and {high_stop_rad} rad")
         if not slew_rad_s >= 0.0:
@@ -40,16 +40,16 @@ class ServoShaft:
         self._start_rad = self._angle_rad
         self._start_s = now_s
         self._target_rad = self._angle_rad
-        self._torque = False
-        self._jammed = False
+        self._has_torque = False
+        self._is_jammed = False
 
     def angle_rad(self) -> float:
         """Return the true angle at the time of the last advance."""
         return self._angle_rad
 
     def rate_rad_s(self) -> float:
-        """Return the shaft's rate right after the last advance."""
-        if not self._free_to_move() or self._angle_rad == self._target_rad:
+        """Return the rate of the shaft after the last advance."""
+        if not self._can_move() or self._angle_rad == self._target_rad:
             return 0.0
         return math.copysign(self._slew_rad_s, self._target_rad - self._angle_rad)
 
@@ -60,32 +60,32 @@ class ServoShaft:
         target_rad = clamp(target_rad, self._low_rad, self._high_rad)
         if target_rad != self._target_rad:
             self._target_rad = target_rad
-            self._begin_leg()
+            self._start_motion()
 
     def set_torque(self, *, on: bool) -> None:
-        """Engage or release the motor; a released shaft stays where it is."""
-        if on != self._torque:
-            self._torque = on
-            self._begin_leg()
+        """Engage or release the motor; a released shaft keeps its angle."""
+        if on != self._has_torque:
+            self._has_torque = on
+            self._start_motion()
 
     def jam(self, angle_rad: float | None = None) -> None:
-        """Block the shaft where it is, or at an angle, whatever the motor does."""
+        """Block the shaft at the present or a given angle, regardless of the motor."""
         if angle_rad is not None and math.isfinite(angle_rad):
             self._angle_rad = clamp(angle_rad, self._low_rad, self._high_rad)
-        self._jammed = True
-        self._begin_leg()
+        self._is_jammed = True
+        self._start_motion()
 
     def free(self) -> None:
-        """End a jam; the motor, when engaged, moves on to its target."""
-        self._jammed = False
-        self._begin_leg()
+        """End a jam; an engaged motor then moves to its target."""
+        self._is_jammed = False
+        self._start_motion()
 
     def advance(self, now_s: float) -> None:
         """Advance the shaft to now_s; an earlier time changes nothing."""
         if not now_s > self._now_s:
             return
         self._now_s = now_s
-        if not self._free_to_move():
+        if not self._can_move():
             return
         distance_rad = self._target_rad - self._start_rad
         travelled_rad = self._slew_rad_s * (now_s - self._start_s)
@@ -94,10 +94,10 @@ class ServoShaft:
         else:
             self._angle_rad = self._start_rad + math.copysign(travelled_rad, distance_rad)
 
-    def _free_to_move(self) -> bool:
-        return self._torque and not self._jammed
+    def _can_move(self) -> bool:
+        return self._has_torque and not self._is_jammed
 
-    def _begin_leg(self) -> None:
-        """Start the motion from here: one product for each leg, so that errors of intermediate steps do not add up."""
+    def _start_motion(self) -> None:
+        """Start the motion at the present angle and time, so that rounding errors of steps do not add up."""
         self._start_rad = self._angle_rad
         self._start_s = self._now_s

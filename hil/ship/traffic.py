@@ -1,4 +1,4 @@
-"""Other ships: the position of each over time, on a straight track, and the traffic patterns for tests.
+"""Other ships on straight tracks, and the traffic patterns for tests.
 
 A pattern is placed for a boat that steers north from the start at the scenario's speed; times are those of the run.
 Random values are drawn from the seed.
@@ -17,16 +17,14 @@ from numpy.typing import NDArray
 from hil.ship.noise import Stream, generator
 
 OWN_MMSI = 235_000_007  # of the boat's own transponder
-MEETING_S = 1800.0  # time of the closest approach of a pattern's ship
-FLOOD = 10_000
+MEETING_S = 1800.0  # time of the closest approach of the ship of a pattern
+FLOOD_SHIPS = 10_000
 MAX_REPORTED = 10  # ships in the list of closest approaches
 
 Array = NDArray[np.float64]
-
-
 Station = Literal["A", "B", "mark"]  # AIS class of a ship, or an aid to navigation
-# Invalid AIS data: every other position is 20 nautical miles away; impossible numbers.
-Trick = Literal["", "leaps", "absurd"]
+# Invalid AIS data: every other position is 20 nautical miles away, or the values are out of range.
+ErrorKind = Literal["", "leaps", "absurd"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,32 +39,32 @@ class Ship:
     course_deg: float = 0.0
     station: Station = "A"
     at_anchor: bool = False
-    trick: Trick = ""
+    trick: ErrorKind = ""
 
     def position_m(self, t_s: float) -> tuple[float, float]:
         """Return the position north and east of the boat's start."""
         course_rad = math.radians(self.course_deg)
-        way_m = self.speed_m_s * t_s
-        return self.north_m + way_m * math.cos(course_rad), self.east_m + way_m * math.sin(course_rad)
+        distance_m = self.speed_m_s * t_s
+        return self.north_m + distance_m * math.cos(course_rad), self.east_m + distance_m * math.sin(course_rad)
 
 
-class Named(Protocol):
-    """An object that names a traffic pattern."""
+class HasPattern(Protocol):
+    """Options with the name of a traffic pattern."""
 
     @property
     def scene(self) -> str:
         """One of PATTERNS."""
 
 
-def meeting(ship: Ship, speed_m_s: float, at_s: float, miss_m: float) -> Ship:
-    """Return the ship on a track that passes the boat, if that steers north, at at_s and a distance of miss_m.
+def on_meeting_track(ship: Ship, speed_m_s: float, at_s: float, passing_distance_m: float) -> Ship:
+    """Move the ship to a track that passes a boat on a northerly course at at_s.
 
-    The distance is to starboard of the ship's course. The closest approach is within some seconds of at_s.
+    The boat is then passing_distance_m to port of the ship. The closest approach is within some seconds of at_s.
     """
     course_rad = math.radians(ship.course_deg)
-    way_m = ship.speed_m_s * at_s
-    north_m = speed_m_s * at_s - way_m * math.cos(course_rad) - miss_m * math.sin(course_rad)
-    east_m = -way_m * math.sin(course_rad) + miss_m * math.cos(course_rad)
+    distance_m = ship.speed_m_s * at_s
+    north_m = speed_m_s * at_s - distance_m * math.cos(course_rad) - passing_distance_m * math.sin(course_rad)
+    east_m = -distance_m * math.sin(course_rad) + passing_distance_m * math.cos(course_rad)
     return replace(ship, north_m=north_m, east_m=east_m)
 
 
@@ -74,24 +72,24 @@ Pattern = Callable[[float, np.random.Generator], tuple[Ship, ...]]
 
 
 def crossing(speed_m_s: float, _rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A ship from starboard."""
+    """Return a ship that crosses from starboard."""
     ship = Ship(211_000_001, "CROSSING LADY", 0.0, 0.0, 7.0, 270.0)
-    return (meeting(ship, speed_m_s, MEETING_S, 80.0),)
+    return (on_meeting_track(ship, speed_m_s, MEETING_S, 80.0),)
 
 
 def head_on(speed_m_s: float, _rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A ship on the opposite course."""
-    return (meeting(Ship(211_000_002, "HEAD ON", 0.0, 0.0, 6.0, 180.0), speed_m_s, MEETING_S, -40.0),)
+    """Return a ship on the opposite course."""
+    return (on_meeting_track(Ship(211_000_002, "HEAD ON", 0.0, 0.0, 6.0, 180.0), speed_m_s, MEETING_S, -40.0),)
 
 
 def overtaking(speed_m_s: float, _rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A yacht of class B that overtakes the boat."""
+    """Return a yacht of class B that overtakes the boat."""
     yacht = Ship(211_000_003, "OVERTAKER", 0.0, 0.0, 3.5, 3.0, "B")
-    return (meeting(yacht, speed_m_s, MEETING_S, 30.0),)
+    return (on_meeting_track(yacht, speed_m_s, MEETING_S, 30.0),)
 
 
 def anchored(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A fleet at anchor around the boat's track, one ship of it on the track, and a buoy."""
+    """Return ships at anchor around the boat's track, one of them on the track, and a buoy."""
     ships = []
     for number in range(12):
         ahead_m = speed_m_s * MEETING_S * (0.5 + number / 8.0)
@@ -105,7 +103,7 @@ def anchored(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
 
 
 def spoofed(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A real crossing ship among ghosts, one that jumps, and one with the boat's own MMSI."""
+    """Return a crossing ship, 30 false ones, one whose position jumps, and one with the boat's own MMSI."""
     ghosts = []
     for number in range(30):
         mmsi = int(rng.integers(200_000_000, 775_000_000))
@@ -118,7 +116,7 @@ def spoofed(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
 
 
 def absurd(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A real crossing ship, and stations that send impossible numbers."""
+    """Return a crossing ship and stations that send values out of range."""
     stations = tuple(
         Ship(211_000_200 + number, f"ABSURD {number + 1}", 500.0, 100.0 * number, 5.0, 180.0, trick="absurd")
         for number in range(6)
@@ -127,10 +125,10 @@ def absurd(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
 
 
 def flood(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """A real crossing ship among ten thousand distant ones, which fill the AIS channels."""
-    angles, ranges = rng.uniform(0.0, 2.0 * math.pi, FLOOD), rng.uniform(15_000.0, 35_000.0, FLOOD)
-    courses, speeds = rng.uniform(0.0, 360.0, FLOOD), rng.uniform(0.0, 10.0, FLOOD)
-    far = tuple(
+    """Return a crossing ship and ten thousand distant ones, which fill the AIS channels."""
+    angles, ranges = rng.uniform(0.0, 2.0 * math.pi, FLOOD_SHIPS), rng.uniform(15_000.0, 35_000.0, FLOOD_SHIPS)
+    courses, speeds = rng.uniform(0.0, 360.0, FLOOD_SHIPS), rng.uniform(0.0, 10.0, FLOOD_SHIPS)
+    ships = tuple(
         Ship(
             300_000_000 + number,
             f"FAR {number + 1}",
@@ -139,13 +137,13 @@ def flood(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
             float(speeds[number]),
             float(courses[number]),
         )
-        for number in range(FLOOD)
+        for number in range(FLOOD_SHIPS)
     )
-    return (*crossing(speed_m_s, rng), *far)
+    return (*crossing(speed_m_s, rng), *ships)
 
 
 def encounter(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
-    """One random ship: any course, 2 to 10 m/s, of either class, that would pass within 400 m."""
+    """Return one random ship of class A or B with 2 to 10 m/s that passes within 400 m."""
     ship = Ship(
         211_000_009,
         "RANDOM",
@@ -155,7 +153,7 @@ def encounter(speed_m_s: float, rng: np.random.Generator) -> tuple[Ship, ...]:
         float(rng.uniform(0.0, 360.0)),
         "A" if rng.random() < 0.7 else "B",
     )
-    return (meeting(ship, speed_m_s, MEETING_S, float(rng.uniform(-400.0, 400.0))),)
+    return (on_meeting_track(ship, speed_m_s, MEETING_S, float(rng.uniform(-400.0, 400.0))),)
 
 
 PATTERNS: Mapping[str, Pattern] = {
@@ -170,31 +168,31 @@ PATTERNS: Mapping[str, Pattern] = {
 }
 
 
-def ships_of(named: Named | None, speed_m_s: float, seed: int) -> tuple[Ship, ...]:
+def ships_of(options: HasPattern | None, speed_m_s: float, seed: int) -> tuple[Ship, ...]:
     """Return the ships of a traffic pattern for a boat of this speed; none without a pattern."""
-    return () if named is None else PATTERNS[named.scene](speed_m_s, generator(seed, Stream.SHIPS))
+    return () if options is None else PATTERNS[options.scene](speed_m_s, generator(seed, Stream.SHIPS))
 
 
-class Closest:
+class ClosestApproaches:
     """The closest approach of each ship to the boat, over pieces of the boat's track."""
 
     def __init__(self, ships: tuple[Ship, ...]) -> None:
-        """Start without an approach."""
+        """Start with infinite distances."""
         self._ships = ships
         self._closest = [(math.inf, 0.0)] * len(ships)
 
     def add(self, t_s: Array, north_m: Array, east_m: Array) -> None:
         """Add a piece of the track."""
         for number, ship in enumerate(self._ships):
-            course_rad, way_m = math.radians(ship.course_deg), ship.speed_m_s * t_s
-            off_north_m = ship.north_m + way_m * math.cos(course_rad) - north_m
-            off_east_m = ship.east_m + way_m * math.sin(course_rad) - east_m
-            distance_m = np.hypot(off_north_m, off_east_m)
-            at = int(distance_m.argmin())
-            self._closest[number] = min(self._closest[number], (float(distance_m[at]), float(t_s[at])))
+            course_rad, travelled_m = math.radians(ship.course_deg), ship.speed_m_s * t_s
+            relative_north_m = ship.north_m + travelled_m * math.cos(course_rad) - north_m
+            relative_east_m = ship.east_m + travelled_m * math.sin(course_rad) - east_m
+            distance_m = np.hypot(relative_north_m, relative_east_m)
+            index = int(distance_m.argmin())
+            self._closest[number] = min(self._closest[number], (float(distance_m[index]), float(t_s[index])))
 
     def figures(self) -> list[dict[str, float | str]]:
-        """Return the ships with the closest approaches, the closest first."""
+        """Return the MAX_REPORTED closest approaches, the closest first."""
         nearest = sorted(zip(self._closest, self._ships, strict=True), key=lambda pair: pair[0])[:MAX_REPORTED]
         return [
             {"name": ship.name, "mmsi": ship.mmsi, "closest_m": distance_m, "at_s": at_s}

@@ -1,4 +1,4 @@
-"""Speed from wave power: it varies with the wave groups and decays with the waves in a calm.
+"""Speed of the boat from wave power: it varies with the wave groups and decays with the waves in a calm.
 
 U = U0 c (1 + g),   g a first-order Gauss-Markov process,   dc/dt = (1 or, in the calm, 0 - c) / 60 s
 """
@@ -19,21 +19,21 @@ class SpeedInWaves:
 
     def __init__(self, options: WaveSpeed, step_s: float, numbers: NormalNumbers) -> None:
         """Start in the stationary state."""
-        self._keep = math.exp(-step_s / options.memory_s)
-        self._add = options.spread * math.sqrt(1.0 - self._keep**2)
-        self._fade = math.exp(-step_s / DECAY_S)
-        self._calm_s = (options.calm_at_s, options.calm_at_s + options.calm_for_s)
+        self._correlation = math.exp(-step_s / options.memory_s)
+        self._noise_gain = options.spread * math.sqrt(1.0 - self._correlation**2)
+        self._decay = math.exp(-step_s / DECAY_S)
+        self._calm_interval_s = (options.calm_at_s, options.calm_at_s + options.calm_for_s)
         self._numbers = numbers
-        self._groups = options.spread * numbers.draw()
+        self._group_ratio = options.spread * numbers.draw()
         self.waves = 1.0
-        self.speed = self._speed()
+        self.speed = self._speed_ratio()
 
     def step(self, now_s: float) -> None:
         """Advance one grid step, which ends at now_s."""
-        self._groups = self._keep * self._groups + self._add * self._numbers.draw()
-        level = 0.0 if self._calm_s[0] <= now_s < self._calm_s[1] else 1.0
-        self.waves = level + self._fade * (self.waves - level)
-        self.speed = self._speed()
+        self._group_ratio = self._correlation * self._group_ratio + self._noise_gain * self._numbers.draw()
+        target = 0.0 if self._calm_interval_s[0] <= now_s < self._calm_interval_s[1] else 1.0
+        self.waves = target + self._decay * (self.waves - target)
+        self.speed = self._speed_ratio()
 
-    def _speed(self) -> float:
-        return self.waves * min(max(1.0 + self._groups, 0.0), MAX_SPEED_RATIO)
+    def _speed_ratio(self) -> float:
+        return self.waves * min(max(1.0 + self._group_ratio, 0.0), MAX_SPEED_RATIO)

@@ -33,47 +33,47 @@ class WaveYaw:
         """Start in the stationary state; spread_rad is the standard deviation, 0 for a calm sea."""
         self._step_s = step_s
         self._numbers = numbers
-        self._calm = spread_rad <= 0.0
+        self._is_calm = spread_rad <= 0.0
         self._start = self._end = (0.0, 0.0)
-        if self._calm:
+        if self._is_calm:
             return
         omega_rad_s = natural_frequency(peak_period_s, damping)
         spreads = (spread_rad, spread_rad * omega_rad_s)
-        self._transition, self._noise = discretised(spreads, omega_rad_s, step_s, damping)
+        self._transition, self._noise = discretise(spreads, omega_rad_s, step_s, damping)
         self._start = (spreads[0] * numbers.draw(), spreads[1] * numbers.draw())
-        self._end = self._next(self._start)
+        self._end = self._advance(self._start)
 
     def step(self) -> None:
         """Advance one grid step."""
-        if not self._calm:
-            self._start, self._end = self._end, self._next(self._end)
+        if not self._is_calm:
+            self._start, self._end = self._end, self._advance(self._end)
 
-    def angle_rad(self, since_s: float) -> float:
+    def angle_rad(self, offset_s: float) -> float:
         """Return the angle since_s into the present step."""
-        if self._calm:
+        if self._is_calm:
             return 0.0
         (y0, v0), (y1, v1) = self._start, self._end
         h = self._step_s
-        x = since_s / h
+        x = offset_s / h
         return y0 + x * (h * v0 + x * (3.0 * (y1 - y0) - h * (2.0 * v0 + v1) + x * (2.0 * (y0 - y1) + h * (v0 + v1))))
 
-    def rate_rad_s(self, since_s: float) -> float:
+    def rate_rad_s(self, offset_s: float) -> float:
         """Return the rate of the angle since_s into the present step."""
-        if self._calm:
+        if self._is_calm:
             return 0.0
         (y0, v0), (y1, v1) = self._start, self._end
         h = self._step_s
-        x = since_s / h
+        x = offset_s / h
         return v0 + x * (6.0 * (y1 - y0) / h - 2.0 * (2.0 * v0 + v1) + x * (6.0 * (y0 - y1) / h + 3.0 * (v0 + v1)))
 
-    def _next(self, state: tuple[float, float]) -> tuple[float, float]:
+    def _advance(self, state: tuple[float, float]) -> tuple[float, float]:
         (a00, a01), (a10, a11) = self._transition
         n00, n10, n11 = self._noise
         angle_rad, rate_rad_s = state
-        first, second = self._numbers.draw(), self._numbers.draw()
+        noise_0, noise_1 = self._numbers.draw(), self._numbers.draw()
         return (
-            a00 * angle_rad + a01 * rate_rad_s + n00 * first,
-            a10 * angle_rad + a11 * rate_rad_s + n10 * first + n11 * second,
+            a00 * angle_rad + a01 * rate_rad_s + n00 * noise_0,
+            a10 * angle_rad + a11 * rate_rad_s + n10 * noise_0 + n11 * noise_1,
         )
 
 
@@ -85,7 +85,7 @@ def natural_frequency(peak_period_s: float, damping: float) -> float:
     return 2.0 * math.pi / peak_period_s / math.sqrt(1.0 - 2.0 * damping**2)
 
 
-def discretised(
+def discretise(
     spreads: tuple[float, float], omega_rad_s: float, step_s: float, damping: float = DAMPING
 ) -> tuple[Matrix, tuple[float, float, float]]:
     """Return the transition matrix of a step and the lower Cholesky factor of its noise.

@@ -14,14 +14,14 @@ import math
 from firmware_py.common.angles import radians
 from hil.ship.noise import NormalNumbers
 
-RATE_SIGMAS = 6.0  # practical bound of the yaw rate, for which the steps of the plant are chosen
+MAX_RATE_SIGMAS = 6.0  # practical bound of the yaw rate, for which the steps of the plant are chosen
 
 
 class YawNoise:
     """Jumps of the yaw rate, one for each grid step."""
 
     def __init__(self, diffusion_deg2_s: float, step_s: float, numbers: NormalNumbers) -> None:
-        """Take the diffusion of the heading."""
+        """Set the diffusion of the heading; `numbers` are the standard normal numbers."""
         self._jump_rad = jump_rad(diffusion_deg2_s, step_s)
         self._numbers = numbers
 
@@ -37,4 +37,4 @@ def jump_rad(diffusion_deg2_s: float, step_s: float) -> float:
 
 def largest_rate_rad_s(diffusion_deg2_s: float, turning_lag_s: float) -> float:
     """Return a practical bound of the yaw rate that the noise alone causes."""
-    return RATE_SIGMAS * radians(math.sqrt(diffusion_deg2_s / (2.0 * turning_lag_s)))
+    return MAX_RATE_SIGMAS * radians(math.sqrt(diffusion_deg2_s / (2.0 * turning_lag_s)))

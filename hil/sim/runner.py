@@ -17,9 +17,8 @@ from hil.devices.vedirect import VeDirectEmulator
 from hil.errors import HilError
 from hil.ship import disturbance_options
 from hil.ship.noise import Stream, generator
-from hil.ship.power_plant import PowerPlant
-from hil.ship.power_plant import figures as power_figures
-from hil.ship.traffic import Closest
+from hil.ship.power_plant import PowerPlant, energy_figures
+from hil.ship.traffic import ClosestApproaches
 from hil.sim import directory_modem
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
@@ -72,7 +71,7 @@ def run(options: RunOptions) -> Run:
             power = devices.get("power") or devices.get("power_b")
             plant = power.plant if isinstance(power, VeDirectEmulator) else None
             book.vessels = _closest(book)
-            book.supply = power_figures(plant) if isinstance(plant, PowerPlant) else None
+            book.supply = energy_figures(plant) if isinstance(plant, PowerPlant) else None
             book.orders, book.arrivals = tuple(map(OrderRecord.of, station.orders)), tuple(station.reached)
     return Run(options.out, book.truth, tuple(station.texts))
 
@@ -81,7 +80,7 @@ def _closest(book: Logbook) -> list[dict[str, float | str]] | None:
     """Return the closest approach of each ship, or None without other ships."""
     if not book.world.ships:
         return None
-    closest = Closest(book.world.ships)
+    closest = ClosestApproaches(book.world.ships)
     for piece in book.truth:
         closest.add(piece.time_s[::10], piece.north_m[::10], piece.east_m[::10])
     return closest.figures()

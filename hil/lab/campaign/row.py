@@ -110,8 +110,8 @@ def _scenario(spec: Spec, values: Mapping[str, Value]) -> Scenario:
 
 def _option(name: str, values: Mapping[str, Value]) -> str:
     """Return an option in the syntax of `--with`, with its defaults."""
-    return disturbance_options.written(
-        name, {key: values.get(f"with.{name}.{key}") for key in disturbance_options.numbers(name)}
+    return disturbance_options.format_option(
+        name, {key: values.get(f"with.{name}.{key}") for key in disturbance_options.number_names(name)}
     )
 
 

@@ -220,7 +220,7 @@ class _Reader:
         for key, value in numbers.items():
             if key in known:
                 self._draw(f"with.{name}.{key}", value, _check_option(known[key]))
-        for key in disturbance_options.needed(row):
+        for key in disturbance_options.required_numbers(row):
             if key not in numbers:
                 self._problem(f"with.{name}", f"{key} has no default; give a value")
         return name

@@ -18,7 +18,7 @@ from hil.lab.tune.loop_kernel import Autopilot, Seas, Task
 from hil.ship import scenarios
 from hil.ship.disturbances import NO_DISTURBANCES
 from hil.ship.drift import RudderDrift
-from hil.ship.kt_plant import LARGEST_STEP_S, inner_steps
+from hil.ship.kt_plant import MAX_STEP_S, inner_steps
 from hil.ship.noise import NormalNumbers
 from hil.ship.scenarios import Scenario
 from hil.ship.servo import DEFAULT_SLEW_RAD_S
@@ -101,7 +101,7 @@ def steps_in(ship: KtModel, step_s: float) -> int:
     By similarity, the time step equals LARGEST_STEP_S of a faster ship, so that the plant's own step limit has no
     effect.
     """
-    return inner_steps(ship.at_speed(ship.speed_m_s * step_s / LARGEST_STEP_S), LARGEST_STEP_S)
+    return inner_steps(ship.at_speed(ship.speed_m_s * step_s / MAX_STEP_S), MAX_STEP_S)
 
 
 def seas_of(cases: Sequence[Case], model: KtModel, task: Task, seed: int) -> Seas:

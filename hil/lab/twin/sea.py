@@ -24,10 +24,10 @@ from hil.ship.disturbances import Bias, Compass, Leeway, OwnWaves, Receiver
 from hil.ship.float_body import transition
 from hil.ship.kt_plant import inner_steps
 from hil.ship.manoeuvring import sway_ratios
-from hil.ship.noise import BLOCK, Stream, generator
+from hil.ship.noise import BLOCK_SIZE, Stream, generator
 from hil.ship.regressions import FLOAT, sway_model
 from hil.ship.scenarios import Scenario
-from hil.ship.waves import DAMPING, discretised, natural_frequency
+from hil.ship.waves import DAMPING, discretise, natural_frequency
 from hil.ship.yaw_noise import jump_rad, largest_rate_rad_s
 from hil.sim.device_factory import FREQUENCY_ERROR_PPM, POSITION_RATE_HZ
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
@@ -52,10 +52,10 @@ def wave_process(
 ) -> None:  # fmt: skip
     """Fill in angle and rate of a wave process."""
     # NormalNumbers returns the numbers of each block in reverse order.
-    numbers, y, v = np.empty(BLOCK), 0.0, 0.0
+    numbers, y, v = np.empty(BLOCK_SIZE), 0.0, 0.0
     for k in range(out.size // 2):
-        place = BLOCK - 1 - 2 * k % BLOCK
-        if place == BLOCK - 1:
+        place = BLOCK_SIZE - 1 - 2 * k % BLOCK_SIZE
+        if place == BLOCK_SIZE - 1:
             fill(state, numbers)
         first, second = numbers[place], numbers[place - 1]
         if k == 0:
@@ -71,10 +71,10 @@ def wave_process(
 @compiled
 def gauss_markov(first: float, keep: float, add: float, state: NDArray[np.uint64], out: Floats) -> None:
     """Fill in a first-order Gauss-Markov process with mean 0."""
-    numbers, value = np.empty(BLOCK), 0.0
+    numbers, value = np.empty(BLOCK_SIZE), 0.0
     for k in range(out.size):
-        place = BLOCK - 1 - k % BLOCK
-        if place == BLOCK - 1:
+        place = BLOCK_SIZE - 1 - k % BLOCK_SIZE
+        if place == BLOCK_SIZE - 1:
             fill(state, numbers)
         value = first * numbers[place] if k == 0 else keep * value + add * numbers[place]
         out[k] = value
@@ -123,7 +123,7 @@ def process_of(spread: float, waves: OwnWaves, seed: int, stream: Stream, steps:
     spreads = (spread, spread * omega_rad_s)
 
     def fill_process(out: Floats) -> None:
-        transition, noise = discretised(spreads, omega_rad_s, GRID_S, waves.damping)
+        transition, noise = discretise(spreads, omega_rad_s, GRID_S, waves.damping)
         wave_process(spreads, transition, noise, state_of(generator(seed, stream)), out)
 
     return Part(2 * (steps + 2), fill_process)
@@ -140,7 +140,7 @@ def offset_of(scenario: Scenario, seed: int, steps: int) -> Part:
         )
         source, end = generator(seed, Stream.GUSTS), 0
         while scenario.gust_deg and end <= steps:
-            begin = end + round(source.exponential(gusts.PAUSE_S) / GRID_S)
+            begin = end + round(source.exponential(gusts.MEAN_PAUSE_S) / GRID_S)
             end = begin + max(1, round(source.uniform(gusts.MIN_LENGTH_S, gusts.MAX_LENGTH_S) / GRID_S))
             add_gust(begin, end, radians(scenario.gust_deg) * math.sqrt(source.exponential(1.0)), out)
 

@@ -77,7 +77,7 @@ def test_the_compiled_steady_rate_is_the_plain_one_within_four_units_of_the_last
 
 
 def test_a_planar_step_calls_the_same_equation_compiled():
-    for function in (manoeuvring.planar_rates, manoeuvring._along):
+    for function in (manoeuvring.planar_rates, manoeuvring._extrapolate):
         inner(function)
     step = compiled(manoeuvring.planar_step)
     plain = fast = (0.0, 0.0, 0.3, 0.01, 0.0)

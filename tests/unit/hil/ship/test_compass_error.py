@@ -20,17 +20,16 @@ def compass(a=0.0, b=0.0, c=0.0, d=0.0, e=0.0, heel=0.0, lag=0.0):
 
 
 @pytest.mark.parametrize(
-    ("coefficients", "headings_deg"),
-    # An easterly deviation where it is largest: the compass shows less there.
+    ("coefficient", "headings_deg"),
     [("a", (0, 90, 200)), ("b", (90,)), ("c", (0,)), ("d", (45, 225)), ("e", (0, 180))],
 )
-def test_headings_of_the_largest_deviation(coefficients, headings_deg):
+def test_compass_reads_less_where_the_deviation_is_largest(coefficient, headings_deg):
     for heading_deg in headings_deg:
-        output = compass(**{coefficients: 4.0}).output_rad(radians(heading_deg), 0.0)
+        output = compass(**{coefficient: 4.0}).output_rad(radians(heading_deg), 0.0)
         assert degrees(output) == pytest.approx(heading_deg - 4.0)
 
 
-def test_coefficients_add_up():
+def test_deviation_is_the_sum_of_the_coefficients():
     device = compass(1.0, 4.0, -3.0, 1.5, 0.5)
     for heading_deg in range(0, 360, 7):
         x = radians(heading_deg)
@@ -38,17 +37,17 @@ def test_coefficients_add_up():
         assert degrees(device.output_rad(x, 0.01)) == pytest.approx(heading_deg - deviation)
 
 
-def test_lag_in_a_turn():
+def test_output_lags_in_a_turn():
     device, rate = compass(lag=2.0), 0.05
     for number in range(2000):
-        end = device.output_rad(rate * (number + 1) * STEP_S, STEP_S)
+        extrapolated = device.output_rad(rate * (number + 1) * STEP_S, STEP_S)
         device.step(rate * (number + 1) * STEP_S)
-        # Linear where the exponential bends: an error of the second order in step by lag.
-        assert device.output_rad(rate * (number + 1) * STEP_S, 0.0) == pytest.approx(end, abs=2e-5)
+        # The output is linear within a step; the error is of second order in the ratio of step and lag.
+        assert device.output_rad(rate * (number + 1) * STEP_S, 0.0) == pytest.approx(extrapolated, abs=2e-5)
     assert rate * 2000 * STEP_S - device.output_rad(rate * 2000 * STEP_S, 0.0) == pytest.approx(rate * 2.0, rel=0.02)
 
 
-def test_heel_error_on_north_and_east():
+def test_heel_error_is_largest_on_north_and_zero_on_east():
     device = compass(heel=3.0)
     output = np.empty((30_000, 2))
     for row in output:

@@ -8,40 +8,37 @@ import pytest
 
 from firmware_py.common.angles import degrees, radians
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.ship.disturbance_options import TABLE, DisturbanceError, description_rows, listing, parse, text_of
+from hil.ship.disturbance_options import TABLE, DisturbanceError, describe_options, description_rows, parse, text_of
 from hil.ship.disturbances import NO_DISTURBANCES, Disturbances, FloatBody, Leeway, OtherShip, Slide
 from hil.ship.hull import STEPS_PER_SECOND, Hull
-from hil.ship.scenarios import TABLE as SEAS
+from hil.ship.scenarios import TABLE as SCENARIOS
 from hil.ship.scenarios import find_scenario, parse_scenario, with_disturbances
 from hil.ship.wave_speed import MAX_SPEED_RATIO
 
-EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3,yaw,waves,bias"
+ALL_OPTIONS = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3,yaw,waves,bias"
 
 
-def test_parse_and_text_are_inverse():
-    found = parse("float=0.3:0.7, leeway=8,sway")
-    assert found == Disturbances(float_body=FloatBody(0.3, 0.7), leeway=Leeway(8.0), slide=Slide(1.0))
-    assert text_of(found) == "float=0.3:0.7,leeway=8:0:0,sway=1"
+def test_text_of_parsed_options_gives_the_same_options():
+    parsed = parse("float=0.3:0.7, leeway=8,sway")
+    assert parsed == Disturbances(float_body=FloatBody(0.3, 0.7), leeway=Leeway(8.0), slide=Slide(1.0))
+    assert text_of(parsed) == "float=0.3:0.7,leeway=8:0:0,sway=1"
     assert text_of(parse("vessels=flood")) == "vessels=flood:0.1:40"
     assert parse("kt=3").other_ship == OtherShip(3.0, 1.0)
-    for text in (
-        EVERYTHING,
-        "float=0.123456789",
-        *(text_of(sea.disturbances) for sea in SEAS if sea.disturbances != NO_DISTURBANCES),
-    ):
+    scenarios = [text_of(row.disturbances) for row in SCENARIOS if row.disturbances != NO_DISTURBANCES]
+    for text in (ALL_OPTIONS, "float=0.123456789", *scenarios):
         assert parse(text_of(parse(text))) == parse(text)
     assert text_of(NO_DISTURBANCES) == ""
 
 
-def test_an_option_replaces_that_of_the_scenario():
-    found = with_disturbances(find_scenario("ocean-1"), "leeway=0").disturbances
-    assert found.leeway == Leeway(0.0)
-    assert found.float_body == find_scenario("ocean-1").disturbances.float_body
+def test_option_replaces_that_of_the_scenario():
+    disturbances = with_disturbances(find_scenario("ocean-1"), "leeway=0").disturbances
+    assert disturbances.leeway == Leeway(0.0)
+    assert disturbances.float_body == find_scenario("ocean-1").disturbances.float_body
     assert parse_scenario("swell+sway").disturbances == Disturbances(slide=Slide())
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "error"),
     [
         ("", "unknown option ''"),
         ("raft", "use one of float, leeway"),
@@ -64,41 +61,39 @@ def test_an_option_replaces_that_of_the_scenario():
         ("x" * 600, "600 characters"),
     ],
 )
-def test_errors_are_one_line(text, complaint):
-    with pytest.raises(DisturbanceError, match=complaint) as caught:
+def test_invalid_option_raises_an_error_of_one_line(text, error):
+    with pytest.raises(DisturbanceError, match=error) as caught:
         parse(text)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 200
 
 
-def test_orbital_motion_needs_waves():
-    with pytest.raises(DisturbanceError, match="calm has no waves"):
-        parse_scenario("calm+orbital")
+@pytest.mark.parametrize(
+    ("text", "error"), [("calm+orbital", "calm has no waves"), ("calm+waves", "calm has no wave yaw")]
+)
+def test_option_for_waves_needs_a_scenario_with_waves(text, error):
+    with pytest.raises(DisturbanceError, match=error):
+        parse_scenario(text)
 
 
-def test_own_waves_need_wave_yaw():
-    with pytest.raises(DisturbanceError, match="calm has no wave yaw"):
-        parse_scenario("calm+waves")
-
-
-def test_the_table_is_complete():
-    assert [row.field for row in TABLE] == [one.name for one in fields(Disturbances)]
-    text = listing()
+def test_table_contains_all_disturbances_with_valid_defaults():
+    assert [row.field for row in TABLE] == [field.name for field in fields(Disturbances)]
+    text = describe_options()
     for row in TABLE:
         assert row.text in text
         assert row.source in text
-        for one in fields(row.record):
-            if "choices" in one.metadata:
-                assert one.default in one.metadata["choices"]
+        for number in fields(row.record):
+            if "choices" in number.metadata:
+                assert number.default in number.metadata["choices"]
                 continue
-            low, high = one.metadata["low"], one.metadata["high"]
+            low, high = number.metadata["low"], number.metadata["high"]
             assert low < high
-            assert not isinstance(one.default, float) or low <= one.default <= high
-    assert [name.split(":")[0] for name, _ in description_rows(parse(EVERYTHING))] == [row.name for row in TABLE]
+            assert not isinstance(number.default, float) or low <= number.default <= high
+    assert [name.split(":")[0] for name, _ in description_rows(parse(ALL_OPTIONS))] == [row.name for row in TABLE]
 
 
-def sailed(text, seconds, rudder_deg=0.0, seed=1):
-    """Sail a sea at a constant rudder; return the hull, and (heading, track velocity) at every second."""
+def simulate(text, seconds, rudder_deg=0.0, seed=1):
+    """Run a scenario with a constant rudder; return the hull, and heading and velocity over ground each second."""
     hull = Hull(parse_scenario(text), OCEAN_RAMBLER, seed)
     rows = []
     for _ in range(round(seconds)):
@@ -110,96 +105,95 @@ def sailed(text, seconds, rudder_deg=0.0, seed=1):
 
 @pytest.mark.parametrize("body_deg", [8.0, -3.0])
 def test_leeway_is_to_starboard_of_the_heading(body_deg):
-    hull, rows = sailed(f"calm+leeway={body_deg}", 100.0, rudder_deg=10.0)
+    hull, rows = simulate(f"calm+leeway={body_deg}", 100.0, rudder_deg=10.0)
     course_rad = np.arctan2(rows[:, 2], rows[:, 1])
-    off_deg = np.degrees(np.angle(np.exp(1j * (course_rad - rows[:, 0]))))
-    assert off_deg == pytest.approx(body_deg)
-    # The way along the heading is what it was.
+    leeway_deg = np.degrees(np.angle(np.exp(1j * (course_rad - rows[:, 0]))))
+    assert leeway_deg == pytest.approx(body_deg)
+    # The velocity along the heading is unchanged.
     assert np.hypot(rows[:, 1], rows[:, 2]) == pytest.approx(0.4 / math.cos(radians(body_deg)))
     assert hull.speed_m_s == 0.4
 
 
-def test_leeway_by_wind_is_largest_on_the_beam():
-    # The boat heads north: a wind from the east sets the boat to the west, one from ahead or astern nowhere.
-    for wind_from_deg, off_deg in ((90.0, -6.0), (270.0, 6.0), (0.0, 0.0), (180.0, 0.0), (30.0, -3.0)):
-        _, rows = sailed(f"calm+leeway=0:6:{wind_from_deg}", 2.0)
-        assert degrees(math.atan2(rows[-1, 2], rows[-1, 1])) == pytest.approx(off_deg, abs=1e-6)
+def test_leeway_from_wind_is_largest_on_the_beam():
+    for wind_from_deg, leeway_deg in ((90.0, -6.0), (270.0, 6.0), (0.0, 0.0), (180.0, 0.0), (30.0, -3.0)):
+        _, rows = simulate(f"calm+leeway=0:6:{wind_from_deg}", 2.0)
+        assert degrees(math.atan2(rows[-1, 2], rows[-1, 1])) == pytest.approx(leeway_deg, abs=1e-6)
 
 
 def test_model_mismatch_changes_the_turn():
-    _, rows = sailed("calm+kt=2", 60.0, rudder_deg=5.0)
-    _, nominal = sailed("calm", 60.0, rudder_deg=5.0)
+    _, rows = simulate("calm+kt=2", 60.0, rudder_deg=5.0)
+    _, nominal = simulate("calm", 60.0, rudder_deg=5.0)
     assert np.diff(rows[:, 0])[-1] == pytest.approx(2.0 * np.diff(nominal[:, 0])[-1], rel=0.01)
-    _, slow = sailed("calm+kt=1:3", 60.0, rudder_deg=5.0)
-    # The turn begins later by the difference of the lags.
+    _, slow = simulate("calm+kt=1:3", 60.0, rudder_deg=5.0)
+    # The turn starts later by the difference of the lags.
     assert nominal[-1, 0] - slow[-1, 0] == pytest.approx(8.0 * np.diff(nominal[:, 0])[-1], rel=0.02)
 
 
-def test_a_delay_shifts_the_track():
-    _, late = sailed("calm+delay=2", 62.0, rudder_deg=10.0)
-    _, prompt = sailed("calm", 60.0, rudder_deg=10.0)
-    assert late[2:, 0] == pytest.approx(prompt[:, 0], abs=1e-12)
-    assert late[1, 0] == 0.0
+def test_delay_shifts_the_headings_in_time():
+    _, delayed = simulate("calm+delay=2", 62.0, rudder_deg=10.0)
+    _, nominal = simulate("calm", 60.0, rudder_deg=10.0)
+    assert delayed[2:, 0] == pytest.approx(nominal[:, 0], abs=1e-12)
+    assert delayed[1, 0] == 0.0
 
 
-def test_two_bodies_track_of_the_glider_and_heading_of_the_float():
-    hull, rows = sailed("calm+float=0.3:0.6", 20.0, rudder_deg=20.0)
+def test_glider_determines_the_course_and_float_the_compass_heading():
+    hull, rows = simulate("calm+float=0.3:0.6", 20.0, rudder_deg=20.0)
     glider_rad, float_rad = hull.glider_heading_rad(0.0), hull.float_heading_rad(0.0)
     assert degrees(glider_rad - float_rad) > 2.0
     assert hull.heading_rad(0.0) == float_rad
     assert hull.heading_low_rad(0.0) == glider_rad
     assert math.atan2(rows[-1, 2], rows[-1, 1]) == pytest.approx(glider_rad)
-    # Between two steps of the grid it is continuous, the gyroscope sits beside the compass.
-    before, rate = hull.float_heading_rad(0.02), hull.yaw_rate_rad_s(0.02)
+    # Heading and yaw rate of the float are continuous between two grid steps.
+    heading_rad, rate_rad_s = hull.float_heading_rad(0.02), hull.yaw_rate_rad_s(0.02)
     hull.step(radians(20.0))
-    assert hull.float_heading_rad(0.0) == pytest.approx(before, abs=1e-7)
-    assert hull.yaw_rate_rad_s(0.0) == pytest.approx(rate, abs=1e-5)
+    assert hull.float_heading_rad(0.0) == pytest.approx(heading_rad, abs=1e-7)
+    assert hull.yaw_rate_rad_s(0.0) == pytest.approx(rate_rad_s, abs=1e-5)
 
 
 def test_calm_stops_waves_speed_and_steering():
     text = "swell+speed=0:100:300:600,orbital"
-    hull, rows = sailed(text, 300.0)
+    hull, rows = simulate(text, 300.0)
     speed_m_s = np.hypot(rows[:, 1], rows[:, 2])
     assert speed_m_s[:-1] == pytest.approx(0.7)
-    hull, rows = sailed(text, 899.0, rudder_deg=10.0)
+    hull, rows = simulate(text, 899.0, rudder_deg=10.0)
     assert hull.speed_m_s < 0.001 * 0.7
     assert abs(hull.heading_rad(0.0) - hull.heading_low_rad(0.0)) < 0.01
     assert np.hypot(*np.subtract(hull.velocity_in_waves_m_s(0.0), hull.velocity_m_s(0.0))) < 0.01
     assert abs(np.diff(rows[-2:, 0])[0]) < 1e-4
-    hull, _ = sailed(text, 1200.0, rudder_deg=30.0)
+    hull, _ = simulate(text, 1200.0, rudder_deg=30.0)
     assert hull.speed_m_s == pytest.approx(0.7, rel=0.01)
     assert hull.yaw_rate_low_rad_s(0.0) > 0.01
 
 
-def test_speed_is_bounded():
+def test_speed_with_extreme_options_is_bounded():
     text = "storm+speed=0.6:5,kt=10:0.1,float,leeway=45,sway=5,orbital=3:60:0.65,yaw=50,waves=0.5:0.65,bias=20:10"
-    hull, rows = sailed(text, 60.0, rudder_deg=45.0)
+    hull, rows = simulate(text, 60.0, rudder_deg=45.0)
     assert np.all(np.isfinite(rows))
     assert hull.speed_m_s <= MAX_SPEED_RATIO * 0.5
 
 
 @pytest.mark.parametrize("name", ["swell", "ocean-1", "ocean-4", "offshore"])
-def test_a_seed_repeats_the_voyage(name):
-    hulls = [sailed(name, 20.0, seed=seed)[0] for seed in (3, 3, 4)]
-    seen = [(hull.compass_heading_rad(0.01), *hull.position_in_waves_m(0.01)) for hull in hulls]
-    assert seen[0] == seen[1] != seen[2]
+def test_seed_determines_the_motion(name):
+    hulls = [simulate(name, 20.0, seed=seed)[0] for seed in (3, 3, 4)]
+    motions = [(hull.compass_heading_rad(0.01), *hull.position_in_waves_m(0.01)) for hull in hulls]
+    assert motions[0] == motions[1] != motions[2]
 
 
 def test_disturbances_do_not_change_the_wave_yaw():
-    plain, more = (sailed(text, 20.0)[0] for text in ("swell", "swell+orbital,leeway,sway,receiver"))
-    assert more.heading_rad(0.013) == plain.heading_rad(0.013)
-    assert more.position_in_waves_m(0.0) != plain.position_in_waves_m(0.0)
+    nominal, disturbed = (simulate(text, 20.0)[0] for text in ("swell", "swell+orbital,leeway,sway,receiver"))
+    assert disturbed.heading_rad(0.013) == nominal.heading_rad(0.013)
+    assert disturbed.position_in_waves_m(0.0) != nominal.position_in_waves_m(0.0)
 
 
 def test_yaw_noise_does_not_change_the_other_processes():
-    hulls = [sailed(text, 20.0)[0] for text in ("swell", "swell+yaw=2")]
+    hulls = [simulate(text, 20.0)[0] for text in ("swell", "swell+yaw=2")]
     low_rad = np.array([hull.heading_low_rad(0.0) for hull in hulls])
     wave_rad = np.array([hull.heading_rad(0.0) for hull in hulls]) - low_rad
     assert low_rad[0] != low_rad[1]
     assert wave_rad[0] == pytest.approx(wave_rad[1], abs=1e-12)
 
 
-def test_period_of_own_waves():
+def test_own_waves_have_their_own_period():
     hull = Hull(parse_scenario("swell+waves=2:0.1,orbital=0.4:25:0.1"), OCEAN_RAMBLER, 1)
     yaw_rad, north_m = [], []
     for _ in range(400 * STEPS_PER_SECOND):
@@ -207,14 +201,14 @@ def test_period_of_own_waves():
         yaw_rad.append(hull.heading_rad(0.0) - hull.heading_low_rad(0.0))
         north_m.append(hull.position_in_waves_m(0.0)[0] - hull.position_m(0.0)[0])
     for series, period_s in ((yaw_rad, 2.0), (north_m, 8.0)):
-        upward = np.sum(np.diff(np.sign(series)) > 0)
-        assert 400.0 / upward == pytest.approx(period_s, rel=0.1)
+        zero_crossings = np.sum(np.diff(np.sign(series)) > 0)
+        assert 400.0 / zero_crossings == pytest.approx(period_s, rel=0.1)
 
 
-def test_standard_deviation_of_the_bias_option():
-    # The same numbers are drawn: the boat turns twice as fast, the cubic term of a slow turn apart.
-    turned = [sailed(text, 60.0)[1][-1, 0] for text in ("calm+bias=2:900", "calm+bias=4:900", "calm+bias=4:10")]
-    assert turned[1] == pytest.approx(2.0 * turned[0], rel=0.01)
-    assert turned[2] != pytest.approx(turned[1], rel=0.1)
-    plain, same = (sailed(text, 20.0)[0] for text in ("swell", "swell+bias=2:100"))
-    assert plain.heading_rad(0.0) == same.heading_rad(0.0)
+def test_bias_option_sets_deviation_and_time_constant():
+    # The same numbers are drawn, so the boat turns twice as fast, except for the cubic term.
+    headings_rad = [simulate(text, 60.0)[1][-1, 0] for text in ("calm+bias=2:900", "calm+bias=4:900", "calm+bias=4:10")]
+    assert headings_rad[1] == pytest.approx(2.0 * headings_rad[0], rel=0.01)
+    assert headings_rad[2] != pytest.approx(headings_rad[1], rel=0.1)
+    nominal, same = (simulate(text, 20.0)[0] for text in ("swell", "swell+bias=2:100"))
+    assert nominal.heading_rad(0.0) == same.heading_rad(0.0)

@@ -1,4 +1,4 @@
-"""The float that follows the glider: its equation, step and frequency response."""
+"""Transition matrix and responses of the float that follows the glider."""
 
 import math
 
@@ -10,32 +10,32 @@ from hil.ship.float_body import FollowingFloat, transition
 
 
 @pytest.mark.parametrize("damping", [0.05, 0.6, 1.0, 2.5])
-@pytest.mark.parametrize("own_rad_s", [0.2, 1.0])
-def test_transition_is_the_matrix_exponential(own_rad_s, damping):
-    companion = np.array([[0.0, 1.0], [-(own_rad_s**2), -2.0 * damping * own_rad_s]])
-    assert np.array(transition(own_rad_s, damping, 0.02)) == pytest.approx(expm(0.02 * companion), abs=1e-12)
+@pytest.mark.parametrize("natural_rad_s", [0.2, 1.0])
+def test_transition_is_the_matrix_exponential(natural_rad_s, damping):
+    companion = np.array([[0.0, 1.0], [-(natural_rad_s**2), -2.0 * damping * natural_rad_s]])
+    assert np.array(transition(natural_rad_s, damping, 0.02)) == pytest.approx(expm(0.02 * companion), abs=1e-12)
 
 
-@pytest.mark.parametrize("own_rad_s", [0.3, 0.8])
+@pytest.mark.parametrize("natural_rad_s", [0.3, 0.8])
 @pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
-def test_frequency_response(own_rad_s, share):
+def test_frequency_response_equals_the_transfer_function(natural_rad_s, share):
     damping, step_s = 0.6, 0.02
-    omega = share * own_rad_s
-    body = FollowingFloat(own_rad_s, damping, step_s)
-    settled = round(60.0 / own_rad_s / step_s)
-    counted = round(3.0 * 2.0 * math.pi / omega / step_s)
+    omega = share * natural_rad_s
+    body = FollowingFloat(natural_rad_s, damping, step_s)
+    transient = round(60.0 / natural_rad_s / step_s)
+    count = round(3.0 * 2.0 * math.pi / omega / step_s)
     total = 0.0j
-    for number in range(settled + counted):
+    for number in range(transient + count):
         body.step(math.sin(omega * (number + 0.5) * step_s))
-        if number >= settled:
+        if number >= transient:
             total += body.heading_rad * np.exp(-1j * omega * (number + 1) * step_s) * step_s
-    found = 2.0j * total / (counted * step_s)
+    response = 2.0j * total / (count * step_s)
     expected = 1.0 / complex(1.0 - share**2, 2.0 * damping * share)
-    assert abs(found) == pytest.approx(abs(expected), rel=0.01)
-    assert np.angle(found / expected) == pytest.approx(0.0, abs=0.02)
+    assert abs(response) == pytest.approx(abs(expected), rel=0.01)
+    assert np.angle(response / expected) == pytest.approx(0.0, abs=0.02)
 
 
-def test_step_response():
+def test_step_response_has_the_overshoot_of_the_damping():
     body = FollowingFloat(0.3, 0.6, 0.02)
     headings = []
     for _ in range(5000):
@@ -45,7 +45,7 @@ def test_step_response():
     assert headings[-1] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_lag_in_a_steady_turn():
+def test_float_lags_in_a_steady_turn():
     body, rate = FollowingFloat(0.3, 0.6, 0.02), 0.02
     for number in range(5000):
         body.step(rate * (number + 0.5) * 0.02)

@@ -1,4 +1,4 @@
-"""The plant against the facts of the paper's model."""
+"""Steady turns, transients and limits of the K-T plant."""
 
 import math
 
@@ -19,12 +19,12 @@ def steady_rate_deg_s(model: KtModel, rudder_deg: float) -> float:
 
 
 @pytest.mark.parametrize(("rudder_deg", "rate_deg_s"), [(10, 0.4894), (20, 0.9752), (30, 1.4541), (35, 1.6900)])
-def test_steady_turn_of_the_paper(rudder_deg, rate_deg_s):
+def test_steady_turn_equals_the_equation(rudder_deg, rate_deg_s):
     assert steady_rate_deg_s(OCEAN_RAMBLER, rudder_deg) == pytest.approx(rate_deg_s, abs=5e-5)
     assert steady_rate_deg_s(OCEAN_RAMBLER, -rudder_deg) == pytest.approx(-rate_deg_s, abs=5e-5)
 
 
-def test_a_rudder_at_the_offset_runs_straight():
+def test_rudder_at_the_offset_keeps_the_heading():
     plant = KtPlant(KtModel(0.049, 4.0, 17.0, radians(4.0), 0.4), STEP_S)
     for _ in range(1000):
         plant.step(radians(5.0), drift_rad=radians(1.0))
@@ -38,7 +38,7 @@ def test_turning_radius_does_not_depend_on_the_speed(speed_m_s):
     assert radius_m == pytest.approx(15.76, abs=0.005)
 
 
-def test_linear_response():
+def test_linear_model_has_an_exponential_response():
     plant = KtPlant(KtModel(0.049, 4.0, 0.0, 0.0, 0.4), STEP_S)
     for _ in range(200):
         plant.step(0.5)
@@ -46,7 +46,7 @@ def test_linear_response():
     assert plant.yaw_rate_rad_s == pytest.approx(exact_rad_s, rel=1e-9)
 
 
-def test_fast_models_take_more_steps_and_stay_stable():
+def test_fast_model_takes_more_steps_and_is_stable():
     fast = KtModel(0.3, 0.2, 1e4, 0.0, 0.4)
     assert inner_steps(fast, STEP_S) > inner_steps(OCEAN_RAMBLER, STEP_S)
     plant = KtPlant(fast, STEP_S, yaw_rate_rad_s=0.2)
@@ -67,6 +67,6 @@ def test_fast_models_take_more_steps_and_stay_stable():
         KtModel(20.0, 1e-6, 1e6, 0.0, 0.4),
     ],
 )
-def test_invalid_models(model):
+def test_invalid_model_is_rejected(model):
     with pytest.raises(ValueError):
         KtPlant(model, STEP_S)

@@ -8,8 +8,7 @@ from hil.__main__ import main
 from hil.ship import disturbance_options
 from hil.ship.scenarios import TABLE, UnknownScenarioError, find_scenario
 
-# speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge,
-# the mixtures, and the seas as recorded
+# Speed, wave period, wave yaw, bias, drift, current.
 ROWS = {
     "calm": (0.4, 0.0, 0.0, 0.0, 0.0, 0.0),
     "tank": (0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
@@ -30,27 +29,17 @@ ROWS = {
 }
 
 
-def test_table():
-    found = {
-        row.name: (
-            row.speed_m_s,
-            row.wave_period_s,
-            row.wave_yaw_deg,
-            row.bias_deg,
-            row.drift_deg,
-            row.current_m_s,
-        )
-        for row in TABLE
-    }
-    assert found == ROWS
+def test_table_contains_the_specified_scenarios():
+    columns = ("speed_m_s", "wave_period_s", "wave_yaw_deg", "bias_deg", "drift_deg", "current_m_s")
+    assert {row.name: tuple(getattr(row, column) for column in columns) for row in TABLE} == ROWS
 
 
-def test_unknown_name():
+def test_unknown_scenario_lists_the_names():
     with pytest.raises(UnknownScenarioError, match="calm, tank, sea"):
         find_scenario("lake")
 
 
-def test_scenarios_command(capsys):
+def test_scenarios_command_lists_scenarios_and_options(capsys):
     assert main(["scenarios"]) == 0
     text = capsys.readouterr().out
     assert all(name in text for name in ROWS)

@@ -1,4 +1,4 @@
-"""Sway in a turn against the equations of hil/ship/manoeuvring.py."""
+"""Sway in a turn equals that of the equations in hil/ship/manoeuvring.py."""
 
 from dataclasses import replace
 
@@ -20,10 +20,10 @@ def test_sway_equals_the_planar_equations(speed_m_s):
     boat = Manoeuvre(model, sway_model(FLOAT), STEP_S)
     sideways = Sideways(None, Slide(), STEP_S)
     for number in range(3000):
-        before = boat.motion
-        after = boat.step(radians(20.0 if number < 1500 else -20.0))
-        rate_rad_s = 0.5 * (before.yaw_rate_rad_s + after.yaw_rate_rad_s)
-        assert sideways.step(0.0, rate_rad_s, speed_m_s) == pytest.approx(after.sway_m_s, abs=1e-4)
+        previous = boat.motion
+        motion = boat.step(radians(20.0 if number < 1500 else -20.0))
+        rate_rad_s = 0.5 * (previous.yaw_rate_rad_s + motion.yaw_rate_rad_s)
+        assert sideways.step(0.0, rate_rad_s, speed_m_s) == pytest.approx(motion.sway_m_s, abs=1e-4)
 
 
 def test_sway_is_to_port_in_a_turn_to_starboard():
@@ -32,5 +32,5 @@ def test_sway_is_to_port_in_a_turn_to_starboard():
     for share in (0.5, 2.0):
         sideways = Sideways(None, replace(Slide(), share=share), STEP_S)
         for _ in range(10_000):
-            found_m_s = sideways.step(0.0, turn.yaw_rate_rad_s, 0.4)
-        assert found_m_s == pytest.approx(share * turn.sway_m_s, rel=1e-6)
+            sway_m_s = sideways.step(0.0, turn.yaw_rate_rad_s, 0.4)
+        assert sway_m_s == pytest.approx(share * turn.sway_m_s, rel=1e-6)

@@ -1,4 +1,4 @@
-"""White disturbance of the yaw acceleration: diffusion of the heading, yaw rate, seeds."""
+"""White noise of the yaw acceleration: diffusion of the heading, yaw rate, seeds."""
 
 import math
 
@@ -16,34 +16,34 @@ LAG_S = 4.0
 LINEAR = KtModel(0.049, LAG_S, 0.0, 0.0, 0.4)
 
 
-def drifted(diffusion_deg2_s, steps, seed=1):
+def simulate(diffusion_deg2_s, steps, seed=1):
     """Return heading [deg] and yaw rate [deg/s] of a boat with the rudder amidships."""
     noise = YawNoise(diffusion_deg2_s, STEP_S, NormalNumbers(generator(seed, Stream.YAW)))
-    plant, found = KtPlant(LINEAR, STEP_S), np.empty((2, steps))
+    plant, rows = KtPlant(LINEAR, STEP_S), np.empty((2, steps))
     for step in range(steps):
         plant.step(0.0)
         plant.yaw_rate_rad_s += noise.jump_rad_s(LAG_S)
-        found[:, step] = degrees(plant.heading_rad), degrees(plant.yaw_rate_rad_s)
-    return found
+        rows[:, step] = degrees(plant.heading_rad), degrees(plant.yaw_rate_rad_s)
+    return rows
 
 
-def test_heading_diffusion_and_yaw_rate_correlation():
-    heading_deg, rate_deg_s = drifted(2.0, 100_000)
+def test_heading_diffuses_and_yaw_rate_is_of_first_order():
+    heading_deg, rate_deg_s = simulate(2.0, 100_000)
     assert np.var(rate_deg_s) == pytest.approx(2.0 / (2.0 * LAG_S), rel=0.1)
     lag = round(LAG_S / STEP_S)
     assert np.corrcoef(rate_deg_s[:-lag], rate_deg_s[lag:])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.04)
-    # Of the integral of a first-order process.
-    for passed_s in (4.0, 20.0):
-        steps = round(passed_s / STEP_S)
-        variance = 2.0 * (passed_s - LAG_S * -math.expm1(-passed_s / LAG_S))
+    # Variance of the integral of a first-order process.
+    for duration_s in (4.0, 20.0):
+        steps = round(duration_s / STEP_S)
+        variance = 2.0 * (duration_s - LAG_S * -math.expm1(-duration_s / LAG_S))
         assert np.var(heading_deg[steps:] - heading_deg[:-steps]) == pytest.approx(variance, rel=0.15)
 
 
-def test_a_seed_repeats_the_noise():
-    first, second, other = (drifted(2.0, 100, seed)[0] for seed in (3, 3, 4))
-    assert np.array_equal(first, second)
-    assert not np.array_equal(first, other)
-    assert not drifted(0.0, 100)[0].any()
+def test_seed_determines_the_noise():
+    headings = [simulate(2.0, 100, seed)[0] for seed in (3, 3, 4)]
+    assert np.array_equal(headings[0], headings[1])
+    assert not np.array_equal(headings[0], headings[2])
+    assert not simulate(0.0, 100)[0].any()
 
 
 def test_inner_steps_depend_on_the_disturbance():
