@@ -19,7 +19,7 @@ from hil.devices.pty_line import PtyLine
 from hil.devices.timing import Pace
 from hil.errors import HilError
 from hil.ship.scenarios import find_scenario
-from hil.sim.device_factory import emulators
+from hil.sim.device_factory import make_emulators
 from hil.sim.goals import Goal
 from hil.sim.ground_station import GroundStation
 from hil.sim.process import AutopilotProcess
@@ -93,7 +93,7 @@ class Rig:
         self.sentences_s: list[float] = []
         self.heartbeat_s: float | None = None
         self._world = World(find_scenario("calm"), 1)
-        devices = emulators(self._world, standard_vehicle(), 1)
+        devices = make_emulators(self._world, standard_vehicle(), 1)
         self._devices: dict[str, Emulator] = {
             **devices, "compass": CountingCompass(), "link": GroundStation([Goal(0.0, 0.0)])
         }  # fmt: skip

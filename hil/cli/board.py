@@ -25,9 +25,9 @@ from hil.cli.sea_arguments import (
 )
 from hil.devices.serial_line import SerialLine
 from hil.errors import UsageError
-from hil.sim.adapters import wired
+from hil.sim.adapters import open_adapters
 from hil.sim.board import Board
-from hil.sim.device_factory import emulators
+from hil.sim.device_factory import make_emulators
 from hil.sim.logbook import RunOptions, recorded_run
 from hil.sim.realtime import RealTimeServer
 from hil.sim.run_directory import VEHICLE_NAME, locked_directory
@@ -66,8 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         stack.enter_context(locked_directory(directory))
         stack.enter_context(reported(directory))
         book = stack.enter_context(recorded_run(options, time.time()))
-        devices = emulators(book.world, options.vehicle, options.seed)
-        lines = stack.enter_context(wired(adapters_of(arguments), devices, options.vehicle))
+        devices = make_emulators(book.world, options.vehicle, options.seed)
+        lines = stack.enter_context(open_adapters(adapters_of(arguments), devices, options.vehicle))
         try:
             board = stack.enter_context(Board(book.world, devices, directory.absolute(), wired=lines))
             (directory / VEHICLE_NAME).write_text(file_text(options.vehicle, board.paths(), {}), encoding="utf-8")

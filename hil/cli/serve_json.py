@@ -145,5 +145,5 @@ def _serve(listener: socket.socket, ship: JsonShip, end_s: float, begin: Callabl
             begun_s = now_s
             begin()
         received_s = now_s
-        listener.sendto(ship.answer(packet), address)
+        listener.sendto(ship.reply(packet), address)
     return None if begun_s is None or received_s is None else received_s - begun_s

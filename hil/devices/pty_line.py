@@ -83,7 +83,7 @@ class PtyLine:
         self._master = self._slave = _CLOSED
         self._pending_total = 0
 
-    def free(self) -> None:
+    def release_exclusive_use(self) -> None:
         """Release the exclusive use by a killed firmware; the kernel keeps it because the slave is open here."""
         if not (self.is_plugged and any(fcntl.ioctl(self._slave, _TIOCGEXCL, _INT_BUFFER))):
             return

@@ -19,7 +19,7 @@ from hil.report.run_page import NOTE
 from hil.report.text import COLUMNS, goal_cells
 from hil.report.voyages import days_voyage, field_voyage
 from hil.sim.ground_station import MODE_NAMES
-from hil.sim.truth import PIECE_ROWS, Truth
+from hil.sim.truth import ROWS_PER_PIECE, Truth
 
 LOG_DIRECTORY = "logs"
 MAX_LOGS = 3  # full logs of a state directory on the page, with all of its thin log
@@ -136,8 +136,8 @@ def _pieces(truth: Truth) -> list[Truth]:
     """Split a truth into pieces, as for a run."""
     names = truth.__dataclass_fields__
     return [
-        Truth(*(getattr(truth, name)[first : first + PIECE_ROWS] for name in names))
-        for first in range(0, truth.time_s.size, PIECE_ROWS)
+        Truth(*(getattr(truth, name)[first : first + ROWS_PER_PIECE] for name in names))
+        for first in range(0, truth.time_s.size, ROWS_PER_PIECE)
     ]
 
 

@@ -21,7 +21,7 @@ from hil.report.voyages import run_voyage
 from hil.sim import run_file
 from hil.sim.run_directory import PAGE, PICTURE, STATE, TRUTH_FILE
 from hil.sim.run_file import FINISHED, UNDER_WAY, RunFile
-from hil.sim.truth import Recorded, Truth
+from hil.sim.truth import RecordedTruth, Truth
 
 MAX_TEXTS = 500
 NOTE = (
@@ -41,7 +41,7 @@ def make(out: Path) -> tuple[Summary, Path]:
     log = summary.onboard(out)
     figures = summary.summarise(record, out, log)
     summary.write(figures, out)
-    truth = Recorded(out / TRUTH_FILE)
+    truth = RecordedTruth(out / TRUTH_FILE)
     rows = sum(piece.time_s.size for piece in truth)
     few = thinned(truth, rows) if rows else None
     if few is not None:

@@ -19,7 +19,7 @@ from hil.report.figures import RudderTravel, goal_figures, steady_rudder_travel_
 from hil.sim import run_file
 from hil.sim.run_directory import STATE, SUMMARY, TRUTH_FILE
 from hil.sim.run_file import OrderRecord, RunFile
-from hil.sim.truth import Recorded
+from hil.sim.truth import RecordedTruth
 
 DIGITS = 4
 FULL_BYTES = 64 << 20  # of logs with all ticks, about 3 h
@@ -28,7 +28,7 @@ Summary = dict[str, Any]
 
 def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summary:
     """Return the content of summary.json; errors are heading less goal, of the hull's low-frequency heading."""
-    truth = Recorded(out / TRUTH_FILE)
+    truth = RecordedTruth(out / TRUTH_FILE)
     try:
         figures = goal_figures(truth)
         travel, end_s = RudderTravel(), 0.0

@@ -15,7 +15,7 @@ from hil.devices.network_line import NetworkLine, NetworkLineError
 from hil.devices.serial_line import SerialLine, SerialLineError
 from hil.errors import HilError, UsageError
 from hil.sim.board import Board, Line
-from hil.sim.device_factory import POSITION, emulators
+from hil.sim.device_factory import POSITION, make_emulators
 from hil.sim.display import Banner, make_display
 from hil.sim.ground_station import GroundStation, disarm
 from hil.sim.logbook import RunOptions, recorded_run
@@ -23,7 +23,7 @@ from hil.sim.realtime import RealTimeServer
 from hil.sim.run_file import OrderRecord
 from hil.sim.signals import interruptible
 
-# option -> device behind the adapter, by the name of its port
+# Option and name of the device behind the adapter.
 ADAPTERS = {"compass_port": "compass", "servo_port": "rudder", "position_port": "position"}
 POLL_S = 0.03
 CHECK_S = 1.0
@@ -31,8 +31,10 @@ DISARM_S = 2.0
 
 
 @contextmanager
-def wired(paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehicle) -> Iterator[dict[str, SerialLine]]:
-    """Open the adapter of each device; from then on its transmitter takes the time that bytes need on the wire."""
+def open_adapters(
+    paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehicle
+) -> Iterator[dict[str, SerialLine]]:
+    """Open the adapter of each device; the real line then takes the transfer time, not the transmitter."""
     bauds = {"compass": vehicle.compass.baud, "rudder": vehicle.rudder.baud, "position": POSITION.baud}
     with ExitStack() as stack:
         lines = {}
@@ -47,15 +49,15 @@ def wired(paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehi
 
 
 def run(options: RunOptions, paths: Mapping[str, str], url: str) -> None:
-    """Make a run with an autopilot on another computer: devices on adapters here, commands by `url`.
+    """Make a run with an autopilot on another computer: devices on local adapters, commands over `url`.
 
-    The output directory holds the files of any run, except those that the float computer keeps. The run ends with
+    The output directory contains the files of a run, except those that are on the float computer. The run ends with
     the boat disarmed.
     """
     with recorded_run(options, time.time()) as book, interruptible(), ExitStack() as stack:
         station = GroundStation(options.goals, options.mode, shared=True, sends_first=True)
-        devices = emulators(book.world, options.vehicle, options.seed)
-        lines: dict[str, Line] = {**stack.enter_context(wired(paths, devices, options.vehicle))}
+        devices = make_emulators(book.world, options.vehicle, options.seed)
+        lines: dict[str, Line] = {**stack.enter_context(open_adapters(paths, devices, options.vehicle))}
         try:
             lines["link"] = stack.enter_context(contextlib.closing(NetworkLine(url)))
         except NetworkLineError as error:
@@ -68,12 +70,12 @@ def run(options: RunOptions, paths: Mapping[str, str], url: str) -> None:
         display = stack.enter_context(
             make_display(Banner(title, options.seconds, (url,), lockstep=False), board.world, station)
         )
-        server, check_s = RealTimeServer(board), 0.0
+        server, next_check_s = RealTimeServer(board), 0.0
         try:
             while board.world.now_s < options.seconds:
                 display.update(server.serve(min(options.seconds, server.now_s() + POLL_S)))
-                if server.now_s() >= check_s:
-                    check_s = server.now_s() + CHECK_S
+                if server.now_s() >= next_check_s:
+                    next_check_s = server.now_s() + CHECK_S
                     if failure := station.failure(board.world.now_s):
                         raise HilError(failure)
             book.wall_s = server.now_s()
@@ -83,5 +85,5 @@ def run(options: RunOptions, paths: Mapping[str, str], url: str) -> None:
             while server.now_s() < end_s:
                 server.serve(server.now_s() + POLL_S)
             book.orders, book.arrivals = tuple(map(OrderRecord.of, station.orders)), tuple(station.reached)
-        if complaint := station.verdict():
-            raise HilError(complaint)
+        if failure_text := station.final_failure():
+            raise HilError(failure_text)

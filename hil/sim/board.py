@@ -21,7 +21,7 @@ Send = Callable[[PtyLine, bytes], object]
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A line, the path that the autopilot opens it by, and the device behind it."""
+    """A line, the path by which the autopilot opens it, and the device behind it."""
 
     path: Path
     line: Line
@@ -43,7 +43,7 @@ class Board:
         *,
         wired: Mapping[str, Line] | None = None,
     ) -> None:
-        """Open a pty for each emulator in a directory, or use the adapter that `wired` holds for its name.
+        """Open a pty for each emulator in a directory, or use the line of its name in `wired`.
 
         `send` writes bytes to a pty: PtyLine.write in real time; in lockstep PtyLine.post, and the server then waits
         until the autopilot can read them.
@@ -77,7 +77,7 @@ class Board:
         return {port.path.name: str(port.path) for port in self.ports}
 
     def port_at(self, path: str) -> Port:
-        """Return the port whose line has this path; KeyError when there is none."""
+        """Return the port with this path; raise KeyError if there is none."""
         for port in self.ports:
             if str(port.path) == path:
                 return port
@@ -88,30 +88,30 @@ class Board:
         return min(emulator.next_output_s() for emulator in self._emulators)
 
     def receive(self, port: Port, data: bytes) -> None:
-        """Pass the bytes that the autopilot wrote to a device, now."""
+        """Pass bytes of the autopilot to the device of a port at the present time."""
         port.emulator.receive(self.world.now_s, data)
 
-    def advance(self, limit_s: float, patience: Callable[[Port], float] = lambda _port: -math.inf) -> bool:
-        """Advance to limit_s, or less far where bytes were delivered; return True if the autopilot must read at once.
+    def advance(self, limit_s: float, read_deadline: Callable[[Port], float] = lambda _port: -math.inf) -> bool:
+        """Advance to limit_s, or until the autopilot must read bytes; return True if it must read at once.
 
-        `patience` is called with the port of each delivery and returns the time by which the autopilot must read it.
+        `read_deadline` returns the time by which the autopilot must read the bytes that were delivered to a port.
         """
-        before_s = math.inf
+        deadline_s = math.inf
         due_s = [emulator.next_output_s() for emulator in self._emulators]
         while (next_s := min(due_s)) <= limit_s:
-            if next_s >= before_s:
+            if next_s >= deadline_s:
                 return False
             self.world.advance_to(next_s)
-            before_s = min(before_s, self._deliver(due_s, patience))
-            if before_s <= next_s:
+            deadline_s = min(deadline_s, self._deliver(due_s, read_deadline))
+            if deadline_s <= next_s:
                 return True
         self.world.advance_to(limit_s)
         return False
 
-    def _deliver(self, due_s: list[float], patience: Callable[[Port], float]) -> float:
-        """Transfer the output that is due, and store the next output time of its devices in due_s."""
+    def _deliver(self, due_s: list[float], read_deadline: Callable[[Port], float]) -> float:
+        """Transfer the output that is due and update due_s; return the earliest time by which it must be read."""
         now_s = self.world.now_s
-        before_s = math.inf
+        deadline_s = math.inf
         for index, port in enumerate(self.ports):
             if due_s[index] > now_s:
                 continue
@@ -122,5 +122,5 @@ class Board:
                     self._send(port.line, data)
                 else:
                     port.line.write(data)
-                before_s = min(before_s, patience(port))
-        return before_s
+                deadline_s = min(deadline_s, read_deadline(port))
+        return deadline_s

@@ -1,4 +1,4 @@
-"""The emulated devices on the board, each with its own noise, phase and clock error."""
+"""Creation of the emulated devices on the board, each with its own noise, phase and clock error."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class DeviceContext:
 
     world: World
     baud: int
-    options: Any  # of the driver at the other end
-    numbers: np.random.Generator
+    options: Any  # of the driver
+    rng: np.random.Generator
     phase_s: float
     frequency_error_ppm: float
     declination_deg: float
@@ -48,18 +48,18 @@ class DeviceContext:
 
 @dataclass(frozen=True, slots=True)
 class EmulatedDevice:
-    """An emulator, the name of its driver, and its factory baud rate."""
+    """The driver of an emulated device, its factory baud rate, and the function that creates it."""
 
     driver: str
     baud: int
     make: Callable[[DeviceContext], Device]
 
 
-def _nmea(context: DeviceContext) -> Device:
+def _make_nmea(context: DeviceContext) -> Device:
     sentences = [sentence for sentence in context.options.sentences if sentence in get_args(Kind)]
     return NmeaCompassEmulator(
         context.world,
-        context.numbers,
+        context.rng,
         rate_hz=COMPASS_RATE_HZ,
         sentence=sentences[0] if sentences else "HDT",
         phase_s=context.phase_s,
@@ -69,38 +69,38 @@ def _nmea(context: DeviceContext) -> Device:
     )
 
 
-def _pni(context: DeviceContext) -> Device:
+def _make_pni(context: DeviceContext) -> Device:
     return PniTcmEmulator(
         context.world,
-        context.numbers,
+        context.rng,
         declination_deg=context.declination_deg,
         frequency_error_ppm=context.frequency_error_ppm,
         baud=context.baud,
     )
 
 
-def _mti(context: DeviceContext) -> Device:
+def _make_mti(context: DeviceContext) -> Device:
     return MtiEmulator(
         context.world,
-        context.numbers,
+        context.rng,
         declination_deg=context.declination_deg,
         frequency_error_ppm=context.frequency_error_ppm,
         baud=context.baud,
     )
 
 
-def _dynamixel(context: DeviceContext) -> Device:
-    return DynamixelEmulator(context.world.shaft, context.numbers, device_id=context.options.id, baud=context.baud)
+def _make_dynamixel(context: DeviceContext) -> Device:
+    return DynamixelEmulator(context.world.shaft, context.rng, device_id=context.options.id, baud=context.baud)
 
 
-def _volz(context: DeviceContext) -> Device:
-    return VolzEmulator(context.world.shaft, context.numbers, device_id=context.options.id, baud=context.baud)
+def _make_volz(context: DeviceContext) -> Device:
+    return VolzEmulator(context.world.shaft, context.rng, device_id=context.options.id, baud=context.baud)
 
 
-def _gps(context: DeviceContext) -> Device:
-    errors: dict[str, Any] = {}
+def _make_gps(context: DeviceContext) -> Device:
+    receiver_options: dict[str, Any] = {}
     if (receiver := context.world.disturbances.receiver) is not None:
-        errors = {
+        receiver_options = {
             "velocity_noise_m_s": receiver.noise_m_s,
             "latency_s": receiver.latency_s,
             "velocity_filter_s": receiver.filter_s,
@@ -108,31 +108,31 @@ def _gps(context: DeviceContext) -> Device:
         }
     return NmeaGpsEmulator(
         context.world,
-        context.numbers,
+        context.rng,
         rate_hz=POSITION_RATE_HZ,
         phase_s=context.phase_s,
         frequency_error_ppm=context.frequency_error_ppm,
         baud=context.baud,
-        **errors,
+        **receiver_options,
     )
 
 
 # By the names of `rambler-hil run --compass` and `--servo`.
 COMPASSES: Mapping[str, EmulatedDevice] = {
-    "nmea": EmulatedDevice("nmea", 38400, _nmea),
-    "pni": EmulatedDevice("pni_tcm", 38400, _pni),
-    "mti": EmulatedDevice("mti", 115200, _mti),
+    "nmea": EmulatedDevice("nmea", 38400, _make_nmea),
+    "pni": EmulatedDevice("pni_tcm", 38400, _make_pni),
+    "mti": EmulatedDevice("mti", 115200, _make_mti),
 }
 SERVOS: Mapping[str, EmulatedDevice] = {
-    "dynamixel": EmulatedDevice("dynamixel", 57600, _dynamixel),
-    "volz": EmulatedDevice("volz", 115200, _volz),
+    "dynamixel": EmulatedDevice("dynamixel", 57600, _make_dynamixel),
+    "volz": EmulatedDevice("volz", 115200, _make_volz),
 }
-POSITION = EmulatedDevice("nmea", 9600, _gps)
+POSITION = EmulatedDevice("nmea", 9600, _make_gps)
 POWER_DRIVER, POWER_BAUD = "vedirect", 19200
 
 
-def _device_for(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDevice:
-    """Return the emulated device of a driver, or raise UsageError."""
+def _find_device(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDevice:
+    """Return the emulated device of a driver; raise UsageError if there is none."""
     for device in devices.values():
         if device.driver == driver:
             return device
@@ -140,13 +140,13 @@ def _device_for(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedD
     raise UsageError(f"driver {driver!r} has no emulated device; use one of {drivers}")
 
 
-def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
-    """Create compass, position, rudder, supply and AIS devices for a vehicle, or raise UsageError.
+def make_emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
+    """Create compass, position, rudder, supply and AIS devices for a vehicle; raise UsageError if that fails.
 
     The declination is the one in the vehicle file. A vehicle without a power monitor gets a charger and a monitor if
     the scenario has the disturbance `supply`, one without AIS a transponder if it has `vessels`.
     """
-    chances = generator(seed, Stream.PHASES)
+    rng = generator(seed, Stream.PHASES)
     compass, rudder = vehicle.compass, vehicle.rudder
 
     def context(baud: int, options: Any, stream: Stream, period_s: float) -> DeviceContext:
@@ -155,49 +155,49 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
             baud,
             options,
             generator(seed, stream),
-            phase_s=float(chances.uniform(0.0, period_s)),
-            frequency_error_ppm=float(chances.normal(0.0, FREQUENCY_ERROR_PPM)),
+            phase_s=float(rng.uniform(0.0, period_s)),
+            frequency_error_ppm=float(rng.normal(0.0, FREQUENCY_ERROR_PPM)),
             declination_deg=vehicle.parameters.get("CMP_DECL_DEG", 0.0),
             gaps=generator(seed, Stream.GAPS),
         )
 
-    compass_device, servo = _device_for(COMPASSES, compass.driver), _device_for(SERVOS, rudder.driver)
+    compass_device, servo = _find_device(COMPASSES, compass.driver), _find_device(SERVOS, rudder.driver)
     try:
         devices: dict[str, Device] = {
             "compass": compass_device.make(context(compass.baud, compass.options, Stream.COMPASS, 0.1)),
             "position": POSITION.make(context(POSITION.baud, None, Stream.POSITION, 1.0)),
             "rudder": servo.make(context(rudder.baud, rudder.options, Stream.RUDDER, 1.0)),
         }
-        return devices | _power(world, vehicle, devices["rudder"], seed) | _ais(world, vehicle, seed)
+        return devices | _make_power(world, vehicle, devices["rudder"], seed) | _make_ais(world, vehicle, seed)
     except ValueError as error:
         raise UsageError(f"vehicle file: a device cannot be emulated: {error}") from None
 
 
-def _power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str, Device]:
-    """Create the supply devices: a charger with all loads on it; with two devices, a charger and a monitor."""
+def _make_power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str, Device]:
+    """Create the supply devices: one charger with all loads, or a charger and a monitor."""
     supply = world.disturbances.supply
     entries = {"power": vehicle.power, "power_b": vehicle.power_b}
-    named = [name for name, entry in entries.items() if entry is not None]
-    if supply is None and not named:
+    configured = [name for name, entry in entries.items() if entry is not None]
+    if supply is None and not configured:
         return {}
     place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, world.utc_s() - world.now_s)
     plant = PowerPlant(supply or Supply(), place, generator(seed, Stream.CLOUDS), lambda: used_energy_j(servo))
-    chances = generator(seed, Stream.POWER)
-    names = named or list(entries)
+    rng = generator(seed, Stream.POWER)
+    names = configured or list(entries)
     return {
         name: VeDirectEmulator(
             plant,
             PowerKind.MONITOR if number else PowerKind.CHARGER if len(names) > 1 else PowerKind.CHARGER_WITH_LOAD,
-            phase_s=float(chances.uniform(0.0, 1.0)),
-            frequency_error_ppm=float(chances.normal(0.0, FREQUENCY_ERROR_PPM)),
+            phase_s=float(rng.uniform(0.0, 1.0)),
+            frequency_error_ppm=float(rng.normal(0.0, FREQUENCY_ERROR_PPM)),
             baud=POWER_BAUD,
         )
         for number, name in enumerate(names)
     }
 
 
-def _ais(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
-    """Create the AIS transponder of a boat that has one or that is among other ships."""
+def _make_ais(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
+    """Create the AIS transponder if the vehicle has one or the scenario has other ships."""
     vessels = world.disturbances.vessels
     if vessels is None and vehicle.ais is None:
         return {}

@@ -13,24 +13,24 @@ from hil.devices.iridium_network import IridiumNetwork
 from hil.devices.message_post import FROM_BOAT, TO_BOAT, MessagePost
 from hil.errors import UsageError
 
-PORT = "satellite"  # name of its line on the board
+PORT = "satellite"  # name of the modem's line on the board
 _POLL_S = 1.0
-_SESSION_S = (4.0, 10.0)  # of a clear sky, so that a person who watches need not wait long
-_KIND = "sbd:"
+_SESSION_S = (4.0, 10.0)  # range of durations; short, because an operator may wait for it
+_PREFIX = "sbd:"
 
 
 class DirectoryModem:
-    """An emulator: the modem, and a poll of the directory each second."""
+    """An emulator of the modem that also polls the directory each second."""
 
     def __init__(self, directory: Path, rng: np.random.Generator) -> None:
-        """Take the directory for both directions; OSError when it cannot be used."""
+        """Create the subdirectories for both directions; raise OSError if that fails."""
         self.network = IridiumNetwork(rng, duration_s=_SESSION_S)
         self.modem = IridiumModem(self.network)
-        self._out, self._in = MessagePost(directory, FROM_BOAT), MessagePost(directory, TO_BOAT)
+        self._from_boat, self._to_boat = MessagePost(directory, FROM_BOAT), MessagePost(directory, TO_BOAT)
         self._poll_s = 0.0
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Take the bytes that the autopilot wrote."""
+        """Process the bytes that the autopilot wrote."""
         self.modem.receive(now_s, data)
 
     def next_output_s(self) -> float:
@@ -43,16 +43,16 @@ class DirectoryModem:
             self._poll_s = math.floor(now_s / _POLL_S + 1.0) * _POLL_S
             while self.network.delivered:
                 _, number, message = self.network.delivered.popleft()
-                self._out.put(self.modem.imei, number, message)
-            for imei, _, message in self._in.take():
+                self._from_boat.put(self.modem.imei, number, message)
+            for imei, _, message in self._to_boat.take():
                 if imei == self.modem.imei and 1 <= len(message) <= 270:
                     self.network.send(message)
         return self.modem.take_output(now_s)
 
 
-def modem_of(links: Iterable[str], rng: np.random.Generator) -> DirectoryModem | None:
-    """Return the modem of the link `sbd:DIR`, None without one; UsageError for two, or an unusable directory."""
-    directories = [link.removeprefix(_KIND) for link in links if link.startswith(_KIND)]
+def make_modem(links: Iterable[str], rng: np.random.Generator) -> DirectoryModem | None:
+    """Return the modem of the link `sbd:DIR`, or None; raise UsageError for two links or an unusable directory."""
+    directories = [link.removeprefix(_PREFIX) for link in links if link.startswith(_PREFIX)]
     if not directories:
         return None
     if len(directories) > 1:
@@ -63,6 +63,6 @@ def modem_of(links: Iterable[str], rng: np.random.Generator) -> DirectoryModem |
         raise UsageError(f"--link sbd:{directories[0]}: {error.strerror}; give a directory for its messages") from None
 
 
-def on_port(link: str, path: str) -> str:
-    """Return a link as the autopilot opens it: for the modem, its port on the board."""
-    return f"{_KIND}{path}" if link.startswith(_KIND) else link
+def link_to_port(link: str, path: str) -> str:
+    """Return the link that the autopilot opens: for the modem the path of its port, otherwise the link itself."""
+    return f"{_PREFIX}{path}" if link.startswith(_PREFIX) else link

@@ -1,4 +1,4 @@
-"""The display of a run under way: on a terminal where rich is installed; nothing in a pipe."""
+"""Display of a run on a terminal if rich is installed; none in a pipe."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Banner:
 
 
 class Display(Protocol):
-    """A display of a run under way."""
+    """A display of the state of a run."""
 
     def __enter__(self) -> Self:
         """Start the display."""

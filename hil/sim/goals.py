@@ -13,7 +13,7 @@ MAX_TIME_S = 1e7
 
 
 class GoalError(ValueError):
-    """A goal that cannot be read; the text states the syntax."""
+    """A goal is invalid; the text states the syntax."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Goal:
 
 
 def parse_goals(text: str) -> tuple[Goal, ...]:
-    """Read "0:0,120:60,720:-90" (seconds:degrees true), or raise GoalError."""
+    """Parse "0:0,120:60,720:-90" (seconds:degrees true); raise GoalError for an invalid text."""
     pieces = text.split(",")
     if len(pieces) > MAX_GOALS:
         raise GoalError(f"{len(pieces)} goals; the maximum is {MAX_GOALS}")

@@ -1,4 +1,4 @@
-"""The simulated ground station: arms the boat, sets GUIDED and sends the goals of the run over MAVLink."""
+"""Simulated ground station that arms the boat, sets GUIDED and sends the goals of the run over MAVLink."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ CHANGE_HEADING = 43002  # MAV_CMD_GUIDED_CHANGE_HEADING, of the ardupilotmega di
 HEADING_TYPE = 1.0
 HEARTBEAT_S = 1.0
 RETRY_S = 0.5
-REACTION_S = 0.02  # response time of a ground station's program
-PATIENCE_S = 60.0
-READY_PATIENCE_S = 10.0  # then the station arms the boat without readiness, so that the autopilot reports the reason
-READY_S = 0.2  # between requests for the status
+REACTION_S = 0.02  # response time of the program of a ground station
+TIMEOUT_S = 60.0
+READY_TIMEOUT_S = 10.0  # then the station arms the boat anyway, so that the autopilot reports why it is not ready
+STATUS_REQUEST_S = 0.2  # interval of requests for the status
 MAX_TEXTS = 4096
 MAX_TEXT_LENGTH = 200
 
 
 @dataclass(slots=True)
 class Order:
-    """One command of the operator and its result."""
+    """One command of the operator, its times and its result."""
 
     text: str
     due_s: float
@@ -44,7 +44,7 @@ class Order:
     accepted_s: float | None = None
     confirmation: int = 0
     refusal: str = ""
-    skipped: bool = False  # another station steers
+    skipped: bool = False  # because another station steers
 
 
 def disarm(due_s: float) -> Order:
@@ -53,23 +53,23 @@ def disarm(due_s: float) -> Order:
 
 
 class GroundStation:
-    """A ground station as a device on the far end of the link's serial line.
+    """A ground station as a device at the far end of the serial line of the link.
 
     It requests the status until the boat is ready, then arms it. It sends orders one after the other, each every half
-    second until it is accepted; a goal still open when the next one is due is skipped. Where other stations steer
-    too (`shared`), a goal refused in a mode that one of them has set is skipped, and `skip_text` states it. With
+    second until it is accepted; a goal that is still open when the next one is due is skipped. If other stations steer
+    too (`shared`), a goal that is refused in a mode set by one of them is skipped, and `skip_text` states it. With
     `sends_first` it sends a heartbeat at the start, for links that serve only stations that have sent one.
     """
 
     def __init__(
         self, goals: Sequence[Goal], mode: int = GUIDED, *, shared: bool = False, sends_first: bool = False
     ) -> None:
-        """Take the goals in order of time, and the mode to set; without goals GUIDED is not set."""
+        """Create the orders for a mode and for goals in order of time; without goals GUIDED is not set."""
         self._mode, self._shared = mode, shared
         self.skip_text = ""
-        arm = Order("arming", 0.0, dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
-        enter = Order(f"mode {MODE_NAMES.get(mode, mode)}", 0.0, dialect.MAV_CMD_DO_SET_MODE, (1.0, float(mode)))
-        steer = [
+        arm_order = Order("arming", 0.0, dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
+        mode_order = Order(f"mode {MODE_NAMES.get(mode, mode)}", 0.0, dialect.MAV_CMD_DO_SET_MODE, (1.0, float(mode)))
+        goal_orders = [
             Order(
                 f"goal {goal.heading_deg:g} deg at {goal.t_s:g} s",
                 goal.t_s,
@@ -79,12 +79,12 @@ class GroundStation:
             )
             for goal in goals
         ]
-        self.orders: tuple[Order, ...] = (arm, enter, *steer) if goals or mode != GUIDED else ()
+        self.orders: tuple[Order, ...] = (arm_order, mode_order, *goal_orders) if goals or mode != GUIDED else ()
         self.heartbeat: Any | None = None
         self.silent = False
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=MAX_TEXTS)
         self.reached: deque[tuple[float, int]] = deque(maxlen=MAX_TEXTS)  # time and number of each mission item
-        self._open = deque(self.orders)
+        self._open_orders = deque(self.orders)
         self._tap = MavlinkTap(
             (
                 dialect.MAVLINK_MSG_ID_HEARTBEAT,
@@ -97,7 +97,7 @@ class GroundStation:
         self._sender = dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         self._vehicle: int | None = None
         self._text_id = 0
-        self._unsent: list[Any] = []
+        self._queued: list[Any] = []
         self._heartbeat_s = 0.0 if sends_first else math.inf
         self._order_s = math.inf
         self._ready_by_s = math.inf  # orders start when the boat is ready, at this time at the latest
@@ -119,26 +119,28 @@ class GroundStation:
         if self._heartbeat_s <= now_s:
             self._heartbeat_s += HEARTBEAT_S
             frames.append(self._heartbeat())
-            frames += [self._pack(message) for message in self._unsent]
-            self._unsent.clear()
+            frames += [self._pack(message) for message in self._queued]
+            self._queued.clear()
         if self._order_s <= now_s:
             self._skip_overdue(now_s)
             frames.append(
-                self._send_order(self._open[0], now_s) if now_s >= self._ready_by_s else self._request_status(now_s)
+                self._send_order(self._open_orders[0], now_s)
+                if now_s >= self._ready_by_s
+                else self._request_status(now_s)
             )
         return b"" if self.silent else b"".join(frames)
 
     # For the run and its display.
 
     def order(self, order: Order, now_s: float) -> None:
-        """Add an order after the open ones; it is sent once the autopilot is connected."""
-        self._open.append(order)
+        """Append an order to the open ones; it is sent once the autopilot is connected."""
+        self._open_orders.append(order)
         if self._vehicle is not None:
             self._plan(now_s)
 
     def queue(self, message: Any) -> None:
-        """Send a message with the next heartbeat, once."""
-        self._unsent.append(message)
+        """Send a message once, with the next heartbeat."""
+        self._queued.append(message)
 
     def named_value(self, name: str) -> float | None:
         """Return the last NAMED_VALUE_FLOAT of a name, or None."""
@@ -146,7 +148,7 @@ class GroundStation:
         return None if message is None else float(message.value)
 
     def mode(self) -> str:
-        """Return the mode and whether the boat is armed, by the last heartbeat."""
+        """Return the mode and the armed state in the last heartbeat, as text."""
         if self.heartbeat is None:
             return "no heartbeat yet"
         armed = self.heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -154,16 +156,16 @@ class GroundStation:
         return f"{name}, {'armed' if armed else 'disarmed'}"
 
     def failure(self, now_s: float) -> str | None:
-        """Return the reason if the run has failed: no heartbeat, or an order not accepted for a minute."""
+        """Return the reason for a failure: no heartbeat, or an order not accepted for a minute; otherwise None."""
         if self._vehicle is None:
-            return f"no MAVLink heartbeat within {PATIENCE_S:g} s" if now_s > PATIENCE_S and self.orders else None
-        for order in self._open:
-            if order.first_sent_s is not None and now_s - order.first_sent_s > PATIENCE_S:
+            return f"no MAVLink heartbeat within {TIMEOUT_S:g} s" if now_s > TIMEOUT_S and self.orders else None
+        for order in self._open_orders:
+            if order.first_sent_s is not None and now_s - order.first_sent_s > TIMEOUT_S:
                 return _failure_text(order)
         return None
 
-    def verdict(self) -> str | None:
-        """Return the reason at the end of the run if a goal was never accepted, or None."""
+    def final_failure(self) -> str | None:
+        """At the end of the run, return the reason if an order was never accepted, otherwise None."""
         if self.orders and self._vehicle is None:
             return "the autopilot sent no MAVLink heartbeat"
         if self.orders and self.orders[0].first_sent_s is None:
@@ -180,7 +182,7 @@ class GroundStation:
         if self._vehicle is None:
             self._vehicle = message.get_srcSystem()
             self._heartbeat_s = now_s + REACTION_S
-            self._ready_by_s = now_s + READY_PATIENCE_S
+            self._ready_by_s = now_s + READY_TIMEOUT_S
             self._plan(now_s)
 
     def _on_status(self, now_s: float, message: Any) -> None:
@@ -193,26 +195,30 @@ class GroundStation:
         self.reached.append((now_s, message.seq))
 
     def _on_acknowledgement(self, now_s: float, message: Any) -> None:
-        if not self._open or message.command != self._open[0].command or self._open[0].first_sent_s is None:
+        if (
+            not self._open_orders
+            or message.command != self._open_orders[0].command
+            or self._open_orders[0].first_sent_s is None
+        ):
             return
-        order = self._open[0]
+        order = self._open_orders[0]
         if message.result == dialect.MAV_RESULT_ACCEPTED:
             order.accepted_s = now_s
-            self._open.popleft()
+            self._open_orders.popleft()
             self._plan(now_s)
         elif message.result != dialect.MAV_RESULT_IN_PROGRESS:
             name = dialect.enums["MAV_RESULT"].get(message.result)
             order.refusal = name.name.removeprefix("MAV_RESULT_") if name else f"result {message.result}"
             if self._shared and order.goal is not None and self._mode_now() != self._mode:
                 self._skip(order, now_s)
-            order.confirmation = 0  # the next one is a new order, not a repetition of this one
+            order.confirmation = 0  # the next command is a new one, not a repetition
 
     def _mode_now(self) -> int | None:
         return None if self.heartbeat is None else self.heartbeat.custom_mode
 
     def _skip(self, order: Order, now_s: float) -> None:
         order.skipped = True
-        self._open.popleft()
+        self._open_orders.popleft()
         self._plan(now_s)
         if not self.skip_text:
             self.skip_text = f"{order.text} skipped: another station has set mode {self.mode()}"
@@ -226,14 +232,14 @@ class GroundStation:
         self.texts.append((now_s, message.severity, text))
 
     def _plan(self, now_s: float) -> None:
-        self._order_s = max(now_s + REACTION_S, self._open[0].due_s) if self._open else math.inf
+        self._order_s = max(now_s + REACTION_S, self._open_orders[0].due_s) if self._open_orders else math.inf
 
     def _skip_overdue(self, now_s: float) -> None:
-        while len(self._open) > 1 and self._open[0].goal and self._open[1].due_s <= now_s:
-            self._open.popleft()
+        while len(self._open_orders) > 1 and self._open_orders[0].goal and self._open_orders[1].due_s <= now_s:
+            self._open_orders.popleft()
 
     def _request_status(self, now_s: float) -> bytes:
-        self._order_s = min(now_s + READY_S, self._ready_by_s)
+        self._order_s = min(now_s + STATUS_REQUEST_S, self._ready_by_s)
         return self._command(dialect.MAV_CMD_REQUEST_MESSAGE, (float(dialect.MAVLINK_MSG_ID_SYS_STATUS),), 0)
 
     def _send_order(self, order: Order, now_s: float) -> bytes:

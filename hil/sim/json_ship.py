@@ -1,4 +1,4 @@
-"""The ship behind ArduPilot's simulator interface: a packet of servo pulses in, a line of JSON with the motion out.
+"""The ship on ArduPilot's simulator interface, which receives servo pulses and returns the motion as JSON.
 
 The protocol is that of ArduPilot's SITL JSON backend (libraries/SITL/examples/JSON/readme.md): the autopilot sends
 UDP packets `<HHI16H` (magic 18458, frame rate, frame number, 16 pulses in us; with SERVO_32_ENABLE 32 pulses and
@@ -19,9 +19,9 @@ from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, World
 
 PACKET, MAGIC = struct.Struct("<HHI16H"), 18458
 PACKET_32, MAGIC_32 = struct.Struct("<HHI32H"), 29569
-MAX_FRAMES = 100  # that one packet advances; after a larger gap the autopilot has restarted
+MAX_FRAMES = 100  # advanced by one packet; a larger gap means that the autopilot has restarted
 FIRST_FRAMES = (0, 1)  # of an autopilot that has restarted
-AWAY_S = 2.0  # without packets, after which another autopilot may take control
+INACTIVE_S = 2.0  # time without packets after which another autopilot may take control
 RATES_HZ = (10, 10_000)
 CENTRE_US, HALF_US = 1500.0, 400.0  # ArduPilot's defaults for a servo: 1100 to 1900
 MIN_PULSE_US, MAX_PULSE_US = 800, 2200  # outside there is no pulse: the servo keeps its angle
@@ -29,7 +29,7 @@ GRAVITY_M_S2 = 9.80665
 
 
 class PacketError(ValueError):
-    """Bytes that are not an ArduPilot packet; the text says why."""
+    """A packet is not from ArduPilot or not from the active autopilot; the text states the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class Pulses:
 
 
 def read_packet(data: bytes) -> Pulses:
-    """Read a packet, or raise PacketError."""
-    kinds = {PACKET.size: (PACKET, MAGIC), PACKET_32.size: (PACKET_32, MAGIC_32)}
-    if len(data) not in kinds:
+    """Decode a packet; raise PacketError for an invalid one."""
+    formats = {PACKET.size: (PACKET, MAGIC), PACKET_32.size: (PACKET_32, MAGIC_32)}
+    if len(data) not in formats:
         raise PacketError(f"a packet of {len(data)} bytes; ArduPilot's have {PACKET.size} or {PACKET_32.size}")
-    layout, expected = kinds[len(data)]
+    layout, expected = formats[len(data)]
     magic, rate_hz, frame, *pulses_us = layout.unpack(data)
     if magic != expected:
         raise PacketError(f"a packet that begins with {magic}; ArduPilot's of this length begin with {expected}")
@@ -56,7 +56,7 @@ def read_packet(data: bytes) -> Pulses:
 
 
 class ActiveAutopilot:
-    """The autopilot in control: one at a time; another may take over after AWAY_S without packets from the first."""
+    """The autopilot in control; another one may replace it after INACTIVE_S without packets."""
 
     def __init__(self) -> None:
         """Start without an autopilot."""
@@ -66,7 +66,7 @@ class ActiveAutopilot:
     def receive(self, address: tuple[str, int], now_s: float) -> bool:
         """Register a packet; return True if it is from a new autopilot. Raise PacketError for a second one."""
         is_new = address != self.address
-        if is_new and now_s - self._received_s < AWAY_S:
+        if is_new and now_s - self._received_s < INACTIVE_S:
             host, port = address
             raise PacketError(f"autopilot at {host}:{port} is ignored while another one is active")
         self.address, self._received_s = address, now_s
@@ -80,51 +80,51 @@ class JsonShip:
     """
 
     def __init__(self, world: World, *, servo: int, travel_rad: float) -> None:
-        """Start with the world at rest, before the first frame."""
+        """Start before the first frame."""
         self._world = world
         world.shaft.set_torque(on=True)
         self._servo, self._travel_rad = servo, travel_rad
         self._frame: int | None = None
         self._velocity_m_s = self._velocity()
-        self._answer = b""
+        self._reply = b""
 
     @property
     def now_s(self) -> float:
         """Return the simulated time."""
         return self._world.now_s
 
-    def answer(self, packet: Pulses) -> bytes:
+    def reply(self, packet: Pulses) -> bytes:
         """Return the line for a packet; for a repeated or late packet the last line again."""
         elapsed = 1 if self._frame is None else packet.frame - self._frame
         is_late = -MAX_FRAMES <= elapsed < 0 and packet.frame not in FIRST_FRAMES
-        if self._answer and (elapsed == 0 or is_late):
-            return self._answer
+        if self._reply and (elapsed == 0 or is_late):
+            return self._reply
         if not 1 <= elapsed <= MAX_FRAMES:  # the autopilot has restarted or was away
             elapsed = 1
         self._frame = packet.frame
         pulse_us = packet.pulses_us[self._servo - 1]
         if MIN_PULSE_US <= pulse_us <= MAX_PULSE_US:
-            share = max(-1.0, min((pulse_us - CENTRE_US) / HALF_US, 1.0))
-            self._world.shaft.set_target(share * self._travel_rad)
+            deflection = max(-1.0, min((pulse_us - CENTRE_US) / HALF_US, 1.0))
+            self._world.shaft.set_target(deflection * self._travel_rad)
         duration_s = elapsed / packet.rate_hz
         self._world.advance_to(self._world.now_s + duration_s)
-        self._answer = self._line(duration_s)
-        return self._answer
+        self._reply = self._line(duration_s)
+        return self._reply
 
     def _line(self, duration_s: float) -> bytes:
         world = self._world
         heading_rad = wrap_pi(world.heading_rad())
-        then, self._velocity_m_s = self._velocity_m_s, self._velocity()
-        north_m_s2 = (self._velocity_m_s[0] - then[0]) / duration_s
-        east_m_s2 = (self._velocity_m_s[1] - then[1]) / duration_s
-        ahead, abeam = math.cos(heading_rad), math.sin(heading_rad)
+        previous, self._velocity_m_s = self._velocity_m_s, self._velocity()
+        north_m_s2 = (self._velocity_m_s[0] - previous[0]) / duration_s
+        east_m_s2 = (self._velocity_m_s[1] - previous[1]) / duration_s
+        cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
         longitude_m = METRES_PER_DEGREE * math.cos(radians(START_LATITUDE_DEG))
         state = {
             "timestamp": world.now_s,
             "imu": {
                 "gyro": [0.0, 0.0, world.yaw_rate_rad_s()],
                 "accel_body": [
-                    north_m_s2 * ahead + east_m_s2 * abeam, east_m_s2 * ahead - north_m_s2 * abeam, -GRAVITY_M_S2,
+                    north_m_s2 * cosine + east_m_s2 * sine, east_m_s2 * cosine - north_m_s2 * sine, -GRAVITY_M_S2,
                 ],
             },
             "position": [

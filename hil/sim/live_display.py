@@ -23,7 +23,7 @@ REFRESH_S = 0.2
 ROSE_WIDTH = 61
 ROSE_SPAN_DEG = 180.0
 MAX_TEXTS = 4
-RENDER_S = 0.02  # time for drawing; in real time the display waits for a pause of this length
+MIN_SLACK_S = 0.02  # time for drawing
 POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 HIGHLIGHT_SEVERITY = 4  # MAV_SEVERITY_WARNING and more severe texts
 
@@ -32,7 +32,7 @@ class LiveDisplay:
     """Draw the run at most five times a second, in the caller's thread."""
 
     def __init__(self, banner: Banner, world: World, station: GroundStation, console: Console) -> None:
-        """Take the sources of the values."""
+        """Set the sources of the values; `update` draws on the console."""
         self._banner = banner
         self._world = world
         self._station = station
@@ -55,14 +55,14 @@ class LiveDisplay:
     def update(self, slack_s: float = math.inf) -> None:
         """Draw the present state if an update is due and slack_s is enough for drawing."""
         now_s = time.monotonic()
-        if now_s < self._next_s or slack_s < RENDER_S:
+        if now_s < self._next_s or slack_s < MIN_SLACK_S:
             return
         self._next_s = now_s + REFRESH_S
         self._measure_speed(now_s)
-        self._live.update(self.picture(), refresh=True)
+        self._live.update(self.make_panel(), refresh=True)
 
-    def picture(self) -> RenderableType:
-        """Return the present state as a panel."""
+    def make_panel(self) -> RenderableType:
+        """Return a panel with the present state."""
         world = self._world
         banner = self._banner
         body = Table.grid(padding=(0, 2))
@@ -93,12 +93,12 @@ class LiveDisplay:
 
     def _loop(self) -> str:
         skipped, late_ms = self._station.named_value("SKIPPED"), self._station.named_value("LATE_MS")
-        words = ["ticks skipped " + ("-" if skipped is None else f"{skipped:.0f}")]
+        texts = ["ticks skipped " + ("-" if skipped is None else f"{skipped:.0f}")]
         if self._banner.lockstep:
-            words.append("lockstep: no lateness")
+            texts.append("lockstep: no lateness")
         elif late_ms is not None:
-            words.append(f"last tick {late_ms:.2f} ms late")
-        return "   ".join(words)
+            texts.append(f"last tick {late_ms:.2f} ms late")
+        return "   ".join(texts)
 
     def _measure_speed(self, now_s: float) -> None:
         simulated_s = self._world.now_s
@@ -122,22 +122,22 @@ def rose(heading_deg: float, goal_deg: float | None) -> Text:
     if goal_deg is not None:
         error_deg = degrees(wrap_pi(math.radians(goal_deg - heading_deg)))
         column = middle + round(max(-ROSE_SPAN_DEG / 2.0, min(ROSE_SPAN_DEG / 2.0, error_deg)) / step_deg)
-        text = _with(text, column, "◆", "bold green")
-    return _with(text, middle, "▲", "bold cyan")
+        text = _replace_cell(text, column, "◆", "bold green")
+    return _replace_cell(text, middle, "▲", "bold cyan")
 
 
-def _with(text: Text, column: int, mark: str, style: str) -> Text:
+def _replace_cell(text: Text, column: int, mark: str, style: str) -> Text:
     return text[:column] + Text(mark, style=style) + text[column + 1 :]
 
 
 def _steering(heading_rad: float, goal_rad: float | None) -> str:
-    words = [f"{compass_degrees(heading_rad):5.1f}°"]
+    texts = [f"{compass_degrees(heading_rad):5.1f}°"]
     if goal_rad is None:
-        words.append("no goal yet")
+        texts.append("no goal yet")
     else:
         error_deg = degrees(wrap_pi(heading_rad - goal_rad))
-        words += [f"goal {compass_degrees(goal_rad):5.1f}°", f"error {error_deg:+6.1f}°"]
-    return "   ".join(words)
+        texts += [f"goal {compass_degrees(goal_rad):5.1f}°", f"error {error_deg:+6.1f}°"]
+    return "   ".join(texts)
 
 
 def _signed(angle_deg: float | None) -> str:

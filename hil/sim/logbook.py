@@ -1,4 +1,4 @@
-"""A recorded run: its options, its world, and the run file that states how it ended."""
+"""A recorded run: its options, its world, and the run file with its results."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ class RunOptions:
     state: Path | None = None  # state directory of earlier runs, which is copied
     view: str | None = None  # HOST:PORT of the live page
     live_display: bool = True  # live display on a terminal
-    cores: int = 1  # maximum in lockstep: 2 for a run that a person waits for, one core for each program
-    play: bool = False  # until an operator ends the run; no operator command is a failure
+    cores: int = 1  # maximum in lockstep: 2 for an interactive run, one core for each program
+    play: bool = False  # the operator ends the run, and no command of the operator is a failure
 
     @property
     def lockstep(self) -> bool:
-        """Return whether the harness is the autopilot's clock."""
+        """True if the harness is the clock of the autopilot."""
         return self.speed is not None
 
 
 @dataclass(slots=True)
 class Logbook:
-    """A run under way and the results to be recorded at its end; `wall_s` is its duration without the start.
+    """A run in progress and its results, which are recorded at its end; `wall_s` is its duration without the start.
 
-    `begin` is called when all ports are open and the autopilot runs: from then on the earlier run is replaced.
+    `begin` is called when all ports are open and the autopilot runs; it deletes the earlier run.
     """
 
     begin: Callable[[], None]
@@ -70,13 +70,13 @@ class Logbook:
 
 @contextmanager
 def recorded_run(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
-    """Prepare the directory and the world of a run, and record how it ended; HilError when that fails.
+    """Prepare the directory and the world of a run, and record how it ended; raise HilError if that fails.
 
     A run that fails before it has begun leaves an earlier run in the directory unchanged.
     """
     prepare_directory(options.out, options.state)
     try:
-        with _recorded(options, start_utc_s) as book:
+        with _record_run(options, start_utc_s) as book:
             yield book
         book.begin()
     finally:
@@ -84,25 +84,25 @@ def recorded_run(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
 
 
 @contextmanager
-def _recorded(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
-    record = _record(options, start_utc_s)
-    record.write(options.out)
+def _record_run(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
+    run_record = _make_run_file(options, start_utc_s)
+    run_record.write(options.out)
     truth = TruthFile(options.out / TRUTH_FILE, extra_columns(options.scenario))
-    ending, begun_s = FINISHED, time.monotonic()
+    ending, start_s = FINISHED, time.monotonic()
     book: Logbook | None = None
     try:
-        book = Logbook(partial(remove_earlier, options.out), _world(options, truth, start_utc_s), truth)
+        book = Logbook(partial(remove_earlier, options.out), _make_world(options, truth, start_utc_s), truth)
         yield book
     except BaseException as error:
-        ending = _ending(error, truth.end_s)
+        ending = _describe_ending(error, truth.end_s)
         raise
     finally:
         truth.close()
         replace(
-            record,
+            run_record,
             ending=ending,
             seconds=truth.end_s if options.play else options.seconds,
-            wall_s=(book.wall_s if book else None) or time.monotonic() - begun_s,
+            wall_s=(book.wall_s if book else None) or time.monotonic() - start_s,
             orders=book.orders if book else (),
             arrivals=book.arrivals if book else (),
             supply=book.supply if book else None,
@@ -110,7 +110,7 @@ def _recorded(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
         ).write(options.out)
 
 
-def _world(options: RunOptions, truth: TruthFile, start_utc_s: float) -> World:
+def _make_world(options: RunOptions, truth: TruthFile, start_utc_s: float) -> World:
     try:
         return World(
             options.scenario,
@@ -126,7 +126,7 @@ def _world(options: RunOptions, truth: TruthFile, start_utc_s: float) -> World:
         raise UsageError(f"vehicle file: invalid ship model: {error}") from None
 
 
-def _record(options: RunOptions, start_utc_s: float) -> RunFile:
+def _make_run_file(options: RunOptions, start_utc_s: float) -> RunFile:
     scenario, vehicle = options.scenario, options.vehicle
     names = disturbance_options.names_of(scenario.disturbances)
     return RunFile(
@@ -147,7 +147,7 @@ def _record(options: RunOptions, start_utc_s: float) -> RunFile:
     )
 
 
-def _ending(error: BaseException, end_s: float) -> str:
+def _describe_ending(error: BaseException, end_s: float) -> str:
     if isinstance(error, KeyboardInterrupt):
         return f"interrupted after {end_s:.0f} s"
     return str(error) if isinstance(error, HilError) else f"{type(error).__name__}: {error}"

@@ -7,10 +7,10 @@ import time
 
 
 class Pacer:
-    """Sleep until the wall clock has caught up with the simulated time, counted from the first call: no drift."""
+    """Sleep until the simulated time is due on the wall clock; both count from the first call, so there is no drift."""
 
     def __init__(self, speed: float) -> None:
-        """Take the simulated seconds per second; infinity for as fast as possible."""
+        """Set the simulated seconds per second; infinity for as fast as possible."""
         self.set_speed(speed)
 
     def set_speed(self, speed: float) -> None:
@@ -19,12 +19,12 @@ class Pacer:
         self._start: tuple[float, float] | None = None
 
     def wait(self, simulated_s: float) -> None:
-        """Sleep until simulated_s is due, if it is not yet."""
+        """Sleep until simulated_s is due."""
         if not math.isfinite(self._speed):
             return
         now_s = time.monotonic()
         if self._start is None:
             self._start = (now_s, simulated_s)
-        ahead_s = self._start[0] + (simulated_s - self._start[1]) / self._speed - now_s
-        if ahead_s > 0.0:
-            time.sleep(ahead_s)
+        remaining_s = self._start[0] + (simulated_s - self._start[1]) / self._speed - now_s
+        if remaining_s > 0.0:
+            time.sleep(remaining_s)

@@ -1,4 +1,4 @@
-"""The real-time server: the board, driven by the machine's clock."""
+"""The real-time server, which advances the board with the clock of the computer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hil.devices.pty_line import PtyLine
 from hil.errors import HilError
 from hil.sim.board import Board
 
-FREE_INTERVAL_S = 1.0
+RELEASE_INTERVAL_S = 1.0
 
 
 class RealTimeServer:
@@ -19,7 +19,7 @@ class RealTimeServer:
         """Start the clock."""
         self._board = board
         self._ports = {port.line.fileno(): port for port in board.ports}
-        self._free_s = 0.0
+        self._release_s = 0.0
         self._start_s = time.monotonic() - board.world.now_s
 
     def now_s(self) -> float:
@@ -27,33 +27,32 @@ class RealTimeServer:
         return time.monotonic() - self._start_s
 
     def serve(self, limit_s: float) -> float:
-        """Process what is due, then wait for bytes or the next event, at most to limit_s.
+        """Process the events that are due, then wait for bytes or the next event, at most until limit_s.
 
-        Returns for how long nothing is due if the autopilot stays as quiet as in this call; 0 when there was traffic.
-        Events happen at their exact times even when this is called late, so the world equals that of a lockstep run
-        with the same commands.
+        Return the time until the next event, or 0 if there was traffic. Events have their exact times even if this is
+        called late, so the world equals that of a lockstep run with the same commands.
         """
         board = self._board
-        if self.now_s() >= self._free_s:
-            self._free_s = self.now_s() + FREE_INTERVAL_S
+        if self.now_s() >= self._release_s:
+            self._release_s = self.now_s() + RELEASE_INTERVAL_S
             for port in board.ports:
                 if isinstance(port.line, PtyLine):
-                    port.line.free()
-        busy = self._catch_up(limit_s)
+                    port.line.release_exclusive_use()
+        has_traffic = self._catch_up(limit_s)
         self._check_lines()
         wait_s = min(board.next_output_s(), limit_s) - self.now_s()
         for fd in select.select(self._ports, [], [], max(0.0, wait_s))[0]:
-            busy = True
+            has_traffic = True
             self._catch_up(limit_s)
             port = self._ports[fd]
             if data := port.line.read():
                 board.receive(port, data)
             self._check_lines()
-        busy = self._catch_up(limit_s) or busy
-        return 0.0 if busy else board.next_output_s() - self.now_s()
+        has_traffic = self._catch_up(limit_s) or has_traffic
+        return 0.0 if has_traffic else board.next_output_s() - self.now_s()
 
     def _check_lines(self) -> None:
-        """Raise HilError for a line that was unplugged, in reading or in writing; the other lines stay usable."""
+        """Raise HilError for a line that is unplugged; the other lines remain usable."""
         for fd, port in self._ports.items():
             if not port.line.is_plugged:
                 del self._ports[fd]
@@ -61,7 +60,7 @@ class RealTimeServer:
 
     def _catch_up(self, limit_s: float) -> bool:
         now_s = min(self.now_s(), limit_s)
-        delivered = False
+        has_delivered = False
         while self._board.advance(now_s):
-            delivered = True
-        return delivered
+            has_delivered = True
+        return has_delivered

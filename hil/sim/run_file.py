@@ -1,4 +1,4 @@
-"""run.json: the options of a run, from its start, and how it ended; summary and report are made from it."""
+"""run.json: the options of a run and how it ended, the source of summary and report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PACKAGES = ("rambler-autopilot", "numpy", "pymavlink")
 
 @dataclass(frozen=True, slots=True)
 class OrderRecord:
-    """A command of the operator and when it was accepted; `goal_s`: when a heading was due, None for other commands."""
+    """A command of the operator and the time of its acceptance; `goal_s` is the time of a goal, else None."""
 
     text: str
     goal_s: float | None
@@ -31,16 +31,16 @@ class OrderRecord:
 
     @classmethod
     def of(cls, order: Order) -> OrderRecord:
-        """Record an order of the operator."""
+        """Convert an order of the ground station."""
         return cls(order.text, None if order.goal is None else order.goal.t_s, order.first_sent_s, order.accepted_s)
 
 
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """The data of a run beside its truth and its logs; `ending` is FINISHED, or says what ended it early.
+    """The data of a run except its truth and its logs; `ending` is FINISHED or the reason for an early end.
 
-    `sea` is a table for people; `arrivals` are the time and number of each mission item reached. `wall_s`, `supply`
-    and `vessels` are None if the run could not record them. Time 0 is at `start_utc_s` by the receiver.
+    `sea` contains labels and values; `arrivals` are the time and number of each mission item reached. `wall_s`,
+    `supply` and `vessels` are None if they were not recorded. Time 0 is `start_utc_s` of the receiver.
     """
 
     command: tuple[str, ...]
@@ -66,21 +66,21 @@ class RunFile:
 
     def write(self, out: Path) -> None:
         """Write the file atomically, or raise HilError."""
-        fresh = out / f"{NAME}.new"
+        temporary = out / f"{NAME}.new"
         try:
-            fresh.write_text(json.dumps(asdict(self), indent=2) + "\n", encoding="utf-8")
-            fresh.replace(out / NAME)
+            temporary.write_text(json.dumps(asdict(self), indent=2) + "\n", encoding="utf-8")
+            temporary.replace(out / NAME)
         except OSError as error:
             raise HilError(f"{out / NAME} cannot be written: {error.strerror}") from None
 
 
 def read(out: Path) -> RunFile:
-    """Read the record of a run; UsageError when there is none of this version."""
+    """Read run.json; raise UsageError if it is missing or of another version."""
     try:
         with (out / NAME).open("rb") as file:
             content = json.loads(file.read(MAX_BYTES))
-        known = {one.name for one in fields(RunFile)}
-        values: dict[str, Any] = {name: value for name, value in content.items() if name in known}
+        names = {field.name for field in fields(RunFile)}
+        values: dict[str, Any] = {name: value for name, value in content.items() if name in names}
         values["command"] = tuple(map(str, content["command"]))
         values["orders"] = tuple(OrderRecord(**order) for order in content["orders"])
         values["arrivals"] = tuple((float(t_s), int(item)) for t_s, item in content.get("arrivals", ()))
@@ -98,11 +98,11 @@ def now_text() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that a run depends on."""
-    found = {"python": platform.python_version()}
+    """Return the versions of Python, packages and the git commit."""
+    version_texts = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:
-            found[name] = metadata.version(name)
+            version_texts[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found | ({"git": commit} if (commit := commit_of(ROOT)) else {})
+    return version_texts | ({"git": commit} if (commit := commit_of(ROOT)) else {})

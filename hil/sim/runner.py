@@ -1,4 +1,4 @@
-"""One run: the autopilot as a separate process, with the simulated sea around it."""
+"""One run: the autopilot as a child process, connected to the simulated sea."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from hil.ship.power_plant import PowerPlant, energy_figures
 from hil.ship.traffic import ClosestApproaches
 from hil.sim import directory_modem
 from hil.sim.board import Board
-from hil.sim.device_factory import emulators
+from hil.sim.device_factory import make_emulators
 from hil.sim.display import Banner, Display, NoDisplay, make_display
 from hil.sim.ground_station import GroundStation
 from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.logbook import Logbook, RunOptions, recorded_run
 from hil.sim.pace import Pacer
-from hil.sim.process import SHUT_DOWN, AutopilotProcess
+from hil.sim.process import SHUT_DOWN_CODE, AutopilotProcess
 from hil.sim.realtime import RealTimeServer
 from hil.sim.reserved_cores import reserved_cores
 from hil.sim.run_directory import FIRMWARE_LOG, STATE, VEHICLE_NAME
@@ -38,8 +38,8 @@ from hil.sim.vehicle_file import file_text
 from hil.sim.view_page import ViewPage
 from hil.sim.world import START_UTC_S
 
-END_S = 15.0  # the autopilot centres the rudder and closes its log
-POLL_S = 0.03  # in real time: after a pause this long tick and servo exchange are over, and there is time to draw
+END_TIMEOUT_S = 15.0  # the autopilot centres the rudder and closes its log
+POLL_S = 0.03  # after such a pause the tick is complete and there is time to draw
 CHECK_S = 1.0
 
 
@@ -53,30 +53,30 @@ class Run:
 
 
 def run(options: RunOptions) -> Run:
-    """Make a run into its directory, which the caller has locked; HilError when it fails.
+    """Make a run in its directory, which the caller has locked; raise HilError if it fails.
 
-    truth.csv is written during the run, run.json at its start and, however it ends, at its end.
+    truth.csv is written during the run, run.json at its start and at its end, also after a failure.
     """
-    # In real time the computer's clock advances too, so a receiver with another date would be a fault.
+    # In real time a receiver with another date than the computer would be a fault.
     with recorded_run(options, START_UTC_S if options.lockstep else time.time()) as book:
         station = GroundStation(options.goals, options.mode, shared=options.play or bool(options.links))
-        station.silent = options.play and not station.orders  # an operator steers, no goals are sent
-        devices: dict[str, Emulator] = {**emulators(book.world, options.vehicle, options.seed), "link": station}
-        if (modem := directory_modem.modem_of(options.links, generator(options.seed, Stream.SATELLITE))) is not None:
+        station.silent = options.play and not station.orders  # the operator steers
+        devices: dict[str, Emulator] = {**make_emulators(book.world, options.vehicle, options.seed), "link": station}
+        if (modem := directory_modem.make_modem(options.links, generator(options.seed, Stream.SATELLITE))) is not None:
             devices[directory_modem.PORT] = modem
         try:
-            _make(options, book, station, devices)
+            _simulate(options, book, station, devices)
         finally:
-            book.truth.close()  # it is read after this
+            book.truth.close()  # before it is read
             power = devices.get("power") or devices.get("power_b")
             plant = power.plant if isinstance(power, VeDirectEmulator) else None
-            book.vessels = _closest(book)
+            book.vessels = _closest_approaches(book)
             book.supply = energy_figures(plant) if isinstance(plant, PowerPlant) else None
             book.orders, book.arrivals = tuple(map(OrderRecord.of, station.orders)), tuple(station.reached)
     return Run(options.out, book.truth, tuple(station.texts))
 
 
-def _closest(book: Logbook) -> list[dict[str, float | str]] | None:
+def _closest_approaches(book: Logbook) -> list[dict[str, float | str]] | None:
     """Return the closest approach of each ship, or None without other ships."""
     if not book.world.ships:
         return None
@@ -86,7 +86,7 @@ def _closest(book: Logbook) -> list[dict[str, float | str]] | None:
     return closest.figures()
 
 
-def _make(options: RunOptions, book: Logbook, station: GroundStation, devices: dict[str, Emulator]) -> None:
+def _simulate(options: RunOptions, book: Logbook, station: GroundStation, devices: dict[str, Emulator]) -> None:
     send = PtyLine.post if options.lockstep else PtyLine.write
     with (
         interruptible(),
@@ -101,12 +101,12 @@ def _make(options: RunOptions, book: Logbook, station: GroundStation, devices: d
 
 
 def _check_orders(station: GroundStation, out: Path) -> None:
-    if failure := station.verdict():
+    if failure := station.final_failure():
         raise HilError(f"{failure}; see {out / FIRMWARE_LOG}")
 
 
 class _Run:
-    """The parts of a run under way."""
+    """A run in progress."""
 
     def __init__(
         self,
@@ -125,14 +125,17 @@ class _Run:
         self._stopped: Callable[[], bool] = lambda: False
 
     def make(self) -> float:
-        """Run to the end; return its duration in seconds without the start of the autopilot."""
+        """Run to the end; return the duration in seconds without the start of the autopilot."""
         options = self._options
         vehicle_path = options.out / VEHICLE_NAME
         text = file_text(options.vehicle, self._board.paths(), options.settings)
         vehicle_path.write_text(text, encoding="utf-8")
         arguments = ["run", str(vehicle_path), "--state", str(options.out / STATE)]
         for url in options.links:
-            arguments += ["--link", directory_modem.on_port(url, str(self._board.paths().get(directory_modem.PORT)))]
+            arguments += [
+                "--link",
+                directory_modem.link_to_port(url, str(self._board.paths().get(directory_modem.PORT))),
+            ]
         display: Display = NoDisplay()
         if options.live_display:
             display = make_display(self._banner(), self._board.world, self._station)
@@ -170,25 +173,25 @@ class _Run:
                 self._begin()
                 start_s = time.monotonic()
                 with display:
-                    while self._under_way():
-                        if not server.serve(self._options.seconds) and not self._restarted(server, autopilot):
+                    while self._is_under_way():
+                        if not server.serve(self._options.seconds) and not self._accept_restart(server, autopilot):
                             break
                         display.update()
                 wall_s = time.monotonic() - start_s
                 autopilot.terminate()
-                give_up_s = time.monotonic() + END_S
-                while time.monotonic() < give_up_s and server.serve(paced=False):
+                deadline_s = time.monotonic() + END_TIMEOUT_S
+                while time.monotonic() < deadline_s and server.serve(paced=False):
                     pass
             except LockstepError as error:
                 raise HilError(_with_last_output(str(error), autopilot)) from None
             finally:
-                # An autopilot that waits for its clock ends when the clock is closed.
+                # Closing the clock ends an autopilot that waits for it.
                 server.close()
-            self._end(autopilot)
+            self._check_end(autopilot)
         return wall_s
 
-    def _restarted(self, server: LockstepServer, autopilot: AutopilotProcess) -> bool:
-        """Continue with an autopilot that restarts in the same process; False when it has ended the run."""
+    def _accept_restart(self, server: LockstepServer, autopilot: AutopilotProcess) -> bool:
+        """Accept an autopilot that restarts in the same process; return False if it has ended."""
         try:
             server.accept(autopilot.running, self._board.world.utc_s())
         except LockstepError:
@@ -199,31 +202,31 @@ class _Run:
         return True
 
     def _in_real_time(self, arguments: list[str], display: Display) -> float:
-        begun = False
+        has_begun = False
         with (
             AutopilotProcess(arguments, self._options.out / FIRMWARE_LOG) as autopilot,
             contextlib.ExitStack() as display_stack,
         ):
             server = RealTimeServer(self._board)
-            while self._under_way():
+            while self._is_under_way():
                 slack_s = server.serve(min(self._options.seconds, server.now_s() + POLL_S))
-                if not begun and self._station.heartbeat is not None:
-                    begun = True
+                if not has_begun and self._station.heartbeat is not None:
+                    has_begun = True
                     self._begin()
                     display_stack.enter_context(display)
                 if not autopilot.running():
                     self._check_ending(autopilot)
                     break
-                if begun:
+                if has_begun:
                     display.update(slack_s)
             wall_s = server.now_s()
             autopilot.terminate()
-            while autopilot.running() and server.now_s() < wall_s + END_S:
+            while autopilot.running() and server.now_s() < wall_s + END_TIMEOUT_S:
                 server.serve(server.now_s() + POLL_S)
-            self._end(autopilot)
+            self._check_end(autopilot)
         return wall_s
 
-    def _under_way(self) -> bool:
+    def _is_under_way(self) -> bool:
         now_s = self._board.world.now_s
         if self._options.play:
             return now_s < self._options.seconds and not self._stopped()
@@ -234,19 +237,21 @@ class _Run:
         return now_s < self._options.seconds
 
     def _check_ending(self, autopilot: AutopilotProcess) -> None:
-        """Raise HilError for an autopilot that has ended early, unless the operator has shut it down with --play."""
-        autopilot.wait(END_S)
+        """Raise HilError because the autopilot has ended early, unless the operator has shut it down with --play."""
+        autopilot.wait(END_TIMEOUT_S)
         code = autopilot.exit_code()
-        if not (self._options.play and code == SHUT_DOWN):
-            why = ": a ground station has shut it down" if code == SHUT_DOWN else ""
-            raise HilError(_with_last_output(f"the autopilot ended early, exit code {code}{why}", autopilot))
+        if not (self._options.play and code == SHUT_DOWN_CODE):
+            reason = ": a ground station has shut it down" if code == SHUT_DOWN_CODE else ""
+            raise HilError(_with_last_output(f"the autopilot ended early, exit code {code}{reason}", autopilot))
         print("rambler-hil: a ground station has shut down the autopilot; end of the run", file=sys.stderr)
 
-    def _end(self, autopilot: AutopilotProcess) -> None:
-        if not autopilot.wait(END_S):
-            raise HilError(_with_last_output(f"the autopilot did not end within {END_S:g} s of SIGTERM", autopilot))
+    def _check_end(self, autopilot: AutopilotProcess) -> None:
+        if not autopilot.wait(END_TIMEOUT_S):
+            raise HilError(
+                _with_last_output(f"the autopilot did not end within {END_TIMEOUT_S:g} s of SIGTERM", autopilot)
+            )
         code = autopilot.exit_code()
-        if code != 0 and not (self._options.play and code == SHUT_DOWN):
+        if code != 0 and not (self._options.play and code == SHUT_DOWN_CODE):
             raise HilError(_with_last_output(f"the autopilot ended with exit code {code}", autopilot))
 
 

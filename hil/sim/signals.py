@@ -9,37 +9,37 @@ from contextlib import contextmanager
 
 @contextmanager
 def stopped_by_signal() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C and SIGTERM end a --play run in order: yield whether one has come. A second one interrupts."""
-    stopped = False
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    """Let Ctrl-C or SIGTERM end a run in order; yield a function that tests for it. A second signal interrupts."""
+    is_stopped = False
+    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def stop(number: int, _frame: object) -> None:
-        nonlocal stopped
-        stopped = True
-        signal.signal(number, before[signal.Signals(number)])
+        nonlocal is_stopped
+        is_stopped = True
+        signal.signal(number, previous[signal.Signals(number)])
 
-    for number in before:
+    for number in previous:
         signal.signal(number, stop)
     try:
-        yield lambda: stopped
+        yield lambda: is_stopped
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let SIGTERM unwind like Ctrl-C, so that no process and no port is left open."""
+    """Let SIGTERM raise KeyboardInterrupt like Ctrl-C, so that all processes and ports are closed."""
 
     def interrupt(_number: int, _frame: object) -> None:
         raise KeyboardInterrupt
 
     try:
-        before = signal.signal(signal.SIGTERM, interrupt)
+        previous = signal.signal(signal.SIGTERM, interrupt)
     except ValueError:  # not the main thread: the caller handles signals
         yield
         return
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, previous)

@@ -1,4 +1,4 @@
-"""The true state of the ship: one row every tenth of a second, written to truth.csv during the run."""
+"""The true state of the ship: one row each tenth of a second, written to truth.csv during the run."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ COLUMNS = (
     "east_m",
     "speed_m_s",
 )
-FLOAT_COLUMN = "float_heading_low_rad"  # last column of runs with two bodies, where heading_low_rad is the glider's
+FLOAT_COLUMN = "float_heading_low_rad"  # last column with two bodies; heading_low_rad is then that of the glider
 ROWS_PER_SECOND = 10
-PIECE_ROWS = 4096
+ROWS_PER_PIECE = 4096
 
-# The values of COLUMNS, None for a goal before the first one; then those of additional columns.
+# The values of COLUMNS (the goal is None before the first goal), then those of additional columns.
 Row = tuple[float, float, float, float, float, float, float | None, float, float, float, *tuple[float, ...]]
 Array = NDArray[np.float64]
 
@@ -44,13 +44,13 @@ class Rows(Protocol):
 
 
 class TruthFile:
-    """truth.csv, written during the run and read in pieces: only the file grows with the length of a run.
+    """truth.csv, written during the run and read in pieces, so that memory does not grow with the length of a run.
 
-    `more` names additional columns at the end, which the readers here skip. Iterating yields the rows written so far
-    in pieces of PIECE_ROWS, any number of times. HilError when the file cannot be written.
+    The readers here skip `extra_columns`. Iterating yields the rows written so far in pieces of ROWS_PER_PIECE, any
+    number of times. Raises HilError if the file cannot be written.
     """
 
-    def __init__(self, path: Path, more: tuple[str, ...] = ()) -> None:
+    def __init__(self, path: Path, extra_columns: tuple[str, ...] = ()) -> None:
         """Create the file."""
         self.rows = 0
         self.end_s = 0.0  # the time of the last row
@@ -58,15 +58,15 @@ class TruthFile:
         try:
             self._file = path.open("w", newline="\n", encoding="ascii")
         except OSError as error:
-            raise self._failure(error) from None
-        self._file.write(",".join((*COLUMNS, *more)) + "\n")
+            raise self._write_error(error) from None
+        self._file.write(",".join((*COLUMNS, *extra_columns)) + "\n")
 
     def append(self, row: Row, /) -> None:
         """Write a row."""
         try:
-            self._file.write(_line(row))
+            self._file.write(_format_row(row))
         except OSError as error:
-            raise self._failure(error) from None
+            raise self._write_error(error) from None
         self.rows += 1
         self.end_s = row[0]
 
@@ -75,7 +75,7 @@ class TruthFile:
         try:
             self._file.close()
         except OSError as error:
-            raise self._failure(error) from None
+            raise self._write_error(error) from None
 
     def __iter__(self) -> Iterator[Truth]:
         """Yield the file in pieces, after its end."""
@@ -85,7 +85,7 @@ class TruthFile:
         """Return the whole file as arrays, after its end; 80 bytes a row."""
         return read(self._path)
 
-    def _failure(self, error: OSError) -> HilError:
+    def _write_error(self, error: OSError) -> HilError:
         return HilError(f"{self._path} cannot be written: {error.strerror}")
 
 
@@ -106,40 +106,42 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
-    """The truth.csv of a completed run, readable in pieces any number of times, as far as it was written."""
+class RecordedTruth:
+    """The truth.csv of an ended run, which can be read in pieces any number of times."""
 
     path: Path
 
     def __iter__(self) -> Iterator[Truth]:
-        """Yield the file in pieces, none if its header is incomplete; ValueError when it is not a truth.csv."""
+        """Yield the file in pieces, none if its header is incomplete; raise ValueError for another file."""
         with self.path.open("rb") as file:
-            begun = file.readline(1 << 12).endswith(b"\n")
-        return pieces(self.path) if begun else iter(())
+            has_header = file.readline(1 << 12).endswith(b"\n")
+        return pieces(self.path) if has_header else iter(())
 
 
-def pieces(path: Path, rows: int = PIECE_ROWS) -> Iterator[Truth]:
-    """Yield a truth.csv in pieces of `rows` rows, the last one shorter; ValueError for another file."""
+def pieces(path: Path, rows: int = ROWS_PER_PIECE) -> Iterator[Truth]:
+    """Yield a truth.csv in pieces of `rows` rows; raise ValueError for another file."""
     with path.open(newline="", encoding="ascii") as file:
         reader = csv.reader(line for line in file if line.endswith("\n"))  # a killed run may end within a line
         if tuple(next(reader, []))[: len(COLUMNS)] != COLUMNS:
             raise ValueError(f"{path}: not a truth.csv; expected the columns {', '.join(COLUMNS)}")
-        while some := list(islice(reader, rows)):
-            yield _truth([float(text) if text else math.nan for text in row[: len(COLUMNS)]] for row in some)
+        while rows_of_piece := list(islice(reader, rows)):
+            yield _make_truth(
+                [float(text) if text else math.nan for text in row[: len(COLUMNS)]] for row in rows_of_piece
+            )
 
 
 def read(path: Path) -> Truth:
-    """Read a whole truth.csv; ValueError for another file."""
-    parts = list(pieces(path)) or [_truth(())]
-    return Truth(*(np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS))
+    """Read a whole truth.csv; raise ValueError for another file."""
+    all_pieces = list(pieces(path)) or [_make_truth(())]
+    return Truth(*(np.concatenate([getattr(piece, name) for piece in all_pieces]) for name in COLUMNS))
 
 
-def _truth(rows: Iterable[Iterable[float]]) -> Truth:
+def _make_truth(rows: Iterable[Iterable[float]]) -> Truth:
     values = np.array(list(rows), dtype=np.float64).reshape(-1, len(COLUMNS))
     return Truth(*values.T.copy())
 
 
-def _line(row: Row) -> str:
+def _format_row(row: Row) -> str:
     # Nine digits resolve a heading to 1e-7 rad after many turns.
     numbers = ["" if value is None else f"{value:.9g}" for value in row]
     numbers[0] = f"{row[0]:.1f}"

@@ -1,4 +1,4 @@
-"""The vehicle of a run: a given file or the standard boat, written again with the ports of the board."""
+"""The vehicle of a run: read from a file or the standard boat, and written with the ports of the board."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NO_PORT = "set by the board"
 
 
 def standard_vehicle() -> Vehicle:
-    """Return the default boat: an NMEA compass, a Dynamixel servo, no parameters of its own."""
+    """Return the default boat: an NMEA compass, a Dynamixel servo, and default parameters."""
     return Vehicle(
         name="Ocean Rambler in the box",
         compass=_entry("compass", COMPASSES["nmea"]),
@@ -42,7 +42,7 @@ def standard_vehicle() -> Vehicle:
 
 
 def load(path: Path) -> Vehicle:
-    """Read a vehicle file, or raise UsageError."""
+    """Read a vehicle file; raise UsageError if it is invalid."""
     try:
         return vehicle_format.load(path)
     except VehicleError as error:
@@ -64,41 +64,43 @@ def _entry(section: str, device: EmulatedDevice) -> DeviceEntry:
 
 
 def model_of(vehicle: Vehicle) -> KtModel:
-    """Return the ship model of a vehicle file: its MDL_ parameters, the tank model for those that are missing."""
-    get, base = vehicle.parameters.get, OCEAN_RAMBLER
+    """Return the ship model of the MDL_ parameters; the tank model provides missing ones."""
+    parameter, base = vehicle.parameters.get, OCEAN_RAMBLER
     return KtModel(
-        get("MDL_K", base.turning_ability_1_s),
-        get("MDL_T_S", base.turning_lag_s),
-        get("MDL_ALPHA_S2", base.norrbin_s2),
+        parameter("MDL_K", base.turning_ability_1_s),
+        parameter("MDL_T_S", base.turning_lag_s),
+        parameter("MDL_ALPHA_S2", base.norrbin_s2),
         0.0,
-        get("MDL_SPEED", base.speed_m_s),
+        parameter("MDL_SPEED", base.speed_m_s),
     )
 
 
 def mounting_of(vehicle: Vehicle) -> Mounting:
-    """Return the mounting of compass and servo, the inverse of the file's corrections."""
-    get = vehicle.parameters.get
+    """Return the mounting of compass and servo that the corrections in the file compensate."""
+    parameter = vehicle.parameters.get
     return Mounting(
-        radians(get("RUD_CENTRE_DEG", 0.0)), bool(get("RUD_REVERSE", 0.0)), radians(get("CMP_OFFSET_DEG", 0.0))
+        radians(parameter("RUD_CENTRE_DEG", 0.0)),
+        bool(parameter("RUD_REVERSE", 0.0)),
+        radians(parameter("CMP_OFFSET_DEG", 0.0)),
     )
 
 
 def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str, float]) -> str:
     """Return the vehicle file with the ports of the board, and `settings` as parameters.
 
-    Without a link port the links are the vehicle's own.
+    Without a link port the links are those of the vehicle.
     """
     sections: dict[str, Section] = {
         "vehicle": {"name": vehicle.name},
         "compass": _device_section(vehicle.compass, ports["compass"]),
-        "position": _same_device("position", vehicle.position, POSITION.driver, ports["position"], POSITION.baud),
+        "position": _emulated_section("position", vehicle.position, POSITION.driver, ports["position"], POSITION.baud),
         "rudder": _device_section(vehicle.rudder, ports["rudder"]),
         **{
             name: {"driver": POWER_DRIVER, "port": ports[name], "baud": POWER_BAUD}
             for name in ("power", "power_b")
             if name in ports
         },
-        **({"ais": _same_device("ais", vehicle.ais, "nmea", ports["ais"], AIS_BAUD)} if "ais" in ports else {}),
+        **({"ais": _emulated_section("ais", vehicle.ais, "nmea", ports["ais"], AIS_BAUD)} if "ais" in ports else {}),
         "link": {"urls": [f"serial:{ports['link']}:{LINK_BAUD}"] if "link" in ports else list(vehicle.link_urls)},
         "hull": {name: value for name, value in asdict(vehicle.hull).items() if value is not None},
         "parameters": {**vehicle.parameters, **settings},
@@ -106,25 +108,25 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
     return "\n".join(_section_text(name, section) for name, section in sections.items() if section)
 
 
-def _same_device(section: str, given: DeviceEntry | None, driver: str, port: str, baud: int) -> Section:
-    """Return the section of an emulated device, with the options of the given file when its driver is the same."""
+def _emulated_section(section: str, vehicle_entry: DeviceEntry | None, driver: str, port: str, baud: int) -> Section:
+    """Return the section of an emulated device, with the options of the vehicle's device if its driver is the same."""
     values = {"driver": driver, "port": _NO_PORT, "baud": baud}
     entry = vehicle_format.read_device(section, values, f"[{section}]")
-    if given is not None and given.driver == driver:
-        entry = replace(entry, options=given.options)
+    if vehicle_entry is not None and vehicle_entry.driver == driver:
+        entry = replace(entry, options=vehicle_entry.options)
     return _device_section(entry, port)
 
 
 def _device_section(entry: DeviceEntry, port: str) -> Section:
-    """Return the section of a device, with the options that differ from the driver's defaults."""
+    """Return the section of a device, with the options that differ from the defaults of the driver."""
     options = {row.name: getattr(entry.options, row.name) for row in fields(entry.options)}
     defaults = {row.name: row.default for row in fields(entry.options)}
-    chosen = {name: value for name, value in options.items() if value != defaults[name]}
-    return {"driver": entry.driver, "port": port, "baud": entry.baud, **chosen}
+    changed = {name: value for name, value in options.items() if value != defaults[name]}
+    return {"driver": entry.driver, "port": port, "baud": entry.baud, **changed}
 
 
 def parse_settings(pairs: Sequence[str]) -> dict[str, float]:
-    """Read NAME=VALUE pairs and check them against the parameter table, or raise UsageError."""
+    """Parse NAME=VALUE pairs and check them against the parameter table; raise UsageError for an invalid one."""
     settings: dict[str, float] = {}
     for pair in pairs:
         name, equals, text = pair.partition("=")
@@ -143,6 +145,6 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, float]:
 
 def _section_text(name: str, section: Section) -> str:
     lines = [f"[{name}]"]
-    # JSON texts, numbers, flags and lists of texts are valid TOML.
+    # JSON strings, numbers, booleans and lists of strings are valid TOML.
     lines += [f"{key} = {json.dumps(value, ensure_ascii=False, default=str)}" for key, value in section.items()]
     return "\n".join(lines) + "\n"

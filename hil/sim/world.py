@@ -1,4 +1,4 @@
-"""The world: ship, sea and rudder shaft, advanced to any time and read there."""
+"""The world: ship, sea and rudder shaft, which can be advanced to any time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STEPS_PER_ROW = STEPS_PER_SECOND // ROWS_PER_SECOND
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """The mounting of compass and servo, which the vehicle file's corrections compensate.
+    """Mounting of compass and servo; the corrections in the vehicle file compensate it.
 
     The rudder angle is the shaft's angle less centre_rad, negated when reversed; the compass output is the true
     heading less compass_offset_rad.
@@ -37,15 +37,15 @@ class Mounting:
 
     def rudder_rad(self, shaft_rad: float) -> float:
         """Return the angle of the rudder at a shaft angle."""
-        turned_rad = shaft_rad - self.rudder_centre_rad
-        return -turned_rad if self.rudder_reversed else turned_rad
+        relative_rad = shaft_rad - self.rudder_centre_rad
+        return -relative_rad if self.rudder_reversed else relative_rad
 
 
 class CommandedShaft:
-    """A servo's shaft with the target that its electronics have set."""
+    """The shaft of a servo with the target that its electronics have set."""
 
     def __init__(self, shaft: ServoShaft) -> None:
-        """Take the mechanical shaft."""
+        """Start with the present angle as target."""
         self._shaft = shaft
         self.target_rad = shaft.angle_rad()
 
@@ -70,7 +70,7 @@ def extra_columns(scenario: Scenario) -> tuple[str, ...]:
 
 
 class World:
-    """The plant: everything outside the electronics; fulfils Attitude and Whereabouts for the emulators.
+    """The plant: everything except the electronics. It implements Attitude and Whereabouts for the emulators.
 
     `advance_to` advances all of it to a time; the emulators then read and act at that time. The truth is recorded
     until `end_s` in `truth`, by default a list. `start_utc_s` is UTC at time 0, as the receiver reports it.
@@ -88,7 +88,7 @@ class World:
         truth: Rows | None = None,
         start_utc_s: float = START_UTC_S,
     ) -> None:
-        """Start at time 0 with the rudder amidships; ValueError for an invalid ship model."""
+        """Start at time 0 with the rudder amidships; raise ValueError for an invalid ship model."""
         self._mounting = mounting or Mounting()
         centre_rad = self._mounting.rudder_centre_rad
         self._mechanics = ServoShaft(
@@ -97,9 +97,9 @@ class World:
         self.shaft = CommandedShaft(self._mechanics)
         no_rows: list[Row] = []
         self.truth: Rows = no_rows if truth is None else truth
-        # With two bodies the float's heading is recorded in an additional column.
-        self._two_bodies = bool(extra_columns(scenario))
-        self.rudder_effect = 1.0  # share of the rudder angle that turns the boat: 0 when the blade is lost
+        # With two bodies the heading of the float is recorded in an additional column.
+        self._has_two_bodies = bool(extra_columns(scenario))
+        self.rudder_effect = 1.0  # share of the rudder angle that turns the boat; 0 for a lost blade
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
         self.disturbances, self.ships = (
             scenario.disturbances,
@@ -135,9 +135,9 @@ class World:
         self._now_s = t_s
         self._offset_s = min(max(t_s - self._step / STEPS_PER_SECOND, 0.0), GRID_S)
 
-    def add_heading(self, turned_rad: float) -> None:
-        """Turn the hull at once, like a part of a breaking wave."""
-        self._hull.add_heading(turned_rad)
+    def add_heading(self, angle_rad: float) -> None:
+        """Change the heading at once, as a breaking wave does."""
+        self._hull.add_heading(angle_rad)
 
     def rudder_rad(self) -> float:
         """Return the true angle of the rudder now."""
@@ -205,6 +205,6 @@ class World:
                 self._goal_rad,
                 *self._hull.position_m(0.0),
                 self._hull.speed_m_s,
-                *((self._hull.float_heading_rad(0.0),) if self._two_bodies else ()),
+                *((self._hull.float_heading_rad(0.0),) if self._has_two_bodies else ()),
             )
         )

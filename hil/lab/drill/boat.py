@@ -30,7 +30,7 @@ from hil.sim.goals import Goal
 from hil.sim.ground_station import CHANGE_HEADING, GUIDED, HEADING_TYPE, GroundStation, Order
 from hil.sim.lockstep import LockstepServer
 from hil.sim.pace import Pacer
-from hil.sim.process import GRACE_S, AutopilotProcess
+from hil.sim.process import END_TIMEOUT_S, AutopilotProcess
 from hil.sim.reserved_cores import reserved_cores
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
@@ -138,11 +138,11 @@ class DrillBoat:
     def end(self) -> None:
         """Send SIGTERM and wait for the end of the autopilot; raise HilError if it does not end in time."""
         self._process.terminate()
-        end_s = self.now_s + GRACE_S
+        end_s = self.now_s + END_TIMEOUT_S
         while self.server.serve(end_s):
             if self.now_s >= end_s:
-                raise HilError(f"autopilot: still running {GRACE_S:g} s after SIGTERM")
-        self._process.wait(GRACE_S)
+                raise HilError(f"autopilot: still running {END_TIMEOUT_S:g} s after SIGTERM")
+        self._process.wait(END_TIMEOUT_S)
         self.final_rudder_deg = self.rudder_deg()
         self.server.close()
 
@@ -151,7 +151,7 @@ class DrillBoat:
         self._process.kill()
         for port in self.board.ports:
             if isinstance(port.line, PtyLine):
-                port.line.free()
+                port.line.release_exclusive_use()
         self.server.close()
 
     def run(self, seconds: float) -> None:

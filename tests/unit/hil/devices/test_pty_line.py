@@ -115,10 +115,10 @@ def test_port_is_released_after_the_firmware_was_killed(line, tmp_path):
 
     firmware = SerialPort(str(tmp_path / "compass"), 38400)
     firmware.open()
-    line.free()
+    line.release_exclusive_use()
     assert is_exclusive()
     fcntl.flock(firmware._fd, fcntl.LOCK_UN)  # as at the end of its process
-    line.free()
+    line.release_exclusive_use()
     assert not is_exclusive()
     firmware.close()
 

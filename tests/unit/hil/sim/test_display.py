@@ -1,4 +1,4 @@
-"""The live display, drawn into a string."""
+"""The live display, drawn to a string."""
 
 import io
 
@@ -22,22 +22,22 @@ def parts():
     return banner, world, GroundStation(goals)
 
 
-def drawn(display):
+def draw(display):
     console = Console(file=io.StringIO(), width=100)
-    console.print(display.picture())
+    console.print(display.make_panel())
     return console.file.getvalue()
 
 
-def test_display_before_and_during_a_run(parts):
+def test_display_shows_goal_error_time_and_texts(parts):
     banner, world, station = parts
     display = LiveDisplay(banner, world, station, Console(file=io.StringIO()))
-    text = drawn(display)
+    text = draw(display)
     assert "no goal yet" in text
     assert "no heartbeat yet" in text
     assert "udpin:[::1]:14550" in text
     station.texts.append((1.0, 2, "No heading [bold]"))
     world.advance_to(50.0)
-    text = drawn(display)
+    text = draw(display)
     assert "goal  60.0" in text
     assert "error  -60.0" in text
     assert "50 of 100 s" in text
@@ -47,41 +47,41 @@ def test_display_before_and_during_a_run(parts):
 @pytest.mark.parametrize(
     ("heading_deg", "goal_deg", "column"), [(0.0, 0.0, 30), (350.0, 20.0, 40), (20.0, 350.0, 20), (0.0, 170.0, 60)]
 )
-def test_goal_mark_on_the_rose(heading_deg, goal_deg, column):
+def test_goal_mark_is_at_its_place_on_the_rose(heading_deg, goal_deg, column):
     plain = rose(heading_deg, goal_deg).plain
     assert len(plain) == 61
     assert plain[30] == "▲"
     assert plain[column] == ("▲" if column == 30 else "◆")
 
 
-def test_points_of_the_rose():
-    assert rose(0.0, None).plain.count("N") == 0  # under the mark of the heading
+def test_points_are_at_their_places_on_the_rose():
+    assert rose(0.0, None).plain.count("N") == 0  # replaced by the mark of the heading
     assert rose(30.0, None).plain[20] == "N"
     assert rose(360.0 + 60.0, None).plain[40] == "E"
 
 
-def test_drawing_waits_for_a_pause_and_the_interval(parts, monkeypatch):
-    class Wall:
+def test_display_is_drawn_in_a_pause_after_the_interval(parts, monkeypatch):
+    class Clock:
         now_s = 10.0
 
         def monotonic(self):
             return self.now_s
 
-    wall = Wall()
-    monkeypatch.setattr(live, "time", wall)
+    clock = Clock()
+    monkeypatch.setattr(live, "time", clock)
     display = LiveDisplay(*parts, Console(file=io.StringIO()))
-    pictures = []
-    monkeypatch.setattr(display, "picture", lambda: pictures.append(wall.now_s) or "")
+    draw_times_s = []
+    monkeypatch.setattr(display, "make_panel", lambda: draw_times_s.append(clock.now_s) or "")
     with display:
         display.update(0.001)
         display.update(0.05)
         display.update(0.05)
-        wall.now_s += 0.21
+        clock.now_s += 0.21
         display.update()
-    assert pictures == [10.0, 10.21]
+    assert draw_times_s == [10.0, 10.21]
 
 
-def test_no_display_in_a_pipe(parts, monkeypatch, capsys):
+def test_pipe_has_no_display(parts, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdout", io.StringIO())
     with make_display(*parts) as display:
         assert isinstance(display, NoDisplay)

@@ -1,4 +1,4 @@
-"""The JSON interface of the ship, with packets as in ArduPilot's documentation."""
+"""The JSON interface of the ship with packets of ArduPilot."""
 
 import json
 import math
@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from hil.ship.scenarios import find_scenario
-from hil.sim.json_ship import AWAY_S, MAGIC, ActiveAutopilot, JsonShip, PacketError, read_packet
+from hil.sim.json_ship import INACTIVE_S, MAGIC, ActiveAutopilot, JsonShip, PacketError, read_packet
 from hil.sim.world import World
 
 TRAVEL_RAD = math.radians(30.0)
@@ -25,21 +25,21 @@ def ship():
 
 
 def state_after(ship, *args, **options):
-    line = ship.answer(read_packet(packet(*args, **options)))
+    line = ship.reply(read_packet(packet(*args, **options)))
     assert line.endswith(b"\n")
     return json.loads(line)
 
 
-def test_frames_advance_the_time(ship):
+def test_each_frame_advances_the_time(ship):
     assert state_after(ship, 1)["timestamp"] == pytest.approx(0.02)
     assert state_after(ship, 2)["timestamp"] == pytest.approx(0.04)
-    assert state_after(ship, 2)["timestamp"] == pytest.approx(0.04)  # the same packet again
-    assert state_after(ship, 5)["timestamp"] == pytest.approx(0.10)  # two were lost
+    assert state_after(ship, 2)["timestamp"] == pytest.approx(0.04)  # repeated packet
+    assert state_after(ship, 5)["timestamp"] == pytest.approx(0.10)  # two lost packets
     assert state_after(ship, 1)["timestamp"] == pytest.approx(0.12)  # the autopilot has restarted
     assert state_after(ship, 2, rate_hz=400)["timestamp"] == pytest.approx(0.1225)
 
 
-def test_a_late_packet_has_no_effect(ship):
+def test_late_packet_has_no_effect(ship):
     for frame in range(1, 100):
         state = state_after(ship, frame)
     assert state_after(ship, 98, 1900) == state
@@ -48,49 +48,47 @@ def test_a_late_packet_has_no_effect(ship):
     assert ship._world.rudder_rad() == pytest.approx(0.0, abs=1e-6)
 
 
-def test_one_autopilot_at_a_time():
+def test_second_autopilot_is_accepted_after_the_first_is_inactive():
     active, first, second = ActiveAutopilot(), ("127.0.0.1", 1), ("127.0.0.1", 2)
     assert active.receive(first, 100.0)
     with pytest.raises(PacketError, match=r"127\.0\.0\.1:2 is ignored while"):
         active.receive(second, 100.1)
     assert not active.receive(first, 101.0)
     with pytest.raises(PacketError):
-        active.receive(second, 101.0 + 0.9 * AWAY_S)
-    assert active.receive(second, 101.0 + AWAY_S)
+        active.receive(second, 101.0 + 0.9 * INACTIVE_S)
+    assert active.receive(second, 101.0 + INACTIVE_S)
     assert active.address == second
     with pytest.raises(PacketError):
-        active.receive(first, 101.1 + AWAY_S)
+        active.receive(first, 101.1 + INACTIVE_S)
 
 
-def test_a_pulse_to_starboard_turns_the_boat_to_starboard(ship):
+def test_pulse_to_starboard_turns_the_boat_to_starboard(ship):
     for frame in range(1, 1000):
         state = state_after(ship, frame, 1900)
     assert state["attitude"][2] > 0.3
     assert state["imu"]["gyro"][2] > 0.0
-    east = state["velocity"][1]
-    assert east > 0.0
+    assert state["velocity"][1] > 0.0
     assert ship._world.rudder_rad() == pytest.approx(TRAVEL_RAD, abs=1e-3)
-    turned_rad = state["attitude"][2]
-    # The acceleration in a turn is speed times yaw rate, to starboard here.
+    heading_rad = state["attitude"][2]
+    # The acceleration is speed times yaw rate, to starboard.
     assert state["imu"]["accel_body"][1] == pytest.approx(0.4 * state["imu"]["gyro"][2], rel=0.1)
     for frame in range(1000, 1100):
         state = state_after(ship, frame, 0)  # no pulse: the servo keeps its angle
     assert ship._world.rudder_rad() == pytest.approx(TRAVEL_RAD, abs=1e-3)
-    assert state["attitude"][2] > turned_rad
+    assert state["attitude"][2] > heading_rad
 
 
-def test_packets_with_32_outputs(ship):
-    """SERVO_32_ENABLE of ArduPilot."""
+def test_packet_with_32_outputs_is_accepted(ship):
     pulses = [1500] * 31 + [1900]
     data = struct.pack("<HHI32H", 29569, 50, 7, *pulses)
     assert read_packet(data).pulses_us == tuple(pulses)
-    assert json.loads(ship.answer(read_packet(data)))["timestamp"] == pytest.approx(0.02)
+    assert json.loads(ship.reply(read_packet(data)))["timestamp"] == pytest.approx(0.02)
     with pytest.raises(PacketError, match="begins with 18458"):
         read_packet(struct.pack("<HHI32H", MAGIC, 50, 7, *pulses))
 
 
 @pytest.mark.parametrize(
-    ("data", "complaint"),
+    ("data", "error"),
     [
         (b"", "0 bytes"),
         (packet(1)[:-1], "39 bytes"),
@@ -98,6 +96,6 @@ def test_packets_with_32_outputs(ship):
         (packet(1, rate_hz=0), "frame rate 0 Hz"),
     ],
 )
-def test_invalid_packets(data, complaint):
-    with pytest.raises(PacketError, match=complaint):
+def test_invalid_packet_is_rejected(data, error):
+    with pytest.raises(PacketError, match=error):
         read_packet(data)

@@ -10,10 +10,10 @@ from hil.sim.process import AutopilotProcess
 
 @pytest.fixture
 def script(tmp_path, monkeypatch):
-    """A stand-in for the interpreter that runs a given script instead of the autopilot."""
+    """Replace the interpreter by one that runs a given script instead of the autopilot."""
 
     def write(text):
-        path = tmp_path / "stand_in"
+        path = tmp_path / "interpreter"
         path.write_text(f"#!{sys.executable}\n{text}\n")
         path.chmod(0o755)
         monkeypatch.setattr(module.sys, "executable", str(path))
@@ -22,7 +22,7 @@ def script(tmp_path, monkeypatch):
     return write
 
 
-def test_last_output_and_exit_code(script):
+def test_exit_code_and_last_output_are_those_of_the_process(script):
     log = script("import sys\nprint('one')\nprint('no compass', file=sys.stderr)\nsys.exit(3)")
     with AutopilotProcess([], log) as process:
         assert process.wait(10.0)
@@ -32,8 +32,8 @@ def test_last_output_and_exit_code(script):
         assert "\n" not in process.last_output()
 
 
-def test_a_process_that_ignores_sigterm_is_killed(script, monkeypatch):
-    monkeypatch.setattr(module, "GRACE_S", 0.1)
+def test_process_that_ignores_sigterm_is_killed(script, monkeypatch):
+    monkeypatch.setattr(module, "END_TIMEOUT_S", 0.1)
     log = script(
         "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\nprint('up', flush=True)\ntime.sleep(60)"
     )
@@ -46,8 +46,8 @@ def test_a_process_that_ignores_sigterm_is_killed(script, monkeypatch):
     assert process.exit_code() == -9
 
 
-def test_an_interrupt_during_a_poll_does_not_block_the_end(script):
-    """An interrupt within Popen.poll can leave its lock locked; then one run in thousands never ended."""
+def test_interrupt_during_a_poll_does_not_block_the_end(script):
+    """An interrupt within Popen.poll can leave its lock locked."""
     log = script("import time\ntime.sleep(60)")
 
     def interrupt_poll(frame, event, called):

@@ -15,7 +15,7 @@ from hil.sim.realtime import RealTimeServer
 from hil.sim.world import World
 
 
-class Wall:
+class Clock:
     """Time advances only while the server waits, by slightly more than requested."""
 
     def __init__(self):
@@ -29,10 +29,12 @@ class Wall:
         return [], [], []
 
 
-class Ticker:
+class Device:
+    """An emulator that sends a message each 0.1 s."""
+
     def __init__(self):
         self.due_s = 0.1
-        self.taken = []
+        self.output_times_s = []
 
     def receive(self, now_s, data):
         self.received = (now_s, data)
@@ -41,36 +43,36 @@ class Ticker:
         return self.due_s
 
     def take_output(self, now_s):
-        self.taken.append(now_s)
+        self.output_times_s.append(now_s)
         self.due_s = round(self.due_s + 0.1, 6)
         return b"tick;"
 
 
 @pytest.fixture
-def wall(monkeypatch):
-    wall = Wall()
-    monkeypatch.setattr(realtime, "time", wall)
-    monkeypatch.setattr(realtime, "select", wall)
-    return wall
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(realtime, "time", clock)
+    monkeypatch.setattr(realtime, "select", clock)
+    return clock
 
 
-def test_events_of_a_late_server_keep_their_times(wall, tmp_path):
-    ticker = Ticker()
-    with Board(World(scenarios.find_scenario("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
+def test_events_of_a_late_server_keep_their_times(clock, tmp_path):
+    device = Device()
+    with Board(World(scenarios.find_scenario("calm"), 1), {"a": device}, tmp_path, PtyLine.write) as board:
         server = RealTimeServer(board)
-        wall.now_s += 0.35  # the process was suspended
+        clock.now_s += 0.35  # as a suspended process
         slack_s = server.serve(10.0)
-        assert ticker.taken == [0.1, 0.2, 0.3, 0.4]
+        assert device.output_times_s == [0.1, 0.2, 0.3, 0.4]
         assert board.world.now_s == pytest.approx(0.401)
-        assert slack_s == 0.0  # there was traffic
+        assert slack_s == 0.0
         assert server.serve(0.45) == pytest.approx(0.05, abs=0.002)
         assert board.world.now_s == 0.45
 
 
-def test_bytes_reach_the_device(tmp_path):
-    ticker = Ticker()
-    ticker.due_s = math.inf
-    with Board(World(scenarios.find_scenario("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
+def test_bytes_are_passed_to_the_device(tmp_path):
+    device = Device()
+    device.due_s = math.inf
+    with Board(World(scenarios.find_scenario("calm"), 1), {"a": device}, tmp_path, PtyLine.write) as board:
         server = RealTimeServer(board)
         port = os.open(board.paths()["a"], os.O_RDWR | os.O_NOCTTY)
         try:
@@ -78,16 +80,16 @@ def test_bytes_reach_the_device(tmp_path):
             server.serve(5.0)
         finally:
             os.close(port)
-        assert ticker.received[1] == b"hello"
-        assert 0.0 < ticker.received[0] <= board.world.now_s
+        assert device.received[1] == b"hello"
+        assert 0.0 < device.received[0] <= board.world.now_s
 
 
-def test_an_unplugged_adapter_is_an_error_once(tmp_path):
+def test_unplugged_adapter_raises_an_error_once(tmp_path):
     float_end, bench_end = os.openpty()
     line = SerialLine(os.ttyname(bench_end), 9600)
     os.close(bench_end)
     with Board(
-        World(scenarios.find_scenario("calm"), 1), {"a": Ticker(), "b": Ticker()}, tmp_path, wired={"a": line}
+        World(scenarios.find_scenario("calm"), 1), {"a": Device(), "b": Device()}, tmp_path, wired={"a": line}
     ) as board:
         server = RealTimeServer(board)
         os.close(float_end)

@@ -6,24 +6,25 @@ import sys
 import pytest
 
 from hil.sim import reserved_cores as module
-from hil.sim.reserved_cores import GOOD_POLLS, PAUSE_S, POLL_S, TurnTaking, reserved_cores
+from hil.sim.reserved_cores import MIN_GOOD_POLLS, PAUSE_S, POLL_S, TurnTaking, reserved_cores
 
 CORES = os.sched_getaffinity(0)
+needs_cores = pytest.mark.skipif(len(CORES) < 2, reason="one core")
 
 
 @pytest.fixture
-def names(monkeypatch):
-    """Core names that differ from those of runs outside the tests."""
-    own, claimed = f"test-{os.getpid()}-", module._claimed
+def own_names(monkeypatch):
+    """Names of reserved cores that differ from those of runs outside the tests."""
+    prefix, claim_core = f"test-{os.getpid()}-", module._claim
 
     class Claim:
         def __init__(self, socket):
             self._socket = socket
 
         def bind(self, name):
-            self._socket.bind(name.replace("lockstep-", own))
+            self._socket.bind(name.replace("lockstep-", prefix))
 
-    monkeypatch.setattr(module, "_claimed", lambda claim, core: claimed(Claim(claim), core))
+    monkeypatch.setattr(module, "_claim", lambda claim_socket, core: claim_core(Claim(claim_socket), core))
 
 
 def cores_of_a_child():
@@ -31,33 +32,33 @@ def cores_of_a_child():
     return set(map(int, subprocess.check_output(command).split()))
 
 
-@pytest.mark.skipif(len(CORES) < 2, reason="one core")
-def test_a_run_and_its_children_use_one_core_and_release_it(names):
+@needs_cores
+def test_run_and_its_children_use_one_core_and_release_it(own_names):
     with reserved_cores():
-        mine = os.sched_getaffinity(0)
-        assert len(mine) == 1
-        assert cores_of_a_child() == mine
+        cores = os.sched_getaffinity(0)
+        assert len(cores) == 1
+        assert cores_of_a_child() == cores
     assert os.sched_getaffinity(0) == CORES
 
 
-@pytest.mark.skipif(len(CORES) < 2, reason="one core")
-def test_parallel_runs_use_different_cores(names):
+@needs_cores
+def test_parallel_runs_use_different_cores(own_names):
     with reserved_cores():
-        first = os.sched_getaffinity(0)
-        os.sched_setaffinity(0, CORES)  # like another process
+        cores = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, CORES)  # as in another process
         with reserved_cores():
-            assert first.isdisjoint(os.sched_getaffinity(0))
+            assert cores.isdisjoint(os.sched_getaffinity(0))
     os.sched_setaffinity(0, CORES)
 
 
-def test_no_core_left(names, monkeypatch):
-    monkeypatch.setattr("hil.sim.reserved_cores._claimed", lambda claim, core: False)
+def test_no_core_is_reserved_if_none_is_left(own_names, monkeypatch):
+    monkeypatch.setattr("hil.sim.reserved_cores._claim", lambda claim_socket, core: False)
     with reserved_cores():
         assert os.sched_getaffinity(0) == CORES
 
 
-@pytest.mark.skipif(len(CORES) < 2, reason="one core")
-def test_a_run_can_reserve_two_cores(names):
+@needs_cores
+def test_run_can_reserve_two_cores(own_names):
     with reserved_cores(2) as cores:
         assert len(set(cores)) == 2
         assert os.sched_getaffinity(0) == {cores[0]}
@@ -68,11 +69,11 @@ def test_a_run_can_reserve_two_cores(names):
 
 
 class Peer:
-    """The other program: records its core assignments and replies after 100 yields."""
+    """The other program with a simulated clock; it replies after 100 yields. Records the core assignments."""
 
     def __init__(self, monkeypatch):
-        self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.now_s, self.jump_s, self.yields, self.assigned = 100.0, 1e-6, 0, []
+        self.socket, self.far_socket = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.now_s, self.yield_s, self.yields, self.assigned = 100.0, 1e-6, 0, []
         monkeypatch.setattr(module.time, "monotonic", self.monotonic)
         monkeypatch.setattr(module.os, "sched_yield", self.yield_core)
         monkeypatch.setattr(module.os, "sched_setaffinity", lambda _pid, cores: self.assigned.append(cores))
@@ -81,74 +82,73 @@ class Peer:
         return self.now_s
 
     def yield_core(self):
-        self.now_s += self.jump_s
+        self.now_s += self.yield_s
         self.yields += 1
         if self.yields == 100:
-            self.theirs.send(b"answer")
+            self.far_socket.send(b"reply")
 
 
 @pytest.fixture
 def peer(monkeypatch):
-    """The other program, with a clock that advances when this program yields."""
     peer = Peer(monkeypatch)
-    with peer.ours, peer.theirs:
+    with peer.socket, peer.far_socket:
         yield peer
 
 
-def test_with_two_cores_each_program_keeps_its_own_and_polls(peer):
-    turns = TurnTaking((4, 7))
-    turns.begin(peer.ours)
-    assert turns.poll_time_s() == POLL_S
+def test_each_of_two_programs_keeps_its_core_and_polls(peer):
+    turn_taking = TurnTaking((4, 7))
+    turn_taking.begin(peer.socket)
+    assert turn_taking.poll_time_s() == POLL_S
     assert peer.assigned == [{7}]
-    turns.poll()
+    turn_taking.poll()
     assert peer.yields == 100
-    assert peer.ours.recv(10) == b"answer"
-    assert turns.poll_time_s() == POLL_S
+    assert peer.socket.recv(10) == b"reply"
+    assert turn_taking.poll_time_s() == POLL_S
     assert peer.assigned == [{7}]
 
 
-@pytest.mark.parametrize("jump_s", [0.001, 1e-4], ids=["another process", "a long turn"])
-def test_after_a_timeout_both_programs_share_one_core_for_a_while(peer, jump_s):
-    turns = TurnTaking((4, 7))
-    turns.begin(peer.ours)
-    turns.poll_time_s()
-    peer.jump_s = jump_s
-    turns.poll()
+@pytest.mark.parametrize("yield_s", [0.001, 1e-4], ids=["another process", "long reply"])
+def test_both_programs_share_one_core_after_a_timeout(peer, yield_s):
+    turn_taking = TurnTaking((4, 7))
+    turn_taking.begin(peer.socket)
+    turn_taking.poll_time_s()
+    peer.yield_s = yield_s
+    turn_taking.poll()
     assert peer.yields < 100
     assert peer.assigned == [{7}, {4}]
-    assert turns.poll_time_s() == 0.0
+    assert turn_taking.poll_time_s() == 0.0
     peer.now_s += PAUSE_S
-    assert turns.poll_time_s() == 0.0
-    before = peer.yields
-    turns.poll()  # returns at once
-    assert peer.yields == before
+    assert turn_taking.poll_time_s() == 0.0
+    yields = peer.yields
+    turn_taking.poll()  # return_taking at once
+    assert peer.yields == yields
     peer.now_s += PAUSE_S
-    assert turns.poll_time_s() == POLL_S
+    assert turn_taking.poll_time_s() == POLL_S
     assert peer.assigned == [{7}, {4}, {7}]
 
 
 def test_repeated_timeouts_double_the_pause(peer):
-    turns = TurnTaking((4, 7))
-    turns.begin(peer.ours)
+    turn_taking = TurnTaking((4, 7))
+    turn_taking.begin(peer.socket)
     pauses_s = []
-    for good in (0, 0, 0, 0, 0, 0, GOOD_POLLS, 0):
-        assert turns.poll_time_s() == POLL_S
-        peer.theirs.send(b"answer")
-        for _ in range(good):
-            turns.poll()
-        peer.ours.recv(10)
-        peer.jump_s, begun_s = 0.001, peer.now_s
-        turns.poll()
-        while turns.poll_time_s() == 0.0:
+    for good_polls in (0, 0, 0, 0, 0, 0, MIN_GOOD_POLLS, 0):
+        assert turn_taking.poll_time_s() == POLL_S
+        peer.far_socket.send(b"reply")
+        for _ in range(good_polls):
+            turn_taking.poll()
+        peer.socket.recv(10)
+        peer.yield_s, start_s = 0.001, peer.now_s
+        turn_taking.poll()
+        while turn_taking.poll_time_s() == 0.0:
             peer.now_s += 0.001
-        pauses_s.append(round(peer.now_s - begun_s, 2))
+        pauses_s.append(round(peer.now_s - start_s, 2))
     assert pauses_s == [0.1, 0.2, 0.4, 0.8, 1.6, 1.6, 0.05, 0.1]
 
 
 @pytest.mark.parametrize("cores", [(), (3,)])
-def test_with_fewer_than_two_cores_no_polling(peer, cores):
-    turns = TurnTaking(cores)
-    turns.begin(peer.ours)
-    assert turns.poll_time_s() == 0.0
-    turns.poll()
+def test_programs_with_fewer_than_two_cores_do_not_poll(peer, cores):
+    turn_taking = TurnTaking(cores)
+    turn_taking.begin(peer.socket)
+    assert turn_taking.poll_time_s() == 0.0
+    turn_taking.poll()
     assert (peer.yields, peer.assigned) == (0, [])

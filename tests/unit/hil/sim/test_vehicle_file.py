@@ -19,7 +19,7 @@ from hil.sim.vehicle_file import (
 from hil.sim.world import Mounting
 
 PORTS = {"compass": '/tmp/a "b"/compass', "position": "/p", "rudder": "/r", "link": "/l"}
-GIVEN = """
+VEHICLE_TEXT = """
 [vehicle]
 name = "Test boat"
 [compass]
@@ -40,9 +40,10 @@ MDL_K = 0.1
 RUD_CENTRE_DEG = 4
 RUD_REVERSE = 1
 """
+WITHOUT_PARAMETER_FILE = VEHICLE_TEXT.replace('file = "boat.param"', "")
 
 
-def test_default_boat():
+def test_default_boat_has_the_tank_model():
     vehicle = standard_vehicle()
     assert model_of(vehicle) == OCEAN_RAMBLER
     assert mounting_of(vehicle) == Mounting()
@@ -54,8 +55,8 @@ def test_default_boat():
     assert data["parameters"] == {"CTL_K1": 30.0}
 
 
-def test_a_file_keeps_all_but_its_ports(tmp_path):
-    (tmp_path / "boat.vehicle").write_text(GIVEN)
+def test_file_keeps_all_values_but_the_ports(tmp_path):
+    (tmp_path / "boat.vehicle").write_text(VEHICLE_TEXT)
     (tmp_path / "boat.param").write_text("MDL_K 0.2\nMDL_T_S 3\n")
     vehicle = load(tmp_path / "boat.vehicle")
     data = tomllib.loads(file_text(vehicle, PORTS, {"MDL_K": 0.5}))
@@ -65,14 +66,14 @@ def test_a_file_keeps_all_but_its_ports(tmp_path):
     assert data["hull"] == {"length_m": 3.05}
     assert data["parameters"]["MDL_K"] == 0.5
     assert data["parameters"]["MDL_T_S"] == 3.0
-    # The ship model is from the file, not from the settings.
+    # The settings do not change the ship model.
     assert model_of(vehicle).turning_ability_1_s == pytest.approx(0.1)
     assert model_of(vehicle).turning_lag_s == 3.0
     assert mounting_of(vehicle) == Mounting(radians(4.0), rudder_reversed=True)
 
 
-def test_options_of_position_and_ais_are_kept_when_the_board_emulates_that_driver(tmp_path):
-    more = """
+def test_options_of_position_and_ais_are_kept_for_the_emulated_driver(tmp_path):
+    sections = """
 [position]
 driver = "nmea"
 port = "/dev/ttyUSB2"
@@ -84,60 +85,60 @@ port = "/dev/ttyUSB3"
 baud = 38400
 own_mmsi = 235000099
 """
-    (tmp_path / "boat.vehicle").write_text(GIVEN.replace('file = "boat.param"', "") + more)
+    (tmp_path / "boat.vehicle").write_text(WITHOUT_PARAMETER_FILE + sections)
     vehicle = load(tmp_path / "boat.vehicle")
     data = tomllib.loads(file_text(vehicle, {**PORTS, "ais": "/a"}, {}))
     assert data["position"] == {"driver": "nmea", "port": "/p", "baud": 9600, "require_checksum": False}
     assert data["ais"] == {"driver": "nmea", "port": "/a", "baud": 38400, "own_mmsi": 235000099}
     (tmp_path / "boat.vehicle").write_text(
-        GIVEN.replace('file = "boat.param"', "") + '[position]\ndriver = "ubx"\nport = "/dev/x"\nbaud = 38400\n'
+        WITHOUT_PARAMETER_FILE + '[position]\ndriver = "ubx"\nport = "/dev/x"\nbaud = 38400\n'
     )
     data = tomllib.loads(file_text(load(tmp_path / "boat.vehicle"), PORTS, {}))
     assert data["position"] == {"driver": "nmea", "port": "/p", "baud": 9600}
 
 
 def test_another_device_replaces_its_section(tmp_path):
-    (tmp_path / "boat.vehicle").write_text(GIVEN.replace('file = "boat.param"', ""))
+    (tmp_path / "boat.vehicle").write_text(WITHOUT_PARAMETER_FILE)
     vehicle = load(tmp_path / "boat.vehicle")
-    chosen = with_devices(vehicle, "pni", "dynamixel")
-    assert chosen.compass == vehicle.compass
-    assert (chosen.rudder.driver, chosen.rudder.baud, chosen.rudder.options.id) == ("dynamixel", 57600, 1)
+    changed = with_devices(vehicle, "pni", "dynamixel")
+    assert changed.compass == vehicle.compass
+    assert (changed.rudder.driver, changed.rudder.baud, changed.rudder.options.id) == ("dynamixel", 57600, 1)
     assert with_devices(vehicle, None, None) == vehicle
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "error"),
     [
         ("[compass", "not valid TOML"),
         ("compass = 3", "must be a section"),
         ("[compass]\ndriver = 'astrolabe'\n", "nmea, pni_tcm"),
-        (GIVEN.replace("id = 7", "id = 7\nrate_hz = 5"), "'rate_hz' is not read by driver volz, which has id"),
-        (GIVEN, "boat.param cannot be read"),
-        (GIVEN.replace('file = "boat.param"', "CTL_K9 = 3"), "unknown parameter"),
-        (GIVEN.replace('file = "boat.param"', "CTL_K1 = 'x'"), "expected a number"),
-        (GIVEN.replace('file = "boat.param"', "CTL_K1 = nan"), "not a number"),
+        (VEHICLE_TEXT.replace("id = 7", "id = 7\nrate_hz = 5"), "'rate_hz' is not read by driver volz, which has id"),
+        (VEHICLE_TEXT, "boat.param cannot be read"),
+        (VEHICLE_TEXT.replace('file = "boat.param"', "CTL_K9 = 3"), "unknown parameter"),
+        (VEHICLE_TEXT.replace('file = "boat.param"', "CTL_K1 = 'x'"), "expected a number"),
+        (VEHICLE_TEXT.replace('file = "boat.param"', "CTL_K1 = nan"), "not a number"),
     ],
 )
-def test_errors_name_the_file(tmp_path, text, complaint):
+def test_error_names_the_file(tmp_path, text, error):
     path = tmp_path / "boat.vehicle"
     path.write_text(text)
-    with pytest.raises(UsageError, match=complaint) as caught:
+    with pytest.raises(UsageError, match=error) as caught:
         load(path)
     lines = str(caught.value).splitlines()
     assert all(line.startswith("vehicle file ") and str(tmp_path) in line for line in lines)
-    assert sum(complaint in line for line in lines) == 1
+    assert sum(error in line for line in lines) == 1
 
 
-def test_missing_file(tmp_path):
+def test_missing_file_raises_an_error(tmp_path):
     with pytest.raises(UsageError, match="no such vehicle file"):
-        load(tmp_path / "none")
+        load(tmp_path / "missing")
 
 
-def test_settings_are_checked_against_the_table():
+def test_valid_settings_are_parsed():
     assert parse_settings(["CTL_K1=30", "LOOP_RATE_HZ=20"]) == {"CTL_K1": 30.0, "LOOP_RATE_HZ": 20.0}
 
 
 @pytest.mark.parametrize("pair", ["CTL_K1", "CTL_K1=", "CTL_K1=x", "CTL_K1=nan", "CTL_K1=1e300", "CTL_K9=1", "=1"])
-def test_invalid_settings(pair):
+def test_invalid_setting_is_rejected(pair):
     with pytest.raises(UsageError):
         parse_settings([pair])

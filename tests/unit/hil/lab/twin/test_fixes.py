@@ -14,7 +14,7 @@ from hil.devices.nmea_text import format_coordinate
 from hil.lab.twin import devices
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import parse_scenario
-from hil.sim.device_factory import emulators
+from hil.sim.device_factory import make_emulators
 from hil.sim.vehicle_file import standard_vehicle
 from hil.sim.world import World
 from support import voyage
@@ -30,7 +30,7 @@ RUDDER = [(20.0 * turn, (-1) ** turn * 32 * (turn % 7) / devices.COUNTS_PER_RADI
 def decoded(scenario, seed):
     """Yield the samples that the firmware decodes from the receiver in the harness's world."""
     world = World(scenario, seed, end_s=0.0)
-    receiver, line = emulators(world, standard_vehicle(), seed)["position"], FakeLine()
+    receiver, line = make_emulators(world, standard_vehicle(), seed)["position"], FakeLine()
     world.shaft.set_torque(on=True)
     driver, orders = NmeaPosition(line, NmeaPositionOptions()), RUDDER.copy()
     while (now_s := min(receiver.next_output_s(), orders[0][0] if orders else math.inf)) <= SECONDS:
